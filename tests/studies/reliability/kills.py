@@ -58,7 +58,7 @@ def commands(folder: Path) -> dict[str, Killed]:
     fly = (str(folder / "short.toml"), "--out", "{out}", "--workers", "1")
     plan = ("plan", "show", str(folder / "plan.toml"), "--out", "{out}")
     gap = ("gap", str(folder / "gap.toml"), "--controls", "2", "--workers", "2", "--out", "{out}")
-    blind = (*small.BLIND, "--out", "{out}", "--cases", "3", "--workers", "2")
+    blind = (*small.BLIND, "--out", "{out}", "--workers", "2")
     return {
         "campaign": Killed(("campaign", "run", *fly), ("campaign", "resume", *fly), "campaign_short/campaign.sqlite"),
         "plan": Killed(plan, plan),

@@ -34,15 +34,13 @@ def summarised(rows: int) -> tuple[str, str]:
         fly_campaign(few, Path(place, "few"), workers=1)
         with Store.read(Path(place, "few")) as store:
             flown = list(store.rows())
-        import json
-
         many = load_campaign(_campaign(place, rows))
         with Store.create(Path(place, "many"), many) as store:
             for at in range(0, rows, 1000):
                 some = range(at, min(at + 1000, rows))
                 copies = [flown[run % len(flown)] for run in some]
                 store.exchange(
-                    [Outcome(run, c.seed, json.dumps(c.inputs), json.dumps(c.results), c.reason or "", 1.0)
+                    [Outcome(run, c.seed, c.inputs, c.results or "", c.reason or "", 1.0)
                      for run, c in zip(some, copies, strict=True)], ())  # fmt: skip
             start, wall = time.process_time(), time.monotonic()
             summarise(store.rows())
