@@ -18,6 +18,7 @@ Made by `make reliability` from the rows in `build/reliability`. Where fewer cas
 Python {python}; the load of the machine while the cases ran was {load} (median), on {cores} cores.
 "A fault" is what no case may come to: a traceback, a hang (300 s), more than 1 GB, a value read wrongly without a word,
 lost or doubled runs, other bytes, a file half-written.
+What is killed are small cases, of seconds each (`small.py` beside the study).
 
 | what | asked for | ran | faults | outcomes |
 | --- | ---: | ---: | ---: | --- |
