@@ -214,8 +214,8 @@ class _Problem:
     def most(self) -> float:
         """Acceleration that is accepted, m/s2 and rad/s2.
 
-        Filters of foreign models may never come quite to rest. With neither aileron nor rudder, the turning Earth leaves
-        a lateral acceleration of this size that nothing can balance.
+        Filters of foreign models may never come quite to rest. With neither aileron nor rudder, the turning Earth
+        leaves a lateral acceleration of this size that nothing can balance.
         """
         lateral = {"da", "dr"} & {*self.names}
         return PROPELLER_TOLERANCE if self._fdm.aircraft.adapter is not None or not lateral else self.tolerance

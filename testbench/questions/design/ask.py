@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.blas import on_one_thread
 from testbench.core.constants import PERCENT
 from testbench.core.errors import EstimationError, LimitError, located
 from testbench.core.record import FloatArray
@@ -48,6 +49,7 @@ _CLASSICS = ("doublet", "3211")  # and these for comparison
 _REALISED = 3  # designs that are realised, at most
 
 
+@on_one_thread
 def run_design(
     scenario: DesignScenario,
     seed: int | None = None,
