@@ -8,7 +8,7 @@ same estimator, which still believes the first aircraft.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from testbench.aircraft import Aircraft
@@ -16,7 +16,7 @@ from testbench.aircraft.amend import Amendment, Increment
 from testbench.core.errors import EstimationError, TestbenchError
 from testbench.core.record import FloatArray
 from testbench.evaluation.modes import roots_of
-from testbench.flight import linearise
+from testbench.flight import TrimmedFlight, linearise
 from testbench.information.modes import modes_of
 from testbench.line import trim_for
 from testbench.questions.design.build import problem_of
@@ -61,6 +61,37 @@ class Elsewhere:
     why_not: str = ""
 
 
+@dataclass(frozen=True, eq=False)
+class Other:
+    """An aircraft whose fast mode lies elsewhere, trimmed; without one, why there is none."""
+
+    factor: float
+    what: str
+    aircraft: Aircraft | None = None
+    trimmed: TrimmedFlight | None = None
+    why_not: str = ""
+
+
+def others(scenario: DesignScenario, range_: Range) -> tuple[Other, ...]:
+    """Return the aircraft whose fast mode lies elsewhere than that of the believed one.
+
+    Args:
+        scenario: of the design.
+        range_: where the believed aircraft flies.
+    """
+    out = []
+    mode, coefficient, angle, *_ = _MODE[scenario.plane]
+    for factor in FACTORS:
+        what = f"{mode} at {factor:g} times its frequency"
+        try:
+            aircraft, more = _with_mode(scenario, range_, factor)
+            what_is = f"{what}, {coefficient}_{angle} {more:+.3g}"
+            out.append(Other(factor, what_is, aircraft, trim_for(scenario, aircraft)))
+        except TestbenchError as error:
+            out.append(Other(factor, what, why_not=error.message))
+    return tuple(out)
+
+
 def elsewhere(
     scenario: DesignScenario,
     range_: Range,
@@ -68,6 +99,7 @@ def elsewhere(
     design: Design,
     n: int,
     say: Callable[[str], None],
+    with_: Sequence[Other],
 ) -> tuple[Elsewhere, ...]:
     """Return what a design does where its fast mode lies elsewhere.
 
@@ -78,18 +110,19 @@ def elsewhere(
         design: its commands stay as they are.
         n: flights of each aircraft.
         say: called with a few words as each stage begins.
+        with_: the other aircraft.
     """
     out = []
-    mode, coefficient, angle, *_ = _MODE[scenario.plane]
-    for factor in FACTORS:
-        what = f"{mode} at {factor:g} times its frequency"
-        say(f"fly it with the {what}")
+    for other in with_:
+        if other.aircraft is None or other.trimmed is None:
+            out.append(Elsewhere(other.factor, other.what, why_not=other.why_not))
+            continue
+        say(f"fly it with the {other.what}")
         try:
-            aircraft, more = _with_mode(scenario, range_, factor)
-            one = _flown(scenario, range_, envelope_limits, design, n, aircraft, factor)
-            out.append(replace(one, what=f"{what}, {coefficient}_{angle} {more:+.3g}"))
+            one = _flown(scenario, range_, envelope_limits, design, n, other.aircraft, other.trimmed, other.factor)
+            out.append(replace(one, what=other.what))
         except TestbenchError as error:
-            out.append(Elsewhere(factor, what, why_not=error.message))
+            out.append(Elsewhere(other.factor, other.what, why_not=error.message))
     return tuple(out)
 
 
@@ -100,11 +133,11 @@ def _flown(
     design: Design,
     n: int,
     aircraft: Aircraft,
+    trimmed: TrimmedFlight,
     factor: float,
 ) -> Elsewhere:
     believed = range_.targets
     whole = [m for m in scenario.targets.modes if f"wn of {m}" in believed.names]
-    trimmed = trim_for(scenario, aircraft)
     linear = linearise(aircraft, trimmed)
     modes = modes_of(linear, aircraft, scenario.plane)
     problem = problem_of(scenario, aircraft, trimmed, linear, modes, range_.suite, limits, whole, starts=True)

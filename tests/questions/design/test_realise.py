@@ -253,14 +253,14 @@ def test_amplitudes_keep_a_margin_in_turbulence(small):
     from testbench.questions.design.margins import with_margins
 
     r = range_of(small.scenario, small.aircraft, small.trimmed, small.problem, small.suite, "auto", Tally())
-    windy = replace(r, air=AirSpec(turbulence_rms_m_s=0.1))
+    windy = replace(r, air=AirSpec(turbulence_rms_m_s=0.3))
     flown = small.best.flown
     (kept,) = with_margins(windy, [flown], small.envelope, 10, 0.05)
     m = kept.margin
     assert m.n == 10
     assert kept.design.peak.max() == pytest.approx(m.lowered * flown.design.peak.max(), rel=1e-3)
     assert (m.reach <= 1.0) or m.lowered == 0.25
-    assert m.lowered < 1.0  # still air used the limit up
+    assert m.lowered < 1.0  # still air left no room for as much wind
     assert m.reach > m.mean
 
 
