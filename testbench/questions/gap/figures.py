@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.page.labels import axis_label, shown_unit, symbol
+from testbench.page.labels import axis_label, number, shown_unit, symbol
 from testbench.page.plot import (
     BAND,
     COLOURS,
@@ -137,9 +137,7 @@ def _region_plate(result: GapResult) -> Plate:
             image = _draw_energy(axes, region.channels, region.energy)
             factor = shown_unit(region.quantity)[0]
             ticks = [0, len(region.edges) // 2, len(region.edges) - 1]
-            axes.set_xticks(
-                [k - 0.5 for k in ticks], [f"{factor * region.edges[k]:.3g}".replace("-", "−") for k in ticks]
-            )
+            axes.set_xticks([k - 0.5 for k in ticks], [number(factor * region.edges[k]) for k in ticks])
             label(axes, axis_label(region.quantity))
         _energy_bar(figure, image)
         return figure
