@@ -12,6 +12,7 @@ from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
 from testbench.page.labels import number, shown_unit, symbol
 from testbench.page.words import counted, listed
 from testbench.questions.design.air import LIGHT_KG
+from testbench.questions.design.elsewhere import stiffness_words
 from testbench.questions.design.flown import limit_words
 from testbench.questions.design.realise import CAUSES
 
@@ -203,11 +204,9 @@ def _realised(result: DesignResult) -> list[str]:
 def _margin(result: DesignResult) -> list[str]:
     m, share = result.best.flown.margin, result.best.flown.for_others
     if share < 1.0:
-        moved = listed([f"{e.factor:g}" for e in result.elsewhere if not e.why_not])
-        mode = "short period" if result.scenario.plane == "longitudinal" else "Dutch roll"
         return [
             f"The amplitude is {100 * share:.0f} % of what the believed aircraft allows, so that the limits hold with "
-            f"a {mode} of {moved} times its frequency, too"
+            f"{stiffness_words(result.scenario)}, too"
         ]
     if m is None:
         return []

@@ -24,7 +24,7 @@ from testbench.line import Report
 from testbench.questions.design.air import expected_air
 from testbench.questions.design.build import problem_of
 from testbench.questions.design.draws import Draws, OverDraws, draw_aircraft, flown_in, kept_in_all, told
-from testbench.questions.design.elsewhere import Elsewhere, Other, elsewhere, others
+from testbench.questions.design.elsewhere import Elsewhere, elsewhere, softer_and_stiffer
 from testbench.questions.design.flown import Envelope, Flown, fly_designs
 from testbench.questions.design.gentler import CLEARLY, gentler, realised_cost
 from testbench.questions.design.identified import identified_by
@@ -117,20 +117,17 @@ def run_design(
     shortest = None
     with located(where, "suites"):
         range_ = range_of(scenario, aircraft, trimmed, problem, suites[0], simulator, tally)
-    elsewhere_: tuple[Other, ...] = ()
     if scenario.realise:
         say("fly them in the air that is expected")
-        elsewhere_ = others(scenario, range_)
-        admissible, over = _kept(scenario, range_, admissible, over, envelope, elsewhere_)
+        admissible, over = _kept(scenario, range_, admissible, over, envelope)
     if not scenario.robust:  # what the believed aircraft takes least time for is not known to be enough for the others
         say("find the shortest input that reaches the wanted accuracy")
-        shortest = _shortest(scenario, problem, ranked, admissible, range_, envelope, elsewhere_)
+        shortest = _shortest(scenario, problem, ranked, admissible, range_, envelope)
     realised: dict[int, Realised] = {}
     there: tuple[Elsewhere, ...] = ()
     if scenario.realise:
         admissible, over, realised = _realised(scenario, range_, admissible, over, envelope, draws, say)
-        few = repeats(scenario.realise)
-        there = elsewhere(scenario, range_, limits, admissible[0].design, few, say, elsewhere_)
+        there = elsewhere(scenario, range_, limits, admissible[0].design, repeats(scenario.realise), say)
     best = admissible[0].design
     through = {
         suite.name: _through(scenario, aircraft, trimmed, linear, modes, suite, limits, best, problem.known)
@@ -200,7 +197,6 @@ def _kept(
     flown: list[Flown],
     over: list[OverDraws | None],
     envelope: Envelope,
-    elsewhere_: Sequence[Other],
 ) -> tuple[list[Flown], list[OverDraws | None]]:
     """Return the designs at amplitudes that mislead least and with a margin for the air, best first, each with what it
     is over the draws.
@@ -210,7 +206,7 @@ def _kept(
     if not scenario.robust:  # a robust order is by the worst draw, whose errors grow alike
         pairs.sort(key=lambda pair: pair[0].design.cost)
     head = pairs[:_REALISED]  # margins take many flights: those have them that may be recommended
-    kept = _with_margins(scenario, range_, [f for f, _ in head], envelope, elsewhere_)
+    kept = _with_margins(scenario, range_, [f for f, _ in head], envelope)
     head = [(f, o) for f, (_, o) in zip(kept, head, strict=True)]
     if not scenario.robust:
         head.sort(key=lambda pair: pair[0].design.cost)
@@ -223,17 +219,15 @@ def _with_margins(
     range_: Range,
     flown: Sequence[Flown],
     envelope: Envelope,
-    elsewhere_: Sequence[Other],
 ) -> list[Flown]:
     """Return designs at amplitudes that keep the limits in the air that is expected, and what they are off by there.
 
-    In still air they keep them with other aircraft, too.
+    In still air they keep them with less and more static stability, too.
     """
     if range_.moves:
         kept = with_margins(range_, flown, envelope, scenario.realise, scenario.breach_percent * PERCENT)
     else:
-        fit = [(o.aircraft, o.trimmed) for o in elsewhere_ if o.aircraft is not None and o.trimmed is not None]
-        kept = for_others(range_, flown, envelope, fit)
+        kept = for_others(range_, flown, envelope, softer_and_stiffer(scenario, range_))
     lower = [k.design is not f.design for k, f in zip(kept, flown, strict=True)]
     again = iter(range_.off([k.design for k, changed in zip(kept, lower, strict=True) if changed]))
     return [replace(k, design=next(again)[0]) if changed else k for k, changed in zip(kept, lower, strict=True)]
@@ -272,7 +266,7 @@ def _realised(
         lower, there = gentler(range_, best[0], found[id(before)], envelope, n, say)
         if lower.design is not before:
             if range_.moves:
-                (lower,) = _with_margins(scenario, range_, [lower], envelope, ())
+                (lower,) = _with_margins(scenario, range_, [lower], envelope)
             best = lower, None if best[1] is None or draws is None else _in_draws(range_, lower, draws)
             found[id(lower.design)] = there
     pairs, design = [best, *others], best[0].design
@@ -329,7 +323,6 @@ def _shortest(
     flown: Sequence[Flown],
     range_: Range,
     envelope: Envelope,
-    elsewhere_: Sequence[Other],
 ) -> Flown | None:
     """Return the shortest input that reaches the wanted accuracy in flight, with its margin for the air, or None.
 
@@ -345,7 +338,7 @@ def _shortest(
         if not out.admissible:
             return None
         if scenario.realise:
-            (out,) = _with_margins(scenario, range_, weighed(range_, [out], envelope), envelope, elsewhere_)
+            (out,) = _with_margins(scenario, range_, weighed(range_, [out], envelope), envelope)
         if out.design.cost <= 1.0:
             return out
         aim *= 0.97 / out.design.cost

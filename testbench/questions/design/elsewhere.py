@@ -8,7 +8,7 @@ same estimator, which still believes the first aircraft.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from testbench.aircraft import Aircraft
@@ -61,37 +61,6 @@ class Elsewhere:
     why_not: str = ""
 
 
-@dataclass(frozen=True, eq=False)
-class Other:
-    """An aircraft whose fast mode lies elsewhere, trimmed; without one, why there is none."""
-
-    factor: float
-    what: str
-    aircraft: Aircraft | None = None
-    trimmed: TrimmedFlight | None = None
-    why_not: str = ""
-
-
-def others(scenario: DesignScenario, range_: Range) -> tuple[Other, ...]:
-    """Return the aircraft whose fast mode lies elsewhere than that of the believed one.
-
-    Args:
-        scenario: of the design.
-        range_: where the believed aircraft flies.
-    """
-    out = []
-    mode, coefficient, angle, *_ = _MODE[scenario.plane]
-    for factor in FACTORS:
-        what = f"{mode} at {factor:g} times its frequency"
-        try:
-            aircraft, more = _with_mode(scenario, range_, factor)
-            what_is = f"{what}, {coefficient}_{angle} {more:+.3g}"
-            out.append(Other(factor, what_is, aircraft, trim_for(scenario, aircraft)))
-        except TestbenchError as error:
-            out.append(Other(factor, what, why_not=error.message))
-    return tuple(out)
-
-
 def elsewhere(
     scenario: DesignScenario,
     range_: Range,
@@ -99,7 +68,6 @@ def elsewhere(
     design: Design,
     n: int,
     say: Callable[[str], None],
-    with_: Sequence[Other],
 ) -> tuple[Elsewhere, ...]:
     """Return what a design does where its fast mode lies elsewhere.
 
@@ -110,19 +78,18 @@ def elsewhere(
         design: its commands stay as they are.
         n: flights of each aircraft.
         say: called with a few words as each stage begins.
-        with_: the other aircraft.
     """
     out = []
-    for other in with_:
-        if other.aircraft is None or other.trimmed is None:
-            out.append(Elsewhere(other.factor, other.what, why_not=other.why_not))
-            continue
-        say(f"fly it with the {other.what}")
+    mode, coefficient, angle, *_ = _MODE[scenario.plane]
+    for factor in FACTORS:
+        what = f"{mode} at {factor:g} times its frequency"
+        say(f"fly it with the {what}")
         try:
-            one = _flown(scenario, range_, envelope_limits, design, n, other.aircraft, other.trimmed, other.factor)
-            out.append(replace(one, what=other.what))
+            aircraft, more = _with_mode(scenario, range_, factor)
+            one = _flown(scenario, range_, envelope_limits, design, n, aircraft, factor)
+            out.append(replace(one, what=f"{what}, {coefficient}_{angle} {more:+.3g}"))
         except TestbenchError as error:
-            out.append(Elsewhere(other.factor, other.what, why_not=error.message))
+            out.append(Elsewhere(factor, what, why_not=error.message))
     return tuple(out)
 
 
@@ -133,11 +100,11 @@ def _flown(
     design: Design,
     n: int,
     aircraft: Aircraft,
-    trimmed: TrimmedFlight,
     factor: float,
 ) -> Elsewhere:
     believed = range_.targets
     whole = [m for m in scenario.targets.modes if f"wn of {m}" in believed.names]
+    trimmed = trim_for(scenario, aircraft)
     linear = linearise(aircraft, trimmed)
     modes = modes_of(linear, aircraft, scenario.plane)
     problem = problem_of(scenario, aircraft, trimmed, linear, modes, range_.suite, limits, whole, starts=True)
@@ -151,6 +118,48 @@ def _flown(
     return Elsewhere(factor, "", seen.errors, problem.targets.values, found, tightest, broken[0] if broken else "")
 
 
+def stiffness_words(scenario: DesignScenario) -> str:
+    """Return in words what :func:`softer_and_stiffer` changes."""
+    _, coefficient, angle, *_ = _MODE[scenario.plane]
+    return f"{' and '.join(f'{factor:g}' for factor in FACTORS)} times its {coefficient}_{angle}"
+
+
+def softer_and_stiffer(scenario: DesignScenario, range_: Range) -> list[tuple[Aircraft, TrimmedFlight]]:
+    """Return the aircraft with 0.7 and 1.3 times the believed static stability, each trimmed; those that there are.
+
+    These are two standard deviations of the 15 % by which ``plan`` lets derivatives be uncertain unless told otherwise.
+    M_alpha, or N_beta, is linear in the coefficient that is changed about the trim.
+    """
+    *_, place = _MODE[scenario.plane]
+
+    def stiffness(aircraft: Aircraft) -> float:
+        linear = linearise(aircraft, trim_for(scenario, aircraft))
+        row, column = (linear.states.index(name) for name in place)
+        return float(linear.A[row, column])
+
+    out = []
+    try:
+        now = stiffness(range_.aircraft)
+        slope = (stiffness(_with_more(scenario, range_, _STEP)) - now) / _STEP
+        for factor in FACTORS if slope != 0.0 else ():
+            aircraft = _with_more(scenario, range_, (factor - 1.0) * now / slope)
+            out.append((aircraft, trim_for(scenario, aircraft)))
+    except TestbenchError:  # a model that cannot be amended has no margin of this kind
+        return []
+    return out
+
+
+def _with_more(scenario: DesignScenario, range_: Range, more: float) -> Aircraft:
+    """Return the believed aircraft with ``more`` (1/rad) of the coefficient that makes it stiff, about the trim."""
+    if more == 0.0:
+        return range_.aircraft
+    _, coefficient, angle, *_ = _MODE[scenario.plane]
+    at_trim = range_.trimmed.alpha if angle == "alpha" else range_.trimmed.state.get("beta", 0.0)
+    about = f"<difference><property>aero/{angle}-rad</property><value>{float(at_trim)!r}</value></difference>"
+    change = Increment(coefficient, f"aero/coefficient/{coefficient}_model_error", (f"<value>{more!r}</value>", about))
+    return range_.aircraft.amended(Amendment("model error", f"another {coefficient}_{angle}", (change,)))
+
+
 def _with_mode(scenario: DesignScenario, range_: Range, factor: float) -> tuple[Aircraft, float]:
     """Return the aircraft whose mode has ``factor`` times its frequency, and what was added to the coefficient, 1/rad.
 
@@ -162,17 +171,9 @@ def _with_mode(scenario: DesignScenario, range_: Range, factor: float) -> tuple[
         TestbenchError: the aircraft cannot be changed or trimmed so.
     """
     mode, coefficient, angle, stiffens, place = _MODE[scenario.plane]
-    aircraft = range_.aircraft
-    at_trim = range_.trimmed.alpha if angle == "alpha" else range_.trimmed.state.get("beta", 0.0)
-    about = f"<difference><property>aero/{angle}-rad</property><value>{float(at_trim)!r}</value></difference>"
 
     def at(more: float) -> tuple[Aircraft, float, bool]:
-        one = aircraft
-        if more != 0.0:
-            change = Increment(
-                coefficient, f"aero/coefficient/{coefficient}_model_error", (f"<value>{more!r}</value>", about)
-            )
-            one = aircraft.amended(Amendment("model error", f"another {coefficient}_{angle}", (change,)))
+        one = _with_more(scenario, range_, more)
         linear = linearise(one, trim_for(scenario, one))
         found = modes_of(linear, one, scenario.plane)
         square = math.nan

@@ -3,7 +3,7 @@
 A design flies several times in turbulence. Of every limit the share used by each flight's extreme has a mean and a
 standard deviation; the amplitude is lowered until mean + k deviations stays inside. With k = t(n - 1, 1 - P)
 sqrt(1 + 1/n) the next flight meets the limit with probability P, if extremes are normal. In still air the extremes
-of one aircraft are all alike; there the limits hold for aircraft whose fast mode lies elsewhere, too.
+of one aircraft are all alike; there the limits hold for aircraft of less and more static stability, too.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""In still air amplitudes keep the limits with aircraft whose fast mode lies elsewhere, too."""
+"""In still air amplitudes keep the limits with aircraft of less and more static stability, too."""
 
 from __future__ import annotations
 
