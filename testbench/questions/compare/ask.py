@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.blas import on_one_thread
 from testbench.core.errors import EstimationError, TestbenchError, located
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators import estimate
@@ -38,6 +39,7 @@ _FAST_MODE = {"longitudinal": "short period", "lateral": "Dutch roll"}
 # --- the comparison ---------------------------------------------------------------------------------------------------
 
 
+@on_one_thread
 def compare(
     scenario: CompareScenario,
     seed: int | None = None,

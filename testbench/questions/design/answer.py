@@ -201,7 +201,14 @@ def _realised(result: DesignResult) -> list[str]:
 
 
 def _margin(result: DesignResult) -> list[str]:
-    m = result.best.flown.margin
+    m, share = result.best.flown.margin, result.best.flown.for_others
+    if share < 1.0:
+        moved = listed([f"{e.factor:g}" for e in result.elsewhere if not e.why_not])
+        mode = "short period" if result.scenario.plane == "longitudinal" else "Dutch roll"
+        return [
+            f"The amplitude is {100 * share:.0f} % of what the believed aircraft allows, so that the limits hold with "
+            f"a {mode} of {moved} times its frequency, too"
+        ]
     if m is None:
         return []
     claim = 100.0 * (1.0 - 0.05 ** (1.0 / m.n))
@@ -352,7 +359,8 @@ def _in_flight(best: Ranked) -> list[str]:
         f"{limit_words(tight.name).removeprefix('the ')}, most at t = {tight.t_s:.2f} s"
     )
     if flown.breach:
-        share = 100 * flown.factor / (lowered * flown.curbed)
+        margin = flown.margin.lowered if flown.margin else 1.0
+        share = 100 * flown.factor / (lowered * flown.curbed * flown.for_others * margin)
         text += (
             f"; the amplitude was lowered to {share:.0f} % of what the linearised aircraft allows, "
             f"because at that amplitude {flown.breach}"

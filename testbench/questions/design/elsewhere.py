@@ -8,7 +8,7 @@ same estimator, which still believes the first aircraft.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from testbench.aircraft import Aircraft
@@ -16,7 +16,7 @@ from testbench.aircraft.amend import Amendment, Increment
 from testbench.core.errors import EstimationError, TestbenchError
 from testbench.core.record import FloatArray
 from testbench.evaluation.modes import roots_of
-from testbench.flight import linearise
+from testbench.flight import TrimmedFlight, linearise
 from testbench.information.modes import modes_of
 from testbench.line import trim_for
 from testbench.questions.design.build import problem_of
@@ -29,9 +29,9 @@ from testbench.questions.design.scenario import DesignScenario
 FACTORS = (0.7, 1.3)
 """Natural frequency over the believed one."""
 _MODE = {
-    "longitudinal": ("short period", "Cm", "alpha", -1.0),
-    "lateral": ("Dutch roll", "Cn", "beta", 1.0),
-}  # mode, coefficient, its angle, and the sign that stiffens
+    "longitudinal": ("short period", "Cm", "alpha", -1.0, ("q", "w")),
+    "lateral": ("Dutch roll", "Cn", "beta", 1.0, ("r", "v")),
+}  # mode, coefficient, its angle, the sign that stiffens, and where the stiffness stands in A
 _STEP = 0.02  # 1/rad, by which the slope of wn^2 is found
 _TRIES, _NEAR = 6, 0.01
 
@@ -61,6 +61,37 @@ class Elsewhere:
     why_not: str = ""
 
 
+@dataclass(frozen=True, eq=False)
+class Other:
+    """An aircraft whose fast mode lies elsewhere, trimmed; without one, why there is none."""
+
+    factor: float
+    what: str
+    aircraft: Aircraft | None = None
+    trimmed: TrimmedFlight | None = None
+    why_not: str = ""
+
+
+def others(scenario: DesignScenario, range_: Range) -> tuple[Other, ...]:
+    """Return the aircraft whose fast mode lies elsewhere than that of the believed one.
+
+    Args:
+        scenario: of the design.
+        range_: where the believed aircraft flies.
+    """
+    out = []
+    mode, coefficient, angle, *_ = _MODE[scenario.plane]
+    for factor in FACTORS:
+        what = f"{mode} at {factor:g} times its frequency"
+        try:
+            aircraft, more = _with_mode(scenario, range_, factor)
+            what_is = f"{what}, {coefficient}_{angle} {more:+.3g}"
+            out.append(Other(factor, what_is, aircraft, trim_for(scenario, aircraft)))
+        except TestbenchError as error:
+            out.append(Other(factor, what, why_not=error.message))
+    return tuple(out)
+
+
 def elsewhere(
     scenario: DesignScenario,
     range_: Range,
@@ -68,6 +99,7 @@ def elsewhere(
     design: Design,
     n: int,
     say: Callable[[str], None],
+    with_: Sequence[Other],
 ) -> tuple[Elsewhere, ...]:
     """Return what a design does where its fast mode lies elsewhere.
 
@@ -78,18 +110,19 @@ def elsewhere(
         design: its commands stay as they are.
         n: flights of each aircraft.
         say: called with a few words as each stage begins.
+        with_: the other aircraft.
     """
     out = []
-    mode, coefficient, angle, _ = _MODE[scenario.plane]
-    for factor in FACTORS:
-        what = f"{mode} at {factor:g} times its frequency"
-        say(f"fly it with the {what}")
+    for other in with_:
+        if other.aircraft is None or other.trimmed is None:
+            out.append(Elsewhere(other.factor, other.what, why_not=other.why_not))
+            continue
+        say(f"fly it with the {other.what}")
         try:
-            aircraft, more = _with_mode(scenario, range_, factor)
-            one = _flown(scenario, range_, envelope_limits, design, n, aircraft, factor)
-            out.append(replace(one, what=f"{what}, {coefficient}_{angle} {more:+.3g}"))
+            one = _flown(scenario, range_, envelope_limits, design, n, other.aircraft, other.trimmed, other.factor)
+            out.append(replace(one, what=other.what))
         except TestbenchError as error:
-            out.append(Elsewhere(factor, what, why_not=error.message))
+            out.append(Elsewhere(other.factor, other.what, why_not=error.message))
     return tuple(out)
 
 
@@ -100,11 +133,11 @@ def _flown(
     design: Design,
     n: int,
     aircraft: Aircraft,
+    trimmed: TrimmedFlight,
     factor: float,
 ) -> Elsewhere:
     believed = range_.targets
     whole = [m for m in scenario.targets.modes if f"wn of {m}" in believed.names]
-    trimmed = trim_for(scenario, aircraft)
     linear = linearise(aircraft, trimmed)
     modes = modes_of(linear, aircraft, scenario.plane)
     problem = problem_of(scenario, aircraft, trimmed, linear, modes, range_.suite, limits, whole, starts=True)
@@ -124,36 +157,44 @@ def _with_mode(scenario: DesignScenario, range_: Range, factor: float) -> tuple[
     The square of the frequency is nearly linear in the coefficient; the secant method finds the rest.
 
     Raises:
-        EstimationError: the mode has no frequency, or nothing gives the wanted one.
+        EstimationError: the mode has no frequency, or nothing gives the wanted one but an aircraft without static
+            stability: a mode that is damped as much as it is stiff.
         TestbenchError: the aircraft cannot be changed or trimmed so.
     """
-    mode, coefficient, angle, stiffens = _MODE[scenario.plane]
+    mode, coefficient, angle, stiffens, place = _MODE[scenario.plane]
     aircraft = range_.aircraft
     at_trim = range_.trimmed.alpha if angle == "alpha" else range_.trimmed.state.get("beta", 0.0)
     about = f"<difference><property>aero/{angle}-rad</property><value>{float(at_trim)!r}</value></difference>"
 
-    def at(more: float) -> tuple[Aircraft, float]:
+    def at(more: float) -> tuple[Aircraft, float, bool]:
         one = aircraft
         if more != 0.0:
             change = Increment(
                 coefficient, f"aero/coefficient/{coefficient}_model_error", (f"<value>{more!r}</value>", about)
             )
             one = aircraft.amended(Amendment("model error", f"another {coefficient}_{angle}", (change,)))
-        found = modes_of(linearise(one, trim_for(scenario, one)), one, scenario.plane)
+        linear = linearise(one, trim_for(scenario, one))
+        found = modes_of(linear, one, scenario.plane)
         square = math.nan
         if any(name.startswith(mode) for name in found):
             roots = list(roots_of(found, mode).values())
             square = (roots[0] * (roots[1] if len(roots) == 2 else roots[0].conjugate())).real
         if not square > 0.0:
             raise EstimationError(f"the {mode} has no frequency")
-        return one, square
+        row, column = (linear.states.index(name) for name in place)
+        return one, square, bool(linear.A[row, column] * stiffens > 0.0)
 
-    _, now = at(0.0)
+    _, now, was_stiff = at(0.0)
     wanted = now * factor**2
     old, more = (0.0, now), math.copysign(_STEP, stiffens * (factor - 1.0))
     for _ in range(_TRIES):
-        one, square = at(more)
+        one, square, stiff = at(more)
         if abs(math.sqrt(square / wanted) - 1.0) < _NEAR:
+            if was_stiff and not stiff:
+                raise EstimationError(
+                    f"damping makes most of its frequency, so that this takes {coefficient}_{angle} {more:+.3g}, an "
+                    "aircraft without static stability"
+                )
             return one, more
         slope = (square - old[1]) / (more - old[0])
         if slope == 0.0:

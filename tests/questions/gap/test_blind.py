@@ -201,7 +201,7 @@ def test_a_run_resumes_and_a_changed_seal_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(command, "STRATA", {"nothing": 2})
     ran: list[str] = []
 
-    def name_case(aircraft, records, held_out, without=(), simulator="auto"):
+    def name_case(aircraft, records, held_out, without=(), simulator="auto", only=()):
         ran.append(aircraft)
         return row("no gap")
 

@@ -35,6 +35,19 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=1, help="processes that run cases at once")
     parser.add_argument("--cases", type=int, default=None, help="run so many cases at most")
     parser.add_argument(
+        "--strata",
+        type=_strata,
+        default=STRATA,
+        metavar="NAME=COUNT,...",
+        help="cases of each stratum, in place of all",
+    )
+    parser.add_argument(
+        "--effects",
+        type=lambda text: tuple(text.split(",")),
+        default=(),
+        help="search these alone: a trial of the study",
+    )
+    parser.add_argument(
         "--report", action="store_true", help="write the summary of the rows that are there, run nothing"
     )
     parser.add_argument(
@@ -43,7 +56,7 @@ def main(arguments: list[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
     asked.out.mkdir(parents=True, exist_ok=True)
     rows_file = asked.out / "rows.jsonl"
-    cases, digest = _sealed(asked.out, asked.seed)
+    cases, digest = _sealed(asked.out, asked.seed, asked.strata)
     done, left = _read(rows_file), _read(asked.out / "rest.jsonl")
     stop = None if asked.minutes is None else time.monotonic() + 60.0 * asked.minutes
     if asked.rest:
@@ -52,7 +65,9 @@ def main(arguments: list[str] | None = None) -> int:
             left[row["case"]] = row
             print(f"{len(left)} {row['case']}: {row.get('rest')}", flush=True)
     elif not asked.report:
-        due = [partial(run_case, c, v) for c, v in _in_turn(cases) if c.name + v not in done][: asked.cases]
+        due = [partial(run_case, c, v, only=asked.effects) for c, v in _in_turn(cases) if c.name + v not in done][
+            : asked.cases
+        ]
         for row in _kept(rows_file, _rows(due, asked.workers, stop)):
             done[row["case"]] = row
             print(f"{len(done)} {row['case']}: {row['outcome']} {' | '.join(row['names'])}", flush=True)
@@ -122,7 +137,15 @@ def _in_turn(cases: tuple[Case, ...]) -> list[tuple[Case, str]]:
     return first + last + [(c, SHORT) for c in cases if c.stratum in ("library form", "other form", "nothing")]
 
 
-def _sealed(folder: Path, seed: int) -> tuple[tuple[Case, ...], str]:
+def _strata(text: str) -> dict[str, int]:
+    """Return stratum -> number of cases of a text "nothing=2,turbulence=1"."""
+    counts = {name: int(count) for name, _, count in (part.partition("=") for part in text.split(","))}
+    if unknown := counts.keys() - STRATA.keys():
+        raise argparse.ArgumentTypeError(f"strata must be of {', '.join(STRATA)}, got {', '.join(sorted(unknown))}")
+    return counts
+
+
+def _sealed(folder: Path, seed: int, strata: Mapping[str, int] | None = None) -> tuple[tuple[Case, ...], str]:
     """Return the cases and the hash of their answers; drawn and sealed once, before anything is named."""
     answers_file, seal_file = folder / "answers.json", folder / "sealed.sha256"
     if answers_file.exists() and seal_file.exists():
@@ -134,7 +157,7 @@ def _sealed(folder: Path, seed: int) -> tuple[tuple[Case, ...], str]:
                 "seed; give another --out, or remove that folder to begin anew"
             )
         return cases, digest
-    cases = draw(seed, STRATA)
+    cases = draw(seed, STRATA if strata is None else strata)
     text, digest = seal(cases)
     seal_file.write_text(_seal_line(digest, seed), encoding="utf-8")
     answers_file.write_text(text + "\n", encoding="utf-8")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from studies.blind.run import look_again, name_case
@@ -19,11 +19,14 @@ from testbench.flight.batch.jobs import Simulator
 from testbench.questions.gap.sealed.cases import SHORT, WITHOUT, Case
 
 
-def run_case(case: Case, variant: str = "", simulator: Simulator = "auto") -> dict[str, Any]:
-    """Return the row of a case: what was named, of the ``variant`` WITHOUT or SHORT, or of the case as it is."""
+def run_case(case: Case, variant: str = "", simulator: Simulator = "auto", only: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the row of a case: what was named, of the ``variant`` WITHOUT or SHORT, or of the case as it is.
+
+    ``only`` are the effects that are searched, in place of the whole library.
+    """
     try:
         records, held_out, out = _records(case, variant), case.fly("held_out"), _taken_out(case, variant)
-        row = name_case(case.aircraft, records, held_out, out, simulator)
+        row = name_case(case.aircraft, records, held_out, out, simulator, only)
     except TestbenchError as error:
         row = {"outcome": "failed", "names": [], "why": str(error)}
     return {"case": case.name + variant, **row}

@@ -35,6 +35,7 @@ def name_case(
     held_out: Mapping[str, FlightRecord],
     without: Sequence[str] = (),
     simulator: Simulator = "auto",
+    only: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return what the workflow says of the records of one case, as JSON values.
 
@@ -44,11 +45,12 @@ def name_case(
         held_out: measured records, used to judge.
         without: effects to take out of the library, and with them those of which they are special cases.
         simulator: "jsbsim" flies nothing in batches.
+        only: effects to search, in place of the whole library.
     """
     began = time.process_time()
     believed = believe(aircraft, simulator)
     naming_records = list(records.values())
-    effects = _without(believed, without)
+    effects = {n: e for n, e in _without(believed, without).items() if not only or n in only}
     heard = listen(believed, naming_records)
     in_found_air, naming, heard = search(believed, naming_records, heard, lambda stage: None, effects)
     naming, left = judged(naming, in_found_air, naming_records, list(held_out.values()), effects)

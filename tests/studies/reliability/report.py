@@ -26,11 +26,11 @@ _FAULTS = ("traceback", "hung", "above 1 GB", "read wrongly", "lost", "other byt
            "crashed", "otherwise", "too slow", "growing")  # fmt: skip
 _MEANT = (
     ("scenarios", "mutated scenarios, suites, structures and ground tests of every kind, read", 3000),
-    ("flown", "of these, changed scenarios that were accepted, flown for 20 s at most", 150),
+    ("flown", "of these, changed scenarios that were accepted, flown for 20 s of processor at most", 150),
     ("records", "mutated records of every format, 600 each, by one command that reads them, then read again", 7800),
     (
         "kills_campaign",
-        "SIGKILL of `campaign run` at a random moment, then `campaign resume` (the page, which has times, aside)",
+        "SIGKILL of `campaign run` at a random moment, then `campaign resume`",
         100,
     ),
     ("kills_plan", "SIGKILL of `plan show`, then the same again", 100),

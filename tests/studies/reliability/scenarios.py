@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
+import shutil
+import signal
+import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
@@ -11,9 +15,10 @@ from typing import Any
 from fuzz import inputs, survive
 from fuzz.mutations import mistyped, nudged
 from fuzz.test_mutated_files import rng_of
-from studies.reliability.cases import Row, go_on, in_batches
+from studies.reliability.cases import Row, go_on, in_batches, quiet_main
 
 from testbench.core.errors import TestbenchError
+from testbench.core.paths import SCENARIOS
 
 COUNT, FLOWN, FLIGHT_S, BATCH = 3000, 150, 20, 200
 LONGEST_S = 300  # by the clock, of what takes less than a second of processor: other work may have the machine
@@ -74,8 +79,6 @@ def run_cases(names: Sequence[str], judge: Callable[[str, Path], tuple[str, str]
     """Yield (name, outcome, said) of cases that run in forked processes, with time and memory watched."""
     survive.LONGEST_S, survive.MOST_KB = longest_s, int(1e6 * gb)
     for some in in_batches(names, batch):
-        import tempfile
-
         with tempfile.TemporaryDirectory(prefix="reliability_") as place:
             told = Path(place, "told")
 
@@ -101,12 +104,19 @@ def scenarios(count: int = COUNT) -> list[Row]:
 
 
 def flown(read_rows: Sequence[Row], most: int = FLOWN) -> list[Row]:
-    """Fly mutants of scenarios to run that were accepted with another value, for at most 20 s each."""
-    from testbench.core.paths import SCENARIOS
+    """Fly mutants of scenarios to run that were accepted with another value, for at most 20 s of processor each.
 
+    Each has a process of its own: one that is stopped may have been importing.
+    """
     accepted = [r["case"] for r in read_rows if r["outcome"] == "read as changed"
                 and r["case"].startswith((f"{SCENARIOS.name}/", "campaign/", "ground_tests", "modes/"))]  # fmt: skip
-    return go_on("flown", accepted[:most], lambda due: run_cases(due, _flown, LONGEST_S, 1.5, 20))
+
+    def run(due: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+        for module in ("run.page", "modes.page", "aircraft.flexible.answer", "campaign.load"):
+            importlib.import_module(f"testbench.questions.{module}")  # once for all, before they are forked
+        yield from run_cases(due, _flown, LONGEST_S, 1.5, 1)
+
+    return go_on("flown", accepted[:most], run)
 
 
 class _Enough(BaseException):
@@ -114,25 +124,38 @@ class _Enough(BaseException):
 
 
 def _flown(name: str, folder: Path) -> tuple[str, str]:
-    import signal
-
-    from studies.reliability.cases import quiet_main
-
     path = folder / "a.toml"
     path.write_text(mutant(name), encoding="utf-8")
-    command = name.split("/")[0]
-    words = {"modes": ["modes"], "campaign": ["check"]}.get(command, ["run"])
+    out = ["-o", str(folder / "out")]
+    match name.split("/"):
+        case "campaign", _:
+            words = ["check", str(path)]
+        case "modes", _:
+            words = ["modes", str(path), *out]
+        case "ground_tests", test:
+            for table in (SCENARIOS / "ground_tests").glob("*.csv"):
+                shutil.copy(table, folder)
+            words = [
+                "aircraft",
+                "flexible",
+                {"sailplane": "jsbsim:SGS"}.get(test.split(" ")[0], "taurus"),
+                str(path),
+                *out,
+            ]
+        case _:
+            words = ["run", str(path), *out]
 
     def enough(*_: object) -> None:
         raise _Enough
 
-    signal.signal(signal.SIGALRM, enough)
-    signal.alarm(FLIGHT_S)
+    signal.signal(signal.SIGPROF, enough)
+    signal.setitimer(signal.ITIMER_PROF, FLIGHT_S, 5.0)  # again, as a library may swallow what is raised
     try:
-        status, said = quiet_main([*words, str(path), *(["-o", str(folder)] if words != ["check"] else [])],
-                                  folder / "said")  # fmt: skip
+        status, said = quiet_main(words, folder / "said")
     except _Enough:
         return f"still flying after {FLIGHT_S} s", ""
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
     if "Traceback" in said or status not in (0, 2, 3):
         return "traceback", said[-300:]
     return {0: "flown"}.get(status, "refused in flight"), said[-200:]
