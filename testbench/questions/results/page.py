@@ -41,17 +41,18 @@ def index_html(found: Sequence[ResultSummary], folder: Path) -> str:
 def compared_page(compared: ResultsCompared) -> Page:
     """Return the page of two results side by side."""
     a, b = compared.first, compared.second
-    differ = len(compared.differences)
+    both = [d for d in compared.differences if d.first is not None and d.second is not None]
+    differ, alone = len(both), len(compared.differences) - len(both)
     total = differ + compared.equal
-    lead = (
-        f"{differ} of {counted(total, 'number')} differ between the two results" if total else "the two share no table"
-    )
+    lead = f"{differ} of {counted(total, 'number')} that both have differ" if total else "the two share no number"
+    if alone:
+        lead += f"; {alone} in tables of both {'stands' if alone == 1 else 'stand'} in one of them only"
     only = [
         f"only {name} has: {', '.join(tables)}"
         for name, tables in zip(_names(a, b), (compared.only_first, compared.only_second), strict=True)
         if tables
     ]
-    largest = sorted(compared.differences, key=_relative, reverse=True)[:_MOST_ROWS]
+    largest = sorted(both, key=_relative, reverse=True)[:_MOST_ROWS]
     more = [f"the {_MOST_ROWS} largest of them are shown"] if differ > _MOST_ROWS else []
     return Page(
         kicker="Two results side by side",
@@ -104,7 +105,7 @@ def _change(d: Difference) -> float | None:
 
 
 def _relative(d: Difference) -> float:
-    if d.first is None or d.second is None:
+    if d.first is None or d.second is None:  # stands in one result alone
         return 0.0
     return abs(d.second - d.first) / (abs(d.first) + abs(d.second) or 1.0)
 
