@@ -60,10 +60,11 @@ def project(tmp_path):
 
 
 def test_check_run_and_aircraft_take_names_of_the_project_folder(project):
-    done = command("check", "doublet.toml", "aircraft/mine", "suites/logger.toml", cwd=project)
+    done = command("check", "doublet.toml", "aircraft/mine", "mine", "suites/logger.toml", cwd=project)
     assert done.returncode == 0, done.stderr
     assert "doublet.toml: a valid scenario" in done.stdout
     assert "aircraft/mine: a valid aircraft" in done.stdout
+    assert "\nmine: a valid aircraft" in done.stdout
     assert "suites/logger.toml: a valid sensor suite" in done.stdout
     done = command("run", "doublet.toml", cwd=project)
     assert done.returncode == 0, done.stderr

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from testbench.core.advice import Advice, ranked
+from testbench.core.blas import on_one_thread
 from testbench.core.bring import is_brought
 from testbench.core.bring import whose as whose_code
 from testbench.core.errors import EstimationError, nearest
@@ -185,6 +186,7 @@ METHODS = Methods(
 )
 
 
+@on_one_thread
 def estimate(
     method: str | Settings,
     records: Sequence[FlightRecord],

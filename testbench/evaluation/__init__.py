@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.blas import on_one_thread
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.relative import percent_in_words
@@ -120,6 +121,7 @@ class Evaluation:
         return tuple(out)
 
 
+@on_one_thread
 def evaluate(
     model: IdentifiedModel,
     identification_records: Sequence[FlightRecord],

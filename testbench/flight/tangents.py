@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from testbench.aircraft import Aircraft
 from testbench.aircraft.vary import AIRCRAFT_KEYS, varied
+from testbench.core.blas import on_one_thread
 from testbench.core.channels import channel
 from testbench.core.differences import Ends, ends, slope
 from testbench.core.errors import LimitError, ModelError, TestbenchError, nearest
@@ -131,6 +132,7 @@ class Tangents:
         return np.divide(self.errors, size, out=np.zeros_like(size), where=_affected(self.truth, size, self.parameters))
 
 
+@on_one_thread
 def tangents(
     aircraft: Aircraft,
     start: FlightCondition | TrimmedFlight,

@@ -159,7 +159,8 @@ def unknowns(aircraft: Aircraft) -> tuple[str, ...]:
     """Return what a trim of an aircraft seeks."""
     has = aircraft.controls
     surfaces = tuple(n for n in ("de", "da", "dr") if n in has)
-    sideslip = ("beta",) if "dr" not in has else ()
+    # Sideslip takes the place of a missing control: side force, roll and yaw are three equations.
+    sideslip = () if {"da", "dr"} <= {*has} else ("beta",)
     return ("alpha", "phi", *surfaces, *sideslip, "thr" if "thr" in has else "gamma")
 
 
@@ -211,8 +212,13 @@ class _Problem:
 
     @property
     def most(self) -> float:
-        """Acceleration that is accepted, m/s2 and rad/s2: filters of foreign models may never come quite to rest."""
-        return PROPELLER_TOLERANCE if self._fdm.aircraft.adapter is not None else self.tolerance
+        """Acceleration that is accepted, m/s2 and rad/s2.
+
+        Filters of foreign models may never come quite to rest. With neither aileron nor rudder, the turning Earth
+        leaves a lateral acceleration of this size that nothing can balance.
+        """
+        lateral = {"da", "dr"} & {*self.names}
+        return PROPELLER_TOLERANCE if self._fdm.aircraft.adapter is not None or not lateral else self.tolerance
 
     def _bounds(self) -> tuple[FloatArray, FloatArray]:
         """Return the lowest and highest values of the unknowns (n,)."""

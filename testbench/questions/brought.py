@@ -22,7 +22,7 @@ def laws_of(what: Path) -> tuple[str, list[Law]] | None:
     """
     if is_brought(str(what)):
         return _in_python(str(what))
-    folder = AIRCRAFT.at(what)
+    folder = AIRCRAFT.at(what) or (None if find_scenario(what).is_file() else AIRCRAFT.named(Path(), str(what)))
     if folder is not None:
         from testbench.flight import load_aircraft
         from testbench.questions.aircraft.contract import aircraft_laws

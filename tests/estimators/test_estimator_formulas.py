@@ -19,7 +19,9 @@ from testbench.estimators.parametric.servo import _Link
 from testbench.estimators.regression import recursive
 from testbench.estimators.regression.result import RegressionResult
 from testbench.estimators.residuals import LAG_SHARE, _score_over_gaps, corrected_covariance
+from testbench.estimators.subspace.data import Stretch
 from testbench.estimators.subspace.dsr_e import shortage
+from testbench.estimators.subspace.factor import factorise
 from testbench.estimators.subspace.family import _strides
 
 RNG = np.random.default_rng(21)
@@ -210,3 +212,15 @@ def test_an_expression_may_have_as_many_terms_as_is_said():
     parse("a" + "+a" * (DEEPEST - 1))
     with pytest.raises(ExpressionError, match=f"at most {DEEPEST} terms"):
         parse("a" + "+a" * (DEEPEST + 1))
+
+
+@pytest.mark.parametrize(("H", "excited"), [(6, True), (7, False)])
+def test_three_sines_excite_six_successive_samples_and_no_seventh(H, excited):
+    """n sines are persistently exciting of order 2 n: one sample more is a combination of the others."""
+    t = np.arange(400.0)
+    u = np.sum([np.sin(w * t + w) for w in (0.4, 1.1, 2.0)], axis=0)[:, None]
+    all_of_it = np.ones((t.size, 1), bool)
+    stretch = Stretch(u, np.random.default_rng(3).normal(size=(t.size, 1)), all_of_it, all_of_it)
+    found = factorise([stretch], 3, H, False, 0, "this method")
+    assert (found.excitation > 1e-3) is excited
+    assert excited or found.excitation < 1e-12

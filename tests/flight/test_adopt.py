@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import testbench.flight.adopt as adopt_module
 from testbench.aircraft.source import find_model, read_source
-from testbench.core.constants import DEG_RAD, RPM_RAD_S
+from testbench.core.constants import DEG_RAD, G0_M_S2, LBF_N, RPM_RAD_S
 from testbench.core.errors import ModelError
 from testbench.core.paths import stock_root
 from testbench.flight import FlightCondition, Manoeuvre, fly, trim
@@ -162,3 +164,30 @@ def test_no_wheel_feels_the_ground_in_flight():
     fdm = held("f16")
     for name in ("fcs/gear-wow", *(f"gear/unit[{i}]/WOW" for i in range(3))):
         assert fdm.get(name) == 0.0, name
+
+
+@pytest.mark.parametrize(
+    ("thrusts", "lever"),
+    [({1.0: 0.3, 0.75: 0.4}, 1.0), ({1.0: 0.05, 0.75: 0.2, 0.5: 0.3}, 0.5), ({1.0: 0.05, 0.75: 0.04}, 1.0)],
+)
+def test_propellers_are_taken_back_from_full_speed_only_where_thrust_is_short(monkeypatch, thrusts, lever):
+    """Thrusts of the weight by the position of the lever: enough at full speed is left, though less gives more."""
+    mass = SimpleNamespace(mass_kg=1000.0)
+
+    class Propelled:
+        """An executive of one governed propeller."""
+
+        propellers, at = SimpleNamespace(governed=True), 1.0
+
+        def __init__(self, *_):
+            self.command = self.place = self.evaluate = self.has = lambda *_: True
+
+        def set(self, name, value):
+            self.at = value
+
+        def get(self, name):
+            return thrusts.get(self.at, 0.0) * mass.mass_kg * G0_M_S2 / LBF_N
+
+    monkeypatch.setattr(adopt_module, "Executive", Propelled)
+    aircraft = SimpleNamespace(controls={"thr": None}, mass=mass)
+    assert adopt_module._lever(aircraft, 1, FlightCondition(50.0, 1000.0)) == lever

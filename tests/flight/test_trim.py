@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -77,3 +79,12 @@ def test_horizon_rates_turn_with_the_velocity_over_the_ground():
 def test_a_speed_that_cannot_be_flown_is_refused_with_the_reason(eolo, V, what):
     with pytest.raises(TrimError, match=what):
         trim(eolo, FlightCondition(V, 547.0))
+
+
+@pytest.mark.parametrize("missing", ["da", "dr"])
+def test_sideslip_takes_the_place_of_a_missing_aileron_or_rudder(taurus, missing):
+    without = replace(taurus, controls={n: c for n, c in taurus.controls.items() if n != missing})
+    trimmed = trim(without, FlightCondition(16.0, 100.0))
+    assert trimmed.beta != 0.0
+    assert np.max(np.abs(trimmed.residual)) < 1e-9  # six equations, six unknowns
+    assert abs(trimmed.beta) < 1e-3  # the turning Earth is all that asks for it

@@ -11,6 +11,7 @@ without a mutant takes no part. A mutant is killed by the first test that fails,
 long; the quickest tests come first, at most ``LONGEST_S`` seconds of them.
 
 mutants.csv: one row for each mutant with its end: killed, survived, or equivalent with the reason why no test can tell.
+A survivor has its reason, too, if somebody has looked at it: a number of which another is as good.
 The mutant is sown into a copy of the tree; the tree itself is never changed.
 """
 
@@ -40,6 +41,7 @@ from reaching_tests import Span, in_child, let_report, watch
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "results" / "mutants.csv"
 REASONS = Path(__file__).with_name("equivalent_mutants.csv")
+SURVIVORS = Path(__file__).with_name("surviving_mutants.csv")
 SEED = 34
 COUNT = 300
 LONGEST_S = 60.0  # of tests for one mutant
@@ -255,9 +257,9 @@ def end_of(mutant: Mutant, tests: list[tuple[float, str]], tree: Path, log: Path
     return "survived" if status == 0 else "killed"
 
 
-def reasons() -> dict[tuple[str, str, str], str]:
-    """Return mutant -> why no test can tell it from what was written."""
-    with REASONS.open(encoding="utf-8", newline="") as file:
+def reasons(of: Path = REASONS) -> dict[tuple[str, str, str], str]:
+    """Return mutant -> why no test can tell it from what was written, or why a survivor does no harm."""
+    with of.open(encoding="utf-8", newline="") as file:
         return {(r["path"], r["line"], r["change"]): r["reason"] for r in csv.DictReader(file)}
 
 
@@ -296,12 +298,13 @@ def main() -> None:
 
 def write(path: Path, draw: list[Mutant], done: dict[tuple[str, str, str], str]) -> None:
     """Write the rows of the draw that have an end, and say how many were killed."""
-    why = reasons()
+    why, harmless = reasons(), reasons(SURVIVORS)
     rows = [(m, "equivalent" if m.key in why else done[m.key]) for m in draw if m.key in done or m.key in why]
     with path.open("w", encoding="utf-8", newline="") as file:
         out = csv.writer(file, lineterminator="\n")
         out.writerow(["room", "path", "line", "change", "end", "reason"])
-        out.writerows([m.room, *m.key, end, why.get(m.key, "")] for m, end in rows)
+        said = why | {key: text for key, text in harmless.items() if done.get(key) == "survived"}
+        out.writerows([m.room, *m.key, end, said.get(m.key, "")] for m, end in rows)
 
 
 if __name__ == "__main__":

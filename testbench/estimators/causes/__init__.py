@@ -31,6 +31,7 @@ from dataclasses import replace
 import numpy as np
 
 from testbench.core.advice import Advice, ranked
+from testbench.core.blas import on_one_thread
 from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightRecord
 from testbench.estimators.causes.found import Found, in_words
@@ -44,6 +45,7 @@ _PER_UNKNOWN = 10.0  # valid output samples per unknown below which data are few
 _ROUNDING = 1e-6  # residuals below this share of every output are no noise
 
 
+@on_one_thread
 def with_causes(model: IdentifiedModel, records: Sequence[FlightRecord]) -> IdentifiedModel:
     """Return the model with the causes of its residuals before its own advice, and in ``diagnostics["causes"]``.
 

@@ -12,6 +12,7 @@ from testbench.estimators.parametric.model import ParametricModel
 
 _ERRORS = 4.0  # standard errors of shift beyond which an estimate is wrong if it moves by _TENTH as well
 _TENTH = 0.1  # relative
+_UNMOVED = 0.05  # standard errors of shift that are no shift
 _HARDLY = 2.0  # standard errors of shift that a 95 % interval holds: below them a cause is only worth a note
 _SCATTER = 3.0  # the same for what scatter alone may do to any of some five estimates in a hundredth of flights
 _MOST = 0.5  # share of the residuals beyond which missing dynamics make a model wrong, and any cause a doubt
@@ -84,6 +85,8 @@ def in_words(model: IdentifiedModel, c: Found) -> Advice:
 
 def _shifted(c: Found) -> str:
     if np.isfinite(c.errors) and c.moved:
+        if c.errors < _UNMOVED:
+            return f", and it shifts no parameter by more than {_UNMOVED:g} of its standard errors"
         share = f"{100.0 * c.relative:.0f} %" if c.relative <= 1.0 else "more than its value"
         return f", and it shifts {c.moved} by some {c.errors:.2g} of its standard errors ({share})"
     if not np.isfinite(c.relative):

@@ -108,9 +108,10 @@ class _Model:
         self._p.declare("aero/stall-hyst-norm")
         read = self._read()
         b.stage(Op.PROPAGATE)
+        needed = read | ({plain(n) for n in logged} & EULER_RATES.keys())  # which are of this frame's angles
         for op, names in ((Op.EULER, EULER.keys() | EULER_RATES.keys()), (Op.GEOGRAPHY, GEOGRAPHY.keys()),
                           (Op.ALTITUDES, ALTITUDES.keys())):  # fmt: skip
-            if read & names:
+            if needed & names:
                 b.stage(op)
         self._systems()
         self._functions([*tree.findall("mass_balance")])

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from testbench.aircraft import Aircraft, ElasticMode
+from testbench.core.blas import on_one_thread
 from testbench.core.errors import TrimError
 from testbench.evaluation.envelope import (
     _INTERVALS,
@@ -134,6 +135,7 @@ class Survey:
         return {i: flown.modes[i - 1] for i in numbers if flown.modes[i - 1].shape is not None}
 
 
+@on_one_thread
 def survey(aircraft: Aircraft, name: str) -> Survey:
     """Return the envelope of an aircraft over all speeds at which it can be trimmed, at its design altitude.
 

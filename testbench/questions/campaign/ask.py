@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from testbench.core.blas import on_one_thread
 from testbench.core.errors import CampaignError
 from testbench.core.files import write_file
 from testbench.core.processes import cores
@@ -81,6 +82,7 @@ class _Batch:
     deaths: int = 0
 
 
+@on_one_thread
 def fly_campaign(
     campaign: Campaign,
     folder: Path,

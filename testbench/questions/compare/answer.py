@@ -69,7 +69,7 @@ def lead(result: CompareResult) -> str:
     if not better and not worse:
         return _within(f"{_named_suite(result, best)} changes none of {len(tested)} errors by more than chance")
     foremost = better[0] if better else worse[0]
-    unit = " %" if foremost.quantity.unit else ""
+    unit = f" {foremost.quantity.unit}" if foremost.quantity.unit else ""
     return _within(
         f"{_named_suite(result, best)} surely makes {len(better) or 'none'} of {len(tested)} errors smaller",
         f" and {len(worse) or 'none'} larger",
@@ -163,7 +163,7 @@ def _meaning(result: CompareResult) -> str:
 
 
 def _named(result: CompareResult, gain: Gain) -> str:
-    unit = " %" if gain.quantity.unit else ""
+    unit = f" {gain.quantity.unit}" if gain.quantity.unit else ""
     where = f"{gain.case.estimator}, {gain.case.manoeuvre}" if len(result.manoeuvres) > 1 else gain.case.estimator
     return f"{quantity_words(gain.quantity)} from {number(gain.before)} to {number(gain.after)}{unit} ({where})"
 

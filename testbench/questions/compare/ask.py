@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.blas import on_one_thread
 from testbench.core.errors import EstimationError, TestbenchError, located
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators import estimate
@@ -23,6 +24,7 @@ from testbench.information.targets import needed_parameters
 from testbench.line import Report, flown_already, log_rate, manoeuvre_of, trim_for
 from testbench.questions.compare.best_case import best_estimate, lagged_structure
 from testbench.questions.compare.judge import errors_of, model_errors
+from testbench.questions.compare.near_zero import errors_in_own_units, near_zero, predicted_in_own_units
 from testbench.questions.compare.placement import Placed, place, templates
 from testbench.questions.compare.prediction import predict
 from testbench.questions.compare.result import CaseKey, CompareResult, Failure, Quantity
@@ -37,6 +39,7 @@ _FAST_MODE = {"longitudinal": "short period", "lateral": "Dutch roll"}
 # --- the comparison ---------------------------------------------------------------------------------------------------
 
 
+@on_one_thread
 def compare(
     scenario: CompareScenario,
     seed: int | None = None,
@@ -104,8 +107,19 @@ def compare(
                 f"some estimator must give a model of some suite, got none in {scenario.seeds} repetitions; the first "
                 f"reason, of {failures[0].case.estimator} through {failures[0].case.suite}: {failures[0].reason}"
             )
+    own = near_zero(known, predictions)
     return CompareResult(
-        scenario, known, suites, seed, errors, tuple(failures), predictions, of_flight, placed, flights, tally
+        scenario,
+        known,
+        suites,
+        seed,
+        {case: errors_in_own_units(found, own) for case, found in errors.items()},
+        tuple(failures),
+        {case: predicted_in_own_units(found, own) for case, found in predictions.items()},
+        {case: errors_in_own_units(found, own) for case, found in of_flight.items()},
+        placed,
+        flights,
+        tally,
     )
 
 

@@ -65,8 +65,8 @@ def compare_plates(result: CompareResult) -> list[Plate]:
                 f"Root mean square over {result.scenario.seeds} repetitions with 95 % interval, percent; damping "
                 "ratios in hundredths. Open signs: standard errors that information predicts for the estimator beside "
                 'them. "sure": the difference to the first suite is beyond chance, over all questions of the '
-                "comparison together. 9/12: found in 9 of 12 repetitions. Quantities that only one suite predicts are "
-                "in the table.",
+                "comparison together. 9/12: found in 9 of 12 repetitions. Quantities that only one suite predicts, or "
+                "whose true value is near zero, are in the table.",
                 partial(_panels, _error_panels(result), suites),
             )
         )
@@ -75,7 +75,8 @@ def compare_plates(result: CompareResult) -> list[Plate]:
             Plate(
                 "information",
                 "Standard errors by information",
-                "Cramér-Rao bound through each suite, percent; damping ratios in hundredths. Nothing was flown.",
+                "Cramér-Rao bound through each suite, percent; damping ratios in hundredths. Nothing was flown. "
+                "Quantities whose true value is near zero are in the table.",
                 partial(_panels, _information_panels(result), suites),
             )
         )
@@ -105,7 +106,7 @@ def _error_panels(result: CompareResult) -> dict[str, list[Dot]]:
     least = min(2, len(result.suites))  # suites that a row compares
     kinds, order = _KINDS.index, list(dict.fromkeys(s.case.estimator for s in result.summaries))
     for s in sorted(result.summaries, key=lambda s: (order.index(s.case.estimator), kinds(s.quantity.kind))):
-        if s.quantity.kind == "prediction" and len(seen[s.quantity]) < least:
+        if (s.quantity.kind == "prediction" and len(seen[s.quantity]) < least) or s.quantity.unit not in ("%", ""):
             continue
         title = f"{s.case.estimator}, {s.case.manoeuvre}" if len(result.manoeuvres) > 1 else s.case.estimator
         dots = out.setdefault(title, [])
@@ -127,9 +128,9 @@ def _information_panels(result: CompareResult) -> dict[str, list[Dot]]:
     out: dict[str, list[Dot]] = {}
     for (manoeuvre, suite), p in result.predictions.items():
         k = [s.name for s in result.suites].index(suite)
-        for name, std in zip(p.names, p.std.tolist(), strict=True):
-            value = std * (_HUNDREDTHS if name.startswith("zeta") else 1.0)
-            if np.isfinite(value):
+        for name, std, unit in zip(p.names, p.std.tolist(), p.units, strict=True):
+            value = std * (1.0 if unit else _HUNDREDTHS)
+            if np.isfinite(value) and unit in ("%", ""):
                 out.setdefault(manoeuvre, []).append(Dot(name, k, value, value, value, True))
     return out
 

@@ -29,7 +29,9 @@ class Prediction:
 
     Attributes:
         names: (t,) quantities: parameters, "wn of ...", "zeta of ...".
-        std: (t,) standard errors: percent of the true value, but absolute for damping ratios.
+        values: (t,) their true values, SI.
+        std: (t,) standard errors in ``units``.
+        units: (t,) "%" of the true value; "" of damping ratios; SI where the truth is near zero (:mod:`.near_zero`).
         beyond: (t,) terms of second order over those errors (:mod:`.curvature`); above :data:`FAR` the errors are too
             large, or the model too far from linear over them, to be believed.
         without: sensor -> (t,) factor by which the errors grow if that sensor is left out; inf if nothing is left.
@@ -37,7 +39,9 @@ class Prediction:
     """
 
     names: tuple[str, ...]
+    values: FloatArray
     std: FloatArray
+    units: tuple[str, ...]
     beyond: FloatArray
     without: Mapping[str, FloatArray]
     known: Accuracy
@@ -95,7 +99,8 @@ def predict(
         less = aims.errors(reached(rest)[0]) if rest else np.full(len(std), np.inf)
         with np.errstate(invalid="ignore"):
             without[sensor.channel] = less / std
-    return Prediction(aims.names, std * in_percent(aims), beyond, without, found)
+    units = tuple("" if name.startswith("zeta of ") else "%" for name in aims.names)
+    return Prediction(aims.names, aims.values, std * in_percent(aims), units, beyond, without, found)
 
 
 def _response(known: Known, experiment: Experiment, u: FloatArray) -> Callable[[FloatArray], FloatArray]:

@@ -44,7 +44,7 @@ class Quantity(NamedTuple):
     """The quantity that an error belongs to.
 
     ``kind`` is "prediction", "mode", "parameter" or, among gains, "missed": how often a mode is not found at all;
-    ``unit`` is "%" or "" (damping ratios).
+    ``unit`` is "%", "" (damping ratios), or that of a quantity whose true value is near zero (:mod:`.near_zero`).
     """
 
     kind: str

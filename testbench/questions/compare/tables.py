@@ -69,7 +69,8 @@ def gain_table(result: CompareResult) -> Table:
         f"sure where the corrected p is at most {s.level:g}. Information: ratio of the predicted standard errors, this "
         "suite over the first. Where some repetitions miss a mode, the table also compares how often, in percent, by "
         "McNemar's exact test with a 95 % interval of Clopper and Pearson. Errors of damping ratios are absolute. "
-        "Errors of predictions are percent of the rms, all others percent of the true value.",
+        "Errors of predictions are percent of the rms, all others percent of the true value, or absolute where that is "
+        "near zero.",
         (
             Column("suite", "suite"),
             Column("input", "input"),
@@ -178,13 +179,14 @@ def information_table(result: CompareResult) -> Table:
     rows: list[tuple[Value, ...]] = []
     for m in result.manoeuvres:
         found = [result.predictions[m, s.name] for s in result.suites]
-        for name in dict.fromkeys(n for p in found for n in p.names):
-            rows.append((m, name + ("" if name.startswith("zeta") else ", %"), *(_finite(p.of(name)) for p in found)))
+        for name, unit in dict.fromkeys(pair for p in found for pair in zip(p.names, p.units, strict=True)):
+            rows.append((m, name + (f", {unit}" if unit else ""), *(_finite(p.of(name)) for p in found)))
     return Table(
         "information",
         "Standard errors by information, without simulation",
         "Cramér-Rao bound of the linearised aircraft with unknown derivatives and sensor offsets; noise of measured "
-        "inputs is included. Percent of the true value; absolute for damping ratios. A dash: not identifiable.",
+        "inputs is included. Percent of the true value; absolute for damping ratios, and where no suite gives less "
+        "than 100 % (the true value is near zero). A dash: not identifiable.",
         (
             Column("input", "input"),
             Column("quantity", "standard error of"),

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from testbench.core.blas import on_one_thread
 from testbench.core.errors import DatasetError, ScenarioError
 from testbench.core.processes import Ahead, cores, processes
 from testbench.core.sizes import require_room
@@ -58,6 +59,7 @@ class Drawn:
         return (self.folder / STORE).stat().st_size
 
 
+@on_one_thread
 def draw_dataset(
     scenario: DatasetScenario | Path | str,
     folder: Path | str,

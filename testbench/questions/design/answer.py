@@ -12,6 +12,7 @@ from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
 from testbench.page.labels import number, shown_unit, symbol
 from testbench.page.words import counted, listed
 from testbench.questions.design.air import LIGHT_KG
+from testbench.questions.design.elsewhere import stiffness_words
 from testbench.questions.design.flown import limit_words
 from testbench.questions.design.realise import CAUSES
 
@@ -201,7 +202,12 @@ def _realised(result: DesignResult) -> list[str]:
 
 
 def _margin(result: DesignResult) -> list[str]:
-    m = result.best.flown.margin
+    m, share = result.best.flown.margin, result.best.flown.for_others
+    if share < 1.0:
+        return [
+            f"The amplitude is {100 * share:.0f} % of what the believed aircraft allows, so that the limits hold with "
+            f"{stiffness_words(result.scenario)}, too"
+        ]
     if m is None:
         return []
     claim = 100.0 * (1.0 - 0.05 ** (1.0 / m.n))
@@ -352,7 +358,8 @@ def _in_flight(best: Ranked) -> list[str]:
         f"{limit_words(tight.name).removeprefix('the ')}, most at t = {tight.t_s:.2f} s"
     )
     if flown.breach:
-        share = 100 * flown.factor / (lowered * flown.curbed)
+        margin = flown.margin.lowered if flown.margin else 1.0
+        share = 100 * flown.factor / (lowered * flown.curbed * flown.for_others * margin)
         text += (
             f"; the amplitude was lowered to {share:.0f} % of what the linearised aircraft allows, "
             f"because at that amplitude {flown.breach}"

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.blas import on_one_thread
 from testbench.core.constants import PERCENT
 from testbench.core.errors import EstimationError, LimitError, located
 from testbench.core.record import FloatArray
@@ -23,12 +24,13 @@ from testbench.line import Report
 from testbench.questions.design.air import expected_air
 from testbench.questions.design.build import problem_of
 from testbench.questions.design.draws import Draws, OverDraws, draw_aircraft, flown_in, kept_in_all, told
-from testbench.questions.design.elsewhere import Elsewhere, elsewhere
+from testbench.questions.design.elsewhere import Elsewhere, elsewhere, softer_and_stiffer
 from testbench.questions.design.flown import Envelope, Flown, fly_designs
+from testbench.questions.design.gentler import CLEARLY, gentler, realised_cost
 from testbench.questions.design.identified import identified_by
 from testbench.questions.design.known import total_errors
 from testbench.questions.design.limits import Limits
-from testbench.questions.design.margins import with_margins
+from testbench.questions.design.margins import for_others, with_margins
 from testbench.questions.design.maximin import for_the_worst
 from testbench.questions.design.misled import weighed
 from testbench.questions.design.obstacles import obstacles
@@ -45,9 +47,9 @@ from testbench.sensors import SensorSuite, load_suite
 _FLOWN = 7  # designs that are flown,
 _CLASSICS = ("doublet", "3211")  # and these for comparison
 _REALISED = 3  # designs that are realised, at most
-_CLEARLY = 0.7  # of the best design's realised criterion: less is beyond the chance of 20 flights
 
 
+@on_one_thread
 def run_design(
     scenario: DesignScenario,
     seed: int | None = None,
@@ -124,10 +126,10 @@ def run_design(
     realised: dict[int, Realised] = {}
     there: tuple[Elsewhere, ...] = ()
     if scenario.realise:
-        admissible, over, realised = _realised(scenario, range_, admissible, over, say)
+        admissible, over, realised = _realised(scenario, range_, admissible, over, envelope, draws, say)
         there = elsewhere(scenario, range_, limits, admissible[0].design, repeats(scenario.realise), say)
     best = admissible[0].design
-    others = {
+    through = {
         suite.name: _through(scenario, aircraft, trimmed, linear, modes, suite, limits, best, problem.known)
         for suite in suites[1:]
     }
@@ -158,7 +160,7 @@ def run_design(
         ),
         tuple(f for f in flown if not f.admissible),
         Ranked(shortest, bands.analyse(shortest.design.u)) if shortest else None,
-        others,
+        through,
         obstacles(problem, best),
         tuple(o for o in onsets if o.V_m_s is not None),
         draws,
@@ -212,11 +214,20 @@ def _kept(
     return [f for f, _ in pairs], [o for _, o in pairs]
 
 
-def _with_margins(scenario: DesignScenario, range_: Range, flown: Sequence[Flown], envelope: Envelope) -> list[Flown]:
-    """Return designs at amplitudes that keep the limits in the air that is expected, and what they are off by there."""
-    if not range_.moves:
-        return list(flown)
-    kept = with_margins(range_, flown, envelope, scenario.realise, scenario.breach_percent * PERCENT)
+def _with_margins(
+    scenario: DesignScenario,
+    range_: Range,
+    flown: Sequence[Flown],
+    envelope: Envelope,
+) -> list[Flown]:
+    """Return designs at amplitudes that keep the limits in the air that is expected, and what they are off by there.
+
+    In still air they keep them with less and more static stability, too.
+    """
+    if range_.moves:
+        kept = with_margins(range_, flown, envelope, scenario.realise, scenario.breach_percent * PERCENT)
+    else:
+        kept = for_others(range_, flown, envelope, softer_and_stiffer(scenario, range_))
     lower = [k.design is not f.design for k, f in zip(kept, flown, strict=True)]
     again = iter(range_.off([k.design for k, changed in zip(kept, lower, strict=True) if changed]))
     return [replace(k, design=next(again)[0]) if changed else k for k, changed in zip(kept, lower, strict=True)]
@@ -227,29 +238,39 @@ def _realised(
     range_: Range,
     flown: list[Flown],
     over: list[OverDraws | None],
+    envelope: Envelope,
+    draws: Draws | None,
     say: Report,
 ) -> tuple[list[Flown], list[OverDraws | None], dict[int, Realised]]:
     """Return the designs, the best by realised errors first, what each is over the draws, and what was realised.
 
     Designs are realised in the order of their promises, until no promise of a further one is clearly better than what
-    has been realised, or a few have been. The others keep their order behind. A robust order stays.
+    has been realised, or a few have been. The others keep their order behind. The best flies at a smaller amplitude
+    where that is clearly better. A robust order and its amplitudes stay.
     """
     n, found = scenario.realise, {}
     pairs, first = list(zip(flown, over, strict=True)), None
     for pair in pairs[:_REALISED]:
         design = pair[0].design
-        if first is not None and (scenario.robust or design.cost > _CLEARLY * first[0]):
+        if first is not None and (scenario.robust or design.cost > CLEARLY * first[0]):
             break
         say(f"realise the {design.family}: fly and identify it {n} times")
         found[id(design)] = range_.realised(design, n, say)
-        total = total_errors(range_.problem, design, found[id(design)].headline)
-        cost = float(np.max(total / range_.targets.wanted))
-        if first is None or cost < _CLEARLY * first[0]:
+        cost = realised_cost(range_, design, found[id(design)])
+        if first is None or cost < CLEARLY * first[0]:
             first = cost, pair
     assert first is not None
-    pairs = [first[1], *(p for p in pairs if p is not first[1])]
-    best = pairs[0][0].design
-    found[id(best)] = range_.certain(best, n, found[id(best)], say)
+    best, others = first[1], [p for p in pairs if p is not first[1]]
+    if not scenario.robust:
+        before = best[0].design
+        lower, there = gentler(range_, best[0], found[id(before)], envelope, n, say)
+        if lower.design is not before:
+            if range_.moves:
+                (lower,) = _with_margins(scenario, range_, [lower], envelope)
+            best = lower, None if best[1] is None or draws is None else _in_draws(range_, lower, draws)
+            found[id(lower.design)] = there
+    pairs, design = [best, *others], best[0].design
+    found[id(design)] = range_.certain(design, n, found[id(design)], say)
     return [f for f, _ in pairs], [o for _, o in pairs], found
 
 
@@ -287,6 +308,12 @@ def _over(
     best = flown[0].design
     out[0] = OverDraws(told(best, draws, problem.targets.names), flown_in(best, draws, simulator, tally))
     return flown, out
+
+
+def _in_draws(range_: Range, flown: Flown, draws: Draws) -> OverDraws:
+    """Return a design over the drawn aircraft, and flown with each."""
+    design, names = flown.design, range_.problem.targets.names
+    return OverDraws(told(design, draws, names), flown_in(design, draws, range_.simulator, range_.tally))
 
 
 def _shortest(

@@ -16,7 +16,7 @@ from testbench.aircraft.amend import Amendment, Increment
 from testbench.core.errors import EstimationError, TestbenchError
 from testbench.core.record import FloatArray
 from testbench.evaluation.modes import roots_of
-from testbench.flight import linearise
+from testbench.flight import TrimmedFlight, linearise
 from testbench.information.modes import modes_of
 from testbench.line import trim_for
 from testbench.questions.design.build import problem_of
@@ -29,9 +29,9 @@ from testbench.questions.design.scenario import DesignScenario
 FACTORS = (0.7, 1.3)
 """Natural frequency over the believed one."""
 _MODE = {
-    "longitudinal": ("short period", "Cm", "alpha", -1.0),
-    "lateral": ("Dutch roll", "Cn", "beta", 1.0),
-}  # mode, coefficient, its angle, and the sign that stiffens
+    "longitudinal": ("short period", "Cm", "alpha", -1.0, ("q", "w")),
+    "lateral": ("Dutch roll", "Cn", "beta", 1.0, ("r", "v")),
+}  # mode, coefficient, its angle, the sign that stiffens, and where the stiffness stands in A
 _STEP = 0.02  # 1/rad, by which the slope of wn^2 is found
 _TRIES, _NEAR = 6, 0.01
 
@@ -80,7 +80,7 @@ def elsewhere(
         say: called with a few words as each stage begins.
     """
     out = []
-    mode, coefficient, angle, _ = _MODE[scenario.plane]
+    mode, coefficient, angle, *_ = _MODE[scenario.plane]
     for factor in FACTORS:
         what = f"{mode} at {factor:g} times its frequency"
         say(f"fly it with the {what}")
@@ -118,42 +118,84 @@ def _flown(
     return Elsewhere(factor, "", seen.errors, problem.targets.values, found, tightest, broken[0] if broken else "")
 
 
+def stiffness_words(scenario: DesignScenario) -> str:
+    """Return in words what :func:`softer_and_stiffer` changes."""
+    _, coefficient, angle, *_ = _MODE[scenario.plane]
+    return f"{' and '.join(f'{factor:g}' for factor in FACTORS)} times its {coefficient}_{angle}"
+
+
+def softer_and_stiffer(scenario: DesignScenario, range_: Range) -> list[tuple[Aircraft, TrimmedFlight]]:
+    """Return the aircraft with 0.7 and 1.3 times the believed static stability, each trimmed; those that there are.
+
+    These are two standard deviations of the 15 % by which ``plan`` lets derivatives be uncertain unless told otherwise.
+    M_alpha, or N_beta, is linear in the coefficient that is changed about the trim.
+    """
+    *_, place = _MODE[scenario.plane]
+
+    def stiffness(aircraft: Aircraft) -> float:
+        linear = linearise(aircraft, trim_for(scenario, aircraft))
+        row, column = (linear.states.index(name) for name in place)
+        return float(linear.A[row, column])
+
+    out = []
+    try:
+        now = stiffness(range_.aircraft)
+        slope = (stiffness(_with_more(scenario, range_, _STEP)) - now) / _STEP
+        for factor in FACTORS if slope != 0.0 else ():
+            aircraft = _with_more(scenario, range_, (factor - 1.0) * now / slope)
+            out.append((aircraft, trim_for(scenario, aircraft)))
+    except TestbenchError:  # a model that cannot be amended has no margin of this kind
+        return []
+    return out
+
+
+def _with_more(scenario: DesignScenario, range_: Range, more: float) -> Aircraft:
+    """Return the believed aircraft with ``more`` (1/rad) of the coefficient that makes it stiff, about the trim."""
+    if more == 0.0:
+        return range_.aircraft
+    _, coefficient, angle, *_ = _MODE[scenario.plane]
+    at_trim = range_.trimmed.alpha if angle == "alpha" else range_.trimmed.state.get("beta", 0.0)
+    about = f"<difference><property>aero/{angle}-rad</property><value>{float(at_trim)!r}</value></difference>"
+    change = Increment(coefficient, f"aero/coefficient/{coefficient}_model_error", (f"<value>{more!r}</value>", about))
+    return range_.aircraft.amended(Amendment("model error", f"another {coefficient}_{angle}", (change,)))
+
+
 def _with_mode(scenario: DesignScenario, range_: Range, factor: float) -> tuple[Aircraft, float]:
     """Return the aircraft whose mode has ``factor`` times its frequency, and what was added to the coefficient, 1/rad.
 
     The square of the frequency is nearly linear in the coefficient; the secant method finds the rest.
 
     Raises:
-        EstimationError: the mode has no frequency, or nothing gives the wanted one.
+        EstimationError: the mode has no frequency, or nothing gives the wanted one but an aircraft without static
+            stability: a mode that is damped as much as it is stiff.
         TestbenchError: the aircraft cannot be changed or trimmed so.
     """
-    mode, coefficient, angle, stiffens = _MODE[scenario.plane]
-    aircraft = range_.aircraft
-    at_trim = range_.trimmed.alpha if angle == "alpha" else range_.trimmed.state.get("beta", 0.0)
-    about = f"<difference><property>aero/{angle}-rad</property><value>{float(at_trim)!r}</value></difference>"
+    mode, coefficient, angle, stiffens, place = _MODE[scenario.plane]
 
-    def at(more: float) -> tuple[Aircraft, float]:
-        one = aircraft
-        if more != 0.0:
-            change = Increment(
-                coefficient, f"aero/coefficient/{coefficient}_model_error", (f"<value>{more!r}</value>", about)
-            )
-            one = aircraft.amended(Amendment("model error", f"another {coefficient}_{angle}", (change,)))
-        found = modes_of(linearise(one, trim_for(scenario, one)), one, scenario.plane)
+    def at(more: float) -> tuple[Aircraft, float, bool]:
+        one = _with_more(scenario, range_, more)
+        linear = linearise(one, trim_for(scenario, one))
+        found = modes_of(linear, one, scenario.plane)
         square = math.nan
         if any(name.startswith(mode) for name in found):
             roots = list(roots_of(found, mode).values())
             square = (roots[0] * (roots[1] if len(roots) == 2 else roots[0].conjugate())).real
         if not square > 0.0:
             raise EstimationError(f"the {mode} has no frequency")
-        return one, square
+        row, column = (linear.states.index(name) for name in place)
+        return one, square, bool(linear.A[row, column] * stiffens > 0.0)
 
-    _, now = at(0.0)
+    _, now, was_stiff = at(0.0)
     wanted = now * factor**2
     old, more = (0.0, now), math.copysign(_STEP, stiffens * (factor - 1.0))
     for _ in range(_TRIES):
-        one, square = at(more)
+        one, square, stiff = at(more)
         if abs(math.sqrt(square / wanted) - 1.0) < _NEAR:
+            if was_stiff and not stiff:
+                raise EstimationError(
+                    f"damping makes most of its frequency, so that this takes {coefficient}_{angle} {more:+.3g}, an "
+                    "aircraft without static stability"
+                )
             return one, more
         slope = (square - old[1]) / (more - old[0])
         if slope == 0.0:

@@ -80,6 +80,7 @@ class Flown:
         admissible: whether the flight kept all limits; False after several attempts that did not.
         margin: what flights in turbulence say; None where the air is still.
         curbed: amplitude over the one that the limits allow: a larger one would mislead the estimator.
+        for_others: amplitude over that of the believed aircraft, so that others keep the limits in still air, too.
     """
 
     design: Design
@@ -90,6 +91,7 @@ class Flown:
     admissible: bool
     margin: Margin | None = None
     curbed: float = 1.0
+    for_others: float = 1.0
 
     @property
     def factor(self) -> float:

@@ -1,8 +1,9 @@
-"""Amplitudes with a margin that the air asks for, from extremes over flights in turbulence.
+"""Amplitudes with a margin that the air asks for, from extremes over flights in turbulence, or the model's doubt.
 
 A design flies several times in turbulence. Of every limit the share used by each flight's extreme has a mean and a
 standard deviation; the amplitude is lowered until mean + k deviations stays inside. With k = t(n - 1, 1 - P)
-sqrt(1 + 1/n) the next flight meets the limit with probability P, if extremes are normal.
+sqrt(1 + 1/n) the next flight meets the limit with probability P, if extremes are normal. In still air the extremes
+of one aircraft are all alike; there the limits hold for aircraft of less and more static stability, too.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import t as student
 
-from testbench.questions.design.flown import ABORTED, SHOWN, Envelope, Flown, Margin, fly_all
+from testbench.aircraft import Aircraft
+from testbench.flight import TrimmedFlight
+from testbench.questions.design.flown import ABORTED, SHOWN, Envelope, Flight, Flown, Margin, fly_all, fly_each
 from testbench.questions.design.problem import Design, rescaled
 from testbench.questions.design.realise import Range
 
@@ -83,6 +86,47 @@ def with_margins(range_: Range, flown: Sequence[Flown], envelope: Envelope, n: i
     out = [replace(f, margin=m) for f, m in zip(flown, margins, strict=True)]
     for i, flight in zip(lowered, again, strict=True):
         out[i] = replace(out[i], design=designs[i], record=flight.record, tightest=flight.tightest)
+    return out
+
+
+def for_others(
+    range_: Range, flown: Sequence[Flown], envelope: Envelope, others: Sequence[tuple[Aircraft, TrimmedFlight]]
+) -> list[Flown]:
+    """Return designs at amplitudes at which other aircraft, too, keep the limits in still air.
+
+    Args:
+        range_: where the believed aircraft flies.
+        flown: at amplitudes with which that one keeps the limits.
+        envelope: the limits.
+        others: the other aircraft.
+    """
+    factors, designs = np.ones(len(flown)), [f.design for f in flown]
+    open_ = list(range(len(flown))) if others else []
+    for _ in range(_ROUNDS):
+        pairs = [(i, *other) for i in open_ for other in others]
+        found = fly_each(
+            [a for _, a, _ in pairs], [t for _, _, t in pairs], [designs[i] for i, *_ in pairs],
+            [envelope] * len(pairs), range_.simulator, range_.tally,
+        )  # fmt: skip
+        worst = dict.fromkeys(open_, 0.0)
+        for (i, *_), flight in zip(pairs, found, strict=True):
+            if isinstance(flight, Flight):
+                worst[i] = max(worst[i], flight.tightest.share)
+        open_ = [i for i in open_ if worst[i] > 1.0 and factors[i] > _LEAST]
+        for i in open_:
+            factors[i] = max(_LEAST, factors[i] * _LESS / worst[i])
+            designs[i] = rescaled(range_.problem, flown[i].design, float(factors[i]), flown[i].design.limit)
+        if not open_:
+            break
+    lowered = [i for i in range(len(flown)) if factors[i] < 1.0]
+    again = fly_all(
+        range_.aircraft, range_.trimmed, [designs[i] for i in lowered], envelope, range_.simulator, range_.tally
+    )
+    out = list(flown)
+    for i, flight in zip(lowered, again, strict=True):
+        out[i] = replace(
+            out[i], design=designs[i], record=flight.record, tightest=flight.tightest, for_others=float(factors[i])
+        )
     return out
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from testbench.core.blas import on_one_thread
 from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord, load_record
 from testbench.core.scenario.base import Condition
@@ -51,6 +52,7 @@ class GapResult:
     notes: tuple[str, ...] = ()
 
 
+@on_one_thread
 def run_gap(
     scenario: GapScenario | Path | str,
     seed: int | None = None,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.page.labels import axis_label, shown_unit, symbol
+from testbench.page.labels import axis_label, number, shown_unit, symbol
 from testbench.page.plot import (
     BAND,
     COLOURS,
@@ -137,9 +137,7 @@ def _region_plate(result: GapResult) -> Plate:
             image = _draw_energy(axes, region.channels, region.energy)
             factor = shown_unit(region.quantity)[0]
             ticks = [0, len(region.edges) // 2, len(region.edges) - 1]
-            axes.set_xticks(
-                [k - 0.5 for k in ticks], [f"{factor * region.edges[k]:.3g}".replace("-", "−") for k in ticks]
-            )
+            axes.set_xticks([k - 0.5 for k in ticks], [number(factor * region.edges[k]) for k in ticks])
             label(axes, axis_label(region.quantity))
         _energy_bar(figure, image)
         return figure
@@ -319,7 +317,7 @@ def _ranking_plate(result: GapResult) -> Plate:
     return Plate("ranking", "Which effect explains it", caption, make)
 
 
-def _history_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
+def _history_plate(result: GapResult, shrink: Shrink, nth: int) -> Plate:
     outputs = result.finding.believed.outputs
     t = shrink.record.t_s
 
@@ -335,7 +333,7 @@ def _history_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
             axes.plot(t, factor * shrink.before[:, i], color=_BEFORE, linestyle=_BEFORE_DASH, linewidth=1.2)
             axes.plot(t, factor * shrink.after[:, i], color=_AFTER, linewidth=1.2)
             last = i == len(outputs) - 1
-            text = f"{shrink.energy_before[i]:.3g} → {shrink.energy_after[i]:.3g}"
+            text = f"{number(shrink.energy_before[i])} → {number(shrink.energy_after[i])}"
             axes.set_title(text, loc="right", fontsize=8, color=QUIET, pad=2)
             label(axes, "t, s" if last else "", axis_label(name))
             time_axis(axes)
@@ -350,10 +348,10 @@ def _history_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
     )
     title = f"Before and after on a held-out manoeuvre: {shrink.manoeuvre}"
     explore = partial(held_out, shrink, outputs, _LOOKS)
-    return Plate(f"held_out_{number}", title, caption, make, explore)
+    return Plate(f"held_out_{nth}", title, caption, make, explore)
 
 
-def _spectrum_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
+def _spectrum_plate(result: GapResult, shrink: Shrink, nth: int) -> Plate:
     outputs = result.finding.believed.outputs
     dt = shrink.record.dt_s
     believed = result.finding.believed
@@ -379,7 +377,8 @@ def _spectrum_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
             axes.set_xlim(f[0], f[-1])
             log_axis(axes, "x", powers=False)
             log_axis(axes, "y", powers=True)
-            label(axes, "f, Hz" if i >= len(outputs) - per_row else "", "", symbol(outputs[i]))
+            side = "residual, noise = 1" if i % per_row == 0 else ""
+            label(axes, "f, Hz" if i >= len(outputs) - per_row else "", side, symbol(outputs[i]))
         legend(figure, handles)
         return figure
 
@@ -387,7 +386,7 @@ def _spectrum_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
     if result.finding.air.moves:
         caption += " Turbulence is taken out by the Kalman filter in which the effect was sought."
     explore = partial(spectra, sides, outputs, share, _LOOKS, partial(_spectrum, dt_s=dt))
-    return Plate(f"held_out_{number}_spectrum", f"The same by frequency: {shrink.manoeuvre}", caption, make, explore)
+    return Plate(f"held_out_{nth}_spectrum", f"The same by frequency: {shrink.manoeuvre}", caption, make, explore)
 
 
 def _spectrum(residual: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:

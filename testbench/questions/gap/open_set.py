@@ -16,6 +16,7 @@ from testbench.aircraft import Aircraft, Amendment, Increment, Memory
 from testbench.aircraft.amend import Change
 from testbench.aircraft.reactions import MOTIONS
 from testbench.aircraft.reroute import product, prop, value
+from testbench.core.blas import on_one_thread
 from testbench.core.constants import FT_M
 from testbench.core.errors import ModelError, TestbenchError
 from testbench.core.record import FlightRecord
@@ -105,6 +106,7 @@ class FirstLook:
         return (f"forces and moments at every sample, before anything is flown, follow {told}",)
 
 
+@on_one_thread
 def first_look(believed: Believed, records: Mapping[str, FlightRecord]) -> FirstLook:
     """Return what forces and moments of records say of the believed model; nothing is flown for that.
 

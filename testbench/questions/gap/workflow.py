@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from testbench.core.blas import on_one_thread
 from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord
 from testbench.flight.batch.jobs import Tally
@@ -57,6 +58,7 @@ STARTS_IN_TURN = 6  # rounds in which starts of windows and coefficients are fit
 SAME_AIR = 0.15  # share by which the rms of turbulence may change before the search is made again
 
 
+@on_one_thread
 def find_gap(
     believed: Believed,
     records: Mapping[str, FlightRecord],

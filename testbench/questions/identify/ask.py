@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from testbench.core.advice import doubt
+from testbench.core.blas import on_one_thread
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ScenarioError, located, nearest
 from testbench.core.record import FlightRecord
@@ -28,6 +29,7 @@ from testbench.questions.identify.servo_cost import cost_in_words
 from testbench.questions.identify.unpredicted import at_rest, missed
 
 
+@on_one_thread
 def identify(
     description: RecordDescription,
     data_folder: Path | None = None,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.blas import on_one_thread
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import ChannelError, RecordError, ScenarioError, located
 from testbench.core.record import FlightRecord, load_record
@@ -126,6 +127,7 @@ def _of_the_wing(records: Sequence[FlightRecord]) -> tuple[str, ...]:
 # --- scenarios --------------------------------------------------------------------------------------------------------
 
 
+@on_one_thread
 def fly_modes(
     scenario: ModesScenario,
     search: ModeSearch | None = None,

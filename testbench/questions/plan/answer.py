@@ -50,7 +50,7 @@ def plan_answer(plan: Plan) -> list[tuple[str, str]]:
             (
                 "doubt",
                 f"the 95 % band of the expected response reaches beyond a limit on {'cards' if beyond[1:] else 'card'} "
-                f"{listed(beyond)}",
+                f"{listed(beyond)}, which {'say' if beyond[1:] else 'says'} watch",
             )
         )
     out += _calm_lines(plan)

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.blas import on_one_thread
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import LimitError, ScenarioError, TestbenchError, located
 from testbench.evaluation.envelope import Envelope, Onset, fly_envelope
@@ -42,6 +43,7 @@ _BEYOND = 1.6  # the onset is looked for up to this multiple of the fastest plan
 _BEYOND_SPEEDS = 12
 
 
+@on_one_thread
 def make_plan(
     scenario: PlanScenario,
     survey: Survey = fly_envelope,

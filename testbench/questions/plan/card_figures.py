@@ -142,7 +142,7 @@ def card_pdf_page(card: Card, plan: Plan) -> Figure:
     page = _Page(figure)
     page.write(_LEFT, 0.5, f"Flight card {card.number} of {len(plan.cards)}  ·  {plan.scenario.title}", 8.0, QUIET)
     page.write(_LEFT, 0.76, card.title[:1].upper() + card.title[1:], 14.0, INK, weight="bold")
-    colour = {"fly": "#00704a", "scaled": _WARN, "refused": _WARN}[card.status]
+    colour = "#00704a" if text.standing == "fly" else _WARN
     page.write(_LEFT, 1.0, text.status[:150], 8.5, colour, weight="bold")
     left = page.pairs(_LEFT, _MIDDLE - 0.2, 1.3, "Set-up", text.setup)
     right = page.lines(_MIDDLE, _RIGHT, 1.3, "Go or no-go", [*text.before, text.go], bullet=True) - 0.16

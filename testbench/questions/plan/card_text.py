@@ -12,6 +12,7 @@ import numpy as np
 from testbench.core.atmosphere import air_density
 from testbench.core.constants import G0_M_S2
 from testbench.page.labels import file_stem, number, shown_unit, symbol
+from testbench.page.words import listed
 from testbench.questions.plan.airspace import leg_of
 from testbench.questions.plan.injection.lua import WATCHED, injectable
 from testbench.questions.plan.scenario import Tow
@@ -43,6 +44,7 @@ class CardText:
 
     Attributes:
         status: how it went in the simulator, in one sentence.
+        standing: what is to be done with it, in a word or two.
         setup: (what, value).
         sequence: lines on the control sequence.
         limits: (limit, range, what to do when it is met, who watches it and where it comes from).
@@ -54,6 +56,7 @@ class CardText:
     """
 
     status: str
+    standing: str
     setup: tuple[tuple[str, str], ...]
     sequence: tuple[str, ...]
     limits: tuple[tuple[str, str, str, str], ...]
@@ -130,6 +133,7 @@ def card_text(card: Card, plan: Plan) -> CardText:
     """Return the words of a card."""
     return CardText(
         status_line(card),
+        standing(card),
         tuple(_setup(card, plan)),
         tuple(sequence_lines(card)),
         tuple(_limits(card, plan)),
@@ -145,9 +149,24 @@ def status_line(card: Card) -> str:
     """Return what became of a card in the simulator."""
     if card.status == "refused":
         return f"REFUSED, do not fly: {card.met[0]}"
+    beyond = beyond_limits(card)
+    watch = f"; WATCH {listed(beyond)}: the 95 % band passes the limit" if beyond else ""
     if card.status == "scaled":
-        return f"amplitude scaled to {100.0 * card.factor:.0f} %: at full amplitude {card.met[0]}"
-    return "flown in the simulator at full amplitude: no limit is met"
+        return f"amplitude scaled to {100.0 * card.factor:.0f} %: at full amplitude {card.met[0]}{watch}"
+    return f"flown in the simulator at full amplitude: no limit is met{watch}"
+
+
+def standing(card: Card) -> str:
+    """Return what is to be done with a card, in a word or two.
+
+    "fly" stands only where the 95 % band of the expected response, too, keeps every limit. Where it does not, a flight
+    may meet the limit though the simulator's did not: "watch".
+    """
+    if card.status == "refused":
+        return "refused"
+    words = [f"scaled to {100.0 * card.factor:.0f} %"] if card.status == "scaled" else []
+    words += ["watch"] if beyond_limits(card) else []
+    return ", ".join(words) or "fly"
 
 
 def _setup(card: Card, plan: Plan) -> list[tuple[str, str]]:
@@ -284,7 +303,8 @@ def before_lines(card: Card, plan: Plan) -> list[str]:
     if card.status == "refused" or not card.repeats:
         return ["NO-GO: the card is refused"]
     scenario, space = plan.scenario, plan.scenario.airspace
-    out = []
+    beyond = beyond_limits(card)
+    out = [f"limits: GO if who watches {listed(beyond)} is ready to end the run"] if beyond else []
     if space is not None:
         gusts = "" if space.gust_m_s is None else f" and gusts at most {space.gust_m_s:g} m/s"
         out.append(f"wind: GO if its mean is at most {space.wind_m_s:g} m/s{gusts}")
@@ -357,9 +377,6 @@ def _notes(card: Card, plan: Plan) -> list[str]:
         "the 95 % band comes from sensor noise and from derivatives of the rigid motion that are each uncertain by "
         f"{scenario.uncertainty_percent:g} % (one standard deviation){own}{rough}"
     ]
-    beyond = beyond_limits(card)
-    if beyond and card.status != "refused":
-        out.append(f"the band reaches beyond the limit on {', '.join(beyond)}: watch it, and be ready to end the run")
     out += [f"accuracy, {r.sentence}" for r in card.reached]
     out += _system_id(card, plan)
     if card.status != "fly":

@@ -10,7 +10,7 @@ from testbench.page.write import json_text
 from testbench.questions.plan.card_text import card_stem
 from testbench.questions.plan.close_answer import close_answer
 from testbench.questions.plan.close_figures import close_plates
-from testbench.questions.plan.close_tables import cards_table, runs_table, targets_table
+from testbench.questions.plan.close_tables import cards_table, causes_table, runs_table, targets_table
 from testbench.questions.plan.flown_card import DESCRIPTIONS
 from testbench.questions.plan.verdicts import Campaign, JudgedCard
 
@@ -31,7 +31,7 @@ def close_page(campaign: Campaign) -> Page:
             descriptions.append(c.flown.file.name)
         notes += [f"card {c.card.number}: {text}" for text in c.flown.notes]
     targets = targets_table(campaign)
-    tables = [targets] if targets.rows else []
+    tables = [t for t in (targets, causes_table(campaign)) if t.rows]
     short = targets.only(*_SHORT)
     closing = [("Identify again", f"testbench identify {{}}/{DESCRIPTIONS}/{descriptions[0]}")] if descriptions else []
     return Page(

@@ -64,7 +64,6 @@ def targets_table(campaign: Campaign) -> Table:
         Column("verdict", "verdict"),
         Column("more", "more runs"),
         Column("believe", "believed?"),
-        Column("why", "why"),
     )
     rows = tuple(_row(c, t) for c in campaign.cards for t in c.targets)
     return Table("targets", "Promised, realised, flown", _caption(campaign), columns, rows, wide=True)
@@ -96,8 +95,15 @@ def _row(c: JudgedCard, t: Target) -> tuple[Value, ...]:
         t.verdict,
         t.more,
         None if e is None else e.believed,
-        "; ".join(t.causes) or None,
     )
+
+
+def causes_table(campaign: Campaign) -> Table:
+    """Return what makes errors larger than promised, one row per card and target that has a cause."""
+    columns = (Column("card", "card"), Column("target", "target"), Column("why", "why"))
+    rows = tuple((c.card.number, t.name, "; ".join(t.causes)) for c in campaign.cards for t in c.targets if t.causes)
+    caption = "What makes these errors larger than promised, the likeliest first."
+    return Table("causes", "Why a target is not known as well as promised", caption, columns, rows, wide=True)
 
 
 def _number(value: float) -> float | None:

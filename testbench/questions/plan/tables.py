@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from testbench.page.tables import Column, Table, Value
-from testbench.questions.plan.card_text import card_stem
+from testbench.questions.plan.card_text import card_stem, standing
 from testbench.questions.plan.scenario import Tow
 
 if TYPE_CHECKING:
@@ -156,13 +156,12 @@ def short_cards(plan: Plan) -> Table:
     rows: list[tuple[Value, ...]] = []
     for card in plan.cards:
         point, worst = card.point, _least_damped(card.point)
-        status = f"scaled to {100.0 * card.factor:.0f} %" if card.status == "scaled" else card.status
         flights = ", ".join(str(n) for n in sorted({r.flight for r in plan.runs if r.card is card}))
         margin = None if point.margin is None else 100.0 * point.margin
         least = (worst.zeta, worst.zeta_next) if worst else (None, None)
         rows.append(
             (
-                *(card.number, card.spec.name, point.V_m_s, point.h_m, margin, status, card.repeats),
+                *(card.number, card.spec.name, point.V_m_s, point.h_m, margin, standing(card), card.repeats),
                 *(flights or None, *least),
             )
         )
@@ -189,7 +188,7 @@ def cards_table(plan: Plan) -> Table:
             c.spec.name,
             c.point.V_m_s,
             c.point.h_m,
-            c.status,
+            standing(c),
             100.0 * c.factor,
             c.repeats,
             "; ".join(r.sentence for r in c.reached) or None,

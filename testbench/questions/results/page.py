@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mimetypes
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -40,28 +41,40 @@ def index_html(found: Sequence[ResultSummary], folder: Path) -> str:
 def compared_page(compared: ResultsCompared) -> Page:
     """Return the page of two results side by side."""
     a, b = compared.first, compared.second
-    differ = len(compared.differences)
+    both = [d for d in compared.differences if d.first is not None and d.second is not None]
+    differ, alone = len(both), len(compared.differences) - len(both)
     total = differ + compared.equal
-    lead = (
-        f"{differ} of {counted(total, 'number')} differ between the two results" if total else "the two share no table"
-    )
+    lead = f"{differ} of {counted(total, 'number')} that both have differ" if total else "the two share no number"
+    if alone:
+        lead += f"; {alone} in tables of both {'stands' if alone == 1 else 'stand'} in one of them only"
     only = [
-        f"only {side.folder.name} has: {', '.join(names)}"
-        for side, names in ((a, compared.only_first), (b, compared.only_second))
-        if names
+        f"only {name} has: {', '.join(tables)}"
+        for name, tables in zip(_names(a, b), (compared.only_first, compared.only_second), strict=True)
+        if tables
     ]
-    largest = sorted(compared.differences, key=_relative, reverse=True)[:_MOST_ROWS]
+    largest = sorted(both, key=_relative, reverse=True)[:_MOST_ROWS]
     more = [f"the {_MOST_ROWS} largest of them are shown"] if differ > _MOST_ROWS else []
     return Page(
         kicker="Two results side by side",
-        title=f"{a.folder.name} and {b.folder.name}",
+        title=" and ".join(_names(a, b)),
         question="What differs between these two results?",
         answer=[("lead", lead), *(("finding", text) for text in (*more, *only))],
         tables=[_said(a, b), *([_differences(largest)] if largest else [])],
         packages=(),
-        provenance=[("first", str(a.folder)), ("second", str(b.folder))],
+        provenance=list(zip(("first", "second"), _names(a, b), strict=True)),
         terminal=[_differences(largest[:20])] if largest else [],
     )
+
+
+def _names(a: ResultSummary, b: ResultSummary) -> tuple[str, str]:
+    """Return the names of both folders, with as many folders above as tell them apart."""
+    paths = [r.folder.resolve() for r in (a, b)]
+    if paths[0].name == paths[1].name and paths[0] != paths[1]:
+        common = Path(os.path.commonpath(paths))
+        above = common.parent if common in paths else common
+        paths = [path.relative_to(above) for path in paths]
+        return paths[0].as_posix(), paths[1].as_posix()
+    return paths[0].name, paths[1].name
 
 
 def _said(a: ResultSummary, b: ResultSummary) -> Table:
@@ -71,7 +84,8 @@ def _said(a: ResultSummary, b: ResultSummary) -> Table:
     )
     when = ("written", *(f"{r.written:%Y-%m-%d %H:%M}" for r in (a, b)))
     columns = (Column("what", "what"), Column("first", "first"), Column("second", "second"))
-    return Table("said", "What each says", f"First: {a.folder}. Second: {b.folder}.", columns, (*rows, when), wide=True)
+    first, second = _names(a, b)
+    return Table("said", "What each says", f"First: {first}. Second: {second}.", columns, (*rows, when), wide=True)
 
 
 def _differences(found: Sequence[Difference]) -> Table:
@@ -91,7 +105,7 @@ def _change(d: Difference) -> float | None:
 
 
 def _relative(d: Difference) -> float:
-    if d.first is None or d.second is None:
+    if d.first is None or d.second is None:  # stands in one result alone
         return 0.0
     return abs(d.second - d.first) / (abs(d.first) + abs(d.second) or 1.0)
 

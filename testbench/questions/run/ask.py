@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from testbench.aircraft import Aircraft
+from testbench.core.blas import on_one_thread
 from testbench.core.errors import located
 from testbench.core.record import FlightRecord
 from testbench.estimators.cells import FailedCell
@@ -51,6 +52,7 @@ class Prepared:
     flown: tuple[FlightRecord, ...] = ()
 
 
+@on_one_thread
 def run(
     scenario: Scenario,
     seed: int | None = None,

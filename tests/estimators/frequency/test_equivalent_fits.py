@@ -173,3 +173,11 @@ def test_refusals_say_law_value_and_fix():
         fit_equivalent(response, poles=5, zeros=4, band_rad_s=(OMEGA[0], OMEGA[3]), weighting="loes")
     with pytest.raises(EstimationError, match="exactly zero has no phase"):
         fit_equivalent(measured(0.0 * OMEGA), poles=2, zeros=1, weighting="loes")
+
+
+def test_no_delay_is_negative_where_outputs_outnumber_inputs():
+    """Responses that lead their input, as those of a clock set wrong: the nearest that is causal has no delay."""
+    H = np.stack([transfer(Q, tau=-0.1), transfer(ALPHA, tau=-0.05)], axis=1)
+    model = fit_equivalent(measured(H), poles=2, zeros={"q": 1, "alpha": 0}, weighting="loes")
+    assert model.delays_s.shape == (2, 1)
+    np.testing.assert_allclose(model.delays_s, 0.0, atol=1e-6)

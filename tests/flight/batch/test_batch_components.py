@@ -244,6 +244,19 @@ def test_sensors_of_the_motion(taurus):
     assert differences(truth, got).max() < 1e-10  # what they measure agrees no better
 
 
+def test_rates_of_the_angles_are_those_of_jsbsim_and_of_a_turning_body(taurus):
+    """psidot cos(theta) = q sin(phi) + r cos(phi), phidot = p + psidot sin(theta): the body's rates, turned."""
+    angles = ("phi", "theta", "psi")
+    names = [*(f"velocities/{n}dot-rad_sec" for n in angles), *(f"velocities/{n}-rad_sec" for n in "pqr")]
+    names += [f"attitude/{n}-rad" for n in angles[:2]]
+    truth, got = SideBySide.of(taurus, "", names).flown(inputs(5))
+    assert np.all(np.ptp(truth, axis=0) > 0.01)
+    assert differences(truth, got).max() < 1e-10
+    phidot, _, psidot, p, q, r, phi, theta = got[1:].T
+    np.testing.assert_allclose(psidot * np.cos(theta), q * np.sin(phi) + r * np.cos(phi), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(phidot, p + psidot * np.sin(theta), rtol=0.0, atol=1e-12)
+
+
 NOISE = "<noise variation='ABSOLUTE' distribution='GAUSSIAN'>0.1</noise>"
 NOISY = f"<sensor name='test/noisy'><input>aero/alpha-rad</input>{NOISE}</sensor>"
 RANDOM = "<fcs_function name='test/random'><function><random/></function></fcs_function>"

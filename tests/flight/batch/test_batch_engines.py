@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import testbench as tb
-from testbench.core.constants import LBF_N
+from testbench.core.constants import G0_M_S2, LBF_N
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import TOLERANCE, compared, difference
 from testbench.flight.batch.compiled import LANES
@@ -88,6 +88,13 @@ def trimmed(aircraft: tb.Aircraft) -> TrimmedFlight:
     return tb.trim(aircraft, tb.FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m))
 
 
+def throttled(at: TrimmedFlight, seconds: float, begin_s: float, to: float) -> tb.Manoeuvre:
+    """Return a step of the throttle from trim to ``to``."""
+    t = np.arange(round(seconds * at.rate_hz)) / at.rate_hz
+    thr = np.where(t < begin_s, 0.0, to - at.controls["thr"])
+    return tb.Manoeuvre("step", tb.InputSignal(t, thr[:, None], ("thr",)), settle_s=0.0)
+
+
 @pytest.mark.parametrize("name", FLOWN)
 def test_engines_fly_as_jsbsim_flies_them(name):
     """20 s in which every control moves, the throttle by 2 % of its range or less; floors of ranges are the judge's."""
@@ -97,16 +104,78 @@ def test_engines_fly_as_jsbsim_flies_them(name):
     assert worst <= TOLERANCE, channel
 
 
-def test_a_turbine_goes_from_idle_into_its_afterburner_as_jsbsim_s():
-    aircraft = FLOWN["turbine"]()
+@pytest.mark.parametrize("lever", [0.7, 1.0])
+def test_a_turbine_goes_from_idle_into_its_afterburner_as_jsbsim_s(lever):
+    """Beyond half the lever the engine stays at full dry thrust, and the afterburner gives a share of the rest."""
+    aircraft = tb.load_aircraft("jsbsim:f16")  # the lever of the F-15 goes to dry power only
     at = trimmed(aircraft)
     t = np.arange(round(8.0 * at.rate_hz)) / at.rate_hz
-    thr = np.where(t < 3.0, -0.4, 1.0 - at.controls["thr"])
+    thr = np.where(t < 3.0, -at.controls["thr"], lever - at.controls["thr"])
     manoeuvre = tb.Manoeuvre("slam", tb.InputSignal(t, thr[:, None], ("thr",)), settle_s=0.0)
     truth = tb.fly(aircraft, at, manoeuvre, log_rate_hz=50.0)
     (record,) = fly_many(aircraft, at, [manoeuvre], log_rate_hz=50.0, simulator="batch")
     assert difference(record, truth)[0] <= TOLERANCE
-    assert truth["thrust"].max() > 1.3 * 17800.0 * LBF_N  # of its dry thrust at rest
+    assert truth["thrust"].max() > (1.05 + 0.5 * (lever - 0.7)) * 17800.0 * LBF_N  # of its dry thrust at rest
+
+
+def test_forces_that_follow_the_first_spool_fly_as_jsbsim_s():
+    """Thrust hangs on the second spool alone; here a drag follows the speed of the first, %, as air spilt at an inlet.
+
+    At full speed it is 5 % of the weight: the flight shows how quickly that spool runs up.
+    """
+    aircraft = FLOWN["turbine"]()
+    spilt = "<product><property>propulsion/engine/n1</property><value>{:.6g}</value></product>"
+    spilt = spilt.format(0.05 / 100.0 * aircraft.mass.mass_kg * G0_M_S2 / LBF_N)
+    function = f'<function name="aero/spilt">{spilt}</function>'
+    aircraft = replace(aircraft, xml=aircraft.xml.replace('<axis name="DRAG">', f'<axis name="DRAG">{function}'))
+    at = trimmed(aircraft)
+    manoeuvre = throttled(at, 4.0, 1.0, 0.5)
+    truth = tb.fly(aircraft, at, manoeuvre, log_rate_hz=50.0)
+    (record,) = fly_many(aircraft, at, [manoeuvre], log_rate_hz=50.0, simulator="batch")
+    assert difference(record, truth)[0] <= TOLERANCE
+
+
+def test_a_control_system_reads_what_an_engine_s_function_gave_in_the_last_frame():
+    """JSBSim runs control systems before engines: one that reads a function of the engine's file is a frame late.
+
+    Here it makes a gust of what it reads, so that the whole flight hangs on it.
+    """
+    share = "<product><property>fcs/throttle-pos-norm</property><value>0.3</value></product>"
+    load = f'<function name="propulsion/engine[#]/load">{share}</function>'
+    aircraft = cub(MOTOR.replace("</electric", f"{load}</electric"))
+    held = '<pure_gain name="fcs/held"><input>propulsion/engine/load</input><gain>4</gain>'
+    section = f'<system name="test"><channel name="c">{held}<output>atmosphere/gust-down-fps</output></pure_gain>'
+    at = aircraft.xml.index("<flight_control")
+    aircraft = replace(aircraft, xml=f"{aircraft.xml[:at]}{section}</channel></system>{aircraft.xml[at:]}")
+    start = trimmed(aircraft)
+    manoeuvre = throttled(start, 2.0, 0.5, 0.9)
+    truth = tb.fly(aircraft, start, manoeuvre, log_rate_hz=50.0)
+    (record,) = fly_many(aircraft, start, [manoeuvre], log_rate_hz=50.0, simulator="batch")
+    assert difference(record, truth)[0] <= TOLERANCE
+
+
+BOOST = """
+  <numboostspeeds>2</numboostspeeds> <boost-loss-factor>0.6</boost-loss-factor>
+  <takeoffboost unit="PSI">3</takeoffboost>
+  <ratedboost1 unit="PSI">1</ratedboost1> <ratedboost2 unit="PSI">2</ratedboost2>
+  <ratedpower1>60</ratedpower1> <ratedpower2>60</ratedpower2> <ratedrpm1>2800</ratedrpm1> <ratedrpm2>2800</ratedrpm2>
+  <ratedaltitude1 unit="FT">1980</ratedaltitude1> <ratedaltitude2 unit="FT">9000</ratedaltitude2>
+"""
+
+
+def test_a_supercharger_changes_gear_and_takes_its_power_as_jsbsim_s():
+    """It compresses air by work that the shaft gives, and turns faster once the pressure outside has fallen far enough.
+
+    The next gear takes over 1000 ft and 1000 Pa above the rated altitude of the first: a few metres above the trim.
+    """
+    aircraft = FLOWN["piston"]()
+    files = {n: t.replace("</piston_engine>", f"{BOOST}</piston_engine>") for n, t in aircraft.engine_files.items()}
+    aircraft = replace(aircraft, engine_files=files)
+    at = trimmed(aircraft)
+    manoeuvre = throttled(at, 6.0, 0.5, 0.9)
+    truth = tb.fly(aircraft, at, manoeuvre, log_rate_hz=50.0)
+    (record,) = fly_many(aircraft, at, [manoeuvre], log_rate_hz=50.0, simulator="batch")
+    assert difference(record, truth)[0] <= TOLERANCE
 
 
 def test_flights_of_a_block_begin_with_their_own_engines():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -32,6 +34,20 @@ def test_both_simulators_agree_from_a_start(name: str) -> None:
     assert difference(flown[1], tb.fly(aircraft, trimmed, manoeuvre, rate))[0] <= TOLERANCE
     assert flown[0].provenance["start"]["phi"] == 0.3
     assert "start" not in flown[1].provenance
+
+
+def test_moments_about_stability_axes_are_jsbsim_s_in_a_sideslip() -> None:
+    """Those axes turn with the angle of attack alone; wind axes, from which lift and drag come, turn with both."""
+    aircraft, trimmed, manoeuvre = trimmed_and_moved("taurus")
+    xml = aircraft.xml
+    for axis in ("ROLL", "PITCH", "YAW"):
+        xml = xml.replace(f'<axis name="{axis}">', f'<axis name="{axis}" frame="STABILITY">')
+    turned = replace(aircraft, xml=xml)
+    rate = trimmed.rate_hz / round(trimmed.rate_hz / 50.0)
+    truth = tb.fly(turned, trimmed, manoeuvre, rate, start=START)
+    (flown,) = tb.fly_many(turned, trimmed, [manoeuvre], rate, start=START, simulator="batch")
+    assert difference(flown, truth)[0] <= TOLERANCE
+    assert difference(tb.fly(aircraft, trimmed, manoeuvre, rate, start=START), truth)[0] > 1e-3
 
 
 def test_a_flight_begins_where_it_is_told() -> None:

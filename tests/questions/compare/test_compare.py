@@ -14,6 +14,7 @@ from testbench.flight import load_aircraft
 from testbench.flight.batch.jobs import Tally
 from testbench.questions.compare.answer import compare_answer, compare_sentences
 from testbench.questions.compare.ask import _flight_errors, _flights, _known, compare, derived_seed
+from testbench.questions.compare.near_zero import errors_in_own_units
 from testbench.questions.compare.page import compare_page
 from testbench.questions.compare.result import CaseKey, Quantity
 from testbench.questions.compare.scenario import CompareScenario
@@ -132,6 +133,30 @@ def test_noise_of_a_measured_input_costs_accuracy(tmp_path: Path) -> None:
 
 
 # pairing and chance
+
+
+def test_errors_of_a_truth_near_zero_are_told_in_its_own_unit(tmp_path: Path) -> None:
+    both = [suite(tmp_path, "slow", "q", "de_cmd"), suite(tmp_path, "all", "V", "alpha", "q", "theta", "de_cmd")]
+    path = scenario(tmp_path, both)
+    text = path.read_text(encoding="utf-8").replace("amplitude_deg = 0.3", "amplitude_deg = 0.003")
+    path.write_text(text.replace('["Z_alpha",', '["Z_de", "Z_alpha",'), encoding="utf-8")
+    asked = CompareScenario.load(path)
+    result = compare(asked, simulate=False)
+    p = result.predictions["3211", "all"]
+    found = {name: (unit, std, value) for name, unit, std, value in zip(p.names, p.units, p.std, p.values, strict=True)}
+    unit, std, value = found["Z_de"]
+    assert unit == "m/s²"
+    assert std > abs(value) > 0.0  # it is not known whether it is positive
+    assert found["M_de"][0] == "%"
+    rows = next(t for t in compare_tables(result) if t.name == "information").rows
+    assert {row[1] for row in rows} >= {"Z_de, m/s²", "M_de, %"}
+    own = {"Z_de": ("m/s²", 0.5)}
+    errors = {Quantity("parameter", "Z_de"): 4.0, Quantity("parameter", "M_de"): 4.0, Quantity("prediction", "V"): 1.0}
+    assert errors_in_own_units(errors, own) == {
+        Quantity("parameter", "Z_de", "m/s²"): 2.0,
+        Quantity("parameter", "M_de"): 4.0,
+        Quantity("prediction", "V"): 1.0,
+    }
 
 
 def test_a_suite_that_adds_nothing_buys_nothing(tmp_path: Path) -> None:

@@ -1,12 +1,13 @@
 """Promised and realised: the estimator that a design writes, the statistics of its flights, causes, margins, air."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from testbench.core.errors import ScenarioError
+from testbench.core.errors import EstimationError, ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.core.scenario.air import AirSpec
 from testbench.core.schema import read_toml
@@ -15,6 +16,7 @@ from testbench.flight import linearise, load_aircraft
 from testbench.flight.batch.jobs import Tally
 from testbench.information.modes import modes_of
 from testbench.line import trim_for
+from testbench.questions.design import elsewhere as module
 from testbench.questions.design.air import expected_air
 from testbench.questions.design.answer import design_sentences
 from testbench.questions.design.ask import range_of, run_design
@@ -251,12 +253,30 @@ def test_amplitudes_keep_a_margin_in_turbulence(small):
     from testbench.questions.design.margins import with_margins
 
     r = range_of(small.scenario, small.aircraft, small.trimmed, small.problem, small.suite, "auto", Tally())
-    windy = replace(r, air=AirSpec(turbulence_rms_m_s=0.1))
+    windy = replace(r, air=AirSpec(turbulence_rms_m_s=0.3))
     flown = small.best.flown
     (kept,) = with_margins(windy, [flown], small.envelope, 10, 0.05)
     m = kept.margin
     assert m.n == 10
     assert kept.design.peak.max() == pytest.approx(m.lowered * flown.design.peak.max(), rel=1e-3)
     assert (m.reach <= 1.0) or m.lowered == 0.25
-    assert m.lowered < 1.0  # still air used the limit up
+    assert m.lowered < 1.0  # still air left no room for as much wind
     assert m.reach > m.mean
+
+
+def test_a_mode_that_damping_makes_is_not_moved_beyond_static_stability(small, monkeypatch):
+    """Of a short period with two real roots, 0.7 times its frequency takes a divergent aircraft: that says nothing."""
+    scenario, range_ = small.scenario, SimpleNamespace(aircraft=small.aircraft, trimmed=small.trimmed)
+    believed = module.linearise(small.aircraft, small.trimmed)
+    row, column = believed.states.index("q"), believed.states.index("w")
+    assert believed.A[row, column] < 0.0
+
+    def hardly_stable(aircraft, trimmed):
+        linear = linearise(aircraft, trimmed)
+        A = linear.A.copy()
+        A[row, column] -= 0.98 * believed.A[row, column]  # what is left of the stiffness is 2 % of it
+        return replace(linear, A=A)
+
+    monkeypatch.setattr(module, "linearise", hardly_stable)
+    with pytest.raises(EstimationError, match=r"damping makes most .* Cm_alpha \+.* without static stability"):
+        module._with_mode(scenario, range_, 0.7)

@@ -94,6 +94,12 @@ def test_minimum_time_reaches_what_is_wanted_and_a_shorter_one_does_not(small, r
     assert minimum_time(small, ranked, 0.01 * full.cost) is None
 
 
+def test_minimum_time_reaches_every_wanted_accuracy_unless_told_otherwise(small, ranked):
+    d = minimum_time(small, ranked)
+    assert d is not None
+    assert np.all(d.errors <= small.targets.wanted)
+
+
 def test_a_shaped_multisine_is_no_worse_than_the_flat_one_it_starts_from(ranked):
     eolo = problem("eolo", 6.0, 0.1)
     best = best_of_families(screen(eolo))["multisine"]

@@ -9,8 +9,13 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from testbench.core.constants import LBF_N
 from testbench.core.record import FlightRecord
+from testbench.flight import FlightCondition, load_aircraft
 from testbench.flight.air import turbulence_rms
+from testbench.flight.executive import Executive
+from testbench.questions.gap import figures, windows
+from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence import felt
 from testbench.questions.gap.evidence.gust_model import _felt
 from testbench.questions.gap.evidence.stepwise import _Moments, _Slow
@@ -19,6 +24,7 @@ from testbench.questions.gap.hidden import boom as boom_module
 from testbench.questions.gap.hidden.boom import RATE_HZ, boom
 from testbench.questions.gap.hidden.servos import backlash, reluctant
 from testbench.questions.gap.new import shared_with
+from testbench.questions.gap.search import gauss_newton
 from testbench.questions.gap.tell import strained
 
 RNG = np.random.default_rng(12)
@@ -133,3 +139,65 @@ def test_strained_coefficients_are_told_the_farthest_first_down_to_half_of_it():
     text = strained(fit, dict.fromkeys("abcd", 0.1))
     assert text.endswith("a 1.4 times the believed value (4.0 standard deviations), "
                          "b 0.79 times the believed value (2.1 standard deviations)")  # fmt: skip
+
+
+@pytest.mark.parametrize("scale", [0.7, 1.3])
+def test_a_foreign_model_accelerates_by_the_thrust_that_a_scale_adds(scale):
+    """m (udot' - udot) = (s - 1) T in body axes, at one state and one throttle; the F-16's thrust is along its nose."""
+    aircraft = load_aircraft("jsbsim:f16")
+    stronger, _ = EFFECTS["thrust_scale"].amend(aircraft, None, {"scale": scale})
+    at, thrust = [], 0.0
+    for each in (aircraft, stronger):
+        fdm = Executive(each, each.rate_hz, FlightCondition(150.0, 1000.0))
+        fdm.command({"thr": 0.4})
+        fdm.place(1000.0, 0.05, 0.0, (150.0, 0.0, 7.5))
+        fdm.evaluate(to_rest=True)
+        at.append(fdm.get("accelerations/udot-ft_sec2"))
+        thrust, slugs = fdm.get("forces/fbx-prop-lbs"), fdm.get("inertia/mass-slugs")
+    assert thrust * LBF_N > 5000.0
+    assert slugs * (at[1] - at[0]) == pytest.approx((scale - 1.0) * thrust, rel=1e-6)
+
+
+def test_a_round_begins_off_the_bound_at_which_its_start_lies(monkeypatch):
+    """At a bound such as a play of no width nothing changes with the parameter: a search would rest there at once."""
+
+    class Asked(Exception):
+        """Where a search is told to begin."""
+
+    def asked(objective, z, bounds, **_):
+        raise Asked([float((x - low) / (high - low)) for x, low, high in zip(z, *bounds, strict=True)])
+
+    monkeypatch.setattr(gauss_newton, "_flyable", lambda signature, start: start)
+    monkeypatch.setattr(gauss_newton, "least_squares", asked)
+    here = SimpleNamespace(exact=np.zeros(3), chi2=3.0, samples=3)
+    here.afresh = lambda flown: here
+    bounds = np.zeros(3), np.array([1.0, 2.0, 5.0])
+    signature = SimpleNamespace(effect=SimpleNamespace(bounds=bounds, flown=False), base=here)
+    with pytest.raises(Asked) as found:
+        gauss_newton.descend(signature, np.array([0.0, 2.0, 2.5]), np.inf)
+    low, high, inside = found.value.args[0]
+    assert 0.0 < low < 0.1
+    assert 0.9 < high < 1.0
+    assert inside == pytest.approx(0.5)
+
+
+def test_a_reading_leaves_no_start_less_sure_than_none():
+    for name, (measured, other) in windows._FROM_TRIM.items():
+        assert 0.0 < measured <= other, name
+
+
+def test_a_history_shows_predictions_in_the_unit_of_its_axis():
+    """Angles in degrees, speeds in m/s: the believed model's line and the amended one's, sample by sample."""
+    outputs = ("q", "V")
+    record = FlightRecord(0.02 * np.arange(50), outputs, RNG.normal(size=(50, 2)), "measured")
+    before, after, energies = RNG.normal(size=(50, 2)), RNG.normal(size=(50, 2)), np.ones(2)
+    shrink = SimpleNamespace(
+        record=record, before=before, after=after, energy_before=energies, energy_after=energies, manoeuvre="again"
+    )
+    result = SimpleNamespace(finding=SimpleNamespace(believed=SimpleNamespace(outputs=outputs)))
+    panels = figures._history_plate(result, shrink, 1).make(True).axes[:2]
+    for i, (axes, factor) in enumerate(zip(panels, (180.0 / np.pi, 1.0), strict=True)):
+        drawn = [np.asarray(line.get_ydata()) for line in axes.lines]
+        for wanted in (before, after):
+            same = [y for y in drawn if y.shape == (50,) and np.allclose(y, factor * wanted[:, i], rtol=1e-12)]
+            assert len(same) == 1

@@ -16,6 +16,7 @@ from testbench.aircraft.model import Geometry
 from testbench.core.atmosphere import air_density
 from testbench.core.errors import EstimationError, RecordError, ScenarioError
 from testbench.evaluation.derivatives import dimensional_derivatives
+from testbench.page.words import MOST_WORDS, brief
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.coefficients import Scaling, weights
 from testbench.questions.identify.flown import PartialMass
@@ -83,6 +84,9 @@ def test_the_page_shows_every_log_the_pooled_set_and_the_conditions(pooled, tmp_
     assert written["coefficients"]["Cm_q"] == pooled.pooled.coefficient("Cm_q").posterior
     html = (tmp_path / "report.html").read_text()
     assert html.index("6 coefficients from 3 logs") < html.index("Where the logs were flown")
+    first = brief(page.answer[0][1])[0]
+    assert first.count("±") >= 3  # values stand on the first screen
+    assert len(first.split()) <= MOST_WORDS
 
 
 def test_records_of_one_description_are_pooled_each_at_its_own_condition(pooled, tmp_path):

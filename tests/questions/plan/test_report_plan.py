@@ -16,11 +16,11 @@ from testbench.evaluation.envelope import fly_envelope
 from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.ask import make_plan
 from testbench.questions.plan.card_figures import draw_pages
-from testbench.questions.plan.card_text import beyond_limits, card_stem, card_text, levels, sequence_lines
+from testbench.questions.plan.card_text import beyond_limits, card_stem, card_text, levels, sequence_lines, standing
 from testbench.questions.plan.cards import write_cards
 from testbench.questions.plan.page import plan_page
 from testbench.questions.plan.scenario import Autopilot, PlanScenario
-from testbench.questions.plan.tables import modes_table, points_table, runs_table
+from testbench.questions.plan.tables import modes_table, points_table, runs_table, short_cards
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +123,18 @@ def test_a_card_says_what_decides_the_next_step(eolo_plan):
     assert all(row[3].startswith("PILOT watches") for row in text.limits)
     assert card_text(last, eolo_plan).go.startswith("last speed")
     assert "V" in beyond_limits(card)
-    assert any("reaches beyond the limit on V" in note for note in text.notes)
+    assert text.standing.endswith("%, watch")
+    assert "WATCH" in text.status
+    assert text.before[0].startswith("limits: GO if who watches")
+
+
+def test_a_card_is_to_fly_only_where_its_band_keeps_every_limit(taurus_plan, eolo_plan):
+    for card in (*taurus_plan.cards, *eolo_plan.cards):
+        inside = card.status == "fly" and not beyond_limits(card)
+        assert (standing(card) == "fly") == inside, card.title
+    assert [row[5] for row in short_cards(eolo_plan).rows] == [standing(c) for c in eolo_plan.cards]
+    assert {standing(c) for c in eolo_plan.cards} >= {"fly"}
+    assert any("watch" in standing(c) for c in eolo_plan.cards)
 
 
 def test_tables_of_an_autopilot_s_plan(eolo_plan, tmp_path):

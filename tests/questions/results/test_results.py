@@ -86,7 +86,13 @@ def test_two_results_are_compared_number_by_number(tmp_path):
     assert compared.equal == 1
     assert (compared.only_first, compared.only_second) == (("only_one",), ("only_two",))
     page = compared_page(compared)
-    assert page.answer[0] == ("lead", "2 of 3 numbers differ between the two results")
+    assert page.answer[0] == (
+        "lead",
+        "1 of 2 numbers that both have differ; 1 in tables of both stands in one of them only",
+    )
     assert page.write(tmp_path / "both")[-1].is_file()
+    assert str(tmp_path) not in (tmp_path / "both" / "report.html").read_text(encoding="utf-8")
+    written(tmp_path / "day" / "one", size=2.0)
+    assert compared_page(compare_results(tmp_path / "one", tmp_path / "day" / "one")).title == "one and day/one"
     same = compare_results(tmp_path / "one", tmp_path / "one")
     assert (same.differences, same.equal) == ((), 3)

@@ -17,6 +17,7 @@ from testbench.information.fisher import accuracy
 from testbench.information.modes import modes_of
 from testbench.information.targets import needed_parameters
 from testbench.inputs import build
+from testbench.page.words import MOST_WORDS
 from testbench.questions.plan.scenario import PlanScenario
 from testbench.questions.run.scenario import Scenario
 from testbench.questions.studio import ask as studio
@@ -325,6 +326,9 @@ def test_every_slider_moves_by_keyboard_and_changes_what_is_said(page):
 def test_a_sensor_less_makes_errors_larger_and_none_is_said(page):
     choose(page, aircraft="eolo", suite="eolo_alpha")
     before = {r["name"]: r["relative"] for r in shown(page)["errors"]}
+    first = page.locator("#answer").text_content().split(". ")[0]
+    assert "parameters" in first
+    assert len(first.split()) <= MOST_WORDS
     page.uncheck("#sensors input[value='alpha']")
     settle(page)
     after = {r["name"]: r["relative"] for r in shown(page)["errors"]}

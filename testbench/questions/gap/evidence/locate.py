@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.page.labels import number
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import moves_laterally
 
@@ -44,7 +45,7 @@ class ResidualMap:
         return (
             f"{self.manoeuvre}: the residual is largest in {self.channels[int(channel)]}, at "
             f"{window * self.window_s:.0f} to {(window + 1) * self.window_s:.0f} s and {band[0]:g} to {band[1]:g} Hz: "
-            f"{_figures(self.by_time[window, channel])} times the noise"
+            f"{number(self.by_time[window, channel])} times the noise"
         )
 
 
@@ -102,7 +103,7 @@ class Structure:
         """What that says of a name, in words."""
         low, high = self.band_Hz
         return (
-            f"what it leaves is not white: {self.channel} holds {_figures(self.energy)} times the noise between "
+            f"what it leaves is not white: {self.channel} holds {number(self.energy)} times the noise between "
             f"{low:g} and {high:g} Hz; noise alone does so once in {1.0 / max(self.probability, 1e-99):.2g} cases. Its "
             "form is not quite right, or the true effect is a relative of it"
         )
@@ -183,8 +184,8 @@ class RegionMap:
         unit = channel(self.quantity).unit
         factor, shown = (1.0 / DEG_RAD, unit.replace("rad", "deg")) if unit.startswith("rad") else (1.0, unit)
         return (
-            f"over the flight region the residual is largest at {self.quantity} from {low * factor:.3g} to "
-            f"{high * factor:.3g}{'' if shown == '1' else ' ' + shown}: {_figures(self.energy[b, c])} times the "
+            f"over the flight region the residual is largest at {self.quantity} from {number(low * factor)} to "
+            f"{number(high * factor)}{'' if shown == '1' else ' ' + shown}: {number(self.energy[b, c])} times the "
             f"noise in {self.channels[int(c)]}"
         )
 
@@ -220,11 +221,6 @@ def locate_regions(
         edges = np.where(np.abs(edges) < 1e-6 * (high - low), 0.0, edges)  # rounding would be printed
         out.append(RegionMap(name, edges, tuple(channels), mean, samples))
     return tuple(out)
-
-
-def _figures(ratio: float) -> str:
-    """Return a ratio with three figures, and from 1000 on as a whole number."""
-    return f"{ratio:.3g}" if ratio < 999.5 else f"{ratio:.0f}"
 
 
 def _smooth(x: FloatArray, dt_s: float) -> FloatArray:

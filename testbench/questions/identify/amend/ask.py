@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.blas import on_one_thread
 from testbench.core.errors import EstimationError, ScenarioError, TestbenchError
 from testbench.core.words import with_error
 from testbench.estimators.identification import estimator_name
@@ -72,6 +73,7 @@ class _Part:
         return model.structure.name
 
 
+@on_one_thread
 def amend(
     found: Sequence[Identified], name: str, force: bool = False, progress: Report | None = None
 ) -> dict[str, Amended]:

@@ -38,7 +38,7 @@ def pool_answer(flights: PooledFlights) -> list[Line]:
 def _lead(pooled: Pooled) -> str:
     what = f"{counted(len(pooled.logs), 'log')}{' and a prior' if pooled.prior is not None else ''}"
     said = [f"{c.name} {number(c.posterior)} ± {number(c.posterior_std, 2)}" for c in pooled.coefficients]
-    return f"{counted(len(pooled.coefficients), 'coefficient')} from {what}: {some(said, _MOST, ', ')}"
+    return f"{counted(len(pooled.coefficients), 'coefficient')} from {what}: {some(said, _MOST)}"
 
 
 def _conflict(c: PooledCoefficient, pooled: Pooled) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from testbench.core.blas import on_one_thread
 from testbench.core.errors import EstimationError, RecordError, ScenarioError, located, nearest
 from testbench.line import RECORDED, Keep, Report
 from testbench.page.labels import file_stem, unique
@@ -47,6 +48,7 @@ class PooledFlights:
         return tuple(c.coefficients.log for c in self.contributions)
 
 
+@on_one_thread
 def identify_and_pool(
     descriptions: Sequence[RecordDescription],
     data_folder: Path | None = None,

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import chi2 as chi_square
 
+from testbench.core.blas import on_one_thread
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.questions.identify.pool.disagreement import Disagreement, added, disagreement
@@ -186,6 +187,7 @@ class Pooled:
         }
 
 
+@on_one_thread
 def pool(
     logs: Sequence[LogCoefficients],
     prior: Prior | None = None,

@@ -133,9 +133,9 @@ def condition_table(flights: PooledFlights) -> Table:
         Column("qbar", "dynamic pressure", "Pa", digits=4),
         Column("alpha", "angle of attack", "deg", digits=3),
         Column("mass", "mass", "kg", digits=4),
-        Column("Ixx", "Ixx", "kg m2", digits=3),
-        Column("Iyy", "Iyy", "kg m2", digits=3),
-        Column("Izz", "Izz", "kg m2", digits=3),
+        Column("Ixx", "Ixx", "kg m²", digits=3),
+        Column("Iyy", "Iyy", "kg m²", digits=3),
+        Column("Izz", "Izz", "kg m²", digits=3),
     )
     rows: list[tuple[Value, ...]] = []
     for name, found in zip(flights.names, flights.found, strict=True):

@@ -211,6 +211,7 @@
       try { await navigator.clipboard.writeText(location.href); say("link copied"); } catch { say("the address bar holds the link"); }
     });
     window.addEventListener("hashchange", () => { if (read()) changed(true, false); });
+    window.matchMedia("(max-width: 520px)").addEventListener("change", draw);
   }
 
   function give(name, text) {
@@ -305,6 +306,13 @@
 
   const W = 560;
 
+  // Pixels of the text of a drawing: a narrow screen has larger ones, which the style sheet says.
+  function textSize(id) {
+    const place = $(id);
+    if (!place.firstElementChild) place.innerHTML = "<svg></svg>";
+    return parseFloat(getComputedStyle(place.firstElementChild).fontSize);
+  }
+
   function ticks(low, high, most = 5) {
     const raw = (high - low) / most, power = 10 ** Math.floor(Math.log10(raw)), step = [1, 2, 5, 10].find((m) => m * power >= raw) * power;
     const out = [];
@@ -391,7 +399,7 @@
   }
 
   function drawSpectrum(result) {
-    const H = 290, top = 64, modes = Object.entries(axis().modes), low = 0.1, high = Math.max(60, ...modes.map(([, [a, b]]) => 1.5 * Math.hypot(a, b)));
+    const H = 290, size = textSize("spectrum"), row1 = 1.2 * size, top = 22 + 3 * row1, modes = Object.entries(axis().modes), low = 0.1, high = Math.max(60, ...modes.map(([, [a, b]]) => 1.5 * Math.hypot(a, b)));
     const omegas = Array.from({ length: 240 }, (_, i) => low * (high / low) ** (i / 239));
     const density = core.spectrum(result.u, result.dt, omegas), other = kept ? core.spectrum(kept.u, kept.dt, omegas) : [];
     const peak = Math.max(...density, ...other), db = (v) => 10 * Math.log10(Math.max(v / peak, 1e-6));
@@ -407,11 +415,11 @@
     const ends = []; // where each row of names is taken up to
     modes.map(([name, [a, b]]) => [short(name), Math.hypot(a, b)]).sort((a, b) => a[1] - b[1]).forEach(([name, wn]) => {
       if (wn < low || wn > high) return;
-      const at = x(wn), wide = 6.3 * name.length, cut = at + 3 + wide > W - 4, from = cut ? W - 4 - wide : at + 3;
+      const at = x(wn), wide = 0.525 * size * name.length, cut = at + 3 + wide > W - 4, from = cut ? W - 4 - wide : at + 3;
       let row = ends.findIndex((end) => end < from);
       if (row < 0) row = ends.length;
       ends[row] = from + wide + 6;
-      body += `<line class="mode" x1="${at}" x2="${at}" y1="${22 + 14 * row}" y2="${H - 32}"/><text class="name" x="${cut ? W - 4 : from}" y="${30 + 14 * row}"${cut ? ' text-anchor="end"' : ""}>${escape(name)}</text>`;
+      body += `<line class="mode" x1="${at}" x2="${at}" y1="${22 + row1 * row}" y2="${H - 32}"/><text class="name" x="${cut ? W - 4 : from}" y="${30 + row1 * row}"${cut ? ' text-anchor="end"' : ""}>${escape(name)}</text>`;
     });
     $("spectrum").innerHTML = svg(H, body, `Energy spectrum of the ${words()}`);
   }
@@ -464,11 +472,11 @@
   function answer(rows, broken, energy) {
     const own = rows.filter((r) => axis().parameters.includes(r.name)), worst = own.reduce((a, b) => (b.relative > a.relative ? b : a));
     const well = own.filter((r) => r.relative <= WELL).length;
-    let text = `One ${words()} at ${state.V} m/s, on the ${CONTROLS[state.control]}, seen by ${sensors().map(label).join(", ") || "no sensor"}: `;
-    if (!Number.isFinite(worst.relative)) text += sensors().length ? "these sensors and this input cannot tell all parameters apart." : "nothing can be known.";
-    else if (well === own.length) text += `all ${own.length} parameters to 5 % or better, the worst ${worst.name} to ${percent(worst.relative)}.`;
-    else text += `${well} of ${own.length} parameters to 5 % or better; the worst is ${worst.name} with a standard error of ${percent(worst.relative)}.`;
-    text += ` ${energy}`;
+    let text; // what is found comes first
+    if (!Number.isFinite(worst.relative)) text = sensors().length ? "These sensors and this input cannot tell all parameters apart." : "Without a sensor nothing can be known.";
+    else if (well === own.length) text = `All ${own.length} parameters are known to 5 % or better, the worst, ${worst.name}, to ${percent(worst.relative)}.`;
+    else text = `${well} of ${own.length} parameters ${well === 1 ? "is" : "are"} known to 5 % or better; the worst is ${worst.name} with a standard error of ${percent(worst.relative)}.`;
+    text += ` One ${words()} at ${state.V} m/s on the ${CONTROLS[state.control]}, seen by ${sensors().map(label).join(", ") || "no sensor"}. ${energy}`;
     if (broken.length) text += ` It breaks the limit of ${broken.map(label).join(" and ")}: reduce the amplitude.`;
     const length = core.length({ ...state, start: START }, state.duration);
     if (START + length > state.duration) text += " The input is longer than the record.";
@@ -485,7 +493,7 @@
       const omegas = Array.from({ length: n + 1 }, (_, i) => low + (b - low) * i / n), d = core.spectrum(result.u, result.dt, omegas);
       let sum = 0;
       for (let i = 0; i < n; i++) sum += (d[i] + d[i + 1]) / 2 * (b - low) / n;
-      return `${short(name)} ${sig(100 * sum / total, 2)} %`;
+      return `${short(name)} ${sig(100 * sum / total, 2)}\u00a0%`;
     });
     return `Share of its energy inside each mode's band: ${shares.join("; ")}.`;
   }
