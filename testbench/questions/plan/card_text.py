@@ -150,10 +150,10 @@ def status_line(card: Card) -> str:
     if card.status == "refused":
         return f"REFUSED, do not fly: {card.met[0]}"
     beyond = beyond_limits(card)
-    watch = f"; WATCH {listed(beyond)}: the 95 % band passes the limit" if beyond else ""
+    watch = f"WATCH {listed(beyond)}, the 95 % band passes the limit; " if beyond else ""
     if card.status == "scaled":
-        return f"amplitude scaled to {100.0 * card.factor:.0f} %: at full amplitude {card.met[0]}{watch}"
-    return f"flown in the simulator at full amplitude: no limit is met{watch}"
+        return f"{watch}amplitude scaled to {100.0 * card.factor:.0f} %: at full amplitude {card.met[0]}"
+    return f"{watch}flown in the simulator at full amplitude: no limit is met"
 
 
 def standing(card: Card) -> str:
