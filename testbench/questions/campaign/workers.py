@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
+from testbench.core.blas import SETTINGS
 from testbench.core.errors import CampaignError
 from testbench.questions.campaign.no_workers import FLYING, why_none
 
@@ -22,7 +23,7 @@ _EXTRA = (
     "campaigns need dask.distributed, which is not installed; install it with: pip install 'flight-testbench[campaign]'"
 )
 _CONNECT_S = 15.0
-_THREADS = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+_THREADS = dict.fromkeys(SETTINGS, "1")
 
 
 class Died(Exception):

@@ -117,12 +117,14 @@ def run_design(
     shortest = None
     with located(where, "suites"):
         range_ = range_of(scenario, aircraft, trimmed, problem, suites[0], simulator, tally)
+    others: list[tuple[Aircraft, TrimmedFlight]] = []
     if scenario.realise:
         say("fly them in the air that is expected")
-        admissible, over = _kept(scenario, range_, admissible, over, envelope)
+        others = [] if range_.moves else softer_and_stiffer(scenario, range_)
+        admissible, over = _kept(scenario, range_, admissible, over, envelope, others)
     if not scenario.robust:  # what the believed aircraft takes least time for is not known to be enough for the others
         say("find the shortest input that reaches the wanted accuracy")
-        shortest = _shortest(scenario, problem, ranked, admissible, range_, envelope)
+        shortest = _shortest(scenario, problem, ranked, admissible, range_, envelope, others)
     realised: dict[int, Realised] = {}
     there: tuple[Elsewhere, ...] = ()
     if scenario.realise:
@@ -197,6 +199,7 @@ def _kept(
     flown: list[Flown],
     over: list[OverDraws | None],
     envelope: Envelope,
+    others: Sequence[tuple[Aircraft, TrimmedFlight]],
 ) -> tuple[list[Flown], list[OverDraws | None]]:
     """Return the designs at amplitudes that mislead least and with a margin for the air, best first, each with what it
     is over the draws.
@@ -206,7 +209,7 @@ def _kept(
     if not scenario.robust:  # a robust order is by the worst draw, whose errors grow alike
         pairs.sort(key=lambda pair: pair[0].design.cost)
     head = pairs[:_REALISED]  # margins take many flights: those have them that may be recommended
-    kept = _with_margins(scenario, range_, [f for f, _ in head], envelope)
+    kept = _with_margins(scenario, range_, [f for f, _ in head], envelope, others)
     head = [(f, o) for f, (_, o) in zip(kept, head, strict=True)]
     if not scenario.robust:
         head.sort(key=lambda pair: pair[0].design.cost)
@@ -219,15 +222,16 @@ def _with_margins(
     range_: Range,
     flown: Sequence[Flown],
     envelope: Envelope,
+    others: Sequence[tuple[Aircraft, TrimmedFlight]],
 ) -> list[Flown]:
     """Return designs at amplitudes that keep the limits in the air that is expected, and what they are off by there.
 
-    In still air they keep them with less and more static stability, too.
+    In still air they keep them with the aircraft of less and more static stability, too.
     """
     if range_.moves:
         kept = with_margins(range_, flown, envelope, scenario.realise, scenario.breach_percent * PERCENT)
     else:
-        kept = for_others(range_, flown, envelope, softer_and_stiffer(scenario, range_))
+        kept = for_others(range_, flown, envelope, others)
     lower = [k.design is not f.design for k, f in zip(kept, flown, strict=True)]
     again = iter(range_.off([k.design for k, changed in zip(kept, lower, strict=True) if changed]))
     return [replace(k, design=next(again)[0]) if changed else k for k, changed in zip(kept, lower, strict=True)]
@@ -260,16 +264,18 @@ def _realised(
         if first is None or cost < CLEARLY * first[0]:
             first = cost, pair
     assert first is not None
-    best, others = first[1], [p for p in pairs if p is not first[1]]
+    best, behind = first[1], [p for p in pairs if p is not first[1]]
     if not scenario.robust:
         before = best[0].design
         lower, there = gentler(range_, best[0], found[id(before)], envelope, n, say)
         if lower.design is not before:
             if range_.moves:
-                (lower,) = _with_margins(scenario, range_, [lower], envelope)
-            best = lower, None if best[1] is None or draws is None else _in_draws(range_, lower, draws)
+                (lower,) = _with_margins(scenario, range_, [lower], envelope, ())
+            best = lower, best[1]
+            if best[1] is not None and draws is not None:
+                best = lower, _in_draws(range_.problem, lower.design, draws, range_.simulator, range_.tally)
             found[id(lower.design)] = there
-    pairs, design = [best, *others], best[0].design
+    pairs, design = [best, *behind], best[0].design
     found[id(design)] = range_.certain(design, n, found[id(design)], say)
     return [f for f, _ in pairs], [o for _, o in pairs], found
 
@@ -306,14 +312,13 @@ def _over(
         return [f for f, _ in kept], [o for _, o in kept]
     out: list[OverDraws | None] = [OverDraws(told(f.design, draws, problem.targets.names)) for f in flown]
     best = flown[0].design
-    out[0] = OverDraws(told(best, draws, problem.targets.names), flown_in(best, draws, simulator, tally))
+    out[0] = _in_draws(problem, best, draws, simulator, tally)
     return flown, out
 
 
-def _in_draws(range_: Range, flown: Flown, draws: Draws) -> OverDraws:
+def _in_draws(problem: Problem, design: Design, draws: Draws, simulator: Simulator, tally: Tally) -> OverDraws:
     """Return a design over the drawn aircraft, and flown with each."""
-    design, names = flown.design, range_.problem.targets.names
-    return OverDraws(told(design, draws, names), flown_in(design, draws, range_.simulator, range_.tally))
+    return OverDraws(told(design, draws, problem.targets.names), flown_in(design, draws, simulator, tally))
 
 
 def _shortest(
@@ -323,6 +328,7 @@ def _shortest(
     flown: Sequence[Flown],
     range_: Range,
     envelope: Envelope,
+    others: Sequence[tuple[Aircraft, TrimmedFlight]],
 ) -> Flown | None:
     """Return the shortest input that reaches the wanted accuracy in flight, with its margin for the air, or None.
 
@@ -338,7 +344,7 @@ def _shortest(
         if not out.admissible:
             return None
         if scenario.realise:
-            (out,) = _with_margins(scenario, range_, weighed(range_, [out], envelope), envelope)
+            (out,) = _with_margins(scenario, range_, weighed(range_, [out], envelope), envelope, others)
         if out.design.cost <= 1.0:
             return out
         aim *= 0.97 / out.design.cost

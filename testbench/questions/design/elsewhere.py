@@ -16,7 +16,7 @@ from testbench.aircraft.amend import Amendment, Increment
 from testbench.core.errors import EstimationError, TestbenchError
 from testbench.core.record import FloatArray
 from testbench.evaluation.modes import roots_of
-from testbench.flight import TrimmedFlight, linearise
+from testbench.flight import LinearModel, TrimmedFlight, linearise
 from testbench.information.modes import modes_of
 from testbench.line import trim_for
 from testbench.questions.design.build import problem_of
@@ -130,23 +130,25 @@ def softer_and_stiffer(scenario: DesignScenario, range_: Range) -> list[tuple[Ai
     These are two standard deviations of the 15 % by which ``plan`` lets derivatives be uncertain unless told otherwise.
     M_alpha, or N_beta, is linear in the coefficient that is changed about the trim.
     """
-    *_, place = _MODE[scenario.plane]
-
-    def stiffness(aircraft: Aircraft) -> float:
-        linear = linearise(aircraft, trim_for(scenario, aircraft))
-        row, column = (linear.states.index(name) for name in place)
-        return float(linear.A[row, column])
-
     out = []
     try:
-        now = stiffness(range_.aircraft)
-        slope = (stiffness(_with_more(scenario, range_, _STEP)) - now) / _STEP
+        now, moved = (
+            _stiffness(scenario, linearise(aircraft, trim_for(scenario, aircraft)))
+            for aircraft in (range_.aircraft, _with_more(scenario, range_, _STEP))
+        )
+        slope = (moved - now) / _STEP
         for factor in FACTORS if slope != 0.0 else ():
             aircraft = _with_more(scenario, range_, (factor - 1.0) * now / slope)
             out.append((aircraft, trim_for(scenario, aircraft)))
     except TestbenchError:  # a model that cannot be amended has no margin of this kind
         return []
     return out
+
+
+def _stiffness(scenario: DesignScenario, linear: LinearModel) -> float:
+    """Return M_alpha, or N_beta, per unit of speed (1/(m s)); positive where it returns the aircraft to its trim."""
+    *_, stiffens, (row, column) = _MODE[scenario.plane]
+    return stiffens * float(linear.A[linear.states.index(row), linear.states.index(column)])
 
 
 def _with_more(scenario: DesignScenario, range_: Range, more: float) -> Aircraft:
@@ -170,7 +172,7 @@ def _with_mode(scenario: DesignScenario, range_: Range, factor: float) -> tuple[
             stability: a mode that is damped as much as it is stiff.
         TestbenchError: the aircraft cannot be changed or trimmed so.
     """
-    mode, coefficient, angle, stiffens, place = _MODE[scenario.plane]
+    mode, coefficient, angle, stiffens, _ = _MODE[scenario.plane]
 
     def at(more: float) -> tuple[Aircraft, float, bool]:
         one = _with_more(scenario, range_, more)
@@ -182,8 +184,7 @@ def _with_mode(scenario: DesignScenario, range_: Range, factor: float) -> tuple[
             square = (roots[0] * (roots[1] if len(roots) == 2 else roots[0].conjugate())).real
         if not square > 0.0:
             raise EstimationError(f"the {mode} has no frequency")
-        row, column = (linear.states.index(name) for name in place)
-        return one, square, bool(linear.A[row, column] * stiffens > 0.0)
+        return one, square, _stiffness(scenario, linear) > 0.0
 
     _, now, was_stiff = at(0.0)
     wanted = now * factor**2

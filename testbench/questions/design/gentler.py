@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from testbench.questions.design.flown import Envelope, Flown, fly_all
+from testbench.questions.design.flown import Envelope, Flown
 from testbench.questions.design.known import total_errors
 from testbench.questions.design.problem import Design, rescaled
 from testbench.questions.design.realise import Range, Realised
@@ -63,6 +63,5 @@ def gentler(
         share *= _HALF
         flown, realised = replace(flown, design=design), found
     if share < 1.0:
-        (flight,) = fly_all(range_.aircraft, range_.trimmed, [flown.design], envelope, range_.simulator, range_.tally)
-        flown = replace(flown, record=flight.record, tightest=flight.tightest, curbed=flown.curbed * share)
+        (flown,) = range_.flown_as([replace(flown, curbed=flown.curbed * share)], {0: flown.design}, envelope)
     return flown, realised

@@ -16,7 +16,7 @@ from scipy.stats import t as student
 
 from testbench.aircraft import Aircraft
 from testbench.flight import TrimmedFlight
-from testbench.questions.design.flown import ABORTED, SHOWN, Envelope, Flight, Flown, Margin, fly_all, fly_each
+from testbench.questions.design.flown import ABORTED, SHOWN, Envelope, Flight, Flown, Margin, fly_each
 from testbench.questions.design.problem import Design, rescaled
 from testbench.questions.design.realise import Range
 
@@ -80,13 +80,8 @@ def with_margins(range_: Range, flown: Sequence[Flown], envelope: Envelope, n: i
             designs[i] = rescaled(range_.problem, flown[i].design, float(factors[i]), names[tight])
             left.append(i)
         open_ = left
-    lowered = [i for i in range(len(flown)) if factors[i] < 1.0]
-    now = [designs[i] for i in lowered]
-    again = fly_all(range_.aircraft, range_.trimmed, now, envelope, range_.simulator, range_.tally)
     out = [replace(f, margin=m) for f, m in zip(flown, margins, strict=True)]
-    for i, flight in zip(lowered, again, strict=True):
-        out[i] = replace(out[i], design=designs[i], record=flight.record, tightest=flight.tightest)
-    return out
+    return range_.flown_as(out, {i: designs[i] for i in range(len(flown)) if factors[i] < 1.0}, envelope)
 
 
 def for_others(
@@ -118,16 +113,8 @@ def for_others(
             designs[i] = rescaled(range_.problem, flown[i].design, float(factors[i]), flown[i].design.limit)
         if not open_:
             break
-    lowered = [i for i in range(len(flown)) if factors[i] < 1.0]
-    again = fly_all(
-        range_.aircraft, range_.trimmed, [designs[i] for i in lowered], envelope, range_.simulator, range_.tally
-    )
-    out = list(flown)
-    for i, flight in zip(lowered, again, strict=True):
-        out[i] = replace(
-            out[i], design=designs[i], record=flight.record, tightest=flight.tightest, for_others=float(factors[i])
-        )
-    return out
+    out = [replace(f, for_others=float(factor)) for f, factor in zip(flown, factors, strict=True)]
+    return range_.flown_as(out, {i: designs[i] for i in range(len(flown)) if factors[i] < 1.0}, envelope)
 
 
 def _extremes(range_: Range, designs: Sequence[Design], envelope: Envelope, n: int) -> list[_Extremes]:

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from testbench.questions.design.flown import Envelope, Flown, fly_all
+from testbench.questions.design.flown import Envelope, Flown
 from testbench.questions.design.problem import best_share, rescaled
 from testbench.questions.design.realise import Range
 
@@ -42,10 +42,6 @@ def weighed(range_: Range, flown: Sequence[Flown], envelope: Envelope) -> list[F
                 best[i], shares[i], better = (design, off), r, True
         if not better:
             break
-    lowered = [i for i in range(len(flown)) if shares[i] < 1.0]
-    now = [best[i][0] for i in lowered]
-    flights = fly_all(range_.aircraft, range_.trimmed, now, envelope, range_.simulator, range_.tally)
-    out = [replace(f, design=d) for f, (d, _) in zip(flown, best, strict=True)]
-    for i, flight in zip(lowered, flights, strict=True):
-        out[i] = replace(out[i], record=flight.record, tightest=flight.tightest, curbed=float(shares[i]))
-    return out
+    out = [replace(f, design=d, curbed=float(s)) for f, (d, _), s in zip(flown, best, shares, strict=True)]
+    lowered = {i: f.design for i, f in enumerate(out) if f.curbed < 1.0}
+    return range_.flown_as(out, lowered, envelope)

@@ -31,6 +31,7 @@ from testbench.flight.batch.jobs import Job, Simulator, Tally
 from testbench.information.fisher import accuracy
 from testbench.information.targets import Targets
 from testbench.line import manoeuvre_of
+from testbench.questions.design.flown import Envelope, Flown, fly_all
 from testbench.questions.design.identified import Identified
 from testbench.questions.design.problem import Design, Problem, misled, rescaled
 from testbench.sensors import Sensor, SensorSuite
@@ -227,6 +228,14 @@ class Range:
     def airs(self, first: int, n: int) -> list[Air | None]:
         """Return the air of ``n`` flights, from number ``first`` on."""
         return [air_of(self.air, self.h_m, self.seed + i) for i in range(first, first + n)]
+
+    def flown_as(self, flown: Sequence[Flown], designs: Mapping[int, Design], envelope: Envelope) -> list[Flown]:
+        """Return flown designs, those of ``designs`` (by number) at the amplitudes of these, flown in still air."""
+        out = list(flown)
+        flights = fly_all(self.aircraft, self.trimmed, list(designs.values()), envelope, self.simulator, self.tally)
+        for (i, design), flight in zip(designs.items(), flights, strict=True):
+            out[i] = replace(out[i], design=design, record=flight.record, tightest=flight.tightest)
+        return out
 
     def fly(self, design: Design, airs: Sequence[Air | None]) -> list[FlightRecord | str]:
         """Return the truth of a design's flights through several airs; why, of one that did not end well."""

@@ -88,6 +88,13 @@ def trimmed(aircraft: tb.Aircraft) -> TrimmedFlight:
     return tb.trim(aircraft, tb.FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m))
 
 
+def beside_jsbsim(aircraft: tb.Aircraft, at: TrimmedFlight, manoeuvre: tb.Manoeuvre) -> tuple[float, tb.FlightRecord]:
+    """Return by how much a flight of the batch differs from JSBSim's, and that one."""
+    truth = tb.fly(aircraft, at, manoeuvre, log_rate_hz=50.0)
+    (record,) = fly_many(aircraft, at, [manoeuvre], log_rate_hz=50.0, simulator="batch")
+    return difference(record, truth)[0], truth
+
+
 def throttled(at: TrimmedFlight, seconds: float, begin_s: float, to: float) -> tb.Manoeuvre:
     """Return a step of the throttle from trim to ``to``."""
     t = np.arange(round(seconds * at.rate_hz)) / at.rate_hz
@@ -112,9 +119,8 @@ def test_a_turbine_goes_from_idle_into_its_afterburner_as_jsbsim_s(lever):
     t = np.arange(round(8.0 * at.rate_hz)) / at.rate_hz
     thr = np.where(t < 3.0, -at.controls["thr"], lever - at.controls["thr"])
     manoeuvre = tb.Manoeuvre("slam", tb.InputSignal(t, thr[:, None], ("thr",)), settle_s=0.0)
-    truth = tb.fly(aircraft, at, manoeuvre, log_rate_hz=50.0)
-    (record,) = fly_many(aircraft, at, [manoeuvre], log_rate_hz=50.0, simulator="batch")
-    assert difference(record, truth)[0] <= TOLERANCE
+    off, truth = beside_jsbsim(aircraft, at, manoeuvre)
+    assert off <= TOLERANCE
     assert truth["thrust"].max() > (1.05 + 0.5 * (lever - 0.7)) * 17800.0 * LBF_N  # of its dry thrust at rest
 
 
@@ -130,9 +136,7 @@ def test_forces_that_follow_the_first_spool_fly_as_jsbsim_s():
     aircraft = replace(aircraft, xml=aircraft.xml.replace('<axis name="DRAG">', f'<axis name="DRAG">{function}'))
     at = trimmed(aircraft)
     manoeuvre = throttled(at, 4.0, 1.0, 0.5)
-    truth = tb.fly(aircraft, at, manoeuvre, log_rate_hz=50.0)
-    (record,) = fly_many(aircraft, at, [manoeuvre], log_rate_hz=50.0, simulator="batch")
-    assert difference(record, truth)[0] <= TOLERANCE
+    assert beside_jsbsim(aircraft, at, manoeuvre)[0] <= TOLERANCE
 
 
 def test_a_control_system_reads_what_an_engine_s_function_gave_in_the_last_frame():
@@ -149,9 +153,7 @@ def test_a_control_system_reads_what_an_engine_s_function_gave_in_the_last_frame
     aircraft = replace(aircraft, xml=f"{aircraft.xml[:at]}{section}</channel></system>{aircraft.xml[at:]}")
     start = trimmed(aircraft)
     manoeuvre = throttled(start, 2.0, 0.5, 0.9)
-    truth = tb.fly(aircraft, start, manoeuvre, log_rate_hz=50.0)
-    (record,) = fly_many(aircraft, start, [manoeuvre], log_rate_hz=50.0, simulator="batch")
-    assert difference(record, truth)[0] <= TOLERANCE
+    assert beside_jsbsim(aircraft, start, manoeuvre)[0] <= TOLERANCE
 
 
 BOOST = """
@@ -173,9 +175,7 @@ def test_a_supercharger_changes_gear_and_takes_its_power_as_jsbsim_s():
     aircraft = replace(aircraft, engine_files=files)
     at = trimmed(aircraft)
     manoeuvre = throttled(at, 6.0, 0.5, 0.9)
-    truth = tb.fly(aircraft, at, manoeuvre, log_rate_hz=50.0)
-    (record,) = fly_many(aircraft, at, [manoeuvre], log_rate_hz=50.0, simulator="batch")
-    assert difference(record, truth)[0] <= TOLERANCE
+    assert beside_jsbsim(aircraft, at, manoeuvre)[0] <= TOLERANCE
 
 
 def test_flights_of_a_block_begin_with_their_own_engines():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from testbench.questions.design import gentler as module
+from testbench.questions.design import realise
 from testbench.questions.design.gentler import gentler, misleads
 from testbench.questions.design.realise import Errors, Realised
 
@@ -45,6 +46,8 @@ class Range:
     simulator: str = "auto"
     tally: str = ""
 
+    flown_as = realise.Range.flown_as
+
     def off(self, designs):
         return [(design, None) for design in designs]
 
@@ -60,7 +63,7 @@ def rescaling(monkeypatch):
     monkeypatch.setattr(module, "rescaled", half)
     monkeypatch.setattr(module, "total_errors", lambda problem, design, errors: errors)
     flight = SimpleNamespace(record="of the last amplitude", tightest="load factor")
-    monkeypatch.setattr(module, "fly_all", lambda *args: [flight])
+    monkeypatch.setattr(realise, "fly_all", lambda *args: [flight])
 
 
 def tried(range_: Range) -> tuple[Flown, Realised, int]:

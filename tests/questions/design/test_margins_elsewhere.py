@@ -10,10 +10,17 @@ import pytest
 
 from testbench.core.errors import TestbenchError
 from testbench.questions.design import margins as module
+from testbench.questions.design import realise
 from testbench.questions.design.flown import Flight, Tightest
 from testbench.questions.design.margins import for_others
+from testbench.questions.design.realise import Range
 
-RANGE = SimpleNamespace(aircraft="believed", trimmed="", problem=None, simulator="auto", tally="")
+
+class Believed(SimpleNamespace):
+    flown_as = Range.flown_as
+
+
+RANGE = Believed(aircraft="believed", trimmed="", problem=None, simulator="auto", tally="")
 
 
 @dataclass(frozen=True)
@@ -38,7 +45,7 @@ def flying(monkeypatch):
         return [flight(a, d.size) for a, d in zip(aircraft, designs, strict=True)]
 
     monkeypatch.setattr(module, "fly_each", each)
-    monkeypatch.setattr(module, "fly_all", lambda a, t, designs, *rest: [flight(a, d.size) for d in designs])
+    monkeypatch.setattr(realise, "fly_all", lambda a, t, designs, *rest: [flight(a, d.size) for d in designs])
     monkeypatch.setattr(
         module, "rescaled", lambda p, d, factor, limit: SimpleNamespace(size=factor * d.size, limit=limit)
     )
