@@ -30,6 +30,7 @@ _FILTERED = 2  # samples before the present one that tell the noise of sensors f
 _ROUNDS = 5
 _CLIP = 4.0  # robust standard deviations of what is new in an input
 _PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)  # of one sample's response that may lie within the sample
+_NEWS = 1e-6  # of an input, below which what is new in it is rounding: its past tells all of a multisine of few lines
 _HELD = 0.5  # an input that stays exactly where it was in more than half of its samples follows no noisy output
 
 
@@ -126,8 +127,8 @@ def _test(
         b = np.linalg.lstsq(past * weight[:, None], now * weight, rcond=1e-10)[0]
         new = now - past @ b
         size = _CLIP * 1.4826 * float(np.median(np.abs(new)))
-        if size <= 0.0:
-            break
+        if size <= _CLIP * _NEWS * float(np.std(now)):
+            return Feedback(j, 0.0, 0.0, known.shape[1])
         weight = np.sqrt(np.minimum(1.0, size / np.maximum(np.abs(new), 1e-300)))
     if not steps and size > 0.0:
         counts = np.abs(new) <= size
