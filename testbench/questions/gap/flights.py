@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -50,6 +50,16 @@ class Flyer:
     condition: FlightCondition
     rate_hz: float
     simulator: Simulator
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __getstate__(self) -> dict[str, object]:  # texts have other hashes in another process
+        return {k: v for k, v in self.__dict__.items() if k != "_hash"}
+
+    @cached_property
+    def _hash(self) -> int:  # asked for at every look-up
+        return hash((self.contents, self.condition, self.rate_hz, self.simulator))
 
     @classmethod
     def of(cls, aircraft: Aircraft, condition: FlightCondition, rate_hz: float, simulator: Simulator) -> Flyer:
