@@ -59,6 +59,7 @@ _OF_LATERAL = ("beta", "p", "r", "phi", "da", "dr")  # start parameters
 _FITTED_S, _FEWEST = 0.2, 5  # straight lines through so much of a reading, and so many samples, say where it begins
 _TURNS_DEG_S, _BANK_DEG, _ACCELERATES_1_S = 5.0, 15.0, 0.05  # beyond which quiet commands are not taken for trim
 _MISFIT, _UNTRIMMED = 2.0, 10.0  # of the noise; chi-square from trim over that from another start
+_UNTRIMMED_BESIDE = 1.5  # the same beside records that do not begin in quiet flight: nobody waited for trim
 _STEP = 0.05  # of differences, in prior standard deviations
 _HORIZONS_S = (1.5, 3.0, math.inf)
 _ROUNDS, _FEW_ROUNDS = 8, 3
@@ -98,11 +99,13 @@ def cut(believed: Believed, records: Mapping[str, FlightRecord], windows: Window
     out: dict[str, FlightRecord] = {}
     whole: dict[str, FlightRecord] = {}
     notes: list[str] = []
+    moving = {name: restless(record) for name, record in records.items() if not starts_freely(record)}
+    least = _UNTRIMMED_BESIDE if any(moving.values()) else _UNTRIMMED
     for name, record in records.items():
         if starts_freely(record):
             out[name] = whole[name] = record
             continue
-        why_free = restless(record) or (untrimmed(believed, record) if windows == "auto" else "")
+        why_free = moving[name] or (untrimmed(believed, record, least) if windows == "auto" else "")
         if windows == "auto" and not why_free:
             out[name] = whole[name] = record
             continue
@@ -141,12 +144,12 @@ def restless(record: FlightRecord) -> str:
     return ""
 
 
-def untrimmed(believed: Believed, record: FlightRecord) -> str:
+def untrimmed(believed: Believed, record: FlightRecord, least: float = _UNTRIMMED) -> str:
     """Return why a record with quiet commands is not to be flown from trim, in words; "" if it may be.
 
-    The start alone, commands as they are, is fitted to the whole record. If that leaves less than a tenth of what a
-    start at trim does, the aircraft was not trimmed. Turbulence and gaps in the model go on through the record: a free
-    start leaves more of them. An unstable aircraft may leave its limits however well it was trimmed.
+    The start alone, commands as they are, is fitted to the whole record. If a start at trim leaves ``least`` times as
+    much, the aircraft was not trimmed. Turbulence and gaps in the model go on through the record: a free start leaves
+    more of them. An unstable aircraft may leave its limits however well it was trimmed.
     """
     plain, free = replace(believed, whiten=None), freed(record, record_key(record), level(record))
     try:
@@ -161,7 +164,7 @@ def untrimmed(believed: Believed, record: FlightRecord) -> str:
         return "cannot be flown from trim to its end" if unstable else ""
     except TestbenchError:
         return ""
-    if at_trim < _UNTRIMMED * left:
+    if at_trim < least * left:
         return ""
     return f"is not in trimmed flight as it begins (another start leaves {left / at_trim:.2g} of the misfit)"
 
