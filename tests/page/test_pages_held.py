@@ -13,6 +13,8 @@ from testbench.page.page import COMPUTED, Page
 from testbench.page.plot import Plate, grid, new_figure
 from testbench.page.tables import Column, Table
 
+pytestmark = pytest.mark.drawn
+
 NO_AXE = "window.axe = { run: async () => ({ violations: [] }) }"
 WIDE = Table(
     "wide", "Wide", "Many columns.", tuple(Column(f"c{k}", f"column {k}") for k in range(30)), ((1.0,) * 30,) * 3

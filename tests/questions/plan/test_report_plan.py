@@ -22,6 +22,8 @@ from testbench.questions.plan.page import plan_page
 from testbench.questions.plan.scenario import Autopilot, PlanScenario
 from testbench.questions.plan.tables import modes_table, points_table, runs_table, short_cards
 
+pytestmark = pytest.mark.drawn
+
 
 @pytest.fixture(scope="module")
 def taurus_plan():

@@ -16,6 +16,8 @@ from testbench.questions.response.answer import response_answer
 from testbench.questions.response.page import response_page
 from testbench.questions.response.tables import response_table
 
+pytestmark = pytest.mark.drawn
+
 
 @pytest.fixture(scope="module")
 def response():

@@ -24,6 +24,8 @@ from testbench.page.page import source_of
 from testbench.page.write import record_keeper
 from testbench.questions.run.page import run_page, write_results
 
+pytestmark = pytest.mark.drawn
+
 VOID = {"meta", "img", "source", "br", "link"}
 
 

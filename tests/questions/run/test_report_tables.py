@@ -33,6 +33,8 @@ from testbench.questions.run.tables import (
     transfer_function_table,
 )
 
+pytestmark = pytest.mark.drawn
+
 
 def column(table: Table, key: str) -> list:
     k = [c.key for c in table.columns].index(key)
