@@ -6,8 +6,11 @@ import multiprocessing
 import os
 import sys
 import tempfile
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+
+from quick_drawing import Quick, quick_drawing
 
 import testbench.cli as cli
 
@@ -41,20 +44,21 @@ def command(*words: object, cwd: Path | None = None) -> Done:
     """Run a command in a process of its own with an output 200 columns wide."""
     with tempfile.TemporaryDirectory() as folder:
         out, err = Path(folder, "out"), Path(folder, "err")
-        process = _SERVER.Process(target=_run, args=([*map(str, words)], cwd or Path.cwd(), out, err))
+        process = _SERVER.Process(target=_run, args=([*map(str, words)], cwd or Path.cwd(), out, err, Quick.on))
         process.start()
         process.join()
         assert process.exitcode is not None
         return Done(process.exitcode, out.read_text(encoding="utf-8"), err.read_text(encoding="utf-8"))
 
 
-def _run(words: list[str], cwd: Path, out: Path, err: Path) -> None:
+def _run(words: list[str], cwd: Path, out: Path, err: Path, quick: bool) -> None:
     for path, number in ((out, 1), (err, 2)):
         os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND), number)
     os.chdir(cwd)
     os.environ["COLUMNS"] = "200"
     sys.argv = ["testbench", *words]
-    cli.main()
+    with quick_drawing() if quick else nullcontext():
+        cli.main()
 
 
 def ends(monkeypatch, capsys, *words):

@@ -68,6 +68,7 @@ def test_check_accepts_every_packaged_file():
     assert done.stdout.count("a valid") == len(files)
 
 
+@pytest.mark.usefixtures("rendered")
 def test_run_writes_everything_and_prints_the_answer(tmp_path):
     done = command("run", "eolo_alpha", "--seeds", "1", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -15,6 +15,8 @@ from testbench.__main__ import main
 from testbench.page import terminal
 from testbench.page.terminal import print_rows, show_all
 
+pytestmark = pytest.mark.drawn
+
 PYTHON = [sys.executable, "-m", "testbench"]
 
 

@@ -25,6 +25,8 @@ from testbench.questions.aircraft.figures import aircraft_plates
 from testbench.questions.aircraft.page import aircraft_page, folder_name
 from testbench.questions.aircraft.tables import aircraft_tables, coefficient_table, trim_table
 
+pytestmark = pytest.mark.drawn
+
 
 @pytest.fixture(scope="module")
 def flexible():

@@ -23,6 +23,8 @@ from testbench.questions.campaign.store import Counts, Store
 from testbench.questions.campaign.summary import Cause
 from testbench.questions.campaign.tables import campaign_tables
 
+pytestmark = pytest.mark.drawn
+
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):

@@ -22,6 +22,8 @@ from testbench.questions.gap.records import Flights
 from testbench.questions.gap.result import TOLERANCE
 from testbench.questions.run.scenario import Scenario
 
+pytestmark = pytest.mark.drawn
+
 FEW = {n: EFFECTS[n] for n in ("actuator_lag", "thrust_line", "alpha_scale")}
 
 

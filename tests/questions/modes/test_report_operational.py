@@ -17,6 +17,8 @@ from testbench.questions.modes.page import modes_page
 from testbench.questions.modes.scenario import ModeSearch, ModesScenario
 from testbench.questions.modes.tables import modes_tables
 
+pytestmark = pytest.mark.drawn
+
 SYMMETRIC = (
     "1st symmetric wing bending",
     "1st symmetric wing torsion and tail-boom bending",

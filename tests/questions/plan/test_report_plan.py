@@ -22,6 +22,8 @@ from testbench.questions.plan.page import plan_page
 from testbench.questions.plan.scenario import Autopilot, PlanScenario
 from testbench.questions.plan.tables import modes_table, points_table, runs_table, short_cards
 
+pytestmark = pytest.mark.drawn
+
 
 @pytest.fixture(scope="module")
 def taurus_plan():
@@ -78,6 +80,8 @@ def test_the_page_answers_and_links_to_what_is_there(written):
     _, folder = written
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "63 runs (37 longitudinal, 26 lateral) at 2 points take" in page
+    linked = re.findall(r"<li><a href=\"cards/.*?</li>", page, flags=re.S)
+    assert [" – scaled to 80 %, watch</li>" in line for line in linked] == [k in (4, 7) for k in range(1, 8)]
     links = re.findall(r'href="([^"#]+)"', page)
     assert len(links) >= 7 * 3
     for link in links:
