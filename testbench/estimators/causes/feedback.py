@@ -35,12 +35,16 @@ _HELD = 0.5  # an input that stays exactly where it was in more than half of its
 
 
 class Feedback(NamedTuple):
-    """Which input reacts, the share of what is new in it that the residuals explain, and the test's statistic."""
+    """Which input reacts, the share of what is new in it that the residuals explain, and the test's statistic.
+
+    ``news`` is the (robust) deviation of what is new in it, relative to that of the input.
+    """
 
     at: int
     share: float
     statistic: float
     degrees: int
+    news: float = 0.0
 
 
 def testable(records: Sequence[FlightRecord], inputs: Sequence[str]) -> bool:
@@ -145,4 +149,5 @@ def _test(
         rest_of_it = clipped - left @ np.linalg.lstsq(left, clipped, rcond=1e-10)[0]
         rest = max(rest if part else 0.0, float(rest_of_it @ rest_of_it))
     share = max(1.0 - rest / total, 0.0)
-    return Feedback(j, share, -samples * float(np.log(max(1.0 - share, 1e-12))), known.shape[1])
+    news = size / (_CLIP * float(np.std(now)))
+    return Feedback(j, share, -samples * float(np.log(max(1.0 - share, 1e-12))), known.shape[1], news)

@@ -61,8 +61,7 @@ from testbench.estimators.state_space import StateSpaceModel
 # of the test of feedback, which is not made on held inputs or white residuals; with the part of a response that leaves
 # least to find taken first, 8 of 396 open loops of noisy inputs in coloured noise lay beyond it
 _CHANCE_LOOP = 0.04
-# of that test once more without what bends would leave: of 40 loops that the first test finds, it loses one or two
-_CHANCE_BENT = 0.3
+_LITTLE_NEWS = 0.05  # of an input: less of it is new where it is smooth, and what it has bent before tells that
 _SCREEN = 1e-3  # of all regressors at once, before any of them is looked at
 _SHARE = 0.5  # of what any linear response explains: from here on a delay or lag is the better name
 _LAGS_WHITE = 20  # samples over which innovations are tested for colour
@@ -260,8 +259,8 @@ def _loop(model: IdentifiedModel, data: Data, steps: bool = True) -> Found | Non
     """Return feedback, if what is new in an input goes with what any linear response to its past leaves of the outputs.
 
     The model has no part in it: one that is wrong hides what it is wrong for. Outputs with direct feedthrough follow
-    what is new in an input in any case and are left out. What bends would leave is taken out in a second, weaker test:
-    an input of few lines is told by what it has bent before, and there is no loop in that.
+    what is new in an input in any case and are left out. Where little is new in an input, such as a multisine, what
+    bends would leave is taken out in a second test: the input is told by what it has bent before, without any loop.
     """
     apart = ~feeds_through(model)
     if not np.any(apart) or not feedback.testable(data.records, model.inputs):
@@ -292,8 +291,10 @@ def _loop(model: IdentifiedModel, data: Data, steps: bool = True) -> Found | Non
     f, chance = strongest(joined(response, steady))
     if f is None or chance > _CHANCE_LOOP:
         return None
-    if strongest(joined(response, steady, *[c.columns for c in bends(model, data)]))[1] > _CHANCE_BENT:
-        return None
+    if f.news < _LITTLE_NEWS:
+        bent = [c.columns for c in bends(model, data)]
+        if strongest(joined(response, steady, *bent))[1] > _CHANCE_LOOP:
+            return None
     return Found("closed_loop", model.inputs[f.at], 0.0, f.share, np.nan, "", np.nan, f.statistic, f.degrees)
 
 
