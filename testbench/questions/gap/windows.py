@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -18,9 +19,9 @@ import numpy as np
 
 from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import RecordError, TestbenchError, located
+from testbench.core.errors import LimitError, RecordError, TestbenchError, TrimError, located
 from testbench.core.record import FlightAborted, FlightRecord
-from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.believed import NEAR, Believed
 from testbench.questions.gap.evidence.commanded import (
     begins_quietly,
     commands,
@@ -228,12 +229,13 @@ def begin_freely(
 ) -> Believed:
     """Return the belief with the starts of all records that start freely, fitted to them.
 
-    Gauss-Newton on flown differences: readings less what the believed sensors would read, about their means.
+    Gauss-Newton on flown differences: readings less what the believed sensors would read, about their means. It begins
+    at the starts that the belief has, or at the first readings if it has none or cannot be flown from there.
 
     Args:
         believed: whose starts they become.
         records: by name; those that begin at trim are left alone.
-        along: model that they are fitted to, from the first readings; ``believed`` itself if not given.
+        along: model that they are fitted to; ``believed`` itself if not given.
 
     Raises:
         FlightAborted, LimitError, TrimError: the believed aircraft cannot fly a window from where it seems to begin.
@@ -243,6 +245,12 @@ def begin_freely(
         return believed
     plain = replace(along or believed, whiten=None)
     starts = {key_of_start(r): _guess(believed, r) for r in own.values()}
+    known = believed.free_starts
+    if all(k in known and known[k].names == s.names for k, s in starts.items()):
+        with suppress(FlightAborted, LimitError, TrimError):
+            here = {k: replace(s, origin=known[k].origin) for k, s in starts.items()}
+            here = _fitted(plain, own, here, math.inf, _ROUNDS)
+            return replace(believed, free_starts={**known, **here, **_linearised(plain, own, here)})
     # What seems to begin well may leave the limits before it has been fitted: first the beginnings alone.
     for horizon_s in _HORIZONS_S:
         starts = _fitted(plain, own, starts, horizon_s, _ROUNDS)
@@ -260,14 +268,22 @@ def _fitted(
     """Return starts fitted to no more than ``horizon_s`` of each record, by so many rounds at most."""
     out = dict(starts)
     moving = {n: r.between(float(r.t_s[0]), float(r.t_s[0]) + horizon_s) for n, r in records.items()}
+    far = moving  # whose last step was so long that tangents must be taken anew
     for _ in range(rounds):
-        out |= _linearised(believed, moving, out)
+        out |= _linearised(believed, far, out)
         moved, fallen = _improved(believed, moving, out)
+        steps = {n: np.abs(moved[k].origin - out[k].origin) / out[k].std for n, k in _keys(moving).items()}
         out |= moved
         moving = {n: r for n, r in moving.items() if fallen[n] > _AT_REST}
+        far = {n: r for n, r in moving.items() if np.max(steps[n]) > NEAR}
         if not moving:
             break
     return out
+
+
+def _keys(records: Mapping[str, FlightRecord]) -> dict[str, str]:
+    """Return what tells the start of each record from others."""
+    return {n: key_of_start(r) for n, r in records.items()}
 
 
 def _guess(believed: Believed, record: FlightRecord, offsets: bool = True) -> FreeStart:
