@@ -12,21 +12,31 @@ from pathlib import Path
 
 from quick_drawing import Quick, quick_drawing
 
+import testbench
 import testbench.cli as cli
 
 # Imported once, by the process that those of the commands are forked from: importing takes longer than most commands.
+_ROOT = Path(testbench.__file__).parents[1]
 _SERVER = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload(
     [
-        "testbench.cli",
-        "testbench.questions.run.ask",
-        "testbench.questions.gap.workflow",
-        "testbench.questions.design.search",
-        "testbench.questions.run.figures",
+        "quick_drawing",
+        *(
+            ".".join(file.relative_to(_ROOT).with_suffix("").parts).removesuffix(".__init__")
+            for file in sorted(Path(testbench.__file__).parent.rglob("*.py"))
+            if file.stem != "__main__" and "envs" not in file.parts
+        ),
+        "matplotlib.figure",
         "matplotlib.backends.backend_agg",
         "matplotlib.backends.backend_svg",
         "jinja2",
         "h5netcdf",
+        "xarray",
+        "pandas",
+        "scipy.io",
+        "pyarrow.parquet",
+        "rich.table",
+        "typer.rich_utils",
     ]
 )
 

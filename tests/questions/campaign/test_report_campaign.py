@@ -23,8 +23,6 @@ from testbench.questions.campaign.store import Counts, Store
 from testbench.questions.campaign.summary import Cause
 from testbench.questions.campaign.tables import campaign_tables
 
-pytestmark = pytest.mark.drawn
-
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
@@ -63,6 +61,7 @@ def test_the_packaged_campaign_answers_its_question(flown):
     assert abs(wn.bias / wn.true_mean) < 0.1
 
 
+@pytest.mark.usefixtures("rendered")
 def test_files_and_page(flown):
     result, folder = flown
     paths = campaign_page(result).write(folder)

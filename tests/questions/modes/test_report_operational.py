@@ -17,8 +17,6 @@ from testbench.questions.modes.page import modes_page
 from testbench.questions.modes.scenario import ModeSearch, ModesScenario
 from testbench.questions.modes.tables import modes_tables
 
-pytestmark = pytest.mark.drawn
-
 SYMMETRIC = (
     "1st symmetric wing bending",
     "1st symmetric wing torsion and tail-boom bending",
@@ -69,6 +67,7 @@ def test_the_answer_says_what_it_rests_on(flown):
     assert any("airspeed wandered by" in line for line in answer)
 
 
+@pytest.mark.usefixtures("rendered")
 def test_tables_and_files(flown, tmp_path):
     result, kept = flown
     assert {name.rsplit("_", 1)[-1] for name in kept} == {"truth", "accelerometers"}
