@@ -25,9 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.record import FloatArray
-from testbench.estimators.parametric.state_equations import SmoothedStates, missing
+from testbench.estimators.parametric.state_equations import SmoothedStates, equations, missing
 from testbench.estimators.parametric.structure import STEP, ModelStructure
 
+_LONGEST = 20_000  # samples of a record that are looked at; of longer ones the stretch where the inputs move most
 _MOST_NOISE = 0.5  # share of a combination's information that noise alone makes, beyond which its bias cannot be told
 _MOST_CHANGE = 0.5  # of the smoothing's bias, from the first estimate of it to the second, that is still believed
 
@@ -76,6 +77,10 @@ def bias_of(
         plain: (f, f) inverse of the information, priors included.
         held: (m,) inputs that are held between samples.
     """
+    stretches = [_busiest(d, _LONGEST) for d in data]
+    if any(s is not d for s, d in zip(stretches, data, strict=True)):
+        plain = _inverse_information(structure, data, stretches, params, free, R, plain)
+        data = stretches
     score, information = _of_noise(structure, data, params, free, R)
     root = np.linalg.cholesky(0.5 * (plain + plain.T))
     nothing, one = np.zeros(free.size), np.eye(free.size)
@@ -94,6 +99,42 @@ def bias_of(
     if second is None or not _size(root.T @ (second - first)) <= _MOST_CHANGE * _size(root.T @ first):
         return Bias(noise, nothing, widening, True, False)
     return Bias(noise, inverse @ second, widening, True, True)
+
+
+def _busiest(d: SmoothedStates, longest: int) -> SmoothedStates:
+    """Return the stretch of ``longest`` samples in which the inputs move most; the record itself if it is no longer."""
+    if len(d.taken) <= longest:
+        return d
+    size = np.maximum(d.driven.std(axis=0), 1e-300)
+    moved = np.concatenate([[0.0], np.cumsum(np.sum((np.diff(d.driven, axis=0) / size) ** 2, axis=1))])
+    at = int(np.argmax(moved[longest - 1 :] - moved[: len(moved) - longest + 1]))
+    part = slice(at, at + longest)
+    return d._replace(x=d.x[:, part], u=d.u[:, part], xdot=d.xdot[part], taken=d.taken[part], driven=d.driven[part])
+
+
+def _inverse_information(
+    structure: ModelStructure,
+    data: Sequence[SmoothedStates],
+    stretches: Sequence[SmoothedStates],
+    params: FloatArray,
+    free: NDArray[np.intp],
+    R: FloatArray,
+    plain: FloatArray,
+) -> FloatArray:
+    """Return ``plain`` (f, f) as it would be if the stretches were all there is; priors weigh less in proportion."""
+    share = sum(len(s.taken) for s in stretches) / sum(len(d.taken) for d in data)
+
+    def information(of: Sequence[SmoothedStates]) -> FloatArray:
+        found = np.zeros((free.size, free.size))
+        for d in of:
+            (J,) = equations(structure, [d], params, free)[1]
+            found += np.einsum("nif,nig,i->fg", J, J, 1.0 / R, optimize=True)
+        return found
+
+    whole = np.linalg.inv(plain)
+    ours = information(stretches)
+    prior = whole - information(data) if any(p.prior_std is not None for p in structure.parameters) else 0.0
+    return np.asarray(np.linalg.inv(ours + share * prior))
 
 
 def _size(x: FloatArray) -> float:

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
-from testbench.estimators.parametric import equation_error, output_error
+from testbench.estimators.parametric import equation_bias, equation_error, output_error
 from testbench.estimators.parametric.structures import longitudinal, short_period
 from testbench.estimators.regression import Recipe, RegressionData, linear_model
 from testbench.estimators.regression.equation_error import equation_error as regress
@@ -211,6 +211,20 @@ def test_what_is_cut_off_from_one_state_alone_does_not_bias_the_others():
     assert np.all(np.abs(np.mean(off, axis=0))[[q, de]] < 0.6 * taken[[q, de]])
     # 96 intervals of 95 %, eight of a flight: fewer than 85 % by chance in less than one of 1000, were they independent
     assert np.mean(held) > 0.85
+
+
+def test_the_busiest_stretch_of_a_long_record_tells_the_bias(monkeypatch):
+    u = np.concatenate([steps(1500, 3), np.zeros((1500, 1))])  # what moves is in the first half
+    data = records([u], held=True)
+    structure = short_period().with_parameters({"M_q": -2.0}, prior_std={"M_q": 0.5})
+    whole = equation_error.estimate(data, structure, held=("de",))
+    monkeypatch.setattr(equation_bias, "_LONGEST", 1600)
+    part = equation_error.estimate(data, structure, held=("de",))
+    error = np.sqrt(np.diag(whole.covariance))
+    bias, there = (m.diagnostics["smoothing_bias"] for m in (whole, part))
+    assert np.max(np.abs(bias) / error) > 0.5
+    assert np.max(np.abs(there - bias) / error) < 0.1
+    assert not np.array_equal(there, bias)
 
 
 def test_an_unstable_aircraft_is_corrected_where_its_response_is_told():
