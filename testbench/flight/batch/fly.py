@@ -18,7 +18,7 @@ from testbench.core.errors import LimitError, TestbenchError, nearest
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.air import Air
 from testbench.flight.batch import registers as r
-from testbench.flight.batch.check import difference, distrust, judged
+from testbench.flight.batch.check import Judged, difference, distrust, judged
 from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.interpret import run
 from testbench.flight.batch.jobs import BATCH, BOTH, JSBSIM, Job, Simulator, Tally
@@ -121,12 +121,16 @@ def fly_jobs(
     flown = flown or Tally()
     out: list[FlightRecord | TestbenchError | None] = [None] * len(jobs)
     groups: dict[object, list[tuple[int, _Ready]]] = {}
+    verdicts: dict[tuple[int, int], Judged] = {}  # one for all flights of an aircraft from a trim
     for i, job in enumerate(jobs):
         reason, model = "it is wanted", None
         if simulator == "auto" and len(jobs) < fewest:
             reason = f"fewer than {fewest} flights at once are not worth a batch"
         elif simulator != "jsbsim":
-            found = judged(job.aircraft, job.trimmed)
+            key = id(job.aircraft), id(job.trimmed)
+            if key not in verdicts:
+                verdicts[key] = judged(job.aircraft, job.trimmed)
+            found = verdicts[key]
             reason, model = found.reason, found.model
             if model is None and simulator == "batch":
                 raise LimitError(f"{job.aircraft.name} cannot be flown in a batch: {reason}; let JSBSim fly it")

@@ -190,8 +190,8 @@ def variant(base: BatchModel, aircraft: Aircraft, condition: FlightCondition, tr
     Raises:
         ModelError: an amendment does not fit the model.
     """
-    if any(n.startswith("inertia/") for n in base.program.properties):
-        return None  # which JSBSim takes from the mass balance
+    if any(n.startswith("inertia/") or n.endswith("-position") for n in base.program.properties):
+        return None  # which JSBSim takes from the mass balance and from the places of engines
     if _fixed(aircraft) != base.shape.fixed:
         return None
     modes = _modes(aircraft, condition)
@@ -219,17 +219,20 @@ def variant(base: BatchModel, aircraft: Aircraft, condition: FlightCondition, tr
     return replace(base, aircraft=aircraft, start=start, factors=factors)
 
 
+_PlaceOf = tuple[int, int, float]
+
+
 @dataclass(frozen=True, eq=False)
 class _Template:
     """The elements of a tree in order, and which of their texts are numbers that may differ.
 
     Attributes:
         elements: (tag, attributes, text) of each; text None where it may differ.
-        places: (number of the model, element) of those that the program reads.
+        places: (number of the model, element, factor to the program's unit) of those that the program reads.
     """
 
     elements: tuple[tuple[str, dict[str, str], str | None], ...]
-    places: tuple[tuple[int, int], ...]
+    places: tuple[_PlaceOf, ...]
 
     @cached_property
     def _tags(self) -> list[str]:
@@ -247,13 +250,13 @@ class _Template:
     def of(cls, tree: ET.Element, translation: Translation) -> _Template:
         """Take the shape of a tree, or of a part of one, that has been translated."""
         order = {id(e): i for i, e in enumerate(tree.iter())}
-        places = tuple((number, order[id(e)]) for number, e in translation.places if id(e) in order)
+        places = tuple((n, order[id(e)], factor) for n, e, factor in translation.places if id(e) in order)
         return cls.apart(tree, places)
 
     @classmethod
-    def apart(cls, tree: ET.Element, places: tuple[tuple[int, int], ...]) -> _Template:
+    def apart(cls, tree: ET.Element, places: tuple[_PlaceOf, ...]) -> _Template:
         """Take the shape of a tree whose numbers stand at ``places``."""
-        free = {at for _, at in places}
+        free = {at for _, at, _ in places}
         balance = {id(e) for b in tree.iter("mass_balance") for e in b.iter()}
         elements = tuple(
             (e.tag, attributes(e), None if i in free or id(e) in balance else e.text) for i, e in enumerate(tree.iter())
@@ -269,8 +272,8 @@ class _Template:
             return None
         out = np.array(base)
         try:
-            for number, at in self.places:
-                out[number] = float(others[at].text or "nan")
+            for number, at, factor in self.places:
+                out[number] = float(others[at].text or "nan") * factor
         except ValueError:
             return None
         return out
@@ -306,14 +309,16 @@ class _Shape:
         if modes is None:
             return cls(_fixed(aircraft), None, whole, whole)
         # the elements of the rigid tree are those of the whole, in their order, without those that the modes added
-        places = {at: number for number, at in whole.places}
-        kept, at = [], 0
+        places: dict[int, list[tuple[int, float]]] = {}
+        for number, at, factor in whole.places:
+            places.setdefault(at, []).append((number, factor))
+        kept: list[_PlaceOf] = []
+        at = 0
         everything = list(tree.iter())
         for i, e in enumerate(rigid.iter()):
             while not _alike(everything[at], e):
                 at += 1
-            if at in places:
-                kept.append((places[at], i))
+            kept += [(number, i, factor) for number, factor in places.get(at, ())]
             at += 1
         return cls(_fixed(aircraft), modes, _Template.apart(rigid, tuple(kept)), whole)
 

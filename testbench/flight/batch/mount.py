@@ -15,7 +15,7 @@ from testbench.flight.batch.functions import Functions
 from testbench.flight.batch.program import Builder, Op, Untranslated
 from testbench.flight.batch.properties import Properties, plain
 from testbench.flight.batch.terms import Term
-from testbench.flight.batch.units import convert, triplet
+from testbench.flight.batch.units import convert, factor, triplet
 
 
 class Mount:
@@ -109,8 +109,26 @@ class Mount:
 
     @property
     def location(self) -> list[Term]:
-        """Where the thruster is, in, structural axes."""
-        return [self.term(x) for x in triplet(self.place.find("location"), "IN")]
+        """Where the thruster is, in, structural axes; another model may have its thruster elsewhere.
+
+        Not where the model itself moves it.
+        """
+        e = self.place.find("location")
+        free = self.place.find("p_factor") is None and not any(map(self._p.moves, self._positions))
+        if e is None or not free:
+            return [self.term(x) for x in triplet(e, "IN")]
+        out = []
+        for axis in "xyz":
+            at = e.find(axis)
+            unit = "IN" if at is None else at.get("unit") or e.get("unit") or "IN"
+            known = at if at is not None and (at.text or "").strip() else None
+            x = self._b.number(convert(at, "IN", 0.0, e.get("unit")), known, factor(unit, "IN"))
+            out.append(Term(self._b, x))
+        return out
+
+    @property
+    def _positions(self) -> list[str]:
+        return [f"propulsion/engine[{self.number}]/{axis}-position" for axis in "xyz"]
 
     def axes(self) -> list[list[Term]]:
         """Return the matrix (3, 3) that takes the axes of the thruster to the body's, a turned nozzle's included."""

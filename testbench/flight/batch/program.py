@@ -170,13 +170,13 @@ class Builder:
     Attributes:
         inputs: properties that are written from outside in every frame.
         numbers: of the model.
-        places: (number, element whose text it is) of those that may differ.
+        places: (number, element whose text it is, what it is multiplied by) of those that may differ.
         tables: one after the other.
     """
 
     inputs: frozenset[str] = frozenset()
     numbers: list[float] = field(default_factory=list)
-    places: list[tuple[int, ET.Element]] = field(default_factory=list)
+    places: list[tuple[int, ET.Element, float]] = field(default_factory=list)
     tables: list[float] = field(default_factory=list)
     _frame: list[_Instruction] = field(default_factory=list)
     _log: list[_Instruction] = field(default_factory=list)
@@ -192,16 +192,17 @@ class Builder:
     _reasons: list[str] = field(default_factory=list)
     _constants: dict[float, Value] = field(default_factory=dict)
 
-    def number(self, x: float, at: ET.Element | None = None) -> Value:
+    def number(self, x: float, at: ET.Element | None = None, factor: float = 1.0) -> Value:
         """Return the value of a number of the model; each has a register of its own, whatever it is.
 
         Args:
             x: the number.
-            at: element whose text it is; another model may have another number there.
+            at: element whose text it is, times ``factor``; another model may have another number there.
+            factor: to the unit of ``x``.
         """
         self.numbers.append(float(x))
         if at is not None:
-            self.places.append((len(self.numbers) - 1, at))
+            self.places.append((len(self.numbers) - 1, at, factor))
         return Value(_NUMBER, len(self.numbers) - 1)
 
     def constant(self, x: float) -> Value:

@@ -40,14 +40,15 @@ class Translation:
         numbers: of the model, in the program's order.
         declared: property -> value that the model declares.
         components: properties that components write, and what they remember.
-        places: (number, element whose text it is) of those that another model may have otherwise.
+        places: (number, element whose text it is, what it is multiplied by) of those that another model may have
+            otherwise.
     """
 
     program: Program
     numbers: tuple[float, ...]
     declared: Mapping[str, float]
     components: frozenset[str]
-    places: tuple[tuple[int, ET.Element], ...]
+    places: tuple[tuple[int, ET.Element, float], ...]
 
 
 def translate(

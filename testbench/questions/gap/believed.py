@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
@@ -72,7 +73,10 @@ LATERAL_PRIORS: Mapping[str, float] = {
     "Cn_dr": 0.10,
 }
 LATERAL_OUTPUTS = ("beta", "p", "r", "phi", "psi", "ay")  # that tell of the lateral motion alone
-STEPS, NEAR = 3, 0.3  # that starts are brought to rest by; prior standard deviations below which one step is enough
+STEPS = 3  # that starts are brought to rest by
+# Prior standard deviations: below NEAR one step is enough, below CLOSE none is flown. The start is taken out of
+# residuals to first order, and within 0.1 deg or 0.3 % of the airspeed no more is left of it.
+NEAR, CLOSE = 0.3, 0.05
 NO_SERVO_RAD_S = 1e3  # corner frequency of a servo that a recorded surface passes: none at the rates of records
 NOTHING = 1e-9  # a coefficient of a foreign model that is smaller is what differences leave of zero
 
@@ -89,7 +93,9 @@ class Believed:
     flown from another condition or with another load: whatever is asked of a record is answered by :meth:`at`, whose
     ``start`` that is. ``free_starts`` are those of the records that do not begin at trim, by their keys
     (:func:`.windows.begin_freely`). ``surface_noise`` is that of the recorded surfaces that drive the model in place of
-    commands (:mod:`.drive`): control -> standard deviation.
+    commands (:mod:`.drive`): control -> standard deviation. ``begins`` are the start parameters (k,), by the same keys
+    as ``free_starts``, that starts are sought from, in place of the origins; with ``begins_there`` flights begin there,
+    as differences between neighbours want it.
 
     Raises:
         ScenarioError: the suite has no channel to compare, or one without any noise.
@@ -107,6 +113,8 @@ class Believed:
     free_starts: Mapping[str, FreeStart] = field(default_factory=dict)
     start: Start | None = None
     surface_noise: Mapping[str, float] = field(default_factory=dict)
+    begins: Mapping[str, FloatArray] = field(default_factory=dict)
+    begins_there: bool = False
 
     def __post_init__(self) -> None:
         if not self.outputs:
@@ -213,6 +221,9 @@ class Believed:
             FlightAborted, LimitError: the believed aircraft does not survive these commands.
             RecordError: the record holds no command, or no quiet flight before the first one.
         """
+        at = self.begun(record)
+        if at is not None:
+            return self.read_from(record, at)
         there = self.at(record)
         return there._read(there.flown(record, there.needed))
 
@@ -232,7 +243,8 @@ class Believed:
     def begun(self, record: FlightRecord, steps: int = STEPS) -> FloatArray | None:
         """Return the start parameters (k,) that suit this model best on a record; None if it begins at trim.
 
-        Steps of Gauss-Newton from the origin of its start, on the tangents there, as long as they suit it better.
+        Steps of Gauss-Newton on the tangents of its start, as long as they suit it better, from where ``begins`` says
+        or else from the origin.
 
         Raises:
             FlightAborted, LimitError: a flight from there does not survive.
@@ -241,34 +253,64 @@ class Believed:
         free = self.free_start_of(record)
         if free is None:
             return None
-        tried = self._begun.setdefault(key_of_start(record), [])
+        key = key_of_start(record)
+        if self.begins_there and key in self.begins:
+            return self.begins[key]
+        tried = self._begun.setdefault(key, [])
         while len(tried) <= steps:
             x = self.next_start(record, len(tried))
-            assert x is not None
-            cost = self.cost_of_start(record, x)
-            if tried and not cost < tried[-1][1]:  # the tangents are those of another model, and lead astray
+            cost = math.inf if x is None else self.cost_of_start(record, x)
+            if not tried and not math.isfinite(cost):  # where its neighbour began it does not survive
+                x, cost = free.origin, self.cost_of_start(record, free.origin)
+            if x is None or (tried and not cost < tried[-1][1]):
+                # it rests, or the tangents are those of another model, and lead astray
                 tried += [tried[-1]] * (steps + 1 - len(tried))
                 break
-            near = bool(tried) and float(np.max(np.abs(x - tried[-1][0]) / free.std)) < NEAR
+            near = bool(tried) and _farthest(free, x, tried[-1][0]) < NEAR
             tried.append((x, cost))
             if near:
                 tried += [tried[-1]] * (steps + 1 - len(tried))
         return tried[steps][0]
 
     def next_start(self, record: FlightRecord, steps: int) -> FloatArray | None:
-        """Return the start parameters (k,) that are flown next by ``begun``; None if so many steps are made already.
+        """Return the start parameters (k,) that are flown next by ``begun``.
+
+        None if so many steps are made already, or another one would be too small to be flown.
 
         Raises:
             FlightAborted, LimitError: as :meth:`begun`.
         """
-        free, tried = self.free_start_of(record), self._begun.get(key_of_start(record), [])
+        free, key = self.free_start_of(record), key_of_start(record)
         assert free is not None
+        tried = self._begun.get(key, [])
         if len(tried) > steps:
             return None
-        return self.better_start(record, tried[-1][0]) if tried else free.origin
+        if not tried:
+            return self.begins.get(key, free.origin)
+        if (key, len(tried)) not in self._aimed:
+            self._aimed[key, len(tried)] = self.better_start(record, tried[-1][0])
+        x = self._aimed[key, len(tried)]
+        return None if _farthest(free, x, tried[-1][0]) < CLOSE else x
+
+    def begun_at(self, records: Sequence[FlightRecord]) -> Mapping[str, FloatArray]:
+        """Return where this model begins in each of the records that start freely, by their keys."""
+        free = [r for r in records if starts_freely(r)]
+        return {key_of_start(r): x for r in free if (x := self.begun(r)) is not None}
+
+    def beginning(self, starts: Mapping[str, FloatArray], there: bool = False) -> Believed:
+        """Return the belief whose starts are sought from others, or lie there."""
+        return replace(self, begins=starts, begins_there=there) if starts else self
 
     @cached_property
     def _begun(self) -> dict[str, list[tuple[FloatArray, float]]]:
+        return {}
+
+    @cached_property
+    def _aimed(self) -> dict[tuple[str, int], FloatArray]:
+        return {}
+
+    @cached_property
+    def _readings(self) -> dict[tuple[str, bytes], FloatArray]:
         return {}
 
     def cost_of_start(self, record: FlightRecord, x: FloatArray) -> float:
@@ -313,8 +355,11 @@ class Believed:
 
     def read_from(self, record: FlightRecord, at: FloatArray) -> FloatArray:
         """Return what :meth:`predict` does, of a record that starts freely with parameters ``at`` (k,)."""
-        there = self.at(record)
-        return there._read(there.flown(record, there.needed, at=at))
+        key = record_key(record), at.tobytes()
+        if key not in self._readings:
+            there = self.at(record)
+            self._readings[key] = there._read(there.flown(record, there.needed, at=at))
+        return self._readings[key]
 
     def check_commands(self, record: FlightRecord) -> None:
         """Refuse a record whose commands, about the trim of the belief, leave the range of a control.
@@ -573,6 +618,11 @@ def _compared(suite: SensorSuite) -> _Compared:
     noise_std = np.array([float(np.hypot(suite.noise_std[n], drift[n])) for n in outputs])
     ideal = replace(suite, sensors=tuple(s for s in suite.sensors if s.channel in outputs)).without_errors()
     return _Compared(noise_std, ideal, tuple(dict.fromkeys(n for s in ideal.sensors for n in s.needs)))
+
+
+def _farthest(free: FreeStart, x: FloatArray, y: FloatArray) -> float:
+    """Return how far two starts lie apart in the parameter in which they do most, in prior standard deviations."""
+    return float(np.max(np.abs(x - y) / free.std))
 
 
 @lru_cache(maxsize=128)

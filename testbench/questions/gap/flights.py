@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -50,6 +50,25 @@ class Flyer:
     condition: FlightCondition
     rate_hz: float
     simulator: Simulator
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __getstate__(self) -> dict[str, object]:  # texts have other hashes in another process
+        return {k: v for k, v in self.__dict__.items() if k not in ("_hash", "beyond_limits")}
+
+    @cached_property
+    def _hash(self) -> int:  # asked for at every look-up
+        return hash((self.contents, self.condition, self.rate_hz, self.simulator))
+
+    @cached_property
+    def beyond_limits(self) -> Aircraft:
+        """The aircraft with limits of its flights that are wider by a share of what lies between them."""
+        limits = {
+            n: (low, high) if n == "h" else (low - BEYOND * (high - low), high + BEYOND * (high - low))
+            for n, (low, high) in self.aircraft.limits.items()
+        }
+        return replace(self.aircraft, limits=limits)
 
     @classmethod
     def of(cls, aircraft: Aircraft, condition: FlightCondition, rate_hz: float, simulator: Simulator) -> Flyer:
@@ -95,7 +114,7 @@ class Wanted:
         within = np.clip(u, [c.low - at for c, at in of], [c.full - at for c, at in of])
         signal = InputSignal(np.arange(len(u)) / self.flyer.rate_hz, within, self.controls)
         manoeuvre = Manoeuvre("measured commands", signal, 0.0)
-        return Job(_beyond_limits(aircraft), trimmed, manoeuvre, self.log_rate_hz, self.channels, self.air, self.start)
+        return Job(self.flyer.beyond_limits, trimmed, manoeuvre, self.log_rate_hz, self.channels, self.air, self.start)
 
 
 def trims(flyers: Sequence[Flyer]) -> list[TrimmedFlight | TestbenchError]:
@@ -208,12 +227,3 @@ def _grouped(items: Sequence[S], flyers: Sequence[Flyer], make: Callable[[Sequen
         else:
             out |= dict(zip(at, make([items[i] for i in at]), strict=True))
     return [out[i] for i in range(len(items))]
-
-
-def _beyond_limits(aircraft: Aircraft) -> Aircraft:
-    """Return the aircraft with limits of its flights that are wider by a share of what lies between them."""
-    limits = {
-        n: (low, high) if n == "h" else (low - BEYOND * (high - low), high + BEYOND * (high - low))
-        for n, (low, high) in aircraft.limits.items()
-    }
-    return replace(aircraft, limits=limits)

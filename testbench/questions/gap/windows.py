@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -18,9 +19,9 @@ import numpy as np
 
 from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import RecordError, TestbenchError, located
+from testbench.core.errors import LimitError, RecordError, TestbenchError, TrimError, located
 from testbench.core.record import FlightAborted, FlightRecord
-from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.believed import NEAR, Believed
 from testbench.questions.gap.evidence.commanded import (
     begins_quietly,
     commands,
@@ -59,6 +60,7 @@ _OF_LATERAL = ("beta", "p", "r", "phi", "da", "dr")  # start parameters
 _FITTED_S, _FEWEST = 0.2, 5  # straight lines through so much of a reading, and so many samples, say where it begins
 _TURNS_DEG_S, _BANK_DEG, _ACCELERATES_1_S = 5.0, 15.0, 0.05  # beyond which quiet commands are not taken for trim
 _MISFIT, _UNTRIMMED = 2.0, 10.0  # of the noise; chi-square from trim over that from another start
+_UNTRIMMED_BESIDE = 1.5  # the same beside records that do not begin in quiet flight: nobody waited for trim
 _STEP = 0.05  # of differences, in prior standard deviations
 _HORIZONS_S = (1.5, 3.0, math.inf)
 _ROUNDS, _FEW_ROUNDS = 8, 3
@@ -98,11 +100,13 @@ def cut(believed: Believed, records: Mapping[str, FlightRecord], windows: Window
     out: dict[str, FlightRecord] = {}
     whole: dict[str, FlightRecord] = {}
     notes: list[str] = []
+    moving = {name: restless(record) for name, record in records.items() if not starts_freely(record)}
+    least = _UNTRIMMED_BESIDE if any(moving.values()) else _UNTRIMMED
     for name, record in records.items():
         if starts_freely(record):
             out[name] = whole[name] = record
             continue
-        why_free = restless(record) or (untrimmed(believed, record) if windows == "auto" else "")
+        why_free = moving[name] or (untrimmed(believed, record, least) if windows == "auto" else "")
         if windows == "auto" and not why_free:
             out[name] = whole[name] = record
             continue
@@ -141,12 +145,12 @@ def restless(record: FlightRecord) -> str:
     return ""
 
 
-def untrimmed(believed: Believed, record: FlightRecord) -> str:
+def untrimmed(believed: Believed, record: FlightRecord, least: float = _UNTRIMMED) -> str:
     """Return why a record with quiet commands is not to be flown from trim, in words; "" if it may be.
 
-    The start alone, commands as they are, is fitted to the whole record. If that leaves less than a tenth of what a
-    start at trim does, the aircraft was not trimmed. Turbulence and gaps in the model go on through the record: a free
-    start leaves more of them. An unstable aircraft may leave its limits however well it was trimmed.
+    The start alone, commands as they are, is fitted to the whole record. If a start at trim leaves ``least`` times as
+    much, the aircraft was not trimmed. Turbulence and gaps in the model go on through the record: a free start leaves
+    more of them. An unstable aircraft may leave its limits however well it was trimmed.
     """
     plain, free = replace(believed, whiten=None), freed(record, record_key(record), level(record))
     try:
@@ -161,7 +165,7 @@ def untrimmed(believed: Believed, record: FlightRecord) -> str:
         return "cannot be flown from trim to its end" if unstable else ""
     except TestbenchError:
         return ""
-    if at_trim < _UNTRIMMED * left:
+    if at_trim < least * left:
         return ""
     return f"is not in trimmed flight as it begins (another start leaves {left / at_trim:.2g} of the misfit)"
 
@@ -225,12 +229,13 @@ def begin_freely(
 ) -> Believed:
     """Return the belief with the starts of all records that start freely, fitted to them.
 
-    Gauss-Newton on flown differences: readings less what the believed sensors would read, about their means.
+    Gauss-Newton on flown differences: readings less what the believed sensors would read, about their means. It begins
+    at the starts that the belief has, or at the first readings if it has none or cannot be flown from there.
 
     Args:
         believed: whose starts they become.
         records: by name; those that begin at trim are left alone.
-        along: model that they are fitted to, from the first readings; ``believed`` itself if not given.
+        along: model that they are fitted to; ``believed`` itself if not given.
 
     Raises:
         FlightAborted, LimitError, TrimError: the believed aircraft cannot fly a window from where it seems to begin.
@@ -240,6 +245,12 @@ def begin_freely(
         return believed
     plain = replace(along or believed, whiten=None)
     starts = {key_of_start(r): _guess(believed, r) for r in own.values()}
+    known = believed.free_starts
+    if all(k in known and known[k].names == s.names for k, s in starts.items()):
+        with suppress(FlightAborted, LimitError, TrimError):
+            here = {k: replace(s, origin=known[k].origin) for k, s in starts.items()}
+            here = _fitted(plain, own, here, math.inf, _ROUNDS)
+            return replace(believed, free_starts={**known, **here, **_linearised(plain, own, here)})
     # What seems to begin well may leave the limits before it has been fitted: first the beginnings alone.
     for horizon_s in _HORIZONS_S:
         starts = _fitted(plain, own, starts, horizon_s, _ROUNDS)
@@ -257,14 +268,22 @@ def _fitted(
     """Return starts fitted to no more than ``horizon_s`` of each record, by so many rounds at most."""
     out = dict(starts)
     moving = {n: r.between(float(r.t_s[0]), float(r.t_s[0]) + horizon_s) for n, r in records.items()}
+    far = moving  # whose last step was so long that tangents must be taken anew
     for _ in range(rounds):
-        out |= _linearised(believed, moving, out)
+        out |= _linearised(believed, far, out)
         moved, fallen = _improved(believed, moving, out)
+        steps = {n: np.abs(moved[k].origin - out[k].origin) / out[k].std for n, k in _keys(moving).items()}
         out |= moved
         moving = {n: r for n, r in moving.items() if fallen[n] > _AT_REST}
+        far = {n: r for n, r in moving.items() if np.max(steps[n]) > NEAR}
         if not moving:
             break
     return out
+
+
+def _keys(records: Mapping[str, FlightRecord]) -> dict[str, str]:
+    """Return what tells the start of each record from others."""
+    return {n: key_of_start(r) for n, r in records.items()}
 
 
 def _guess(believed: Believed, record: FlightRecord, offsets: bool = True) -> FreeStart:

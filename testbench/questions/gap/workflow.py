@@ -134,7 +134,9 @@ def find_gap(
         known = library(believed.suite, believed.aircraft) if effects is None else effects
         paths = judge_paths(believed, naming_records) if drive == "both" and not given.notes else ()
         known = restricted(known, [replace(p, outcome="not seen") for p in by.paths])[1]
-        believed, naming, air, known = _search_beside(paths, known, believed, naming_records, air, say)
+        # Where starts are fitted once more beside what comes nearest, two effects at once are sought after that alone.
+        pairs = not given.notes
+        believed, naming, air, known = _search_beside(paths, known, believed, naming_records, air, say, pairs)
         near = next((f for f in naming.ranking if f.significant and f.flown), None)
         if near is not None and given.notes:  # tangents of a start are those of the model that it was fitted to
             say("fit where windows start beside what comes nearest")
@@ -212,6 +214,7 @@ def _search_beside(
     records: Sequence[FlightRecord],
     air: AirFound,
     say: Callable[[str], None],
+    pairs: bool,
 ) -> tuple[Believed, Naming, AirFound, Mapping[str, Effect]]:
     """Return what :func:`search` does among the effects that the paths leave open, and those effects.
 
@@ -220,11 +223,11 @@ def _search_beside(
     """
     shown, left_open = restricted(known, paths)
     if shown is not left_open:
-        found = search(believed, records, air, say, shown, paths)
+        found = search(believed, records, air, say, shown, paths, pairs)
         best = found[1].best
         if best is not None and best.in_motion > CRITERIA.least:
             return (*found, left_open)
-    return (*search(believed, records, air, say, left_open, paths), left_open)
+    return (*search(believed, records, air, say, left_open, paths, pairs), left_open)
 
 
 def _begun(believed: Believed, records: Mapping[str, FlightRecord], held_out: Mapping[str, FlightRecord]) -> Believed:
@@ -254,10 +257,12 @@ def search(
     say: Callable[[str], None],
     effects: Mapping[str, Effect] | None = None,
     paths: Sequence[JudgedPath] = (),
+    pairs: bool = True,
 ) -> tuple[Believed, Naming, AirFound]:
     """Return the believed model in the air that was found, the naming, and the air.
 
-    ``effects`` is the library, that of the suite if not given; ``paths`` are those that recorded surfaces tell of.
+    ``effects`` is the library, that of the suite if not given; ``paths`` are those that recorded surfaces tell of;
+    ``pairs`` lets two effects at once be sought.
 
     A gap raises the rms of turbulence that is measured beside it, and it changes the flights that the turbulence works
     on. So the effect that comes nearest is taken out, and the rms is measured again. If the rms changes, or more than
@@ -269,14 +274,14 @@ def search(
     if air.moves:
         say("measure the air")
     flown_in, air = in_measured_air(believed, records, air)
-    naming = _named(flown_in, records, say, effects, paths)
+    naming = _named(flown_in, records, say, effects, paths, pairs)
     if naming.noise_left and not air.moves:
         return flown_in, naming, air
     say("listen to the air again")
     tuned = believed.with_nuisances(naming.nuisances)
     near = next((f for f in naming.ranking if f.significant and f.flown and f.gain > CRITERIA.weak), None)
     if air.moves and near is not None and near.share < CRITERIA.enough_alone:
-        hidden = _hidden_by_air(believed, tuned, near.added_to(believed), records, air, say, effects, paths)
+        hidden = _hidden_by_air(believed, tuned, near.added_to(believed), records, air, say, effects, paths, pairs)
         if hidden is not None:
             return hidden
         near = None  # it explains too little to be what is missing: what it would take out may be turbulence
@@ -290,7 +295,7 @@ def search(
         beside = _retuned(believed, in_air(believed, again, beside), records)
         again = measure(beside, records, again)
     flown_in = in_air(believed, again, beside)
-    return flown_in, _named(flown_in, records, say, effects, paths), again
+    return flown_in, _named(flown_in, records, say, effects, paths, pairs), again
 
 
 def _named(
@@ -299,9 +304,10 @@ def _named(
     say: Callable[[str], None],
     effects: Mapping[str, Effect] | None,
     paths: Sequence[JudgedPath],
+    pairs: bool,
 ) -> Naming:
     """Return what is named by the motion and by what recorded surfaces tell of ``paths``."""
-    return with_surfaces(name_effect(believed, records, say, effects), paths, believed, records)
+    return with_surfaces(name_effect(believed, records, say, effects, pairs), paths, believed, records)
 
 
 def _hidden_by_air(
@@ -313,6 +319,7 @@ def _hidden_by_air(
     say: Callable[[str], None],
     effects: Mapping[str, Effect] | None,
     paths: Sequence[JudgedPath],
+    pairs: bool,
 ) -> tuple[Believed, Naming, AirFound] | None:
     """Return what :func:`search` does if an effect is named once the air is measured beside another; else None.
 
@@ -325,12 +332,13 @@ def _hidden_by_air(
         say: called with a few words as each stage begins.
         effects: the library.
         paths: those that recorded surfaces tell of.
+        pairs: seek two effects at once, too.
     """
     again = measure(beside, records, air)
     if misfit(tuned, records, measure(tuned, records, air)) - misfit(beside, records, again) <= CRITERIA.weak:
         return None
     flown_in = in_air(believed, again, beside)
-    naming = _named(flown_in, records, say, effects, paths)
+    naming = _named(flown_in, records, say, effects, paths, pairs)
     return (flown_in, naming, again) if naming.names else None
 
 

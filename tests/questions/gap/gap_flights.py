@@ -43,4 +43,6 @@ def measure(
 
 def among(effects, pairs=False):
     """Return a search among ``effects`` only, to be patched in place of ``workflow.name_effect``; all if None."""
-    return lambda believed, records, say, _=None: name_effect(believed, records, say, effects, pairs)
+    return lambda believed, records, say, _=None, both=True: name_effect(
+        believed, records, say, effects, pairs and both
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from studies.blind.pieces import SEED, STRATA, piece, rates
+from studies.blind.pieces import SEED, STRATA, page, piece, rates
 
 from testbench.questions.gap.evidence.commanded import begins_quietly
 from testbench.questions.gap.hidden.truth import Truth
@@ -45,3 +45,8 @@ def test_rows_become_rates():
     assert found["library form", "unexplained"] == (1, 3)
     assert found["library form", "a coefficient accused by a wrong size"] == (1, 3)
     assert found["nothing", "false gap"] == (1, 1)
+    text = page(cases, {n: r | {"seconds": 30.0} for n, r in list(rows.items())[:3]})
+    assert "**3 of 4 planned cases have been run**" in text
+    assert "| library form | right effect | 1 of 3 | 6 to 79 % |" in text
+    assert "| library form 2 | slow servo | named | alpha_scale |" in text
+    assert "| library form 1 | slow servo |" not in text  # what is right is not told

@@ -132,7 +132,7 @@ def test_the_search_goes_where_the_surface_points(monkeypatch):
     b = believe(NOISE_RAD)
     few = {n: EFFECTS[n] for n in ("pitch_damper", "alpha_scale", "actuator_lag", "mass_error")}
     record = measure(b, DAMPER, ELEVATOR)
-    monkeypatch.setattr(workflow, "name_effect", lambda m, r, s, e: among(e)(m, r, s))
+    monkeypatch.setattr(workflow, "name_effect", lambda m, r, s, e, pairs: among(e)(m, r, s))
     finding = find_gap(b, record, {}, effects=few)
     assert (finding.naming.outcome, finding.naming.names) == ("named", ("pitch_damper",))
     assert [f.effect.name for f in finding.naming.ranking] == ["pitch_damper"]

@@ -331,7 +331,7 @@ def test_a_set_gets_a_manoeuvre_to_fly_next(monkeypatch, case):
     """Where two effects cannot be told apart, the finding says which manoeuvre would, and nothing is made up."""
     believed, record = case
 
-    def undecided(belief, records, say, effects=None):
+    def undecided(belief, records, say, effects=None, pairs=True):
         """Name two effects that change nothing much here."""
         fits = tuple(
             EffectFit(

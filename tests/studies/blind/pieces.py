@@ -73,6 +73,7 @@ def rates(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> list[
         else:
             verdicts = [judge(c, r).verdict for c, r in of]
             out.append((stratum, "right effect", verdicts.count("right"), len(of)))
+            out.append((stratum, "right or in the set", sum(v in ("right", "in set") for v in verdicts), len(of)))
             right = [parts_said(r["names"]) <= parts_true(c) for c, r in said]
             out.append((stratum, "right part", sum(right), len(of)))
             out.append((stratum, "wrong part", len(right) - sum(right), len(of)))
@@ -84,8 +85,58 @@ def rates(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> list[
     return out
 
 
+def page(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return what the rows say, in words and tables: how many of the planned cases were run comes first."""
+    run = [(c, rows[c.name]) for c in cases if c.name in rows]
+    out = [
+        "# Blind test of pieces without quiet start",
+        "",
+        "Made by `python -m studies.blind.pieces`, which resumes where it stopped; `--minutes 0` writes this page "
+        "anew. Truths are drawn, sealed and flown as in the [blind test](../README.md). Of each flight the quiet "
+        "beginning is cut away: it begins "
+        f"{_AFTER_S:g} s after the first command, so the workflow has to cut it into windows that start freely.",
+        "",
+        f"Seed {SEED}, the first draw. SHA-256 of answers.json without its last line break: `{seal(tuple(cases))[1]}`.",
+        "",
+        f"**{len(run)} of {len(cases)} planned cases have been run**, in the order in which they were drawn. "
+        "Intervals are Wilson's, 95 %.",
+        "",
+        "| stratum | run | planned |",
+        "|---|---|---|",
+        *(f"| {s} | {sum(c.stratum == s for c, _ in run)} | {n} |" for s, n in STRATA.items()),
+        "",
+        "| stratum | rate | cases | interval |",
+        "|---|---|---|---|",
+    ]
+    for stratum, rate, count, of in rates(cases, rows):
+        if of:
+            low, high = proportion_interval(count, of)
+            out.append(f"| {stratum} | {rate} | {count} of {of} | {100 * low:.0f} to {100 * high:.0f} % |")
+    seconds = np.array([r["seconds"] for _, r in run if "seconds" in r])
+    if seconds.size:
+        middle, most = (float(np.quantile(seconds, q)) for q in (0.5, 0.95))
+        out += [
+            "",
+            f"Processor time of a case: median {middle:.0f} s, 95 % below {most:.0f} s, longest {seconds.max():.0f} s.",
+        ]
+    missed = [(c, r) for c, r in run if _missed(c, r)]
+    if missed:
+        out += ["", "Not right:", "", "| case | hidden | outcome | said | came nearest |", "|---|---|---|---|---|"]
+        for c, r in missed:
+            said = ", ".join(r["names"]) or r.get("why", "")
+            out.append(
+                f"| {c.name} | {', '.join(c.kinds) or 'nothing'} | {r['outcome']} | {said} | {r.get('best', '')} |"
+            )
+    return "\n".join(out) + "\n"
+
+
+def _missed(case: Case, row: Mapping[str, Any]) -> bool:
+    """Return whether something else was said than what is right."""
+    return row["outcome"] != "no gap" if not case.kinds else judge(case, row).verdict != "right"
+
+
 def main(arguments: list[str] | None = None) -> int:
-    """Seal the answers, run the cases that have no row yet, and write the rates."""
+    """Seal the answers, run the cases that have no row yet, and write rates and page."""
     parser = argparse.ArgumentParser(prog="python -m studies.blind.pieces", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("results/gap/pieces"), help="folder of rows and rates")
     parser.add_argument("--minutes", type=float, default=None, help="start no case after so many minutes")
@@ -112,6 +163,7 @@ def main(arguments: list[str] | None = None) -> int:
         for stratum, rate, count, of in rates(cases, rows):
             if of:
                 writer.writerow([stratum, rate, count, of, *(f"{x:.3f}" for x in proportion_interval(count, of))])
+    (asked.out / "README.md").write_text(page(cases, rows), encoding="utf-8")
     return 0
 
 

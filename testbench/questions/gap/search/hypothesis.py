@@ -22,6 +22,7 @@ from testbench.questions.gap.flights import AT_ONCE, Wanted, flights, linear_mod
 
 LINEAR_STEP = 0.02  # of central differences of linear predictions by the nuisances, which are factors
 FLOWN_STEP = 0.01  # of forward differences of flights by them
+NEIGHBOUR = 2e-3  # share of a parameter's range within which flights of an effect begin where one of them did
 _MAX_STEP = 0.15  # largest change of a nuisance per round, so that thrust and trim stay within reach
 _MAX_LATERAL_STEP = 0.5  # the same for lateral nuisances, on which neither depends
 _NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
@@ -40,6 +41,7 @@ class Hypothesis:
         exact: (samples,) residuals flown in JSBSim, in units of the noise; 0 where no sample was taken.
         slopes: (samples, k) tangents taken over from another point, or None. If they are a little off, a descent takes
             longer and rests a fraction of the standard errors away; the residuals there are still JSBSim's.
+        starts: where it begins in records that start freely, by their keys (:meth:`.Believed.begun_at`).
     """
 
     believed: Believed
@@ -49,6 +51,7 @@ class Hypothesis:
     nuisances: FloatArray
     exact: FloatArray
     slopes: FloatArray | None = None
+    starts: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @classmethod
     def at(
@@ -69,7 +72,8 @@ class Hypothesis:
         priors = believed.priors_of(records) if priors is None else priors
         nuisances = np.ones(len(priors)) if nuisances is None else nuisances
         tuned = model.with_nuisances(dict(zip(priors, nuisances.tolist(), strict=True)))
-        return cls(believed, model, records, priors, nuisances, _flown(tuned, records))
+        exact = _flown(tuned, records)
+        return cls(believed, model, records, priors, nuisances, exact, starts=tuned.begun_at(records))
 
     def named(self, nuisances: FloatArray) -> Mapping[str, float]:
         """Return nuisance -> value of values (k,)."""
@@ -144,9 +148,13 @@ class Hypothesis:
         if not flown:
             return replace(self, slopes=None)
         steps = np.full(self.nuisances.size, FLOWN_STEP)
-        found = ends(lambda some: flown_all(self._beside(some), self.records), self.nuisances, steps)
+        found = ends(lambda some: flown_all(self.from_here(self._beside(some)), self.records), self.nuisances, steps)
         columns = [c for end in found if (c := slope(end, FLOWN_STEP, lambda: self.exact)) is not None]
         return replace(self, slopes=np.column_stack(columns) if len(columns) == len(found) else None)
+
+    def from_here(self, models: Sequence[Believed]) -> list[Believed]:
+        """Return neighbours that begin where this point does: what their starts would change is taken out anyway."""
+        return [m.beginning(self.starts, there=True) for m in models]
 
     def _beside(self, points: Sequence[FloatArray]) -> list[Believed]:
         """Return the model with its nuisances at each of several values (k,)."""
@@ -204,17 +212,21 @@ class Hypothesis:
         """Fly another model at other values of the nuisances with the tangents of this point; None if it cannot fly."""
         return self.moved_all([model], [nuisances])[0]
 
-    def moved_all(self, models: Sequence[Believed], nuisances: Sequence[FloatArray]) -> list[Hypothesis | None]:
-        """Return :meth:`moved` to each of several places, all flown together."""
+    def moved_all(
+        self, models: Sequence[Believed], nuisances: Sequence[FloatArray], near: bool = False
+    ) -> list[Hypothesis | None]:
+        """Return :meth:`moved` to each of several places, all flown together; ``near`` for differences about here."""
         tuned = [m.with_nuisances(self.named(x)) for m, x in zip(models, nuisances, strict=True)]
+        tuned = self.from_here(tuned) if near else [m.beginning(self.starts) for m in tuned]
         out: list[Hypothesis | None] = []
-        for model, x, exact in zip(models, nuisances, flown_all(tuned, self.records), strict=True):
+        for model, x, there, exact in zip(models, nuisances, tuned, flown_all(tuned, self.records), strict=True):
             if exact is None:
                 out.append(None)
                 continue
-            there = replace(self, model=model, nuisances=x, exact=exact, slopes=self.tangents)
-            there.__dict__["_normal"] = self._normal  # the same tangents have the same normal equations
-            out.append(there)
+            starts = there.begun_at(self.records)
+            point = replace(self, model=model, nuisances=x, exact=exact, slopes=self.tangents, starts=starts)
+            point.__dict__["_normal"] = self._normal  # the same tangents have the same normal equations
+            out.append(point)
         return out
 
 
@@ -224,12 +236,13 @@ class Signature:
 
     The difference of two linear predictions is right to second order, although neither prediction is. Flights are used
     for effects that a linearisation at trim does not see, and for those of sensors, which need no flight of their own.
-    ``known`` holds earlier results, by the bytes of the parameter values.
+    ``known`` holds earlier results, by the bytes of the parameter values; ``begun`` where those that were flown began.
     """
 
     base: Hypothesis
     effect: Effect
     known: dict[bytes, FloatArray | None] = field(default_factory=dict)
+    begun: dict[bytes, tuple[FloatArray, Mapping[str, FloatArray]]] = field(default_factory=dict)
 
     def model(self, x: FloatArray) -> Believed:
         """Return the model of the point with the effect at the parameter values ``x`` (p,)."""
@@ -250,13 +263,23 @@ class Signature:
         new = list({x.tobytes(): x for x in points if x.tobytes() not in self.known}.values())
         models = [self.tuned_model(x) for x in new]
         if self.effect.flown:
+            models = [self._from_known(x, model) for x, model in zip(new, models, strict=True)]
             ends = flown_all(models, self.base.records)
             changes = [None if end is None else end - self.base.exact for end in ends]
+            for x, model, end in zip(new, models, ends, strict=True):
+                if end is not None and not model.begins_there:
+                    self.begun[x.tobytes()] = (x, model.begun_at(self.base.records))
         else:
             ends = linear_all(models, self.base.records)
             changes = [None if end is None else self.base.linear - end for end in ends]
         self.known.update(zip((x.tobytes() for x in new), changes, strict=True))
         return [self.known[x.tobytes()] for x in points]
+
+    def _from_known(self, x: FloatArray, model: Believed) -> Believed:
+        """Return a model that begins where its neighbour did, or else one whose start is sought from the point's."""
+        scale = np.array([p.high - p.low for p in self.effect.parameters])
+        near = next((s for y, s in self.begun.values() if np.max(np.abs(x - y) / scale) < NEIGHBOUR), None)
+        return model.beginning(self.base.starts if near is None else near, there=near is not None)
 
 
 def flown_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> list[FloatArray | None]:
@@ -266,7 +289,7 @@ def flown_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> 
     some = max(1, AT_ONCE // (each * len(records)))
     for k in range(0, len(models), some):
         fly_together(models[k : k + some], records)
-        out += [_or_none(_flown, model, records) for model in models[k : k + some]]
+        out += [_or_none(_left, model, records) for model in models[k : k + some]]
     return out
 
 
@@ -296,9 +319,15 @@ def fly_together(models: Sequence[Believed], records: Sequence[FlightRecord]) ->
     for steps in range(1 + STEPS if free else 0):
         wanted: list[Wanted] = []
         for model, record in product(models, free):
+            if model.begins_there:
+                continue
             with suppress(*_NOT_FLOWN):
+                if steps:
+                    model.begun(record, steps - 1)  # it was flown a round before
                 x = model.next_start(record, steps)
                 wanted += [] if x is None else [model.wanted_to_read(record, x)]
+        if not wanted:
+            break
         flights(wanted)
     wanted = []
     for model, record in product(models, records):
@@ -309,6 +338,10 @@ def fly_together(models: Sequence[Believed], records: Sequence[FlightRecord]) ->
 
 def _flown(model: Believed, records: tuple[FlightRecord, ...]) -> FloatArray:
     fly_together([model], records)
+    return _left(model, records)
+
+
+def _left(model: Believed, records: tuple[FlightRecord, ...]) -> FloatArray:
     return np.concatenate([model.residuals(r).ravel() for r in records])
 
 

@@ -56,7 +56,7 @@ def slopes(signature: Signature, there: Hypothesis, x: FloatArray, errors: Float
     steps = np.where(x + width < high, width, -width)
 
     def flown(points: list[FloatArray]) -> list[FloatArray | None]:
-        moved = there.moved_all([signature.model(y) for y in points], [there.nuisances] * len(points))
+        moved = there.moved_all([signature.model(y) for y in points], [there.nuisances] * len(points), near=True)
         return [None if end is None else end.exact for end in moved]
 
     found = zip(ends(flown, x, steps), steps, strict=True)
