@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from unittest import mock
 
 from testbench.page.plot import Drawing, Plate, style
+from testbench.questions.plan import cards
 
 _PIXEL = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
@@ -29,7 +30,7 @@ def _made(self: Plate, wide: bool = True, png: bool = True) -> Drawing:
     return Drawing(svg, _PIXEL if png else b"")
 
 
-_RENDER = Plate.draw
+_RENDER, _PDF = Plate.draw, cards.pdf_bytes
 
 
 class Quick:
@@ -41,12 +42,20 @@ class Quick:
 @contextmanager
 def quick_drawing() -> Iterator[None]:
     """Render no figure within the block, nor in the commands that it runs."""
-    with mock.patch.object(Plate, "draw", _made), mock.patch.object(Quick, "on", True):
+    with (
+        mock.patch.object(Plate, "draw", _made),
+        mock.patch.object(cards, "pdf_bytes", return_value=b"%PDF-1.4\n"),
+        mock.patch.object(Quick, "on", True),
+    ):
         yield
 
 
 @contextmanager
 def rendering() -> Iterator[None]:
     """Render figures within the block after all."""
-    with mock.patch.object(Plate, "draw", _RENDER), mock.patch.object(Quick, "on", False):
+    with (
+        mock.patch.object(Plate, "draw", _RENDER),
+        mock.patch.object(cards, "pdf_bytes", _PDF),
+        mock.patch.object(Quick, "on", False),
+    ):
         yield

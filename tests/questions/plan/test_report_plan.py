@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from commands import command
+from quick_drawing import rendering
 from typer.testing import CliRunner
 
 from testbench.cli import app
@@ -24,8 +25,6 @@ from testbench.questions.plan.cards import write_cards
 from testbench.questions.plan.page import plan_page
 from testbench.questions.plan.scenario import Autopilot, PlanScenario
 from testbench.questions.plan.tables import modes_table, points_table, runs_table, short_cards
-
-pytestmark = pytest.mark.drawn
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +43,7 @@ def eolo_plan():
 def written(taurus_plan, tmp_path_factory):
     """What the command line makes of the Taurus campaign, which is made once: (how it ended, folder)."""
     out = tmp_path_factory.mktemp("plan")
-    with pytest.MonkeyPatch.context() as patch:
+    with rendering(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(ask, "make_plan", lambda scenario, *more, **named: taurus_plan)
         patch.setenv("COLUMNS", "200")
         return CliRunner().invoke(app, ["plan", "taurus_63", "-o", str(out)]), out / "plan_taurus_63"
@@ -94,6 +93,7 @@ def test_the_page_answers_and_links_to_what_is_there(written):
         assert (folder / link).is_file(), link
 
 
+@pytest.mark.usefixtures("rendered")
 def test_the_same_plan_gives_the_same_bytes(taurus_plan, tmp_path):
     taurus_plan = replace(taurus_plan, cards=taurus_plan.cards[:1])
     one = {p.name: p.read_bytes() for p in write_cards(taurus_plan, tmp_path / "a")}
