@@ -222,8 +222,11 @@ def test_the_busiest_stretch_of_a_long_record_tells_the_bias(monkeypatch):
     part = equation_error.estimate(data, structure, held=("de",))
     error = np.sqrt(np.diag(whole.covariance))
     bias, there = (m.diagnostics["smoothing_bias"] for m in (whole, part))
-    assert np.max(np.abs(bias) / error) > 0.5
-    assert np.max(np.abs(there - bias) / error) < 0.1
+    derivatives = [
+        i for i, n in enumerate(whole.values) if n not in structure.trim_constants
+    ]  # quiet flight tells those
+    assert np.max((np.abs(bias) / error)[derivatives]) > 10.0
+    assert np.max((np.abs(there - bias) / error)[derivatives]) < 0.2
     assert not np.array_equal(there, bias)
 
 
