@@ -50,10 +50,13 @@ reliability: $(VENV)/installed-dev
 test-slow: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -m slow
 
-# Every page in results/ in Chromium: axe-core's faults (light and dark), words, bytes, widths, keys; npm brings axe-core.
+# Every page in results/, and small ones of kinds that are not there, in Chromium: axe-core's faults (light and dark),
+# words, bytes, widths, keys; npm brings axe-core. Some three minutes.
 pages-held: $(VENV)/installed-dev
 	mkdir -p build && cd build && npm pack --silent axe-core@4 && tar xzf axe-core-4*.tgz package/axe.min.js
+	rm -rf build/pages && PYTHONPATH=. $(BIN)/python tests/studies/made_pages.py build/pages
 	PYTHONPATH=. $(BIN)/python tests/studies/pages_held.py results build/package/axe.min.js
+	PYTHONPATH=. $(BIN)/python tests/studies/pages_held.py build/pages build/package/axe.min.js
 
 benchmarks: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/flight_overhead.py

@@ -6,24 +6,37 @@ import multiprocessing
 import os
 import sys
 import tempfile
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
+from quick_drawing import Quick, quick_drawing
+
+import testbench
 import testbench.cli as cli
 
 # Imported once, by the process that those of the commands are forked from: importing takes longer than most commands.
+_ROOT = Path(testbench.__file__).parents[1]
 _SERVER = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload(
     [
-        "testbench.cli",
-        "testbench.questions.run.ask",
-        "testbench.questions.gap.workflow",
-        "testbench.questions.design.search",
-        "testbench.questions.run.figures",
+        "quick_drawing",
+        *(
+            ".".join(file.relative_to(_ROOT).with_suffix("").parts).removesuffix(".__init__")
+            for file in sorted(Path(testbench.__file__).parent.rglob("*.py"))
+            if file.stem != "__main__" and "envs" not in file.parts
+        ),
+        "matplotlib.figure",
         "matplotlib.backends.backend_agg",
         "matplotlib.backends.backend_svg",
         "jinja2",
         "h5netcdf",
+        "xarray",
+        "pandas",
+        "scipy.io",
+        "pyarrow.parquet",
+        "rich.table",
+        "typer.rich_utils",
     ]
 )
 
@@ -41,20 +54,21 @@ def command(*words: object, cwd: Path | None = None) -> Done:
     """Run a command in a process of its own with an output 200 columns wide."""
     with tempfile.TemporaryDirectory() as folder:
         out, err = Path(folder, "out"), Path(folder, "err")
-        process = _SERVER.Process(target=_run, args=([*map(str, words)], cwd or Path.cwd(), out, err))
+        process = _SERVER.Process(target=_run, args=([*map(str, words)], cwd or Path.cwd(), out, err, Quick.on))
         process.start()
         process.join()
         assert process.exitcode is not None
         return Done(process.exitcode, out.read_text(encoding="utf-8"), err.read_text(encoding="utf-8"))
 
 
-def _run(words: list[str], cwd: Path, out: Path, err: Path) -> None:
+def _run(words: list[str], cwd: Path, out: Path, err: Path, quick: bool) -> None:
     for path, number in ((out, 1), (err, 2)):
         os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND), number)
     os.chdir(cwd)
     os.environ["COLUMNS"] = "200"
     sys.argv = ["testbench", *words]
-    cli.main()
+    with quick_drawing() if quick else nullcontext():
+        cli.main()
 
 
 def ends(monkeypatch, capsys, *words):

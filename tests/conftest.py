@@ -7,6 +7,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from browsers import chromium
+from quick_drawing import quick_drawing, rendering
 
 from testbench.flight import FlightCondition, load_aircraft, trim
 
@@ -38,3 +39,20 @@ def taurus_trim(taurus):
 def browser():
     with chromium() as running:
         yield running
+
+
+@pytest.fixture(scope="module", autouse=True)
+def figures_are_made(request):
+    """Render figures in modules that are marked ``drawn`` alone; elsewhere they are made and not rendered."""
+    if request.node.get_closest_marker("drawn"):
+        yield
+    else:
+        with quick_drawing():
+            yield
+
+
+@pytest.fixture
+def rendered():
+    """Render figures in one test of a module that is not marked ``drawn``."""
+    with rendering():
+        yield

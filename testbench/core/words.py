@@ -14,4 +14,4 @@ def with_error(value: float, error: float) -> str:
     decimals = max(1 - math.floor(math.log10(error)), 0)
     if decimals > _MOST_DECIMALS:
         return f"{value:.4g} ± {error:.2g}"
-    return f"{value:.{decimals}f} ± {error:.{decimals}f}"
+    return f"{value:z.{decimals}f} ± {error:.{decimals}f}"

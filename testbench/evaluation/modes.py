@@ -48,6 +48,28 @@ def longitudinal_modes(model: LinearModel, elastic_names: Mapping[int, str]) -> 
     return dict(sorted(modes.items(), key=lambda item: abs(item[1])))
 
 
+def lateral_modes(model: LinearModel, elastic_names: Mapping[int, str]) -> dict[str, complex]:
+    """Return name -> pole (rad/s, the one of a pair with positive imaginary part) of the lateral-directional motion.
+
+    Args:
+        model: linearised aircraft.
+        elastic_names: number of each antisymmetric elastic mode -> its name.
+
+    Names are those of :func:`name_modes`; two real roots of one mode are listed root by root, and roll and spiral that
+    have joined are one pair, "lateral phugoid".
+    """
+    found = spectrum(model, "lateral-directional", elastic_names)
+    modes: dict[str, complex] = {}
+    for mode, owned in name_modes(found, elastic_names).items():
+        poles = poles_of(found, owned)
+        roots = (mode,) if len(poles) == 1 else (f"{mode}, slow root", f"{mode}, fast root")
+        modes |= dict(zip(roots, poles, strict=True))
+    if modes["roll"].imag > 1e-9:
+        modes["lateral phugoid"] = modes.pop("roll")
+        del modes["spiral"]
+    return dict(sorted(modes.items(), key=lambda item: abs(item[1])))
+
+
 def _rigid_names(poles: Sequence[complex]) -> dict[str, complex]:
     pairs = [p for p in poles if p.imag > 1e-9]
     real = [p for p in poles if p.imag <= 1e-9]

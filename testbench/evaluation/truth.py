@@ -16,7 +16,7 @@ from testbench.estimators.structured import STRUCTURE_NAMES
 from testbench.evaluation.bode import zero_order_hold
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.evaluation.excitation import ModeExcitation, excitation
-from testbench.evaluation.modes import longitudinal_modes
+from testbench.evaluation.modes import lateral_modes, longitudinal_modes
 from testbench.evaluation.parameters import true_parameters
 from testbench.flight import LinearModel, TrimmedFlight, linearise
 from testbench.inputs.signal import energy_spectrum
@@ -25,7 +25,10 @@ from testbench.sensors import SensorSuite
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What is known of a simulated aircraft: its linear model at trim, its modes, and what the input does to them."""
+    """What is known of a simulated aircraft: its linear model at trim, its modes, and what the input does to them.
+
+    ``modes`` are those of the motions that the inputs of an identification drive.
+    """
 
     aircraft: Aircraft
     trimmed: TrimmedFlight
@@ -54,10 +57,30 @@ class Truth:
         return np.where(held, hold[:, None, None] * H, H)
 
 
-def true_model(aircraft: Aircraft, trimmed: TrimmedFlight) -> Truth:
-    """Return the linear model and modes of an aircraft at trim, without the excitation by an input."""
+def true_model(aircraft: Aircraft, trimmed: TrimmedFlight, inputs: Sequence[str] = ()) -> Truth:
+    """Return the linear model and modes of an aircraft at trim, without the excitation by an input.
+
+    Args:
+        aircraft: what flies.
+        trimmed: where.
+        inputs: input channels of the identification. Aileron and rudder drive the lateral-directional motion, whose
+            modes come last; all others, or none, the longitudinal one.
+    """
     linear = linearise(aircraft, trimmed)
-    return Truth(aircraft, trimmed, linear, longitudinal_modes(linear, _symmetric(aircraft)), ())
+    modes: dict[str, complex] = {}
+    if _longitudinal(inputs):
+        modes |= longitudinal_modes(linear, _symmetric(aircraft))
+    if _lateral(inputs):
+        modes |= lateral_modes(linear, _antisymmetric(aircraft))
+    return Truth(aircraft, trimmed, linear, modes, ())
+
+
+def _lateral(inputs: Sequence[str]) -> bool:
+    return any(n.removesuffix("_cmd") in ("da", "dr") for n in inputs)
+
+
+def _longitudinal(inputs: Sequence[str]) -> bool:
+    return not inputs or any(n.removesuffix("_cmd") not in ("da", "dr") for n in inputs)
 
 
 def excited(known: Truth, flight: FlightRecord, inputs: Sequence[str], suites: Sequence[SensorSuite]) -> Truth:
@@ -73,22 +96,41 @@ def excited(known: Truth, flight: FlightRecord, inputs: Sequence[str], suites: S
     u = flight.columns(controls)
     sensors = {s.channel: s.noise_std for suite in suites for s in suite.sensors if s.channel not in inputs}
     used = {n: s for n, s in sensors.items() if s > 0.0 and n in known.linear.outputs}
-    found = excitation(
-        known.linear.longitudinal(tuple(_symmetric(known.aircraft))),
-        known.modes,
-        controls,
-        u - u[0],
-        flight.dt_s,
-        used,
-        1.0 / suites[0].rate_hz,
-        flight.duration_s,
-    )
+    motions = []
+    if _longitudinal(inputs):
+        motions.append((known.linear.longitudinal(tuple(_symmetric(known.aircraft))), False))
+    if _lateral(inputs):
+        motions.append((known.linear.lateral(tuple(_antisymmetric(known.aircraft))), True))
+    sideways = _lateral_names(known)
+    found = []
+    for motion, lateral in motions:
+        found += excitation(
+            motion,
+            {name: pole for name, pole in known.modes.items() if (name in sideways) == lateral},
+            controls,
+            u - u[0],
+            flight.dt_s,
+            used,
+            1.0 / suites[0].rate_hz,
+            flight.duration_s,
+        )
     return replace(known, excitation=tuple(found))
+
+
+def _lateral_names(known: Truth) -> set[str]:
+    elastic = set(_antisymmetric(known.aircraft).values())
+    rigid = {"Dutch roll", "roll", "spiral", "lateral phugoid"}
+    return {name for name in known.modes if name.partition(",")[0] in rigid | elastic}
 
 
 def _symmetric(aircraft: Aircraft) -> dict[int, str]:
     elastic = aircraft.flown_modes()
     return {i: m.name for i, m in enumerate(elastic.modes if elastic else (), 1) if m.symmetry == "symmetric"}
+
+
+def _antisymmetric(aircraft: Aircraft) -> dict[int, str]:
+    elastic = aircraft.flown_modes()
+    return {i: m.name for i, m in enumerate(elastic.modes if elastic else (), 1) if m.symmetry != "symmetric"}
 
 
 def told_of(truth: Truth | None, model: IdentifiedModel, records: Sequence[FlightRecord]) -> dict[str, Any]:
@@ -108,16 +150,24 @@ def told_of(truth: Truth | None, model: IdentifiedModel, records: Sequence[Fligh
 def _possible(truth: Truth, structure: Any) -> dict[str, complex]:
     """Return the true modes that a model can have: a packaged structure has those of its states, another model all.
 
-    Without airspeed and pitch angle there is no phugoid, and without elastic states no elastic mode; that they are
-    not found is no news.
+    Without airspeed and pitch angle there is no phugoid, without bank angle no spiral, and without elastic states no
+    elastic mode; a structure of one motion has no mode of the other. That they are not found is no news.
     """
     if structure is None or structure.name not in STRUCTURE_NAMES:
         return dict(truth.modes)
-    without = set()
-    if not {"V", "theta"} <= set(structure.states):
+    states, without = set(structure.states), set()
+    if "q" not in states:
+        without |= {"phugoid", "short period"}
+    if not {"V", "theta"} <= states:
         without.add("phugoid")
+    if "p" not in states:
+        without |= {"Dutch roll", "roll", "spiral", "lateral phugoid"}
+    if "phi" not in states:
+        without |= {"spiral", "lateral phugoid"}
+    if not {"beta", "v"} & states:
+        without.add("Dutch roll")
     if not any(s.startswith("eta_") for s in structure.states):
-        without |= set(_symmetric(truth.aircraft).values())
+        without |= {*_symmetric(truth.aircraft).values(), *_antisymmetric(truth.aircraft).values()}
     return {name: pole for name, pole in truth.modes.items() if name.partition(",")[0] not in without}
 
 

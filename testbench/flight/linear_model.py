@@ -89,6 +89,11 @@ class LinearModel:
         modal = [f"{kind}_{i}" for kind in ("eta", "etadot") for i in symmetric]
         return self.subsystem(["u", "w", "q", "theta", "h", *modal])
 
+    def lateral(self, antisymmetric: Sequence[int] = ()) -> LinearModel:
+        """Return the lateral-directional motion: v, p, r, phi and the modes numbered ``antisymmetric`` (from 1)."""
+        modal = [f"{kind}_{i}" for kind in ("eta", "etadot") for i in antisymmetric]
+        return self.subsystem(["v", "p", "r", "phi", *modal])
+
     def to_control(self) -> object:
         """Return the model as a python-control state space with named signals."""
         import control

@@ -59,8 +59,9 @@ def stride(rate_hz: float, log_rate_hz: float) -> int:
     if ratio < 1.0 - 1e-9 or abs(ratio - round(ratio)) > 1e-6:
         near = sorted({rate_hz / math.ceil(max(ratio, 1.0)), rate_hz / max(math.floor(ratio), 1)})
         raise LimitError(
-            f"a log rate must divide the simulation rate of {rate_hz:g} Hz, got {log_rate_hz:g} Hz; "
-            f"nearest: {' or '.join(f'{n:g}' for n in near)} Hz"
+            f"a log rate must divide the simulation rate of {rate_hz:g} Hz, got {log_rate_hz:g} Hz; simulate at "
+            f"{math.ceil(max(ratio, 1.0)) * log_rate_hz:g} Hz (simulation.rate_hz), or log at "
+            f"{' or '.join(f'{n:g}' for n in near)} Hz"
         )
     return round(ratio)
 

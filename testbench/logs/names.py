@@ -2,7 +2,8 @@
 
 A header names a channel by its symbol (``q``), by a common word (``pitch rate``), by a property of JSBSim
 (``velocities/q-rad_sec``) or as JSBSim, X-Plane and FlightGear write it (``V_{Total}``, ``__Q,rad/s``), and gives the
-unit in brackets, after a slash or as a suffix (``alpha [deg]``, ``alpha/deg``, ``alpha_deg``). Nothing else is guessed.
+unit in brackets, after a slash or as a suffix (``alpha [deg]``, ``alpha/deg``, ``alpha_deg``). Words may be joined by
+capitals (``PitchRate``). Nothing else is guessed.
 """
 
 from __future__ import annotations
@@ -38,7 +39,9 @@ _NAMES = {
     "airspeed": "V", "tas": "V", "true_airspeed": "V", "v_tas": "V", "vtas": "V", "vtrue": "V", "v_total": "V",
     "aoa": "alpha", "angle_of_attack": "alpha", "alfa": "alpha", "aos": "beta", "sideslip": "beta", "side_slip": "beta",
     "angle_of_sideslip": "beta", "sideslip_angle": "beta",
-    "roll_rate": "p", "pitch_rate": "q", "yaw_rate": "r", "p_dot": "pdot", "q_dot": "qdot", "r_dot": "rdot",
+    "roll_rate": "p", "pitch_rate": "q", "yaw_rate": "r", "body_roll_rate": "p", "body_pitch_rate": "q",
+    "body_yaw_rate": "r", "rollrate": "p", "pitchrate": "q", "yawrate": "r", "p_dot": "pdot", "q_dot": "qdot",
+    "r_dot": "rdot",
     "roll_acceleration": "pdot", "pitch_acceleration": "qdot", "yaw_acceleration": "rdot",
     "roll": "phi", "bank": "phi", "bank_angle": "phi", "roll_angle": "phi", "pitch": "theta", "pitch_angle": "theta",
     "yaw": "psi", "yaw_angle": "psi", "heading": "psi",
@@ -83,6 +86,7 @@ _WORDS = {
     "lbf/ft2": "psf", "lbs/ft2": "psf", "percent": "%", "pct": "%", "norm": "1", "none": "1",
 }  # fmt: skip
 _KNOWN = {unit.lower(): unit for units in UNITS.values() for unit in units}
+_CAPITALS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")  # where words are joined: PitchRate
 _BRACKETS = re.compile(r"(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))\s*", re.DOTALL)
 
 
@@ -159,7 +163,8 @@ def meaning(name: str, stated: str = "") -> Meaning | None:
         if (found := _named(short)) is not None:
             unit = stated_unit(found.channel, stated or inside)
             return Meaning(found.channel, unit if stated or inside else found.unit)
-    command = _COMMANDS.get(_label(name.rsplit(".", 1)[-1]), "")
+    last = name.rsplit(".", 1)[-1]
+    command = _COMMANDS.get(_label(last)) or _COMMANDS.get(_label(_CAPITALS.sub("_", last)), "")
     unit = stated_unit(command, stated or inside) if command else ""
     return Meaning(command, unit) if unit else None
 
@@ -173,7 +178,7 @@ def _named(name: str) -> Meaning | None:
         if key in _PROPERTIES:
             return Meaning(_PROPERTIES[key], _fitting(_PROPERTIES[key], suffix if key == base else ""))
     label = _label(name)
-    known = _NAMES.get(label) or _ANY_CASE.get(label)
+    known = _NAMES.get(label) or _ANY_CASE.get(label) or _NAMES.get(_label(_CAPITALS.sub("_", name)))
     if known:
         return Meaning(known, "")
     for cut in (m.start() for m in re.finditer(r"[/_,]", label)):  # alpha_deg, alpha/deg, q_rad_s, q,rad/s

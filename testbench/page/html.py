@@ -21,13 +21,18 @@ _TEMPLATES = Path(__file__).resolve().parent / "templates"
 _UPLOT = _TEMPLATES.parent / "uplot"
 
 
+_WIDE_PT = 72.0 * 8.6  # of drawings that are as wide as a sheet
+_HALF_SHEET, _LEGIBLE = 0.61, 0.88  # height over width: of half a sheet less a caption, of what keeps 5 points there
 LONGEST_WORD = 20
 """Characters of a word in a cell that does not break."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure on a page: ``wide`` and ``narrow`` are data URIs of SVG images, ``explore`` its numbers as JSON."""
+    """A figure on a page: ``wide`` and ``narrow`` are data URIs of SVG images, ``explore`` its numbers as JSON.
+
+    ``tall`` is one of which two fill a printed sheet if they are drawn a little smaller.
+    """
 
     name: str
     title: str
@@ -35,6 +40,7 @@ class Picture:
     wide: str
     narrow: str
     explore: str = ""
+    tall: bool = False
 
 
 def picture(plate: Plate, wide_svg: str | None = None) -> Picture:
@@ -43,7 +49,13 @@ def picture(plate: Plate, wide_svg: str | None = None) -> Picture:
     numbers = plate.explore().to_json() if plate.explore is not None else ""
     # What is explored fits any screen as it is; its drawing is for print, and for readers without a script.
     narrow = "" if numbers else data_uri(plate.draw(wide=False, png=False).svg.encode())
-    return Picture(plate.name, plate.title, plate.caption, data_uri(wide.encode()), narrow, numbers)
+    return Picture(plate.name, plate.title, plate.caption, data_uri(wide.encode()), narrow, numbers, _is_tall(wide))
+
+
+def _is_tall(svg: str) -> bool:
+    """Return whether a drawing as wide as a sheet takes more than half of it, and stays legible in a half."""
+    box = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)
+    return box is not None and _HALF_SHEET < float(box[2]) / max(float(box[1]), _WIDE_PT) < _LEGIBLE
 
 
 def data_uri(image: bytes, kind: str = "svg+xml") -> str:

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from testbench.core.escape import csv_cell
@@ -17,6 +18,10 @@ MISSING = "–"
 LONGEST = 160
 """Characters of a cell that stand in it on the page; what is longer is a note below the table."""
 _BEGINNING = 50  # characters of it that the cell keeps
+SHEET_PT = 516.0
+"""Width of what is printed on A4, points: 210 mm less the margins of the style sheet."""
+_LETTER_PT, _BOLD_PT, _PAD_PT = 4.8, 5.2, 6.7  # of a cell in print: 7.5 points, of a broad sans-serif
+_UNBROKEN, _SHORT_TEXT, _TEXT_PT = 16, 24, 53.0  # letters that stand in one line; above the second, least width of text
 
 
 @dataclass(frozen=True)
@@ -46,7 +51,7 @@ class Column:
                 text = f"{value:.{self.digits}g}".replace("-", "−")
                 return number(value, self.digits) if "e" in text else text
             if self.decimals is not None and math.isfinite(value) and abs(value) < 1e6:
-                return f"{value:.{self.decimals}f}".replace("-", "−")
+                return f"{value:z.{self.decimals}f}".replace("-", "−")  # z: no minus before nothing but zeros
             return number(value, self.digits)
         return str(value)
 
@@ -115,6 +120,40 @@ class Table:
             for k, text in enumerate(dict.fromkeys(texts), 1)
         }
 
+    def sheets(self) -> list[Table]:
+        """Return the table as a sheet of A4 takes it: itself, or parts that stand below each other.
+
+        Each begins with the first columns, those before the first group. Columns of a group stay together if they fit.
+        """
+        widths = [self._least_pt(k) for k in range(len(self.columns))]
+        if sum(widths) <= SHEET_PT:
+            return [self]
+        groups = self.groups()
+        first = groups[0][1] if groups and not groups[0][0] else 1
+        while first > 1 and sum(widths[:first]) > SHEET_PT / 2.0:
+            first -= 1
+        room = SHEET_PT - sum(widths[:first])
+        parts = _filled(_filled([[k] for k in range(first, len(widths))], widths, room, self._one_group), widths, room)
+        return [self._part([*range(first), *part]) for part in parts]
+
+    def _one_group(self, a: int, b: int) -> bool:
+        return self.columns[a].group == self.columns[b].group != ""
+
+    def _part(self, kept: list[int]) -> Table:
+        rows = tuple(tuple(row[k] for k in kept) for row in self.rows)
+        return replace(self, columns=tuple(self.columns[k] for k in kept), rows=rows)
+
+    def _least_pt(self, k: int) -> float:
+        """Return about the least width of a column in print, points: words of its head, and cells as the page wraps."""
+        column = self.columns[k]
+        texts = [column.text(row[k]) for row in self.rows]
+        words = [w for text in texts for w in (text.split() if k == 0 or len(text) > _UNBROKEN else [text])]
+        cell = _LETTER_PT * max(map(len, words), default=0)
+        if any(len(text) > (_UNBROKEN if k == 0 else _SHORT_TEXT) for text in texts):
+            cell = max(cell, _TEXT_PT)
+        head = _BOLD_PT * max(map(len, f"{column.head} {column.unit}".split()), default=0)
+        return _PAD_PT + max(head, cell)
+
     def heads(self) -> list[str]:
         """Return the column names that files carry, with units."""
         return [c.key + (f" [{c.unit}]" if c.unit else "") for c in self.columns]
@@ -136,6 +175,19 @@ class Table:
             "rows": [{c.key: _json(v) for c, v in zip(self.columns, row, strict=True)} for row in self.rows],
         }
         return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _filled(
+    blocks: list[list[int]], widths: list[float], room: float, joined: Callable[[int, int], bool] = lambda a, b: True
+) -> list[list[int]]:
+    """Return blocks of columns joined, from the left, while they are ``joined`` by their ends and have room."""
+    out: list[list[int]] = []
+    for block in blocks:
+        if out and joined(out[-1][-1], block[0]) and sum(widths[k] for k in (*out[-1], *block)) <= room:
+            out[-1] += block
+        else:
+            out.append(list(block))
+    return out
 
 
 def _written(value: Value) -> Value:

@@ -120,7 +120,9 @@ def print_rows(
         return
     whole = sum(max(map(len, (head, *(row[k] for row in rows)))) for k, head in enumerate(heads))
     tight = console.width < whole + 2 * (len(least) - 1)
-    grid = Grid(title=Text(title) if title else None, title_justify="left", title_style="", box=None, pad_edge=False)
+    if title:  # a grid would wrap its title at its own width
+        console.print(Text(title))
+    grid = Grid(box=None, pad_edge=False)
     for k, head in enumerate(heads):
         number = bool(right) and right[k]
         justify: Any = "right" if number else "left"

@@ -161,6 +161,21 @@ def test_steps_into_a_stall_are_no_feedback():
     assert named <= 1  # each errs in 2 % of flights: two of six by chance in 0.6 %
 
 
+def test_a_multisine_that_its_own_past_tells_reacts_to_nothing():
+    # Rounding was all that was new in it, and in gusts a loop was named in all of these flights.
+    t = 0.02 * np.arange(900)
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        phases = rng.uniform(0.0, 2.0 * np.pi, 12)
+        de = 0.03 * np.sin(2.0 * np.pi * np.outer(t, np.arange(1, 13) / 6.0) + phases).sum(axis=1)
+        noise = 0.001 * rng.standard_normal((900, 2)) + 0.1 * coloured(rng, 0.97, 900, 2)
+        data = np.column_stack([de, steady_states(TRUE, de, stall=True) + noise])
+        flown = FlightRecord(t, (*INPUTS, *OUTPUTS), data, "measured")
+        codes = [a.code for a in with_causes(estimate("moesp", [flown], INPUTS, OUTPUTS, **HORIZONS), [flown]).advice]
+        assert "closed_loop" not in codes
+        assert "bend" in codes[:2]
+
+
 def test_what_moves_the_aircraft_is_told_from_the_noise_of_sensors():
     rng = np.random.default_rng(9)
     gust = 500.0 * coloured(rng, 0.97, 2000, 2).T  # of four times the variance of the noise

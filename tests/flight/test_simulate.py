@@ -122,7 +122,7 @@ def test_a_command_beyond_the_deflection_is_refused_and_not_clipped(eolo, eolo_t
 
 def test_a_log_rate_must_divide_the_simulation_rate(eolo, eolo_trim):
     with pytest.raises(
-        LimitError, match=r"must divide the simulation rate of 500 Hz, got 60 Hz; nearest: 55.5556 or 62.5"
+        LimitError, match=r"rate of 500 Hz, got 60 Hz; simulate at 540 Hz .*, or log at 55.5556 or 62.5 Hz"
     ):
         fly(eolo, eolo_trim, doublet(500.0), 60.0)
 

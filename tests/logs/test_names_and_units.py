@@ -18,6 +18,11 @@ from testbench.logs.names import clock_called, meaning, plain_unit, split_unit, 
         ("Altitude ASL", "ft", "h", "ft"), ("Left Aileron Position", "deg", "da", "deg"),
         ("Elevator command", "deg", "de_cmd", "deg"), ("Aileron cmd [rad]", "", "da_cmd", "rad"),
         ("rudder_demand (deg)", "", "dr_cmd", "deg"), ("Throttle command", "%", "thr_cmd", "%"),
+        # words joined by capitals
+        ("RollRate [deg/s]", "", "p", "deg/s"), ("pitchRate (rad/s)", "", "q", "rad/s"), ("YawRate", "", "r", ""),
+        ("TrueAirspeed [m/s]", "", "V", "m/s"), ("AngleOfAttack", "deg", "alpha", "deg"),
+        ("AoA [deg]", "", "alpha", "deg"),
+        ("ElevatorCmd [deg]", "", "de_cmd", "deg"),
         # properties of JSBSim and FlightGear
         ("/fdm/jsbsim/velocities/q-rad_sec", "", "q", "rad/s"), ("fcs/elevator-pos-rad", "", "de", "rad"),
         ("fcs/elevator-pos-deg", "", "de", "deg"), ("velocities/vt-fps", "", "V", "ft/s"),
@@ -44,7 +49,7 @@ def test_headings_of_many_writers(heading, stated, channel, unit):
 @pytest.mark.parametrize(
     "heading",
     ["Q(1)_{LOCAL}", "Q_{inertial}", "V_{Inertial}", "q_s", "V_s", "hding,_true", "UBody", "y[1]", "q[2]", "Vind,_kias",
-     "Elevator Command",
+     "Elevator Command", "RollRateCmd", "PitchRateSp",
      "Elevator command [kg]", "velocities/vc-kts", "fcs/right-aileron-pos-rad", "fcs/elevator-cmd-norm", "",
      "flight.y"],
 )  # fmt: skip

@@ -15,6 +15,8 @@ from testbench.__main__ import main
 from testbench.page import terminal
 from testbench.page.terminal import print_rows, show_all
 
+pytestmark = pytest.mark.drawn
+
 PYTHON = [sys.executable, "-m", "testbench"]
 
 
@@ -51,6 +53,13 @@ def test_no_number_is_broken_however_narrow_a_terminal_is(width):
     assert all(number in words for row in ROWS for number in row[1:])
     if width >= 30:
         assert max(map(len, out.getvalue().splitlines())) <= width
+
+
+def test_a_title_is_as_wide_as_the_terminal_and_not_as_its_table():
+    out = io.StringIO()
+    title = "MRSE on the validation records, %"
+    print_rows(Console(file=out, width=60), ["model", "q"], [["srivc", "6.22"]], (False, True), title)
+    assert out.getvalue().splitlines()[0].rstrip() == title
 
 
 def test_a_pipe_that_is_closed_ends_a_command_quietly():

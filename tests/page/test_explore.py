@@ -11,6 +11,8 @@ import pytest
 from testbench.page.explore import MOST_VALUES, Curve, Explorable, Panel, View, peaks_kept
 from testbench.page.svg import small_svg
 
+pytestmark = pytest.mark.drawn
+
 
 def read(figure: Explorable) -> dict:
     out = json.loads(figure.to_json())

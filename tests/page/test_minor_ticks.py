@@ -11,6 +11,8 @@ from matplotlib.ticker import NullFormatter, NullLocator
 from testbench.page.minor_ticks import MinorTicks
 from testbench.page.plot import grid, new_figure, style
 
+pytestmark = pytest.mark.drawn
+
 
 def pixels(own: bool, with_ticks: bool = True) -> np.ndarray:
     """A panel with logarithmic axes, a second scale below it, and one behind it that shows no ticks."""

@@ -8,8 +8,12 @@ from pathlib import Path
 import pytest
 from studies.pages_held import faults_of
 
+from testbench.page.html import picture
 from testbench.page.page import COMPUTED, Page
+from testbench.page.plot import Plate, grid, new_figure
 from testbench.page.tables import Column, Table
+
+pytestmark = pytest.mark.drawn
 
 NO_AXE = "window.axe = { run: async () => ({ violations: [] }) }"
 WIDE = Table(
@@ -67,3 +71,33 @@ def test_links_open_what_they_lead_into_and_print_opens_everything(tab):
     assert page.locator("details:not([open])").count() == 0
     page.evaluate("dispatchEvent(new Event('afterprint'))")
     assert page.locator("details:not([open])").count() > 0
+
+
+@pytest.mark.parametrize(("height_in", "tall"), [(4.0, False), (6.0, True), (7.4, True), (8.5, False)])
+def test_two_figures_of_more_than_half_a_sheet_share_one_in_print(tab, height_in, tall):
+    def make(wide: bool):
+        figure = new_figure(wide, height_in)
+        grid(figure, 0.2, [height_in - 1.0])[0, 0].plot([0.0, 1.0], [0.0, 1.0])
+        return figure
+
+    drawn = picture(Plate("one", "A figure", "Its caption.", make))
+    assert drawn.tall is tall
+    page = tab(Page(kicker="k", title="t", answer=["it is"], packages=COMPUTED).html([drawn]))
+    page.emulate_media(media="print")
+    page.set_viewport_size({"width": 688, "height": 1000})  # 182 mm
+    found = page.evaluate("(b => [b.width, b.height])(document.querySelector('.picture img').getBoundingClientRect())")
+    page.emulate_media(media="screen")
+    assert found[1] / found[0] == pytest.approx(height_in / 8.6, rel=0.01)
+    if tall:
+        assert found[1] < 1000.0 * 111.0 / 264.0
+
+
+def test_a_table_of_many_columns_fits_a_sheet_in_print(tab):
+    page = tab(report())
+    page.emulate_media(media="print")
+    page.set_viewport_size({"width": 688, "height": 1000})
+    widths = page.evaluate("[...document.querySelectorAll('table')].map(t => t.getBoundingClientRect().width)")
+    page.emulate_media(media="screen")
+    assert widths[0] == 0.0  # the whole table stands on the screen alone
+    assert len(widths) > 2
+    assert all(0.0 < w <= 688.0 for w in widths[1:])

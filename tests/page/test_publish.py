@@ -18,6 +18,8 @@ from testbench.page.plot import Plate, grid, label, legend, line_handles, line_l
 from testbench.page.publish import Publication, asked, publish, published
 from testbench.questions.options import with_figures
 
+pytestmark = pytest.mark.drawn
+
 T_S = np.linspace(0.0, 2.0, 7)
 
 

@@ -12,6 +12,8 @@ import pytest
 from testbench.page import serve
 from testbench.page.serve import HOST, Answer, serving
 
+pytestmark = pytest.mark.drawn
+
 PAGE = b"<p>page</p>"
 
 

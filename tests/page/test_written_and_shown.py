@@ -15,6 +15,8 @@ from testbench.page.terminal import print_rows
 from testbench.page.words import Line, answer_lines, counted, listed, sentence, some
 from testbench.questions.run.scenario import Scenario
 
+pytestmark = pytest.mark.drawn
+
 TABLE = Table(
     "sizes",
     "Sizes",

@@ -19,6 +19,8 @@ from testbench.page.page import Page
 from testbench.page.tables import Column, Table
 from testbench.page.write import record_keeper
 
+pytestmark = pytest.mark.drawn
+
 
 def page(name, **more):
     table = Table(name, name, "", (Column("x", "x"),), ((1.0,),))

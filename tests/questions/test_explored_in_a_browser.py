@@ -14,6 +14,8 @@ from testbench.page.html import picture
 from testbench.page.page import COMPUTED, Page
 from testbench.page.plot import Plate, grid, new_figure
 
+pytestmark = pytest.mark.drawn
+
 HOSTILE = "</script><script>document.title = 'run'</script> \" onload='1' <img src=x>"
 MOST_BYTES = 1_500_000
 MOST_MS = 1000.0

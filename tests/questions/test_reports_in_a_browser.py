@@ -15,6 +15,8 @@ from testbench.page.page import Page
 from testbench.page.tables import Column, Table
 from testbench.questions.run.page import run_page
 
+pytestmark = pytest.mark.drawn
+
 HOSTILE = "<script>alert(1)</script> & \"double\" 'single' </title><img src=x onerror=alert(2)>"
 SVG = (
     "data:image/svg+xml;base64,"

@@ -46,6 +46,7 @@ def test_a_pair_is_told_apart_where_it_differs_and_only_there() -> None:
     )
 
 
+@pytest.mark.usefixtures("rendered")
 def test_a_method_that_gave_nothing_is_no_pair_and_ranks_last() -> None:
     errors = np.column_stack([np.arange(1.0, 7.0), np.full(6, np.nan), np.arange(6.0)])
     contest = Contest("s", "q", "%", ("a", "none", "c"), errors)

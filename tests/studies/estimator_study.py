@@ -205,14 +205,13 @@ def product(method: str) -> str:
 def held_table(rows: list[dict[str, Any]]) -> dict[str, tuple[int, int, int]]:
     """Return method -> lowest and highest share, %, and seeds, of those whose intervals leave the limits somewhere.
 
-    The worst of several quantities enters only where all of them together stay within.
+    The worst of several quantities enters only where it leaves them: chance makes one of many the worst.
     """
     out = {}
     for name in sorted({product(r["method"]) for r in rows}):
         mine = [r for r in rows if product(r["method"]) == name]
-        whole = [r for r in mine if "worst" not in r["quantity"]]
+        mine = [r for r in mine if "worst" not in r["quantity"] or r["within"] == "no"]
         if any(r["within"] == "no" for r in mine):
-            mine = whole if any(r["within"] == "no" for r in whole) else mine
             shares = [round(100.0 * float(r["held"])) for r in mine]
             out[name] = (min(shares), max(shares), min(int(r["seeds"]) for r in mine))
     return out

@@ -1,4 +1,4 @@
-"""Every kind of page in Chromium: axe-core's faults, words of the answer, bytes, width, and what the keyboard reaches.
+"""Every kind of page in Chromium: axe-core's faults, words of the answer, bytes, width, keys, and when plots answer.
 
     python tests/studies/pages_held.py FOLDER AXE.min.js [--pictures FOLDER]
 
@@ -21,6 +21,7 @@ from browsers import BROWSER
 
 WIDTHS = (400, 800, 1280)  # px
 MOST_BYTES = 1_500_000
+MOST_MS = 1000.0  # from opening a page until its first plot answers
 SERIOUS = ("serious", "critical")
 _UNREACHED = """
 () => {
@@ -61,6 +62,19 @@ def faults_of(page: Any, axe: str, words: bool = True) -> list[str]:
     return out
 
 
+def answers_after_ms(page: Any) -> float | None:
+    """Return how long a page that was just opened took until its first plot answered; None if none is in sight."""
+    plots = page.locator("figure[data-explore]")
+    if not plots.count():
+        return None
+    page.evaluate("document.querySelector('figure[data-explore]').closest('details')?.setAttribute('open', '')")
+    opened = float(page.evaluate("performance.now()"))
+    plots.first.scroll_into_view_if_needed()
+    page.wait_for_selector("figure[data-ready]", state="attached")
+    ready = float(page.locator("figure[data-ready]").first.get_attribute("data-ready"))
+    return ready if ready < opened else ready - opened
+
+
 def pictures(browser: Any, file: Path, folder: Path) -> None:
     """Write screenshots of a page at all widths, light, dark and for print."""
     stem = file.parent.name
@@ -97,10 +111,13 @@ def main() -> int:
             context = browser.new_context(viewport={"width": WIDTHS[-1], "height": 900}, bypass_csp=True)
             page = context.new_page()
             page.goto(file.resolve().as_uri())
+            ms = answers_after_ms(page)
             found = faults_of(page, axe)
+            found += [f"plots answer after {ms:.0f} ms"] if ms is not None and ms > MOST_MS else []
             size = file.stat().st_size
             found += [f"{size} bytes"] if size > MOST_BYTES else []
-            print(f"{file.parent.name}: {size / 1e6:.2f} MB, {len(found)} faults")
+            plots = "" if ms is None else f", plots answer after {ms:.0f} ms"
+            print(f"{file.parent.name}: {size / 1e6:.2f} MB{plots}, {len(found)} faults")
             for text in found:
                 print(f"    {text}")
             bad += len(found)

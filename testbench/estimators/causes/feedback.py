@@ -30,16 +30,21 @@ _FILTERED = 2  # samples before the present one that tell the noise of sensors f
 _ROUNDS = 5
 _CLIP = 4.0  # robust standard deviations of what is new in an input
 _PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)  # of one sample's response that may lie within the sample
+_NEWS = 1e-6  # of an input, below which what is new in it is rounding: its past tells all of a multisine of few lines
 _HELD = 0.5  # an input that stays exactly where it was in more than half of its samples follows no noisy output
 
 
 class Feedback(NamedTuple):
-    """Which input reacts, the share of what is new in it that the residuals explain, and the test's statistic."""
+    """Which input reacts, the share of what is new in it that the residuals explain, and the test's statistic.
+
+    ``news`` is the (robust) deviation of what is new in it, relative to that of the input.
+    """
 
     at: int
     share: float
     statistic: float
     degrees: int
+    news: float = 0.0
 
 
 def testable(records: Sequence[FlightRecord], inputs: Sequence[str]) -> bool:
@@ -126,8 +131,8 @@ def _test(
         b = np.linalg.lstsq(past * weight[:, None], now * weight, rcond=1e-10)[0]
         new = now - past @ b
         size = _CLIP * 1.4826 * float(np.median(np.abs(new)))
-        if size <= 0.0:
-            break
+        if size <= _CLIP * _NEWS * float(np.std(now)):
+            return Feedback(j, 0.0, 0.0, known.shape[1])
         weight = np.sqrt(np.minimum(1.0, size / np.maximum(np.abs(new), 1e-300)))
     if not steps and size > 0.0:
         counts = np.abs(new) <= size
@@ -144,4 +149,5 @@ def _test(
         rest_of_it = clipped - left @ np.linalg.lstsq(left, clipped, rcond=1e-10)[0]
         rest = max(rest if part else 0.0, float(rest_of_it @ rest_of_it))
     share = max(1.0 - rest / total, 0.0)
-    return Feedback(j, share, -samples * float(np.log(max(1.0 - share, 1e-12))), known.shape[1])
+    news = size / (_CLIP * float(np.std(now)))
+    return Feedback(j, share, -samples * float(np.log(max(1.0 - share, 1e-12))), known.shape[1], news)

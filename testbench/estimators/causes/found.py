@@ -53,13 +53,14 @@ def _bears_feedback(model: IdentifiedModel) -> bool:
 
 def in_words(model: IdentifiedModel, c: Found) -> Advice:
     """Return what a cause does, by how much, and what to do, with its rank."""
+    slow = "phugoid" if {"V", "u", "w", "alpha", "q", "theta", "az"} & set(model.outputs) else "spiral"
     said = {
         "delay": f"{c.subject} acts some {c.amount:.2g} s later than the model takes it to",
         "lag": f"{c.subject} acts through a lag of some {c.amount:.2g} s, as of a servo, that the model lacks",
         "bend": f"the response bends: it is not linear in {c.subject}",
         "drift": (
             "the outputs move slowly in a way that the model does not follow: biases or drifts of the sensors, or a "
-            "slow mode that it lacks, such as the phugoid, which this record does not tell apart"
+            f"slow mode that it lacks, such as the {slow}, which this record does not tell apart"
             if c.subject == SLOW
             else "the outputs carry biases or drifts that the model does not estimate"
         ),

@@ -61,6 +61,7 @@ from testbench.estimators.state_space import StateSpaceModel
 # of the test of feedback, which is not made on held inputs or white residuals; with the part of a response that leaves
 # least to find taken first, 8 of 396 open loops of noisy inputs in coloured noise lay beyond it
 _CHANCE_LOOP = 0.04
+_LITTLE_NEWS = 0.05  # of an input: less of it is new where it is smooth, and what it has bent before tells that
 _SCREEN = 1e-3  # of all regressors at once, before any of them is looked at
 _SHARE = 0.5  # of what any linear response explains: from here on a delay or lag is the better name
 _LAGS_WHITE = 20  # samples over which innovations are tested for colour
@@ -87,7 +88,8 @@ def search(model: IdentifiedModel, data: Data, found: Sequence[Direction]) -> li
     start = regress_from(data.parts, steady_parts, [s.v for s in data.parts])
     steady = joined(steady_parts, *[c.columns for c in drifts(model, data)])  # a slow pole would else follow a drift
     still = regress_from(data.parts, steady, [s.v for s in data.parts])
-    given, loop = data, _loop(model, data)
+    given = data
+    loop = _loop(model, data)
     best = _best_of_its_kind(model, _Best(model, list(found), data, still), steady)
     data, linear = best.data, any_linear(model, best.data)
     crooked = {name_of(c): c for c in (*bends(best.model, data), *drifts(model, data))}
@@ -257,7 +259,8 @@ def _loop(model: IdentifiedModel, data: Data, steps: bool = True) -> Found | Non
     """Return feedback, if what is new in an input goes with what any linear response to its past leaves of the outputs.
 
     The model has no part in it: one that is wrong hides what it is wrong for. Outputs with direct feedthrough follow
-    what is new in an input in any case and are left out.
+    what is new in an input in any case and are left out. Where little is new in an input, such as a multisine, what
+    bends would leave is taken out in a second test: the input is told by what it has bent before, without any loop.
     """
     apart = ~feeds_through(model)
     if not np.any(apart) or not feedback.testable(data.records, model.inputs):
@@ -269,20 +272,29 @@ def _loop(model: IdentifiedModel, data: Data, steps: bool = True) -> Found | Non
     ]
     lines = [np.stack([np.ones(len(r)), np.linspace(-1.0, 1.0, len(r))], axis=1) for r in data.records]
     response, steady = any_linear(model, data, 1), own([each(line, p) for line in lines])
-    # by ordinary least squares: a whole flight of gusts is not to be whitened away
-    b, left = regress_plainly(parts, joined(response, steady))
-    width = response[0].shape[2] // (m * p)
-    first = b[: m * width * p].reshape(m, width, p)[:, 0].T  # the response one sample later
-    f = feedback.strongest(
-        [r.columns(model.inputs) for r in data.records],
-        [v[apart] for v in left],
-        [s.good for s in parts],
-        autoregression([v.T for v in left]),
-        first[apart],
-        steps,
-    )
-    if f is None or chi2.sf(f.statistic, f.degrees) * m > _CHANCE_LOOP:
+
+    def strongest(along: list[FloatArray]) -> tuple[feedback.Feedback | None, float]:
+        # by ordinary least squares: a whole flight of gusts is not to be whitened away
+        b, left = regress_plainly(parts, along)
+        width = response[0].shape[2] // (m * p)
+        first = b[: m * width * p].reshape(m, width, p)[:, 0].T  # the response one sample later
+        f = feedback.strongest(
+            [r.columns(model.inputs) for r in data.records],
+            [v[apart] for v in left],
+            [s.good for s in parts],
+            autoregression([v.T for v in left]),
+            first[apart],
+            steps,
+        )
+        return f, 1.0 if f is None else float(chi2.sf(f.statistic, f.degrees) * m)
+
+    f, chance = strongest(joined(response, steady))
+    if f is None or chance > _CHANCE_LOOP:
         return None
+    if f.news < _LITTLE_NEWS:
+        bent = [c.columns for c in bends(model, data)]
+        if strongest(joined(response, steady, *bent))[1] > _CHANCE_LOOP:
+            return None
     return Found("closed_loop", model.inputs[f.at], 0.0, f.share, np.nan, "", np.nan, f.statistic, f.degrees)
 
 

@@ -11,7 +11,7 @@
     const size = /inf/i.test(found[1]) ? Infinity * (found[1][0] === "-" ? -1 : 1) : Number(found[1]);
     return size * 10 ** Number(found[2] ?? found[3] ?? 0);
   }
-  for (const table of document.querySelectorAll("figure.table table")) {
+  for (const table of document.querySelectorAll("figure.table table:not(.sheet)")) {
     const body = table.tBodies[0], heads = [...table.tHead.rows[table.tHead.rows.length - 1].cells];
     const rows = [...body.rows].filter(row => !row.classList.contains("total"));
     const totals = [...body.rows].filter(row => row.classList.contains("total"));

@@ -301,7 +301,10 @@ def _prepare(
     trimmed = _TRIMS.known(key)  # of this batch at the latest, which is smaller than what is remembered
     if isinstance(trimmed, TestbenchError):
         raise trimmed
-    truth: Truth | None = _TRUTHS.get(key, lambda: true_model(aircraft, trimmed)) if spec.truth else None
+    truth: Truth | None = None
+    if spec.truth:
+        driven = tuple(run_.scenario.identification.inputs)
+        truth = _TRUTHS.get((key, driven), lambda: true_model(aircraft, trimmed, driven))
     needed = dict.fromkeys(name for suite in suites for sensor in suite.sensors for name in sensor.needs)
     channels = None if spec.records else tuple(needed)
     run_.ready = Prepared(aircraft, suites, trimmed, truth, channels)

@@ -138,6 +138,7 @@ def _region_plate(result: GapResult) -> Plate:
             factor = shown_unit(region.quantity)[0]
             ticks = [0, len(region.edges) // 2, len(region.edges) - 1]
             axes.set_xticks([k - 0.5 for k in ticks], [number(factor * region.edges[k]) for k in ticks])
+            axes.get_xticklabels()[-1].set_horizontalalignment("right")  # the last panel ends where the figure does
             label(axes, axis_label(region.quantity))
         _energy_bar(figure, image)
         return figure

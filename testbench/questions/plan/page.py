@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from testbench.page.page import Page, source_of
 from testbench.questions.plan.answer import plan_answer
-from testbench.questions.plan.card_text import card_stem
+from testbench.questions.plan.card_text import card_stem, standing
 from testbench.questions.plan.cards import script_of, signals, write_cards
 from testbench.questions.plan.figures import plan_plates
 from testbench.questions.plan.tables import modes_table, plan_tables, runs_table, short_cards
@@ -31,7 +31,7 @@ def plan_page(plan: Plan) -> Page:
         files={"plan.csv": runs.to_csv(), "plan.json": runs.to_json(), **files},
         more_files=partial(write_cards, plan),
         template="questions/plan/page.html.j2",
-        context={"cards": [(card, stem, script_of(card, plan)) for card, stem in stems]},
+        context={"cards": [(card, stem, script_of(card, plan), standing(card)) for card, stem in stems]},
         flown=plan.tally,
         source=source_of(plan.scenario),
         terminal=[short_cards(plan)],

@@ -25,7 +25,7 @@ def response_answer(response: FrequencyResponse) -> Answer:
             out.append(f"{symbol(output)}: nowhere coherent with {', '.join(map(symbol, response.inputs))}")
             continue
         runs = np.split(np.flatnonzero(good), np.flatnonzero(np.diff(np.flatnonzero(good)) > 1) + 1)
-        longest = max(runs, key=len)
+        longest = max(runs, key=lambda run: float(w[run[-1]] / w[run[0]]))  # in octaves, as responses are read
         error = 100.0 * float(np.median(response.random_error[longest, i].max(axis=1)))
         out.append(
             f"{symbol(output)}: coherence of at least {COHERENT:g} from {number(float(w[longest[0]]))} to "

@@ -24,8 +24,9 @@ def run_answer(result: RunResult, most_doubts: int = 4) -> list[Line]:
     told = result.findings[len(result.questions) :]
     found = [*_against_printed(result), *(text for text in told if not isinstance(text, Advice))]
     doubts = advice_lines(text for text in told if isinstance(text, Advice))
-    if not found:
-        found = [
+    modes = {e.sentence for e in result.truth.excitation} if result.truth else set()
+    if set(found) <= modes:  # how well the models predict says more than what the input shows
+        found[:0] = [
             f"{name}: {verdict}"
             for name, case in zip(case_names(result.cases), result.cases, strict=True)
             for verdict in case.evaluation.verdicts[:2]

@@ -177,4 +177,5 @@ def wanted_flights(scenario: Scenario, ready: Prepared, seed: int) -> list[Job]:
 
 def _truth(ready: Prepared, flights: tuple[Flight, ...], identification: Identification) -> Truth:
     flight = next(f for f in flights if f.use != "validation")
-    return excited(true_model(ready.aircraft, ready.trimmed), flight.flown, identification.inputs, ready.suites)
+    known = true_model(ready.aircraft, ready.trimmed, identification.inputs)
+    return excited(known, flight.flown, identification.inputs, ready.suites)

@@ -112,6 +112,14 @@ def _records(result: RunResult) -> list[tuple[str, str]]:
     out = []
     for flight in result.flights:
         record = flight.truth if flight.truth is not None else next(iter(flight.measured.values()))
-        said = ", ".join(f"{k} {v}" for k, v in sorted(record.provenance.items()) if v not in ([], "", None))
+        said = ", ".join(_words(k, v) for k, v in sorted(record.provenance.items()) if v not in ([], "", None))
         out.append((f"record {flight.name}", said or "no provenance"))
     return out
+
+
+def _words(key: str, value: Any) -> str:
+    """Return what a record says of itself; of a mapping its plain values alone."""
+    if not isinstance(value, Mapping):
+        return f"{key} {value}"
+    plain = [_words(k, v) for k, v in value.items() if not isinstance(v, Mapping) and v not in ([], "", None)]
+    return f"{key} ({', '.join(plain)})" if plain else key

@@ -59,6 +59,9 @@ def mode_table(result: RunResult) -> Table | None:
             else:
                 row += [*frequency_and_damping(own.found), own.wn_error_percent]
         rows.append(tuple(row))
+    known = {row[0] for row in rows if any(v is not None for v in row[4:])}
+    empty = {row[0]: row for row in reversed(rows) if row[0] not in known}  # one row for a mode that nothing found
+    rows = [row for row in rows if any(v is not None for v in row[4:]) or empty.get(row[0]) is row]
     if all(row[1] == "all outputs" for row in rows):
         columns, rows = [columns[0], *columns[2:]], [(row[0], *row[2:]) for row in rows]
     caption = (
@@ -106,14 +109,26 @@ def reference_tables(result: RunResult) -> list[Table]:
     if modes:
         out.append(_reference_table(result, modes, source))
     if rest:
-        columns = (Column("quantity", "quantity"), Column("printed", "printed", digits=4))
-        caption = f"{source}. SI units and radians; these estimators give poles and responses, not derivatives."
-        out.append(
-            Table(
-                "printed_values", "Other printed values", caption, columns, tuple((k, float(values[k])) for k in rest)
-            )
-        )
+        out.append(_printed_values({k: float(values[k]) for k in rest}, result, source))
     return out
+
+
+def _printed_values(values: Mapping[str, float], result: RunResult, source: str) -> Table:
+    """Return printed values that are no modes, with what each model that has them as parameters found."""
+    columns = [Column("quantity", "quantity"), Column("printed", "printed", digits=4)]
+    rows: list[tuple[Value, ...]] = [(name, value) for name, value in values.items()]
+    for model, case in zip(case_names(result.cases), result.cases, strict=True):
+        found = {p.name: p for p in case.evaluation.parameters if p.free and p.name in values}
+        if found:
+            columns += [
+                Column(f"{model} estimate", "estimate", "", model, digits=4),
+                Column(f"{model} std", "± std", "", model, digits=2),
+            ]
+            own = {name: (p.value, p.std) for name, p in found.items()}
+            rows = [(*row, *own.get(str(row[0]), (None, None))) for row in rows]
+    none = "" if len(columns) > 2 else "; these estimators give poles and responses, not derivatives"
+    caption = f"{source}. SI units and radians{none}."
+    return Table("printed_values", "Other printed values", caption, tuple(columns), tuple(rows))
 
 
 def printed_poles(result: RunResult) -> dict[str, complex]:

@@ -107,7 +107,7 @@ def test_slopes_of_the_residuals_are_central_differences(weighting, delay):
         assert slopes[:, i] == pytest.approx((up - down) / 2e-5, abs=1e-7 * np.abs(slopes).max())
 
 
-@pytest.mark.parametrize("weighting", ["loes", "likelihood"])
+@pytest.mark.parametrize("weighting", ["loes", pytest.param("likelihood", marks=pytest.mark.slow)])
 def test_standard_errors_are_the_scatter(weighting):
     rng = np.random.default_rng(1)
     seeds, error = 80, 0.05

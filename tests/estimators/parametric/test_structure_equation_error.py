@@ -71,12 +71,12 @@ def test_smooth_data_that_begin_and_end_at_rest_are_recovered_exactly():
 
 @pytest.mark.parametrize("width", [25, 50])
 def test_held_steps_are_met_half_way(width):
-    # A step of a held input leaves a corner in the state, which no smooth derivative follows: 2 % are left. Taken as
-    # running linearly, the input comes half a sample early: 7 to 10 %.
+    # A step of a held input leaves a corner in the state, which no smooth derivative follows: 2 % before the correction
+    # for it, 0.05 % after. Taken as running linearly, the input comes half a sample early: 7 to 10 %.
     data = records([steps(1500, 3, width), steps(1200, 4, width)], held=True)
     met = worst(equation_error.estimate(data, short_period(), held=("de",)))
-    assert met < 0.03
-    assert worst(equation_error.estimate(data, short_period(), held=())) > 3.0 * met
+    assert met < 1e-3
+    assert worst(equation_error.estimate(data, short_period(), held=())) > 0.05
 
 
 def test_nonlinear_structures_take_their_steps():
@@ -100,17 +100,23 @@ def test_it_is_the_regression_of_the_same_signals():
     everywhere = np.ones((len(r), len(names)), bool)
     data = RegressionData(r.t_s, names, np.stack(columns, axis=1), everywhere, {}, Recipe())
     fit = regress(data, "qdot", ("alpha", "q", "de"))
+    # the regression knows nothing of the noise in its terms
+    bias = dict(zip(model.values, model.diagnostics["noise_bias"], strict=True))
+    assert np.all(
+        model.diagnostics["smoothing_bias"] == 0.0
+    )  # one cut-off for all: nothing is lost from one state alone
+    biased = {name: value + bias[name] for name, value in model.values.items()}
     assert dict(zip(fit.terms, fit.params, strict=True)) == pytest.approx(
         {
-            "alpha": model.values["M_alpha"],
-            "q": model.values["M_q"],
-            "de": model.values["M_de"],
-            "1": model.values["M_0"],
+            "alpha": biased["M_alpha"],
+            "q": biased["M_q"],
+            "de": biased["M_de"],
+            "1": biased["M_0"],
         },
         rel=1e-8,
     )
     linear = linear_model([data], states=("alpha", "q"), inputs=("de",))
-    ours = model.linear()
+    ours = SHORT.matrices(np.array(list(biased.values())))
     assert np.allclose(linear.A, ours.A, rtol=1e-7)
     assert np.allclose(linear.B, ours.B, rtol=1e-7)
     # plain standard errors: the same formula, degrees of freedom aside (4 and 8 of 900)
@@ -161,28 +167,82 @@ def test_what_it_cannot_do_is_refused():
         equation_error.estimate([still], short_period())
 
 
-def test_bias_by_noise_is_said_with_its_size():
+def noisy(clean, share, seed):
+    """The record with noise on alpha and q of these shares of their deviations."""
+    size = np.array(share) * clean.columns(("alpha", "q")).std(axis=0)
+    e = size * np.random.default_rng(seed).standard_normal((len(clean), 2))
+    return clean.with_columns({"alpha": clean["alpha"] + e[:, 0], "q": clean["q"] + e[:, 1]})
+
+
+def test_bias_by_noise_is_taken_out_and_said_with_its_size():
     """Hardly smoothed, noise of the states draws derivatives towards zero as errors in variables say."""
     off, said, sentences = [], [], []
+    clean = records([smooth_input(900, 1)])[0]
     for seed in range(12):
-        clean = records([smooth_input(900, 1)])[0]
-        noise = np.random.default_rng(seed).standard_normal((900, 2)) * 0.3 * clean.columns(("alpha", "q")).std(axis=0)
-        noisy = clean.with_columns({"alpha": clean["alpha"] + noise[:, 0], "q": clean["q"] + noise[:, 1]})
-        model = equation_error.estimate([noisy], short_period(), cutoff_hz=12.0)
+        model = equation_error.estimate([noisy(clean, (0.3, 0.3), seed)], short_period(), cutoff_hz=12.0)
         off.append(model.params - SHORT.values)
         said.append(model.diagnostics["noise_bias"])
         sentences.extend(a for a in model.advice if a.code == "noisy_terms")
-    error = np.std(off, axis=0) / np.sqrt(12)
-    bias, expected = np.mean(off, axis=0), np.mean(said, axis=0)
+    error = np.std(off, axis=0, ddof=1) / np.sqrt(12)
     for name in ("M_alpha", "M_q", "M_de"):
         i = SHORT.parameter_names.index(name)
-        # four standard errors of the mean, and a third for what is beyond first order in the noise
-        assert abs(expected[i] - bias[i]) < 4.0 * error[i] + 0.33 * abs(bias[i]), name
-    at = SHORT.parameter_names.index("M_alpha")
-    assert expected[at] > 0.02 * abs(SHORT.values[at])
+        assert abs(np.mean(said, axis=0)[i]) > 0.015 * abs(SHORT.values[i]), name
+        # mean of twelve: false alarm below 1e-3 for three
+        assert abs(np.mean(off, axis=0)[i]) < 4.5 * error[i], name
     assert len(sentences) == 12
     assert {a.severity for a in sentences} <= {"doubt", "note"}
     assert all("of its errors" in a for a in sentences)
+
+
+def test_what_is_cut_off_from_one_state_alone_does_not_bias_the_others():
+    """A noisy alpha loses its steps' corners, and M_q and M_de with them: 4 and 2 % before the correction."""
+    clean = records([steps(900, 3), steps(700, 4)], held=True)
+    off, smoothing, held = [], [], []
+    for seed in range(12):
+        model = equation_error.estimate([noisy(r, (0.3, 0.03), seed + i) for i, r in enumerate(clean)], short_period())
+        error = np.sqrt(np.diag(model.covariance))
+        off.append(model.params - SHORT.values)
+        smoothing.append(model.diagnostics["smoothing_bias"])
+        held.append(np.abs(off[-1]) < 1.96 * error)
+    q, de = (SHORT.parameter_names.index(name) for name in ("M_q", "M_de"))
+    taken = np.abs(np.mean(smoothing, axis=0))
+    assert taken[q] > 0.03 * abs(SHORT.values[q])
+    assert taken[de] > 0.02 * abs(SHORT.values[de])
+    assert np.all(np.abs(np.mean(off, axis=0))[[q, de]] < 0.6 * taken[[q, de]])
+    # 96 intervals of 95 %, eight of a flight: fewer than 85 % by chance in less than one of 1000, were they independent
+    assert np.mean(held) > 0.85
+
+
+def test_an_unstable_aircraft_is_corrected_where_its_response_is_told():
+    unstable = short_period().with_parameters({**VALUES, "M_alpha": 20.0})
+    assert np.max(np.linalg.eigvals(unstable.matrices(unstable.values).A).real) > 2.0
+    (r,) = records([steps(150, 3)], held=True, structure=unstable)
+    model = equation_error.estimate([r], short_period(), held=("de",))
+    i = unstable.parameter_names.index("M_alpha")
+    assert abs(model.diagnostics["smoothing_bias"][i]) > 1.5
+    assert model.values["M_alpha"] == pytest.approx(20.0, abs=0.5)
+    assert model.values["M_q"] == pytest.approx(VALUES["M_q"], abs=0.15)
+
+
+def test_where_noise_decides_nothing_is_corrected_and_it_is_said():
+    unstable = short_period().with_parameters({**VALUES, "M_alpha": 20.0})
+    (r,) = records([steps(300, 3)], held=True, structure=unstable)  # grown so far that one direction is all there is
+    model = equation_error.estimate([r], short_period(), held=("de",))
+    assert np.all(model.diagnostics["noise_bias"] == 0.0)
+    assert [a.severity for a in model.advice if "half or more of what decides" in a] == ["doubt"]
+
+
+def test_a_response_that_diverges_is_said():
+    """Noise of a derivative that only grows: the response of what is found leaves the record far behind."""
+    rng = np.random.default_rng(2)
+    t = np.arange(400) * DT
+    x = np.column_stack([np.sin(t) * 1e-3 + rng.standard_normal(400) * 1e-3, np.exp(3.0 * t[::-1])])
+    record = FlightRecord(t, ("de", "alpha", "q"), np.column_stack([steps(400, 5)[:, 0], x]), "measured")
+    model = equation_error.estimate(
+        [record], short_period().with_parameters({"M_q": 40.0}, fixed=["M_q"]), held=("de",)
+    )
+    assert np.all(model.diagnostics["smoothing_bias"] == 0.0)
+    assert any("smoothing took from the motion is not corrected" in a for a in model.advice)
 
 
 def test_held_inputs_do_not_bias_control_derivatives():

@@ -114,7 +114,7 @@ def test_attas_short_period_from_two_records():
     assert model.B_std[1, 0] > 0.0
 
 
-@pytest.mark.parametrize("pole", [0.0, 0.9], ids=["white", "coloured"])
+@pytest.mark.parametrize("pole", [pytest.param(0.0, marks=pytest.mark.slow), 0.9], ids=["white", "coloured"])
 def test_errors_agree_with_the_scatter(pole):
     terms, plain, corrected, printed, band, band_std = [], [], [], [], [], []
     for seed in range(SEEDS):

@@ -14,6 +14,7 @@ STOCK = stock_root() / "aircraft"
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("rendered")
 def test_a_model_of_somebody_else_becomes_ones_own(tmp_path):
     shutil.copytree(STOCK / "J3Cub", tmp_path / "models" / "J3Cub")
     done = command("aircraft", "adopt", "models/J3Cub", "-o", "aircraft/cub", "--speed", "30", cwd=tmp_path)

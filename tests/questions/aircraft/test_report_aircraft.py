@@ -8,6 +8,7 @@ import re
 
 import numpy as np
 import pytest
+from quick_drawing import rendering
 from rich.console import Console
 
 from testbench.aircraft import Insert
@@ -44,7 +45,8 @@ def rigid_page(rigid, tmp_path_factory):
 @pytest.fixture(scope="module")
 def written(flexible, tmp_path_factory):
     folder = tmp_path_factory.mktemp("out") / "aircraft_eolo"
-    return folder, aircraft_page(flexible).write(folder)
+    with rendering():
+        return folder, aircraft_page(flexible).write(folder)
 
 
 def test_every_file_is_there_and_the_page_comes_last(written):
@@ -114,6 +116,7 @@ def test_the_elevator_that_trim_leaves_is_what_an_input_can_take(rigid):
         least(4.2)
 
 
+@pytest.mark.usefixtures("rendered")
 def test_figures_are_the_same_bytes_each_time_and_have_a_narrow_form(rigid):
     plates = {plate.name: plate for plate in aircraft_plates(rigid)}
     for name in ("trim", "modes_longitudinal", "bode_de"):  # panels over speed, roots, frequency responses
@@ -127,6 +130,7 @@ def _shape_plates(found):
     return [plate for plate in aircraft_plates(found) if plate.name == "mode_shapes"]
 
 
+@pytest.mark.usefixtures("rendered")
 def test_mode_shapes_are_drawn_over_both_wings_the_same_each_time(flexible):
     (plate,) = _shape_plates(flexible)
     drawing = plate.draw()

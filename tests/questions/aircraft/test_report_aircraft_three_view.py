@@ -15,6 +15,8 @@ from testbench.core.paths import AIRCRAFT_MODELS, aircraft_names
 from testbench.flight import load_aircraft
 from testbench.questions.aircraft.three_view_figures import three_view_plates
 
+pytestmark = pytest.mark.drawn
+
 
 def plate(aircraft):
     (found,) = three_view_plates(SimpleNamespace(envelope=SimpleNamespace(aircraft=aircraft)))

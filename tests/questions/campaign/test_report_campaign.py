@@ -61,6 +61,7 @@ def test_the_packaged_campaign_answers_its_question(flown):
     assert abs(wn.bias / wn.true_mean) < 0.1
 
 
+@pytest.mark.usefixtures("rendered")
 def test_files_and_page(flown):
     result, folder = flown
     paths = campaign_page(result).write(folder)

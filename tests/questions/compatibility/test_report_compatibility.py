@@ -17,6 +17,8 @@ from testbench.questions.compatibility.page import compatibility_page
 from testbench.questions.compatibility.tables import compatibility_tables
 from testbench.questions.identify.scenario import RecordDescription
 
+pytestmark = pytest.mark.drawn
+
 CHANNELS = {"V": 0.05, "alpha": 0.002, "theta": 0.002, "q": 0.002, "ax": 0.02, "az": 0.02}
 GYRO_BIAS = 0.02
 

@@ -19,6 +19,8 @@ from testbench.questions.design.ready import scenario_toml
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.design.tables import design_tables
 
+pytestmark = pytest.mark.drawn
+
 
 @pytest.fixture(scope="module")
 def designed():

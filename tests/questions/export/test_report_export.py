@@ -16,6 +16,8 @@ from testbench.estimators.state_space import StateSpaceModel
 from testbench.questions.export.ask import SUFFIXES, export_model, export_record
 from testbench.questions.export.matrices import Matrices, load_matrices
 
+pytestmark = pytest.mark.drawn
+
 jsbsim = pytest.importorskip("jsbsim")
 
 OMEGA = np.array([0.1, 0.7, 2.0, 5.0])

@@ -66,6 +66,7 @@ def test_the_page_says_what_flew(result):
     assert (tally.batch, tally.jsbsim) == (6, 0)  # three records, the believed and the amended model
 
 
+@pytest.mark.usefixtures("rendered")
 def test_page_figures_tables_and_amended_aircraft(result, tmp_path):
     paths = gap_page(result).write(tmp_path)
     names = {str(p.relative_to(tmp_path)) for p in paths}
@@ -111,6 +112,7 @@ def test_models_are_told_apart_without_colour_and_the_legend_says_so(result):
         assert legend.get("noise floor", believed) in curves
 
 
+@pytest.mark.usefixtures("rendered")
 def test_the_page_of_a_plan(monkeypatch, tmp_path):
     monkeypatch.setattr(plan_module, "library", lambda suite, aircraft: FEW | {"q_bias": EFFECTS["q_bias"]})
     monkeypatch.setattr(plan_module, "family", lambda believed, planned, flown=(): [])

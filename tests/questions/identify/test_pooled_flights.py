@@ -72,6 +72,7 @@ def test_errors_of_simulated_flights_weigh_a_log_less(tmp_path):
     assert dict(zip(known.names, ratio, strict=True)) == {n: pytest.approx(v, rel=1e-6) for n, v in expected.items()}
 
 
+@pytest.mark.usefixtures("rendered")
 def test_the_page_shows_every_log_the_pooled_set_and_the_conditions(pooled, tmp_path):
     page = pool_page(pooled)
     page.write(tmp_path)

@@ -67,6 +67,7 @@ def test_the_answer_says_what_it_rests_on(flown):
     assert any("airspeed wandered by" in line for line in answer)
 
 
+@pytest.mark.usefixtures("rendered")
 def test_tables_and_files(flown, tmp_path):
     result, kept = flown
     assert {name.rsplit("_", 1)[-1] for name in kept} == {"truth", "accelerometers"}

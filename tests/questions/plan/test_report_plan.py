@@ -10,9 +10,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from commands import command
+from typer.testing import CliRunner
 
+from testbench.cli import app
 from testbench.core.paths import SCENARIOS
 from testbench.evaluation.envelope import fly_envelope
+from testbench.questions.plan import ask
 from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.ask import make_plan
 from testbench.questions.plan.card_figures import draw_pages
@@ -21,6 +24,8 @@ from testbench.questions.plan.cards import write_cards
 from testbench.questions.plan.page import plan_page
 from testbench.questions.plan.scenario import Autopilot, PlanScenario
 from testbench.questions.plan.tables import modes_table, points_table, runs_table, short_cards
+
+pytestmark = pytest.mark.drawn
 
 
 @pytest.fixture(scope="module")
@@ -36,16 +41,19 @@ def eolo_plan():
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory):
-    """What the command line makes of the Taurus campaign: (process, folder)."""
+def written(taurus_plan, tmp_path_factory):
+    """What the command line makes of the Taurus campaign, which is made once: (how it ended, folder)."""
     out = tmp_path_factory.mktemp("plan")
-    return command("plan", "taurus_63", "-o", out), out / "plan_taurus_63"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ask, "make_plan", lambda scenario, *more, **named: taurus_plan)
+        patch.setenv("COLUMNS", "200")
+        return CliRunner().invoke(app, ["plan", "taurus_63", "-o", str(out)]), out / "plan_taurus_63"
 
 
 def test_the_campaign_of_the_paper_has_63_runs(written):
     done, folder = written
-    assert done.returncode == 0, done.stderr
-    assert "63 runs (37 longitudinal, 26 lateral)" in done.stdout
+    assert done.exit_code == 0, done.output
+    assert "63 runs (37 longitudinal, 26 lateral)" in done.output
     with (folder / "plan.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [int(r["run"]) for r in rows] == list(range(1, 64))
@@ -78,6 +86,8 @@ def test_the_page_answers_and_links_to_what_is_there(written):
     _, folder = written
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "63 runs (37 longitudinal, 26 lateral) at 2 points take" in page
+    linked = re.findall(r"<li><a href=\"cards/.*?</li>", page, flags=re.S)
+    assert [" – scaled to 80 %, watch</li>" in line for line in linked] == [k in (4, 7) for k in range(1, 8)]
     links = re.findall(r'href="([^"#]+)"', page)
     assert len(links) >= 7 * 3
     for link in links:

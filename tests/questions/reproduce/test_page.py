@@ -26,6 +26,8 @@ from testbench.questions.reproduce.printed import polynomial
 from testbench.questions.reproduce.section import VERDICTS, Chapter, Section
 from testbench.questions.reproduce.verdict import Why, claim_row, number_row
 
+pytestmark = pytest.mark.drawn
+
 ROOT = Path(__file__).resolve().parents[3]
 COMMITTED = ROOT / "results" / "reproduction"
 

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from testbench.core.record import FlightRecord
 from testbench.estimators.frequency.spectra import estimate_frequency_response
+from testbench.page.labels import number
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.response.answer import response_answer
 from testbench.questions.response.page import response_page
 from testbench.questions.response.tables import response_table
+
+pytestmark = pytest.mark.drawn
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +34,16 @@ def test_the_answer_says_where_each_output_is_coherent(response):
     coherent, noise = response_answer(response)[:2]
     assert coherent.startswith("q: coherence of at least 0.6 from")
     assert noise.startswith("α: nowhere coherent") or "random error" in noise
+
+
+def test_the_band_that_is_named_spans_the_most_octaves(response):
+    w = response.omega_rad_s
+    coherence = np.array(response.coherence)
+    coherence[:, 0] = np.where((w < 10.0) | (w > 20.0), 0.9, 0.1)  # more lines above, more octaves below
+    assert np.sum(w > 20.0) > np.sum(w < 10.0)
+    first = response_answer(replace(response, coherence=coherence))[0]
+    low, high = w[0], w[w < 10.0][-1]
+    assert f"from {number(float(low))} to {number(float(high))} rad/s" in first
 
 
 def test_the_table_holds_the_response(response):

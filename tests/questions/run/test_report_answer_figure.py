@@ -11,6 +11,8 @@ from matplotlib import rc_context
 from testbench.page.plot import INK, line_handles, style
 from testbench.questions.run.answer_figures import answer_plates
 
+pytestmark = pytest.mark.drawn
+
 
 def drawn(result, wide: bool = True):
     (plate,) = answer_plates(result)

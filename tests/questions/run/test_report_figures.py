@@ -16,6 +16,8 @@ from testbench.page.plot import Drawing, Plate, envelope, grid, label, new_figur
 from testbench.questions.run.figures import _worst, history_plates, input_plates, plates, singular_value_plates
 from testbench.questions.run.frequency_figures import bode_plates
 
+pytestmark = pytest.mark.drawn
+
 DEG = 180.0 / np.pi
 
 

@@ -7,6 +7,7 @@ import hashlib
 import html
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from io import StringIO
 from pathlib import Path
@@ -22,6 +23,8 @@ from testbench.page.html import first_screen, render
 from testbench.page.page import source_of
 from testbench.page.write import record_keeper
 from testbench.questions.run.page import run_page, write_results
+
+pytestmark = pytest.mark.drawn
 
 VOID = {"meta", "img", "source", "br", "link"}
 
@@ -198,3 +201,16 @@ def test_the_terminal_names_no_place_where_nothing_was_written(result) -> None:
     out = StringIO()
     run_page(result).show(Console(file=out, width=80, color_system=None))
     assert "report.html" not in out.getvalue()
+
+
+def test_what_a_record_says_of_itself_is_words_without_its_mappings(result) -> None:
+    (first, *rest) = result.flights
+    said = {
+        "log": {"sys_name": "PX4", "channels": {"q": {"source": "a.b", "assumed": ""}}, "lost": []},
+        "segment_s": [0, 9],
+    }
+    flown = replace(first, truth=replace(first.truth, provenance=said))
+    (told, *_) = [
+        v for k, v in run_page(replace(result, flights=(flown, *rest))).provenance if k == f"record {first.name}"
+    ]
+    assert told == "log (sys_name PX4), segment_s [0, 9]"

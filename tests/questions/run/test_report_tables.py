@@ -13,6 +13,8 @@ import pytest
 from rich.console import Console
 
 from testbench.core.advice import doubt, note, wrong
+from testbench.evaluation.parameters import ParameterEstimate
+from testbench.evaluation.poles import match_poles
 from testbench.page.labels import axis_label, file_stem, number, ratio_unit, shown_unit, symbol, unique
 from testbench.page.tables import Column, Table
 from testbench.page.terminal import print_answer
@@ -30,6 +32,8 @@ from testbench.questions.run.tables import (
     result_tables,
     transfer_function_table,
 )
+
+pytestmark = pytest.mark.drawn
 
 
 def column(table: Table, key: str) -> list:
@@ -123,6 +127,33 @@ def test_modes_found_stand_beside_the_true_ones(result) -> None:
     assert column(table, "eolo_alpha wn")[1] == pytest.approx(found)
     assert column(table, "eolo_alpha wn error")[1] == pytest.approx(100.0 * (found / abs(-2.0 + 4.0j) - 1.0))
     assert column(table, "eolo_alpha wn")[2] is None
+
+
+def test_a_mode_has_a_row_for_each_model_that_found_it_and_one_if_none_did(result) -> None:
+    def matched(case, outputs, found):
+        true = {"phugoid": -0.02 + 0.5j, "short period": -2.0 + 4.0j}
+        return replace(case, evaluation=replace(case.evaluation, poles=tuple(match_poles(found, true, outputs))))
+
+    first, second = result.cases
+    none, some = matched(first, "q", [-90.0]), matched(second, "alpha, q, theta", [-0.02 + 0.6j])
+    table = mode_table(replace(result, cases=(none, some)))
+    assert column(table, "mode") == ["phugoid", "short period"]
+    assert table.rows[0][1] == "all outputs"
+    assert all(value is None for value in table.rows[1][4:])
+
+
+def test_printed_derivatives_stand_beside_those_found(result) -> None:
+    def known(case):
+        found = ParameterEstimate("M_q", -1.9, 0.1, 0.1, True, None)
+        return replace(case, evaluation=replace(case.evaluation, parameters=(found,)))
+
+    printed = {"source": "a book", "M_q": -2.0, "Z_q": 0.1}
+    (table,) = reference_tables(replace(result, reference=printed, cases=(result.cases[0], known(result.cases[1]))))
+    assert [c.group for c in table.columns[2:]] == ["eolo_alpha"] * 2
+    assert table.rows == (("M_q", -2.0, -1.9, 0.1), ("Z_q", 0.1, None, None))
+    assert "not derivatives" not in table.caption
+    (bare,) = reference_tables(replace(result, reference=printed))
+    assert "not derivatives" in bare.caption
 
 
 def test_every_pole_is_listed_once_with_frequency_and_damping(result) -> None:

@@ -25,6 +25,8 @@ from testbench.questions.studio.page import studio_page
 from testbench.questions.studio.serve import HOST, serving
 from testbench.sensors import load_suite
 
+pytestmark = pytest.mark.drawn
+
 SPEEDS = {"taurus": (12.0, 14.0), "eolo": (16.0, 18.0)}
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from testbench.page.page import COMPUTED, Page
 from testbench.page.tables import Column, Table, Value
-from testbench.page.words import listed
+from testbench.page.words import counted, listed
 from testbench.questions.side_by_side import calibration_plates, rank_plates, rank_table
 
 if TYPE_CHECKING:
@@ -45,9 +45,10 @@ def citation(found: Benchmark) -> str:
     """Return how a paper cites the benchmark."""
     from testbench import __version__
 
+    seeds = counted(len(found.seeds), "seed")
     return (
-        f"to cite it: flight-testbench {__version__}, testbench compare benchmark, {len(found.seeds)} seeds, SHA-256 "
-        f"{found.sha256}; the hash is taken over the definition of the data, the settings of the methods and the seeds"
+        f"to cite it: flight-testbench {__version__}, testbench compare benchmark, {seeds}, SHA-256 {found.sha256}; "
+        "the hash is taken over the definition of the data, the settings of the methods and the seeds"
     )
 
 
@@ -66,10 +67,12 @@ def _lead(found: Benchmark) -> str:
     r = contest.ranked
     first = int(np.argmin(r.mean))
     alike = int(np.sum(r.mean - r.mean[first] < r.critical)) - 1
-    return (
-        f"{contest.methods[first]} ranks first, {r.mean[first]:.1f} in the mean of {r.blocks} data sets; {alike} of "
-        f"the other {len(contest.methods) - 1} methods cannot be told from it"
-    )
+    rest = len(contest.methods) - 1
+    others = "the other method" if rest == 1 else f"the other {rest} methods"
+    said = f"{alike} of {others} cannot be told from it" if alike else f"{others} can be told from it"
+    if rest == alike == 1:
+        said = f"{others} cannot be told from it"
+    return f"{contest.methods[first]} ranks first, {r.mean[first]:.1f} in the mean of {r.blocks} data sets; {said}"
 
 
 def _doubts(found: Benchmark) -> list[str]:

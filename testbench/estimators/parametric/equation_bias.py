@@ -1,0 +1,149 @@
+"""What noise and smoothing do to equation error, and the estimates without it.
+
+**Noise** of the measured states draws least squares towards zero: they tend to theta - (M - N)^-1 g, M the information
+and N that of the noise alone (W. A. Fuller, Measurement Error Models, 1987, section 1.1). Equation i answers noise n of
+state s by df_i/dx_s n, and its sensitivity to theta_j by d2f_i/dtheta_j dx_s n, so that with the variances v that the
+low pass leaves of the noise
+
+    g_j = sum over samples, i and s of v_is d2f_i/dtheta_j dx_s df_i/dx_s / R_i .
+
+Noise of a state and that of its derivative do not go together.
+
+**Smoothing** takes more from one state than from another, and from a corner that a step of the input makes: what it
+takes is missing in the equations, and biases them whatever the noise. A response of the structure to the recorded
+inputs, without noise and with known parameters, through the same low passes, shows what is missing (indirect inference;
+C. Gourieroux, A. Monfort, E. Renault, Journal of Applied Econometrics 8, 1993): errors e of its equations at the very
+parameters that made it, which should be nothing, bias the estimates by - (M - N)^-1 J' R^-1 e.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from testbench.core.record import FloatArray
+from testbench.estimators.parametric.state_equations import SmoothedStates, missing
+from testbench.estimators.parametric.structure import STEP, ModelStructure
+
+_MOST_NOISE = 0.5  # share of a combination's information that noise alone makes, beyond which its bias cannot be told
+_MOST_CHANGE = 0.5  # of the smoothing's bias, from the first estimate of it to the second, that is still believed
+
+
+class Bias(NamedTuple):
+    """Bias of the f free parameters.
+
+    Attributes:
+        noise: (f,) by noise of the measured states; zero where it cannot be told.
+        smoothing: (f,) by what the low passes take from the motion; zero where it cannot be told.
+        widening: (f, f) by which estimates without the bias scatter more than those with it.
+        noise_known: noise makes less than half of the information about every combination of parameters.
+        smoothing_known: the response shows the bias by smoothing: it does not diverge, and hardly depends on whether it
+            is that of the estimates with the bias or without it.
+    """
+
+    noise: FloatArray
+    smoothing: FloatArray
+    widening: FloatArray
+    noise_known: bool
+    smoothing_known: bool
+
+    @property
+    def total(self) -> FloatArray:
+        """Both together, (f,)."""
+        return self.noise + self.smoothing
+
+
+def bias_of(
+    structure: ModelStructure,
+    data: Sequence[SmoothedStates],
+    params: FloatArray,
+    free: NDArray[np.intp],
+    R: FloatArray,
+    plain: FloatArray,
+    held: NDArray[np.bool_],
+) -> Bias:
+    """Return the bias of least squares on the state equations.
+
+    Args:
+        structure: the equations.
+        data: smoothed records.
+        params: (k,) estimates.
+        free: (f,) indices of those that are estimated.
+        R: (n,) variances of the equations' errors.
+        plain: (f, f) inverse of the information, priors included.
+        held: (m,) inputs that are held between samples.
+    """
+    score, information = _of_noise(structure, data, params, free, R)
+    root = np.linalg.cholesky(0.5 * (plain + plain.T))
+    nothing, one = np.zeros(free.size), np.eye(free.size)
+    if not float(np.linalg.eigvalsh(root.T @ information @ root)[-1]) < _MOST_NOISE:
+        return Bias(nothing, nothing, one, False, False)
+    widening = np.asarray(np.linalg.inv(one - plain @ information), np.float64)
+    inverse = widening @ plain
+    noise = -inverse @ score
+    corrected = params.copy()
+    corrected[free] -= noise
+    first = _of_smoothing(structure, data, corrected, free, R, held)
+    if first is None:
+        return Bias(noise, nothing, widening, True, False)
+    corrected[free] -= inverse @ first
+    second = _of_smoothing(structure, data, corrected, free, R, held)
+    if second is None or not _size(root.T @ (second - first)) <= _MOST_CHANGE * _size(root.T @ first):
+        return Bias(noise, nothing, widening, True, False)
+    return Bias(noise, inverse @ second, widening, True, True)
+
+
+def _size(x: FloatArray) -> float:
+    return float(np.sqrt(x @ x))
+
+
+def _of_noise(
+    structure: ModelStructure,
+    data: Sequence[SmoothedStates],
+    params: FloatArray,
+    free: NDArray[np.intp],
+    R: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return g (f,) and N (f, f) of the module's text."""
+    z = np.tile(params.astype(complex), (free.size, 1))
+    z[np.arange(free.size), free] += 1j * STEP
+    score, information = np.zeros(free.size), np.zeros((free.size, free.size))
+    for d in data:
+        for i, (x, u) in enumerate(zip(d.x, d.u, strict=True)):
+            for s in np.flatnonzero(d.noise[i] > 0.0):
+                nudge = max(float(np.std(x[:, s])), 1e-12)
+                moved = np.zeros(x.shape[1])
+                moved[s] = nudge
+                f, g = (
+                    structure.derivative((x + side * moved)[:, None, :].astype(complex), u[:, None, :], z[None])[
+                        :, :, i
+                    ]
+                    for side in (1.0, -1.0)
+                )
+                slope = (f - g)[d.taken] / (2.0 * nudge)  # by the state; its imaginary part by the parameters, too
+                by_params, weight = slope.imag / STEP, d.noise[i, s] / R[i]
+                score += weight * np.sum(by_params * slope.real, axis=0)
+                information += weight * by_params.T @ by_params
+    return score, information
+
+
+def _of_smoothing(
+    structure: ModelStructure,
+    data: Sequence[SmoothedStates],
+    params: FloatArray,
+    free: NDArray[np.intp],
+    R: FloatArray,
+    held: NDArray[np.bool_],
+) -> FloatArray | None:
+    """Return - J' R^-1 e (f,) of the response with these parameters, or None where it diverges."""
+    score = np.zeros(free.size)
+    for d in data:
+        found = missing(structure, d, params, free, held)
+        if found is None:
+            return None
+        e, J = found
+        score -= np.einsum("nif,ni->f", J, e / R)
+    return score if np.all(np.isfinite(score)) else None

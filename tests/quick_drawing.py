@@ -1,0 +1,52 @@
+"""Figures that are made and not rendered: for tests that ask what a page says, not what its figures look like.
+
+Rendering takes half the time of a test that writes a page. Every panel, curve and label of a figure's wide form is
+still made, so that what cannot be drawn raises; the modules that judge figures are marked ``drawn`` and render them.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator
+from contextlib import contextmanager
+from unittest import mock
+
+from testbench.page.plot import Drawing, Plate, style
+
+_PIXEL = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
+)
+
+
+def _made(self: Plate, wide: bool = True, png: bool = True) -> Drawing:
+    from matplotlib import rc_context
+
+    width, height = 270.0, 200.0
+    if wide:
+        with rc_context(style()):
+            width, height = 72.0 * self.make(wide).get_size_inches()
+    svg = f'<svg width="{width:g}pt" height="{height:g}pt" viewBox="0 0 {width:g} {height:g}" xmlns="http://www.w3.org/2000/svg"/>'
+    return Drawing(svg, _PIXEL if png else b"")
+
+
+_RENDER = Plate.draw
+
+
+class Quick:
+    """Whether figures are rendered, for the processes of commands, too."""
+
+    on = False
+
+
+@contextmanager
+def quick_drawing() -> Iterator[None]:
+    """Render no figure within the block, nor in the commands that it runs."""
+    with mock.patch.object(Plate, "draw", _made), mock.patch.object(Quick, "on", True):
+        yield
+
+
+@contextmanager
+def rendering() -> Iterator[None]:
+    """Render figures within the block after all."""
+    with mock.patch.object(Plate, "draw", _RENDER), mock.patch.object(Quick, "on", False):
+        yield
