@@ -39,6 +39,7 @@ def drift(relative, moved="", errors=math.nan):
     class Model:
         method = "dsr_e"
         advice = ()
+        outputs = ("alpha", "q")
 
     return in_words(Model(), Found("drift", "", 0.0, 0.0, errors, moved, relative, 0.0, 1))
 
