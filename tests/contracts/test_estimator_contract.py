@@ -230,7 +230,8 @@ def test_status_goes_with_advice(method, noise):
     assert all(isinstance(a, Advice) and a.code != OWN for a in model.advice)
 
 
-# Noise biases what regresses on it: its doubt is right (equation error takes the bias out). These data hold no disturbances to estimate.
+# Noise biases what regresses on it, and its doubt is right; equation error takes the bias out. These data hold no
+# disturbances to estimate.
 BIASED_BY_NOISE = ("transfer_function",)
 CLEAN = {**SPECS, "prediction_error": SPECS["prediction_error"].model_copy(update={"disturbances": False})}
 
