@@ -65,7 +65,7 @@ def test_the_library_has_the_first_word(monkeypatch):
 @pytest.mark.slow
 def test_what_instruments_say_of_each_other_forbids_a_force(monkeypatch):
     news = DataCheck(None, "", (("an error", 0.0),))
-    monkeypatch.setattr(workflow, "check_data", lambda believed, records: news)
+    monkeypatch.setattr(workflow, "check_data", lambda believed, records, flown: news)
     monkeypatch.setattr(workflow, "named_openly", lambda *a: pytest.fail("a force is sought beside wrong instruments"))
     monkeypatch.setattr(workflow, "judged", lambda naming, *a: (replace(naming, outcome="unexplained", names=()), None))
     monkeypatch.setattr(DataCheck, "sentences", ())
