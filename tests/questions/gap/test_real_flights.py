@@ -26,6 +26,7 @@ from real_aircraft import (
 from recorded import flight_data
 
 from testbench.flight import FlightCondition, linearise, trim
+from testbench.questions.gap.believed import deviations_of
 from testbench.questions.gap.effects import library
 from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.questions.gap.parameters import off_parameters
@@ -172,7 +173,11 @@ def check_wrong(found, coefficient, factor):
     assert wrong.name == coefficient
     assert wrong.factor * factor == pytest.approx(MEASURED["fAttasElv1"][coefficient], rel=0.03)
     assert abs(wrong.factor * factor - 1.0) < 4.0 * wrong.error
-    assert found.sentences[0].startswith(f"the believed {coefficient} is wrong: {wrong.factor:.3f} ± ")
+    said = found.sentences[0]
+    if abs(wrong.factor - 1.0) < 3.0 * deviations_of(found.believed.aircraft)[coefficient]:
+        # so near its prior, a feedback of two sizes may do as much: then both are told, the coefficient first
+        said = said.removeprefix("one of these, which these data cannot tell apart: ")
+    assert said.startswith(f"the believed {coefficient} is wrong: {wrong.factor:.3f} ± ")
     (held_out,) = found.shrink
     assert held_out.removed > 0.8  # the model re-tuned on one record flies the other one
 
