@@ -16,7 +16,7 @@ from testbench.core.errors import RecordError
 
 
 def test_what_is_noticed(monkeypatch):
-    monkeypatch.setattr(survive, "LONGEST_S", 2)
+    monkeypatch.setattr(survive, "LONGEST_S", 4)
     peak_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # of which a child begins with any part
     monkeypatch.setattr(survive, "MOST_KB", peak_kb + 100_000)
 
