@@ -228,6 +228,9 @@ def test_the_busiest_stretch_of_a_long_record_tells_the_bias(monkeypatch):
     assert np.max((np.abs(bias) / error)[derivatives]) > 10.0
     assert np.max((np.abs(there - bias) / error)[derivatives]) < 0.2
     assert not np.array_equal(there, bias)
+    monkeypatch.setattr(equation_bias, "_MOST", 3000)  # one record of four, like all others
+    several = equation_error.estimate(data * 4, structure.with_parameters(prior_std={"M_q": 0.25}), held=("de",))
+    assert several.diagnostics["smoothing_bias"] == pytest.approx(there, rel=1e-3, abs=1e-6)
 
 
 def test_an_unstable_aircraft_is_corrected_where_its_response_is_told():
