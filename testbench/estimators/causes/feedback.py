@@ -134,10 +134,10 @@ def _test(
         if size <= _CLIP * _NEWS * float(np.std(now)):
             return Feedback(j, 0.0, 0.0, known.shape[1])
         weight = np.sqrt(np.minimum(1.0, size / np.maximum(np.abs(new), 1e-300)))
-    if not steps and size > 0.0:
+    if not steps:
         counts = np.abs(new) <= size
         past, new, known = past[counts], new[counts], known[counts]
-    clipped = np.clip(new, -size, size) if size > 0.0 else new
+    clipped = np.clip(new, -size, size)
     Q = np.linalg.qr(past)[0]
     clipped, new, known = (x - Q @ (Q.T @ x) for x in (clipped, new, known))
     total, samples = float(clipped @ clipped), len(new) - past.shape[1] - known.shape[1]

@@ -65,6 +65,7 @@ def bias_of(
     free: NDArray[np.intp],
     R: FloatArray,
     plain: FloatArray,
+    prior: FloatArray,
     held: NDArray[np.bool_],
 ) -> Bias:
     """Return the bias of least squares on the state equations.
@@ -76,14 +77,15 @@ def bias_of(
         free: (f,) indices of those that are estimated.
         R: (n,) variances of the equations' errors.
         plain: (f, f) inverse of the information, priors included.
+        prior: (f,) one over the standard deviation of the prior, 0 without one.
         held: (m,) inputs that are held between samples.
     """
     stretches = [_busiest(d, _LONGEST) for d in data]
     often = -(-sum(len(s.taken) for s in stretches) // _MOST)
     stretches = stretches[::often]
     if often > 1 or any(s is not d for s, d in zip(stretches, data, strict=True)):
-        plain = _inverse_information(structure, data, stretches, params, free, R, plain)
-        data = stretches
+        share = sum(len(s.taken) for s in stretches) / sum(len(d.taken) for d in data)  # priors weigh less with fewer
+        data, plain = stretches, _inverse_information(structure, stretches, params, free, R, share * prior**2)
     score, information = _of_noise(structure, data, params, free, R)
     root = np.linalg.cholesky(0.5 * (plain + plain.T))
     nothing, one = np.zeros(free.size), np.eye(free.size)
@@ -118,26 +120,17 @@ def _busiest(d: SmoothedStates, longest: int) -> SmoothedStates:
 def _inverse_information(
     structure: ModelStructure,
     data: Sequence[SmoothedStates],
-    stretches: Sequence[SmoothedStates],
     params: FloatArray,
     free: NDArray[np.intp],
     R: FloatArray,
-    plain: FloatArray,
+    prior: FloatArray,
 ) -> FloatArray:
-    """Return ``plain`` (f, f) as it would be if the stretches were all there is; priors weigh less in proportion."""
-    share = sum(len(s.taken) for s in stretches) / sum(len(d.taken) for d in data)
-
-    def information(of: Sequence[SmoothedStates]) -> FloatArray:
-        found = np.zeros((free.size, free.size))
-        for d in of:
-            (J,) = equations(structure, [d], params, free)[1]
-            found += np.einsum("nif,nig,i->fg", J, J, 1.0 / R, optimize=True)
-        return found
-
-    whole = np.linalg.inv(plain)
-    ours = information(stretches)
-    prior = whole - information(data) if any(p.prior_std is not None for p in structure.parameters) else 0.0
-    return np.asarray(np.linalg.inv(ours + share * prior))
+    """Return the inverse of the information (f, f) of records, with that of ``prior`` (f,) for each parameter."""
+    found = np.diag(prior)
+    for d in data:
+        (J,) = equations(structure, [d], params, free)[1]
+        found += np.einsum("nif,nig,i->fg", J, J, 1.0 / R, optimize=True)
+    return np.asarray(np.linalg.inv(found))
 
 
 def _size(x: FloatArray) -> float:

@@ -147,7 +147,7 @@ def _model(
         np.ones(free.size, bool),
         names,
     )
-    bias = bias_of(structure, data, params, free, R, found.plain, held)
+    bias = bias_of(structure, data, params, free, R, found.plain, prior, held)
     corrected = params.copy()
     corrected[free] -= bias.total
     low, high = structure.bounds
