@@ -40,6 +40,7 @@ from testbench.questions.gap.evidence.locate import (
     locate_regions,
     structure,
 )
+from testbench.questions.gap.evidence.smoothed import smoothed
 from testbench.questions.gap.flights import flights
 from testbench.questions.gap.open_set import first_look, named_openly
 from testbench.questions.gap.parameters import wrong_parameters
@@ -131,6 +132,8 @@ def find_gap(
         first = first_look(believed, given.whole)
         say("listen to the air")
         air = listen(believed, naming_records)
+        records, held_out = _smoothed(believed, air, records), _smoothed(believed, air, held_out)
+        naming_records = list(records.values())
         known = library(believed.suite, believed.aircraft) if effects is None else effects
         paths = judge_paths(believed, naming_records) if drive == "both" and not given.notes else ()
         known = restricted(known, [replace(p, outcome="not seen") for p in by.paths])[1]
@@ -156,7 +159,7 @@ def find_gap(
 
         def again(flown: Sequence[FlightRecord], heard: AirFound) -> Naming:
             """Search a control flight as the measured ones were searched."""
-            return search(as_believed, flown, heard, lambda stage: None, known)[1]
+            return search(as_believed, smoothed(as_believed, heard, flown), heard, lambda stage: None, known)[1]
 
         beside = fly_controls(as_believed, naming_records, air, naming, controls, again, say, control_file)
         naming = without_false_alarms(naming, beside)
@@ -228,6 +231,10 @@ def _search_beside(
         if best is not None and best.in_motion > CRITERIA.least:
             return (*found, left_open)
     return (*search(believed, records, air, say, left_open, paths, pairs), left_open)
+
+
+def _smoothed(believed: Believed, air: AirFound, records: Mapping[str, FlightRecord]) -> dict[str, FlightRecord]:
+    return dict(zip(records, smoothed(believed, air, list(records.values())), strict=True))
 
 
 def _begun(believed: Believed, records: Mapping[str, FlightRecord], held_out: Mapping[str, FlightRecord]) -> Believed:

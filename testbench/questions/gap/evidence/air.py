@@ -200,8 +200,12 @@ def in_air(believed: Believed, air: AirFound, along: Believed | None = None) -> 
     """
     if not (air.moves or believed.surface_noise):
         return believed
-    flown = replace(along or believed, whiten=None)
-    return replace(believed, whiten=FlightFilter(flown, air.rms_m_s if air.moves else 0.0, air.height_m).whiten)
+    return replace(believed, whiten=filter_in(along or believed, air).whiten)
+
+
+def filter_in(believed: Believed, air: AirFound) -> FlightFilter:
+    """Return the filter along the flights of ``believed`` in that air."""
+    return FlightFilter(replace(believed, whiten=None), air.rms_m_s if air.moves else 0.0, air.height_m)
 
 
 def _quiet(plain: Believed, records: Sequence[FlightRecord]) -> list[tuple[FlightRecord, FloatArray]]:

@@ -37,11 +37,22 @@ class FlightFilter:
         Raises:
             FlightAborted, LimitError: the believed aircraft does not survive the record's commands.
         """
+        return self._of(record).whiten(residuals)
+
+    def surface_errors(self, record: FlightRecord, residuals: FloatArray) -> dict[str, FloatArray]:
+        """Return what ``residuals`` (n, p) say of the noise of surfaces that drive: control -> true less recorded (n,).
+
+        Raises:
+            FlightAborted, LimitError: as :meth:`whiten`.
+        """
+        return dict(zip(self.believed.surface_noise, self._of(record).renewing(residuals).T, strict=True))
+
+    def _of(self, record: FlightRecord) -> GustFilter:
         key = record_key(record)
         if key not in self._along:
             model = GustModel.along(self.believed, self.height_m, record)
             self._along[key] = GustFilter.of(model, self.rms_m_s, self.believed.taken(record))
-        return self._along[key].whiten(residuals)
+        return self._along[key]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +64,14 @@ class GustFilter:
         W: (n, p, p) S^(-1/2); the same.
         H: (n, p, states).
         log_dets: (n,) log det S.
+        renewed: (n, m, states) covariance of the states that are new at every sample with all of them.
     """
 
     K: FloatArray
     W: FloatArray
     H: FloatArray
     log_dets: FloatArray
+    renewed: FloatArray
     _band: FloatArray  # I - (F - K H), all samples stacked: lower triangular, unit diagonal, by diagonals
     _put_in: FloatArray  # (n p, m) what biases and the aircraft's initial state put into innovations
 
@@ -73,7 +86,7 @@ class GustFilter:
         size = model.F.shape[1]
         F, H = np.broadcast_to(model.F, (n, size, size)), np.broadcast_to(model.H, (n, p, size))
         Q = np.broadcast_to(rms_m_s**2 * model.Q + model.Q0, F.shape)
-        P = solve_discrete_are(F[0].T, H[0].T, Q[0], np.eye(p))
+        P = P0 = solve_discrete_are(F[0].T, H[0].T, Q[0], np.eye(p))
         if len(model.F) == 1 and valid.all():
             K, W, log_det = (np.broadcast_to(g, (n, *np.shape(g))) for g in _gain(F[0], P, H[0], valid[0]))
         else:
@@ -88,16 +101,18 @@ class GustFilter:
         for i in range(size):
             for j in range(size):
                 band[size + i - j, j : (n - 1) * size : size] = -M[:-1, i, j]
-        alone = cls(K, W, H, log_det, band, np.zeros((n * p, 0)))
+        new = slice(size - model.renewed, size)
+        renewed = np.concatenate([P0[None, new], Q[:-1, new]])
+        alone = cls(K, W, H, log_det, renewed, band, np.zeros((n * p, 0)))
         biases = (alone._innovations(np.where(valid, row, 0.0), np.zeros(size)) for row in np.eye(p))
         starts = (alone._innovations(np.zeros((n, p)), x0) for x0 in np.eye(size)[: model.moving])
-        return cls(K, W, H, log_det, band, np.column_stack([c.ravel() for c in (*biases, *starts)]))
+        return cls(K, W, H, log_det, renewed, band, np.column_stack([c.ravel() for c in (*biases, *starts)]))
 
     def first(self, n: int) -> GustFilter:
         """Return the filter of the first n samples alone: what comes later changes nothing in it."""
         _, p, size = self.H.shape
         band, put_in = self._band[:, : n * size], self._put_in[: n * p]
-        return GustFilter(self.K[:n], self.W[:n], self.H[:n], self.log_dets[:n], band, put_in)
+        return GustFilter(self.K[:n], self.W[:n], self.H[:n], self.log_dets[:n], self.renewed[:n], band, put_in)
 
     @property
     def log_det(self) -> float:
@@ -117,6 +132,17 @@ class GustFilter:
         """
         flat = self._innovations(residuals, np.zeros(self.H.shape[2])).ravel()
         return np.asarray(flat - self._free @ (self._free.T @ flat)).reshape(residuals.shape)
+
+    def renewing(self, residuals: FloatArray) -> FloatArray:
+        """Return the likeliest values (n, m) of the states that are new at every sample, by the whole of a record.
+
+        They are covariances times adjoints of the filter's states, which white innovations drive backwards in time
+        (A. E. Bryson and M. Frazier, Smoothing for linear and nonlinear dynamic systems, 1963).
+        """
+        n, _, size = self.H.shape
+        put_in = np.swapaxes(self.H, 1, 2) @ np.swapaxes(self.W, 1, 2) @ self.whiten(residuals)[:, :, None]
+        adjoint = dtbsv(2 * size - 1, self._band, put_in.ravel(), lower=1, trans=1, diag=1).reshape(n, size)
+        return np.asarray((self.renewed @ adjoint[:, :, None])[:, :, 0])
 
     def _innovations(self, y: FloatArray, x0: FloatArray) -> FloatArray:
         n, _, size = self.H.shape

@@ -38,7 +38,8 @@ class GustModel:
     The states are the aircraft's own, as they would be in still air (x - E g is what the air feels, g the gust), errors
     of zero of the surfaces that drive it, those of the gust's forming filters, those of sensor lags, and the noise of
     those surfaces; the first ``moving`` are the aircraft's and the errors of zero, of which nothing is known as a
-    record begins. F, Q (k, n, n) and H (k, p, n) belong to k points: to one, trim, or to every sample of a record.
+    record begins, the last ``renewed`` the noise, which is new at every sample. F, Q (k, n, n) and H (k, p, n) belong
+    to k points: to one, trim, or to every sample of a record.
     """
 
     F: FloatArray
@@ -46,6 +47,7 @@ class GustModel:
     Q0: FloatArray
     H: FloatArray
     moving: int
+    renewed: int = 0
 
     @classmethod
     def at_trim(cls, believed: Believed, height_m: float, dt_s: float) -> GustModel:
@@ -118,15 +120,19 @@ class GustModel:
     def _with_noise(self, zero: int, std: float) -> GustModel:
         """Return the model with the noise of a surface whose error of zero is a state: one more state, new each time.
 
-        It does, within a sample, what the error of zero does.
+        A surface moves on straight lines from sample to sample. So within one it does what half of the noise at either
+        end would do, were it an error of zero.
         """
         k, size = self.F.shape[:2]
-        F, Q, Q0 = np.zeros((k, size + 1, size + 1)), np.zeros((k, size + 1, size + 1)), np.zeros((size + 1, size + 1))
-        F[:, :size, :size], Q[:, :size, :size], Q0[:size, :size] = self.F, self.Q, self.Q0
-        F[:, :size, size] = self.F[:, :, zero]
-        F[:, zero, size] = 0.0
-        Q0[size, size] = std**2
-        return GustModel(F, Q, Q0, np.concatenate([self.H, self.H[:, :, zero : zero + 1]], axis=2), self.moving)
+        F, Q, Q0 = (np.zeros((k, size + 1, size + 1)) for _ in range(3))
+        half = 0.5 * self.F[:, :, zero]
+        half[:, zero] = 0.0
+        F[:, :size, :size], Q[:, :size, :size], Q0[:, :size, :size] = self.F, self.Q, self.Q0
+        F[:, :size, size] = half
+        new = np.column_stack([half, np.ones(k)])
+        Q0 += std**2 * new[:, :, None] * new[:, None, :]
+        H = np.concatenate([self.H, self.H[:, :, zero : zero + 1]], axis=2)
+        return GustModel(F, Q, Q0, H, self.moving, self.renewed + 1)
 
     def _with_jumps(self, noise: int, jumped: FloatArray) -> GustModel:
         """Return the model with what a surface, whose noise is a state, may do besides: its jumps (n,) come anywhere
@@ -134,7 +140,7 @@ class GustModel:
         """
         if not jumped.any():
             return self
-        does = self.F[:, :, noise]
+        does = 2.0 * self.F[:, :, noise]  # the state is that of half of it
         more = (jumped**2 / 12.0)[:, None, None] * does[:, :, None] * does[:, None, :]
         return replace(self, Q0=self.Q0 + more)
 
