@@ -244,7 +244,7 @@ class Believed:
         """Return the start parameters (k,) that suit this model best on a record; None if it begins at trim.
 
         Steps of Gauss-Newton on the tangents of its start, as long as they suit it better, from where ``begins`` says
-        or else from the origin.
+        or from the origin, whichever suits it better.
 
         Raises:
             FlightAborted, LimitError: a flight from there does not survive.
@@ -260,8 +260,9 @@ class Believed:
         while len(tried) <= steps:
             x = self.next_start(record, len(tried))
             cost = math.inf if x is None else self.cost_of_start(record, x)
-            if not tried and not math.isfinite(cost):  # where its neighbour began it does not survive
-                x, cost = free.origin, self.cost_of_start(record, free.origin)
+            if not tried and x is not free.origin:  # where its neighbour began may be far from where it does
+                there = self.cost_of_start(record, free.origin)
+                x, cost = (free.origin, there) if there < cost else (x, cost)
             if x is None or (tried and not cost < tried[-1][1]):
                 # it rests, or the tangents are those of another model, and lead astray
                 tried += [tried[-1]] * (steps + 1 - len(tried))
@@ -424,7 +425,7 @@ class Believed:
         at = self.begun(record) if at is None else at
         assert at is not None
         names, u = self._deviations(record, at)
-        frames = at_frames(names, u, record, self.rate_hz)
+        frames = at_frames(names, u, record, self.rate_hz, free.began(at))
         return Wanted(flyer, names, frames, 1.0 / record.dt_s, channels, air, free.start(at))
 
     def wanted_to_read(self, record: FlightRecord, at: FloatArray | None = None) -> Wanted:
@@ -480,7 +481,8 @@ class Believed:
         moved |= dict(zip("pqr", there.pqr - trim.pqr, strict=True))
         moved |= {"phi": there.phi - trim.phi, "theta": there.theta - trim.theta, "h": there.h_m - trim.h_m}
         names, u = self._deviations(record)
-        moved |= {f"{SERVO}{n}": first for n, first in zip(names, u[0], strict=True)}
+        began = free.began(free.origin)
+        moved |= {f"{SERVO}{n}": first + began.get(n, 0.0) for n, first in zip(names, u[0], strict=True)}
         return np.array([float(moved.get(s, 0.0)) for s in model.states])
 
     def _with_gust(self, record: FlightRecord, outputs: FloatArray) -> FloatArray:
@@ -635,10 +637,17 @@ def _held(record: FlightRecord, rate_hz: float) -> tuple[tuple[str, ...], bytes]
     return names, at_frames(names, u, record, rate_hz)
 
 
-def at_frames(names: Sequence[str], u: FloatArray, record: FlightRecord, rate_hz: float) -> bytes:
+def at_frames(
+    names: Sequence[str],
+    u: FloatArray,
+    record: FlightRecord,
+    rate_hz: float,
+    began: Mapping[str, float] | None = None,
+) -> bytes:
     """Return the bytes of commands (n, m) at every frame: held from sample to sample, surfaces on straight lines.
 
-    A surface that drives the model is early by what is left of the servo's lag.
+    A surface that drives the model is early by what is left of the servo's lag. A control that ``began`` elsewhere is
+    commanded there for one frame: a flight begins with servos and engines where the first frame holds them.
     """
     fine = round(rate_hz * record.dt_s)
     out = np.repeat(u[:-1], fine, axis=0)
@@ -646,6 +655,8 @@ def at_frames(names: Sequence[str], u: FloatArray, record: FlightRecord, rate_hz
     for i, name in enumerate(names):
         if name in surface_noise(record):
             out[:, i] = np.interp(at, np.arange(len(u)), u[:, i])
+    for name, value in (began or {}).items():
+        out[0, names.index(name)] += value
     return out.tobytes()
 
 

@@ -39,3 +39,11 @@ def led_by_surfaces(coefficient: str, naming: Naming, aircraft: Aircraft | None 
     own = gain_of(coefficient, naming, aircraft) - float(np.log(naming.samples))
     told = (f for f in naming.ranking if f.told > 0.0 and f.flown and believable(f))
     return any(score(f, naming.samples) - own >= CRITERIA.told_apart for f in told)
+
+
+def excused(naming: Naming) -> bool:
+    """Return whether an effect, named or not, explains most of what re-tuned coefficients leave above the noise.
+
+    They were then pulled at by something that they do not explain, and prove nothing.
+    """
+    return any(f.significant and f.flown and f.share > CRITERIA.excused for f in naming.ranking)

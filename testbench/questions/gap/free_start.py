@@ -26,7 +26,11 @@ MOST = 4.0
 FARTHEST = 5.0
 """Prior standard deviations that a start is moved at once."""
 STATES = ("V_m_s", "alpha", "beta", "p", "q", "r", "phi", "theta", "h_m")
-"""Of a start, in the order of :class:`testbench.flight.Start`; what else a start has are offsets of commands."""
+"""Of a start, in the order of :class:`testbench.flight.Start`; what else a start has are offsets of commands, and where
+surfaces and engines began."""
+BEGAN = "_began"
+"""End of the names of the latter: by how much the command that held a surface or an engine where it begins differs from
+the first one recorded. A slow servo is not where it is commanded, and its record may begin while it moves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +38,8 @@ class FreeStart:
     """The start of one window: k parameters with Gaussian priors.
 
     Attributes:
-        names: of STATES (deviations from trim), and controls whose commands are off by a constant.
+        names: of STATES (deviations from trim), controls whose commands are off by a constant, and controls that begin
+            elsewhere, with BEGAN.
         centre: (k,) of their priors, SI.
         std: (k,) standard deviations of the priors, SI.
         origin: (k,) values at which ``columns`` were taken, SI; the start of the believed model.
@@ -54,7 +59,13 @@ class FreeStart:
 
     def offsets(self, x: FloatArray) -> dict[str, float]:
         """Return control -> constant that its commands are off by."""
-        return {n: v for n, v in zip(self.names, x.tolist(), strict=True) if n not in STATES}
+        own = zip(self.names, x.tolist(), strict=True)
+        return {n: v for n, v in own if n not in STATES and not n.endswith(BEGAN)}
+
+    def began(self, x: FloatArray) -> dict[str, float]:
+        """Return control -> by how much the command that held it as the flight began differs from the first one."""
+        own = zip(self.names, x.tolist(), strict=True)
+        return {n.removesuffix(BEGAN): v for n, v in own if n.endswith(BEGAN)}
 
     def shift(self, x: FloatArray) -> FloatArray:
         """Return what readings (n, outputs) from ``x`` (k,) have more than from the centre, to first order, SI."""

@@ -3,8 +3,9 @@
 H. G. Bock, Numerical treatment of inverse problems in chemical reaction kinetics, 1981; R. V. Jategaonkar, Flight
 Vehicle System Identification, 2nd ed., 2015, section 9.5, for unstable aircraft. A window is a record of its own. It
 begins with LEAD_S of flight that is flown but not compared, so that servos, links and sensors that lag have forgotten
-where they began. Its start and constant offsets of its commands (thrust that wanders, a trim that is not known) are
-nuisances of its own (:mod:`.free_start`), first fitted to the believed model.
+where they began. Its start, constant offsets of its commands (thrust that wanders, a trim that is not known) and where
+its surfaces were (a servo at its rate limit does not forget) are nuisances of its own (:mod:`.free_start`), first
+fitted to the believed model.
 """
 
 from __future__ import annotations
@@ -23,16 +24,18 @@ from testbench.core.errors import LimitError, RecordError, TestbenchError, TrimE
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.questions.gap.believed import NEAR, Believed
 from testbench.questions.gap.evidence.commanded import (
+    MOVED,
     begins_quietly,
     commands,
     freed,
     key_of_start,
     quiet_samples,
     starts_freely,
+    surface_noise,
 )
 from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.flights import flights
-from testbench.questions.gap.free_start import STATES, FreeStart
+from testbench.questions.gap.free_start import BEGAN, STATES, FreeStart
 from testbench.questions.gap.window_length import SHORTEST_S, Windows
 
 LEAD_S = 0.5
@@ -65,6 +68,7 @@ _STEP = 0.05  # of differences, in prior standard deviations
 _HORIZONS_S = (1.5, 3.0, math.inf)
 _ROUNDS, _FEW_ROUNDS = 8, 3
 _AT_REST = 0.1  # of chi-square
+_NOISE = 4.0  # standard deviations of chi-square that noise alone may come to
 _SHARES = (1.0, 0.4, 0.1)
 
 
@@ -250,12 +254,42 @@ def begin_freely(
         with suppress(FlightAborted, LimitError, TrimError):
             here = {k: replace(s, origin=known[k].origin) for k, s in starts.items()}
             here = _fitted(plain, own, here, math.inf, _ROUNDS)
+            # Where a poor model began, a better one may be caught: what is not noise is sought from the readings, too.
+            there = replace(plain, free_starts=here)
+            poor = {n: r for n, r in own.items() if _misfits(there, r)}
+            with suppress(FlightAborted, LimitError, TrimError):
+                anew = _from_readings(plain, poor, starts)
+                for record in poor.values():
+                    key = key_of_start(record)
+                    old, new = (
+                        replace(plain, free_starts=s).cost_of_start(record, s[key].origin) for s in (here, anew)
+                    )
+                    if new < old:
+                        here[key] = anew[key]
             return replace(believed, free_starts={**known, **here, **_linearised(plain, own, here)})
-    # What seems to begin well may leave the limits before it has been fitted: first the beginnings alone.
-    for horizon_s in _HORIZONS_S:
-        starts = _fitted(plain, own, starts, horizon_s, _ROUNDS)
+    starts = _from_readings(plain, own, starts)
     starts |= _linearised(plain, own, starts)
     return replace(believed, free_starts={**believed.free_starts, **starts})
+
+
+def _from_readings(
+    plain: Believed, records: Mapping[str, FlightRecord], starts: Mapping[str, FreeStart]
+) -> dict[str, FreeStart]:
+    """Return starts fitted from where the first readings lie.
+
+    What seems to begin well may leave the limits before it has been fitted: first the beginnings alone.
+    """
+    out = dict(starts)
+    for horizon_s in _HORIZONS_S:
+        out = _fitted(plain, records, out, horizon_s, _ROUNDS)
+    return out
+
+
+def _misfits(model: Believed, record: FlightRecord) -> bool:
+    """Return whether a start leaves more than noise of a record."""
+    free, samples = model.free_start_of(record), int(np.count_nonzero(model.taken(record)))
+    assert free is not None
+    return model.cost_of_start(record, free.origin) > samples + _NOISE * math.sqrt(2.0 * samples)
 
 
 def _fitted(
@@ -293,6 +327,7 @@ def _guess(believed: Believed, record: FlightRecord, offsets: bool = True) -> Fr
     states = [n for n in STATES if (lateral or n not in _OF_LATERAL) and (n != "h_m" or "h" in record)]
     controls = [c for c in believed.aircraft.controls if c in _OFFSETS and (lateral or c not in _OF_LATERAL)]
     controls = controls if offsets else []
+    began = [c for c in controls if f"{c}_cmd" in record and c not in surface_noise(record) and _moves(record, c)]
     origin, std = [], []
     for name in states:
         channel = _CHANNELS.get(name, name)
@@ -301,11 +336,15 @@ def _guess(believed: Believed, record: FlightRecord, offsets: bool = True) -> Fr
         here = channel in record
         origin.append(_first(believed, record, channel) - believed.trimmed.state[channel] if here else 0.0)
         std.append(scale * (measured if here else other))
-    values = np.array([*origin, *(0.0 for _ in controls)])
-    stds = np.array([*std, *(_OFFSETS[c] for c in controls)])
-    return FreeStart(
-        (*states, *controls), values, stds, values, np.zeros((len(record), len(believed.outputs), values.size))
-    )
+    names = (*states, *controls, *(c + BEGAN for c in began))
+    values = np.array([*origin, *(0.0 for _ in (*controls, *began))])
+    stds = np.array([*std, *(_OFFSETS[c] for c in (*controls, *began))])
+    return FreeStart(names, values, stds, values, np.zeros((len(record), len(believed.outputs), values.size)))
+
+
+def _moves(record: FlightRecord, control: str) -> bool:
+    """Return whether a control is commanded to move: only then may it be elsewhere as a window begins."""
+    return bool(np.ptp(record[f"{control}_cmd"]) > MOVED)
 
 
 def _first(believed: Believed, record: FlightRecord, channel: str) -> float:

@@ -14,7 +14,7 @@ from testbench.questions.gap.coefficients import gain_of, rivals
 from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.contract import recorded
-from testbench.questions.gap.parameters import wrong_parameters
+from testbench.questions.gap.parameters import off_parameters, wrong_parameters
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
@@ -78,6 +78,17 @@ def test_an_effect_that_held_out_flights_refute_is_not_told_beside_a_coefficient
     (kept,) = measure(tuned.believed.with_nuisances({"Cm_alpha": 1.35}), 12, inputs=(ELEVATOR,))
     (accused,) = wrong_parameters(naming_of(tuned, alike), tuned.believed, [kept])
     assert (accused.name, accused.rivals) == ("Cm_alpha", ())
+
+
+def test_no_coefficient_is_accused_where_an_effect_explains_most_of_what_re_tuning_leaves(tuned):
+    """Named or not: a slew limit of which 0.1 % was left unexplained stood beside three accused coefficients."""
+    gain = gain_of("Cm_alpha", naming_of(tuned))
+    for share, accused in ((0.4, ["Cm_alpha"]), (0.6, []), (float("nan"), ["Cm_alpha"])):
+        naming = naming_of(tuned, effect_that_gains(tuned, gain + 200.0, share=share))
+        assert [p.name for p in wrong_parameters(naming, tuned.believed)] == accused
+        assert [p.name for p in off_parameters(naming)] == accused
+    hardly = effect_that_gains(tuned, gain, share=0.6, threshold=gain + 1.0)  # no more than noise would
+    assert [p.name for p in wrong_parameters(naming_of(tuned, hardly), tuned.believed)] == ["Cm_alpha"]
 
 
 FEW = ("roll_damper", "yaw_damper", "interconnect", "bank_hold", "actuator_lag", "surface_scale")

@@ -61,7 +61,7 @@ def test_noise_of_a_surface_does_not_make_its_control_look_weak():
     """Half a degree beside 2 and 3 deg: c172p's elevator came out 10 % weak, its damping 20 %, by 3 and 4 errors."""
     believed = believe(HALF_A_DEGREE, STOCK)
     found: dict[bool, list[dict[str, float]]] = {False: [], True: []}
-    for seed in range(4):
+    for seed in range(2):
         by = driven(believed, measure(believed, NOTHING, seed=seed), {}, "both")
         records, whitened = list(by.records.values()), in_air(by.believed, STILL_AIR)
         for freed, given in ((False, records), (True, smoothed(by.believed, STILL_AIR, records))):
@@ -70,8 +70,8 @@ def test_noise_of_a_surface_does_not_make_its_control_look_weak():
     mean = {freed: {n: np.mean([f[n] for f in of]) for n in ("Cm_de", "Cm_q")} for freed, of in found.items()}
     assert mean[False]["Cm_de"] < 0.94
     assert mean[False]["Cm_q"] < 0.88
-    assert abs(mean[True]["Cm_de"] - 1.0) < 0.06  # one flight scatters by 0.025
-    assert abs(mean[True]["Cm_q"] - 1.0) < 0.12  # by 0.05
+    assert abs(mean[True]["Cm_de"] - 1.0) < 0.06  # two flights scatter by 0.02
+    assert abs(mean[True]["Cm_q"] - 1.0) < 0.12  # by 0.04
 
 
 def test_the_residual_stays_what_it_was_and_the_surface_comes_nearer_to_the_truth():

@@ -27,19 +27,22 @@ from real_aircraft import believe as believe_real
 from recorded import flight_data
 from scipy.stats import chi2
 
+from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord
-from testbench.questions.gap.effects import library
+from testbench.core.scenario.inputs import StandardMultistep, Sweep
+from testbench.questions.gap.effects import EFFECTS, library
 from testbench.questions.gap.evidence.air import listen
 from testbench.questions.gap.evidence.commanded import (
     begins_quietly,
     commands,
+    key_of_start,
     quiet_samples,
     starts_freely,
 )
 from testbench.questions.gap.free_start import FreeStart
 from testbench.questions.gap.search.gauss_newton import retune
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.hypothesis import Hypothesis, fly_together
 from testbench.questions.gap.window_length import windows_of
 from testbench.questions.gap.windows import LEAD_S, LONGEST_S, begin_freely, cut, longest
 from testbench.questions.gap.workflow import find_gap
@@ -224,6 +227,72 @@ def test_what_is_known_of_a_start_follows_its_record(begun):
     assert isinstance(other, FlightRecord)
     assert believed.free_start_of(other) is believed.free_start_of(record)
     assert replace(believed, free_starts={}).with_nuisances({"Cm_q": 1.1}).free_starts == {}
+
+
+QUICK = StandardMultistep(signal="3211", control="de", amplitude_deg=4.0, step_s=0.25)
+
+
+@pytest.fixture(scope="module")
+def slewing(believed):
+    """An elevator of 7 deg/s, and what it flew from 0.3 s after a step of 4 deg on: it is still on its way."""
+    truth = believed.with_effect(EFFECTS["rate_limit"], {"limit_rad_s": 7.0 * DEG_RAD})
+    return truth, cut(truth, {"piece": begun_late(truth, QUICK, 7.0)}).records
+
+
+def begun_late(truth, spec, duration_s: float) -> FlightRecord:
+    """Return what is flown of an input from 0.3 s after its first step on."""
+    (record,) = measure(truth, 3, inputs=(spec,), duration_s=duration_s)
+    moved = int(np.flatnonzero(np.abs(record["de_cmd"] - record["de_cmd"][0]) > 0.01)[0])
+    return record.between(float(record.t_s[moved]) + 0.3, float(record.t_s[-1]))
+
+
+def test_a_surface_begins_where_it_is_and_not_where_it_is_commanded(slewing):
+    """It lags by 2 deg as the piece begins; taken for where it is commanded, it misfitted by ten times the noise."""
+    truth, records = slewing
+    began = begin_freely(truth, records)
+    (window,) = records.values()
+    free = began.free_starts[key_of_start(window)]
+    assert free.names[-1] == "de_began"
+    found = float(free.origin[-1])
+    assert 0.5 * DEG_RAD < abs(found) < 6.0 * DEG_RAD
+    point = Hypothesis.at(began, began, (window,))
+    assert chi2.sf(point.chi2, point.samples) > RARE
+    held = replace(free, origin=np.where(np.arange(free.origin.size) == free.origin.size - 1, 0.0, free.origin))
+    there = replace(began, free_starts={key_of_start(window): held})
+    assert there.cost_of_start(window, held.origin) > 2.0 * began.cost_of_start(window, free.origin)
+
+
+def test_controls_that_are_not_moved_begin_where_they_are_commanded(begun):
+    believed, (record, *_) = begun
+    free = believed.free_starts[key_of_start(record)]
+    moving = {n for n in ("de", "thr") if np.ptp(record[f"{n}_cmd"]) > 1e-3}
+    assert set(free.began(free.origin)) == moving
+    assert set(free.offsets(free.origin)) == {"de", "thr"}
+
+
+def test_a_start_is_sought_from_its_own_origin_too_where_its_neighbour_began_far_off(begun):
+    """A neighbour that lacks an effect may begin 8 deg off; a step from there need not come back."""
+    believed, (record, *_) = begun
+    key = key_of_start(record)
+    free = believed.free_starts[key]
+    far = free.origin + 3.9 * free.std * np.where(np.arange(free.origin.size) % 2, 1.0, -1.0)
+    there = believed.beginning({key: far})
+    fly_together([there], [record])
+    assert there.begun(record) == pytest.approx(free.origin, abs=0.3 * float(free.std.max()))
+    assert there.cost_of_start(record, there.begun(record)) <= believed.cost_of_start(record, free.origin) + 0.1
+
+
+def test_starts_that_a_poor_model_was_caught_in_are_left_again(believed):
+    """A sweep from where the model without the drag had begun: the true one left 1.7 times the noise from there."""
+    truth = believed.with_effect(EFFECTS["drag_increment"], {"CD": 0.06})
+    sweep = Sweep(signal="sweep", control="de", amplitude_deg=4.0, f_start_hz=0.3, f_end_hz=6.0, sweep_s=10.0)
+    records = cut(believed, {"piece": begun_late(truth, sweep, 12.0)}).records
+    poor = begin_freely(believed, records)
+    anew, again = (begin_freely(before, records, truth).free_starts for before in (believed, poor))
+    for window in records.values():
+        key = key_of_start(window)
+        costs = [replace(truth, free_starts=s).cost_of_start(window, s[key].origin) for s in (anew, again)]
+        assert costs[1] < costs[0] + 1.0
 
 
 @pytest.mark.slow

@@ -29,7 +29,7 @@ from testbench.questions.gap.evidence.commanded import MOVED, commands
 from testbench.questions.gap.sealed.cases import Case, draw, opened, seal
 from testbench.questions.gap.workflow import find_gap
 
-SEED = 20270126
+SEED = 20270127
 STRATA: Mapping[str, int] = {"library form": 36, "other form": 36, "nothing": 36}
 _AFTER_S = 0.3
 
@@ -96,7 +96,11 @@ def page(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> str:
         "beginning is cut away: it begins "
         f"{_AFTER_S:g} s after the first command, so the workflow has to cut it into windows that start freely.",
         "",
-        f"Seed {SEED}, the first draw. SHA-256 of answers.json without its last line break: `{seal(tuple(cases))[1]}`.",
+        "The first draw, seed 20270126, was opened after 14 cases: of five each, three library forms and four other forms "
+        "were right, and no gap was found in four flights of nothing. Two cases that were unexplained showed that starts "
+        "were caught and that a slow servo begins on its way; both were mended before this draw.",
+        "",
+        f"Seed {SEED}, the second draw. SHA-256 of answers.json without its last line break: `{seal(tuple(cases))[1]}`.",
         "",
         f"**{len(run)} of {len(cases)} planned cases have been run**, in the order in which they were drawn. "
         "Intervals are Wilson's, 95 %.",

@@ -324,8 +324,10 @@ def fly_together(models: Sequence[Believed], records: Sequence[FlightRecord]) ->
             with suppress(*_NOT_FLOWN):
                 if steps:
                     model.begun(record, steps - 1)  # it was flown a round before
-                x = model.next_start(record, steps)
+                x, start = model.next_start(record, steps), model.free_start_of(record)
                 wanted += [] if x is None else [model.wanted_to_read(record, x)]
+                if start is not None and not steps and x is not start.origin:  # both are tried
+                    wanted.append(model.wanted_to_read(record, start.origin))
         if not wanted:
             break
         flights(wanted)
