@@ -42,8 +42,8 @@ mutants: $(VENV)/installed-dev
 surroundings: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/surroundings.py
 
-# Kills, damage, a full disk, crashes of JSBSim, very many runs: results/reliability.md. It goes on where it stopped;
-# one part alone: PYTHONPATH=.:tests python -m studies.reliability --only records (see its --help).
+# Kills, damage, a full disk, crashes of JSBSim, very many runs: results/reliability.md, from a part on each core; an hour on
+# two that are idle. It goes on where it stopped; one part alone: PYTHONPATH=.:tests python -m studies.reliability --only records (see its --help).
 reliability: $(VENV)/installed-dev
 	PYTHONPATH=.:tests $(BIN)/python -m studies.reliability
 

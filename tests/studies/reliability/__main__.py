@@ -1,5 +1,7 @@
 """Run the study of reliability: ``python -m studies.reliability``; it goes on where it stopped.
 
+Parts that do not wait for each other run side by side, one on each core.
+
 python -m studies.reliability --only scenarios --only records   # one part, or some
 python -m studies.reliability --share 0.1                        # a tenth of the cases
 python -m studies.reliability --report                           # write results/reliability.md from the rows kept
@@ -11,13 +13,19 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy
 
 from studies.reliability import crashes, disk, kills, records, report, scenarios, sizes
 
+LANES = (("blind test",), ("scenarios", "flown"), ("gap --controls",), ("records",), ("campaign",), ("plan",),
+         ("disk", "crashes", "sizes"))  # fmt: skip
+"""What runs one after the other, the longest first."""
 KILLED = ("campaign", "plan", "gap --controls", "blind test")
 
 
@@ -27,6 +35,7 @@ def main() -> int:
     parts = ("scenarios", "flown", "records", *KILLED, "disk", "crashes", "sizes")
     parser.add_argument("--only", action="append", choices=parts, help="part to run; may be given several times")
     parser.add_argument("--share", type=float, default=1.0, help="of the cases of each part")
+    parser.add_argument("--lane", action="store_true", help="one after the other in this process, without the table")
     parser.add_argument("--report", action="store_true", help="write the table from the rows that are kept")
     asked = parser.parse_args()
 
@@ -42,10 +51,25 @@ def main() -> int:
         "crashes": crashes.crashes,
         "sizes": lambda: sizes.sizes(some(sizes.ROWS), some(sizes.RUNS)),
     }
-    for part in [] if asked.report else asked.only or list(run):
-        run[part]()
-    print(report.write())
-    return 0
+    due = [] if asked.report else asked.only or list(run)
+    lanes = [lane for all_ in LANES if (lane := [part for part in all_ if part in due])]
+    if asked.lane or len(lanes) < 2:
+        for part in due:
+            run[part]()
+        failed = 0
+    else:
+        with ThreadPoolExecutor(os.cpu_count()) as cores:
+            failed = max(cores.map(partial(_lane, share=asked.share), lanes))
+    if not asked.lane:
+        print(report.write())
+    return failed
+
+
+def _lane(parts: Sequence[str], share: float) -> int:
+    """Run some parts in a process of their own; return its exit status."""
+    only = [word for part in parts for word in ("--only", part)]
+    command = [sys.executable, "-m", "studies.reliability", "--lane", "--share", str(share), *only]
+    return subprocess.run(command, check=False).returncode
 
 
 if __name__ == "__main__":
