@@ -189,6 +189,7 @@ def _diagram(contest: Contest, found: Ranks) -> Callable[[bool], Figure]:
 
 
 _TALL_IN, _GAP_IN, _POINTS = 1.75, 0.78, 2000
+LEFT_IN = 0.8  # beside the first panel: room for tick labels of seven letters and the label of the axis
 CALIBRATION = (
     "Estimate minus truth over the standard error that the estimator states, sorted, against the normal distribution. "
     "On the line the stated errors are true; steeper, the errors are larger than stated; beside it, they are biased. "
@@ -208,7 +209,9 @@ def panel_each(names: Sequence[str], draw: Callable[[Axes, str, bool], None]) ->
         columns = min(3, len(names)) if wide else 1
         rows = -(-len(names) // columns)
         figure = new_figure(wide, 0.32 + rows * _TALL_IN + (rows - 1) * _GAP_IN + 0.48)
-        panels = grid(figure, 0.32, [_TALL_IN] * rows, (1.0,) * columns, gap_in=_GAP_IN, between_in=0.72)
+        panels = grid(
+            figure, 0.32, [_TALL_IN] * rows, (1.0,) * columns, gap_in=_GAP_IN, between_in=0.72, left_in=LEFT_IN
+        )
         for i, axes in enumerate(panels.ravel()):
             if i >= len(names):
                 axes.set_visible(False)

@@ -106,10 +106,10 @@ def _of_one(a: Accuracy) -> str:
 
 
 def _against(a: Accuracy) -> str:
-    """Return a bias in percent of the truth; where the truth is near zero, in units of the scatter."""
+    """Return a bias in percent of the truth; where errors exceed the truth, in units of the scatter."""
     if a.near_zero:
         times = f"{number(abs(a.bias) / a.scatter, 2)} times the scatter" if a.scatter > 0.0 else "without scatter"
-        return f"{times} (the truth, {number(a.true_mean, 2)}, is near zero)"
+        return f"{times} (errors exceed the truth, {number(a.true_mean, 2)})"
     return f"{number(100 * a.bias / abs(a.true_mean), 2)} % of the true value"
 
 
@@ -124,13 +124,13 @@ def _of_many(judged: Sequence[Accuracy]) -> str:
 
 
 def _spread(judged: Sequence[Accuracy]) -> str:
-    """Return scatter and coverage of many estimates, and the bias of those whose truth is near zero."""
+    """Return scatter and coverage of many estimates, and the bias of those whose errors exceed the truth."""
     parts = []
     near = [a for a in judged if a.near_zero]
     off = [abs(a.bias) / a.scatter for a in near if a.biased and a.scatter > 0.0]
     if off:
         parts.append(
-            f"{counted(len(off), 'estimate')} whose truth is near zero {'is' if len(off) == 1 else 'are'} off by "
+            f"{counted(len(off), 'estimate')} whose errors exceed the truth {'is' if len(off) == 1 else 'are'} off by "
             f"{_span(off)} times the scatter"
         )
     scatters = [100.0 * a.scatter / abs(a.true_mean) for a in judged if not a.near_zero]
