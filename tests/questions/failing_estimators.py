@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 METHODS = """
+import itertools
 import sys
 import time
 
@@ -29,6 +30,16 @@ def hangs(records, inputs, outputs):
 
 def sleeps(records, inputs, outputs):
     time.sleep(100.0)
+
+
+def in_c(records, inputs, outputs):
+    sum(itertools.count())  # hears no signal and takes no exception
+
+
+def crashes(records, inputs, outputs):
+    import os
+
+    os.abort()
 
 
 def nan(records, inputs, outputs):
