@@ -31,11 +31,15 @@ _HERE = "here"
 
 
 class Aside:
-    """A process that runs estimators one after the other, and is started again after one that ended it."""
+    """A process that runs estimators one after the other, and is started again after one that ended it.
+
+    ``processor_s`` is what those took that came back, s.
+    """
 
     def __init__(self) -> None:
         self._one = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
+        self.processor_s = 0.0
 
     def ready(self) -> None:
         """Start the process if there is none, and wait until it can work: that is not the time of an estimator."""
@@ -79,7 +83,8 @@ class Aside:
             try:
                 pickle.dump((entry, records, inputs, outputs, validation, limit_s), _stream(process.stdin))
                 _stream(process.stdin).flush()
-                kind, found = pickle.load(_stream(process.stdout))
+                kind, found, spent_s = pickle.load(_stream(process.stdout))
+                self.processor_s += spent_s
                 answered = True
             except (EOFError, OSError, pickle.UnpicklingError):
                 kind, found = "died", None
@@ -114,6 +119,11 @@ def time_is_up(method: str, limit_s: float) -> EstimationError:
 _ASIDE = Aside()
 
 
+def processor_s() -> float:
+    """Return the processor's time of this thread and of what worked aside for it, s; differences count."""
+    return time.thread_time() + _ASIDE.processor_s
+
+
 def aside_for(entry: Settings) -> Aside | None:
     """Return the process for an estimator or structure of the user's own in a thread of a worker process, else None.
 
@@ -145,6 +155,7 @@ def serve() -> None:
                 entry, records, inputs, outputs, validation, limit_s = pickle.load(questions)
             except EOFError:
                 return
+            began = time.process_time()
             faulthandler.dump_traceback_later(limit_s + _GRACE_S, exit=True, file=nowhere)
             answer: tuple[str, Any]
             try:
@@ -153,14 +164,17 @@ def serve() -> None:
             except TestbenchError as error:
                 answer = "error", error.message
             faulthandler.cancel_dump_traceback_later()
-            _send(answers, answer)
+            try:
+                _send(answers, (*answer, time.process_time() - began))
+            except BrokenPipeError:  # whoever asked is gone
+                return
 
 
-def _send(stream: IO[bytes], answer: tuple[str, Any]) -> None:
+def _send(stream: IO[bytes], answer: tuple[Any, ...]) -> None:
     try:
         data = pickle.dumps(answer)
     except Exception:  # pickle raises whatever the object does
-        data = pickle.dumps((_HERE, None))
+        data = pickle.dumps((_HERE, None, answer[-1]))
     stream.write(data)
     stream.flush()
 

@@ -60,6 +60,16 @@ def test_every_failure_is_a_row_and_the_others_go_on(tmp_path) -> None:
     assert [row[1] for row in table.rows] == [2, 2, 2, 2]
 
 
+def test_what_an_own_estimator_takes_counts_in_the_cost_of_a_run(tmp_path) -> None:
+    """It works in another process than the one whose time was counted."""
+    loaded = campaign(tmp_path, own("busy"), runs=1)
+    fly_campaign(loaded, tmp_path / "s", workers=1)
+    with Store.read(tmp_path / "s") as store:
+        spent_s, runs = store.seconds()
+    assert runs == 1
+    assert spent_s > 2 * 1.5  # for each suite
+
+
 @pytest.mark.slow
 def test_work_that_never_comes_back_or_ends_its_process_is_a_row_too(tmp_path) -> None:
     loaded = campaign(tmp_path, own("hangs", "in_c", "crashes", "works"), runs=1, limit_s=2.0)
