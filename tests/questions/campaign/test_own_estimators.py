@@ -65,8 +65,7 @@ def test_what_an_own_estimator_takes_counts_in_the_cost_of_a_run(tmp_path) -> No
     loaded = campaign(tmp_path, own("busy"), runs=1)
     fly_campaign(loaded, tmp_path / "s", workers=1)
     with Store.read(tmp_path / "s") as store:
-        spent_s, runs = store.seconds()
-    assert runs == 1
+        spent_s, _ = store.seconds()
     assert spent_s > 2 * 1.5  # for each suite
 
 
