@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
-import multiprocessing
 import os
 import pickle
 import subprocess
@@ -125,13 +124,13 @@ def processor_s() -> float:
 
 
 def aside_for(entry: Settings) -> Aside | None:
-    """Return the process for an estimator or structure of the user's own in a thread of a worker process, else None.
+    """Return the process for an estimator or structure of the user's own, outside the main thread; else None.
 
     The main thread ends by a signal, also while it sleeps; see :func:`testbench.core.time_limit.time_limit`.
     """
     own = is_brought(entry.method) or is_brought(getattr(entry, "structure", ""))
     in_thread = threading.current_thread() is not threading.main_thread()
-    if not own or not in_thread or multiprocessing.parent_process() is None:
+    if not own or not in_thread:
         return None
     _ASIDE.ready()
     return _ASIDE
