@@ -25,7 +25,7 @@ def campaign_answer(result: CampaignResult) -> list[tuple[str, str]]:
     counts, summary = result.counts, result.summary
     out = [("lead", _lead(result)), ("finding", _progress(result))]
     shown = most_biased(summary)
-    judged = [a for a in summary.accuracies if a.n > 1]
+    judged = _judged(summary)
     if len(judged) == 1:  # the lead has said it
         shown = []
     elif judged and counts.done:
@@ -73,7 +73,7 @@ def _lead(result: CampaignResult) -> str:
         return f"nothing is known yet: none of {counts.total} runs is finished"
     if not counts.done:
         return f"nothing was identified: all {counts.failed} finished runs failed; {_cause(result)}"
-    judged = [a for a in summary.accuracies if a.n > 1]
+    judged = _judged(summary)
     if len(judged) == 1:
         return _of_one(judged[0])
     if judged:
@@ -92,6 +92,11 @@ def _lead(result: CampaignResult) -> str:
         if names
         else ""
     )
+
+
+def _judged(summary: Summary) -> list[Accuracy]:
+    """Return the estimates found twice or more; damping 1 of a root, which is exact by definition, is none."""
+    return [a for a in summary.accuracies if a.n > 1 and a.rms > 0.0]
 
 
 def _of_one(a: Accuracy) -> str:

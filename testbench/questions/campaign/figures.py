@@ -10,7 +10,7 @@ from testbench.page.plot import COLOURS, INK, MEASURED, QUIET, Plate, grid, labe
 from testbench.questions.campaign.answer import most_biased
 from testbench.questions.campaign.result import errors
 from testbench.questions.campaign.summary import short_name
-from testbench.questions.side_by_side import CALIBRATION, LEFT_IN, draw_calibration, panel_each
+from testbench.questions.side_by_side import CALIBRATION, LEFT_IN, draw_calibration, panel_each, point_size
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 _MOST, _POINTS = 6, 2000
 _FEWEST = 3  # runs whose means make a line
-_FEW = 300  # runs below which a point is drawn large
 
 
 def campaign_plates(summary: Summary) -> list[Plate]:
@@ -130,7 +129,7 @@ def _panels(names: list[str], draw: Callable[[Axes, str], None], x: str, y: str)
     def drawn(axes: Axes, name: str, first: bool) -> None:
         draw(axes, name)
         _few_ticks(axes, whole_x=x == "runs", whole_y=y == "runs")
-        label(axes, x, y if first else "", short_name(name, names), y_in=LEFT_IN - 0.16)
+        label(axes, x, y if first else "", short_name(name, names), lines=2, y_in=LEFT_IN - 0.16)
 
     return panel_each(names, drawn)
 
@@ -149,7 +148,7 @@ def _scatter(axes: Axes, summary: Summary, name: str) -> None:
     found = summary.columns[name][summary.done]
     have = np.isfinite(true) & np.isfinite(found)
     true, found = true[have], found[have]
-    every, size = max(1, true.size // _POINTS), 3.5 if true.size > _FEW else 7.0
+    every, size = max(1, true.size // _POINTS), point_size(true.size)
     low, high = float(true.min()), float(true.max())
     margin = 0.06 * (high - low) or 0.05 * abs(high) or 1.0
     axes.plot([low - margin, high + margin], [low - margin, high + margin], color=INK, linewidth=0.9)

@@ -168,6 +168,31 @@ def test_the_lead_tells_bias_scatter_and_coverage_of_one_estimate(flown):
     assert "(of the 1 estimates that have one) holds the truth in 50 % of the runs" in answer(many)[1][1]
 
 
+def test_what_is_exact_by_definition_is_no_estimate_without_bias(flown):
+    """The damping ratio of a real root is 1 in every run; it was counted as well known."""
+    result, _ = flown
+    first, *others = result.summary.accuracies
+    exact = replace(first, rms=0.0, bias=0.0, bias_half=0.0, scatter=0.0, true_mean=1.0)
+    said = answer(replace(result, summary=replace(result.summary, accuracies=(exact, *others))))
+    fair = sum(not a.biased for a in others)
+    assert said[0][1].startswith(f"{fair} of {len(others)} estimates")
+    assert " by 0 to " not in said[1][1]
+
+
+def test_long_names_stand_in_two_lines_of_a_title(flown):
+    """They were cut: "short period, fast root wn,…"."""
+    result, _ = flown
+    summary = result.summary
+    name = summary.accuracies[0].name
+    long = [f"taurus_8hz, transfer_function: short period, fast root wn {k}, rad/s" for k in "abc"]
+    columns = {new: summary.columns[name] for new in long}
+    columns |= {f"{new}, true": columns[new] + 0.1 for new in long}
+    accuracies = tuple(replace(summary.accuracies[0], name=new) for new in long)
+    for plate in campaign_plates(replace(summary, columns=columns, accuracies=accuracies)):
+        titles = [axes.get_title().replace("\n", " ") for axes in plate.make(True).axes]
+        assert titles == [f"short period, fast root wn {k}, rad/s" for k in "abc"]
+
+
 def test_where_errors_exceed_the_truth_a_bias_is_told_in_units_of_the_scatter(flown):
     """A root at -1e-8 was "off by 4.0e6 %"; percent of nothing say nothing."""
     result, _ = flown
