@@ -185,7 +185,7 @@ def test_long_names_stand_in_two_lines_of_a_title(flown):
     summary = result.summary
     name = summary.accuracies[0].name
     long = [f"taurus_8hz, transfer_function: short period, fast root wn {k}, rad/s" for k in "abc"]
-    columns = {new: summary.columns[name] for new in long}
+    columns = dict.fromkeys(long, summary.columns[name])
     columns |= {f"{new}, true": columns[new] + 0.1 for new in long}
     accuracies = tuple(replace(summary.accuracies[0], name=new) for new in long)
     for plate in campaign_plates(replace(summary, columns=columns, accuracies=accuracies)):
