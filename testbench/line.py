@@ -20,6 +20,7 @@ from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.base import Condition, FlownAt, FlownInAir, Preparation, Simulation
 from testbench.core.scenario.inputs import Input
 from testbench.estimators import estimate
+from testbench.estimators.aside import aside_for
 from testbench.estimators.cells import FailedCell, contained, need_numbers
 from testbench.estimators.identification import Estimator, Identification, estimator_name
 from testbench.estimators.model import IdentifiedModel
@@ -249,6 +250,7 @@ def identify_and_judge(
         TestbenchError: with file and key; with ``failed`` only if no estimator gives a model.
     """
     say, noise = progress or (lambda text: None), noise or {}
+    limit_s = identification.limit_s
     cases: list[Case] = []
     first: TestbenchError | None = None
     for suite in suites:
@@ -259,12 +261,14 @@ def identify_and_judge(
         outputs = tuple(n for n in (identification.outputs or sensed) if n in sensed and n not in identification.inputs)
         for k, spec in enumerate(identification.estimators):
             say(f"identify {suite} with {short(spec.method)}")
+            aside = aside_for(spec)
             try:
                 with (
                     located(where, f"identification.estimators[{k}]"),
-                    contained(spec.method, identification.limit_s),
+                    contained(spec.method, limit_s),
                 ):
-                    model = need_numbers(estimate(spec, fit, identification.inputs, outputs, judge))
+                    given = spec, fit, identification.inputs, outputs, judge
+                    model = need_numbers(estimate(*given) if aside is None else aside.estimate(*given, limit_s=limit_s))
                     if causes:
                         from testbench.estimators.causes import with_causes
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -210,6 +211,27 @@ def test_nothing_is_left_unfinished():
     marks = ("TODO", "FIXME", "XXX", "NotImplementedError")
     texts = {path: path.read_text(encoding="utf-8") for path in SOURCES}
     assert [f"{path.relative_to(ROOT)}: {mark}" for path, text in texts.items() for mark in marks if mark in text] == []
+
+
+_TURNED = re.compile(r"(?i)\b(?:black|white|dark)\b(?! noise|-box| box)")
+
+
+def turned_colours(path: Path) -> list[str]:
+    """Sentences of a module of figures that name a colour which a page in dark turns round."""
+    if not re.search(r"\bPlate\b|\bplate\(", path.read_text(encoding="utf-8")):
+        return []
+    notes = {id(node.value) for node in ast.walk(tree_of(path)) if isinstance(node, ast.Expr)}  # docstrings
+    return [
+        f"{path.name}: {node.value}"
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in notes
+        if len(node.value.split()) > 2 and _TURNED.search(node.value)
+    ]
+
+
+def test_captions_name_no_colour_that_dark_pages_turn_round():
+    """A black line is a light one on a dark page; say what it is like instead: full, upright, without colour."""
+    assert [text for path in SOURCES for text in turned_colours(path)] == []
 
 
 def test_the_rules_find_what_breaks_them(tmp_path, monkeypatch):

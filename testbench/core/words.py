@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 _MOST_DECIMALS = 8
 
@@ -15,3 +19,9 @@ def with_error(value: float, error: float) -> str:
     if decimals > _MOST_DECIMALS:
         return f"{value:.4g} ± {error:.2g}"
     return f"{value:z.{decimals}f} ± {error:.{decimals}f}"
+
+
+def array_found(array: NDArray[Any]) -> str:
+    """Return what an array is like, for an error that says what it must be: its shape, and whether it holds numbers."""
+    odd = "" if np.isfinite(array).all() else ", with NaN" if np.isnan(array).any() else ", with infinite values"
+    return f"shape {array.shape}{odd}"

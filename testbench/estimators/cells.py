@@ -16,6 +16,7 @@ from testbench.core.errors import EstimationError, TestbenchError
 from testbench.core.record import FlightRecord
 from testbench.core.time_limit import TimeUp, time_limit
 from testbench.estimators import METHODS
+from testbench.estimators.aside import time_is_up
 from testbench.estimators.settings import Settings
 from testbench.estimators.structured import Structured
 
@@ -108,10 +109,7 @@ def contained(method: str, limit_s: float) -> Iterator[None]:
         with time_limit(limit_s):
             yield
     except TimeUp:
-        raise EstimationError(
-            f"{short(method)} must end within limit_s = {limit_s:g} s, got no model by then; raise "
-            "identification.limit_s, or give it less to do"
-        ) from None
+        raise time_is_up(method, limit_s) from None
     except TestbenchError:
         raise
     except (Exception, SystemExit) as error:  # an own estimator may raise anything

@@ -12,6 +12,7 @@ import numpy as np
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.words import array_found
 from testbench.estimators.model import ComplexArray, IdentifiedModel
 from testbench.estimators.state_space import description
 from testbench.estimators.state_variable import Hold, StateVariableFilter, delayed
@@ -67,7 +68,7 @@ class ContinuousTransferModel(IdentifiedModel):
         for name, shape in shapes.items():
             array = np.array(getattr(self, name), dtype=np.float64)
             if array.shape != shape or not np.all(np.isfinite(array)):
-                raise EstimationError(f"{name} must be finite and of shape {shape}, got shape {array.shape}")
+                raise EstimationError(f"{name} must be finite and of shape {shape}, got {array_found(array)}")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         if len(self.hold) != m or np.any(self.delays_s < 0.0):

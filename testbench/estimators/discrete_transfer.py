@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.words import array_found
 from testbench.estimators.model import ComplexArray, IdentifiedModel, continuous_poles
 from testbench.estimators.state_space import check_sample_time, description, free_run, unit_circle
 from testbench.estimators.state_variable import shifted
@@ -40,7 +41,7 @@ class TransferFunctionModel(IdentifiedModel):
         for name, shape in (("numerators", (p, n)), ("denominators", (p, n + 1))):
             array = np.array(getattr(self, name), dtype=np.float64)
             if array.shape != shape or not np.all(np.isfinite(array)):
-                raise EstimationError(f"{name} must be finite and of shape {shape}, got shape {array.shape}")
+                raise EstimationError(f"{name} must be finite and of shape {shape}, got {array_found(array)}")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 

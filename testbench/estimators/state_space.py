@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from testbench.core.advice import as_json
 from testbench.core.errors import EstimationError, RecordError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.words import array_found
 from testbench.estimators.driven import output_rows, released
 from testbench.estimators.hankel import fold, triangle
 from testbench.estimators.model import ComplexArray, IdentifiedModel, continuous_poles
@@ -214,7 +215,7 @@ class StateSpaceModel(IdentifiedModel):
         for name, shape in (("A", (n, n)), ("B", (n, m)), ("C", (p, n)), ("D", (p, m)), ("K", (n, p))):
             matrix = np.array(getattr(self, name), dtype=np.float64)
             if matrix.shape != shape or not np.all(np.isfinite(matrix)):
-                raise EstimationError(f"{name} must be finite and of shape {shape}, got shape {matrix.shape}")
+                raise EstimationError(f"{name} must be finite and of shape {shape}, got {array_found(matrix)}")
             matrix.setflags(write=False)
             object.__setattr__(self, name, matrix)
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from testbench.page.words import Answer, Line, advice_lines, answer_lines, brief, sentence, typeset
 
@@ -48,8 +49,8 @@ def picture(plate: Plate, wide_svg: str | None = None) -> Picture:
     wide = wide_svg if wide_svg is not None else plate.draw(png=False).svg
     numbers = plate.explore().to_json() if plate.explore is not None else ""
     # What is explored fits any screen as it is; its drawing is for print, and for readers without a script.
-    narrow = "" if numbers else data_uri(plate.draw(wide=False, png=False).svg.encode())
-    return Picture(plate.name, plate.title, plate.caption, data_uri(wide.encode()), narrow, numbers, _is_tall(wide))
+    narrow = "" if numbers else svg_uri(plate.draw(wide=False, png=False).svg)
+    return Picture(plate.name, plate.title, plate.caption, svg_uri(wide), narrow, numbers, _is_tall(wide))
 
 
 def _is_tall(svg: str) -> bool:
@@ -58,7 +59,22 @@ def _is_tall(svg: str) -> bool:
     return box is not None and _HALF_SHEET < float(box[2]) / max(float(box[1]), _WIDE_PT) < _LEGIBLE
 
 
-def data_uri(image: bytes, kind: str = "svg+xml") -> str:
+_PATH_DATA = re.compile(r' d="[^"]*"')
+_TAG = re.compile(r"<[^>]*>")
+_NOT_AS_IS = re.compile(r"[^!$'()*+,\-./0-9:;=?@A-Z_a-z~]")  # of an address, in double quotes, in a list of addresses
+
+
+def svg_uri(svg: str) -> str:
+    """Return a drawing as an address that holds it, an eighth smaller than in base64; safe in an attribute."""
+    from markupsafe import Markup
+
+    text = _PATH_DATA.sub(lambda data: data[0][0] + data[0][1:].replace(" ", ","), svg)
+    text = _TAG.sub(lambda tag: tag[0].replace("'", "&#39;").replace('"', "'"), text)
+    text = _NOT_AS_IS.sub(lambda letter: quote(letter[0]), text)
+    return Markup("data:image/svg+xml," + text)  # it holds no <, >, & or double quote
+
+
+def data_uri(image: bytes, kind: str) -> str:
     """Return an image as an address that holds it."""
     return f"data:image/{kind};base64,{base64.b64encode(image).decode()}"
 

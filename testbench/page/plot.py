@@ -202,9 +202,12 @@ def in_lines(text: str, letters: int, lines: int = 2) -> str:
     return "\n".join(textwrap.wrap(text, letters, max_lines=lines, placeholder=" …"))
 
 
-def label(axes: Axes, x: str = "", y: str = "", title: str = "", colour: str = INK, lines: int = 1) -> None:
+def label(
+    axes: Axes, x: str = "", y: str = "", title: str = "", colour: str = INK, lines: int = 1, y_in: float = 0.46
+) -> None:
     """Write axis labels and title at fixed distances from the panel, so that those of neighbours line up.
 
+    The label of the vertical axis stands ``y_in`` from the panel: 0.46 in leave room for tick labels of five letters.
     A title takes at most ``lines`` lines; what does not fit ends in an ellipsis.
     """
     figure = axes.get_figure(root=True)
@@ -212,7 +215,7 @@ def label(axes: Axes, x: str = "", y: str = "", title: str = "", colour: str = I
     box, size = axes.get_position(), figure.bbox_inches.size
     width, height = float(box.width * size[0]), float(box.height * size[1])
     axes.xaxis.set_label_coords(0.5, -0.31 / height)
-    axes.yaxis.set_label_coords(-0.46 / width, 0.5)
+    axes.yaxis.set_label_coords(-y_in / width, 0.5)
     most = max(8, int(width * 72.0 / _POINTS_PER_LETTER))
     if len(title) > most and lines > 1:
         title = in_lines(title, most, lines)

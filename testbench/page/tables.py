@@ -29,7 +29,8 @@ class Column:
     """One column: ``key`` names it in files, ``head`` and ``unit`` on the page, ``group`` spans neighbours.
 
     ``decimals`` fixes the places behind the point; None gives ``digits`` significant ones. ``given`` marks a column of
-    values that were chosen, not found: they are shown without trailing zeros.
+    values that were chosen, not found: they are shown without trailing zeros. ``common`` is how all texts of the column
+    begin: the page leaves it out, for the caption tells it; files keep it.
     """
 
     key: str
@@ -39,6 +40,7 @@ class Column:
     decimals: int | None = None
     digits: int = 3
     given: bool = False
+    common: str = ""
 
     def text(self, value: Value) -> str:
         """Return ``value`` as the page shows it; what is missing becomes a dash."""
@@ -53,7 +55,7 @@ class Column:
             if self.decimals is not None and math.isfinite(value) and abs(value) < 1e6:
                 return f"{value:z.{self.decimals}f}".replace("-", "−")  # z: no minus before nothing but zeros
             return number(value, self.digits)
-        return str(value)
+        return str(value).removeprefix(self.common)
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,7 @@ def _diagram(contest: Contest, found: Ranks) -> Callable[[bool], Figure]:
 
     def make(wide: bool) -> Figure:
         """Draw one row per estimator and one bar per group below."""
-        rows = k + len(groups) + 1
+        rows = k + len(groups) + 2
         figure = new_figure(wide, 0.2 + _ROW_IN * rows + _HEAD_IN)
         axes = grid(figure, 0.2, [_ROW_IN * rows], left_in=0.2)[0, 0]
         order = np.argsort(found.mean, kind="stable").tolist()
@@ -167,13 +167,11 @@ def _diagram(contest: Contest, found: Ranks) -> Callable[[bool], Figure]:
         for row, group in enumerate(groups, start=k):
             ends = [float(found.mean[i]) for i in (group[0], group[-1])]
             axes.plot(ends, [row, row], color=INK, linewidth=3.0, solid_capstyle="butt")
-        last = rows - 1
+        last = rows - 2
         axes.plot([1.0, 1.0 + found.critical], [last, last], color=COLOURS[1], linewidth=1.5, marker="|", markersize=8)
         axes.annotate(
             f"critical difference {found.critical:.2f}",
-            (1.0 + found.critical, last),
-            xytext=(8, 0),
-            textcoords="offset points",
+            (1.0, last + 1),  # below its line: beside it there may be no room
             va="center",
             fontsize=8,
             color=INK,
@@ -188,7 +186,10 @@ def _diagram(contest: Contest, found: Ranks) -> Callable[[bool], Figure]:
     return make
 
 
-_TALL_IN, _GAP_IN, _POINTS = 1.75, 0.78, 2000
+_TALL_IN, _GAP_IN, _POINTS = 1.75, 0.86, 2000
+_TITLE_IN = 0.44  # of two lines
+_FEW = 300  # points below which each is drawn large
+LEFT_IN = 0.8  # beside the first panel: room for tick labels of seven letters and the label of the axis
 CALIBRATION = (
     "Estimate minus truth over the standard error that the estimator states, sorted, against the normal distribution. "
     "On the line the stated errors are true; steeper, the errors are larger than stated; beside it, they are biased. "
@@ -207,8 +208,10 @@ def panel_each(names: Sequence[str], draw: Callable[[Axes, str, bool], None]) ->
         """Draw one panel per name."""
         columns = min(3, len(names)) if wide else 1
         rows = -(-len(names) // columns)
-        figure = new_figure(wide, 0.32 + rows * _TALL_IN + (rows - 1) * _GAP_IN + 0.48)
-        panels = grid(figure, 0.32, [_TALL_IN] * rows, (1.0,) * columns, gap_in=_GAP_IN, between_in=0.72)
+        figure = new_figure(wide, _TITLE_IN + rows * _TALL_IN + (rows - 1) * _GAP_IN + 0.48)
+        panels = grid(
+            figure, _TITLE_IN, [_TALL_IN] * rows, (1.0,) * columns, gap_in=_GAP_IN, between_in=0.72, left_in=LEFT_IN
+        )
         for i, axes in enumerate(panels.ravel()):
             if i >= len(names):
                 axes.set_visible(False)
@@ -231,10 +234,15 @@ def calibration_plates(of: Mapping[str, FloatArray]) -> list[Plate]:
 
     def draw(axes: Axes, name: str, first: bool) -> None:
         draw_calibration(axes, *of[name].T)
-        label(axes, "normal", "error / stated" if first else "", name)
+        label(axes, "normal", "error / stated" if first else "", name, lines=2)
 
     make = panel_each(names, draw)
     return [Plate("calibration", "Errors over stated errors", CALIBRATION, make)]
+
+
+def point_size(count: int) -> float:
+    """Return the size of a marker, points, at which few points are seen and many do not cover one another."""
+    return 3.5 if count > _FEW else 7.0
 
 
 def draw_calibration(axes: Axes, errors: FloatArray, stated: FloatArray) -> None:
@@ -245,4 +253,4 @@ def draw_calibration(axes: Axes, errors: FloatArray, stated: FloatArray) -> None
     end = float(np.abs(z.expected).max(initial=1.0))
     axes.plot([-end, end], [-end, end], color=INK, linewidth=0.9)
     found = np.clip(z.found[::every], -_MOST_RATIO, _MOST_RATIO)  # a stated error of nearly zero hides all others
-    axes.plot(z.expected[::every], found, ".", color=COLOURS[0], markersize=3.5, alpha=0.6)
+    axes.plot(z.expected[::every], found, ".", color=COLOURS[0], markersize=point_size(z.found.size), alpha=0.6)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from testbench.core.words import with_error
+from testbench.core.words import array_found, with_error
 
 
 @pytest.mark.parametrize(
@@ -21,3 +22,10 @@ from testbench.core.words import with_error
 )
 def test_value_and_error_have_the_same_decimals(value, error, said):
     assert with_error(value, error) == said
+
+
+def test_an_array_that_is_refused_says_whether_its_shape_or_its_numbers_are_wrong() -> None:
+    """A model of NaN "must be of shape (4, 4), got shape (4, 4)"."""
+    assert array_found(np.ones((4, 2))) == "shape (4, 2)"
+    assert array_found(np.array([1.0, np.nan, np.inf])) == "shape (3,), with NaN"
+    assert array_found(np.array([1.0, -np.inf])) == "shape (2,), with infinite values"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 METHODS = """
+import itertools
 import sys
 import time
 
@@ -31,9 +32,26 @@ def sleeps(records, inputs, outputs):
     time.sleep(100.0)
 
 
+def in_c(records, inputs, outputs):
+    sum(itertools.count())  # hears no signal and takes no exception
+
+
+def crashes(records, inputs, outputs):
+    import os
+
+    os.abort()
+
+
 def nan(records, inputs, outputs):
     model = packaged("dsr_e", records, inputs, outputs, order=4, past_horizon=10, future_horizon=10)
     return stamped(model, A=model.A * np.nan)
+
+
+def busy(records, inputs, outputs):
+    began = time.process_time()
+    while time.process_time() < began + 1.5:
+        pass
+    return works(records, inputs, outputs)
 
 
 def works(records, inputs, outputs):

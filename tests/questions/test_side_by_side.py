@@ -82,6 +82,22 @@ def test_a_campaign_compares_what_two_estimators_give(flown) -> None:
     np.testing.assert_array_equal(q.errors[:, 0], expected)
 
 
+@pytest.mark.parametrize("blocks", [3, 200])
+@pytest.mark.parametrize("wide", [True, False])
+def test_all_that_a_diagram_of_ranks_says_lies_within_it(blocks, wide) -> None:
+    """With two estimators the words of the critical difference ran over the edge."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    errors = np.random.default_rng(1).normal(size=(blocks, 2)) ** 2
+    (plate,) = rank_plates([Contest("a suite", "prediction", "%", ("moesp", "output_error"), errors)], "runs")
+    figure = plate.make(wide)
+    FigureCanvasAgg(figure).draw()
+    box = figure.bbox
+    for text in figure.axes[0].texts:
+        words = text.get_window_extent()
+        assert box.x0 <= words.x0 < words.x1 <= box.x1, text.get_text()
+
+
 def test_a_grid_is_ranked_over_its_points(flown) -> None:
     found, over = ranked_contests(flown)
     (contest,) = found

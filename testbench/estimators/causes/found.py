@@ -89,7 +89,8 @@ def _shifted(c: Found) -> str:
         if c.errors < _UNMOVED:
             return f", and it shifts no parameter by more than {_UNMOVED:g} of its standard errors"
         share = f"{100.0 * c.relative:.0f} %" if c.relative <= 1.0 else "more than its value"
-        return f", and it shifts {c.moved} by some {c.errors:.2g} of its standard errors ({share})"
+        errors = float(f"{c.errors:.2g}")  # 210, not 2.1e+02
+        return f", and it shifts {c.moved} by some {errors:g} of its standard errors ({share})"
     if not np.isfinite(c.relative):
         return ""
     # percent of a pole near the origin say nothing

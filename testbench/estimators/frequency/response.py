@@ -11,6 +11,7 @@ import numpy as np
 from testbench.core.advice import Advised, as_json
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
+from testbench.core.words import array_found
 from testbench.estimators.model import ComplexArray
 
 
@@ -67,7 +68,7 @@ class FrequencyResponse(Advised):
         for name, shape in shapes.items():
             array = np.array(getattr(self, name), dtype=np.complex128 if name == "H" else np.float64)
             if array.shape != shape or not np.all(np.isfinite(array)):
-                raise EstimationError(f"{name} must be finite and of shape {shape}, got shape {array.shape}")
+                raise EstimationError(f"{name} must be finite and of shape {shape}, got {array_found(array)}")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         if np.any(np.diff(self.omega_rad_s) <= 0.0):

@@ -25,7 +25,7 @@ def campaign_answer(result: CampaignResult) -> list[tuple[str, str]]:
     counts, summary = result.counts, result.summary
     out = [("lead", _lead(result)), ("finding", _progress(result))]
     shown = most_biased(summary)
-    judged = [a for a in summary.accuracies if a.n > 1]
+    judged = _judged(summary)
     if len(judged) == 1:  # the lead has said it
         shown = []
     elif judged and counts.done:
@@ -73,7 +73,7 @@ def _lead(result: CampaignResult) -> str:
         return f"nothing is known yet: none of {counts.total} runs is finished"
     if not counts.done:
         return f"nothing was identified: all {counts.failed} finished runs failed; {_cause(result)}"
-    judged = [a for a in summary.accuracies if a.n > 1]
+    judged = _judged(summary)
     if len(judged) == 1:
         return _of_one(judged[0])
     if judged:
@@ -94,6 +94,11 @@ def _lead(result: CampaignResult) -> str:
     )
 
 
+def _judged(summary: Summary) -> list[Accuracy]:
+    """Return the estimates found twice or more; damping 1 of a root, which is exact by definition, is none."""
+    return [a for a in summary.accuracies if a.n > 1 and a.rms > 0.0]
+
+
 def _of_one(a: Accuracy) -> str:
     bias = f"{number(a.bias)} ± {number(a.bias_half, 2)}"
     said = f"is off by {bias}, {_against(a)}," if a.biased else f"shows no bias beyond chance ({bias})"
@@ -106,10 +111,10 @@ def _of_one(a: Accuracy) -> str:
 
 
 def _against(a: Accuracy) -> str:
-    """Return a bias in percent of the truth; where the truth is near zero, in units of the scatter."""
+    """Return a bias in percent of the truth; where errors exceed the truth, in units of the scatter."""
     if a.near_zero:
         times = f"{number(abs(a.bias) / a.scatter, 2)} times the scatter" if a.scatter > 0.0 else "without scatter"
-        return f"{times} (the truth, {number(a.true_mean, 2)}, is near zero)"
+        return f"{times} (errors exceed the truth, {number(a.true_mean, 2)})"
     return f"{number(100 * a.bias / abs(a.true_mean), 2)} % of the true value"
 
 
@@ -124,13 +129,13 @@ def _of_many(judged: Sequence[Accuracy]) -> str:
 
 
 def _spread(judged: Sequence[Accuracy]) -> str:
-    """Return scatter and coverage of many estimates, and the bias of those whose truth is near zero."""
+    """Return scatter and coverage of many estimates, and the bias of those whose errors exceed the truth."""
     parts = []
     near = [a for a in judged if a.near_zero]
     off = [abs(a.bias) / a.scatter for a in near if a.biased and a.scatter > 0.0]
     if off:
         parts.append(
-            f"{counted(len(off), 'estimate')} whose truth is near zero {'is' if len(off) == 1 else 'are'} off by "
+            f"{counted(len(off), 'estimate')} whose errors exceed the truth {'is' if len(off) == 1 else 'are'} off by "
             f"{_span(off)} times the scatter"
         )
     scatters = [100.0 * a.scatter / abs(a.true_mean) for a in judged if not a.near_zero]

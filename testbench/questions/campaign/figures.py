@@ -10,7 +10,7 @@ from testbench.page.plot import COLOURS, INK, MEASURED, QUIET, Plate, grid, labe
 from testbench.questions.campaign.answer import most_biased
 from testbench.questions.campaign.result import errors
 from testbench.questions.campaign.summary import short_name
-from testbench.questions.side_by_side import CALIBRATION, draw_calibration, panel_each
+from testbench.questions.side_by_side import CALIBRATION, LEFT_IN, draw_calibration, panel_each, point_size
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from testbench.questions.campaign.summary import Summary
 
 _MOST, _POINTS = 6, 2000
+_FEWEST = 3  # runs whose means make a line
 
 
 def campaign_plates(summary: Summary) -> list[Plate]:
@@ -42,18 +43,23 @@ def campaign_plates(summary: Summary) -> list[Plate]:
             "distributions",
             "Distribution of the errors" if chosen else "Distribution of the prediction errors",
             "Number of runs over " + what + ". Dashed: the mean, with its 95 % confidence interval shaded. The "
-            "estimate is biased if zero (black line) lies outside that interval."
+            "estimate is biased if zero (full line) lies outside that interval."
             if chosen
             else "Number of runs over the value. Dashed: the mean, with its 95 % confidence interval shaded.",
             _panels(list(of_errors), lambda axes, name: _histogram(axes, of_errors[name], bool(chosen)), what, "runs"),
         ),
-        Plate(
-            "convergence",
-            "How the means settle",
-            f"Mean of {what} over the first runs, in the order of their numbers, with its 95 % confidence interval.",
-            _panels(list(of_errors), lambda axes, name: _settling(axes, of_errors[name]), "runs", "mean"),
-        ),
     ]
+    settling = {name: values for name, values in of_errors.items() if values.size >= _FEWEST}
+    if settling:
+        plates.append(
+            Plate(
+                "convergence",
+                "How the means settle",
+                f"Mean of {what} over the first runs, in the order of their numbers, with its 95 % confidence "
+                "interval.",
+                _panels(list(settling), lambda axes, name: _settling(axes, settling[name]), "runs", "mean"),
+            )
+        )
     stated = [a.name for a in summary.accuracies if np.isfinite(a.stated) and a.n > 2]
     of_stated = [name for name in chosen if name in stated] or stated[:_MOST]
     if of_stated:
@@ -122,17 +128,17 @@ def _chosen(summary: Summary) -> list[str]:
 def _panels(names: list[str], draw: Callable[[Axes, str], None], x: str, y: str) -> Callable[[bool], Figure]:
     def drawn(axes: Axes, name: str, first: bool) -> None:
         draw(axes, name)
-        _few_ticks(axes, whole=y == "runs")
-        label(axes, x, y if first else "", short_name(name, names))
+        _few_ticks(axes, whole_x=x == "runs", whole_y=y == "runs")
+        label(axes, x, y if first else "", short_name(name, names), lines=2, y_in=LEFT_IN - 0.16)
 
     return panel_each(names, drawn)
 
 
-def _few_ticks(axes: Any, whole: bool) -> None:
+def _few_ticks(axes: Any, whole_x: bool, whole_y: bool) -> None:
     from matplotlib.ticker import MaxNLocator
 
-    axes.xaxis.set_major_locator(MaxNLocator(nbins=4))
-    axes.yaxis.set_major_locator(MaxNLocator(nbins=4, integer=whole))
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=4, integer=whole_x))
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=4, integer=whole_y))
 
 
 def _scatter(axes: Axes, summary: Summary, name: str) -> None:
@@ -142,11 +148,11 @@ def _scatter(axes: Axes, summary: Summary, name: str) -> None:
     found = summary.columns[name][summary.done]
     have = np.isfinite(true) & np.isfinite(found)
     true, found = true[have], found[have]
-    every = max(1, true.size // _POINTS)
+    every, size = max(1, true.size // _POINTS), point_size(true.size)
     low, high = float(true.min()), float(true.max())
     margin = 0.06 * (high - low) or 0.05 * abs(high) or 1.0
     axes.plot([low - margin, high + margin], [low - margin, high + margin], color=INK, linewidth=0.9)
-    axes.plot(true[::every], found[::every], ".", color=COLOURS[0], markersize=3.5, alpha=0.6)
+    axes.plot(true[::every], found[::every], ".", color=COLOURS[0], markersize=size, alpha=0.6)
     axes.set_xlim(low - margin, high + margin)
 
 
@@ -175,7 +181,8 @@ def _settling(axes: Axes, values: FloatArray) -> None:
     mean = np.cumsum(values - shift) / n
     squares = np.maximum(np.cumsum((values - shift) ** 2) / n - mean**2, 0.0)
     half = 1.96 * np.sqrt(squares / np.maximum(n - 1, 1))
-    show = np.unique(np.linspace(min(4, n.size - 1), n.size - 1, min(n.size, 400)).astype(int))
+    first = min(4, (n.size - 1) // 2)  # intervals of the first few runs would set the scale
+    show = np.unique(np.linspace(first, n.size - 1, min(n.size, 400)).astype(int))
     axes.fill_between(
         n[show], (shift + mean - half)[show], (shift + mean + half)[show], color=MEASURED, alpha=0.5, linewidth=0
     )

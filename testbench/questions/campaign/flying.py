@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import socket
 import threading
-import time
 import traceback
 import zlib
 from collections import OrderedDict
@@ -24,6 +23,7 @@ from testbench.core.errors import CampaignError, ScenarioError, TestbenchError
 from testbench.core.record import FlightRecord
 from testbench.core.schema import parse
 from testbench.core.scratch import Scratch
+from testbench.estimators.aside import processor_s
 from testbench.evaluation.truth import Truth, true_model
 from testbench.flight import load_aircraft
 from testbench.flight.air import air_of
@@ -190,7 +190,7 @@ class _Run:
     @contextmanager
     def attempt(self) -> Iterator[None]:
         """Take a failure inside as the outcome of this run, and the time as its own."""
-        started = time.thread_time()
+        started = processor_s()
         try:
             yield
         except TestbenchError as error:
@@ -202,7 +202,7 @@ class _Run:
             self.reason = (
                 f"unexpected {type(error).__name__}: {error} ({Path(place.filename).name}, line {place.lineno})"
             )
-        self.seconds += time.thread_time() - started
+        self.seconds += processor_s() - started
 
     def outcome(self) -> Outcome:
         """Return what is kept of the run."""
@@ -251,10 +251,10 @@ def _fly(job: Job, runs: Sequence[_Run]) -> list[Outcome]:
 @contextmanager
 def _shared(runs: Sequence[_Run]) -> Iterator[None]:
     """Take the time inside as that of all runs, each its part."""
-    started = time.thread_time()
+    started = processor_s()
     yield
     for run_ in runs:
-        run_.seconds += (time.thread_time() - started) / len(runs)
+        run_.seconds += (processor_s() - started) / len(runs)
 
 
 def _drawn(run_: _Run, content: Mapping[str, Any]) -> tuple[Hashable, Aircraft, tuple[SensorSuite, ...]]:

@@ -36,10 +36,21 @@ def campaign_tables(result: CampaignResult) -> list[Table]:
     return [table for table in made if table.rows]
 
 
+def common_case(summary: Summary) -> str:
+    """Return the suite and estimator with which the names of all figures begin, or "" if there are several."""
+    cases = {f.name.partition(": ")[0] for f in summary.figures}
+    return f"{cases.pop()}: " if len(cases) == 1 else ""
+
+
+def _case_words(summary: Summary) -> str:
+    suite, _, estimator = common_case(summary).removesuffix(": ").partition(", ")
+    return f" Suite {suite}, estimator {estimator}." if estimator else ""
+
+
 def accuracy_table(summary: Summary) -> Table:
     """Return bias, scatter and coverage of every estimate that has a truth."""
     columns = (
-        Column("estimate", "estimate"),
+        Column("estimate", "estimate", common=common_case(summary)),
         Column("n", "runs"),
         Column("missing", "not found"),
         Column("true mean", "true, mean"),
@@ -63,7 +74,7 @@ def accuracy_table(summary: Summary) -> Table:
         "Estimate minus truth of the same run. Bias: mean, with its 95 % confidence interval. Scatter: standard "
         "deviation. Stated error: root mean square of the standard errors that the estimator states. Coverage: share "
         "of the runs whose stated 95 % interval holds the truth, with the 95 % interval of that share (Wilson 1927). A "
-        "dash: the method states no errors."
+        "dash: the method states no errors." + _case_words(summary)
     )
     return Table("accuracy", "Estimates against the truth", caption, columns, rows)
 
@@ -71,7 +82,7 @@ def accuracy_table(summary: Summary) -> Table:
 def figure_table(summary: Summary) -> Table:
     """Return mean, scatter and quantiles of every figure."""
     columns = (
-        Column("figure", "figure"),
+        Column("figure", "figure", common=common_case(summary)),
         Column("n", "runs"),
         Column("missing", "missing"),
         Column("mean", "mean"),
@@ -83,6 +94,7 @@ def figure_table(summary: Summary) -> Table:
         (f.name, f.n, f.missing, f.mean, f.mean_half, f.std, *f.quantiles) for f in summary.figures
     )
     caption = "Every figure over the runs that are done. Missing: runs in which it was not found, or was infinite."
+    caption += _case_words(summary)
     return Table("figures", "Every figure over the runs", caption, columns, rows)
 
 
@@ -92,7 +104,7 @@ def grid_table(result: CampaignResult) -> Table:
     keys = tuple(spec.grid)
     columns = (
         *(Column(key, key, given=True) for key in keys),
-        Column("estimate", "estimate"),
+        Column("estimate", "estimate", common=common_case(summary)),
         Column("n", "runs"),
         Column("failed", "failed runs"),
         Column("bias", "bias"),
@@ -113,7 +125,7 @@ def grid_table(result: CampaignResult) -> Table:
             std = float(np.std(e, ddof=1)) if e.size > 1 else math.nan
             half = 1.96 * std / math.sqrt(e.size) if e.size else math.nan
             rows.append((*values, name, int(e.size), failed, mean, half, std))
-    caption = "Estimate minus truth of the same run, at each point of the grid."
+    caption = "Estimate minus truth of the same run, at each point of the grid." + _case_words(summary)
     return Table("grid", "Errors at every point of the grid", caption, columns, tuple(rows))
 
 

@@ -56,18 +56,24 @@ def exercise_roster(
     students: Annotated[
         str, typer.Argument(help="Number of students, or a file with one name a line.", show_default=False)
     ],
-    exercise: Annotated[list[str], typer.Option(help="Exercise of the course; may be repeated.", show_default=False)],
+    exercise: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Exercise of the course; may be repeated. Default: those that the class has, all for a new one.",
+            show_default=False,
+        ),
+    ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the class.")] = Path("class"),
     key_file: KeyOption = None,
 ) -> None:
     """Write the folders of a class: each student's own version of each exercise, and a key that only you have.
 
-    Example: `testbench exercise roster 25 --exercise doublet_length --exercise short_period`. Hand out what is in
-    class/students; keep class/key.txt. Students who join later are added by the same command.
+    Examples: `testbench exercise roster 25`, or with `--exercise doublet_length --exercise short_period` behind it.
+    Hand out what is in class/students; keep class/key.txt. Students who join later are added by the same command.
     """
-    from testbench.questions.exercise.roster import HANDED_OUT, make_roster, students_of
+    from testbench.questions.exercise.roster import HANDED_OUT, exercises_of, make_roster, students_of
 
-    found = make_roster(students_of(students), exercise, out, key_file)
+    found = make_roster(students_of(students), exercise or exercises_of(out), out, key_file)
     left = f", {len(found.kept)} were there already" if found.kept else ""
     console().print(f"{len(found.begun)} folders written to {out / HANDED_OUT}{left}", highlight=False, soft_wrap=True)
     console().print(f"Hand out: {out / HANDED_OUT}", highlight=False, soft_wrap=True)

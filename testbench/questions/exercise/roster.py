@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import secrets
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,7 @@ from testbench.core.files import write_file
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.exercise.ask import CARD, start
 from testbench.questions.exercise.check import Result
-from testbench.questions.exercise.names import load_exercise
+from testbench.questions.exercise.names import NAMES, load_exercise
 from testbench.questions.exercise.seal import read_key
 
 KEY, TABLE, MARKS = "key.txt", "roster.csv", "marks.csv"
@@ -64,6 +65,16 @@ def students_of(words: str) -> tuple[str, ...]:
         got = f"{', '.join(twice)} twice" if twice else "no name"
         raise ScenarioError([f"{words}: names of students must differ, in letters and digits, got {got}"])
     return names
+
+
+def exercises_of(folder: Path) -> tuple[str, ...]:
+    """Return the exercises that a class has, as its table tells them; all there are for a new class."""
+    try:
+        lines = (folder / TABLE).read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return NAMES
+    had = {row["exercise"] for row in csv.DictReader(lines) if row.get("exercise")}
+    return tuple(name for name in NAMES if name in had) or NAMES
 
 
 def make_roster(students: Sequence[str], exercises: Sequence[str], folder: Path, key_file: Path | None) -> Roster:

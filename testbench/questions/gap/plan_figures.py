@@ -61,8 +61,8 @@ def _matrix_plate(plan: GapPlan) -> Plate:
         return figure
 
     caption = (
-        "Row: the effect that is there. Column: what it may be taken for. Dark: the column imitates most of what the "
-        "row changes, uncertain coefficients re-tuned. Cross: these manoeuvres do not hold enough to tell the two "
+        "Row: the effect that is there. Column: what it may be taken for. Full blue: the column imitates most of what "
+        "the row changes, uncertain coefficients re-tuned. Cross: these manoeuvres do not hold enough to tell the two "
         "apart. Effects that would not show are left out."
     )
     return Plate("isolability", "Which effects look alike in these manoeuvres", caption, make)

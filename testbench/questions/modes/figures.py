@@ -45,7 +45,7 @@ def modes_plates(result: ModesResult) -> list[Plate]:
 
 
 def _stabilisation(result: ModesResult) -> Plate:
-    truth = " Black ticks at the upper edge: modes of the linear model." if result.true else ""
+    truth = " Ticks at the upper edge: modes of the linear model." if result.true else ""
     caption = (
         "Every pole of every model order over its frequency. Coloured: modes, which come back at order after order, "
         "with their 95 % intervals shaded. Rings: stable from one order to the next, but at too few orders or with "
@@ -128,8 +128,8 @@ def _handles(result: ModesResult) -> list[Any]:
 def _shapes(result: ModesResult) -> Plate:
     caption = (
         "Motion of each mode at the sensors along the span, turned to the phase in which it is largest and divided by "
-        "the largest. Circles: accelerometers; squares: strain gauges. Black line: the matching mode of the linear "
-        "model, with the MAC of the two. A sensor off the elastic axis feels twist as well as bending."
+        "the largest. Circles: accelerometers; squares: strain gauges. Line without colour: the matching mode of the "
+        "linear model, with the MAC of the two. A sensor off the elastic axis feels twist as well as bending."
     )
     modes = result.found.modes
     true = {m.index: m for m in result.matches if m.index is not None}

@@ -215,9 +215,9 @@ def _plate(found: Envelope, result: RunResult) -> Plate:
     return plate(
         "eolo_figure8",
         "EOLO figure 8: frequency responses to the elevator",
-        f"Coloured: the linearised aircraft at five speeds and {HEIGHT_M:g} m. Black: our model of order 4 identified "
-        f"at {_FLOWN_M_S:g} m/s. Grey: the printed model. Right of {BAND_RAD_S:g} rad/s the input has little energy, "
-        "and both models little meaning.",
+        f"Coloured: the linearised aircraft at five speeds and {HEIGHT_M:g} m. Without colour: our model of order 4 "
+        f"identified at {_FLOWN_M_S:g} m/s, and thick the printed model. Right of {BAND_RAD_S:g} rad/s the input has "
+        "little energy, and both models little meaning.",
         panels,
         height_in=1.4,
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from testbench.core.files import write_file
-from testbench.page.html import Picture, data_uri, render
+from testbench.page.html import Picture, data_uri, render, svg_uri
 from testbench.page.labels import file_stem
 from testbench.page.page import versions
 from testbench.page.plot import Plate
@@ -150,8 +150,8 @@ def _write_table(table: Table, folder: Path) -> Path:
 
 def _picture(plate: Plate, wide: bytes) -> Picture:
     narrow = plate.draw(wide=False)
-    smallest = min((_palette(narrow.png), "png"), (narrow.svg.encode(), "svg+xml"), key=lambda form: len(form[0]))
-    return Picture(plate.name, plate.title, plate.caption, data_uri(wide, "png"), data_uri(*smallest))
+    smallest = min(data_uri(_palette(narrow.png), "png"), svg_uri(narrow.svg), key=len)
+    return Picture(plate.name, plate.title, plate.caption, data_uri(wide, "png"), smallest)
 
 
 def _palette(png: bytes) -> bytes:

@@ -215,7 +215,9 @@ def _bode_plate(result: RunResult, given: str) -> Plate:
     band = excited_band(cases[0].identification, [given])
     low, high = 0.3 * band[0], min(3.0 * band[-1], 0.97 * np.pi / min(c.model.dt_s for c in cases))
     curves = {output: _curves(result, output, given, np.geomspace(low, high, 300), band) for output in outputs}
-    truth = "" if result.truth is None else " Black: the true aircraft, linearised about trim, without sensor lags."
+    truth = (
+        "" if result.truth is None else " Uncoloured: the true aircraft, linearised about trim, without sensor lags."
+    )
     caption = (
         f"Response of each output to {symbol(given)}.{truth} Coloured: the identified models, up to half the sample "
         "rate. Shaded: the band that the identification input excites (at least 1 % of its peak energy density). "

@@ -36,8 +36,8 @@ def pole_plates(result: RunResult) -> list[Plate]:
     strays = sum(abs(p) > windows[0] for _, poles, _ in found for p in poles)
     caption = (
         "Continuous-time poles in the upper half of the s-plane. Circles: equal natural frequency; rays: equal damping "
-        f"ratio. {f'Black crosses: {word} modes. ' if true else ''}Coloured: found. A pole right of the vertical axis "
-        f"is unstable.{f' {word.capitalize()} modes beyond the map: ' + ', '.join(beyond) + '.' if beyond else ''}"
+        f"ratio. {f'Upright crosses: {word} modes. ' if true else ''}Coloured: found. A pole right of the vertical "
+        f"axis is unstable.{f' {word.capitalize()} modes beyond the map: ' + ', '.join(beyond) + '.' if beyond else ''}"
         f"{f' Found poles beyond the map: {strays}, see the table.' if strays else ''}"
     )
 

@@ -43,15 +43,15 @@ def rows(folder: Path) -> list[tuple[int, str, str | None]]:
 
 
 def test_every_failure_is_a_row_and_the_others_go_on(tmp_path) -> None:
-    """On a worker no estimator runs in the main thread; one that hangs there ends with its limit all the same."""
-    loaded = campaign(tmp_path, own("raises", "hangs", "works"), runs=2, limit_s=1.0)
+    """A worker flies in a thread, which cannot be ended while it sleeps: the whole run was lost with its worker."""
+    loaded = campaign(tmp_path, own("raises", "sleeps", "works"), runs=2, limit_s=2.0)
     ending = fly_campaign(loaded, tmp_path / "s", workers=2)
     assert ending.counts.done == 2
     for _, _, results in rows(tmp_path / "s"):
         found = json.loads(results or "")
         assert set(found["figures"]) == {f"{s}, methods.py:works" for s in ("eolo_no_alpha", "eolo_alpha")}
         assert len(found["failed"]) == 4
-        assert "must end within limit_s = 1 s" in found["failed"]["eolo_alpha, methods.py:hangs"]
+        assert "must end within limit_s = 2 s" in found["failed"]["eolo_alpha, methods.py:sleeps"]
     with Store.read(tmp_path / "s") as store:
         result = read_campaign(loaded, store)
     said = " ".join(text for _, text in campaign_answer(result))
@@ -60,14 +60,26 @@ def test_every_failure_is_a_row_and_the_others_go_on(tmp_path) -> None:
     assert [row[1] for row in table.rows] == [2, 2, 2, 2]
 
 
-@pytest.mark.slow
-def test_work_that_never_comes_back_ends_its_process_and_is_named(tmp_path) -> None:
-    loaded = campaign(tmp_path, own("sleeps", "works"), runs=1, limit_s=0.5)
-    ending = fly_campaign(loaded, tmp_path / "s", workers=1)
-    assert ending.counts.failed == 1
+def test_what_an_own_estimator_takes_counts_in_the_cost_of_a_run(tmp_path) -> None:
+    """It works in another process than the one whose time was counted."""
+    loaded = campaign(tmp_path, own("busy"), runs=1)
+    fly_campaign(loaded, tmp_path / "s", workers=1)
     with Store.read(tmp_path / "s") as store:
-        (row,) = store.rows()
-    assert "the worker process died while it flew this run and no other" in str(row.reason)
+        spent_s, _ = store.seconds()
+    assert spent_s > 2 * 1.5  # for each suite
+
+
+@pytest.mark.slow
+def test_work_that_never_comes_back_or_ends_its_process_is_a_row_too(tmp_path) -> None:
+    loaded = campaign(tmp_path, own("hangs", "in_c", "crashes", "works"), runs=1, limit_s=2.0)
+    ending = fly_campaign(loaded, tmp_path / "s", workers=1)
+    assert (ending.counts.done, ending.counts.failed) == (1, 0)
+    ((_, _, results),) = rows(tmp_path / "s")
+    found = json.loads(results or "")
+    assert set(found["figures"]) == {f"{s}, methods.py:works" for s in ("eolo_no_alpha", "eolo_alpha")}
+    for name in ("hangs", "in_c"):
+        assert "must end within limit_s = 2 s" in found["failed"][f"eolo_alpha, methods.py:{name}"]
+    assert "its process ended with status" in found["failed"]["eolo_alpha, methods.py:crashes"]
 
 
 @pytest.mark.slow

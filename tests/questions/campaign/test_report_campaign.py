@@ -8,6 +8,7 @@ import json
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -15,13 +16,14 @@ from testbench.core.paths import SCENARIOS
 from testbench.questions.campaign.answer import campaign_answer as answer
 from testbench.questions.campaign.answer import cost_sentence
 from testbench.questions.campaign.ask import Progress, fly_campaign
+from testbench.questions.campaign.figures import campaign_plates
 from testbench.questions.campaign.load import load_campaign
 from testbench.questions.campaign.page import campaign_page
 from testbench.questions.campaign.progress import show_progress
 from testbench.questions.campaign.result import read_campaign
 from testbench.questions.campaign.store import Counts, Store
 from testbench.questions.campaign.summary import Cause
-from testbench.questions.campaign.tables import campaign_tables
+from testbench.questions.campaign.tables import accuracy_table, campaign_tables, figure_table
 
 
 @pytest.fixture(scope="module")
@@ -81,6 +83,54 @@ def test_files_and_page(flown):
     assert {p: p.read_bytes() for p in campaign_page(result).write(folder)} == first
 
 
+def _of_first(result, n):
+    """The summary as after the first ``n`` runs."""
+    done = result.summary.done & (np.cumsum(result.summary.done) <= n)
+    return replace(result.summary, done=done)
+
+
+@pytest.mark.parametrize("n", [3, 4, 24])
+def test_a_campaign_of_few_runs_draws_how_its_means_settle(flown, n):
+    """With four runs the figure was empty, and its axis of runs had ticks at 3.90 and 4.05."""
+    plate = {p.name: p for p in campaign_plates(_of_first(flown[0], n))}["convergence"]
+    for axes in plate.make(False).axes:
+        x = axes.lines[0].get_xdata()
+        assert len(x) >= 2
+        assert x[-1] <= n
+        assert all(float(tick).is_integer() for tick in axes.get_xticks())
+
+
+def test_two_runs_have_no_figure_of_settling_means(flown):
+    assert "convergence" not in {p.name for p in campaign_plates(_of_first(flown[0], 2))}
+
+
+def test_the_label_of_an_axis_stands_clear_of_its_numbers(flown):
+    """At 400 px "mean" lay over "-0.675"."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    for plate in campaign_plates(_of_first(flown[0], 4)):
+        figure = plate.make(False)
+        FigureCanvasAgg(figure).draw()
+        for axes in figure.axes:
+            name = axes.yaxis.label.get_window_extent()
+            numbers = [t.get_window_extent() for t in axes.get_yticklabels() if t.get_text()]
+            assert name.x0 >= 0.0
+            assert not any(name.overlaps(box) for box in numbers)
+
+
+def test_the_only_suite_and_estimator_stand_in_the_caption_not_in_every_row(flown):
+    result, _ = flown
+    for table in (accuracy_table(result.summary), figure_table(result.summary)):
+        assert "Suite taurus_8hz, estimator transfer_function." in table.caption
+        shown = [table.columns[0].text(row[0]) for row in table.rows]
+        assert "phugoid (theta) zeta" in shown
+        assert not any("taurus_8hz" in text for text in shown)
+        assert "taurus_8hz, transfer_function: phugoid (theta) zeta" in table.to_csv()
+    other = replace(result.summary.figures[0], name="another, transfer_function: phugoid (theta) zeta")
+    two = replace(result.summary, figures=(*result.summary.figures, other))
+    assert figure_table(two).columns[0].text(other.name) == other.name
+
+
 def test_the_terminal_and_the_cost(flown):
     result, folder = flown
     console = Console(record=True, width=200, file=io.StringIO())
@@ -118,16 +168,41 @@ def test_the_lead_tells_bias_scatter_and_coverage_of_one_estimate(flown):
     assert "(of the 1 estimates that have one) holds the truth in 50 % of the runs" in answer(many)[1][1]
 
 
-def test_where_the_truth_is_near_zero_a_bias_is_told_in_units_of_the_scatter(flown):
+def test_what_is_exact_by_definition_is_no_estimate_without_bias(flown):
+    """The damping ratio of a real root is 1 in every run; it was counted as well known."""
+    result, _ = flown
+    first, *others = result.summary.accuracies
+    exact = replace(first, rms=0.0, bias=0.0, bias_half=0.0, scatter=0.0, true_mean=1.0)
+    said = answer(replace(result, summary=replace(result.summary, accuracies=(exact, *others))))
+    fair = sum(not a.biased for a in others)
+    assert said[0][1].startswith(f"{fair} of {len(others)} estimates")
+    assert " by 0 to " not in said[1][1]
+
+
+def test_long_names_stand_in_two_lines_of_a_title(flown):
+    """They were cut: "short period, fast root wn,…"."""
+    result, _ = flown
+    summary = result.summary
+    name = summary.accuracies[0].name
+    long = [f"taurus_8hz, transfer_function: short period, fast root wn {k}, rad/s" for k in "abc"]
+    columns = dict.fromkeys(long, summary.columns[name])
+    columns |= {f"{new}, true": columns[new] + 0.1 for new in long}
+    accuracies = tuple(replace(summary.accuracies[0], name=new) for new in long)
+    for plate in campaign_plates(replace(summary, columns=columns, accuracies=accuracies)):
+        titles = [axes.get_title().replace("\n", " ") for axes in plate.make(True).axes]
+        assert titles == [f"short period, fast root wn {k}, rad/s" for k in "abc"]
+
+
+def test_where_errors_exceed_the_truth_a_bias_is_told_in_units_of_the_scatter(flown):
     """A root at -1e-8 was "off by 4.0e6 %"; percent of nothing say nothing."""
     result, _ = flown
     off = {"n": 20, "bias": 0.4, "bias_half": 0.1, "scatter": 0.2, "rms": 0.45, "true_mean": 1e-8, "coverage": 0.9}
     lead = answer(_changed(result, **off))[0][1]
-    assert "0.400 ± 0.10, 2.0 times the scatter (the truth, 1.0·10⁻⁸, is near zero)" in lead
+    assert "0.400 ± 0.10, 2.0 times the scatter (errors exceed the truth, 1.0·10⁻⁸)" in lead
     first = replace(result.summary.accuracies[0], **off)
     many = replace(result, summary=replace(result.summary, accuracies=(first, *result.summary.accuracies[1:])))
     said = " ".join(text for _, text in answer(many))
-    near = next(part for part in said.split("; ") if "whose truth is near zero" in part)
+    near = next(part for part in said.split("; ") if "whose errors exceed the truth" in part)
     assert "2.0" in near
     assert near.endswith("times the scatter")
     assert "10⁷ %" not in said

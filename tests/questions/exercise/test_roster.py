@@ -11,8 +11,8 @@ from commands import command
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.questions.exercise.answers import write_answers
 from testbench.questions.exercise.ask import reopen
-from testbench.questions.exercise.names import load_exercise
-from testbench.questions.exercise.roster import KEY, TABLE, make_roster, students_of
+from testbench.questions.exercise.names import NAMES, load_exercise
+from testbench.questions.exercise.roster import KEY, TABLE, exercises_of, make_roster, students_of
 from testbench.questions.exercise.seal import PUBLIC_KEY, read_key
 
 EXERCISE = "doublet_length"
@@ -50,6 +50,17 @@ def test_a_class_from_roster_to_marks(tmp_path):
     assert (rows["José Núñez"]["right"], rows["José Núñez"]["not right"]) == ("3", "")
     hostile = rows["'=cmd|' /C calc'!A0"]
     assert hostile["not right"].count("(missing)") == int(hostile["of"]) == 3
+
+
+def test_without_exercises_a_new_class_gets_all_and_an_old_one_its_own(tmp_path):
+    """`exercise roster 25` was refused for want of --exercise."""
+    new = tmp_path / "new"
+    done = command("exercise", "roster", "1", "-o", new)
+    assert done.returncode == 0, done.stderr
+    assert {row["exercise"] for row in table(new / TABLE)} == set(NAMES)
+    old = tmp_path / "old"
+    make_roster(["Ada"], [EXERCISE], old, None)
+    assert exercises_of(old) == (EXERCISE,)
 
 
 def test_who_joins_later_is_added_and_nothing_is_written_twice(tmp_path):
