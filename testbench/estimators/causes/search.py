@@ -73,7 +73,7 @@ _SHARES = (1.0, 0.25, 0.06)  # of a step that are tried
 _SURE = 2.0  # standard deviations that a shift must stand above zero to count
 _LINEAR = {"delay", "lag", "order_too_low"}
 _TOLD_APART = 7.0  # 2 ln L by which inputs that are held must follow the records better than straight lines do
-_PREFERRED = 9.0  # 2 ln L that a delay, with its size and its slope, must explain beyond a hold: chance gives it once in 90
+_PREFERRED = 9.0  # 2 ln L that a delay, with its size and its slope, must explain beyond a hold: by chance once in 90
 _CHANCE_WHITE = 0.01  # of all outputs together, above which residuals count as white
 _AT_MOST = 1.5  # samples of delay or lag up to which a hold, which is half a sample late, may be what is meant
 
