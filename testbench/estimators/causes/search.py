@@ -68,6 +68,7 @@ _SCREEN = 1e-3  # of all regressors at once, before any of them is looked at
 _SHARE = 0.5  # of what any linear response explains: from here on a delay or lag is the better name
 _LAGS_WHITE = 20  # samples over which innovations are tested for colour
 _NAMED = 2  # causes at most
+_NO_TIME = 0.02  # samples of delay or lag that are none
 _STEPS = 5  # of Gauss-Newton towards the best model of the same kind
 _SHARES = (1.0, 0.25, 0.06)  # of a step that are tried
 _SURE = 2.0  # standard deviations that a shift must stand above zero to count
@@ -232,7 +233,9 @@ def _best_linear(
         at = np.concatenate([*(there.at[n] for n in also), there.at[MOVED]])
         b, _ = solved(there.products.of(at))
         unit = model.dt_s if c.code == "delay" else 0.5 * c.amount
-        amount = max(c.amount + unit * float(b[-1]), 0.0)
+        amount = c.amount + unit * float(b[-1])
+        if amount < _NO_TIME * model.dt_s:
+            continue  # what it explains is no lag
         ratio = (now - there.left([*also, MOVED])) / noise
         refined.append(
             Tried(
