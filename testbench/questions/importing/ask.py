@@ -271,7 +271,8 @@ def import_log(
     record = replace(record, provenance={**record.provenance, **said})
     controls = controls_of(record)
     search = find_manoeuvres(record, controls, lead_s, tail_s) if controls else Search((), ())
-    questions = implausible({c.name: (c.t_s, c.values) for c in channels})
+    unstated = [c.name for c in channels if c.assumed.startswith("the file states no unit")]
+    questions = implausible({c.name: (c.t_s, c.values) for c in channels}, unstated=unstated)
     described = Path(path) if Path(path).suffix.lower() == ".toml" else None
     imported = Imported(log, channels, record, rate, search, balance, questions, described, lead_s, tail_s)
     if strict and imported.asked:
