@@ -34,6 +34,7 @@ STRUCTURE_NAMES = (
     "longitudinal",
     "flexible",
     "lateral_directional",
+    "lateral_per_speed",
     "roll_yaw_rates",
     "aerodynamic_longitudinal",
 )

@@ -1,6 +1,6 @@
 """What the names and units in the header of a table mean: channels, units and columns of times.
 
-A header names a channel by its symbol (``q``), by a common word (``pitch rate``), by a property of JSBSim
+A header names a channel by its symbol (``q``, ``α``, ``δe``), a common word (``pitch rate``), a property of JSBSim
 (``velocities/q-rad_sec``) or as JSBSim, X-Plane and FlightGear write it (``V_{Total}``, ``__Q,rad/s``), and gives the
 unit in brackets, after a slash or as a suffix (``alpha [deg]``, ``alpha/deg``, ``alpha_deg``). Words may be joined by
 capitals (``PitchRate``). Nothing else is guessed.
@@ -47,7 +47,7 @@ _NAMES = {
     "yaw": "psi", "yaw_angle": "psi", "heading": "psi",
     "altitude": "h", "altitude_asl": "h", "elevator": "de", "aileron": "da", "rudder": "dr", "throttle": "thr",
     "elevator_position": "de", "elevator_deflection": "de", "elevator_angle": "de", "delta_e": "de", "d_e": "de",
-    "left_aileron_position": "da", "aileron_deflection": "da", "delta_a": "da",
+    "left_aileron_position": "da", "aileron_deflection": "da", "delta_a": "da", "d_a": "da", "d_r": "dr",
     "rudder_position": "dr", "rudder_deflection": "dr", "delta_r": "dr",
     "dynamic_pressure": "qbar", "q_bar": "qbar",
     "aero_v_x_body": "u", "aero_v_y_body": "v", "aero_v_z_body": "w", "v_north": "v_north", "v_east": "v_east",
@@ -86,6 +86,9 @@ _WORDS = {
     "lbf/ft2": "psf", "lbs/ft2": "psf", "percent": "%", "pct": "%", "norm": "1", "none": "1",
 }  # fmt: skip
 _KNOWN = {unit.lower(): unit for units in UNITS.values() for unit in units}
+_GREEK = str.maketrans(
+    {"α": "alpha", "β": "beta", "φ": "phi", "ϕ": "phi", "θ": "theta", "ϑ": "theta", "ψ": "psi", "δ": "d"}
+)
 _CAPITALS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")  # where words are joined: PitchRate
 _BRACKETS = re.compile(r"(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))\s*", re.DOTALL)
 
@@ -192,7 +195,7 @@ def _named(name: str) -> Meaning | None:
 
 def _label(name: str) -> str:
     """Return a name in lower case, its words joined by _: ``V_{Total}`` is v_total, ``__Q,rad/s`` is q,rad/s."""
-    plain = re.sub(r"[{}]", "", split_unit(name)[0].strip().strip("\"'").lower())
+    plain = re.sub(r"[{}]", "", split_unit(name)[0].strip().strip("\"'").lower()).translate(_GREEK)
     plain = re.sub(r"[\s\-]+", "_", plain).removeprefix("/fdm/jsbsim").strip("_/")
     return re.sub(r"_*([/,])_*", r"\1", plain).strip(",")
 

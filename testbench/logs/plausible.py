@@ -7,7 +7,8 @@ Nothing is changed here; a question says what was got, what it would mean and wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,21 +28,25 @@ def signals_of(record: FlightRecord) -> dict[str, tuple[FloatArray, FloatArray]]
     return {name: (record.t_s[ok], record[name][ok]) for name, ok in taken.items() if np.count_nonzero(ok) > 1}
 
 
-def implausible(signals: Signals, criteria: Criteria = CRITERIA) -> tuple[Question, ...]:
+def implausible(
+    signals: Signals, criteria: Criteria = CRITERIA, unstated: Collection[str] = ()
+) -> tuple[Question, ...]:
     """Return the questions that the values of some channels raise, none for a flight that is plausible.
 
     Args:
         signals: the channels; several of them are also held against each other.
         criteria: the limits.
+        unstated: channels whose unit nobody stated, which are questioned earlier.
     """
     held = {name: (t, x) for name, (t, x) in signals.items() if x.size > 1}
     rates = _clock(held, criteria)
     out = [] if rates else [*_angles_against_rates(held, criteria), *against_airspeed(held, criteria)]
     named = {question.channel for question in out}
+    sooner = replace(criteria, flow_angle_rad=criteria.unstated_flow_rad, surface_rad=criteria.unstated_surface_rad)
     out += [q for q in _forces(held, criteria) if q.channel not in named]
     for name, (_, x) in held.items():
         if name not in {question.channel for question in out}:
-            out += _range(name, x, criteria)
+            out += _range(name, x, sooner if name in unstated else criteria)
     still = _frozen_throughout(held, criteria)
     out += still
     for name, (t, x) in held.items():

@@ -31,6 +31,8 @@ class Criteria:
     fastest_m_s: float = 700.0
     slowest_m_s: float = 3.0  # nothing that is flown for identification flies slower
     surface_rad: float = np.pi / 3.0
+    unstated_flow_rad: float = 0.6  # 34 deg, where no unit is stated: degrees of a quiet flight look like that in rad
+    unstated_surface_rad: float = 0.75  # 43 deg
     throttle: float = 1.5
     lowest_m: float = -500.0
     highest_m: float = 40_000.0

@@ -134,7 +134,13 @@ def _plain(path: Path, table: Table, warnings: list[str]) -> tuple[Log, tuple[Ru
             f"columns of '{path}' must carry names of channels ({', '.join(list(CHANNELS)[:12])}, ...), got "
             f"{_listed(table.names)}; {_to_describe(path)}"
         )
-    topic, lost = make_topic("", read_times(table, clock + 1, unit), columns)
+    t = read_times(table, clock + 1, unit)
+    if not np.isfinite(t).any():
+        raise RecordError(
+            f"times must be numbers, dates or times of the day, got '{table.cell(clock + 1, 0)}' in column "
+            f"'{table.names[clock]}' of '{path}'; write them in one of these ways, or describe the table with rate_hz"
+        )
+    topic, lost = make_topic("", t, columns)
     unread = {name: len(table) for i, name in enumerate(table.names) if name and name not in columns and i != clock}
     unread |= {name: values.size for name, values in table.others.items() if name not in own.read}
     return (
@@ -176,7 +182,8 @@ def _own_clocks(path: Path, table: Table, factor: float, warnings: list[str]) ->
     own = _Own({}, [], {}, set())
     labels = {label.lower(): label for label in table.others}
     for label, values in table.others.items():
-        found = meaning(label)
+        stated = table.others_units.get(label, "")
+        found = meaning(label, stated)
         if found is None:
             continue
         names = [f"{a}_{b}" for t in ("t", "time") for a, b in ((t, label.lower()), (label.lower(), t))]
@@ -191,7 +198,7 @@ def _own_clocks(path: Path, table: Table, factor: float, warnings: list[str]) ->
             continue
         own.topics[label], lost = make_topic(label, factor * times, {label: values})
         own.read.update((label, clock))
-        own.rules.append(replace(_rule(path, found, label, ""), topic=label))
+        own.rules.append(replace(_rule(path, found, label, stated), topic=label))
         if lost:
             warnings.append(lost)
     return own

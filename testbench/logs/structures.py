@@ -1,14 +1,15 @@
 """Structures of MATLAB as tables: which field holds times and which samples, and the path to each.
 
 A path is written as in MATLAB: ``data.flight.alpha``, ``runs(2).q``, ``d.InputData{1}``. Read are structures of
-vectors, structures of structures with values and units, structure arrays of scalars (one structure a sample), matrices
+vectors, structures of structures with values and units (and times: those of a timeseries), structure arrays of scalars
+(one structure a sample), matrices
 (``y[1]``, ``y[2]``), Simulink's structure with time, and the fields of an iddata object.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from testbench.logs.names import clock_called
 _STEP = re.compile(r"\.?([A-Za-z_]\w*)|\((\d+)\)|\{(\d+)\}")
 _VALUES = ("data", "values", "value", "samples")
 _UNITS = ("units", "unit", "uom")
+_FACTS = ("datainfo", "timeinfo", "qualityinfo", "userdata", "events")  # beside the samples of struct(timeseries)
 _MOST = 12  # paths that a message lists
 _SAVE = "save('flight.mat', '-struct', 's', '-v7')"
 _PLAIN = {
@@ -144,6 +146,9 @@ def series(value: Any, root: str, file: object, units: Mapping[str, str] | None 
         parent = leaf.path.rpartition(".")[0]
         if not any(np.array_equal(leaf.values.ravel(), other.values.ravel()) for other in groups.values()):
             groups.setdefault(parent, leaf)
+    apart = _with_own_times(leaves, clocks) if len(groups) > 1 and "" not in groups else None
+    if apart is not None:
+        return _together(root, apart)
     if len(groups) > 1 and "" not in groups:
         names = ", ".join(_join(root, parent) for parent in groups)
         raise RecordError(
@@ -173,6 +178,28 @@ def series(value: Any, root: str, file: object, units: Mapping[str, str] | None 
         for k, column in enumerate(values.T, start=1):
             name = leaf.path if values.shape[1] == 1 else f"{leaf.path}[{k}]"
             found.columns[name], found.units[name] = column, stated
+    return found
+
+
+def _with_own_times(leaves: Sequence[_Leaf], clocks: Sequence[_Leaf]) -> list[tuple[_Leaf, _Leaf]] | None:
+    """Return every signal with its times, if each structure is one signal with times of its own; else None."""
+    times = {clock.path.rpartition(".")[0]: clock for clock in clocks}
+    signals = [leaf for leaf in leaves if not any(leaf is clock for clock in clocks) and leaf.values.size > 1]
+    whole = all(s.path in times and s.values.size == times[s.path].values.size for s in signals)
+    return [(s, times[s.path]) for s in signals] if signals and whole else None
+
+
+def _together(root: str, signals: Sequence[tuple[_Leaf, _Leaf]]) -> Series:
+    """Return signals with times of their own: those that share the times of most are columns, others have t_NAME."""
+    shared = [sum(_same(clock, other) for _, other in signals) for _, clock in signals]
+    main = signals[max(range(len(signals)), key=lambda i: (shared[i], signals[i][1].values.size))][1]
+    found = Series(root, {"t": main.values.ravel()}, {"t": main.unit}, {})
+    for signal, clock in signals:
+        if _same(clock, main):
+            found.columns[signal.path], found.units[signal.path] = signal.values.ravel(), signal.unit
+        else:
+            found.others[signal.path], found.others[f"t_{signal.path}"] = signal.values.ravel(), clock.values.ravel()
+            found.units[signal.path] = signal.unit
     return found
 
 
@@ -253,9 +280,12 @@ def _leaves(value: Any, path: str) -> Iterator[_Leaf]:
             yield from _leaves_of_a_kind(value, lower, path)
             return
         held = next((lower[name] for name in _VALUES if name in lower), None)
-        beside = [n for n in value if n != held and not (n.lower() in _UNITS or clock_called(n)[0])]
+        beside = [n for n in value if n != held and not (n.lower() in (*_UNITS, *_FACTS) or clock_called(n)[0])]
         if held and path and not any(isinstance(value[n], np.ndarray | StructArray | Mapping) for n in beside):
-            unit = next((value[lower[n]] for n in _UNITS if isinstance(value.get(lower.get(n, "")), str)), "")
+            facts = value.get(lower.get("datainfo", ""))
+            said = {**({k.lower(): v for k, v in facts.items()} if isinstance(facts, Mapping) else {}),
+                    **{n: value[lower[n]] for n in _UNITS if n in lower}}  # fmt: skip
+            unit = next((said[n] for n in _UNITS if isinstance(said.get(n), str)), "")
             yield from (_Leaf(path, leaf.values, unit) for leaf in _leaves(value[held], path))
             rest = {n: v for n, v in value.items() if clock_called(n)[0]}
         else:
@@ -283,11 +313,14 @@ def _leaves_of_a_kind(value: Mapping[str, Any], lower: Mapping[str, str], path: 
     for side in ("input", "output"):
         names = value.get(lower.get(f"{side}name", ""))
         words = [w for w in names.items if isinstance(w, str)] if isinstance(names, CellArray) else [names]
+        units = value.get(lower.get(f"{side}unit", ""))
+        stated = units.items if isinstance(units, CellArray) else (units,)
         for leaf in _leaves(value[lower[f"{side}data"]], _join(path, lower[f"{side}data"])):
             size = max(size, leaf.values.shape[0])
             if len(words) == leaf.values.shape[1] and all(isinstance(w, str) and w for w in words):
-                for word, column in zip(words, leaf.values.T, strict=True):
-                    yield _Leaf(_join(path, str(word)), column[:, None], "")
+                for i, (word, column) in enumerate(zip(words, leaf.values.T, strict=True)):
+                    unit = stated[i] if i < len(stated) and isinstance(stated[i], str) else ""
+                    yield _Leaf(_join(path, str(word)), column[:, None], unit)
             else:
                 yield leaf
     step = next(iter(_leaves(value.get(lower.get("ts", "")), "")), None)

@@ -7,10 +7,11 @@ manuals of recorded data number them. What a file says of itself (units, kind, p
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,11 @@ from testbench.core.record import FORMAT, NEEDS_PYARROW, FloatArray, load_record
 from testbench.core.sizes import NUMBER, require_room
 from testbench.logs.foreign import HEAD, refuse_foreign
 from testbench.logs.mat import StructArray, read_mat
+from testbench.logs.names import TIME_UNITS, clock_called, time_unit
 from testbench.logs.structures import follow, series
 from testbench.logs.text import Cells, numbers, read_text
 
+_ZONE = re.compile(r"\s*(Z|UTC|GMT|[+-]00:?00)$")  # of dates that times count from
 _TEXT = 100  # bytes of a cell that is text, in a list
 
 
@@ -45,7 +48,9 @@ class Table:
         damaged: number of damaged lines that were left out.
         above: lines of text above the heading that name no column.
         root: path of the structure whose fields the columns are; a column may be called by its whole path.
-        others: name -> (k,) numbers of vectors whose length is not that of the columns.
+        others: name -> (k,) numbers of vectors whose length is not that of the columns; times of ``q`` among them are
+            called ``t_q``.
+        others_units: name -> unit of these, as the file states it.
     """
 
     file: Path
@@ -60,9 +65,10 @@ class Table:
     above: tuple[str, ...] = ()
     root: str = ""
     others: Mapping[str, FloatArray] = field(default_factory=dict)
+    others_units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        given((*self.names, *self.units))
+        given((*self.names, *self.units, *self.others_units.values()))
 
     def __len__(self) -> int:
         return len(self.cells[0]) if self.cells else 0
@@ -187,7 +193,8 @@ def _read_mat(path: Path, variable: str | None) -> Table:
     names = tuple(found.columns)
     units = tuple(found.units[name] for name in names)
     columns = tuple(found.columns.values())
-    return Table(path, names, units, columns, stated=stated, root=found.root, others=found.others)
+    apart = {name: found.units[name] for name in found.others if name in found.units}
+    return Table(path, names, units, columns, stated=stated, root=found.root, others=found.others, others_units=apart)
 
 
 def _stated(text: str) -> dict[str, Any]:
@@ -256,7 +263,58 @@ def _read_netcdf(path: Path) -> Table:
     time = max(dict.fromkeys(along), key=along.count)
     columns = {name: v for name, v in series.items() if v.dims[0] == time}
     units = tuple(str(v.attrs.get("units", "")) for v in columns.values())
-    return Table(path, tuple(columns), units, tuple(v.values for v in columns.values()))
+    others, stated = _along_others(series, str(time))
+    table = Table(path, tuple(columns), units, tuple(v.values for v in columns.values()))
+    return replace(table, others=others, others_units=stated)
+
+
+def _along_others(series: Mapping[str, Any], time: str) -> tuple[dict[str, FloatArray], dict[str, str]]:
+    """Return the variables of NetCDF along other dimensions than ``time``, each with its times ``t_NAME``, and units.
+
+    Times are those of the coordinate of their dimension, in the unit of the times of ``time`` and from its date on.
+    """
+    others: dict[str, FloatArray] = {}
+    stated: dict[str, str] = {}
+    main = _clock_of(series, time)
+    for name, v in series.items():
+        along = str(v.dims[0])
+        if along == time or v.size < 2:
+            continue
+        if clock_called(name)[0] or name == along or time_unit(str(v.attrs.get("units", ""))):
+            continue
+        others[name], stated[name] = v.values.astype(np.float64), str(v.attrs.get("units", ""))
+        own = _clock_of(series, along)
+        if main is not None and own is not None:
+            apart = (
+                0.0 if None in (main.start, own.start) else (own.start - main.start) / np.timedelta64(1, "ns") * 1e-9
+            )
+            others[f"t_{name}"] = (own.values * own.unit_s + float(apart)) / main.unit_s
+    return others, stated
+
+
+class _Coordinate(NamedTuple):
+    """Times of a dimension: numbers, their unit in s, and the date that they count from, None if there is none."""
+
+    values: FloatArray
+    unit_s: float
+    start: Any
+
+
+def _clock_of(series: Mapping[str, Any], along: str) -> _Coordinate | None:
+    """Return the times of a dimension: its own coordinate, else the first variable along it that is called so."""
+    called = [n for n, v in series.items() if v.dims[0] == along and (n == along or clock_called(n)[0])]
+    for name in sorted(called, key=lambda n: n != along):
+        stated = str(series[name].attrs.get("units", ""))
+        unit = time_unit(stated) or clock_called(name)[1] or ("" if stated else "s")
+        if not unit:
+            continue
+        _, _, date = stated.partition(" since ")
+        try:
+            start = np.datetime64(_ZONE.sub("", date.strip()).replace(" ", "T"), "ns") if date else None
+        except ValueError:
+            continue
+        return _Coordinate(series[name].values.astype(np.float64), TIME_UNITS[unit], start)
+    return None
 
 
 def _table_of_record(path: Path) -> Table:

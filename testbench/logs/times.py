@@ -23,12 +23,14 @@ if TYPE_CHECKING:
     from testbench.logs.tables import Table
 
 _DATE = r"(?:(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})|\d{1,2}[-/.]\d{1,2}[-/.]\d{2,4})"
-_CLOCK = r"(\d{1,2}):(\d{2})(?::(\d{2}))?(?:[.,](\d+))?\s*([AaPp][Mm])?"
+_CLOCK = r"(\d{1,2}):(\d{2})(?::(\d{2}))?(?:(?:[.,]|:(?=\d{3}(?!\d)))(\d+))?\s*([AaPp][Mm])?"
 _ZONE = r"(Z|UTC|GMT|[+-]\d{2}:?\d{2})?"
 _STAMP = re.compile(rf"\s*(?:{_DATE}[T\s_]+)?{_CLOCK}\s*{_ZONE}\s*")
 _DAY, _HOUR = 86400.0, 3600.0
 _LIKELY_HZ = 50.0  # the usual rate of a record, by which the unit of whole numbers without one is told
 _MOST_HZ, _LEAST_HZ = 5000.0, 0.5
+_TOO_QUICK_HZ = 2e4  # no flight is recorded so often: numbers that near each other are no seconds
+_DAY_NUMBERS = ((36500.0, 55000.0), (730000.0, 750000.0))  # days since 1900 and since year 0, of 2000 to about 2050
 
 
 def is_stamp(cell: str) -> bool:
@@ -135,7 +137,8 @@ def clock_unit(table: Table, i: int) -> tuple[str, str]:
     """Return the unit of the times in column ``i``, from 0, and what was assumed for it ("" if nothing was).
 
     The file states the unit, or the name does (``time_us``). Whole numbers without one, 2 or more apart, are taken in
-    the unit that gives the rate nearest to 50 Hz, and that is said; any other numbers are seconds.
+    the unit that gives the rate nearest to 50 Hz, and that is said. Day numbers of this century that would be seconds
+    of more than 20 kHz are days. Any other numbers are seconds.
 
     Raises:
         RecordError: the unit that the file states is none of time.
@@ -155,6 +158,11 @@ def clock_unit(table: Table, i: int) -> tuple[str, str]:
     t = table.numbers(i + 1)
     t = t[np.isfinite(t)]
     step = float(np.median(np.diff(t))) if t.size > 2 else 0.0
+    if 0.0 < step < 1.0 / _TOO_QUICK_HZ and any(low < t[0] < high for low, high in _DAY_NUMBERS):
+        return "d", (
+            f"the file states no unit for column '{table.names[i]}', whose numbers are {step:.3g} apart: taken as "
+            f"days, as of MATLAB's datenum or a spreadsheet, which makes {1.0 / (TIME_UNITS['d'] * step):.4g} Hz"
+        )
     if step < 2.0 or np.any(t != np.rint(t)):
         return "s", ""
     rates = {unit: 1.0 / (TIME_UNITS[unit] * step) for unit in ("ms", "us", "ns")}

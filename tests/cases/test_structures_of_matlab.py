@@ -207,3 +207,30 @@ def test_the_input_that_failed_with_inputs_and_outputs():
     table = read_table(case("mat_structures/c.mat"), "mat")
     assert table.names == ("t", "u", "y[1]", "y[2]")
     assert len(table) == 800
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_signals_with_times_of_their_own_are_read_together(nested, tmp_path):
+    facts = {"DataInfo": {"Units": "deg"}, "TimeInfo": {"Units": "seconds"}}
+    signals = {
+        "de": {"Time": T, "Data": DE, **facts},
+        "q": {"Time": T, "Data": Q, "DataInfo": {"Units": "deg/s"}},
+        "theta": {"Time": T[::5], "Data": 2.0 + np.sin(T[::5]), **facts},
+    }
+    savemat(tmp_path / "flight.mat", {"log": signals} if nested else signals)
+    found = import_log(tmp_path / "flight.mat")
+    assert set(found.record.channels) == {"de", "q", "theta"}
+    np.testing.assert_allclose(found.record["q"], DEG_RAD * Q, atol=1e-12)
+    slow = next(c for c in found.channels if c.name == "theta")
+    np.testing.assert_allclose(slow.t_s, T[::5])
+    np.testing.assert_allclose(slow.values, DEG_RAD * (2.0 + np.sin(T[::5])))
+
+
+def test_units_of_an_iddata_object_are_its_own(tmp_path):
+    names = {"InputName": np.array(["de"], object), "OutputName": np.array(["q"], object)}
+    units = {"InputUnit": np.array(["deg"], object), "OutputUnit": np.array(["deg/s"], object)}
+    z = {"InputData": DE[:, None], "OutputData": Q[:, None], "Ts": 0.02, **names, **units}
+    savemat(tmp_path / "flight.mat", {"z": z})
+    record = import_log(tmp_path / "flight.mat").record
+    np.testing.assert_allclose(record["q"], DEG_RAD * Q, atol=1e-12)
+    np.testing.assert_allclose(record["de"], DEG_RAD * DE, atol=1e-12)

@@ -178,3 +178,50 @@ def test_the_inputs_that_failed(name):
     assert found.rate_hz == 50.0
     assert found.record.duration_s == pytest.approx(15.98)
     assert found.record["de"].max() == pytest.approx(3.0 * DEG_RAD, rel=1e-4)
+
+
+@pytest.mark.parametrize("first", [45413.0, 739373.0])
+def test_day_numbers_of_spreadsheets_and_of_matlab_are_days_and_that_is_said(first, tmp_path):
+    csv(tmp_path / "log.csv", [f"{first + t / 86400.0:.11f}" for t in T])
+    found = import_log(tmp_path / "log.csv")
+    assert found.rate_hz == pytest.approx(50.0, rel=1e-3)
+    assert found.record.duration_s == pytest.approx(T[-1], abs=1e-3)
+    assert "taken as days" in found.log.assumed[0]
+
+
+def test_milliseconds_after_a_colon_are_a_fraction(tmp_path):
+    stamps = [(START + timedelta(seconds=float(t))) for t in T]
+    csv(tmp_path / "log.csv", [f"{s:%H:%M:%S}:{s.microsecond // 1000:03d}" for s in stamps])
+    is_the_flight(import_log(tmp_path / "log.csv"))
+
+
+def test_times_that_cannot_be_read_are_the_cause_that_is_named(tmp_path):
+    csv(tmp_path / "log.csv", of_the_day("%Hh%Mm%S.FRACTION"))
+    with pytest.raises(RecordError, match=r"times must be numbers, dates or times of the day, got '23h59m53.00'"):
+        import_log(tmp_path / "log.csv")
+
+
+@pytest.mark.parametrize("later_s", [0.0, 2.5])
+def test_netcdf_variables_along_another_dimension_have_times_of_their_own(later_s, tmp_path):
+    xr = pytest.importorskip("xarray")
+    slow = T[::10]
+    start = np.datetime64("2024-05-01T12:00:00", "ns")
+    times, other = (start + (1e9 * x).round().astype("timedelta64[ns]") for x in (T, slow + later_s))
+    de = ("time", DE, {"units": "deg"})
+    V = ("air", 40.0 + np.sin(slow), {"units": "kt"})
+    dataset = xr.Dataset({"de": de, "q": ("time", Q, {"units": "deg/s"}), "V": V}, {"time": times, "air": other})
+    dataset.to_netcdf(tmp_path / "log.nc")
+    found = import_log(tmp_path / "log.nc")
+    V = next(c for c in found.channels if c.name == "V")
+    assert found.record.channels == ("de", "q", "V")
+    np.testing.assert_allclose(V.t_s - V.t_s[0], slow, atol=1e-6)
+    assert V.t_s[0] - found.channels[0].t_s[0] == pytest.approx(later_s, abs=1e-6)
+    np.testing.assert_allclose(V.values, (40.0 + np.sin(slow)) * 1852.0 / 3600.0)
+
+
+def test_netcdf_variables_without_times_are_listed_with_the_reason(tmp_path):
+    xr = pytest.importorskip("xarray")
+    held = {"de": ("time", DE, {"units": "deg"}), "q": ("time", Q, {"units": "deg/s"}), "V": ("air", T[::10] + 20.0)}
+    xr.Dataset(held, {"time": ("time", T, {"units": "s"})}).to_netcdf(tmp_path / "log.nc")
+    (lost,) = import_log(tmp_path / "log.nc").balance.lost
+    assert (lost.channel, lost.samples) == ("V", T[::10].size)

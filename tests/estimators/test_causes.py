@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
@@ -130,6 +131,41 @@ def test_an_input_that_acts_between_its_samples_is_no_feedback():
         codes = [a.code for a in with_causes(estimate("dsr_e", [flown], INPUTS, OUTPUTS, **HORIZONS), [flown]).advice]
         named += "closed_loop" in codes
     assert named <= 1  # each errs in 2 % of flights: two of five by chance in 0.4 %
+
+
+def smooth(seed: int, held: bool) -> FlightRecord:
+    """Return a short period after sines of which the elevator is made, held between its samples or not; white noise."""
+    rng, dt, n = np.random.default_rng(seed), 0.02, 1000
+    t = dt * np.arange(n)
+    f, phase = rng.uniform(0.2, 2.0, 6), rng.uniform(0.0, 2.0 * np.pi, 6)
+    de = np.radians(1.0) * np.clip(t - 1.0, 0.0, 1.0) * np.sin(2.0 * np.pi * np.outer(t, f) + phase).sum(axis=1)
+    block = np.zeros((4, 4))
+    block[:2, :3], block[2, 3] = dt * np.array([[-2.0, 0.97, -0.1], [-12.0, -3.0, -20.0]]), 1.0
+    E = expm(block)
+    x = np.zeros((n, 2))
+    for k in range(n - 1):
+        x[k + 1] = E[:2, :2] @ x[k] + E[:2, 2] * de[k] + (0.0 if held else E[:2, 3] * (de[k + 1] - de[k]))
+    y = x + np.radians([0.1, 0.3]) * rng.standard_normal(x.shape)
+    return FlightRecord(t, ("de", *OUTPUTS), np.column_stack([de, y]), "measured")
+
+
+@pytest.mark.parametrize("method", ["output_error", "equation_error"])
+def test_a_smooth_input_that_is_held_is_told_by_what_it_moves(method):
+    for seed in (1, 2):
+        record = smooth(seed, held=True)
+        model = with_causes(estimate(method, [record], INPUTS, OUTPUTS, structure="short_period"), [record])
+        assert model.advice[0].code == "held"
+        assert 'set held = ["de"]' in model.advice[0]
+        found = model.diagnostics["causes"][0]
+        assert (found["subject"], found["amount"]) == ("de", 0.01)  # half a sample
+        assert found["errors"] > 2.0
+
+
+def test_a_smooth_input_is_not_called_held_where_it_is_none():
+    for seed in (1, 2, 3):
+        record = smooth(seed, held=False)
+        model = with_causes(estimate("output_error", [record], INPUTS, OUTPUTS, structure="short_period"), [record])
+        assert not [a for a in model.advice if a.severity != "note"]
 
 
 def test_inputs_of_another_flight_are_no_feedback():

@@ -57,6 +57,17 @@ def test_what_is_no_channel_stays_none(heading):
     assert meaning(heading) is None
 
 
+@pytest.mark.parametrize(
+    ("heading", "channel"),
+    [("α", "alpha"), ("β [°]", "beta"), ("θ", "theta"), ("ψ (deg)", "psi"), ("ϕ", "phi"), ("δe", "de"), ("δ_a", "da"),
+     ("δr [rad]", "dr")],
+)  # fmt: skip
+def test_symbols_in_greek_letters(heading, channel):
+    found = meaning(heading)
+    assert found is not None
+    assert found.channel == channel
+
+
 def test_every_channel_is_found_under_its_own_name_in_each_of_its_units():
     for name, channel in CHANNELS.items():
         for unit in UNITS.get(channel.unit, {channel.unit: 1.0}):

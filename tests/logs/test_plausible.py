@@ -40,6 +40,16 @@ def asked(channels: dict[str, np.ndarray], t: np.ndarray = T) -> dict[str, tuple
     return {question.channel: (question.got, question.unit) for question in found}
 
 
+def test_small_angles_in_degrees_are_questioned_where_no_unit_is_stated():
+    # 0.9 deg of elevator, read as 52 deg, is what an aircraft can have; that nobody said so counts against it
+    held = {name: (T, x) for name, x in flight().items()}
+    held |= {"de": (T, 0.9 * np.sign(np.sin(T))), "alpha": (T, 1.2 * np.sin(T))}
+    assert not {"de", "alpha"} & {q.channel for q in implausible(held)}
+    found = {q.channel: q.unit for q in implausible(held, unstated=["de", "alpha", "beta"])}
+    assert {n: found[n] for n in ("de", "alpha")} == {"de": "deg", "alpha": "deg"}
+    assert "beta" not in found
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_a_flight_raises_no_question(seed):
     assert asked(flight(seed)) == {}

@@ -7,6 +7,7 @@ the model moves with its parameters (``tangent``) and on what a cause would leav
 
 ==========  ============================================================================================
 delay, lag  how the outputs move if an input acts later, or through a first-order lag
+held        how well the records are followed if inputs are held from sample to sample
 bend        quadratic and cubic terms of a simulated output, through the model's own slow modes
 drift       a constant and a line per output and record
 order       the inputs of the samples before, through any linear response

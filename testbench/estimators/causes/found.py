@@ -24,9 +24,9 @@ class Found(NamedTuple):
     """A cause: its code, whom it concerns, what it explains of the residuals, and how far it shifts the estimates.
 
     Attributes:
-        code: "delay", "lag", "bend", "drift", "order_too_low", "closed_loop".
+        code: "delay", "lag", "held", "bend", "drift", "order_too_low", "closed_loop".
         subject: input or output; empty where all are concerned.
-        amount: seconds of delay or lag, else 0.
+        amount: seconds of delay, lag or half a hold, else 0.
         share: of the squared residuals, or for feedback of what is new in the input, that it explains.
         errors: largest shift of a parameter over its standard error; NaN without standard errors.
         moved: name of that parameter; without standard errors the pole that moves most and its shift, in words.
@@ -57,6 +57,10 @@ def in_words(model: IdentifiedModel, c: Found) -> Advice:
     said = {
         "delay": f"{c.subject} acts some {c.amount:.2g} s later than the model takes it to",
         "lag": f"{c.subject} acts through a lag of some {c.amount:.2g} s, as of a servo, that the model lacks",
+        "held": (
+            f"{c.subject} acts half a sample later than straight lines between its samples, as if held from one to the "
+            "next"
+        ),
         "bend": f"the response bends: it is not linear in {c.subject}",
         "drift": (
             "the outputs move slowly in a way that the model does not follow: biases or drifts of the sensors, or a "
@@ -120,6 +124,9 @@ def _remedy(model: IdentifiedModel, c: Found) -> str:
     if c.code in ("delay", "lag"):
         way = f"set delays_s = {{{c.subject} = {time}}}" if structured else f"give the input {time} s later"
         return f"{way}, or take the position of the surface as the input instead of its command"
+    if c.code == "held":
+        names = ", ".join(f'"{name}"' for name in c.subject.split(", "))
+        return f"set held = [{names}] if a computer made it; a delay of {time} s looks alike"
     if c.code == "bend":
         way = "a structure whose aerodynamics bend" if structured else "a model that bends"
         return f"fly smaller inputs, use the part of the record where {c.subject} stays small, or take {way}"

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
@@ -66,10 +68,15 @@ _SCREEN = 1e-3  # of all regressors at once, before any of them is looked at
 _SHARE = 0.5  # of what any linear response explains: from here on a delay or lag is the better name
 _LAGS_WHITE = 20  # samples over which innovations are tested for colour
 _NAMED = 2  # causes at most
+_NO_TIME = 0.02  # samples of delay or lag that are none
 _STEPS = 5  # of Gauss-Newton towards the best model of the same kind
 _SHARES = (1.0, 0.25, 0.06)  # of a step that are tried
 _SURE = 2.0  # standard deviations that a shift must stand above zero to count
 _LINEAR = {"delay", "lag", "order_too_low"}
+_TOLD_APART = 7.0  # 2 ln L by which inputs that are held must follow the records better than straight lines do
+_PREFERRED = 9.0  # 2 ln L that a delay, with its size and its slope, must explain beyond a hold: by chance once in 90
+_CHANCE_WHITE = 0.01  # of all outputs together, above which residuals count as white
+_AT_MOST = 1.5  # samples of delay or lag up to which a hold, which is half a sample late, may be what is meant
 
 
 class _Best(NamedTuple):
@@ -143,7 +150,10 @@ def search(model: IdentifiedModel, data: Data, found: Sequence[Direction]) -> li
     causes = [c for name, c in columns.items() if name in also] + ([linear] if RESPONSE in also else [])
     fit = regress(data.parts, joined(data.slopes, steady_parts, *causes)) if chosen else best.fit
     out = [_measured(model, best, start, fit, t) for t in chosen]
-    if not chosen:  # what a cause leaves moves the best of the kind as well
+    held = _held(model, given, found, start, fit, out)
+    if held is not None:
+        out = [held, *[c for c in out if c.code not in _LINEAR]]
+    elif not chosen:  # what a cause leaves moves the best of the kind as well
         out += [c for c in (_far_from_best(model, best, still), _coloured(model, best)) if c is not None]
     if loop is not None and any(t.candidate.code == "bend" for t in chosen):
         loop = _loop(model, given, steps=False)
@@ -223,7 +233,9 @@ def _best_linear(
         at = np.concatenate([*(there.at[n] for n in also), there.at[MOVED]])
         b, _ = solved(there.products.of(at))
         unit = model.dt_s if c.code == "delay" else 0.5 * c.amount
-        amount = max(c.amount + unit * float(b[-1]), 0.0)
+        amount = c.amount + unit * float(b[-1])
+        if amount < _NO_TIME * model.dt_s:
+            continue  # what it explains is no lag
         ratio = (now - there.left([*also, MOVED])) / noise
         refined.append(
             Tried(
@@ -335,6 +347,83 @@ def _coloured(model: IdentifiedModel, best: _Best) -> Found | None:
     if not coloured:
         return None
     return Found("coloured_residuals", ", ".join(coloured), 0.0, 0.0, np.nan, "", np.nan, np.nan, lags)
+
+
+def _held(
+    model: IdentifiedModel, data: Data, found: Sequence[Direction], start: Regression, fit: Regression, out: list[Found]
+) -> Found | None:
+    """Return that inputs which the model takes as straight lines are held, if the records are followed better so.
+
+    A smooth input that is held at every sample does not show its steps; what it moves is half a sample late. Only where
+    a model with held inputs leaves white residuals can this be told, by their likelihood. A delay or lag that was found
+    counts instead if it is longer, or explains more.
+    """
+    late = [c for c in out if c.code in _LINEAR]
+    if not isinstance(model, ParametricModel) or all(model.held) or len(late) < len(out):
+        return None
+    if any(c.code == "order_too_low" or c.amount > _AT_MOST * model.dt_s for c in late):
+        return None
+    first = _Best(model, list(found), data, start)
+    lines, steps = _best_in_white(first, model), _best_in_white(first, replace(model, held=(True,) * len(model.held)))
+    if lines is None or steps is None:
+        return None
+    goods, left = [s.good for s in data.parts], [s.v for s in steps.data.parts]
+    if not _white(left, goods):
+        return None
+    straight = _log_size([s.v for s in lines.data.parts], goods)
+    gain = straight - _log_size(left, goods)
+    by_late = straight - _log_size(fit.left, goods) if late else 0.0
+    if gain < max(_TOLD_APART, by_late - _PREFERRED):
+        return None
+    names = ", ".join(n for n, held in zip(model.inputs, model.held, strict=True) if not held)
+    before, after = (np.sum(np.hstack(e) ** 2, axis=1) for e in (start.left, left))
+    share = 1.0 - float(np.mean(after / np.where(before > 0.0, before, 1.0)))
+    return Found("held", names, 0.5 * model.dt_s, share, *_shift(model, steps, steps.fit), gain, 0)
+
+
+def _best_in_white(first: _Best, model: IdentifiedModel) -> _Best | None:
+    """Return the model after Gauss-Newton steps of its free run in white noise; None if it cannot be flown."""
+    best = _in_white(model, first)
+    for _ in range(_STEPS):
+        if best is None:
+            return None
+        here = _log_size([s.v for s in best.data.parts], [s.good for s in best.data.parts])
+        for share in _SHARES:
+            other = _in_white(moved(best.model, best.found, share * best.fit.b), first)
+            if other is not None:
+                there = _log_size([s.v for s in other.data.parts], [s.good for s in other.data.parts])
+                if there < here:
+                    break
+        else:
+            break
+        best = other
+        if here - there < 0.1:
+            break
+    return best
+
+
+def _in_white(model: IdentifiedModel, first: _Best) -> _Best | None:
+    try:
+        found = directions(model)
+        data = gather(model, first.data.records, found)
+        if len(found) != len(first.found) or not all(np.all(np.isfinite(s.v)) for s in data.parts):
+            return None
+        b, left = regress_plainly(data.parts, data.slopes)
+        return _Best(model, found, data, first.fit._replace(b=b, std=np.zeros(len(b)), left=left))
+    except (TestbenchError, np.linalg.LinAlgError):
+        return None
+
+
+def _white(left: Sequence[FloatArray], goods: Sequence[NDArray[np.bool_]]) -> bool:
+    lags = max(2, min(_LAGS_WHITE, min(len(g) for g in goods) // 4))
+    chances = [ljung_box(row[good], lags) for e, good in zip(left, goods, strict=True) for row in e]
+    return min(chances) * len(chances) > _CHANCE_WHITE
+
+
+def _log_size(left: Sequence[FloatArray], goods: Sequence[NDArray[np.bool_]]) -> float:
+    """Return -2 ln L of white residuals (p, N) per record, but for a constant."""
+    e = np.hstack([part[:, good] for part, good in zip(left, goods, strict=True)])
+    return float(e.shape[1] * np.linalg.slogdet(e @ e.T / e.shape[1])[1])
 
 
 def _far_from_best(model: IdentifiedModel, best: _Best, start: Regression) -> Found | None:

@@ -66,6 +66,14 @@ def advice_in_words(model: Any) -> Any:
                 "no standard error; widen the bound, or find out why the data lead beyond it",
             )
         )
+    if found.get("none_shows"):
+        out.append(
+            note(
+                "none_shows",
+                f"{', '.join(found['none_shows'])} ended at the least that is sought: these data show no such time of "
+                "a servo; leave it out, or give it as a number",
+            )
+        )
     # Rounding of noise-free records says nothing of a true zero.
     constants = model.structure.trim_constants
     noisy = float(np.median(errors / np.maximum(np.abs(values), 1e-300))) > _EXACT

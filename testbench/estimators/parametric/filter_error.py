@@ -45,6 +45,7 @@ from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood
 from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, held_inputs, stretch
 from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.response import delayed
+from testbench.estimators.parametric.servo import none_shows
 from testbench.estimators.parametric.starts import first_points
 from testbench.estimators.parametric.structure import STEP, ModelStructure
 from testbench.estimators.settings import FilterError, ProcessNoiseModel
@@ -390,13 +391,15 @@ def _diagnose(choice: Choice, layout: Layout) -> tuple[dict[str, Any], FloatArra
     f, total, states = layout.chosen.size, int(base.counts.sum()), base.structure.states
     residuals = [part.v for part in parts]
     R = found.R * total / (total - likelihood.unknowns)  # unknowns take degrees of freedom from the innovations
-    names, moving = likelihood.names(), ~found.minimum.at_bound
+    names, params = likelihood.names(), base.parameters(point, base.structure.values)
+    quick = none_shows(base.structure, names, found.minimum.at_bound, params)
+    at_bound = found.minimum.at_bound & ~quick
     a = accuracy(
         residuals,
         lambda: (part.dv for part in parts),
         np.diag(R),
         likelihood.prior_weight,
-        moving,
+        ~at_bound,
         names,
         likelihood.alone,
     )
@@ -405,8 +408,8 @@ def _diagnose(choice: Choice, layout: Layout) -> tuple[dict[str, Any], FloatArra
     share = np.mean([1.0 / np.mean(np.diag(part.gain.S) / found.R) for part in parts])
     Q, Q_std = _intensities(likelihood, point, a.corrected)
     noisy = likelihood.noisy
-    params = base.parameters(point, base.structure.values)[None].astype(complex)
-    products = [part.gain.K @ likelihood.linearised(params, i)[1][0].real for i, part in enumerate(parts)]
+    there = params[None].astype(complex)
+    products = [part.gain.K @ likelihood.linearised(there, i)[1][0].real for i, part in enumerate(parts)]
     nuisances = [own.split(point, i) for i in range(len(parts))]
     gust = len(states) > layout.states
     least = min(fit.criterion for fit in choice.tried)
@@ -416,7 +419,8 @@ def _diagnose(choice: Choice, layout: Layout) -> tuple[dict[str, Any], FloatArra
         "rounds": found.rounds,
         "iterations": found.minimum.iterations,
         "converged": found.converged,
-        "at_bound": [n for n, b in zip(names[:f], found.minimum.at_bound[:f], strict=True) if b],
+        "at_bound": [n for n, b in zip(names[:f], at_bound[:f], strict=True) if b],
+        "none_shows": [n for n, b in zip(names[:f], quick[:f], strict=True) if b],
         "condition": a.condition,
         "residual_std": np.sqrt(R),
         "whiteness_p": whiteness(residuals, [s.valid for s in base.stretches], base.size, np.diag(R)),

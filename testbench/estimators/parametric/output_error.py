@@ -30,6 +30,7 @@ from testbench.estimators.parametric.gauss_newton import Minimum, minimise
 from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, held_inputs, stretch
 from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.rounds import Rounds
+from testbench.estimators.parametric.servo import none_shows
 from testbench.estimators.parametric.starts import first_points, point_of_filter_error, scattered
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.settings import OutputError
@@ -213,7 +214,8 @@ def _settled(likelihood: Likelihood, ends: list[_Found]) -> bool:
 
 
 def _looks_bad(likelihood: Likelihood, end: _Found) -> bool:
-    if not (end.minimum.converged and end.settled) or np.any(end.minimum.at_bound):
+    quick = none_shows(likelihood.structure, likelihood.names(), end.minimum.at_bound, end.params)
+    if not (end.minimum.converged and end.settled) or np.any(end.minimum.at_bound & ~quick):
         return True
     if np.all(np.sqrt(np.diag(end.R)) < _FINE * likelihood.size):
         return False
@@ -305,6 +307,8 @@ def _diagnose(likelihood: Likelihood, found: _Found) -> tuple[dict[str, Any], Fl
             "the search ended where the model fits worse than a constant; start from other values, e.g. those of "
             "equation error, or give bounds and several starts"
         )
+    quick = none_shows(likelihood.structure, likelihood.names(), found.minimum.at_bound, found.params)
+    at_bound = found.minimum.at_bound & ~quick
     R = found.R * total / (total - likelihood.unknowns)  # unknowns take degrees of freedom from the residuals
     prior_weight = np.concatenate([likelihood.prior_weight, np.zeros(likelihood.unknowns - f)])
     found_accuracy = accuracy(
@@ -312,7 +316,7 @@ def _diagnose(likelihood: Likelihood, found: _Found) -> tuple[dict[str, Any], Fl
         lambda: (s for _, s in likelihood.evaluate(point, found.params)),
         R,
         prior_weight,
-        ~found.minimum.at_bound,
+        ~at_bound,
         likelihood.names(),
         np.arange(likelihood.unknowns) >= f,
     )
@@ -324,7 +328,8 @@ def _diagnose(likelihood: Likelihood, found: _Found) -> tuple[dict[str, Any], Fl
         "rounds": found.rounds,
         "iterations": found.minimum.iterations,
         "converged": found.minimum.converged and found.settled,
-        "at_bound": [n for n, b in zip(likelihood.names()[:f], found.minimum.at_bound[:f], strict=True) if b],
+        "at_bound": [n for n, b in zip(likelihood.names()[:f], at_bound[:f], strict=True) if b],
+        "none_shows": [n for n, b in zip(likelihood.names()[:f], quick[:f], strict=True) if b],
         "condition": found_accuracy.condition,
         "residual_std": np.sqrt(np.diag(R)),
         "whiteness_p": whiteness(residuals, [s.valid for s in stretches], likelihood.size, R),

@@ -320,6 +320,25 @@ def by_surfaces(
     )
 
 
+def none_shows(
+    structure: ModelStructure, names: Sequence[str], at_bound: NDArray[np.bool_], params: FloatArray
+) -> NDArray[np.bool_]:
+    """Return (k,) which of the estimates are lags or delays that ended at the least there is: none shows.
+
+    A servo may well be quicker than the data can tell. Its time then ends at a bound that no one has set, which says
+    nothing against the other estimates.
+
+    Args:
+        structure: with servos, or without.
+        names: (k,) of all that was estimated, parameters of the structure first.
+        at_bound: (k,) whether the search ended there.
+        params: (n,) parameters of the structure at its end.
+    """
+    least = {n for n, value in zip(structure.parameter_names, params, strict=True) if value <= 1.001 * _LEAST_S}
+    times = set(structure.unknown) if isinstance(structure, _BehindServos) else set()
+    return np.array([bool(b) and n in times & least for n, b in zip(names, at_bound, strict=True)], dtype=bool)
+
+
 def in_front(structure: ModelStructure) -> bool:
     """Return whether servos lie between the inputs and the aircraft of a structure."""
     return isinstance(structure, _BehindServos)

@@ -40,7 +40,8 @@ DISAGREE = 0.01
 _SAME_SPEED = 0.05
 """Relative difference of airspeed up to which derivatives are taken as the same; judged: 10 % of a moment."""
 _GROWN = 1.1  # of a stated error, from which its growth is named
-_PACKAGED = ("longitudinal", "short_period", "lateral_directional")
+_PACKAGED = ("longitudinal", "short_period", "lateral_directional", "lateral_per_speed")
+_PER_SPEED = {"short_period": "Z_", "lateral_per_speed": "Y_"}
 _AS_HELD = "flexible"  # names the derivatives with elastic modes held, forces per mass: those of a design
 
 
@@ -188,7 +189,7 @@ def _read(file: Path, V_m_s: float) -> Prior:
         )
     keep = [i for i, (p, s) in enumerate(zip(free, np.diag(P), strict=True)) if p and s > 0.0]
     names = [name for i, name in enumerate(parameters) if i in keep]
-    per = np.array([V_m_s if structure == "short_period" and n.startswith("Z_") else 1.0 for n in names])
+    per = np.array([V_m_s if n.startswith(_PER_SPEED.get(structure, "none")) else 1.0 for n in names])
     scaled, notes = values[keep] * per, []
     if flown is None:
         notes.append(f"{file.name} does not say at which speed it was flown: that of the design is taken")

@@ -169,11 +169,13 @@ def _coloured_throughout(model: ParametricModel) -> bool:
 
 
 def _unit(name: str, structure: str) -> str:
-    """Return the unit of what no aircraft has: times of servos, and short-period derivatives per speed."""
+    """Return the unit of what no aircraft has: times of servos, and derivatives per speed."""
     if name.startswith(("tau_", "T_")):
         return "s"
     if structure == "short_period" and name.startswith("Z_"):
         return "" if name == "Z_q" else "1/s"
+    if structure == "lateral_per_speed" and (name.startswith("Y_") or name == "g_V"):
+        return "" if name == "Y_r" else "1/s"
     return _PLAIN.get((name[0] in "LMN", name.partition("_")[2]), "")
 
 

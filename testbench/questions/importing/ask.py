@@ -36,6 +36,7 @@ from testbench.logs.resampling import common_rate, resample
 from testbench.logs.sidpac import read_columns
 from testbench.logs.signals import Log, Mapped, Rule, Topic, find_channels, scaled
 from testbench.logs.ulog import MAGIC, read_ulog
+from testbench.page.words import listed
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.balance import Balance, balance_of, balance_rows
 from testbench.questions.importing.recipe import AXES, Recipe, lines, measured_in, propose
@@ -46,6 +47,7 @@ LEAD_S, TAIL_S = 2.0, 5.0
 WHOLE = "whole"
 """Name of the record of a whole log, and of its description."""
 _COMMANDS = tuple(f"{name}_cmd" for name in CONTROLS)
+_SURFACES = ("elev", "ail", "rudder", "stabilator")
 UNUSABLE = "no_recipe"
 """Key of the provenance of a whole record: why there is no recipe for it or for its cuts."""
 
@@ -80,7 +82,8 @@ class Imported:
         """Why nothing is identified from a cut, or from the whole record, in sentences."""
         if not controls_of(self.record):
             known = [f"{s.channel}: {s.reason}" for s in self.balance.left_out if s.channel in (*CONTROLS, *_COMMANDS)]
-            return (_no_recipe([WHOLE], "no control was found" + (f" ({'; '.join(known)})" if known else "")),)
+            found = "no control was found" + (f" ({'; '.join(known)})" if known else "")
+            return (_no_recipe([WHOLE], found + self._like_controls()),)
         every = {name: record for own in self._groups.values() for name, (_, record) in own.items()}
         alone = [
             _no_recipe([name], why + self._if_slower(record))
@@ -89,6 +92,17 @@ class Imported:
         ]
         together = [_no_recipe(list(own), why) for own in self.members.values() if (why := _proposal(self, own)[2])]
         return (*alone, *together)
+
+    def _like_controls(self) -> str:
+        """Say what to do with columns that are called after a control but have no unit that a channel has."""
+        found = [f"'{s.source}'" for s in self.balance.unknown if any(word in s.source.lower() for word in _SURFACES)]
+        if not found or not self.log.kind.startswith("table"):
+            return ""
+        verb = "is" if len(found) == 1 else "are"
+        return (
+            f"; {listed(found)} {verb} called after one, but in no angle: "
+            'describe the table (--describe), with unit = "deg" and as scale the deflection in deg at 1'
+        )
 
     def _if_slower(self, record: FlightRecord) -> str:
         """Say at which rate a control of a record would have all its samples, and whether that helps; "" if it has."""
@@ -271,7 +285,8 @@ def import_log(
     record = replace(record, provenance={**record.provenance, **said})
     controls = controls_of(record)
     search = find_manoeuvres(record, controls, lead_s, tail_s) if controls else Search((), ())
-    questions = implausible({c.name: (c.t_s, c.values) for c in channels})
+    unstated = [c.name for c in channels if c.assumed.startswith("the file states no unit")]
+    questions = implausible({c.name: (c.t_s, c.values) for c in channels}, unstated=unstated)
     described = Path(path) if Path(path).suffix.lower() == ".toml" else None
     imported = Imported(log, channels, record, rate, search, balance, questions, described, lead_s, tail_s)
     if strict and imported.asked:

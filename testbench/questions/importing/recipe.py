@@ -14,12 +14,15 @@ from typing import Any
 
 import numpy as np
 
+from testbench.core.constants import G0_M_S2
 from testbench.core.record import FlightRecord, FloatArray
 
 AXES = {"longitudinal": ("de", "thr"), "lateral": ("da", "dr")}
 """Axis -> controls that excite it."""
 _SUBSPACE = {"longitudinal": ("alpha", "q", "theta", "az"), "lateral": ("beta", "p", "r", "phi")}
 _MOST_OUTPUTS = 3
+_ORDERS = {"longitudinal": 2, "lateral": 4}
+"""Axis -> states that its motion has: the short period; roll, spiral and Dutch roll. Pitch angle is one more."""
 LAG_S, LAG_STD_S = 0.05, 0.03
 """What is believed of a servo's lag before the flight; judged, from 0.06 to 0.2 s for 60 deg. Lag and
 delay, and lag and damping, are hard to tell apart: without this belief M_q and M_de are not decided."""
@@ -27,6 +30,14 @@ Z_Q_STD_PER_V = 0.1
 """What is believed of Z_q over speed about zero: -rho S cbar CL_q / (4 m) is -0.08 for small models."""
 LIFT_PER_V_1_S = 30.0
 """-Z_alpha over speed is rho V S CL_alpha / (2 m): 1 for an airliner, 6 for a model of 2 kg; above this none flies."""
+ALPHA_RAD, ALPHA_STD_RAD = 0.05, 0.05
+"""What is believed of the trimmed angle of attack where nothing tells it: 3 +- 3 deg; judged."""
+Y_R_STD, Y_DR_STD_1_S = 0.02, 0.2
+"""What is believed of Y_r and Y_dr over speed about zero: rho S b CY_r / (4 m) is 0.02 for small models, and
+rho V S CY_dr / (2 m) is 0.3 for them and 0.03 for a light aeroplane; judged."""
+ROLL_1_S = 60.0
+"""-L_p is -rho V S b^2 Cl_p / (4 Ixx): 1 for an airliner, 10 to 30 for small models; above this none rolls; judged."""
+_SPEED_ERROR = 0.03  # of a measured airspeed
 _STILL = {"V": 0.01}  # share of its size that a channel must move by, to be worth equations of its own
 
 
@@ -70,11 +81,13 @@ def propose(
     estimators: list[tuple[tuple[str, ...], Mapping[str, Any]]] = []
     moved = {axis: [n for n in inputs if n.removesuffix("_cmd") in own] for axis, own in AXES.items()}
     vane = bool({"alpha", "beta"} & set(measured))
+    speed = _speed(records) if "V" in measured else None
     several = sum(bool(names) for names in moved.values()) > 1
     for axis, make in (("longitudinal", _longitudinal), ("lateral", _lateral)):
-        found = make(moving, "V" in measured, bool(_commanded(moved[axis]))) if moved[axis] else None
+        found = make(moving, speed, bool(_commanded(moved[axis]))) if moved[axis] else None
         if found is not None:
             remarks, own, settings = found
+            settings = _of_inputs(settings, moved[axis])
             outputs += own
             if imu_m is not None and any("accelerometer_m" in text for text in remarks):
                 remarks = tuple(t for t in remarks if "accelerometer_m" not in t)
@@ -82,7 +95,8 @@ def propose(
                 settings = {**settings, "accelerometer_m": [imu_m[0], imu_m[2]]}
             lags = [f"tau_{n.removesuffix('_cmd')}" for n in moved[axis] if n in _commanded(inputs)]
             lags = [] if vane else lags
-            start, spread = dict.fromkeys(lags, LAG_S), dict.fromkeys(lags, LAG_STD_S)
+            start = {**settings.get("start", {}), **dict.fromkeys(lags, LAG_S)}
+            spread = {**settings.get("prior_std", {}), **dict.fromkeys(lags, LAG_STD_S)}
             if settings.get("short") and "alpha" not in measured:
                 start["Z_q"], spread["Z_q"] = 0.0, float(f"{Z_Q_STD_PER_V * _speed(records):.2g}")
                 remarks = (
@@ -102,9 +116,10 @@ def propose(
             return None
         horizon = int(np.clip(round(0.2 * rate_hz), 5, 20))
         remarks = (
-            "no structure: its axis needs q with alpha, or with az and V; or p, r and V: a model without derivatives",
+            "no structure: its axis needs q with alpha, or with az and V; or p and r: a model without derivatives",
         )
-        order = max(2, len(outputs))
+        own_orders = [n + ("theta" in outputs) * (axis == "longitudinal") for axis, n in _ORDERS.items() if moved[axis]]
+        order = max(sum(own_orders), len(outputs))
         estimators.append(
             (remarks, {"method": "dsr_e", "order": order, "past_horizon": horizon, "future_horizon": horizon})
         )
@@ -144,7 +159,22 @@ _BIASES = (
 _Found = tuple[tuple[str, ...], list[str], dict[str, Any]]
 
 
-def _longitudinal(measured: Sequence[str], speed: bool, autopilot: bool) -> _Found | None:
+def _of_inputs(settings: Mapping[str, Any], inputs: Sequence[str]) -> dict[str, Any]:
+    """Return settings without parameters of controls that were not moved, as the structure has none."""
+    still = {c for axis in AXES.values() for c in axis} - {name.removesuffix("_cmd") for name in inputs}
+
+    def has(name: str) -> bool:
+        return name.partition("_")[2] not in still
+
+    out = dict(settings)
+    for key in ("start", "prior_std"):
+        out |= {key: {n: x for n, x in settings[key].items() if has(n)}} if key in settings else {}
+    if "fixed" in settings:
+        out["fixed"] = [n for n in settings["fixed"] if has(n)]
+    return out
+
+
+def _longitudinal(measured: Sequence[str], speed: float | None, autopilot: bool) -> _Found | None:
     if "q" not in measured:
         return None
     has_alpha = "alpha" in measured
@@ -184,9 +214,11 @@ def _constants(fixed: Sequence[str], biases: Sequence[str]) -> dict[str, list[st
     return {key: names for key, names in found.items() if names}
 
 
-def _lateral(measured: Sequence[str], speed: bool, autopilot: bool) -> _Found | None:
-    if not speed or not {"p", "r"} <= set(measured):
+def _lateral(measured: Sequence[str], speed: float | None, autopilot: bool) -> _Found | None:
+    if not {"p", "r"} <= set(measured):
         return None
+    if not speed or not {"beta", "ay"} & set(measured):
+        return _lateral_per_speed(measured, speed, autopilot)
     has_beta, has_phi = "beta" in measured, "phi" in measured
     force = [] if has_beta or "ay" not in measured else ["ay"]
     outputs = [n for n in ("beta", "p", "r", "phi", *force) if n in measured]
@@ -212,12 +244,38 @@ def _lateral(measured: Sequence[str], speed: bool, autopilot: bool) -> _Found | 
     if not has_beta:
         fixed.append("Y_0" if has_phi else "L_0")
         remarks.append(f"beta was not measured: its trim value does what {fixed[-1]} does, so that stays zero")
-        if force:
-            remarks.append("ay is taken at the centre of gravity: give accelerometer_m if it is not")
-        else:
-            fixed += ["Y_r", "Y_dr"]
-            remarks.append("without beta and ay, Y_r and Y_dr do not show and stay zero")
+        remarks.append("ay is taken at the centre of gravity: give accelerometer_m if it is not")
     return tuple(remarks), outputs, {"structure": "lateral_directional", **_constants(fixed, [])}
+
+
+def _lateral_per_speed(measured: Sequence[str], speed: float | None, autopilot: bool) -> _Found:
+    """Return what there is to identify of hidden sideslip, or of an airspeed that is not known."""
+    has_beta, has_phi = "beta" in measured, "phi" in measured
+    outputs = [n for n in ("beta", "p", "r", "phi") if n in measured]
+    remarks, fixed = [], []
+    start, spread = {}, {}
+    if speed is None:
+        remarks.append("V was not measured: Y derivatives per speed, and gravity over speed, g_V, is estimated")
+    else:
+        start["g_V"] = float(f"{G0_M_S2 / speed:.3g}")
+        spread["g_V"] = float(f"{_SPEED_ERROR * start['g_V']:.1g}")
+        remarks.append("Y derivatives per speed; g_V, gravity over speed, is what V says")
+    if not has_phi:
+        remarks.append("phi was not measured: its trim value does what Y_0 does: Y_0 and theta_trim stay zero")
+        fixed += ["Y_0", "theta_trim"]
+    if not has_beta:
+        remarks += [
+            "beta was not measured: what its trim value does stays zero, and angle of attack, Y_r and Y_dr, which",
+            "p, r and phi cannot tell from the others, are believed to be usual: give start and prior_std if known",
+        ]
+        fixed = list(dict.fromkeys([*fixed, "Y_0" if has_phi else "L_0"]))
+        start |= {"alpha_trim": ALPHA_RAD, "Y_r": 0.0, "Y_dr": 0.0}
+        spread |= {"alpha_trim": ALPHA_STD_RAD, "Y_r": Y_R_STD, "Y_dr": Y_DR_STD_1_S}
+    settings: dict[str, Any] = {"start": start, "prior_std": spread} if spread else {}
+    if autopilot:
+        remarks.append("a roll that follows at once and a servo's lag may change places: L_p is that of a wing")
+        settings["bounds"] = {"L_p": [-ROLL_1_S, 0.0]}
+    return tuple(remarks), outputs, {"structure": "lateral_per_speed", **_constants(fixed, []), **settings}
 
 
 def lines(recipe: Recipe, inputs: Sequence[str]) -> list[str]:

@@ -14,12 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from testbench.core.channels import CHANNELS, UNITS, channel
+from testbench.core.channels import CHANNELS, CONTROLS, UNITS, channel, unit_factor
 from testbench.core.errors import RecordError
 from testbench.core.escape import one_line
 from testbench.core.files import write_file
 from testbench.core.paths import not_found
-from testbench.core.record import FloatArray
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.logs.foreign import HEAD, refuse_foreign
 from testbench.logs.layout import SUFFIXES
 from testbench.logs.mat import read_mat
@@ -27,6 +27,9 @@ from testbench.logs.names import clock_called, meaning, time_unit
 from testbench.logs.structures import candidates
 from testbench.logs.tables import Table, read_table
 from testbench.logs.times import clock_unit, find_clock, holds_stamps, read_times
+from testbench.questions.importing.recipe import lines as recipe_lines
+from testbench.questions.importing.recipe import propose
+from testbench.questions.importing.supported import FEWEST, moving
 
 _EVEN = 0.5  # steps of a column that counts time differ from the usual one by less than this share, but for gaps
 _MOST_GAPS = 6
@@ -109,23 +112,52 @@ def description_template(path: Path | str, folder: str = ".") -> str:
     for i, values in enumerate(columns):
         if clock is None or i != clock.number - 1:
             lines += _column_lines(table, i, values)
-    return "\n".join([*lines, *_TAIL, ""])
+    return "\n".join([*lines, *_HEAD, *_proposed(table, columns, clock), ""])
 
 
-_TAIL = """
+_HEAD = """
 [preparation]
 bias = "mean"
-
+""".rstrip().splitlines()
+_TAIL = """
 [identification]
 # inputs = ["de"]               # channels from above
 # outputs = ["alpha", "q"]
 
 [[identification.estimators]]
 method = "dsr_e"
-order = 2
+order = 2  # states of pitch; roll and yaw have 4
 past_horizon = 10
 future_horizon = 10
-""".splitlines()
+""".rstrip().splitlines()
+
+
+def _proposed(table: Table, columns: Sequence[FloatArray], clock: _Clock | None) -> list[str]:
+    """Return what import would propose for the columns that are called channels.
+
+    Where a unit is missing, inputs and outputs are remarks, and numbers are taken in SI: only what is believed of an
+    airspeed hangs on them.
+    """
+    held: dict[str, FloatArray] = {}
+    sure = True
+    for i, values in enumerate(columns):
+        called = None if clock is not None and i == clock.number - 1 else meaning(table.names[i], table.units[i])
+        if called is None or called.channel in held or not np.all(np.isfinite(values)):
+            continue
+        held[called.channel] = values * (unit_factor(*called) if called.unit else 1.0)
+        sure = sure and bool(called.unit)
+    if clock is None or not held or clock.t_s.size != len(columns[0]) or clock.t_s.size < FEWEST:
+        return _TAIL
+    record = FlightRecord(clock.t_s, tuple(held), np.column_stack(list(held.values())), "measured")
+    names = [n if n in held else f"{n}_cmd" for n in CONTROLS]
+    inputs = moving([record], [n for n in names if n in held])
+    recipe = propose(inputs, [record], 1.0 / float(np.median(np.diff(clock.t_s)))) if inputs else None
+    if recipe is None:
+        return _TAIL
+    entries = recipe_lines(recipe, inputs)
+    if sure:
+        return entries
+    return [f"# {line}" if line.startswith(("inputs", "outputs")) else line for line in entries]
 
 
 def _variable(path: Path) -> tuple[str, list[str]]:

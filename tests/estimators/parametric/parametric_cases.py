@@ -14,6 +14,7 @@ from testbench.estimators.parametric.structures import (
     aerodynamic_longitudinal,
     flexible,
     lateral_directional,
+    lateral_per_speed,
     longitudinal,
     roll_yaw_rates,
     short_period,
@@ -130,6 +131,16 @@ CASES = {
             128.0, 0.05, 0.05, outputs=("beta", "p", "r", "phi", "pdot", "rdot", "ay"), accelerometer=(1.5, 0.3)
         ),
         {**ATTAS_RATES, "Y_0": 0.1, "L_0": 0.01, "N_0": -0.004, "Y_beta": -19.0, "Y_r": 0.6, "Y_dr": 4.0},
+        0.04,
+        _small(4),
+    ),
+    "lateral_per_speed": Case(
+        lateral_per_speed(("beta", "p", "r", "phi", "pdot", "rdot")),
+        {
+            **ATTAS_RATES,
+            **{"Y_0": 0.1 / 128.0, "L_0": 0.01, "N_0": -0.004, "Y_beta": -19.0 / 128.0, "Y_r": 0.6 / 128.0},
+            **{"Y_dr": 4.0 / 128.0, "alpha_trim": 0.05, "theta_trim": 0.05, "g_V": 9.80665 / 128.0},
+        },
         0.04,
         _small(4),
     ),

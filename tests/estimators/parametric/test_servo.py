@@ -190,3 +190,12 @@ def test_a_servo_of_no_input_and_a_delay_given_twice_are_refused():
     with pytest.raises(EstimationError, match="give it once"):
         estimate("output_error", [flight(0.05)], ["de_cmd"], ["alpha", "q"], structure="short_period",
                  delays_s={"de_cmd": 0.1}, servo={"de_cmd": {"lag_s": 0.1, "delay_s": 0.1}})  # fmt: skip
+
+
+def test_a_delay_that_does_not_show_spoils_no_other_estimate():
+    model = fitted("output_error", flight(0.1, seed=3), lag_s="estimate", delay_s="estimate")
+    assert model.values["T_de"] == pytest.approx(0.002)  # the least that is sought
+    assert model.status != "wrong"
+    assert model.diagnostics["at_bound"] == []
+    assert "none_shows" in [a.code for a in model.advice]
+    assert max(errors(model, tau_de=0.1, T_de=0.0).values()) < 4.0

@@ -18,6 +18,7 @@ from testbench.estimators.parametric.structures import (
     aerodynamic_longitudinal,
     flexible,
     lateral_directional,
+    lateral_per_speed,
     longitudinal,
     roll_yaw_rates,
     short_period,
@@ -169,6 +170,18 @@ def test_accelerometers_read_what_moving_them_off_the_centre_adds():
     p = np.random.default_rng(2).standard_normal(len(at_cg.parameters))
     one, other = at_cg.output(x, np.ones(2), p), off.output(x, np.ones(2), p)
     assert other[0] - one[0] == pytest.approx(0.4 * one[2] + 0.3 * one[1])
+
+
+def test_lateral_motion_per_speed_is_that_of_a_known_speed():
+    V, alpha, theta = 20.0, 0.06, 0.04
+    known = lateral_directional(V, alpha, theta, outputs=("beta", "p", "r", "phi"), start={"Y_r": 0.5, "Y_dr": 3.0})
+    values = dict(zip(known.parameter_names, known.values, strict=True))
+    per = {n: v / V if n[0] == "Y" else v for n, v in values.items() if n not in ("Y_p",)}
+    per |= {"alpha_trim": np.sin(alpha), "theta_trim": np.tan(theta), "g_V": 9.80665 * np.cos(theta) / V}
+    per["Y_r"] += 1.0 - np.cos(alpha)  # which it has for one
+    other = lateral_per_speed(start=per)
+    for one, two in zip(known.matrices(known.values), other.matrices(other.values), strict=True):
+        np.testing.assert_allclose(one, two, rtol=1e-12, atol=1e-15)
 
 
 def test_longitudinal_equations_linearise_the_nonlinear_ones():

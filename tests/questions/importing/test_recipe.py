@@ -74,7 +74,6 @@ def test_without_alpha_or_az_and_speed_a_model_without_derivatives_is_proposed(c
     [
         (("V", "beta", "p", "r", "phi", "ay"), ("beta", "p", "r", "phi"), None),
         (("V", "p", "r", "phi", "ay"), ("p", "r", "phi", "ay"), ["Y_0"]),
-        (("V", "p", "r", "phi"), ("p", "r", "phi"), ["Y_0", "Y_r", "Y_dr"]),
         (("V", "p", "r", "ay"), ("p", "r", "ay"), ["Y_0", "L_0"]),
     ],
 )
@@ -83,6 +82,39 @@ def test_lateral_channels_give_lateral_derivatives(channels, outputs, fixed):
     assert recipe.outputs == outputs
     assert found["structure"] == "lateral_directional"
     assert found.get("fixed") == fixed
+
+
+@pytest.mark.parametrize(
+    ("channels", "fixed", "believed"),
+    [
+        (("beta", "p", "r", "phi"), None, set()),
+        (("p", "r", "phi"), ["Y_0"], {"alpha_trim", "Y_r", "Y_dr"}),
+        (("V", "p", "r", "phi"), ["Y_0"], {"alpha_trim", "Y_r", "Y_dr", "g_V"}),
+        (("p", "r"), ["Y_0", "theta_trim", "L_0"], {"alpha_trim", "Y_r", "Y_dr"}),
+    ],
+)
+def test_without_speed_or_sideslip_lateral_derivatives_come_with_what_is_believed(channels, fixed, believed):
+    recipe, found = entry(("da", "dr"), *channels)
+    assert recipe.outputs == tuple(n for n in channels if n != "V")
+    assert found["structure"] == "lateral_per_speed"
+    assert found.get("fixed") == fixed
+    assert set(found.get("prior_std", {})) == believed
+    if "V" in channels:
+        assert found["start"]["g_V"] == pytest.approx(9.81 / 20.0, rel=0.1)
+
+
+def test_a_control_that_rests_has_no_parameters():
+    _, found = entry(("da",), "p", "r", "phi")
+    assert set(found["prior_std"]) == {"alpha_trim", "Y_r"}
+
+
+@pytest.mark.parametrize(
+    ("inputs", "channels", "order"),
+    [(("da",), ("p",), 4), (("dr",), ("r", "phi"), 4), (("de",), ("q",), 2), (("de",), ("q", "theta"), 3)],
+)
+def test_a_model_without_derivatives_has_the_states_of_its_motion(inputs, channels, order):
+    _, found = entry(inputs, *channels)
+    assert (found["method"], found["order"]) == ("dsr_e", order)
 
 
 def test_an_autopilots_phi_is_not_fitted_and_every_record_has_constants_of_its_own():

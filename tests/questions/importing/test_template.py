@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 
 import numpy as np
 import pytest
@@ -146,7 +147,7 @@ def test_names_and_units_that_a_header_gives_are_proposed(tmp_path):
     assert "# [[channel]]" in text  # the unit of the command is none
     path = write_template(file, tmp_path / "named.toml")
     path.write_text(text.replace("# inputs", "inputs").replace("# outputs", "outputs"), encoding="utf-8")
-    with pytest.raises(ScenarioError, match="must be among the channels described, got 'de'"):
+    with pytest.raises(ScenarioError, match="must be among the channels described, got 'de_cmd'"):
         RecordDescription.load(path)
 
 
@@ -188,3 +189,30 @@ def test_bad_requests_are_one_line_each(tmp_path):
         assert not (tmp_path / "x.toml").exists()
     with pytest.raises(RecordError, match="--record chooses among those of a description"):
         import_log(file, part="x")
+
+
+@pytest.mark.parametrize(
+    ("names", "structure", "inputs", "outputs"),
+    [
+        (("de", "alpha", "q"), "short_period", ["de"], ["alpha", "q"]),
+        (("da", "dr", "beta", "p", "r", "phi"), "lateral_per_speed", ["da", "dr"], ["beta", "p", "r", "phi"]),
+        (("da", "p"), None, ["da"], ["p"]),
+    ],
+)
+@pytest.mark.parametrize("stated", [True, False])
+def test_what_is_proposed_depends_on_the_channels(names, structure, inputs, outputs, stated, tmp_path):
+    t = 0.02 * np.arange(400)
+    held = [0.1 * np.sin(t + i) for i in range(len(names))]
+    heads = [f"{n} [{'rad/s' if n in 'pqr' else 'rad'}]" if stated else n for n in names]
+    table = np.column_stack([t, *held])
+    np.savetxt(tmp_path / "log.csv", table, "%.6g", ",", header=",".join(["t [s]", *heads]), comments="")
+    text = write_template(tmp_path / "log.csv", tmp_path / "log.toml").read_text(encoding="utf-8")
+    assert ("\n# inputs" in text) == (not stated)
+    if not stated:
+        text = re.sub(r"# (inputs|outputs) = ", r"\1 = ", text)
+    found = tomllib.loads(text)["identification"]
+    assert (found["inputs"], found["outputs"]) == (inputs, outputs)
+    entry = found["estimators"][0]
+    assert entry.get("structure") == structure
+    if structure is None:
+        assert (entry["method"], entry["order"]) == ("dsr_e", 4)  # roll, spiral and Dutch roll

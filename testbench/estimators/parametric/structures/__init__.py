@@ -6,7 +6,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from testbench.estimators.parametric.structures.aerodynamic import Airframe, aerodynamic_longitudinal
-from testbench.estimators.parametric.structures.lateral import lateral_directional, roll_yaw_rates
+from testbench.estimators.parametric.structures.lateral import (
+    lateral_directional,
+    lateral_per_speed,
+    roll_yaw_rates,
+)
 from testbench.estimators.parametric.structures.longitudinal import flexible, longitudinal
 from testbench.estimators.parametric.structures.settings import Trim
 from testbench.estimators.parametric.structures.short_period import short_period
@@ -24,6 +28,9 @@ STRUCTURES: dict[str, Family] = {
     "longitudinal": Family(longitudinal, "V, alpha, q, theta about a trim, dimensional derivatives"),
     "flexible": Family(flexible, "longitudinal motion coupled with elastic modes"),
     "lateral_directional": Family(lateral_directional, "beta, p, r, phi about a trim, dimensional derivatives"),
+    "lateral_per_speed": Family(
+        lateral_per_speed, "beta, p, r, phi of an airspeed that is not known, side forces per speed"
+    ),
     "roll_yaw_rates": Family(roll_yaw_rates, "p and r driven by controls and the measured sideslip"),
     "aerodynamic_longitudinal": Family(
         aerodynamic_longitudinal, "nonlinear V, alpha, theta, q with polynomials for CD, CL and Cm"
@@ -38,6 +45,7 @@ __all__ = [
     "aerodynamic_longitudinal",
     "flexible",
     "lateral_directional",
+    "lateral_per_speed",
     "longitudinal",
     "roll_yaw_rates",
     "short_period",

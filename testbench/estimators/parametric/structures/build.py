@@ -26,6 +26,7 @@ _POSSIBLE = {
     "longitudinal": ("V", "alpha", "q", "theta", "qdot", "ax", "az"),
     "flexible": ("V", "alpha", "q", "theta", "qdot", "ax", "az"),
     "lateral_directional": ("beta", "p", "r", "phi", "pdot", "rdot", "ay"),
+    "lateral_per_speed": ("beta", "p", "r", "phi", "pdot", "rdot"),
     "roll_yaw_rates": ("p", "r", "pdot", "rdot", "ay"),
     "aerodynamic_longitudinal": ("V", "alpha", "theta", "q", "qdot", "ax", "az"),
 }
@@ -155,6 +156,8 @@ def _made(spec: Structured, inputs: tuple[str, ...], outputs: tuple[str, ...], r
         return factory(outputs, inputs[0])
     if spec.structure == "roll_yaw_rates":
         return factory(outputs, tuple(name for name in inputs if name != "beta"))
+    if spec.structure == "lateral_per_speed":
+        return factory(outputs, inputs)
     if spec.structure == "aerodynamic_longitudinal":
         assert spec.airframe is not None
         a = spec.airframe

@@ -1,4 +1,4 @@
-"""Lateral-directional motion in dimensional derivatives: with sideslip as a state, or as an input of the rates."""
+"""Lateral-directional motion: sideslip is a state, of known speed or not, or an input of the rates."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices
+from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices, Parameter
 from testbench.estimators.parametric.structures.rows import Rows
 from testbench.estimators.parametric.structures.settings import Trim, check_outputs, derivatives, finished
 
@@ -67,6 +67,30 @@ class RollYawRates(LinearStructure):
         return rows.matrices([L, N], [derived.get(name, rows.unit(name)) for name in self.outputs])
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LateralPerSpeed(LinearStructure):
+    """Small lateral motion of an airspeed that nobody measured: side forces are per speed (rad, s).
+
+        betadot = Y_0 + Y_beta beta + (Y_r - 1) r + Y_da da + Y_dr dr + alpha_trim p + g_V phi
+        pdot    = L,    rdot = N,    phidot = p + theta_trim r
+        L = L_0 + L_beta beta + L_p p + L_r r + L_da da + L_dr dr;  N likewise
+
+    g_V is gravity over speed, 1/s: the airspeed comes with the derivatives, and so do the trimmed angles of attack and
+    pitch (rad, small). L and N are as in :class:`LateralDirectional`.
+    """
+
+    def matrices(self, params: AnyArray) -> Matrices:
+        """Return the matrices of parameters (..., k)."""
+        rows = Rows(self, params)
+        Y, L, N = (rows.sum_of(symbol, ("beta", "p", "r", *self.inputs)) for symbol in "YLN")
+        p, r, phi = (rows.unit(name) for name in ("p", "r", "phi"))
+        alpha, theta, g_V = (rows.values[name] for name in ("alpha_trim", "theta_trim", "g_V"))
+        betadot = Y + rows.scaled(g_V, phi) + rows.scaled(alpha, p) - r
+        derived = {"pdot": L, "rdot": N}
+        outputs = [derived.get(name, rows.unit(name)) for name in self.outputs]
+        return rows.matrices([betadot, L, N, p + rows.scaled(theta, r)], outputs)
+
+
 def lateral_directional(
     V0: float,
     alpha0: float = 0.0,
@@ -104,6 +128,40 @@ def lateral_directional(
             parameters=tuple(p for symbol in "YLN" for p in derivatives(symbol, variables, guess, ("Y_p", "Y_da"))),
             trim=trim,
             accelerometer=accelerometer,
+        ),
+        start,
+    )
+
+
+def lateral_per_speed(
+    outputs: Sequence[str] = _STATES, controls: Sequence[str] = ("da", "dr"), start: Mapping[str, float] | None = None
+) -> LateralPerSpeed:
+    """Return lateral motion without a known airspeed; Y_da, which hardly shows in flight, is fixed at zero.
+
+    Args:
+        outputs: any of beta, p, r, phi, pdot and rdot.
+        controls: input channels.
+        start: parameter name -> start value, or value of a fixed parameter.
+
+    Raises:
+        EstimationError: an output or a parameter that the structure does not have.
+    """
+    check_outputs("lateral_per_speed", outputs, (*_STATES, "pdot", "rdot"))
+    guess = {"Y_beta": -0.2, **_GUESS}
+    found = [
+        p
+        for symbol in "YLN"
+        for p in derivatives(symbol, ("beta", "r", *controls) if symbol == "Y" else ("beta", "p", "r", *controls),
+                             guess, ("Y_da",))
+    ]  # fmt: skip
+    angles = [Parameter("alpha_trim", 0.0), Parameter("theta_trim", 0.0), Parameter("g_V", 0.4, low=0.0)]
+    return finished(
+        LateralPerSpeed(
+            name="lateral_per_speed",
+            states=_STATES,
+            inputs=tuple(controls),
+            outputs=tuple(outputs),
+            parameters=(*found, *angles),
         ),
         start,
     )

@@ -1,0 +1,47 @@
+"""Lateral derivatives of a log without airspeed, and without a vane: within their errors, or said not to be known."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import expm
+
+import testbench as tb
+from testbench.core.channels import channel
+from testbench.questions.importing.ask import import_log, write_import
+
+V, ALPHA = 22.0, 0.05
+TRUE = {"L_beta": -30.0, "L_p": -12.0, "L_r": 3.0, "L_da": 80.0, "N_beta": 12.0, "N_p": -1.0, "N_r": -1.5, "N_da": -2.0}
+TRUE |= {"Y_beta": -0.5, "g_V": 9.81 / V, "alpha_trim": ALPHA}
+
+
+def derivatives(folder, *kept):
+    """Identify what import makes of a table of a doublet of the aileron with these channels."""
+    t, dt = np.arange(1500) * 0.02, 0.02
+    da = np.radians(4.0) * (((t >= 5.0) & (t < 6.0)) * 1.0 - ((t >= 6.0) & (t < 7.0)))
+    block = np.zeros((5, 5))
+    block[:4] = dt * np.array([
+        [-0.5, ALPHA, -0.98, 9.81 / V, 0.0], [-30.0, -12.0, 3.0, 0.0, 80.0], [12.0, -1.0, -1.5, 0.0, -2.0],
+        [0.0, 1.0, 0.05, 0.0, 0.0],
+    ])  # fmt: skip
+    E, x = expm(block), np.zeros((t.size, 4))
+    for k in range(t.size - 1):
+        x[k + 1] = E[:4, :4] @ x[k] + E[:4, 4] * da[k]
+    rng = np.random.default_rng(1)
+    y = dict(zip(("beta", "p", "r", "phi"), (x + np.radians(0.2) * rng.standard_normal(x.shape)).T, strict=True))
+    y["V"] = V + 0.1 * rng.standard_normal(t.size)
+    names = ["t [s]", "da [rad]", *(f"{n} [{channel(n).unit}]" for n in kept)]
+    folder.mkdir()
+    np.savetxt(folder / "log.csv", np.column_stack([t, da, *(y[n] for n in kept)]), "%.7g", ",", header=",".join(names),
+               comments="")  # fmt: skip
+    write_import(import_log(folder / "log.csv"), folder)
+    return {d.name: d for d in tb.identify(tb.load_description(folder / "log_lateral.toml")).derivatives}
+
+
+def test_lateral_derivatives_cover_the_truth_whatever_was_measured(tmp_path):
+    for i, kept in enumerate([("beta", "p", "r", "phi"), ("p", "r", "phi"), ("V", "p", "r", "phi"), ("p", "r")]):
+        found = derivatives(tmp_path / str(i), *kept)
+        assert {"L_p", "L_da", "N_beta"} <= set(found)
+        off = {n: abs(d.value - TRUE[n]) / d.std for n, d in found.items() if n in TRUE and d.std > 0.0}
+        assert max(off.values()) < 4.0, (kept, off)
+        hidden = "beta" not in kept
+        assert (found["Y_beta"].believed != "determined") == hidden  # p, r and phi do not tell it from alpha_trim
