@@ -13,6 +13,7 @@ from testbench.page.labels import number
 from testbench.page.terminal import print_answer, print_rows
 from testbench.page.words import counted, some
 from testbench.questions.importing.balance import balance_rows
+from testbench.questions.importing.recipe import WITHOUT_STRUCTURE
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -112,3 +113,15 @@ def print_import(imported: Imported, console: Console, paths: Sequence[Path] = (
         print_answer(console, said)
     for path in paths:
         console.print(Text(f"Written: {path}"), soft_wrap=True)
+    for text in next_steps(paths):
+        console.print(Text(text), soft_wrap=True)
+
+
+def next_steps(paths: Sequence[Path]) -> list[str]:
+    """Return what to do with the descriptions that were written; what no structure fits has frequency responses."""
+    out = []
+    for path in (p for p in paths if p.suffix == ".toml"):
+        out.append(f"Next: testbench identify {path}")
+        if f"# {WITHOUT_STRUCTURE}:" in path.read_text(encoding="utf-8"):
+            out.append(f"      testbench response {path}: no structure fits its channels, but frequency responses do")
+    return out

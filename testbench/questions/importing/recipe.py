@@ -37,6 +37,8 @@ Y_R_STD, Y_DR_STD_1_S = 0.02, 0.2
 rho V S CY_dr / (2 m) is 0.3 for them and 0.03 for a light aeroplane; judged."""
 ROLL_1_S = 60.0
 """-L_p is -rho V S b^2 Cl_p / (4 Ixx): 1 for an airliner, 10 to 30 for small models; above this none rolls; judged."""
+WITHOUT_STRUCTURE = "no structure"
+"""Begins what is said of a recipe whose model has no derivatives."""
 _SPEED_ERROR = 0.03  # of a measured airspeed
 _STILL = {"V": 0.01}  # share of its size that a channel must move by, to be worth equations of its own
 
@@ -116,7 +118,8 @@ def propose(
             return None
         horizon = int(np.clip(round(0.2 * rate_hz), 5, 20))
         remarks = (
-            "no structure: its axis needs q with alpha, or with az and V; or p and r: a model without derivatives",
+            WITHOUT_STRUCTURE + ": its axis needs q with alpha, or with az and V; or p and r: a model without",
+            "derivatives. Frequency responses with coherence and random error: testbench response THIS_FILE",
         )
         own_orders = [n + ("theta" in outputs) * (axis == "longitudinal") for axis, n in _ORDERS.items() if moved[axis]]
         order = max(sum(own_orders), len(outputs))

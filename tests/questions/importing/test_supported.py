@@ -98,6 +98,19 @@ def test_a_flight_fast_enough_has_its_recipe_and_without_airspeed_a_model_withou
         assert f'method = "{method}"' in description.read_text(encoding="utf-8")
 
 
+def test_what_to_do_next_is_said_and_that_there_are_frequency_responses_where_no_structure_fits(tmp_path):
+    for V, following in ((18.0, ["identify"]), (None, ["identify", "response"])):
+        folder = tmp_path / str(V)
+        done = command("import", log(tmp_path, V=V), "-o", folder)
+        assert done.returncode == 0, done.stderr
+        (description,) = folder.glob("*.toml")
+        told = done.stdout[done.stdout.index("Next: ") + 6 :].splitlines()
+        assert [line.split(":")[0].split() for line in told] == [["testbench", w, str(description)] for w in following]
+        for words in following[1:]:
+            shown = command(words, description, "--window", "2", "-o", tmp_path / "out")
+            assert shown.returncode == 0, shown.stderr
+
+
 def test_the_command_ends_with_the_reason_and_no_traceback(tmp_path):
     done = command("identify", log(tmp_path, V=0.0), "-o", tmp_path / "out")
     assert done.returncode in (2, 3)

@@ -96,11 +96,12 @@ def page(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> str:
         "beginning is cut away: it begins "
         f"{_AFTER_S:g} s after the first command, so the workflow has to cut it into windows that start freely.",
         "",
-        "The first draw, seed 20270126, was opened after 14 cases: of five each, three library forms and four other forms "
-        "were right, and no gap was found in four flights of nothing. Two cases that were unexplained showed that starts "
-        "were caught and that a slow servo begins on its way; both were mended before this draw.",
+        "The first draw, seed 20270126, was opened after 14 cases: of five each, three library forms and four other "
+        "forms were right, and no gap was found in four flights of nothing. Two cases that were unexplained showed "
+        "that starts were caught and that a slow servo begins on its way; both were mended before this draw.",
         "",
-        f"Seed {SEED}, the second draw. SHA-256 of answers.json without its last line break: `{seal(tuple(cases))[1]}`.",
+        f"Seed {SEED}, the second draw. SHA-256 of answers.json without its last line break: "
+        f"`{seal(tuple(cases))[1]}`.",
         "",
         f"**{len(run)} of {len(cases)} planned cases have been run**, in the order in which they were drawn. "
         "Intervals are Wilson's, 95 %.",
