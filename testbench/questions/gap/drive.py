@@ -9,6 +9,7 @@ signatures alike (:mod:`.evidence.gust_model`).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,8 +18,8 @@ from testbench.aircraft import Aircraft, Amendment, SetProperty
 from testbench.aircraft.amend import Change
 from testbench.aircraft.seams import control_path, with_servo
 from testbench.core.channels import CONTROLS
-from testbench.core.errors import RecordError, located
-from testbench.core.record import FlightRecord
+from testbench.core.errors import LimitError, RecordError, located
+from testbench.core.record import FlightAborted, FlightRecord
 from testbench.page.words import listed
 from testbench.questions.gap.believed import NO_SERVO_RAD_S, Believed
 from testbench.questions.gap.criteria import CRITERIA
@@ -26,6 +27,7 @@ from testbench.questions.gap.effects.servo import WORDS
 from testbench.questions.gap.evidence.commanded import begins_quietly, driven_by_surfaces, stirs, surface_noise
 from testbench.questions.gap.evidence.control_path import SURFACES, JudgedPath, judge_paths, turned_by_motion
 from testbench.questions.gap.scenario import Drive
+from testbench.questions.gap.windows import restless
 from testbench.sensors import SensorSuite
 
 BYPASS = "recorded surface"  # the amendment that takes a servo away; files of the amended aircraft do without it
@@ -63,7 +65,7 @@ def driven(
     if not controls:
         return Driven(believed, records, held_out, ())
     out = _without_servos(believed, both, controls)
-    told = [r for r in records.values() if begins_quietly(r) and not surface_noise(r)]
+    told = [r for r in records.values() if not restless(r) and not surface_noise(r)]
     judged = {p.control: p for p in judge_paths(believed, told)} if drive == "surface" and told else {}
     paths = tuple(
         judged.get(c, JudgedPath(c, "not seen", why=f"its command, {c}_cmd, is not {_WHY[drive]}"))
@@ -143,13 +145,23 @@ def _without_servos(believed: Believed, records: Mapping[str, FlightRecord], con
     noise = {c: controls[c] for c in turned if controls[c] > 0.0}
     out = replace(believed, aircraft=aircraft, surface_noise=noise)
     for control in turned:
-        moved = next((r for r in records.values() if control in surface_noise(r) and begins_quietly(r)), None)
-        if moved is not None and turned_by_motion(out, control, moved):
+        if _turned(out, control, records):
             raise RecordError(
                 f"a recorded {WORDS[control]} cannot drive a model that turns it by what it measures, as "
                 f"{believed.aircraft.name} does; record {control}_cmd, or believe a model without that feedback"
             )
     return out
+
+
+def _turned(believed: Believed, control: str, records: Mapping[str, FlightRecord]) -> bool:
+    """Return whether the believed model turns a surface by what it measures, by a record that it can fly from trim.
+
+    A record may begin while the controls rest and the aircraft does not: from trim it may not survive that.
+    """
+    for record in (r for r in records.values() if control in surface_noise(r) and begins_quietly(r)):
+        with suppress(FlightAborted, LimitError):
+            return turned_by_motion(believed, control, record)
+    return False
 
 
 def driven_by(records: Sequence[FlightRecord]) -> str:

@@ -227,6 +227,19 @@ def test_what_is_wrong_with_a_servo_is_not_seen_and_names_nothing(hidden):
     assert finding.sentences[1].startswith("the path of the elevator could not be seen: its command, de_cmd, is not")
 
 
+@pytest.mark.parametrize("hidden", [NOTHING, SLOW], ids=["none", "slow servo"])
+def test_pieces_of_flights_are_cut_and_searched_by_their_surface_alone(hidden):
+    """They begin while the elevator rests after its first step, and the aircraft does not: from trim it would stall."""
+    b, pieces = believe(), {}
+    for name, given in measure(b, hidden, seed=11, amplitudes=(3.0, 3.0)).items():
+        moved = int(np.flatnonzero(np.abs(given["de"] - given["de"][:20].mean()) > 0.02)[0])
+        pieces[name] = given.between(float(given.t_s[moved]) + 0.2, float(given.t_s[-1]))
+    finding = find_gap(b, pieces, {}, effects=FEW)
+    assert (finding.naming.outcome, finding.parameters) == ("no gap", ())
+    assert len(finding.windows) == len(pieces)
+    assert finding.paths[0].outcome == "not seen"
+
+
 def test_what_the_air_feels_is_named_by_surfaces_alone_and_the_servo_stays_in_its_files():
     b = believe()
     finding = find_gap(b, measure(b, Roughness(kind="roughness", CD0=0.04), amplitudes=(3.0,)), {}, effects=FEW)
