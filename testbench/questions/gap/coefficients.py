@@ -41,9 +41,14 @@ def led_by_surfaces(coefficient: str, naming: Naming, aircraft: Aircraft | None 
     return any(score(f, naming.samples) - own >= CRITERIA.told_apart for f in told)
 
 
-def excused(naming: Naming) -> bool:
-    """Return whether an effect, named or not, explains most of what re-tuned coefficients leave above the noise.
+def prove_nothing(naming: Naming) -> bool:
+    """Return whether re-tuned coefficients are no evidence: something else pulled at them.
 
-    They were then pulled at by something that they do not explain, and prove nothing.
+    Re-tuning leaves most of what stands above the noise without it, or an effect, named or not, explains most of what
+    it leaves.
     """
-    return any(f.significant and f.flown and f.share > CRITERIA.excused for f in naming.ranking)
+    left, before = naming.chi2_tuned - naming.samples, naming.chi2_believed - naming.samples
+    visible = left > CRITERIA.visible * np.sqrt(2.0 * naming.samples)
+    if visible and left > CRITERIA.proves * before:
+        return True
+    return any(f.significant and f.flown and f.share > CRITERIA.proves for f in naming.ranking)

@@ -84,8 +84,8 @@ class Criteria:
             servo does that settles by less than 80 % within a sample, which is one below 80 rad/s at 50 Hz.
         off: a nuisance is off if it lies more than so many standard deviations of its prior from 1. Judged.
         far: a nuisance is wrong if it lies more than so many standard deviations of its prior from 1. Judged.
-        excused: nothing is said of coefficients if an effect explains more than this share of what is left above the
-            noise once they are re-tuned. Judged.
+        proves: coefficients prove something if re-tuning them leaves no more than this share of what stands above the
+            noise without, and no effect explains more than this share of what it leaves. Judged.
         sure: both need a distance from 1 of so many standard errors, which must be smaller than the prior's. Judged.
     """
 
@@ -129,7 +129,7 @@ class Criteria:
     jumps: float = 4.0
     off: float = 1.0
     far: float = 2.0
-    excused: float = 0.5
+    proves: float = 0.5
     sure: float = 4.0
 
     @property

@@ -11,7 +11,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.record import FlightRecord
 from testbench.core.words import with_error
 from testbench.questions.gap.believed import Believed, deviations_of
-from testbench.questions.gap.coefficients import SEPARATES, excused, led_by_surfaces, rivals
+from testbench.questions.gap.coefficients import SEPARATES, led_by_surfaces, prove_nothing, rivals
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, sum_of_squares
 from testbench.questions.gap.search.fit import EffectFit
@@ -62,13 +62,13 @@ class WrongParameter:
 def off_parameters(naming: Naming, aircraft: Aircraft | None = None) -> tuple[WrongParameter, ...]:
     """Return the believed parameters that re-tuning without any effect finds off.
 
-    None is if an effect was named, or explains most of what they do not.
+    None is if an effect was named, or where they prove nothing (:func:`.coefficients.prove_nothing`).
 
     Off by how much is counted in the deviations of the believed aircraft's own priors, if it has some.
 
     Coefficients re-tuned beside an effect depend on the form of that effect, so they prove nothing.
     """
-    if naming.best is not None or excused(naming):
+    if naming.best is not None or prove_nothing(naming):
         return ()
     priors = deviations_of(aircraft)
     found = (WrongParameter(n, factor, error, priors[n]) for n, (factor, error) in naming.measured.items())

@@ -28,7 +28,9 @@ def test_own_numbers_replace_general_ones_and_add_no_nuisance():
 
 
 def test_what_is_off_is_counted_in_the_aircrafts_own_deviations():
-    naming = SimpleNamespace(best=None, ranking=(), measured={"Cm_alpha": (1.3, 0.01)})
+    naming = SimpleNamespace(
+        best=None, ranking=(), chi2_tuned=1e3, chi2_believed=2e3, samples=1000, measured={"Cm_alpha": (1.3, 0.01)}
+    )
     (found,) = off_parameters(naming)
     assert found.deviations == pytest.approx(3.0)
     assert off_parameters(naming, OWN) == ()  # 30 % off, of 40 % that are believed
