@@ -287,21 +287,16 @@ def test_what_moves_roll_and_yaw_alone_is_not_immaterial():
 
 
 @pytest.mark.slow
-def test_records_of_rudder_and_aileron_are_read_from_files_and_named(tmp_path, monkeypatch):
-    import testbench.questions.gap.workflow as workflow
-
-    lib = library(load_suite("eolo_gap_lateral"))
-    monkeypatch.setattr(
-        workflow, "name_effect", lambda b, r, say, effects=None: name_effect(b, r, say, {n: lib[n] for n in FEW[:2]})
-    )
+def test_records_of_rudder_and_aileron_are_read_from_files_and_named(tmp_path):
     suite = load_suite("eolo_gap_lateral")
+    few = {n: library(suite)[n] for n in FEW[:2]}
     specs = [m.model_copy(update={"duration_s": 6.0}) for m in (RUDDER["taurus"], AILERON, RUDDER["taurus"])]
     specs[2] = specs[2].model_copy(update={"name": "again"})
     records = measure_hidden("taurus", "rigid", DAMPER, suite, CONDITIONS["taurus"], specs, 7, 300.0)
     files = [r.save(tmp_path / f"{i}.nc") for i, r in enumerate(records.values())]
     flights = load_flights("taurus", files, sensors="eolo_gap_lateral", wings="rigid")
     assert list(flights.held_out) == ["again"]
-    finding = find_gap(flights.believed, flights.naming, flights.held_out)
+    finding = find_gap(flights.believed, flights.naming, flights.held_out, effects=few)
     assert finding.naming.names == ("yaw_damper",)
     assert not finding.immaterial
     assert finding.shrink[0].removed > 0.95
