@@ -85,8 +85,8 @@ class Criteria:
         off: a nuisance is off if it lies more than so many standard deviations of its prior from 1. Judged.
         far: a nuisance is wrong if it lies more than so many standard deviations of its prior from 1. Judged.
         proves: coefficients prove something if re-tuning them leaves no more than this share of what stands above the
-            noise without, and no effect explains more than this share of what it leaves. Judged, between 0.53 of a wrong
-            derivative in turbulence and 0.79 of turbulence that coefficients stand in for.
+            noise without, and no effect explains more than this share of what it leaves. Judged: a wrong derivative in
+            turbulence leaves 0.53, turbulence that coefficients stand in for 0.79.
         sure: both need a distance from 1 of so many standard errors, which must be smaller than the prior's. Judged.
     """
 
