@@ -10,7 +10,7 @@ from typing import Any
 from studies.blind.score import judge
 
 from testbench.flight import load_aircraft
-from testbench.questions.gap.effects import library
+from testbench.questions.gap.effects import catalogue, library
 from testbench.questions.gap.parts import part_names
 from testbench.questions.gap.sealed.cases import Case
 from testbench.questions.gap.verdict import call_of
@@ -85,6 +85,8 @@ def _part(name: str) -> tuple[str, ...]:
     return ("air",) if name == "gust" else part_names(_LIBRARY[name])
 
 
-_LIBRARY = library(load_suite("eolo_alpha"), load_aircraft("eolo", "rigid")) | library(
-    load_suite("eolo_gap"), load_aircraft("taurus")
+_LIBRARY = (
+    catalogue(load_suite("eolo_gap_lateral"))
+    | library(load_suite("eolo_alpha"), load_aircraft("eolo", "rigid"))
+    | library(load_suite("eolo_gap"), load_aircraft("taurus"))
 )
