@@ -183,10 +183,10 @@ def uneven_lift(s: Size, aircraft: str) -> Truth:
 
 
 def uneven_lift_and_drag(s: Size, aircraft: str) -> Truth:
-    """One wing lifts more per angle of attack, the more the larger it is, and drags more with it."""
+    """One wing lifts more per angle of attack, the more the larger it is, and drags more by a twenty-fifth of it."""
     bend = term("sum", number(1.0), term("product", number(2.0), prop(ALPHA)))
     roll = moment("ROLL", number(s["Cl_alpha"]), prop(ALPHA), bend)
-    return Truth(changes=(roll, moment("YAW", number(-0.1 * s["Cl_alpha"]), prop(ALPHA))))
+    return Truth(changes=(roll, moment("YAW", number(-0.04 * s["Cl_alpha"]), prop(ALPHA))))
 
 
 def lost_fin(s: Size, aircraft: str) -> Truth:
