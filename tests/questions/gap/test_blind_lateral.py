@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from studies.blind.lateral import SEED, in_part, page, rates, right
 from studies.blind.lateral_run import MORE, believe, searched
+from studies.blind.parts import parts_said
 
 from testbench.core.record import FlightRecord
 from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS
@@ -67,6 +68,14 @@ def test_what_is_taken_out_is_not_searched():
     assert not any("aileron_lag" in e.contains for e in left.values())
     assert "rudder_lag" in left
     assert replace(case, stratum="lateral library form").without == ()
+
+
+def test_a_term_that_no_library_holds_acts_where_its_controls_or_its_coefficient_do():
+    lagged = "Cn by (dr lagged by 0.1 s - dr) + Cl by (dr lagged by 0.1 s - dr)"
+    assert parts_said([lagged]) == {"rudder path"}
+    assert parts_said(["Cn by beta^3"]) == {"fin"}
+    assert parts_said(["Cl by alpha*|da|"]) == {"aileron path"}
+    assert parts_said(["rudder_lag", "lost_wing"]) == {"rudder path", "structure"}
 
 
 def test_the_answers_are_those_that_were_sealed():

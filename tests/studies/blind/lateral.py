@@ -101,7 +101,9 @@ def page(cases: Sequence[LateralCase], rows: Mapping[str, Mapping[str, Any]]) ->
         "",
         f"The library is the default one and {len(MORE)} effects that a scenario has to ask for by name: "
         f"{', '.join(f'`{n}`' for n in MORE)}. Where the true effect is taken out, every name that would be right is, "
-        "with those that contain it: right is then silence, or another effect of the part in which the truth acts.",
+        "with those that contain it: right is then silence, or another effect of the part in which the truth acts. A "
+        "term of a coefficient that no library holds, as the open set proposes, is no right effect; it acts in the "
+        "paths of the controls in it, or else in wing or fin.",
         "",
         f"Seed {SEED}. SHA-256 of answers.json without its last line break: `{seal(tuple(cases))[1]}`.",
         "",
