@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies.blind.lateral import SEED, in_part, page, rates, right
+from studies.blind.lateral import SEED, flown_factor, in_part, page, rates, right
 from studies.blind.lateral_run import MORE, believe, searched
 from studies.blind.parts import parts_said
 
@@ -90,6 +90,13 @@ def test_the_answers_are_those_that_were_sealed():
         assert len({k.names for k in kinds}) > 10
 
 
+def test_a_linkage_s_ratio_is_one_of_the_coefficients_of_its_control():
+    kind = ("aileron linkage ratio",), ({"gain": 1.5},), {"Cl_da": 0.9, "Cn_dr": 1.1}
+    case = LateralCase("x 1", TAKEN_OUT, "taurus", *kind, (("aileron_surface_scale",),))
+    flown = [flown_factor(case, n) for n in ("Cl_da", "Cn_da", "Cn_dr", "Cl_p")]
+    assert flown == pytest.approx([1.35, 1.5, 1.1, 1.0])
+
+
 def test_rows_become_rates():
     lag = ("slow aileron servo",), ({"lag_rad_s": 8.0},), {"Cl_p": 1.2}, (("aileron_lag",),)
     cases = [LateralCase(f"lateral library form {i}", "lateral library form", "eolo", *lag) for i in (1, 2, 3)]
@@ -122,4 +129,5 @@ def test_rows_become_rates():
     assert "**7 of 8 planned cases have been run**" in text
     assert "| lateral library form | right effect | 1 of 3 | 6 to 79 % |" in text
     assert "| lateral library form 2 | eolo | slow aileron servo (lag_rad_s 8) | named | beta_scale |" in text
+    assert "| lateral library form 2 | slow aileron servo | named | Cl_p 1.210 ± 0.040 | Cl_p 1.200 |" in text
     assert "| lateral library form 1 |" not in text  # what is right is not told

@@ -52,6 +52,15 @@ def right(case: LateralCase, row: Mapping[str, Any]) -> bool:
     return judge(case, row).verdict == "right"
 
 
+def flown_factor(case: LateralCase, coefficient: str) -> float:
+    """Return what a coefficient is times the believed one, as it flies: a linkage's ratio is one of its control's."""
+    out = float(case.factors.get(coefficient, 1.0))
+    for kind, sizes in zip(case.kinds, case.sizes, strict=True):
+        if coefficient.endswith({"aileron linkage ratio": "_da", "rudder linkage ratio": "_dr"}.get(kind, "none")):
+            out *= sizes["gain"]
+    return out
+
+
 def rates(cases: Sequence[LateralCase], rows: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str, int, int]]:
     """Return (stratum, rate, count, of) of the rows."""
     out = []
@@ -79,7 +88,7 @@ def rates(cases: Sequence[LateralCase], rows: Mapping[str, Mapping[str, Any]]) -
             out.append((stratum, "unexplained", said("unexplained"), n))
             out.append((stratum, "no gap", said("no gap"), n))
         out.append((stratum, "failed", said("failed"), n))
-        wrong = sum(any(abs(f - c.factors.get(p, 1.0)) > 4.0 * e for p, f, e in r["accused"]) for c, r in of)
+        wrong = sum(any(abs(f - flown_factor(c, p)) > 4.0 * e for p, f, e in r["accused"]) for c, r in of)
         out.append((stratum, "a coefficient accused by a wrong size", wrong, n))
     return out
 
@@ -128,6 +137,18 @@ def page(cases: Sequence[LateralCase], rows: Mapping[str, Mapping[str, Any]]) ->
             "",
             f"Processor time of a case: median {middle:.0f} s, 95 % below {most:.0f} s, longest {seconds.max():.0f} s.",
         ]
+    accused = [(c, r) for c, r in run if r["accused"]]
+    if accused:
+        out += [
+            "",
+            "Coefficients accused, with four of their errors, and what flew, as multiples of what is believed:",
+            "",
+        ]
+        out += ["| case | hidden | outcome | accused | flown |", "|---|---|---|---|---|"]
+        for c, r in accused:
+            said = ", ".join(f"{p} {f:.3f} ± {4.0 * e:.3f}" for p, f, e in r["accused"])
+            flew = ", ".join(f"{p} {flown_factor(c, p):.3f}" for p, _, _ in r["accused"])
+            out.append(f"| {c.name} | {', '.join(c.kinds) or 'nothing'} | {r['outcome']} | {said} | {flew} |")
     missed = [(c, r) for c, r in run if not right(c, r)]
     if missed:
         out += ["", "Not right:", "", "| case | aircraft | hidden | outcome | said | came nearest |"]
