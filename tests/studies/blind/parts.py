@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 from studies.blind.score import judge
 
 from testbench.flight import load_aircraft
-from testbench.questions.gap.effects import library
+from testbench.questions.gap.effects import catalogue, library
 from testbench.questions.gap.parts import part_names
 from testbench.questions.gap.sealed.cases import Case
 from testbench.questions.gap.verdict import call_of
@@ -77,14 +78,28 @@ def _true_parts(kind: str, right: Iterable[str]) -> set[str]:
 
 
 def parts_said(names: Iterable[str]) -> set[str]:
-    """Return the parts in which named effects act."""
+    """Return the parts in which named effects act.
+
+    A term that no library holds, such as "Cn by beta^3", acts in the paths of the controls in it, and without any in
+    the part that its coefficient is of.
+    """
     return {part for name in names for single in name.split(" + ") for part in _part(single)}
 
 
 def _part(name: str) -> tuple[str, ...]:
-    return ("air",) if name == "gust" else part_names(_LIBRARY[name])
+    if name in _LIBRARY:
+        return ("air",) if name == "gust" else part_names(_LIBRARY[name])
+    coefficient, _, term = name.partition(" by ")
+    paths = tuple(_PATHS[c] for c in dict.fromkeys(re.findall(r"\b(de|da|dr|thr)\b", term)))
+    return paths or (_OF_COEFFICIENT[coefficient],)
 
 
-_LIBRARY = library(load_suite("eolo_alpha"), load_aircraft("eolo", "rigid")) | library(
-    load_suite("eolo_gap"), load_aircraft("taurus")
+_PATHS = {"de": "elevator path", "da": "aileron path", "dr": "rudder path", "thr": "thrust"}
+_OF_COEFFICIENT = {"CL": "lift", "CD": "drag", "CY": "fin", "Cl": "wing", "Cm": "pitching moment", "Cn": "fin"}
+
+
+_LIBRARY = (
+    catalogue(load_suite("eolo_gap_lateral"))
+    | library(load_suite("eolo_alpha"), load_aircraft("eolo", "rigid"))
+    | library(load_suite("eolo_gap"), load_aircraft("taurus"))
 )

@@ -153,7 +153,7 @@ def real_aircraft(believed: Aircraft, truth: Truth) -> Aircraft:
 def sent(truth: Truth, u: FloatArray, controls: Sequence[str], dt_s: float) -> FloatArray:
     """Return what reaches the servos of the commands ``u`` (frames, m)."""
     out = u.copy()
-    for control, law in (("de", truth.elevator), ("thr", truth.throttle)):
+    for control, law in (("de", truth.elevator), ("thr", truth.throttle), *truth.surfaces.items()):
         if law is not None and control in controls:
             column = list(controls).index(control)
             out[:, column] = law(u[:, column], dt_s)

@@ -24,6 +24,7 @@ class Truth:
 
     Attributes:
         elevator, throttle: what becomes of the command on its way to the servo.
+        surfaces: the same for other controls, by name ("da", "dr").
         whole_servo: the elevator's command is turned into the deflection itself; of the believed servo only its slew
             limit is left.
         changes: edits of the JSBSim model.
@@ -38,6 +39,7 @@ class Truth:
 
     elevator: Law | None = None
     throttle: Law | None = None
+    surfaces: Mapping[str, Law] = field(default_factory=dict)
     whole_servo: bool = False
     changes: tuple[Insert | SetText | SetProperty | ScaleCoefficient, ...] = ()
     fed_back: bool = False
@@ -53,6 +55,7 @@ class Truth:
         return Truth(
             elevator=self.elevator or other.elevator,
             throttle=self.throttle or other.throttle,
+            surfaces={**self.surfaces, **other.surfaces},
             whole_servo=self.whole_servo or other.whole_servo,
             changes=(*self.changes, *other.changes),
             fed_back=self.fed_back or other.fed_back,

@@ -1,0 +1,100 @@
+"""The cases of the lateral draw: drawn from one seed, by stratum, and sealed before anything is named.
+
+Shares no code with the library of effects; neither imports the other (tests/test_house_rules.py).
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from testbench.core.errors import LimitError, TrimError
+from testbench.core.record import FlightAborted, FlightRecord
+from testbench.questions.gap.hidden.lateral import LATERAL
+from testbench.questions.gap.hidden.truth import Truth
+from testbench.questions.gap.sealed.cases import Case
+from testbench.questions.gap.sealed.lateral_flights import fly_lateral
+from testbench.questions.gap.sealed.lateral_truths import LATERAL_KINDS, parameter_errors
+
+TAKEN_OUT = "lateral with the true effect taken out"
+NOTHING = "lateral nothing"
+STRATA: Mapping[str, int] = {"lateral library form": 36, "lateral other form": 36, TAKEN_OUT: 36, NOTHING: 36}
+
+
+@dataclass(frozen=True)
+class LateralCase(Case):
+    """A case in roll and yaw."""
+
+    def fly(self, which: str) -> dict[str, FlightRecord]:
+        """Fly the truth through a set of manoeuvres ("rich" or "held_out")."""
+        truth = Truth(factors=self.factors)
+        for kind, sizes in zip(self.kinds, self.sizes, strict=True):
+            truth = truth.with_(LATERAL[kind](sizes, self.aircraft))
+        return fly_lateral(self.aircraft, truth, which, self.seed + {"rich": 0, "held_out": 1_000_000}[which])
+
+    @property
+    def without(self) -> tuple[str, ...]:
+        """The names that are taken out of the library before this case is named."""
+        return tuple(n for names in self.right for n in names) if self.stratum == TAKEN_OUT else ()
+
+
+def draw(seed: int, counts: Mapping[str, int] = STRATA) -> tuple[LateralCase, ...]:
+    """Draw the cases of every stratum, in an order that begins with the first of each."""
+    drawn = {stratum: [draw_case(stratum, i, seed) for i in range(n)] for stratum, n in counts.items()}
+    most = max(counts.values())
+    return tuple(cases[i] for i in range(most) for cases in drawn.values() if i < len(cases))
+
+
+def opened(text: str) -> tuple[LateralCase, ...]:
+    """Return the cases of a sealed text."""
+    tuples = ("kinds", "sizes")
+    return tuple(
+        LateralCase(**{**c, **{n: tuple(c[n]) for n in tuples}, "right": tuple(map(tuple, c["right"]))})
+        for c in json.loads(text)
+    )
+
+
+def draw_case(stratum: str, i: int, seed: int, kind: str = "") -> LateralCase:
+    """Return case ``i`` of a stratum, or one of a given kind: the first of at most ten draws that flies all it must.
+
+    Raises:
+        LimitError: none of them does.
+    """
+    for attempt in range(10):
+        rng = np.random.default_rng(np.random.SeedSequence([seed, zlib.crc32(stratum.encode()), i, attempt]))
+        case = _case(stratum, i, rng, kind)
+        try:
+            case.fly("rich")
+            case.fly("held_out")
+        except (FlightAborted, LimitError, TrimError):
+            continue
+        return case
+    raise LimitError(f"a case must fly within ten draws, '{stratum}' number {i} of seed {seed} did not")
+
+
+def _case(stratum: str, i: int, rng: np.random.Generator, kind: str) -> LateralCase:
+    kinds = (kind,) if kind else _chosen(stratum, i)
+    return LateralCase(
+        name=f"{stratum} {i + 1}",
+        stratum=stratum,
+        aircraft="eolo" if rng.random() < 0.5 else "taurus",
+        kinds=kinds,
+        sizes=tuple(LATERAL_KINDS[k].draw(rng) for k in kinds),
+        factors=parameter_errors(rng),
+        right=tuple(LATERAL_KINDS[k].names for k in kinds),
+        seed=int(rng.integers(1, 2**31 - 10**7)),
+    )
+
+
+def _chosen(stratum: str, i: int) -> tuple[str, ...]:
+    """Return the kind of case ``i`` of a stratum: all kinds in turn, in an order of its own."""
+    if stratum == NOTHING:
+        return ()
+    form = "other" if stratum == "lateral other form" else "library"
+    names = [n for n, k in LATERAL_KINDS.items() if k.form == form]
+    order = np.random.default_rng(zlib.crc32(stratum.encode())).permutation(len(names))
+    return (names[order[i % len(names)]],)

@@ -1,0 +1,200 @@
+"""Blind test in roll and yaw: ``python -m studies.blind.lateral``. Resumes, as the blind test does.
+
+Truths are drawn from a seed of their own, sealed, and flown rigid with sensors of all axes. What names them is given
+the library and the effects that are asked for by name (:data:`studies.blind.lateral_run.MORE`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from studies.blind.__main__ import _kept, _read, _seal_line
+from studies.blind.lateral_run import MORE, name_lateral
+from studies.blind.parts import parts_said, parts_true
+from studies.blind.score import judge
+
+from testbench.evaluation.proportion import proportion_interval
+from testbench.questions.gap.sealed.cases import seal
+from testbench.questions.gap.sealed.lateral_cases import NOTHING, STRATA, TAKEN_OUT, LateralCase, draw, opened
+from testbench.questions.gap.sealed.lateral_flights import manoeuvres
+
+SEED = 20270214
+
+
+def run_case(case: LateralCase) -> dict[str, Any]:
+    """Return what the workflow says of one case, as JSON values."""
+    return {
+        "case": case.name,
+        **name_lateral(case.aircraft, case.fly("rich"), case.fly("held_out"), case.without),
+    }
+
+
+def in_part(case: LateralCase, row: Mapping[str, Any]) -> bool:
+    """Return whether something is named, and all of it acts where the hidden truth does."""
+    return bool(row["names"]) and parts_said(row["names"]) <= parts_true(case)
+
+
+def right(case: LateralCase, row: Mapping[str, Any]) -> bool:
+    """Return whether the answer is right: of a library without the true effect, silence or the part it acts in."""
+    if case.stratum == NOTHING:
+        return bool(row["outcome"] == "no gap")
+    if case.stratum == TAKEN_OUT:
+        return row["outcome"] == "unexplained" or in_part(case, row)
+    return judge(case, row).verdict == "right"
+
+
+def flown_factor(case: LateralCase, coefficient: str) -> float:
+    """Return what a coefficient is times the believed one, as it flies: a linkage's ratio is one of its control's."""
+    out = float(case.factors.get(coefficient, 1.0))
+    for kind, sizes in zip(case.kinds, case.sizes, strict=True):
+        if coefficient.endswith({"aileron linkage ratio": "_da", "rudder linkage ratio": "_dr"}.get(kind, "none")):
+            out *= sizes["gain"]
+    return out
+
+
+def rates(cases: Sequence[LateralCase], rows: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str, int, int]]:
+    """Return (stratum, rate, count, of) of the rows."""
+    out = []
+    for stratum in STRATA:
+        of = [(c, rows[c.name]) for c in cases if c.stratum == stratum and c.name in rows]
+        n = len(of)
+
+        def said(*outcomes: str, of: Sequence[tuple[LateralCase, Mapping[str, Any]]] = of) -> int:
+            return sum(r["outcome"] in outcomes for _, r in of)
+
+        parts, named = sum(in_part(c, r) for c, r in of), sum(bool(r["names"]) for _, r in of)
+        if stratum == NOTHING:
+            out.append((stratum, "false gap", n - said("no gap", "failed"), n))
+        elif stratum == TAKEN_OUT:
+            out.append((stratum, "unexplained or right part", sum(right(c, r) for c, r in of), n))
+            out.append((stratum, "unexplained", said("unexplained"), n))
+            out.append((stratum, "wrong part", named - parts, n))
+            out.append((stratum, "no gap", said("no gap"), n))
+        else:
+            verdicts = [judge(c, r).verdict for c, r in of]
+            out.append((stratum, "right effect", verdicts.count("right"), n))
+            out.append((stratum, "right or in the set", sum(v in ("right", "in set") for v in verdicts), n))
+            out.append((stratum, "right part", parts, n))
+            out.append((stratum, "wrong part", named - parts, n))
+            out.append((stratum, "unexplained", said("unexplained"), n))
+            out.append((stratum, "no gap", said("no gap"), n))
+        out.append((stratum, "failed", said("failed"), n))
+        wrong = sum(any(abs(f - flown_factor(c, p)) > 4.0 * e for p, f, e in r["accused"]) for c, r in of)
+        out.append((stratum, "a coefficient accused by a wrong size", wrong, n))
+    return out
+
+
+def page(cases: Sequence[LateralCase], rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return what the rows say, in words and tables: how many of the planned cases were run comes first."""
+    run = [(c, rows[c.name]) for c in cases if c.name in rows]
+    flown, held = (", ".join(manoeuvres("eolo", which)[1]) for which in ("rich", "held_out"))
+    out = [
+        "# Blind test in roll and yaw",
+        "",
+        "Made by `python -m studies.blind.lateral`, which resumes where it stopped; `--minutes 0` writes this page "
+        "anew. Hidden truths are drawn from one seed and flown by code of their own "
+        "(`testbench/questions/gap/hidden/lateral.py`), with every longitudinal and lateral coefficient of the belief "
+        "off by its prior. Eolo and taurus fly rigid; the suite is that of all axes at 50 Hz, with commands and no "
+        "surfaces. The hash of the answers was written before the first case was named.",
+        "",
+        f"Used to name: {flown}. Held out: {held}.",
+        "",
+        f"The library is the default one and {len(MORE)} effects that a scenario has to ask for by name: "
+        f"{', '.join(f'`{n}`' for n in MORE)}. Where the true effect is taken out, every name that would be right is, "
+        "with those that contain it: right is then silence, or another effect of the part in which the truth acts. A "
+        "term of a coefficient that no library holds, as the open set proposes, is no right effect; it acts in the "
+        "paths of the controls in it, or else in wing or fin.",
+        "",
+        f"Seed {SEED}. SHA-256 of answers.json without its last line break: `{seal(tuple(cases))[1]}`.",
+        "",
+        f"**{len(run)} of {len(cases)} planned cases have been run**, in the order in which they were drawn. "
+        "Intervals are Wilson's, 95 %.",
+        "",
+        "| stratum | run | planned |",
+        "|---|---|---|",
+        *(f"| {s} | {sum(c.stratum == s for c, _ in run)} | {sum(c.stratum == s for c in cases)} |" for s in STRATA),
+        "",
+        "| stratum | rate | cases | interval |",
+        "|---|---|---|---|",
+    ]
+    for stratum, rate, count, of in rates(cases, rows):
+        if of:
+            low, high = proportion_interval(count, of)
+            out.append(f"| {stratum} | {rate} | {count} of {of} | {100 * low:.0f} to {100 * high:.0f} % |")
+    seconds = np.array([r["seconds"] for _, r in run if "seconds" in r])
+    if seconds.size:
+        middle, most = (float(np.quantile(seconds, q)) for q in (0.5, 0.95))
+        out += [
+            "",
+            f"Processor time of a case: median {middle:.0f} s, 95 % below {most:.0f} s, longest {seconds.max():.0f} s.",
+        ]
+    accused = [(c, r) for c, r in run if r["accused"]]
+    if accused:
+        out += [
+            "",
+            "Coefficients accused, with four of their errors, and what flew, as multiples of what is believed:",
+            "",
+        ]
+        out += ["| case | hidden | outcome | accused | flown |", "|---|---|---|---|---|"]
+        for c, r in accused:
+            said = ", ".join(f"{p} {f:.3f} ± {4.0 * e:.3f}" for p, f, e in r["accused"])
+            flew = ", ".join(f"{p} {flown_factor(c, p):.3f}" for p, _, _ in r["accused"])
+            out.append(f"| {c.name} | {', '.join(c.kinds) or 'nothing'} | {r['outcome']} | {said} | {flew} |")
+    missed = [(c, r) for c, r in run if not right(c, r)]
+    if missed:
+        out += ["", "Not right:", "", "| case | aircraft | hidden | outcome | said | came nearest |"]
+        out.append("|---|---|---|---|---|---|")
+        for c, r in missed:
+            hidden = ", ".join(f"{k} ({_sizes(s)})" for k, s in zip(c.kinds, c.sizes, strict=True)) or "nothing"
+            said = ", ".join(r["names"]) or r.get("why", "")
+            out.append(f"| {c.name} | {c.aircraft} | {hidden} | {r['outcome']} | {said} | {r.get('best', '')} |")
+    return "\n".join(out) + "\n"
+
+
+def _sizes(sizes: Mapping[str, float]) -> str:
+    return ", ".join(f"{n} {x:.3g}" for n, x in sizes.items())
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Seal the answers, run the cases that have no row yet, and write rates and page."""
+    parser = argparse.ArgumentParser(prog="python -m studies.blind.lateral", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("results/gap/lateral"), help="folder of rows and rates")
+    parser.add_argument("--minutes", type=float, default=None, help="start no case after so many minutes")
+    asked = parser.parse_args(arguments)
+    asked.out.mkdir(parents=True, exist_ok=True)
+    answers, sealed = asked.out / "answers.json", asked.out / "sealed.sha256"
+    if not answers.exists():
+        text, digest = seal(draw(SEED, STRATA))
+        sealed.write_text(_seal_line(digest, SEED), encoding="utf-8")
+        answers.write_text(text + "\n", encoding="utf-8")
+    cases = opened(answers.read_text(encoding="utf-8").removesuffix("\n"))
+    if sealed.read_text(encoding="utf-8") != _seal_line(seal(cases)[1], SEED):
+        raise SystemExit(f"the answers must be those that were sealed, {sealed} holds another hash")
+    rows_file = asked.out / "rows.jsonl"
+    rows = _read(rows_file)
+    stop = None if asked.minutes is None else time.monotonic() + 60.0 * asked.minutes
+    due = (run_case(c) for c in cases if c.name not in rows and (stop is None or time.monotonic() < stop))
+    for row in _kept(rows_file, due):
+        rows[row["case"]] = row
+        print(f"{len(rows)} {row['case']}: {row['outcome']} {' | '.join(row['names'])}", flush=True)
+    with (asked.out / "rates.csv").open("w", newline="", encoding="utf-8") as out:
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(["stratum", "rate", "count", "of", "low", "high"])
+        for stratum, rate, count, of in rates(cases, rows):
+            if of:
+                writer.writerow([stratum, rate, count, of, *(f"{x:.3f}" for x in proportion_interval(count, of))])
+    (asked.out / "README.md").write_text(page(cases, rows), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

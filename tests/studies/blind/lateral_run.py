@@ -1,0 +1,56 @@
+"""Name what one lateral case hides: records, believed model and suite go in, the answer does not."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from testbench.core.errors import TestbenchError
+from testbench.core.record import FlightRecord
+from testbench.flight import load_aircraft
+from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.effects import OTHER_SERVOS, SERVOS, Effect, library
+from testbench.questions.gap.sealed.flights import RATE_HZ, condition
+from testbench.questions.gap.sealed.lateral_flights import suite
+from testbench.questions.gap.workflow import find_gap
+
+MORE = tuple(SERVOS[kind, control].name for kind in ("delay", "gain", "rate limit") for control in ("da", "dr"))
+"""Effects that are asked for by name, as they are in no library: those of links and slew of aileron and rudder."""
+
+
+def believe(aircraft: str) -> Believed:
+    """Return what is believed of an aircraft of the lateral draw: rigid wings, the suite, the condition."""
+    return Believed(load_aircraft(aircraft, "rigid"), suite(), condition(aircraft), RATE_HZ)
+
+
+def searched(believed: Believed, without: Sequence[str] = ()) -> dict[str, Effect]:
+    """Return the library and MORE, less some effects and those of which they are special cases."""
+    gone = set(without)
+    known = library(believed.suite, believed.aircraft) | {n: OTHER_SERVOS[n] for n in MORE}
+    return {n: e for n, e in known.items() if n not in gone and gone.isdisjoint(e.contains)}
+
+
+def name_lateral(
+    aircraft: str,
+    records: Mapping[str, FlightRecord],
+    held_out: Mapping[str, FlightRecord],
+    without: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Return what the workflow says of the records of one case, as JSON values."""
+    began, believed = time.process_time(), believe(aircraft)
+    try:
+        found = find_gap(believed, records, held_out, effects=searched(believed, without))
+    except TestbenchError as error:
+        return {"outcome": "failed", "names": [], "accused": [], "why": str(error)}
+    naming = found.naming
+    first = naming.best or next(iter(naming.ranking), None)
+    return {
+        "outcome": naming.outcome,
+        "names": list(naming.names),
+        "best": first.effect.name if first else "",
+        "values": {k: float(v) for k, v in first.values.items()} if first else {},
+        "gain": float(first.gain) if first else 0.0,
+        "accused": [[p.name, float(p.factor), float(p.error)] for p in found.parameters],
+        "seconds": time.process_time() - began,
+    }
