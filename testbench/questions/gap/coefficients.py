@@ -48,7 +48,11 @@ def prove_nothing(naming: Naming) -> bool:
     it leaves.
     """
     left, before = naming.chi2_tuned - naming.samples, naming.chi2_believed - naming.samples
-    visible = left > CRITERIA.visible * np.sqrt(2.0 * naming.samples)
-    if visible and left > CRITERIA.proves * before:
+    if leaves_more_than_noise(naming) and left > CRITERIA.proves * before:
         return True
     return any(f.significant and f.flown and f.share > CRITERIA.proves for f in naming.ranking)
+
+
+def leaves_more_than_noise(naming: Naming) -> bool:
+    """Return whether re-tuned coefficients alone visibly leave more than noise."""
+    return naming.chi2_tuned - naming.samples > CRITERIA.visible * float(np.sqrt(2.0 * naming.samples))

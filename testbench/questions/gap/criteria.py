@@ -87,6 +87,8 @@ class Criteria:
         proves: coefficients prove something if re-tuning them leaves no more than this share of what stands above the
             noise without, and no effect explains more than this share of what it leaves. Judged: a wrong derivative in
             turbulence leaves 0.53, turbulence that coefficients stand in for 0.79.
+        at_once: so many coefficients may be wrong at once while more than noise is left; more say that something else
+            pulled at them. Judged: a slow aileron servo, taken out of the library, accused six.
         sure: both need a distance from 1 of so many standard errors, which must be smaller than the prior's. Judged.
     """
 
@@ -131,6 +133,7 @@ class Criteria:
     off: float = 1.0
     far: float = 2.0
     proves: float = 2.0 / 3.0
+    at_once: int = 2
     sure: float = 4.0
 
     @property

@@ -11,7 +11,13 @@ from testbench.aircraft import Aircraft
 from testbench.core.record import FlightRecord
 from testbench.core.words import with_error
 from testbench.questions.gap.believed import Believed, deviations_of
-from testbench.questions.gap.coefficients import SEPARATES, led_by_surfaces, prove_nothing, rivals
+from testbench.questions.gap.coefficients import (
+    SEPARATES,
+    leaves_more_than_noise,
+    led_by_surfaces,
+    prove_nothing,
+    rivals,
+)
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, sum_of_squares
 from testbench.questions.gap.search.fit import EffectFit
@@ -71,12 +77,14 @@ def off_parameters(naming: Naming, aircraft: Aircraft | None = None) -> tuple[Wr
     if naming.best is not None or prove_nothing(naming):
         return ()
     priors = deviations_of(aircraft)
-    found = (WrongParameter(n, factor, error, priors[n]) for n, (factor, error) in naming.measured.items())
-    return tuple(
+    found = [WrongParameter(n, factor, error, priors[n]) for n, (factor, error) in naming.measured.items()]
+    off = tuple(
         p
         for p in found
         if p.error < p.prior and abs(p.factor - 1.0) > CRITERIA.sure * p.error and p.deviations > CRITERIA.off
     )
+    many = sum(p.deviations > CRITERIA.far for p in off) > CRITERIA.at_once
+    return () if many and leaves_more_than_noise(naming) else off
 
 
 def wrong_parameters(

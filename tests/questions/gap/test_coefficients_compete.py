@@ -95,6 +95,15 @@ def test_no_coefficient_is_accused_where_re_tuning_explains_little_or_an_effect_
     assert [p.name for p in wrong_parameters(naming_of(tuned, hardly), tuned.believed)] == ["Cm_alpha"]
 
 
+@pytest.mark.parametrize(("left", "count", "said"), [(1.5, 2, 2), (1.5, 3, 0), (1.01, 3, 3)])
+def test_three_coefficients_wrong_at_once_are_no_answer_while_more_than_noise_is_left(tuned, left, count, said):
+    names = ("Cm_alpha", "Cm_q", "Cm_de", "CL_alpha")
+    measured = {n: (0.4 if i < count else 1.0, 0.01) for i, n in enumerate(names)}
+    samples = tuned.samples
+    naming = replace(naming_of(tuned), chi2_believed=50.0 * samples, chi2_tuned=left * samples, measured=measured)
+    assert len(off_parameters(naming)) == said
+
+
 FEW = ("roll_damper", "yaw_damper", "interconnect", "bank_hold", "actuator_lag", "surface_scale")
 
 

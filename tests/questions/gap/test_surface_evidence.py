@@ -47,7 +47,7 @@ def fit_of(name: str, gain: float, chi2_tuned: float = 6000.0, samples: int = 40
 
 def naming_of(*fits: EffectFit, outcome: str = "unexplained", names: tuple[str, ...] = (), chi2=6000.0) -> Naming:
     ranking = tuple(sorted(fits, key=lambda f: -f.gain))
-    return Naming(outcome, names, ranking, chi2, chi2, {}, 4000, "", measured={"Cm_q": (1.9, 0.05)})
+    return Naming(outcome, names, ranking, 5.0 * chi2, chi2, {}, 4000, "", measured={"Cm_q": (1.9, 0.05)})
 
 
 def path_of(gain: float, **falls: float) -> JudgedPath:
