@@ -61,3 +61,10 @@ def test_fits_that_are_far_behind_or_without_a_rival_stay_as_they_are(damped):
     far = replace(filtered, gain=plain.gain - 100.0)
     assert polished(base, [plain, far], base.chi2) == [plain, far]
     assert polished(base, [plain], base.chi2) == [plain]
+
+
+def test_a_fit_that_leads_alone_is_brought_to_rest_before_it_is_refused_for_what_it_strains(damped):
+    base, (plain, _) = damped
+    (down,) = polished(base, [replace(moved(base, plain, 0.1), within=1e-4)], base.chi2)
+    assert down.chi2 <= plain.chi2 + 0.1
+    assert down.within > 0.01

@@ -28,6 +28,8 @@ _WIDEST, _NARROWEST = 1e-2, 1e-6  # of them, of a parameter's range
 def polished(base: Hypothesis, ranking: Sequence[EffectFit], chi2_tuned: float) -> list[EffectFit]:
     """Return the fits of ``ranking``; those that compete for the first place are brought to rest on flown tangents.
 
+    So is one that leads alone, if it strains coefficients: short of rest they may lie farther off than they have to.
+
     Args:
         base: a point without any effect.
         ranking: fits, best first.
@@ -36,7 +38,7 @@ def polished(base: Hypothesis, ranking: Sequence[EffectFit], chi2_tuned: float) 
     flown = [f for f in ranking if f.flown and f.settled and not f.scatter_s and f.gain > _SEEN]
     first = max((score(f, base.samples) for f in flown), default=0.0)
     close = [f for f in flown if first - score(f, base.samples) < _CLOSE]
-    if len(close) < 2:
+    if len(close) < 2 and not any(f.within < CRITERIA.strained for f in close):
         return list(ranking)
     found = dict(zip(map(id, close), spread([partial(_at_rest, base, f, chi2_tuned) for f in close]), strict=True))
     return [found.get(id(f), f) for f in ranking]
