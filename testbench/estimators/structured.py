@@ -41,6 +41,14 @@ STRUCTURE_NAMES = (
 """Packaged structures; any other is in ``identification.structures``, or brought: ``FILE.toml``, ``FILE.py:NAME``."""
 
 
+_PER_SPEED = {"short_period": "Z", "lateral_per_speed": "Y"}
+
+
+def per_speed(structure: str, axis: str) -> bool:
+    """Return whether the derivatives of a force or moment (X, Y, Z, L, M, N) are per airspeed in a structure."""
+    return _PER_SPEED.get(structure) == axis
+
+
 def _known_structure(name: str, info: ValidationInfo) -> str:
     if is_brought(name):
         return brought.structure(name, info)

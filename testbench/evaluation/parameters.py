@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from testbench.estimators.parametric.model import ParametricModel
-from testbench.estimators.structured import STRUCTURE_NAMES
+from testbench.estimators.structured import STRUCTURE_NAMES, per_speed
 from testbench.evaluation.derivatives import Derivative
 
-_PER_SPEED = {"short_period": "Z_", "lateral_per_speed": "Y_"}  # structures of which these derivatives are per airspeed
 _ELASTIC = ("flexible",)  # structures that hold the modes themselves: their derivatives are those with modes held
 
 
@@ -81,6 +80,5 @@ def true_parameters(structure: str, derivatives: Sequence[Derivative], V_m_s: fl
         if d.name.endswith("/V"):
             continue
         value = d.held if structure in _ELASTIC or d.static is None else d.static
-        per = V_m_s if d.name.startswith(_PER_SPEED.get(structure, "none")) else 1.0
-        out[d.name] = value / per
+        out[d.name] = value / (V_m_s if per_speed(structure, d.name.partition("_")[0]) else 1.0)
     return out

@@ -23,6 +23,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.errors import EstimationError, RecordError, TestbenchError
 from testbench.core.files import parsed
 from testbench.core.record import FloatArray
+from testbench.estimators.structured import per_speed
 from testbench.flight import TrimmedFlight
 from testbench.information.aircraft_structure import AircraftStructure
 from testbench.information.fisher import accuracy
@@ -41,7 +42,6 @@ _SAME_SPEED = 0.05
 """Relative difference of airspeed up to which derivatives are taken as the same; judged: 10 % of a moment."""
 _GROWN = 1.1  # of a stated error, from which its growth is named
 _PACKAGED = ("longitudinal", "short_period", "lateral_directional", "lateral_per_speed")
-_PER_SPEED = {"short_period": "Z_", "lateral_per_speed": "Y_"}
 _AS_HELD = "flexible"  # names the derivatives with elastic modes held, forces per mass: those of a design
 
 
@@ -189,7 +189,7 @@ def _read(file: Path, V_m_s: float) -> Prior:
         )
     keep = [i for i, (p, s) in enumerate(zip(free, np.diag(P), strict=True)) if p and s > 0.0]
     names = [name for i, name in enumerate(parameters) if i in keep]
-    per = np.array([V_m_s if n.startswith(_PER_SPEED.get(structure, "none")) else 1.0 for n in names])
+    per = np.array([V_m_s if per_speed(structure, n.partition("_")[0]) else 1.0 for n in names])
     scaled, notes = values[keep] * per, []
     if flown is None:
         notes.append(f"{file.name} does not say at which speed it was flown: that of the design is taken")

@@ -17,12 +17,11 @@ import numpy as np
 from testbench.aircraft.model import Geometry
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.model import ParametricModel
-from testbench.estimators.structured import STRUCTURE_NAMES
+from testbench.estimators.structured import STRUCTURE_NAMES, per_speed
 from testbench.questions.identify.before import Before
 from testbench.questions.identify.flown import FlownCondition, PartialMass
 
 _FORCES = {"X": "CX", "Y": "CY", "Z": "CZ"}
-_PER_SPEED = {"short_period": "Z", "lateral_per_speed": "Y"}  # structures of which these are per airspeed
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ def weights(structure: str, names: Sequence[str], name: str, scaling: Scaling) -
     if axis in _FORCES:
         if m.mass_kg is None:
             return None
-        speed = V if _PER_SPEED.get(structure) == axis else 1.0
+        speed = V if per_speed(structure, axis) else 1.0
         row[at] = m.mass_kg * speed / force * per
         return f"{_FORCES[axis]}_{variable}", row
     if axis == "M":

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from testbench.estimators.parametric.model import ParametricModel
+from testbench.estimators.structured import per_speed
 from testbench.evaluation.parameters import true_parameters
 from testbench.line import Case
 from testbench.questions.identify.before import Before
@@ -172,11 +173,12 @@ def _unit(name: str, structure: str) -> str:
     """Return the unit of what no aircraft has: times of servos, and derivatives per speed."""
     if name.startswith(("tau_", "T_")):
         return "s"
-    if structure == "short_period" and name.startswith("Z_"):
-        return "" if name == "Z_q" else "1/s"
-    if structure == "lateral_per_speed" and (name.startswith("Y_") or name == "g_V"):
-        return "" if name == "Y_r" else "1/s"
-    return _PLAIN.get((name[0] in "LMN", name.partition("_")[2]), "")
+    if structure == "lateral_per_speed" and name == "g_V":
+        return "1/s"
+    axis, _, variable = name.partition("_")
+    if per_speed(structure, axis):
+        return "" if variable in ("q", "r") else "1/s"
+    return _PLAIN.get((name[0] in "LMN", variable), "")
 
 
 _PLAIN = {

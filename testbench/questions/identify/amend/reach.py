@@ -23,6 +23,7 @@ from testbench.aircraft.adapter import PREFIX, declare
 from testbench.aircraft.amend import AddCoefficient, Change
 from testbench.aircraft.seams import with_servo
 from testbench.core.record import FloatArray
+from testbench.estimators.structured import per_speed
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.evaluation.parameters import true_parameters
 from testbench.flight import FlightCondition, TrimmedFlight, linearise, trim
@@ -104,13 +105,17 @@ def _slopes(aircraft: Aircraft, condition: FlightCondition, structure: str, vari
     """Return (3, 3): derivatives by one variable per coefficient by it."""
     g, m, V = aircraft.geometry, aircraft.mass, condition.V_m_s
     force = condition.qbar_Pa * g.S_m2
-    per_speed = V if structure == "short_period" else 1.0
+    by_mass = force / m.mass_kg
+
+    def over(axis: str) -> float:
+        return V if per_speed(structure, axis) else 1.0
+
     if _VARIABLES[variable] is _LONGITUDINAL:
         rate = g.cbar_m / (2.0 * V) if variable in _RATES else 1.0
-        return rate * np.diag([-force / m.mass_kg, -force / (m.mass_kg * per_speed), force * g.cbar_m / m.Iyy])
+        return rate * np.diag([-by_mass, -by_mass / over("Z"), force * g.cbar_m / m.Iyy])
     rate = g.b_m / (2.0 * V) if variable in _RATES else 1.0
     out = np.zeros((3, 3))
-    out[0, 0] = force / m.mass_kg
+    out[0, 0] = by_mass / over("Y")
     out[1:, 1:] = force * g.b_m * np.linalg.inv(np.array([[m.Ixx, m.Ixz], [m.Ixz, m.Izz]]))
     return rate * out
 
