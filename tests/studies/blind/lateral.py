@@ -6,23 +6,17 @@ the library and the effects that are asked for by name (:data:`studies.blind.lat
 
 from __future__ import annotations
 
-import argparse
-import csv
 import os
-import time
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import numpy as np
-from studies.blind.__main__ import _kept, _read, _seal_line
 from studies.blind.lateral_run import MORE, name_lateral
 from studies.blind.parts import parts_said, parts_true
 from studies.blind.score import judge
+from studies.blind.sealed_draw import Draw, counted, rated
 
-from testbench.evaluation.proportion import proportion_interval
 from testbench.questions.gap.sealed.cases import seal
 from testbench.questions.gap.sealed.lateral_cases import NOTHING, STRATA, TAKEN_OUT, LateralCase, draw, opened
 from testbench.questions.gap.sealed.lateral_flights import manoeuvres
@@ -116,27 +110,9 @@ def page(cases: Sequence[LateralCase], rows: Mapping[str, Mapping[str, Any]]) ->
         "",
         f"Seed {SEED}. SHA-256 of answers.json without its last line break: `{seal(tuple(cases))[1]}`.",
         "",
-        f"**{len(run)} of {len(cases)} planned cases have been run**, in the order in which they were drawn. "
-        "Intervals are Wilson's, 95 %.",
-        "",
-        "| stratum | run | planned |",
-        "|---|---|---|",
-        *(f"| {s} | {sum(c.stratum == s for c, _ in run)} | {sum(c.stratum == s for c in cases)} |" for s in STRATA),
-        "",
-        "| stratum | rate | cases | interval |",
-        "|---|---|---|---|",
+        *counted(cases, run, {s: sum(c.stratum == s for c in cases) for s in STRATA}),
+        *rated(rates(cases, rows), [r for _, r in run]),
     ]
-    for stratum, rate, count, of in rates(cases, rows):
-        if of:
-            low, high = proportion_interval(count, of)
-            out.append(f"| {stratum} | {rate} | {count} of {of} | {100 * low:.0f} to {100 * high:.0f} % |")
-    seconds = np.array([r["seconds"] for _, r in run if "seconds" in r])
-    if seconds.size:
-        middle, most = (float(np.quantile(seconds, q)) for q in (0.5, 0.95))
-        out += [
-            "",
-            f"Processor time of a case: median {middle:.0f} s, 95 % below {most:.0f} s, longest {seconds.max():.0f} s.",
-        ]
     accused = [(c, r) for c, r in run if r["accused"]]
     if accused:
         out += [
@@ -164,37 +140,7 @@ def _sizes(sizes: Mapping[str, float]) -> str:
     return ", ".join(f"{n} {x:.3g}" for n, x in sizes.items())
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Seal the answers, run the cases that have no row yet, and write rates and page."""
-    parser = argparse.ArgumentParser(prog="python -m studies.blind.lateral", description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("results/gap/lateral"), help="folder of rows and rates")
-    parser.add_argument("--minutes", type=float, default=None, help="start no case after so many minutes")
-    asked = parser.parse_args(arguments)
-    asked.out.mkdir(parents=True, exist_ok=True)
-    answers, sealed = asked.out / "answers.json", asked.out / "sealed.sha256"
-    if not answers.exists():
-        text, digest = seal(draw(SEED, STRATA))
-        sealed.write_text(_seal_line(digest, SEED), encoding="utf-8")
-        answers.write_text(text + "\n", encoding="utf-8")
-    cases = opened(answers.read_text(encoding="utf-8").removesuffix("\n"))
-    if sealed.read_text(encoding="utf-8") != _seal_line(seal(cases)[1], SEED):
-        raise SystemExit(f"the answers must be those that were sealed, {sealed} holds another hash")
-    rows_file = asked.out / "rows.jsonl"
-    rows = _read(rows_file)
-    stop = None if asked.minutes is None else time.monotonic() + 60.0 * asked.minutes
-    due = (run_case(c) for c in cases if c.name not in rows and (stop is None or time.monotonic() < stop))
-    for row in _kept(rows_file, due):
-        rows[row["case"]] = row
-        print(f"{len(rows)} {row['case']}: {row['outcome']} {' | '.join(row['names'])}", flush=True)
-    with (asked.out / "rates.csv").open("w", newline="", encoding="utf-8") as out:
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(["stratum", "rate", "count", "of", "low", "high"])
-        for stratum, rate, count, of in rates(cases, rows):
-            if of:
-                writer.writerow([stratum, rate, count, of, *(f"{x:.3f}" for x in proportion_interval(count, of))])
-    (asked.out / "README.md").write_text(page(cases, rows), encoding="utf-8")
-    return 0
-
+DRAW = Draw("lateral", SEED, lambda: draw(SEED, STRATA), opened, run_case, rates, page)
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(DRAW.run())

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from testbench.core.errors import TestbenchError
+from studies.blind.found_row import found_row
+
 from testbench.core.record import FlightRecord
 from testbench.flight import load_aircraft
 from testbench.questions.gap.believed import Believed
@@ -38,19 +38,5 @@ def name_lateral(
     without: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return what the workflow says of the records of one case, as JSON values."""
-    began, believed = time.process_time(), believe(aircraft)
-    try:
-        found = find_gap(believed, records, held_out, effects=searched(believed, without))
-    except TestbenchError as error:
-        return {"outcome": "failed", "names": [], "accused": [], "why": str(error)}
-    naming = found.naming
-    first = naming.best or next(iter(naming.ranking), None)
-    return {
-        "outcome": naming.outcome,
-        "names": list(naming.names),
-        "best": first.effect.name if first else "",
-        "values": {k: float(v) for k, v in first.values.items()} if first else {},
-        "gain": float(first.gain) if first else 0.0,
-        "accused": [[p.name, float(p.factor), float(p.error)] for p in found.parameters],
-        "seconds": time.process_time() - began,
-    }
+    believed = believe(aircraft)
+    return found_row(lambda: find_gap(believed, records, held_out, effects=searched(believed, without)))

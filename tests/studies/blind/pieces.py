@@ -6,25 +6,20 @@ beginning is cut away: it begins 0.3 s after the first command, so that the work
 
 from __future__ import annotations
 
-import argparse
-import csv
 import os
-import time
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from studies.blind.__main__ import _kept, _read, _seal_line
+from studies.blind.found_row import found_row
 from studies.blind.parts import parts_said, parts_true
 from studies.blind.run import believe
 from studies.blind.score import judge
+from studies.blind.sealed_draw import Draw, counted, rated
 
-from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightRecord
-from testbench.evaluation.proportion import proportion_interval
 from testbench.questions.gap.evidence.commanded import MOVED, commands
 from testbench.questions.gap.sealed.cases import Case, draw, opened, seal
 from testbench.questions.gap.workflow import find_gap
@@ -43,22 +38,10 @@ def piece(record: FlightRecord) -> FlightRecord:
 
 def run_case(case: Case) -> dict[str, Any]:
     """Return what the workflow says of the pieces of one case, as JSON values."""
-    began = time.process_time()
     records, held_out = ({n: piece(r) for n, r in case.fly(which).items()} for which in ("rich", "held_out"))
-    try:
-        found = find_gap(believe(case.aircraft), records, held_out, check=False)
-    except TestbenchError as error:
-        return {"case": case.name, "outcome": "failed", "names": [], "accused": [], "why": str(error)}
-    first = found.naming.best or next(iter(found.naming.ranking), None)
     return {
         "case": case.name,
-        "outcome": found.naming.outcome,
-        "names": list(found.naming.names),
-        "best": first.effect.name if first else "",
-        "values": {k: float(v) for k, v in first.values.items()} if first else {},
-        "gain": float(first.gain) if first else 0.0,
-        "accused": [[p.name, float(p.factor), float(p.error)] for p in found.parameters],
-        "seconds": time.process_time() - began,
+        **found_row(lambda: find_gap(believe(case.aircraft), records, held_out, check=False)),
     }
 
 
@@ -103,27 +86,9 @@ def page(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> str:
         f"Seed {SEED}, the second draw. SHA-256 of answers.json without its last line break: "
         f"`{seal(tuple(cases))[1]}`.",
         "",
-        f"**{len(run)} of {len(cases)} planned cases have been run**, in the order in which they were drawn. "
-        "Intervals are Wilson's, 95 %.",
-        "",
-        "| stratum | run | planned |",
-        "|---|---|---|",
-        *(f"| {s} | {sum(c.stratum == s for c, _ in run)} | {n} |" for s, n in STRATA.items()),
-        "",
-        "| stratum | rate | cases | interval |",
-        "|---|---|---|---|",
+        *counted(cases, run, STRATA),
+        *rated(rates(cases, rows), [r for _, r in run]),
     ]
-    for stratum, rate, count, of in rates(cases, rows):
-        if of:
-            low, high = proportion_interval(count, of)
-            out.append(f"| {stratum} | {rate} | {count} of {of} | {100 * low:.0f} to {100 * high:.0f} % |")
-    seconds = np.array([r["seconds"] for _, r in run if "seconds" in r])
-    if seconds.size:
-        middle, most = (float(np.quantile(seconds, q)) for q in (0.5, 0.95))
-        out += [
-            "",
-            f"Processor time of a case: median {middle:.0f} s, 95 % below {most:.0f} s, longest {seconds.max():.0f} s.",
-        ]
     missed = [(c, r) for c, r in run if _missed(c, r)]
     if missed:
         out += ["", "Not right:", "", "| case | hidden | outcome | said | came nearest |", "|---|---|---|---|---|"]
@@ -140,37 +105,7 @@ def _missed(case: Case, row: Mapping[str, Any]) -> bool:
     return row["outcome"] != "no gap" if not case.kinds else judge(case, row).verdict != "right"
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Seal the answers, run the cases that have no row yet, and write rates and page."""
-    parser = argparse.ArgumentParser(prog="python -m studies.blind.pieces", description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("results/gap/pieces"), help="folder of rows and rates")
-    parser.add_argument("--minutes", type=float, default=None, help="start no case after so many minutes")
-    asked = parser.parse_args(arguments)
-    asked.out.mkdir(parents=True, exist_ok=True)
-    answers, sealed = asked.out / "answers.json", asked.out / "sealed.sha256"
-    if not answers.exists():
-        text, digest = seal(draw(SEED, STRATA))
-        sealed.write_text(_seal_line(digest, SEED), encoding="utf-8")
-        answers.write_text(text + "\n", encoding="utf-8")
-    cases = opened(answers.read_text(encoding="utf-8").removesuffix("\n"))
-    if sealed.read_text(encoding="utf-8") != _seal_line(seal(cases)[1], SEED):
-        raise SystemExit(f"the answers must be those that were sealed, {sealed} holds another hash")
-    rows_file = asked.out / "rows.jsonl"
-    rows = _read(rows_file)
-    stop = None if asked.minutes is None else time.monotonic() + 60.0 * asked.minutes
-    due = (run_case(c) for c in cases if c.name not in rows and (stop is None or time.monotonic() < stop))
-    for row in _kept(rows_file, due):
-        rows[row["case"]] = row
-        print(f"{len(rows)} {row['case']}: {row['outcome']} {' | '.join(row['names'])}", flush=True)
-    with (asked.out / "rates.csv").open("w", newline="", encoding="utf-8") as out:
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(["stratum", "rate", "count", "of", "low", "high"])
-        for stratum, rate, count, of in rates(cases, rows):
-            if of:
-                writer.writerow([stratum, rate, count, of, *(f"{x:.3f}" for x in proportion_interval(count, of))])
-    (asked.out / "README.md").write_text(page(cases, rows), encoding="utf-8")
-    return 0
-
+DRAW = Draw("pieces", SEED, lambda: draw(SEED, STRATA), opened, run_case, rates, page)
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(DRAW.run())

@@ -8,8 +8,9 @@ from __future__ import annotations
 import hashlib
 import json
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -95,9 +96,17 @@ class Case:
         return fly_truth(self.aircraft, truth, which, self.seed + offset, self.turbulence_rms_m_s)
 
 
+C = TypeVar("C", bound=Case)
+
+
 def draw(seed: int, counts: Mapping[str, int] = STRATA) -> tuple[Case, ...]:
     """Draw the cases of every stratum, in an order that begins with the first of each."""
-    drawn = {stratum: [draw_case(stratum, i, seed) for i in range(n)] for stratum, n in counts.items()}
+    return in_turn(counts, lambda stratum, i: draw_case(stratum, i, seed))
+
+
+def in_turn(counts: Mapping[str, int], made: Callable[[str, int], C]) -> tuple[C, ...]:
+    """Return the cases that are made of every stratum, by its name and their number: the first of each, and so on."""
+    drawn = {stratum: [made(stratum, i) for i in range(n)] for stratum, n in counts.items()}
     most = max(counts.values())
     return tuple(cases[i] for i in range(most) for cases in drawn.values() if i < len(cases))
 
@@ -110,8 +119,13 @@ def seal(cases: tuple[Case, ...]) -> tuple[str, str]:
 
 def opened(text: str) -> tuple[Case, ...]:
     """Return the cases of a sealed text."""
+    return opened_as(Case, text)
+
+
+def opened_as(kind: type[C], text: str) -> tuple[C, ...]:
+    """Return the cases of a sealed text, which are of one class."""
     return tuple(
-        Case(**{**c, "kinds": tuple(c["kinds"]), "sizes": tuple(c["sizes"]), "right": tuple(map(tuple, c["right"]))})
+        kind(**{**c, "kinds": tuple(c["kinds"]), "sizes": tuple(c["sizes"]), "right": tuple(map(tuple, c["right"]))})
         for c in json.loads(text)
     )
 
@@ -122,12 +136,24 @@ def draw_case(stratum: str, i: int, seed: int) -> Case:
     Raises:
         LimitError: none of them does.
     """
+
+    def drawn(rng: np.random.Generator) -> Case:
+        case = _case(stratum, i, rng)
+        return _undetectable(case) if stratum == "below detectability" else case
+
+    return first_that_flies(stratum, i, seed, drawn)
+
+
+def first_that_flies(stratum: str, i: int, seed: int, drawn: Callable[[np.random.Generator], C]) -> C:
+    """Return the first of at most ten draws of case ``i`` of a stratum that flies all its manoeuvres.
+
+    Raises:
+        LimitError: none of them does.
+    """
     for attempt in range(10):
         rng = np.random.default_rng(np.random.SeedSequence([seed, zlib.crc32(stratum.encode()), i, attempt]))
-        case = _case(stratum, i, rng)
         try:
-            if stratum == "below detectability":
-                case = _undetectable(case)
+            case = drawn(rng)
             case.fly("rich")
             case.fly("held_out")
         except (FlightAborted, LimitError, TrimError):

@@ -5,18 +5,16 @@ Shares no code with the library of effects; neither imports the other (tests/tes
 
 from __future__ import annotations
 
-import json
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from testbench.core.errors import LimitError, TrimError
-from testbench.core.record import FlightAborted, FlightRecord
+from testbench.core.record import FlightRecord
 from testbench.questions.gap.hidden.lateral import LATERAL
 from testbench.questions.gap.hidden.truth import Truth
-from testbench.questions.gap.sealed.cases import Case
+from testbench.questions.gap.sealed.cases import Case, first_that_flies, in_turn, opened_as
 from testbench.questions.gap.sealed.lateral_flights import fly_lateral
 from testbench.questions.gap.sealed.lateral_truths import LATERAL_KINDS, parameter_errors
 
@@ -44,18 +42,12 @@ class LateralCase(Case):
 
 def draw(seed: int, counts: Mapping[str, int] = STRATA) -> tuple[LateralCase, ...]:
     """Draw the cases of every stratum, in an order that begins with the first of each."""
-    drawn = {stratum: [draw_case(stratum, i, seed) for i in range(n)] for stratum, n in counts.items()}
-    most = max(counts.values())
-    return tuple(cases[i] for i in range(most) for cases in drawn.values() if i < len(cases))
+    return in_turn(counts, lambda stratum, i: draw_case(stratum, i, seed))
 
 
 def opened(text: str) -> tuple[LateralCase, ...]:
     """Return the cases of a sealed text."""
-    tuples = ("kinds", "sizes")
-    return tuple(
-        LateralCase(**{**c, **{n: tuple(c[n]) for n in tuples}, "right": tuple(map(tuple, c["right"]))})
-        for c in json.loads(text)
-    )
+    return opened_as(LateralCase, text)
 
 
 def draw_case(stratum: str, i: int, seed: int, kind: str = "") -> LateralCase:
@@ -64,16 +56,7 @@ def draw_case(stratum: str, i: int, seed: int, kind: str = "") -> LateralCase:
     Raises:
         LimitError: none of them does.
     """
-    for attempt in range(10):
-        rng = np.random.default_rng(np.random.SeedSequence([seed, zlib.crc32(stratum.encode()), i, attempt]))
-        case = _case(stratum, i, rng, kind)
-        try:
-            case.fly("rich")
-            case.fly("held_out")
-        except (FlightAborted, LimitError, TrimError):
-            continue
-        return case
-    raise LimitError(f"a case must fly within ten draws, '{stratum}' number {i} of seed {seed} did not")
+    return first_that_flies(stratum, i, seed, lambda rng: _case(stratum, i, rng, kind))
 
 
 def _case(stratum: str, i: int, rng: np.random.Generator, kind: str) -> LateralCase:
