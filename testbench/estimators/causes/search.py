@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Sized
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -340,7 +340,7 @@ def _coloured(model: IdentifiedModel, best: _Best) -> Found | None:
         innovations = [left.T for left in best.fit.left]
     else:
         return None
-    lags = max(2, min(_LAGS_WHITE, min(len(e) for e in innovations) // 4))
+    lags = _lags(innovations)
     p = [min(ljung_box(e[:, i], lags) for e in innovations) for i in range(len(model.outputs))]
     tests = len(p) * len(innovations)
     coloured = [name for name, chance in zip(model.outputs, p, strict=True) if chance * tests < CHANCE]
@@ -415,9 +415,14 @@ def _in_white(model: IdentifiedModel, first: _Best) -> _Best | None:
 
 
 def _white(left: Sequence[FloatArray], goods: Sequence[NDArray[np.bool_]]) -> bool:
-    lags = max(2, min(_LAGS_WHITE, min(len(g) for g in goods) // 4))
+    lags = _lags(goods)
     chances = [ljung_box(row[good], lags) for e, good in zip(left, goods, strict=True) for row in e]
     return min(chances) * len(chances) > _CHANCE_WHITE
+
+
+def _lags(records: Sequence[Sized]) -> int:
+    """Return over how many samples records are tested for colour."""
+    return max(2, min(_LAGS_WHITE, min(map(len, records)) // 4))
 
 
 def _log_size(left: Sequence[FloatArray], goods: Sequence[NDArray[np.bool_]]) -> float:

@@ -32,7 +32,8 @@ def smoothed(believed: Believed, air: AirFound, records: Sequence[FlightRecord])
     """
     if not believed.surface_noise:
         return list(records)
-    return [_smoothed(believed, filter_in(believed, air), record) for record in records]
+    known = filter_in(believed, air)
+    return [_smoothed(believed, known, record) for record in records]
 
 
 def _smoothed(believed: Believed, known: FlightFilter, record: FlightRecord) -> FlightRecord:
