@@ -76,8 +76,11 @@ def effects() -> Rows:
     """Return the effects that the gap workflow can name."""
     from testbench.questions.gap.effects import EFFECTS, OTHER_SERVOS
 
-    by_name = ((n, f"(searched only if it is named) {e.physics}") for n, e in OTHER_SERVOS.items())
-    return [("effect", "physics"), *((n, e.physics) for n, e in EFFECTS.items()), *by_name]
+    beside = "searched where the search points to its path, or by name"
+    further = (
+        (n, f"({beside if e.lateral else 'searched only by name'}) {e.physics}") for n, e in OTHER_SERVOS.items()
+    )
+    return [("effect", "physics"), *((n, e.physics) for n, e in EFFECTS.items()), *further]
 
 
 FAMILIES: dict[str, Callable[[], Rows]] = {

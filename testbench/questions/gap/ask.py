@@ -15,6 +15,7 @@ from testbench.flight.batch.jobs import Simulator
 from testbench.line import Keep, condition_of
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.brought import choose
+from testbench.questions.gap.effects import OTHER_SERVOS
 from testbench.questions.gap.evidence.compared import not_compared
 from testbench.questions.gap.hidden.kinds import measure_hidden
 from testbench.questions.gap.records import Flights, at_its_own, check_records, check_speeds
@@ -142,6 +143,7 @@ def run_gap(
             control_file=control_file,
             windows=scenario.windows if windows is None else windows,
             drive=scenario.drive,
+            further=OTHER_SERVOS if scenario.effects is None else None,
         )
     notes += choice.notes
     return GapResult(
@@ -204,6 +206,7 @@ def run_flights(
         control_file=control_file,
         windows=windows,
         drive=flights.drive,
+        further=OTHER_SERVOS,
     )
     return GapResult(
         name=aircraft,

@@ -18,7 +18,7 @@ from testbench.questions.gap.controls import fly_controls, without_false_alarms
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, judged, noise_limit
 from testbench.questions.gap.drive import driven
-from testbench.questions.gap.effects import Effect, library
+from testbench.questions.gap.effects import OTHER_SERVOS, Effect, library
 from testbench.questions.gap.evidence.air import (
     AirFound,
     in_air,
@@ -42,6 +42,7 @@ from testbench.questions.gap.evidence.locate import (
 )
 from testbench.questions.gap.evidence.smoothed import smoothed
 from testbench.questions.gap.flights import flights
+from testbench.questions.gap.further import named_in_path
 from testbench.questions.gap.open_set import first_look, named_openly
 from testbench.questions.gap.parameters import wrong_parameters
 from testbench.questions.gap.plan import separate
@@ -71,6 +72,7 @@ def find_gap(
     control_file: Path | None = None,
     windows: Windows = "auto",
     drive: Drive = "both",
+    further: Mapping[str, Effect] | None = None,
 ) -> GapFinding:
     """Find what the believed model lacks.
 
@@ -94,6 +96,8 @@ def find_gap(
         drive: "both" judges paths whose surfaces are recorded beside their commands by themselves, and lets surfaces
             drive where no command is recorded; "surface" lets them drive wherever they are recorded; "command" does not
             look at them.
+        further: servo effects that are sought only where the search points to the path of their control, by name; if
+            not given, those that the library lacks, and none if ``effects`` are given.
 
     Raises:
         RecordError: a record is not measured, or lacks a channel of the believed suite; or ``control_file`` cannot be
@@ -150,6 +154,10 @@ def find_gap(
     if naming.best is not None:
         say("look at what is left")
     naming, unexplained = judged(naming, believed, naming_records, list(held_out.values()), known)
+    more = restricted(OTHER_SERVOS if further is None and effects is None else further or {}, (*by.paths, *paths))[1]
+    naming, unexplained = named_in_path(
+        naming, unexplained, first, believed, naming_records, list(held_out.values()), known, more, say
+    )
     if naming.outcome == "unexplained" and first.terms:
         checked = checked or instruments()  # what instruments do is no force
         if not checked.news:

@@ -10,13 +10,10 @@ from studies.blind.found_row import found_row
 from testbench.core.record import FlightRecord
 from testbench.flight import load_aircraft
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.effects import OTHER_SERVOS, SERVOS, Effect, library
+from testbench.questions.gap.effects import OTHER_SERVOS, Effect, library
 from testbench.questions.gap.sealed.flights import RATE_HZ, condition
 from testbench.questions.gap.sealed.lateral_flights import suite
 from testbench.questions.gap.workflow import find_gap
-
-MORE = tuple(SERVOS[kind, control].name for kind in ("delay", "gain", "rate limit") for control in ("da", "dr"))
-"""Effects that are asked for by name, as they are in no library: those of links and slew of aileron and rudder."""
 
 
 def believe(aircraft: str) -> Believed:
@@ -24,11 +21,17 @@ def believe(aircraft: str) -> Believed:
     return Believed(load_aircraft(aircraft, "rigid"), suite(), condition(aircraft), RATE_HZ)
 
 
-def searched(believed: Believed, without: Sequence[str] = ()) -> dict[str, Effect]:
-    """Return the library and MORE, less some effects and those of which they are special cases."""
+def searched(believed: Believed, without: Sequence[str] = ()) -> tuple[dict[str, Effect], dict[str, Effect]]:
+    """Return the library, and what is sought beside it where a path is pointed to, less some effects.
+
+    Those of which these are special cases are left out, too.
+    """
     gone = set(without)
-    known = library(believed.suite, believed.aircraft) | {n: OTHER_SERVOS[n] for n in MORE}
-    return {n: e for n, e in known.items() if n not in gone and gone.isdisjoint(e.contains)}
+
+    def left(known: Mapping[str, Effect]) -> dict[str, Effect]:
+        return {n: e for n, e in known.items() if n not in gone and gone.isdisjoint(e.contains)}
+
+    return left(library(believed.suite, believed.aircraft)), left(OTHER_SERVOS)
 
 
 def name_lateral(
@@ -39,4 +42,5 @@ def name_lateral(
 ) -> dict[str, Any]:
     """Return what the workflow says of the records of one case, as JSON values."""
     believed = believe(aircraft)
-    return found_row(lambda: find_gap(believed, records, held_out, effects=searched(believed, without)))
+    known, further = searched(believed, without)
+    return found_row(lambda: find_gap(believed, records, held_out, effects=known, further=further))

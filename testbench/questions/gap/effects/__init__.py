@@ -107,22 +107,24 @@ _OF_AIRCRAFT: dict[str, Effect] = {
     )
 }
 
-_OF_AIRCRAFT |= {e.name: e for e in (SERVOS["lag", "da"], SERVOS["lag", "dr"])}
+_PLAIN = ("lag", "delay", "gain", "rate limit")
+_OF_AIRCRAFT |= {SERVOS[kind, control].name: SERVOS[kind, control] for kind in _PLAIN for control in ("da", "dr")}
 _BY_NAME_ONLY = ("lost_tail", "stall_moment")
 _LATERAL = (*lateral_feedback.EFFECTS, *propeller.EFFECTS, *asymmetry.EFFECTS, *lateral_terms.EFFECTS)
 _NEW = (*_LATERAL, *lost_surface.EFFECTS, *stall_moment.EFFECTS)
 _OF_AIRCRAFT |= {e.name: e for e in _NEW if e.name not in _BY_NAME_ONLY}
 
 OTHER_SERVOS: dict[str, Effect] = {e.name: e for e in SERVOS.values() if e.name not in _OF_AIRCRAFT}
-"""What the elevator's servo has in the library, for aileron and rudder, and what only a name calls (``more_effects``).
+"""Servo effects that are searched only where the search points to the path of their control (further.py), or by name.
 
-They are searched only if a scenario asks for them by name. In the library they would be twenty further things that a
-record of aileron and rudder may be mistaken for, each of which costs a search, while most records hold no input that
-tells one servo effect from another; the lags of aileron and rudder are in it.
+In the library they would be a dozen further things that a record of aileron and rudder may be mistaken for, each of
+which costs a search, while most records hold no input that tells one servo effect from another of its kind. Lag, delay,
+gain and rate limit of aileron and rudder are in the library. Those of elevator and throttle come by name alone
+(``more_effects``).
 """
 
 ON_REQUEST: dict[str, Effect] = OTHER_SERVOS | {e.name: e for e in _NEW if e.name in _BY_NAME_ONLY}
-"""All that is searched only if a scenario asks for it by name (``more_effects``).
+"""All that a scenario may ask for by name (``more_effects``) and the library does not hold.
 
 A lost part of the tail is what errors of three coefficients are, and a stall that pitches is a stall beside a curved
 moment: in the library they would be two more things that every longitudinal record may be mistaken for.

@@ -91,6 +91,7 @@ def _tail(aircraft: Aircraft, share: float) -> tuple[tuple[Increment, ...], floa
     return edits, _TAIL_MASS * share, (arm * aircraft.geometry.cbar_m, 0.0, 0.0)
 
 
+_CHECK = "look at {0}: something is broken off, dented or missing; then balance the aircraft on nose and tail"
 _PARTS = {"lost_wing": _wing, "lost_fin": _fin, "lost_tail": _tail}
 
 
@@ -139,7 +140,7 @@ EFFECTS = (
         name="lost_wing",
         title="part of a wing lost",
         place="wing",
-        part="structure",
+        ground_check=_CHECK.format("both wings"),
         physics=(
             "The outer part of one wing is gone: its lift, drag and mass, and most of its roll damping. The aircraft "
             "rolls towards it in proportion to lift, rolls more easily, and carries less."
@@ -155,7 +156,7 @@ EFFECTS = (
         name="lost_fin",
         title="part of the fin lost",
         place="fin",
-        part="structure",
+        ground_check=_CHECK.format("fin and rudder"),
         physics=(
             "A part of fin and rudder is gone. Weathercock stability, yaw damping and rudder power fall by one share, "
             "and side force with them."
@@ -170,7 +171,7 @@ EFFECTS = (
         name="lost_tail",
         title="part of the tail lost",
         place="pitching moment",
-        part="structure",
+        ground_check=_CHECK.format("tailplane and elevator"),
         physics=(
             "A part of tailplane and elevator is gone. Pitch stiffness, pitch damping and elevator power fall by one "
             "share, and the centre of gravity moves forward."

@@ -45,8 +45,12 @@ LIBRARY_FORM: Mapping[str, Kind] = {
 }
 # Hidden truths in other forms of the library's effects.
 OTHER_FORM: Mapping[str, Kind] = {
-    "aileron servo of two stages": kind("other", "aileron_lag", between(lag_rad_s=(10.0, 22.0))),
-    "rudder servo of two stages": kind("other", "rudder_lag", between(lag_rad_s=(8.0, 18.0))),
+    "aileron servo of two stages": kind(
+        "other", "aileron_second_order_actuator aileron_lag", between(lag_rad_s=(10.0, 22.0))
+    ),
+    "rudder servo of two stages": kind(
+        "other", "rudder_second_order_actuator rudder_lag", between(lag_rad_s=(8.0, 18.0))
+    ),
     "soft aileron slew limit": kind("other", "aileron_rate_limit", between(slew_s=(0.2, 0.5))),
     "soft rudder slew limit": kind("other", "rudder_rate_limit", between(slew_s=(0.25, 0.6))),
     "aileron link with jitter": kind("other", "aileron_transport_delay", between(delay_s=(0.06, 0.15)), "delay_s"),
