@@ -30,7 +30,7 @@ def pointed_to(naming: Naming, first: FirstLook) -> str:
     """
     best = naming.best
     near = best if best is not None else next((f for f in naming.ranking if f.significant and f.flown), None)
-    if best is None and naming.outcome != "unexplained" or best is not None and not best.effect.parts:
+    if (best is None and naming.outcome != "unexplained") or (best is not None and not best.effect.parts):
         return ""
     places = set() if near is None else {e.place for e in near.effect.singles}
     for control in CONTROLS:

@@ -75,7 +75,7 @@ def test_a_term_that_no_library_holds_acts_where_its_controls_or_its_coefficient
     assert parts_said([lagged]) == {"rudder path"}
     assert parts_said(["Cn by beta^3"]) == {"fin"}
     assert parts_said(["Cl by alpha*|da|"]) == {"aileron path"}
-    assert parts_said(["rudder_lag", "lost_wing"]) == {"rudder path", "structure"}
+    assert parts_said(["rudder_lag", "lost_wing"]) == {"rudder path", "wing"}
 
 
 def test_the_answers_are_those_that_were_sealed():

@@ -10,7 +10,7 @@ import pytest
 from testbench.core.record import FlightRecord
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed
-from testbench.questions.gap.effects import EFFECTS, OTHER_SERVOS
+from testbench.questions.gap.effects import EFFECTS, SERVOS
 from testbench.questions.gap.effects.contract import recorded
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
@@ -19,7 +19,7 @@ from testbench.sensors import load_suite
 
 STOCK = ("taurus", "jsbsim:c172p")
 CONDITIONS = {"taurus": FlightCondition(15.0, 100.0), "jsbsim:c172p": FlightCondition(50.0, 1000.0)}
-LATERAL = {n: e for n, e in OTHER_SERVOS.items() if e.lateral}
+LATERAL = {e.name: e for (_, control), e in SERVOS.items() if control in ("da", "dr")}
 SIZES = {
     "second_order_actuator": {"omega_rad_s": 15.0, "zeta": 0.6},
     "delayed_servo": {"delay_s": 0.04, "omega_rad_s": 15.0, "zeta": 0.6},

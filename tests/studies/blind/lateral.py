@@ -113,7 +113,8 @@ def page(cases: Sequence[LateralCase], rows: Mapping[str, Mapping[str, Any]]) ->
         "forms are now sought where a search points to their path. Uneven lift was called a lost wing, which counted "
         "as another part, structure; a lost wing is now looked for at the wing.",
         "",
-        f"Seed {SEED}, the second draw. SHA-256 of answers.json without its last line break: `{seal(tuple(cases))[1]}`.",
+        f"Seed {SEED}, the second draw. SHA-256 of answers.json without its last line break: "
+        f"`{seal(tuple(cases))[1]}`.",
         "",
         *counted(cases, run, {s: sum(c.stratum == s for c in cases) for s in STRATA}),
         *rated(rates(cases, rows), [r for _, r in run]),
