@@ -88,6 +88,17 @@ def amend(name: str, aircraft: Aircraft, suite: SensorSuite, values: Values) -> 
     return aircraft.amended(Amendment(name, text, (edit,))), suite
 
 
+def amend_limited(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    """Add the gain times the bank angle to what the aileron servo is told, no more than the authority either way."""
+    gain, most = values["gain"], value(values["most_rad"])
+    aircraft, way = opened(aircraft, "da")
+    wanted = product(value(-gain), _bank(aircraft))
+    held = f"<max> {value(-values['most_rad'])} <min> {most} {wanted} </min> </max>"
+    edit = reroute(way.command, "limited-bank-hold", f"<sum> {prop(way.command)} {held} </sum>")
+    text = f"aileron fed {-gain:+.4g} rad per rad of bank, {values['most_rad']:.3g} rad at most"
+    return aircraft.amended(Amendment("limited_bank_hold", text, (edit,))), suite
+
+
 def _effect(name: str, title: str, physics: str, mistaken_for: str, separated_by: str) -> Effect:
     path = PATHS[name]
     return Effect(
@@ -134,6 +145,27 @@ EFFECTS = (
         "fast, and the aircraft rolls back to level after every input.",
         "an error of Cl_beta, Cl_r or Cn_beta as far as they set the spiral mode; a roll damper in short inputs",
         "a bank held for some seconds; a measured aileron deflection, or a flight with the autopilot off",
+    ),
+    Effect(
+        name="limited_bank_hold",
+        title="bank hold with little authority",
+        place=WORDS["da"],
+        physics=(
+            "An autopilot turns the ailerons against the bank angle, by no more than its authority. The aircraft rolls "
+            "back to level after small inputs; beyond, a constant aileron is all that brings it back."
+        ),
+        parameters=(
+            Parameter("gain", "1", 0.0, 3.0, (0.2,), none=0.0),
+            Parameter("most_rad", "rad", 0.001, 0.5, (0.01, 0.04)),
+        ),
+        amend=amend_limited,
+        mistaken_for="a bank hold, where banks are small",
+        separated_by="banks of several sizes, each held for some seconds; a measured aileron deflection",
+        flown=True,
+        lateral=True,
+        contains=("bank_hold",),
+        upstream=AUTOPILOT,
+        part="autopilot",
     ),
     _effect(
         "heading_hold",
