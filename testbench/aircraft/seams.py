@@ -150,16 +150,16 @@ def moved_centre(aircraft: Aircraft, shift_m: Sequence[float]) -> tuple[Change, 
     return (*pair, *inertia)
 
 
-def added_load(aircraft: Aircraft, kg: float, aft_m: float) -> tuple[Change, ...]:
-    """Return the change that adds a point mass ``aft_m`` behind the centre of gravity of the aircraft as loaded."""
+def added_load(aircraft: Aircraft, kg: float, aft_m: float, right_m: float = 0.0) -> tuple[Change, ...]:
+    """Return the change that adds a point mass behind, and beside, the centre of gravity of the aircraft as loaded."""
     if aircraft.adapter is None:
         point = (
             f'<pointmass name="payload"> <weight unit="KG">{kg!r}</weight> '
-            f'<location unit="M"> <x>{aft_m!r}</x> <y>0</y> <z>0</z> </location> </pointmass>'
+            f'<location unit="M"> <x>{aft_m!r}</x> <y>{right_m!r}</y> <z>0</z> </location> </pointmass>'
         )
         return (Insert("mass_balance", point),)
     x, y, z = _centre_in(aircraft)
-    return (_point("payload", kg, (x + aft_m / _IN_M, y, z)),)
+    return (_point("payload", kg, (x + aft_m / _IN_M, y + right_m / _IN_M, z)),)
 
 
 def _centre_in(aircraft: Aircraft) -> tuple[float, float, float]:

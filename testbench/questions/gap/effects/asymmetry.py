@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 
 from testbench.aircraft import Aircraft, Amendment
 from testbench.aircraft.reroute import prop, value
-from testbench.aircraft.seams import moved_centre, scaled_mass
+from testbench.aircraft.seams import moved_centre
 from testbench.questions.gap.effects.aero import ALPHA, force
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
+from testbench.questions.gap.effects.cg_shift import left_behind
+from testbench.questions.gap.effects.payload import with_load
 from testbench.sensors import SensorSuite
-from testbench.sensors.sensor import ACCELEROMETERS
 
 _TERMS = {
     "wing_twist": ("Cl", "Cl0", ()),
@@ -37,38 +37,13 @@ def amend_centre(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tupl
     shift = values["right_spans"] * aircraft.geometry.b_m
     text = f"centre of gravity {1000.0 * shift:+.3g} mm to the right"
     amended = aircraft.amended(Amendment("lateral_cg", text, moved_centre(aircraft, (0.0, shift, 0.0))))
-    return amended, _left_behind(suite, shift)
-
-
-def _left_behind(suite: SensorSuite, shift_m: float) -> SensorSuite:
-    """Return the suite whose accelerometers stay in the airframe as the centre of gravity moves to the right."""
-    sensors = tuple(
-        replace(s, position_m=(s.position_m[0], s.position_m[1] - shift_m, s.position_m[2]))
-        if s.channel in ACCELEROMETERS
-        else s
-        for s in suite.sensors
-    )
-    return replace(suite, sensors=sensors)
+    return amended, left_behind(suite, right_m=shift)
 
 
 def amend_load(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
-    """Add a point mass on the y axis: mass, centre of gravity and the inertia about it; accelerometers stay.
-
-    A mass m at y from a centre of mass M moves it by m y / (M + m), and adds m M / (M + m) y^2 to Ixx and Izz about the
-    new one (Steiner's theorem).
-
-    Raises:
-        ModelError: the model does not say where the centre of gravity is, or how heavy it is.
-    """
-    ratio, right, M = values["ratio"], values["right_spans"] * aircraft.geometry.b_m, aircraft.mass
-    added = ratio / (1.0 + ratio) * M.mass_kg * right**2
-    factors = {"mass_kg": 1.0 + ratio, "Ixx": 1.0 + added / M.Ixx, "Izz": 1.0 + added / M.Izz}
-    changes, mass = scaled_mass(aircraft, factors)
-    shift = ratio / (1.0 + ratio) * right
-    moved = moved_centre(replace(aircraft, mass=mass), (0.0, shift, 0.0))
-    text = f"load of {ratio * M.mass_kg:.3g} kg {1000.0 * right:+.3g} mm to the right"
-    amended = aircraft.amended(Amendment("side_payload", text, (*changes, *moved)))
-    return replace(amended, mass=mass), _left_behind(suite, shift)
+    """Add a point mass to the right (positive) or left; centre of gravity and inertia follow, accelerometers stay."""
+    load, right = values["ratio"] * aircraft.mass.mass_kg, values["right_spans"] * aircraft.geometry.b_m
+    return with_load(aircraft, suite, "side_payload", load, 0.0, right)
 
 
 EFFECTS = (

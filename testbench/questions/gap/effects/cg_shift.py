@@ -7,7 +7,7 @@ from dataclasses import replace
 from testbench.aircraft import Aircraft, Amendment
 from testbench.aircraft.seams import moved_centre
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.sensors import SensorSuite
+from testbench.sensors import Sensor, SensorSuite
 from testbench.sensors.sensor import ACCELEROMETERS
 
 
@@ -18,13 +18,19 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
         ModelError: the model does not say where the centre of gravity is.
     """
     shift = values["aft_chords"] * aircraft.geometry.cbar_m
-    sensors = tuple(
-        replace(s, position_m=(s.position_m[0] + shift, *s.position_m[1:])) if s.channel in ACCELEROMETERS else s
-        for s in suite.sensors
-    )
     text = f"centre of gravity {1000.0 * shift:+.3g} mm aft"
     amended = aircraft.amended(Amendment("cg_shift", text, moved_centre(aircraft, (shift, 0.0, 0.0))))
-    return amended, replace(suite, sensors=sensors)
+    return amended, left_behind(suite, shift)
+
+
+def left_behind(suite: SensorSuite, aft_m: float = 0.0, right_m: float = 0.0) -> SensorSuite:
+    """Return the suite whose accelerometers stay in the airframe as the centre of gravity moves aft and right."""
+
+    def beside(s: Sensor) -> Sensor:
+        ahead, right, down = s.position_m
+        return replace(s, position_m=(ahead + aft_m, right - right_m, down)) if s.channel in ACCELEROMETERS else s
+
+    return replace(suite, sensors=tuple(beside(s) for s in suite.sensors))
 
 
 EFFECT = Effect(

@@ -7,8 +7,8 @@ from dataclasses import replace
 from testbench.aircraft import Aircraft, Amendment
 from testbench.aircraft.seams import added_load
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
+from testbench.questions.gap.effects.cg_shift import left_behind
 from testbench.sensors import SensorSuite
-from testbench.sensors.sensor import ACCELEROMETERS
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
@@ -18,19 +18,18 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 
 
 def with_load(
-    aircraft: Aircraft, suite: SensorSuite, name: str, load: float, aft: float
+    aircraft: Aircraft, suite: SensorSuite, name: str, load: float, aft: float, right: float = 0.0
 ) -> tuple[Aircraft, SensorSuite]:
-    """Add a load in kg so many metres aft of the centre of gravity, as the amendment ``name``; it may be negative."""
+    """Add a load in kg so many metres aft and right of the centre of gravity, as the amendment ``name``.
+
+    It may be negative.
+    """
     total = aircraft.mass.mass_kg + load
-    shift = load / total * aft
-    sensors = tuple(
-        replace(s, position_m=(s.position_m[0] + shift, *s.position_m[1:])) if s.channel in ACCELEROMETERS else s
-        for s in suite.sensors
-    )
     mass = replace(aircraft.mass, mass_kg=total)
-    text = f"load of {load:.3g} kg {1000 * aft:+.3g} mm aft of the origin"
-    amended = aircraft.amended(Amendment(name, text, added_load(aircraft, load, aft)))
-    return replace(amended, mass=mass), replace(suite, sensors=sensors)
+    aside = f" and {1000 * right:+.3g} mm right" if right else ""
+    text = f"load of {load:.3g} kg {1000 * aft:+.3g} mm aft{aside} of the origin"
+    amended = aircraft.amended(Amendment(name, text, added_load(aircraft, load, aft, right)))
+    return replace(amended, mass=mass), left_behind(suite, load / total * aft, load / total * right)
 
 
 EFFECT = Effect(
