@@ -176,17 +176,22 @@ class Sensor:
         Raises:
             ChannelError: the truth lacks a channel of :attr:`needs`.
         """
+        return responses([self], truth)[:, 0]
+
+    def _scaled(self, truth: FlightRecord) -> FloatArray:
+        """Return what is felt, times the scale factor (n,)."""
         require(self.needs, truth.channels, f"sensor '{self.channel}'")
         x = self.feel({name: truth[name] for name in self.needs})
         if self.channel == "psi":
             x = np.unwrap(x)
-        x = self.scale * x
-        if self.lag_s > 0.0:
-            x = first_order_lag(x, truth.dt_s, self.lag_s)
-        if self.delay_s > 0.0 or self.clock_offset_s or self.clock_ppm:
-            late = self.delay_s + self.clock_offset_s + 1e-6 * self.clock_ppm * truth.t_s
-            x = np.interp(truth.t_s - late, truth.t_s, x)
-        return x
+        return self.scale * x
+
+    def _late(self, x: FloatArray, t_s: FloatArray) -> FloatArray:
+        """Return ``x`` (n,) as its delay and its clock make it of samples at ``t_s`` (n,)."""
+        if not (self.delay_s > 0.0 or self.clock_offset_s or self.clock_ppm):
+            return x
+        late = self.delay_s + self.clock_offset_s + 1e-6 * self.clock_ppm * t_s
+        return np.interp(t_s - late, t_s, x)
 
     def sample(self, x: FloatArray, seed: int, dt_s: float = 1.0) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return the samples (m,) that the sensor delivers for its responses ``x`` (m,), and which of them arrive.
@@ -247,6 +252,25 @@ class Sensor:
         return out
 
 
+def responses(sensors: Sequence[Sensor], truth: FlightRecord) -> FloatArray:
+    """Return :meth:`Sensor.respond` of several instruments, (n, sensors).
+
+    Those of one lag pass through it together, which takes a third of the time that each by itself would.
+
+    Raises:
+        ChannelError: the truth lacks a channel that one of them needs.
+    """
+    out = np.empty((len(truth), len(sensors)))
+    for i, sensor in enumerate(sensors):
+        out[:, i] = sensor._scaled(truth)
+    for lag_s in {s.lag_s for s in sensors if s.lag_s > 0.0}:
+        alike = [i for i, s in enumerate(sensors) if s.lag_s == lag_s]
+        out[:, alike] = first_order_lag(out[:, alike], truth.dt_s, lag_s)
+    for i, sensor in enumerate(sensors):
+        out[:, i] = sensor._late(out[:, i], truth.t_s)
+    return out
+
+
 def lever(rotation: FloatArray, position_m: Sequence[float]) -> FloatArray:
     """Return omegadot x r + omega x (omega x r), (n, 3), of ``rotation`` p, q, r, pdot, qdot, rdot (n, 6)."""
     omega, omegadot, r = rotation[:, :3], rotation[:, 3:], np.asarray(position_m, float)
@@ -254,7 +278,7 @@ def lever(rotation: FloatArray, position_m: Sequence[float]) -> FloatArray:
 
 
 def first_order_lag(x: FloatArray, dt_s: float, lag_s: float) -> FloatArray:
-    """Return the response (n,) of tau dy/dt + y = x to samples ``x`` (n,) joined by straight lines; exact.
+    """Return the response (n, ...) of tau dy/dt + y = x to samples ``x`` (n, ...) joined by straight lines; exact.
 
     y_(k+1) = a y_k + b0 x_k + b1 x_(k+1) with a = exp(-h), h = dt / tau, b1 = 1 - (1 - a) / h, b0 = (1 - a) / h - a
     (first-order hold); y_0 = x_0, the steady state before the record.
@@ -262,7 +286,7 @@ def first_order_lag(x: FloatArray, dt_s: float, lag_s: float) -> FloatArray:
     from scipy.signal import lfilter
 
     a, b0, b1 = lag_weights(dt_s, lag_s)
-    return np.asarray(lfilter([b1, b0], [1.0, -a], x - x[0]), float) + x[0]
+    return np.asarray(lfilter([b1, b0], [1.0, -a], x - x[0], axis=0), float) + x[0]
 
 
 def lag_weights(dt_s: float, lag_s: float) -> tuple[float, float, float]:

@@ -11,7 +11,7 @@ import numpy as np
 from testbench.core.channels import CONTROLS, require
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.record import FlightRecord
-from testbench.sensors.sensor import Sensor, whole_ratio
+from testbench.sensors.sensor import Sensor, responses, whole_ratio
 
 _COMMANDS = tuple(f"{name}_cmd" for name in CONTROLS)
 
@@ -111,9 +111,10 @@ class SensorSuite:
         stride = self.check_log_rate(1.0 / truth.dt_s)
         t = truth.t_s[::stride]
         data, valid = np.empty((t.size, len(self.sensors))), np.zeros((t.size, len(self.sensors)), bool)
+        felt = responses(self.sensors, truth)
         for i, sensor in enumerate(self.sensors):
             every = whole_ratio(self.rate_hz, sensor.rate_hz or self.rate_hz) or 1
-            y, arrived = sensor.sample(sensor.respond(truth)[:: stride * every], seed, every / self.rate_hz)
+            y, arrived = sensor.sample(felt[:: stride * every, i], seed, every / self.rate_hz)
             last = np.maximum.accumulate(np.where(arrived, np.arange(y.size), 0))
             data[:, i] = np.repeat(y[last], every)[: t.size]
             valid[::every, i] = arrived

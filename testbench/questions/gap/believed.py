@@ -47,6 +47,7 @@ from testbench.questions.gap.flights import (
 from testbench.questions.gap.free_start import Directions, FreeStart
 from testbench.questions.gap.starts import Start, start_of
 from testbench.sensors import SensorSuite
+from testbench.sensors.sensor import responses
 
 # A nuisance is a coefficient of the believed aircraft that is estimated along with every hypothesis ("re-tuned"). Its
 # value is a multiple of the believed one. Its prior, before any flight, is Gaussian about 1 with the relative standard
@@ -120,8 +121,7 @@ class Believed:
         if not self.outputs:
             got = "; ".join((", ".join(self.suite.channels), *not_compared(self.suite)))
             raise ScenarioError([f"a suite must have a channel that is compared, got {got}"])
-        silent = [n for n in self.outputs if not self.suite.noise_std[n] > 0.0]
-        if silent:
+        if silent := _silent(self.suite):
             raise ScenarioError(
                 [
                     "every sensor that is compared must have noise_std or quantum > 0, as residuals are weighed by "
@@ -511,11 +511,12 @@ class Believed:
 
         The same as ``SensorSuite.measure`` of sensors that have no noise, without drawing any.
         """
-        if any(s.rate_hz is not None for s in _compared(self.suite).ideal.sensors):
-            return _compared(self.suite).ideal.measure(truth, 0).columns(self.outputs)
+        ideal = self._compared.ideal
+        if any(s.rate_hz is not None for s in ideal.sensors):
+            return ideal.measure(truth, 0).columns(self.outputs)
         stride = self.suite.check_log_rate(1.0 / truth.dt_s)
-        by_channel = {s.channel: s.respond(truth)[::stride] for s in _compared(self.suite).ideal.sensors}
-        return np.column_stack([by_channel[n] for n in self.outputs])
+        felt = responses(ideal.sensors, truth)
+        return np.take(felt[::stride], [ideal.channels.index(n) for n in self.outputs], axis=1)
 
     @property
     def linear(self) -> LinearModel:
@@ -538,7 +539,7 @@ class Believed:
             return self.flyer
         return Flyer.of(self.at_rest, self.condition, self.rate_hz, self.simulator)
 
-    @property
+    @cached_property
     def outputs(self) -> tuple[str, ...]:
         """Channels of the suite that are compared: all but commands, deflections and those left out."""
         return _outputs(self.suite)
@@ -546,12 +547,16 @@ class Believed:
     @property
     def noise_std(self) -> FloatArray:
         """Standard deviation of one sample of each output, what its bias wanders by within a manoeuvre in it, SI."""
-        return _compared(self.suite).noise_std
+        return self._compared.noise_std
 
     @property
     def needed(self) -> tuple[str, ...]:
         """The true channels that the suite's outputs are made of."""
-        return _compared(self.suite).needed
+        return self._compared.needed
+
+    @cached_property
+    def _compared(self) -> _Compared:
+        return _compared(self.suite)
 
     def residuals(self, record: FlightRecord) -> FloatArray:
         """Return measured minus predicted in units of the noise, each channel about its own mean, (n, outputs).
@@ -611,6 +616,12 @@ class _Compared:
 def _outputs(suite: SensorSuite) -> tuple[str, ...]:
     without = left_out(suite)
     return tuple(n for n in suite.channels if n.removesuffix("_cmd") not in CONTROLS and n not in without)
+
+
+@lru_cache(maxsize=256)
+def _silent(suite: SensorSuite) -> tuple[str, ...]:
+    noise_std = suite.noise_std
+    return tuple(n for n in _outputs(suite) if not noise_std[n] > 0.0)
 
 
 @lru_cache(maxsize=256)

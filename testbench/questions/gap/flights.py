@@ -101,6 +101,16 @@ class Wanted:
     air: Air | None
     start: Start | None = None
 
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __getstate__(self) -> dict[str, object]:
+        return {k: v for k, v in self.__dict__.items() if k != "_hash"}
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.flyer, self.controls, self.held, self.log_rate_hz, self.channels, self.air, self.start))
+
     def job(self, trimmed: TrimmedFlight) -> Job:
         """Return the flight from a trim.
 
@@ -167,9 +177,10 @@ class _Kept(Generic[K, T]):
         new = dict(zip(missing, make(missing), strict=True)) if missing else {}
         out = []
         for key in keys:
-            value = new[key] if key in new else self._of[key]
+            value = new.get(key)
+            if value is None:
+                value = self._of.pop(key)
             self._of[key] = value
-            self._of.move_to_end(key)
             out.append(value)
         while len(self._of) > self._most:
             self._of.popitem(last=False)
