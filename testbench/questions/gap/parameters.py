@@ -32,22 +32,23 @@ class WrongParameter:
         factor: its value over the believed one, as the records alone say it.
         error: standard error of ``factor``.
         prior: relative standard deviation of its prior.
-        rivals: effects, with their sizes in words, that explain as much as this coefficient does.
+        rivals: fits of effects that explain as much as this coefficient does.
     """
 
     name: str
     factor: float
     error: float
     prior: float
-    rivals: tuple[str, ...] = ()
+    rivals: tuple[EffectFit, ...] = ()
 
     @property
     def sentence(self) -> str:
         """The finding in words: the coefficient, or the set of it and the effects that do the same in these flights."""
         if not self.rivals:
             return self._alone
+        others = "; or ".join(f"{f.effect.title}, {f.size}" for f in self.rivals)
         return (
-            f"one of these, which these data cannot tell apart: {self._alone}; or {'; or '.join(self.rivals)}. "
+            f"one of these, which these data cannot tell apart: {self._alone}; or {others}. "
             f"What separates them: {SEPARATES}"
         )
 
@@ -111,11 +112,5 @@ def wrong_parameters(
         return bool(held_out) and sum_of_squares(fit.added_to(believed), held_out) - re_tuned > fit.threshold
 
     return tuple(
-        replace(
-            p,
-            rivals=tuple(
-                f"{f.effect.title}, {f.size}" for f in rivals(p.name, naming, believed.aircraft) if not refuted(f)
-            ),
-        )
-        for p in far
+        replace(p, rivals=tuple(f for f in rivals(p.name, naming, believed.aircraft) if not refuted(f))) for p in far
     )

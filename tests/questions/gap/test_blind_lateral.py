@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from studies.blind.accused import answer
 from studies.blind.lateral import SEED, flown_factor, in_part, page, rates, right
 from studies.blind.lateral_run import believe, searched
 from studies.blind.parts import parts_said
+from studies.blind.score import judge
 
 from testbench.core.record import FlightRecord
 from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS
@@ -97,10 +99,25 @@ def test_a_linkage_s_ratio_is_one_of_the_coefficients_of_its_control():
     assert flown == pytest.approx([1.35, 1.5, 1.1, 1.0])
 
 
+def test_a_wrong_coefficient_and_what_is_not_told_from_it_are_a_set():
+    ratio = ("aileron linkage ratio",), ({"gain": 1.5},), {"Cl_da": 0.9}, (("aileron_surface_scale",),)
+    case = LateralCase("lateral library form 1", "lateral library form", "taurus", *ratio)
+    row = {"outcome": "no gap", "names": [], "accused": [["Cl_da", 1.35, 0.01, ["aileron_surface_scale"]]]}
+    assert answer(case, row) == ("set", ["Cl_da", "aileron_surface_scale"])
+    assert judge(case, row).verdict == "in set"
+    assert in_part(case, row)
+    stranger = row | {"accused": [["Cl_da", 1.35, 0.01, ["beta_scale"]]]}
+    assert judge(case, stranger).verdict == "wrong set"
+    assert not in_part(case, stranger)
+    as_drawn = row | {"accused": [["Cl_da", 0.91, 0.01, ["aileron_surface_scale"]]]}
+    assert answer(case, as_drawn) == ("no gap", [])
+    assert answer(case, row | {"outcome": "unexplained"}) == ("unexplained", [])
+
+
 def test_rows_become_rates():
     lag = ("slow aileron servo",), ({"lag_rad_s": 8.0},), {"Cl_p": 1.2}, (("aileron_lag",),)
     cases = [LateralCase(f"lateral library form {i}", "lateral library form", "eolo", *lag) for i in (1, 2, 3)]
-    cases += [LateralCase(f"{TAKEN_OUT} {i}", TAKEN_OUT, "taurus", *lag) for i in (1, 2, 3, 4)]
+    cases += [LateralCase(f"{TAKEN_OUT} {i}", TAKEN_OUT, "taurus", *lag) for i in range(1, 7)]
     cases.append(LateralCase(f"{NOTHING} 1", NOTHING, "eolo", (), (), {}, ()))
     said = {
         "lateral library form 1": ("named", ["aileron_lag"], []),
@@ -110,6 +127,8 @@ def test_rows_become_rates():
         f"{TAKEN_OUT} 2": ("unexplained", [], []),
         f"{TAKEN_OUT} 3": ("set", ["aileron_transport_delay", "p_lag"], []),
         f"{TAKEN_OUT} 4": ("no gap", [], []),
+        f"{TAKEN_OUT} 5": ("no gap", [], [["Cl_p", 1.2, 0.01, []], ["Cl_da", 0.6, 0.01, []]]),  # the part, at any rate
+        f"{TAKEN_OUT} 6": ("no gap", [], [["Cl_p", 1.2, 0.01, ["beta_scale"]]]),  # drawn so
         f"{NOTHING} 1": ("named", ["r_scale"], []),
     }
     rows = {n: {"case": n, "outcome": o, "names": names, "accused": a} for n, (o, names, a) in said.items()}
@@ -119,14 +138,14 @@ def test_rows_become_rates():
     assert found["lateral library form", "wrong part"] == (1, 3)
     assert found["lateral library form", "unexplained"] == (1, 3)
     assert found["lateral library form", "a coefficient accused by a wrong size"] == (1, 3)
-    assert found[TAKEN_OUT, "unexplained or right part"] == (2, 4)
-    assert found[TAKEN_OUT, "wrong part"] == (1, 4)
-    assert found[TAKEN_OUT, "no gap"] == (1, 4)
+    assert found[TAKEN_OUT, "unexplained or right part"] == (3, 6)
+    assert found[TAKEN_OUT, "wrong part"] == (1, 6)
+    assert found[TAKEN_OUT, "no gap, and no coefficient is wrong"] == (2, 6)
     assert found[NOTHING, "false gap"] == (1, 1)
-    assert [right(c, rows[c.name]) for c in cases] == [True, False, False, True, True, False, False, False]
+    assert [right(c, rows[c.name]) for c in cases] == [True, False, False, True, True, False, False, True, False, False]
     assert not in_part(cases[1], rows[cases[1].name])
-    text = page(cases, {n: r | {"seconds": 30.0} for n, r in list(rows.items())[:7]})
-    assert "**7 of 8 planned cases have been run**" in text
+    text = page(cases, {n: r | {"seconds": 30.0} for n, r in list(rows.items())[:9]})
+    assert "**9 of 10 planned cases have been run**" in text
     assert "| lateral library form | right effect | 1 of 3 | 6 to 79 % |" in text
     assert "| lateral library form 2 | eolo | slow aileron servo (lag_rad_s 8) | named | beta_scale |" in text
     assert "| lateral library form 2 | slow aileron servo | named | Cl_p 1.210 ± 0.040 | Cl_p 1.200 |" in text

@@ -25,6 +25,8 @@ def found_row(find: Callable[[], GapFinding]) -> dict[str, Any]:
         "best": first.effect.name if first else "",
         "values": {k: float(v) for k, v in first.values.items()} if first else {},
         "gain": float(first.gain) if first else 0.0,
-        "accused": [[p.name, float(p.factor), float(p.error)] for p in found.parameters],
+        "accused": [
+            [p.name, float(p.factor), float(p.error), [f.effect.name for f in p.rivals]] for p in found.parameters
+        ],
         "seconds": time.process_time() - began,
     }

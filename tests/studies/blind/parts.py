@@ -80,8 +80,8 @@ def _true_parts(kind: str, right: Iterable[str]) -> set[str]:
 def parts_said(names: Iterable[str]) -> set[str]:
     """Return the parts in which named effects act.
 
-    A term that no library holds, such as "Cn by beta^3", acts in the paths of the controls in it, and without any in
-    the part that its coefficient is of.
+    A term that no library holds, such as "Cn by beta^3", or a coefficient that is wrong, such as "Cn_dr", acts in the
+    paths of the controls in it, and without any in the part that its coefficient is of.
     """
     return {part for name in names for single in name.split(" + ") for part in _part(single)}
 
@@ -89,7 +89,7 @@ def parts_said(names: Iterable[str]) -> set[str]:
 def _part(name: str) -> tuple[str, ...]:
     if name in _LIBRARY:
         return ("air",) if name == "gust" else part_names(_LIBRARY[name])
-    coefficient, _, term = name.partition(" by ")
+    coefficient, _, term = name.replace(" by ", "_").partition("_")
     paths = tuple(_PATHS[c] for c in dict.fromkeys(re.findall(r"\b(de|da|dr|thr)\b", term)))
     return paths or (_OF_COEFFICIENT[coefficient],)
 

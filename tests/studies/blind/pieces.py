@@ -13,6 +13,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from studies.blind.accused import answer, of_wrong_size
 from studies.blind.found_row import found_row
 from studies.blind.parts import parts_said, parts_true
 from studies.blind.run import believe
@@ -45,25 +46,29 @@ def run_case(case: Case) -> dict[str, Any]:
     }
 
 
+def _flown(case: Case, coefficient: str) -> float:
+    return float(case.factors.get(coefficient, 1.0))
+
+
 def rates(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str, int, int]]:
     """Return (stratum, rate, count, of) of the rows."""
     out = []
     for stratum in STRATA:
         of = [(c, rows[c.name]) for c in cases if c.stratum == stratum and c.name in rows]
-        said = [(c, r) for c, r in of if r["names"]]
+        said = [(c, names) for c, r in of if (names := answer(c, r)[1])]
         if stratum == "nothing":
             out.append((stratum, "false gap", sum(r["outcome"] not in ("no gap", "failed") for _, r in of), len(of)))
         else:
             verdicts = [judge(c, r).verdict for c, r in of]
             out.append((stratum, "right effect", verdicts.count("right"), len(of)))
             out.append((stratum, "right or in the set", sum(v in ("right", "in set") for v in verdicts), len(of)))
-            right = [parts_said(r["names"]) <= parts_true(c) for c, r in said]
+            right = [parts_said(names) <= parts_true(c) for c, names in said]
             out.append((stratum, "right part", sum(right), len(of)))
             out.append((stratum, "wrong part", len(right) - sum(right), len(of)))
             for outcome in ("no gap", "unexplained"):
-                out.append((stratum, outcome, sum(r["outcome"] == outcome for _, r in of), len(of)))
+                out.append((stratum, outcome, sum(answer(c, r)[0] == outcome for c, r in of), len(of)))
         out.append((stratum, "failed", sum(r["outcome"] == "failed" for _, r in of), len(of)))
-        wrong = sum(any(abs(f - c.factors.get(n, 1.0)) > 4.0 * e for n, f, e in r["accused"]) for c, r in of)
+        wrong = sum(of_wrong_size(c, r, _flown) for c, r in of)
         out.append((stratum, "a coefficient accused by a wrong size", wrong, len(of)))
     return out
 

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from studies.blind.accused import answer
+
 from testbench.questions.gap.sealed.cases import Case
 from testbench.questions.gap.sealed.truths import KINDS
 from testbench.questions.gap.sealed.verdict import NO_GAP, UNEXPLAINED, verdict
@@ -31,7 +33,7 @@ class Score:
 
 def judge(case: Case, row: Mapping[str, Any]) -> Score:
     """Score one case: see :func:`testbench.questions.gap.sealed.verdict.verdict`."""
-    outcome, names = row["outcome"], list(row["names"])
+    outcome, names = answer(case, row)
     said = outcome if outcome in (NO_GAP, UNEXPLAINED) else " | ".join(names)
     return Score(case, verdict(case.right, outcome, names), said, row)
 
