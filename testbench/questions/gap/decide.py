@@ -278,16 +278,26 @@ def _indistinct(fit: EffectFit, best: EffectFit, samples: int, is_noise: bool) -
     return behind < CRITERIA.told_apart or (not is_noise and near)
 
 
+def form_of(share: float, gain: float, work: float) -> float:
+    """Return what the form of an effect may account for: a share of its ``gain``, or of its ``work`` if that is more.
+
+    What re-tuned coefficients imitate gains little beside them, and its form is off by as much as if they did not. Of
+    the gain it is no more than what a second effect would have to make.
+    """
+    return max(share * gain, min(share * work, CRITERIA.second * gain))
+
+
 def worth_of_form(single: EffectFit, other: Effect, noise: float) -> float:
     """Return the gain of ``other`` beside ``single`` that the form of ``single`` may account for.
 
     ``noise`` is the chi-square that noise alone hardly exceeds.
     """
     if any(p.place == other.place for p in single.effect.singles):
-        return CRITERIA.form_in_place * single.gain
+        return form_of(CRITERIA.form_in_place, single.gain, single.work)
     if single.within < CRITERIA.strained:
         return 0.0
-    return (CRITERIA.form_of_whole if single.chi2 <= noise else CRITERIA.form) * single.gain
+    share = CRITERIA.form_of_whole if single.chi2 <= noise else CRITERIA.form
+    return form_of(share, single.gain, single.work)
 
 
 def leads(both: EffectFit, single: EffectFit, samples: int, noise: float) -> bool:
@@ -405,13 +415,13 @@ class Rest:
         )
 
 
-def more_than_form(left: float, gain: float) -> bool:
-    """Return whether another effect would explain more, ``left``, than the form of the named effect may leave.
+def more_than_form(left: float, gain: float, work: float = 0.0) -> bool:
+    """Return whether another effect would explain more, ``left``, than the form of the named one may leave.
 
-    No form is quite right, so that a small rest refutes nothing. Both ``left`` and the ``gain`` of the named effect are
-    falls of chi-square.
+    No form is quite right, so that a small rest refutes nothing. All three are falls of chi-square; see
+    :func:`form_of`.
     """
-    return left > max(CRITERIA.least, CRITERIA.form_in_place * gain)
+    return left > max(CRITERIA.least, form_of(CRITERIA.form_in_place, gain, work))
 
 
 def rest(
@@ -458,7 +468,12 @@ def judged(
     naming = confirmed(naming, believed, held_out)
     best = naming.best
     left = None if best is None else rest(best, believed, records, effects)
-    if best is None or left is None or len(naming.names) > 1 or not more_than_form(left.gain, best.in_motion):
+    if (
+        best is None
+        or left is None
+        or len(naming.names) > 1
+        or not more_than_form(left.gain, best.in_motion, best.work)
+    ):
         return naming, left
     sentence = tell.remainder(best, left.effect.title, left.gain)
     return replace(naming, outcome="unexplained", names=(), sentence=sentence), None

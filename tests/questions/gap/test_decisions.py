@@ -11,7 +11,15 @@ from scipy.stats import chi2
 
 from testbench.questions.gap.believed import PRIORS
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.decide import decide, does_without, is_special_case, leads, score
+from testbench.questions.gap.decide import (
+    decide,
+    does_without,
+    is_special_case,
+    leads,
+    more_than_form,
+    score,
+    worth_of_form,
+)
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.base import together
 from testbench.questions.gap.search.fit import EffectFit
@@ -62,6 +70,19 @@ def test_what_several_pairs_have_in_common_is_named_where_it_explains_enough(slo
     assert decide((fits[0], servo), 15_000.0, samples, samples)[1] == (fits[0].effect.name,)
     partial = replace(servo, share=0.5)
     assert decide((*fits, partial), 15_000.0, samples, samples)[0] == "set"
+
+
+def test_form_is_a_share_of_what_an_effect_does_where_coefficients_imitate_it(slow):
+    """A rudder that turns half as far gained 1493 beside coefficients, and 42 000 beside its own: 178 more was form."""
+    assert more_than_form(178.0, 1_493.0)
+    assert not more_than_form(178.0, 1_493.0, work=42_000.0)
+    assert more_than_form(0.36 * 1_493.0, 1_493.0, work=1e7)  # as much as a second effect would have to gain
+    imitated = replace(slow.best, gain=1_000.0, work=1e5)
+    other = EFFECTS["alpha_scale"]
+    assert worth_of_form(imitated, other, noise=5_000.0) == pytest.approx(0.35 * 1_000.0)
+    assert worth_of_form(imitated, other, noise=4_000.0) == pytest.approx(5e-4 * 1e5)
+    assert worth_of_form(replace(imitated, work=0.0), other, noise=5_000.0) == pytest.approx(0.02 * 1_000.0)
+    assert worth_of_form(replace(imitated, within=1e-3), other, noise=5_000.0) == 0.0
 
 
 def test_what_leaves_far_more_than_noise_is_nearest_and_no_name(slow):

@@ -31,6 +31,7 @@ SIZES = {
     "dead_band": {"half_width_rad": 0.008},
     "surface_scale": {"scale": 0.8},
     "one_sided_linkage": {"scale": 0.7},
+    "curved_linkage": {"scale": 0.7, "loss_per_rad2": 20.0},
 }
 
 
@@ -70,7 +71,9 @@ def test_a_shape_stands_for_the_flight(name, aircraft):
     assert np.max(np.abs(flown - linear)) < 0.2 * np.max(np.abs(flown))
 
 
-@pytest.mark.parametrize("name", ["aileron_dead_band", "rudder_transport_delay", "aileron_rate_limit"])
+@pytest.mark.parametrize(
+    "name", ["aileron_dead_band", "rudder_transport_delay", "aileron_rate_limit", "rudder_curved_linkage"]
+)
 def test_an_effect_is_found_again_in_data_that_it_made(name):
     """From noise-free records, nuisances free: no more than a fiftieth of the gap is left, its size to 5 %."""
     believed, effect = believe("taurus"), LATERAL[name]

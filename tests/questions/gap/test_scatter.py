@@ -5,16 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+from studies.blind.lateral_run import believe as believe_lateral
 from studies.blind.run import believe
 
-from testbench.questions.gap.effects import EFFECTS
+from testbench.core.record import FlightRecord
+from testbench.questions.gap.effects import EFFECTS, catalogue
 from testbench.questions.gap.hidden.entries import TRUTHS
+from testbench.questions.gap.hidden.lateral import LATERAL
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.sealed.flights import fly_truth
+from testbench.questions.gap.sealed.lateral_flights import fly_lateral, suite
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect
-from testbench.questions.gap.search.scatter import _Spread, scattered
+from testbench.questions.gap.search.scatter import _responses, _Spread, scattered
 from testbench.questions.gap.search.screening import screen
 
 LATE = ("transport_delay", "clock_offset")
@@ -37,6 +41,22 @@ def jittery(delay_s: float, scatter_s: float, drawn: list[float]):
     return law
 
 
+@pytest.mark.parametrize("control", ["de", "da", "dr", "thr"])
+def test_commands_that_are_all_late_by_a_sample_change_what_their_responses_say(control):
+    believed = believe_lateral("taurus")
+    t = np.arange(200) / 50.0
+    u = 0.05 * ((t > 1.0) & (t < 1.6)) - 0.03 * ((t >= 1.6) & (t < 2.0)) + 0.02 * (t >= 3.0)
+    late, early = np.concatenate([u[:1], u[:-1]]), np.concatenate([u[1:], u[-1:]])
+    still = np.zeros((t.size, len(believed.outputs)))
+    names = (*believed.outputs, f"{control}_cmd")
+    on_time, later, sooner = (FlightRecord(t, names, np.column_stack([still, x]), "measured") for x in (u, late, early))
+    moved = 0.5 * (believed.predict_linear(later) - believed.predict_linear(sooner))
+    change = believed.in_noise_units(on_time, moved).ravel()
+    said = _responses(believed, on_time, f"{control}_cmd").sum(axis=1) * on_time.dt_s
+    assert np.max(np.abs(change)) > 0.05
+    np.testing.assert_allclose(-said, change, atol=0.02 * np.max(np.abs(change)))
+
+
 def named(plan: Truth, names: tuple[str, ...] = LATE):
     records = list(fly_truth("taurus", plan, "short", 11).values())
     return name_effect(believe("taurus"), records, effects={n: EFFECTS[n] for n in names})
@@ -53,6 +73,18 @@ def test_a_delay_is_named_with_its_scatter_where_each_command_arrives_at_a_time_
     assert abs(best.values["delay_s"] - np.mean(drawn)) < 4.0 * best.errors["delay_s"]  # false alarm 6e-5
     assert best.errors["delay_s"] > 0.5 * np.std(drawn) / np.sqrt(len(drawn))  # so few say no more of their mean
     assert "from command to command" in best.size
+
+
+@pytest.mark.slow
+def test_a_rudder_s_delay_is_named_with_its_scatter():
+    truth = LATERAL["rudder link with jitter"]({"delay_s": 0.085}, "taurus")
+    records = list(fly_lateral("taurus", truth, "rich", 5).values())
+    known = catalogue(suite())
+    names = ("rudder_transport_delay", "rudder_lag", "rudder_second_order_actuator", "r_delay")
+    naming = name_effect(believe_lateral("taurus"), records, effects={n: known[n] for n in names})
+    assert naming.names == ("rudder_transport_delay",), naming.sentence
+    assert naming.best.scatter_s > 0.01
+    assert abs(naming.best.values["delay_s"] - 0.085) < 4.0 * naming.best.errors["delay_s"]  # false alarm 6e-5
 
 
 @pytest.mark.parametrize(

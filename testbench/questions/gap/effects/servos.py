@@ -8,6 +8,7 @@ from testbench.questions.gap.effects import (
     actuator_lag,
     asymmetric_rate_limit,
     creeping_free_play,
+    curved_linkage,
     dead_band,
     delayed_servo,
     free_play,
@@ -38,6 +39,7 @@ _KINDS: dict[str, tuple[Callable[[str], Effect], Sequence[str]]] = {
     "gain": (surface_scale.effect, _SURFACES),
     "offset": (surface_offset.effect, _SURFACES),
     "one-sided linkage": (one_sided_linkage.effect, CONTROLS),
+    "curved linkage": (curved_linkage.effect, _SURFACES),
 }
 _OF_THRUST = {
     "lag": thrust_lag.EFFECT,

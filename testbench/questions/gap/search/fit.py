@@ -43,6 +43,8 @@ class EffectFit:
         scatter_s: standard deviation of a delay from command to command, see :mod:`.scatter`. If it is not 0, ``chi2``
             is -2 ln of the likelihood, but for the constant that noise alone has.
         told: part of ``gain`` that recorded surfaces tell, see :mod:`.surface_evidence`.
+        work: fall of chi-square that it makes beside its own coefficients: more than ``gain`` where other coefficients,
+            far from their priors, could do what it does. 0 where that was not asked for.
     """
 
     effect: Effect
@@ -58,6 +60,7 @@ class EffectFit:
     settled: bool = True
     scatter_s: float = 0.0
     told: float = 0.0
+    work: float = 0.0
 
     def brought_to(self, x: FloatArray, point: Hypothesis, left: float, chi2_tuned: float) -> EffectFit:
         """Return the fit at parameters ``x`` (p,) and the coefficients of a point flown with them; its errors stay.

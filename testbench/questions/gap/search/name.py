@@ -87,6 +87,8 @@ def name_effect(
         screened = screen_closely(tuned, screened)
     fits = _fit_promising(tuned, start if strained else None, screened, tested, rejected, say)
     base = start if strained else tuned
+    imitated = within_priors(tuned) < CRITERIA.strained
+    fits = _with_work(base, fits) if imitated else fits
     scatter = scattered(base, fits, tuned.chi2)
     if scatter is not None:
         fits = [scatter if f.effect is scatter.effect else f for f in fits]
@@ -95,7 +97,8 @@ def name_effect(
             same = [f for f in fits if {e.name for e in f.effect.singles} == {e.name for e in found.effect.singles}]
             if not any(f.flown and f.chi2 < found.chi2 for f in same):
                 fits = [f for f in fits if f not in same] + [found]
-    ranking = _ranked(polished(base, _ranked(fits, samples), tuned.chi2), samples)
+    fits = polished(base, _ranked(fits, samples), tuned.chi2)
+    ranking = _ranked(_with_work(base, fits) if imitated else fits, samples)
     outcome, names, sentence = decide(ranking, tuned.chi2, samples, floor, deviations_of(believed.aircraft))
     chi2_believed = float(start.exact @ start.exact)
     nuisances, measured = tuned.by_name, tuned.measured()
@@ -220,6 +223,20 @@ def _refit_special_cases(
             found = fit(flown_best(near, screen(near, one.effect)), chi2_tuned, 0.0, tested, MAX_ROUNDS, near=True)
             if found is not None and (name not in fits or found.chi2 < fits[name].chi2):
                 fits[name] = found
+
+
+def _with_work(base: Hypothesis, fits: Sequence[EffectFit]) -> list[EffectFit]:
+    """Return ``fits``, those that gain about as much as the best with what they do beside their own coefficients.
+
+    Where coefficients had to be strained to do without any effect, they do most of what the effect does.
+    """
+    most = max((f.gain for f in fits), default=0.0)
+    first = [f.flown and f.settled and f.significant and f.gain > CRITERIA.near * most for f in fits]
+    out = []
+    for f, leads in zip(fits, first, strict=True):
+        without = base.moved(base.model, base.vector(f.nuisances)) if leads else None
+        out.append(f if without is None else replace(f, work=max(without.chi2 - f.chi2, 0.0)))
+    return out
 
 
 def _ranked(fits: Sequence[EffectFit], samples: int) -> tuple[EffectFit, ...]:

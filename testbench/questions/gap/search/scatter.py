@@ -14,13 +14,14 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import noise_floor
+from testbench.questions.gap.effects.servos import CONTROLS, SERVOS
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import AT_REST, SHORTENED
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.polish import slopes
 
-_SCATTERS = ("transport_delay",)  # effects whose delay may differ from command to command
-_COMMAND = "de_cmd"
+# Effects whose delay may differ from command to command, and the commands.
+_SCATTERS = {SERVOS["delay", control].name: f"{control}_cmd" for control in CONTROLS}
 _SMALL = 1e-2  # share of the largest change of a command below which a change is noise of the measured command
 _ROUNDS = 8
 
@@ -30,8 +31,8 @@ def scattered(base: Hypothesis, fits: Sequence[EffectFit], chi2_tuned: float) ->
 
     Scatter is tried only for a delay that alone explains most of the excess but leaves more than noise.
 
-    Command k changes by du_k and arrives d_k later than the mean. With the response h of the residuals to the
-    elevator, that adds -sum_k h(t - t_k) du_k d_k to them. With independent Gaussian d_k of deviation s the residuals'
+    Command k changes by du_k and arrives d_k later than the mean. With the response h of the residuals to its
+    control, that adds -sum_k h(t - t_k) du_k d_k to them. With independent Gaussian d_k of deviation s the residuals'
     covariance is V = I + s^2 J J', J the columns -h(t - t_k) du_k. Parameters and coefficients minimise r' V^-1 r,
     s minimises r' V^-1 r + ln det V (marginal likelihood), which takes the place of chi-square.
 
@@ -104,7 +105,9 @@ def _at_rest(base: Hypothesis, fit: EffectFit) -> _Scattered | None:
         point = base.moved(signature.model(x), nuisances)
         if point is None or x[0] <= delay.low:
             return None
-        spread = spread or _Spread([_responses(point.model.with_nuisances(point.by_name), r) for r in base.records])
+        if spread is None:
+            model, command = point.model.with_nuisances(point.by_name), _SCATTERS[fit.effect.name]
+            spread = _Spread([_responses(model, r, command) for r in base.records])
         return _Scattered(point, x, spread.likeliest(point.exact, CRITERIA.scatter_most * float(x[0])), spread)
 
     here = at(np.array(list(fit.values.values())), base.vector(fit.nuisances), None)
@@ -177,15 +180,15 @@ class _Spread:
         return float(np.exp(minimize_scalar(cost, bounds=(np.log(1e-6), np.log(most)), method="bounded").x))
 
 
-def _responses(believed: Believed, record: FlightRecord) -> FloatArray:
+def _responses(believed: Believed, record: FlightRecord, command: str) -> FloatArray:
     """Return the change of residuals (samples, commands that change) per second that a model has a command late."""
-    u = record.columns([_COMMAND])[:, 0] if _COMMAND in record else np.zeros(len(record))
+    u = record.columns([command])[:, 0] if command in record else np.zeros(len(record))
     du = np.diff(u, prepend=u[0])
     changed = np.flatnonzero(np.abs(du) > _SMALL * np.max(np.abs(du)))
     if not changed.size:
         return np.zeros((len(record) * len(believed.outputs), 1))
     first, data = int(changed[0]), record.data.copy()
-    data[first - 1 : first + 1, record.channels.index(_COMMAND)] += 0.5  # half to either side of where it changes
+    data[first - 1 : first + 1, record.channels.index(command)] += 0.5  # half to either side of where it changes
     pulse = (believed.predict_linear(replace(record, data=data)) - believed.predict_linear(record))[first - 1 :]
     columns = []
     for k in changed:

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from testbench.core.record import FloatArray
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.decide import does_without, leads, leaves_noise, noise_limit, worth_of_form
+from testbench.questions.gap.decide import does_without, form_of, leads, leaves_noise, noise_limit, worth_of_form
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.effects.base import together
 from testbench.questions.gap.search.fit import EffectFit, summarise
@@ -51,7 +51,8 @@ def several_at_once(
     lead = next((f for f in ranking if f.significant and f.flown), None)
     if lead is None or (lead.chi2 > noise and lead.share < LEADS):
         return []
-    if leaves_noise(lead, noise) and CRITERIA.form_of_whole * lead.gain > lead.chi2 - chi2.ppf(CRITERIA.rare, samples):
+    worth = form_of(CRITERIA.form_of_whole, lead.gain, lead.work)
+    if leaves_noise(lead, noise) and worth > lead.chi2 - chi2.ppf(CRITERIA.rare, samples):
         return []  # all that it leaves above the least that noise is would be its form
     found = search.beside(lead, lead.effect, lead)
     best = min(found, key=lambda f: f.chi2, default=None)

@@ -1,0 +1,75 @@
+"""A linkage whose ratio changes with the deflection."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.reroute import moving, product, prop, reroute, value
+from testbench.aircraft.seams import opened
+from testbench.core.record import FloatArray
+from testbench.questions.gap.effects.base import GEARING, Effect, Parameter, Values
+from testbench.questions.gap.effects.servo import PLACES, WORDS, column_of, labelled, named
+from testbench.sensors import SensorSuite
+
+_LEAST = 0.1  # of what is under the root: a ratio that grows is followed no farther
+
+
+def amend(control: str, aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    """Turn the surface by scale x / sqrt(1 + 2 loss x^2), x what the servo is told as a deviation from trim."""
+    scale, loss = values["scale"], values["loss_per_rad2"]
+    aircraft, path = opened(aircraft, control)
+    label, c = labelled(control, "curved"), prop(path.command)
+    kept = prop(f"gap/{label}-trim")
+    x = f"<difference> {c} {kept} </difference>"
+    under = f"<max> <sum> {value(1.0)} {product(value(2.0 * loss), x, x)} </sum> {value(_LEAST)} </max>"
+    bent = f"<quotient> {product(value(scale), x)} <pow> {under} {value(0.5)} </pow> </quotient>"
+    edit = reroute(path.command, label, f"<sum> {kept} {bent} </sum>", (("trim", moving(kept, c)),))
+    text = f"{path.word} turns {scale:.4g} times the command near trim, and loses {loss:.3g} rad^-2 of its square"
+    return aircraft.amended(Amendment(named(control, "curved_linkage"), text, (edit,))), suite
+
+
+def shape(
+    control: str, names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, values: Values
+) -> FloatArray:
+    """Return the commands ``u`` (n, m), deviations from trim, with one of them as the linkage hands it on."""
+    column = column_of(names, control)
+    if column is None:
+        return u
+    out, x = u.copy(), u[:, column]
+    under = np.maximum(1.0 + 2.0 * values["loss_per_rad2"] * x**2, _LEAST)
+    out[:, column] = values["scale"] * x / np.sqrt(under)
+    return out
+
+
+def effect(control: str) -> Effect:
+    """Return the effect for a control."""
+    word = WORDS[control]
+    return Effect(
+        name=named(control, "curved_linkage"),
+        title=f"{word} linkage, or effectiveness, that changes with the deflection",
+        place=PLACES[control],
+        physics=(
+            f"A rod on a horn pulls less the farther the horn has turned, and air that separates at the hinge makes "
+            f"large deflections of the {word} worth less. A deflection x from trim is worth scale x / sqrt(1 + 2 loss "
+            "x^2)."
+        ),
+        parameters=(
+            Parameter("scale", "1", 0.0, 3.0, (0.8, 1.25), none=1.0),
+            Parameter("loss_per_rad2", "1/rad^2", -4.0, 40.0, (3.0,), none=0.0),
+        ),
+        amend=partial(amend, control),
+        mistaken_for="a scale of the deflection where all inputs are of one size; a rate limit where they differ",
+        separated_by="inputs of two sizes; measuring the deflection for several commands on the ground",
+        shape=partial(shape, control),
+        flown=True,
+        lateral=control in ("da", "dr"),
+        contains=(named(control, "surface_scale"),),
+        upstream=GEARING,
+    )
+
+
+EFFECT = effect("de")
