@@ -35,6 +35,8 @@ TRUE = {
     "interconnect": {"ratio": 0.15},
     "bank_hold": {"gain": 0.12},
     "limited_bank_hold": {"gain": 0.12, "most_rad": 0.012},
+    "filtered_roll_damper": {"gain_s": 0.1, "lag_s": 0.08},
+    "late_interconnect": {"ratio": 0.4, "lag_s": 0.1},
     "heading_hold": {"gain": 0.15},
     "propeller_torque": {"lever_m": 0.015},
     "p_factor": {"lever_m_rad": 0.3},

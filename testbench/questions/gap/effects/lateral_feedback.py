@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from testbench.aircraft import Aircraft, Amendment
-from testbench.aircraft.reroute import product, prop, reroute, value
+from testbench.aircraft.reroute import filtered_feedback, product, prop, reroute, value
 from testbench.aircraft.seams import control_path, opened
 from testbench.questions.gap.effects.base import AUTOPILOT, URGED, Effect, Parameter, Values
 from testbench.questions.gap.effects.servo import WORDS
@@ -99,6 +99,24 @@ def amend_limited(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tup
     return aircraft.amended(Amendment("limited_bank_hold", text, (edit,))), suite
 
 
+def amend_late(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    """Add a ratio times the aileron command behind a first-order lag to what the rudder servo is told."""
+    ratio, lag = values["ratio"], values["lag_s"]
+    aircraft, way = opened(aircraft, "dr")
+    edit, state = filtered_feedback(way.command, "late-interconnect", control_path(aircraft, "da").command, ratio, lag)
+    text = f"rudder fed {ratio:+.4g} rad per rad of aileron command behind a lag of {lag:.3g} s"
+    return aircraft.amended(Amendment("late_interconnect", text, (edit,), memories=(state,))), suite
+
+
+def amend_filtered(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    """Take gain times filtered roll rate, p / (1 + lag s), from what the aileron servo is told."""
+    gain, lag = values["gain_s"], values["lag_s"]
+    aircraft, way = opened(aircraft, "da")
+    edit, state = filtered_feedback(way.command, "filtered-roll-damper", "velocities/p-rad_sec", -gain, lag)
+    text = f"aileron fed back {-gain:+.4g} rad per rad/s of roll rate behind a filter of {lag:.3g} s"
+    return aircraft.amended(Amendment("filtered_roll_damper", text, (edit,), memories=(state,))), suite
+
+
 def _effect(name: str, title: str, physics: str, mistaken_for: str, separated_by: str) -> Effect:
     path = PATHS[name]
     return Effect(
@@ -130,6 +148,24 @@ EFFECTS = (
         "a measured aileron deflection, a flight with the autopilot off, or another speed: the damper's moment grows "
         "with dynamic pressure, that of Cl_p with speed",
     ),
+    Effect(
+        name="filtered_roll_damper",
+        title="roll damper with filter",
+        place=WORDS["da"],
+        physics=(
+            "An autopilot turns the ailerons against the roll rate, but behind a filter that keeps out the gyro's "
+            "noise and vibration. Late feedback damps less, and the roll may overshoot."
+        ),
+        parameters=(PATHS["roll_damper"].gain, Parameter("lag_s", "s", 0.0, 0.5, (0.06,), none=0.0)),
+        amend=amend_filtered,
+        mistaken_for="a plain roll damper where the filter is faster than the servo; errors of Cl_p and Cl_da",
+        separated_by="a measured aileron deflection, a sweep of the aileron, or a flight with the autopilot off",
+        flown=True,  # the filter does not show in a linearisation, in which time stands still
+        lateral=True,
+        contains=("roll_damper",),
+        upstream=AUTOPILOT,
+        part="autopilot",
+    ),
     _effect(
         "interconnect",
         "aileron-rudder interconnect",
@@ -137,6 +173,30 @@ EFFECTS = (
         "Yaw answers the aileron command as if the rudder had moved, and through the rudder's servo.",
         "an error of Cn_da (with Cl_da and a side force), where the rudder's servo is fast",
         "a measured rudder deflection; moving the ailerons by hand on the ground and looking at the rudder",
+    ),
+    Effect(
+        name="late_interconnect",
+        title="aileron-rudder interconnect that is late",
+        place=WORDS["dr"],
+        physics=(
+            "A spring, or a mixer behind the ailerons' own servo, turns the rudder with the ailerons, but later than "
+            "they are commanded. Yaw follows the ailerons as if the rudder had moved after them."
+        ),
+        parameters=(
+            PATHS["interconnect"].gain,
+            Parameter("lag_s", "s", 0.0, 0.5, (0.1,), none=0.0),
+        ),
+        amend=amend_late,
+        mistaken_for=(
+            "an interconnect that is not late, where the rudder's servo is slow; a roll rate that the yaw gyro feels, "
+            "beside an error of Cn_da"
+        ),
+        separated_by="a measured rudder deflection; moving the ailerons by hand and looking at the rudder",
+        flown=True,  # the lag does not show in a linearisation, in which time stands still
+        lateral=True,
+        contains=("interconnect",),
+        upstream=AUTOPILOT,
+        ground_check="move the aileron and look at the rudder: what is joined moves with it",
     ),
     _effect(
         "bank_hold",

@@ -27,6 +27,7 @@ LIBRARY_FORM: Mapping[str, Kind] = {
         "library", "rudder_surface_scale", either(gain=(0.45, 0.62, 1.4, 1.6)), "gain -> scale"
     ),
     "roll-rate feedback": kind("library", "roll_damper", between(share=(0.5, 1.6))),
+    "roll damper that filters": kind("library", "filtered_roll_damper roll_damper", between(share=(0.5, 1.6))),
     "yaw-rate feedback": kind("library", "yaw_damper", between(share=(1.2, 4.0), washout_s=(1.0, 4.0))),
     "interconnect": kind("library", "interconnect", between(ratio_=(0.3, 0.8)), "ratio"),
     "bank hold": kind("library", "bank_hold", between(time_s=(1.0, 4.0))),
@@ -57,11 +58,14 @@ OTHER_FORM: Mapping[str, Kind] = {
     "soft rudder slew limit": kind("other", "rudder_rate_limit", between(slew_s=(0.25, 0.6))),
     "aileron link with jitter": kind("other", "aileron_transport_delay", between(delay_s=(0.06, 0.15)), "delay_s"),
     "rudder link with jitter": kind("other", "rudder_transport_delay", between(delay_s=(0.08, 0.18)), "delay_s"),
-    "aileron linkage that loses": kind("other", "aileron_surface_scale", either(gain=(0.45, 0.6, 1.4, 1.6))),
-    "rudder linkage that loses": kind("other", "rudder_surface_scale", either(gain=(0.45, 0.6, 1.4, 1.6))),
-    "roll damper that filters": kind("other", "roll_damper", between(share=(0.5, 1.6))),
+    "aileron linkage that loses": kind(
+        "other", "aileron_surface_scale aileron_curved_linkage", either(gain=(0.45, 0.6, 1.4, 1.6))
+    ),
+    "rudder linkage that loses": kind(
+        "other", "rudder_surface_scale rudder_curved_linkage", either(gain=(0.45, 0.6, 1.4, 1.6))
+    ),
     "yaw damper that filters": kind("other", "yaw_damper", between(share=(1.2, 4.0))),
-    "springy interconnect": kind("other", "interconnect", between(ratio_=(0.3, 0.8)), "ratio"),
+    "springy interconnect": kind("other", "interconnect late_interconnect", between(ratio_=(0.3, 0.8))),
     "uneven lift and drag": kind("other", "asymmetric_lift", between(Cl_alpha_=(0.06, 0.2)), "Cl_alpha"),
     "fin that fades": kind("other", "cubic_weathercock", between(share=(0.4, 0.9))),
     "sideslip vane of second order": kind("other", "beta_lag beta_delay", between(omega_rad_s=(5.0, 12.0))),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.optimize import lsq_linear
 from testbench.core.differences import ends, slope
 from testbench.core.record import FloatArray
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.decide import score
+from testbench.questions.gap.decide import noise_limit, score
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import AT_REST, SHORTENED
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
@@ -22,6 +23,7 @@ _CLOSE = 2.0 * CRITERIA.told_apart  # fits that trail the best by less are polis
 _SEEN = 0.5 * CRITERIA.weak  # gain below which polishing cannot make a name of a fit
 _ROUNDS = 3
 _STEP = 0.1  # of differences, in standard errors
+_TIGHTER = (0.5, 0.25)  # shares of the priors' deviations that are tried in turn to bring coefficients within them
 _WIDEST, _NARROWEST = 1e-2, 1e-6  # of them, of a parameter's range
 
 
@@ -29,6 +31,7 @@ def polished(base: Hypothesis, ranking: Sequence[EffectFit], chi2_tuned: float) 
     """Return the fits of ``ranking``; those that compete for the first place are brought to rest on flown tangents.
 
     So is one that leads alone, if it strains coefficients: short of rest they may lie farther off than they have to.
+    One that strains them at rest is brought within their priors, if that costs no more than its form accounts for.
 
     Args:
         base: a point without any effect.
@@ -40,7 +43,9 @@ def polished(base: Hypothesis, ranking: Sequence[EffectFit], chi2_tuned: float) 
     close = [f for f in flown if first - score(f, base.samples) < _CLOSE]
     if len(close) < 2 and not any(f.within < CRITERIA.strained for f in close):
         return list(ranking)
-    found = dict(zip(map(id, close), spread([partial(_at_rest, base, f, chi2_tuned) for f in close]), strict=True))
+    rested = spread([partial(_at_rest, base, f, chi2_tuned) for f in close])
+    rested = spread([partial(_within_priors, base, f, chi2_tuned) for f in rested])
+    found = dict(zip(map(id, close), rested, strict=True))
     return [found.get(id(f), f) for f in ranking]
 
 
@@ -92,6 +97,28 @@ def _at_rest(base: Hypothesis, fit: EffectFit, chi2_tuned: float) -> EffectFit:
         else:
             break
     return fit if lowest >= fit.chi2 else fit.brought_to(x, there, lowest, chi2_tuned)
+
+
+def _within_priors(base: Hypothesis, fit: EffectFit, chi2_tuned: float) -> EffectFit:
+    """Return ``fit``, or one within the priors that is worse by no more than the form of the effect is off.
+
+    Where the form of a large effect leaves more than noise, coefficients go to where they make up for it: a thousandth
+    of its gain outweighs any prior.
+    """
+    if fit.within >= CRITERIA.strained or fit.chi2 <= noise_limit(base.believed, base.samples):
+        return fit
+    signature = Signature(base, fit.effect)
+    for share in _TIGHTER:
+        tight = replace(base, priors={n: share * s for n, s in base.priors.items()})
+        held = _at_rest(tight, replace(fit, chi2=np.inf), chi2_tuned)
+        x = np.array(list(held.values.values()))
+        there = base.moved(signature.model(x), base.vector(held.nuisances))
+        if there is None or _cost(there, signature, x) - fit.chi2 > CRITERIA.form * fit.gain:
+            break
+        found = fit.brought_to(x, there, _cost(there, signature, x), chi2_tuned)
+        if found.within >= CRITERIA.strained:
+            return found
+    return fit
 
 
 def _cost(point: Hypothesis, signature: Signature, x: FloatArray) -> float:
