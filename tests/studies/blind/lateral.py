@@ -130,7 +130,8 @@ def page(cases: Sequence[LateralCase], rows: Mapping[str, Mapping[str, Any]]) ->
         "The third draw, seed 20270216, was opened after 81 cases: library form 20 of 21 right, other form 11 of 20, "
         "true effect taken out 18 of 20 silent or in the right part, no false gap in 20; median 27 s, 95 % below "
         "143 s. A link of aileron or rudder that scatters, linkages that lose with deflection, dampers with a filter "
-        "and a soft slew limit (all unexplained), and a springy interconnect (called a cross sensitivity) are named now.",
+        "and a soft slew limit (all unexplained), and a springy interconnect (called a cross sensitivity) are named "
+        "now.",
         "",
         f"Seed {SEED}, the fourth draw. SHA-256 of answers.json without its last line break: "
         f"`{seal(tuple(cases))[1]}`.",
