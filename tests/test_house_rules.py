@@ -143,9 +143,10 @@ def test_the_hidden_truth_and_the_library_of_effects_share_no_code():
         if path.parent.name not in ("hidden", "sealed"):
             made = () if path.name in ("ask.py", "scenario.py") else (hidden,)  # a case makes its records
             assert not {m for m, _ in imports(path) if m.startswith((*made, sealed, "studies.blind"))}, path.name
-    for name in ("run.py", "lateral_run.py"):
+    for name in ("run.py", "lateral_run.py", "stock_run.py"):
         naming = {m for m, _ in imports(blind / name) if m.startswith((hidden, sealed))}
-        assert naming <= {f"{sealed}.flights", f"{sealed}.lateral_flights"}, f"{name} sees conditions and sensors only"
+        seen = {f"{sealed}.{each}" for each in ("flights", "lateral_flights", "stock_flights")}
+        assert naming <= seen, f"{name} sees conditions and sensors only"
 
 
 def public(tree: ast.Module) -> list[ast.FunctionDef | ast.ClassDef]:

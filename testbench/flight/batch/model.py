@@ -190,9 +190,7 @@ def variant(base: BatchModel, aircraft: Aircraft, condition: FlightCondition, tr
     Raises:
         ModelError: an amendment does not fit the model.
     """
-    if any(n.startswith("inertia/") or n.endswith("-position") for n in base.program.properties):
-        return None  # which JSBSim takes from the mass balance and from the places of engines
-    if _fixed(aircraft) != base.shape.fixed:
+    if _fixed(aircraft) != base.shape.fixed or _placed(tree, base.program) != base.shape.placed:
         return None
     modes = _modes(aircraft, condition)
     if modes == base.shape.modes:
@@ -293,21 +291,24 @@ class _Shape:
         modes: of the wings, with the condition for which their steps are made; None without.
         rigid: the tree without the modes.
         whole: the tree.
+        placed: what of the tree JSBSim makes properties from that the program reads.
     """
 
     fixed: tuple[object, ...]
     modes: tuple[object, ...] | None = field(repr=False)
     rigid: _Template
     whole: _Template
+    placed: tuple[str, ...] = field(default=(), repr=False)
 
     @classmethod
     def of(cls, aircraft: Aircraft, condition: FlightCondition, tree: ET.Element, translation: Translation) -> _Shape:
         """Take the shape of a translated aircraft."""
+        placed = _placed(tree, translation.program)
         whole = _Template.of(tree, translation)
         rigid = aircraft.rigid_tree()
         modes = _modes(aircraft, condition)
         if modes is None:
-            return cls(_fixed(aircraft), None, whole, whole)
+            return cls(_fixed(aircraft), None, whole, whole, placed)
         # the elements of the rigid tree are those of the whole, in their order, without those that the modes added
         places: dict[int, list[tuple[int, float]]] = {}
         for number, at, factor in whole.places:
@@ -320,7 +321,19 @@ class _Shape:
                 at += 1
             kept += [(number, i, factor) for number, factor in places.get(at, ())]
             at += 1
-        return cls(_fixed(aircraft), modes, _Template.apart(rigid, tuple(kept)), whole)
+        return cls(_fixed(aircraft), modes, _Template.apart(rigid, tuple(kept)), whole, placed)
+
+
+def _placed(tree: ET.Element, program: Program) -> tuple[str, ...]:
+    """Return the texts of the sections that JSBSim makes properties from which a program reads.
+
+    These are the places of engines and, of all that it takes from the mass balance, what is no register of its own.
+    """
+    names = program.properties
+    engines = any(n.endswith("-position") for n in names)
+    masses = any(n.startswith("inertia/") for n in names)
+    sections = (("propulsion",) if engines or masses else ()) + (("mass_balance",) if masses else ())
+    return tuple((e.text or "").strip() for name in sections for part in tree.iter(name) for e in part.iter())
 
 
 def _alike(a: ET.Element, b: ET.Element) -> bool:

@@ -15,6 +15,7 @@ from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, believable, score
 from testbench.questions.gap.search.fit import EffectFit
 
+_IN_PLACE = 0.5  # share of what a coefficient is off that it may be off beside an effect that stands in for it
 SEPARATES = "flights at another airspeed or of another amplitude, or a sensor on the surface"
 
 
@@ -25,13 +26,16 @@ def gain_of(coefficient: str, naming: Naming, aircraft: Aircraft | None = None) 
 
 
 def rivals(coefficient: str, naming: Naming, aircraft: Aircraft | None = None) -> tuple[EffectFit, ...]:
-    """Return the effects that explain as much as a wrong coefficient does: it does not lead them by enough."""
+    """Return the effects that explain as much as a wrong coefficient does, and in its place.
+
+    It does not lead them by enough, and beside them it lies less than half as far from what is believed: what leaves it
+    where it is does not stand in for it.
+    """
     own = gain_of(coefficient, naming, aircraft) - float(np.log(naming.samples))
-    return tuple(
-        f
-        for f in naming.ranking
-        if f.flown and f.settled and believable(f) and own - score(f, naming.samples) < CRITERIA.told_apart
-    )
+    off = abs(naming.nuisances[coefficient] - 1.0)
+    sound = (f for f in naming.ranking if f.flown and f.settled and believable(f))
+    instead = (f for f in sound if abs(f.nuisances[coefficient] - 1.0) < _IN_PLACE * off)
+    return tuple(f for f in instead if own - score(f, naming.samples) < CRITERIA.told_apart)
 
 
 def led_by_surfaces(coefficient: str, naming: Naming, aircraft: Aircraft | None = None) -> bool:

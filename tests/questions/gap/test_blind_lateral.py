@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from studies.blind.accused import answer
-from studies.blind.lateral import SEED, flown_factor, in_part, page, rates, right
+from studies.blind.lateral import SEED, page
 from studies.blind.lateral_run import believe, searched
 from studies.blind.parts import parts_said
 from studies.blind.score import judge
+from studies.blind.strata import flown_factor, in_part, rates, right
 
 from testbench.core.record import FlightRecord
 from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS

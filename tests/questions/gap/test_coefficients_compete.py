@@ -65,6 +65,8 @@ def test_an_accused_coefficient_is_told_with_the_effect_that_does_the_same_and_n
     alike, less = effect_that_gains(tuned, gain - 5.0), effect_that_gains(tuned, gain - 15.0)
     assert rivals("Cm_alpha", naming_of(tuned, alike)) == (alike,)
     assert rivals("Cm_alpha", naming_of(tuned, less)) == ()
+    beside = dict(tuned.by_name)  # the coefficient stays where it is: the effect does something else
+    assert rivals("Cm_alpha", naming_of(tuned, replace(alike, nuisances=beside))) == ()
     for impossible in ({"within": 1e-4}, {"flown": False}, {"settled": False}):
         assert rivals("Cm_alpha", naming_of(tuned, replace(alike, **impossible))) == ()
     (accused,) = wrong_parameters(naming_of(tuned, alike), tuned.believed)

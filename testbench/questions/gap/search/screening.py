@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 
 from testbench.core.record import FloatArray
-from testbench.questions.gap.effects import Effect
+from testbench.questions.gap.effects import Effect, Parameter
 from testbench.questions.gap.flights import trims
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.parallel import spread
@@ -31,6 +31,8 @@ class Screened:
         promise: gain of the best start, or of the best multiple of what it changes.
         why: why these records cannot show it, or "".
         alone: the same gain where no nuisance is re-tuned.
+        instead: start that is tried where a descent from the best one is given up, or None. It is the usual size, where
+            the best multiple of it lies at the end of the range: so far the signature is no multiple of it.
     """
 
     effect: Effect
@@ -39,6 +41,7 @@ class Screened:
     promise: float
     why: str
     alone: float = 0.0
+    instead: FloatArray | None = None
 
     @property
     def seen(self) -> bool:
@@ -66,7 +69,7 @@ def screen(base: Hypothesis, effect: Effect, share: float = 1.0, far: bool = Fal
         for s in starts:
             s[size] = none + share * (s[size] - none)
     r = base.tuned(base.exact)[0]
-    flies, alone, found = False, 0.0, []
+    flies, alone, found = False, 0.0, list[tuple[float, float, FloatArray, FloatArray | None]]()
     for x, change in zip(starts, signature.at_all(starts), strict=True):
         if change is None:
             continue
@@ -79,14 +82,18 @@ def screen(base: Hypothesis, effect: Effect, share: float = 1.0, far: bool = Fal
         alone = max(alone, -2.0 * along - float(change @ change), along**2 / float(change @ change))
         multiple, cost = -float(r @ d) / float(d @ d), float(left @ left)
         scored = multiple**2 * float(d @ d)
+        usual = None
         if size is not None:
-            x, cost = _multiplied(x, effect, size, multiple), float(r @ r) - scored
-        found.append((cost, max(float(r @ r) - cost, scored), x))
+            most = _multiplied(x, effect, size, multiple)
+            usual = x if _at_an_end(most, effect, size) and multiple > 0.0 else None
+            x, cost = most, float(r @ r) - scored
+        found.append((cost, max(float(r @ r) - cost, scored), x, usual))
     if not found:
         why = "these records cannot show it: their channels, compared about their means, do not change"
         return Screened(effect, signature, (), 0.0, why if flies else "no start of it flies the measured commands")
     found.sort(key=lambda f: f[0])
-    return Screened(effect, signature, tuple(f[2] for f in found), max(f[1] for f in found), "", alone)
+    starts = tuple(f[2] for f in found)
+    return Screened(effect, signature, starts, max(f[1] for f in found), "", alone, found[0][3])
 
 
 def _not_sought(base: Hypothesis, effect: Effect) -> str:
@@ -111,10 +118,10 @@ def screen_all(tasks: Sequence[tuple[Hypothesis, Effect]], share: float = 1.0, f
 
 def _parts(
     base: Hypothesis, effect: Effect, share: float, far: bool
-) -> tuple[dict[bytes, FloatArray | None], tuple[tuple[FloatArray, ...], float, str, float]]:
+) -> tuple[dict[bytes, FloatArray | None], tuple[tuple[FloatArray, ...], float, str, float, FloatArray | None]]:
     """Return those parts of a :class:`Screened` that the searching process does not have."""
     s = screen(base, effect, share, far)
-    return s.signature.known, (s.starts, s.promise, s.why, s.alone)
+    return s.signature.known, (s.starts, s.promise, s.why, s.alone, s.instead)
 
 
 def screen_closely(base: Hypothesis, screened: Sequence[Screened]) -> list[Screened]:
@@ -158,8 +165,18 @@ def _multiplied(x: FloatArray, effect: Effect, size: int, multiple: float) -> Fl
     p, out = effect.parameters[size], x.copy()
     none = p.none or 0.0
     step = math.copysign(float(np.clip(abs(multiple), 0.02, 5.0)), multiple)
-    out[size] = np.clip(none + step * (x[size] - none), 0.98 * p.low + 0.02 * none, 0.98 * p.high + 0.02 * none)
+    out[size] = np.clip(none + step * (x[size] - none), *_ends(p))
     return out
+
+
+def _ends(p: Parameter) -> tuple[float, float]:
+    """Return the smallest and the largest value of a size that a fit starts from."""
+    none = p.none or 0.0
+    return 0.98 * p.low + 0.02 * none, 0.98 * p.high + 0.02 * none
+
+
+def _at_an_end(x: FloatArray, effect: Effect, size: int) -> bool:
+    return bool(x[size] in _ends(effect.parameters[size]))
 
 
 def promising(screened: Sequence[Screened], followed: float, followed_far: float, at_least: int) -> list[Screened]:

@@ -1,0 +1,61 @@
+"""Blind test of aircraft that come with JSBSim, at three conditions: ``python -m studies.blind.stock``. Resumes.
+
+Truths are drawn from a seed of their own, sealed, and flown with sensors of all axes. What names them is told from
+which condition each record was flown.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from studies.blind.sealed_draw import Draw
+from studies.blind.stock_run import name_stock
+from studies.blind.strata import rates, results
+
+from testbench.questions.gap.sealed.cases import seal
+from testbench.questions.gap.sealed.stock_cases import STRATA, StockCase, draw, opened
+from testbench.questions.gap.sealed.stock_flights import FLOWN, manoeuvres
+
+SEED = 20270310
+
+
+def run_case(case: StockCase) -> dict[str, Any]:
+    """Return what the workflow says of one case, as JSON values."""
+    return {
+        "case": case.name,
+        **name_stock(case.aircraft, case.fly("rich"), case.fly("held_out"), case.without),
+    }
+
+
+def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return what the rows say, in words and tables: how many of the planned cases were run comes first."""
+    flown, held = (", ".join(manoeuvres("jsbsim:c172p", which)) for which in ("rich", "held_out"))
+    models = ", ".join(name.removeprefix("jsbsim:") for name in FLOWN)
+    out = [
+        "# Blind test of stock aircraft at three conditions",
+        "",
+        "Made by `python -m studies.blind.stock`, which resumes where it stopped; `--minutes 0` writes this page anew. "
+        f"The aircraft are {models} as they come with JSBSim. Hidden truths act on commands and readings "
+        "(`testbench/questions/gap/hidden/stock.py`), with every longitudinal and lateral coefficient of the belief "
+        "off by its prior. Each record starts from one of three conditions, slow, fast and high, which it tells. The suite "
+        "is that of all axes at 50 Hz, with commands and no surfaces. The hash of the answers was written before the "
+        "first case was named.",
+        "",
+        f"Used to name: {flown}. Held out: {held}.",
+        "",
+        "How answers are judged is said in the [draw in roll and yaw](../lateral/README.md).",
+        "",
+        f"Seed {SEED}, the first draw. SHA-256 of answers.json without its last line break: `{seal(tuple(cases))[1]}`.",
+        "",
+    ]
+    return "\n".join([*out, *results(cases, rows)]) + "\n"
+
+
+DRAW = Draw("stock", SEED, lambda: draw(SEED, STRATA), opened, run_case, rates, page)
+
+if __name__ == "__main__":
+    raise SystemExit(DRAW.run())
