@@ -41,9 +41,9 @@ def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> s
         "Made by `python -m studies.blind.stock`, which resumes where it stopped; `--minutes 0` writes this page anew. "
         f"The aircraft are {models} as they come with JSBSim. Hidden truths act on commands and readings "
         "(`testbench/questions/gap/hidden/stock.py`), with every longitudinal and lateral coefficient of the belief "
-        "off by its prior. Each record starts from one of three conditions, slow, fast and high, which it tells. The suite "
-        "is that of all axes at 50 Hz, with commands and no surfaces. The hash of the answers was written before the "
-        "first case was named.",
+        "off by its prior. Each record starts from one of three conditions, slow, fast and high, which it tells. The "
+        "suite is that of all axes at 50 Hz, with commands and no surfaces. The hash of the answers was written "
+        "before the first case was named.",
         "",
         f"Used to name: {flown}. Held out: {held}.",
         "",

@@ -92,8 +92,8 @@ def screen(base: Hypothesis, effect: Effect, share: float = 1.0, far: bool = Fal
         why = "these records cannot show it: their channels, compared about their means, do not change"
         return Screened(effect, signature, (), 0.0, why if flies else "no start of it flies the measured commands")
     found.sort(key=lambda f: f[0])
-    starts = tuple(f[2] for f in found)
-    return Screened(effect, signature, starts, max(f[1] for f in found), "", alone, found[0][3])
+    best = tuple(f[2] for f in found)
+    return Screened(effect, signature, best, max(f[1] for f in found), "", alone, found[0][3])
 
 
 def _not_sought(base: Hypothesis, effect: Effect) -> str:
