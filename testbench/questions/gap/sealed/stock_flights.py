@@ -48,9 +48,10 @@ def _three(
 
 
 FLOWN: Mapping[str, Flown] = {
+    "jsbsim:737": Flown(_three(130.0, 160.0, 2000.0, 1500.0), 2.0 * DEG_RAD, 4.0 * DEG_RAD, 4.0 * DEG_RAD, 0.1, 0.8),
+    "jsbsim:A4": Flown(_three(120.0, 150.0, 2000.0, 1500.0), 1.0 * DEG_RAD, 2.0 * DEG_RAD, 3.0 * DEG_RAD, 0.1, 0.5),
     "jsbsim:c172p": Flown(_three(43.0, 55.0, 1000.0, 600.0), 2.0 * DEG_RAD, 3.0 * DEG_RAD, 4.0 * DEG_RAD, 0.15, 0.5),
     "jsbsim:B747": Flown(_three(140.0, 175.0, 2000.0, 1500.0), 2.0 * DEG_RAD, 6.0 * DEG_RAD, 4.5 * DEG_RAD, 0.1, 1.0),
-    "jsbsim:c310": Flown(_three(58.0, 66.0, 500.0, 500.0), 1.5 * DEG_RAD, 3.0 * DEG_RAD, 4.0 * DEG_RAD, 0.06, 0.5),
 }
 
 
