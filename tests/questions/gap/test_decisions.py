@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+import testbench.questions.gap.search.fit as fit_module
 from testbench.questions.gap.believed import PRIORS
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import (
@@ -23,7 +24,9 @@ from testbench.questions.gap.decide import (
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.base import together
 from testbench.questions.gap.search.fit import EffectFit
+from testbench.questions.gap.search.gauss_newton import Descent
 from testbench.questions.gap.search.name import _asked
+from testbench.questions.gap.search.screening import Screened
 from testbench.questions.gap.search.several import _Joint, several_at_once
 
 
@@ -234,3 +237,24 @@ def test_a_general_form_is_told_from_special_cases_of_all_its_parts():
     assert of("thrust_line", "second_order_actuator").generalises(of("actuator_lag", "thrust_line"))
     assert of("thrust_line", "actuator_lag").generalises(of("thrust_line"))
     assert not of("thrust_line", "actuator_lag").generalises(of("thrust_line", "transport_delay"))
+
+
+def test_a_descent_that_is_given_up_begins_anew_at_the_usual_size(monkeypatch):
+    """The best multiple of what a lost fin does lay at the end of its range, and the descent from there went astray."""
+    base = SimpleNamespace(exact=np.zeros(4_500), samples=4_500)
+    far, usual, begun = np.array([0.88]), np.array([0.2]), []
+
+    def descend(signature, start, *more):
+        begun.append(float(start[0]))
+        settled = start is usual
+        left = 4_450.0 if settled else 90_000.0
+        return Descent(np.array([0.44]), dict.fromkeys(PRIORS, 1.0), np.ones((4_500, 1)), left, True, 1.0, settled)
+
+    monkeypatch.setattr(fit_module, "descend", descend)
+    screened = Screened(EFFECTS["lost_fin"], SimpleNamespace(base=base), (far,), 1e5, "")
+    assert not fit_module.fit(screened, 10_000.0, 0.0, 1).settled
+    found = fit_module.fit(replace(screened, instead=usual), 10_000.0, 0.0, 1)
+    assert (found.settled, found.chi2) == (True, 4_450.0)
+    assert begun == [0.88, 0.88, 0.2]
+    fit_module.fit(replace(screened, starts=(usual,), instead=usual), 10_000.0, 0.0, 1)
+    assert begun[3:] == [0.2]  # what came to rest is not tried again

@@ -16,6 +16,7 @@ from testbench.questions.gap.workflow import find_gap
 # Standard deviations of their priors by which coefficients are off, and the sizes of what was drawn.
 STRONG = {"Cn_dr": 0.92, "Cn_r": 0.6, "Cn_beta": 1.25, "Cl_da": 0.9, "Cm_alpha": 0.9, "CD": 1.15}
 WEAK = {"Cn_dr": 0.98, "Cn_r": 0.83, "Cl_beta": 0.73, "Cm_de": 0.82, "Cm_q": 0.8, "Cn_da": 1.3}
+LOST = {"CL_alpha": 0.9, "Cl_r": 0.8, "Cm_de": 0.83, "Cn_da": 1.4, "CY_beta": 0.95, "Cl_beta": 0.88, "Cn_beta": 1.05}
 NEAR = ("r_cross", "r_lag", "r_delay", "p_factor", "yaw_damper", "rudder_lag", "beta_scale", "cubic_dihedral")
 
 
@@ -42,6 +43,14 @@ def test_a_linkage_that_loses_is_named_although_a_coefficient_does_most_of_its_w
     found = answer("rudder linkage that loses", "eolo", {"gain": gain}, WEAK, own)
     assert found.naming.names in (("rudder_surface_scale",), ("rudder_curved_linkage",)), found.naming.sentence
     assert found.naming.best.values["scale"] == pytest.approx(gain, rel=0.2)
+    assert not found.parameters
+
+
+@pytest.mark.slow
+def test_a_lost_fin_is_named_although_the_best_multiple_of_what_it_does_lies_at_the_end_of_its_range():
+    found = answer("lost fin", "taurus", {"share": 0.45}, LOST, ("lost_fin", "mass_error", "drag_increment"))
+    assert found.naming.names == ("lost_fin",), found.naming.sentence
+    assert found.naming.best.values["share"] == pytest.approx(0.45, rel=0.1)
     assert not found.parameters
 
 

@@ -14,15 +14,27 @@ from testbench.questions.gap.sealed import lateral_truths, truths
 from testbench.questions.gap.sealed.kinds import Kind, between, either, kind
 
 _BEFORE = {"elevator": "", "aileron": "aileron_", "rudder": "rudder_"}
-_BELOW = "slow motor", "stronger motor", "vane gain", "vane lag", "gyro gain", "late attitude", "airspeed lag"
-_LATERAL = "sideslip gain", "sideslip lag", "roll gyro gain", "yaw gyro gain", "late bank angle"
-_OTHER = "motor of two stages", "vane of second order", "vane with a bent scale"
-_LATERAL_OTHER = (
-    "sideslip vane of second order",
+_GAINS = "stronger motor", "vane gain", "gyro gain", "vane with a bent scale"
+_LATERAL_GAINS = (
+    "sideslip gain",
+    "roll gyro gain",
+    "yaw gyro gain",
     "sideslip with a bent scale",
     "yaw gyro with a bent scale",
-    "bank angle of two stages",
 )
+# Times, which are longer than those of small aircraft as the motions are slower.
+_TIMES: Mapping[str, Kind] = {
+    "slow motor": kind("library", "thrust_lag", between(lag_s=(1.0, 4.0)), "lag_s"),
+    "vane lag": kind("library", "alpha_lag", between(lag_s=(0.25, 0.8)), "lag_s"),
+    "late attitude": kind("library", "theta_delay", between(delay_s=(0.15, 0.5)), "delay_s"),
+    "airspeed lag": kind("library", "V_lag", between(lag_s=(1.0, 3.0)), "lag_s"),
+    "sideslip lag": kind("library", "beta_lag", between(lag_s=(0.15, 0.6)), "lag_s"),
+    "late bank angle": kind("library", "phi_delay", between(delay_s=(0.15, 0.5)), "delay_s"),
+    "motor of two stages": kind("other", "thrust_lag second_order_thrust_lag", between(lag_s=(1.0, 4.0)), "lag_s"),
+    "vane of second order": kind("other", "alpha_lag alpha_delay", between(omega_rad_s=(2.0, 5.0))),
+    "sideslip vane of second order": kind("other", "beta_lag beta_delay", between(omega_rad_s=(2.0, 5.0))),
+    "bank angle of two stages": kind("other", "phi_lag phi_delay", between(lag_s=(0.2, 0.6))),
+}
 
 
 def _of(word: str) -> dict[str, Kind]:
@@ -42,6 +54,7 @@ def _of(word: str) -> dict[str, Kind]:
 
 STOCK_KINDS: Mapping[str, Kind] = {
     **{name: k for word in _BEFORE for name, k in _of(word).items()},
-    **{n: truths.KINDS[n] for n in (*_BELOW, *_OTHER)},
-    **{n: lateral_truths.LATERAL_KINDS[n] for n in (*_LATERAL, *_LATERAL_OTHER)},
+    **{n: truths.KINDS[n] for n in _GAINS},
+    **{n: lateral_truths.LATERAL_KINDS[n] for n in _LATERAL_GAINS},
+    **_TIMES,
 }

@@ -1,0 +1,74 @@
+"""The blind test of stock aircraft at three conditions: what flies, and what is sealed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from studies.blind.stock import SEED, page
+from studies.blind.stock_run import believe, told
+
+from testbench.questions.gap.hidden.stock import STOCK
+from testbench.questions.gap.hidden.truth import Truth
+from testbench.questions.gap.sealed.cases import seal
+from testbench.questions.gap.sealed.stock_cases import NOTHING, STRATA, TAKEN_OUT, StockCase, opened
+from testbench.questions.gap.sealed.stock_flights import FLOWN, fly_stock, suite
+from testbench.questions.gap.sealed.stock_truths import STOCK_KINDS
+from testbench.questions.gap.starts import start_of
+
+SEALED = Path(__file__).resolve().parents[3] / "results" / "gap" / "stock"
+SEEN = 200.0  # least sum of squares, in units of the noise, by which a kind must change the six records
+
+
+@pytest.fixture(scope="module")
+def as_believed():
+    return fly_stock("jsbsim:737", Truth(), "rich", 5)
+
+
+def test_every_kind_is_made_and_drawn():
+    assert set(STOCK) == set(STOCK_KINDS)
+    assert {k.form for k in STOCK_KINDS.values()} == {"library", "other"}
+
+
+@pytest.mark.parametrize("kind", STOCK)
+def test_every_kind_of_hidden_truth_shows_in_some_record_and_nothing_shows_none(kind, as_believed):
+    sizes = STOCK_KINDS[kind].draw(np.random.default_rng(3))
+    found = fly_stock("jsbsim:737", STOCK[kind](sizes, "jsbsim:737"), "rich", 5)
+    noise = {n: s for n, s in suite().noise_std.items() if s > 0.0}
+    apart = [(found[n].columns(noise) - r.columns(noise)) / np.array([*noise.values()]) for n, r in as_believed.items()]
+    assert sum(float(np.sum((d - d.mean(axis=0)) ** 2)) for d in apart) > SEEN
+
+
+@pytest.mark.parametrize("aircraft", FLOWN)
+def test_what_is_believed_flies_from_three_conditions_with_nothing_left_but_noise(aircraft):
+    believed, truth = believe(aircraft), Truth(factors={"Cm_q": 1.2, "Cl_beta": 0.8})
+    tuned = believed.with_nuisances(truth.factors)
+    for which in ("rich", "held_out"):
+        records = told(aircraft, which, fly_stock(aircraft, truth, which, 7))
+        energies = [float(np.mean(tuned.residuals(r) ** 2)) for r in records.values()]
+        # ten channels of 700 samples and more: the mean of so many squares of white noise scatters by 0.017 about 1
+        assert energies == pytest.approx([1.0] * len(records), abs=5 * 0.017)  # false alarm 3e-6
+    starts = [start_of(r) for r in told(aircraft, "rich", fly_stock(aircraft, truth, "rich", 7)).values()]
+    assert len({s.condition for s in starts}) == 3
+
+
+def test_the_answers_are_those_that_were_sealed():
+    cases = opened((SEALED / "answers.json").read_text(encoding="utf-8").removesuffix("\n"))
+    assert {s: sum(c.stratum == s for c in cases) for s in STRATA} == dict(STRATA)
+    assert (SEALED / "sealed.sha256").read_text(encoding="utf-8").startswith(seal(cases)[1])
+    assert (SEALED / "sealed.sha256").read_text(encoding="utf-8").endswith(f"seed {SEED}\n")
+    assert {c.aircraft for c in cases} == set(FLOWN)
+    assert {c.kinds for c in cases if c.stratum == NOTHING} == {()}
+    assert all(c.without for c in cases if c.stratum == TAKEN_OUT)
+
+
+def test_a_page_says_how_many_were_run_and_what_is_not_right():
+    ratio = ("rudder linkage ratio",), ({"gain": 1.5},), {"Cn_dr": 0.9}, (("rudder_surface_scale",),)
+    case = StockCase("stock library form 1", "stock library form", "jsbsim:737", *ratio)
+    row = {"outcome": "no gap", "names": [], "best": "", "accused": [["Cn_dr", 1.35, 0.01, ["rudder_surface_scale"]]]}
+    text = page([case, replace(case, name="stock library form 2")], {case.name: row | {"seconds": 40.0}})
+    assert "**1 of 2 planned cases have been run**" in text
+    assert "| stock library form | right or in the set | 1 of 1 |" in text
+    assert "| stock library form | a coefficient accused by a wrong size | 0 of 1 |" in text
