@@ -10,13 +10,16 @@ import pytest
 from studies.blind.stock import SEED, page
 from studies.blind.stock_run import believe, told
 
+from testbench.questions.gap.hidden.flights import Commands, fly_hidden
 from testbench.questions.gap.hidden.stock import STOCK
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.sealed.cases import seal
+from testbench.questions.gap.sealed.flights import RATE_HZ, SETTLE_S
+from testbench.questions.gap.sealed.lateral_flights import CONTROLS
 from testbench.questions.gap.sealed.stock_cases import NOTHING, STRATA, TAKEN_OUT, StockCase, opened
 from testbench.questions.gap.sealed.stock_flights import FLOWN, fly_stock, suite
 from testbench.questions.gap.sealed.stock_truths import STOCK_KINDS
-from testbench.questions.gap.starts import start_of
+from testbench.questions.gap.starts import Start, marked, start_of
 
 SEALED = Path(__file__).resolve().parents[3] / "results" / "gap" / "stock"
 SEEN = 200.0  # least sum of squares, in units of the noise, by which a kind must change the six records
@@ -52,6 +55,17 @@ def test_what_is_believed_flies_from_three_conditions_with_nothing_left_but_nois
         assert energies == pytest.approx([1.0] * len(records), abs=5 * 0.017)  # false alarm 3e-6
     starts = [start_of(r) for r in told(aircraft, "rich", fly_stock(aircraft, truth, "rich", 7)).values()]
     assert len({s.condition for s in starts}) == 3
+
+
+def test_a_load_that_is_known_is_carried_where_it_is_said_to_be_in_a_stock_aircraft():
+    """It was put that far behind the origin of the model's axes, which is at the nose of an airliner."""
+    b, kg, aft_m = believe("jsbsim:B747"), 4e4, 1.5
+    u = np.zeros((500, 4))
+    u[50:100, :3], u[100:150, :3] = 0.03, -0.03
+    flight = Commands("all surfaces", CONTROLS, u, SETTLE_S, 3, load_kg=kg, load_aft_m=aft_m)
+    (record,) = fly_hidden("jsbsim:B747", "rigid", Truth(), suite(), b.condition, [flight], RATE_HZ).values()
+    energy = float(np.mean(b.residuals(marked(record, Start(b.condition, kg, aft_m))) ** 2))
+    assert energy == pytest.approx(1.0, abs=5 * 0.018)  # 10 channels of 600 samples: false alarm 6e-7
 
 
 def test_the_answers_are_those_that_were_sealed():

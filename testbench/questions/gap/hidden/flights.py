@@ -12,7 +12,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient, SetProperty
 from testbench.aircraft.amend import Change
-from testbench.aircraft.seams import with_servo
+from testbench.aircraft.seams import added_load, with_servo
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight import FlightCondition, TrimmedFlight, load_aircraft, trim
 from testbench.flight.air import Air
@@ -121,7 +121,8 @@ def _ready(
     if kg:
         ahead = kg / (base.mass.mass_kg + truth.extra_kg + kg) * aft_m  # places are told from the centre of gravity
         suite = read_through(suite, with_moved_accelerometers(Truth(), ahead))
-        truth = truth.with_(load(kg, aft_m))
+        own = base.adapter is None  # a model of another form has its centre of gravity elsewhere than at its origin
+        truth = truth.with_(load(kg, aft_m) if own else Truth(changes=added_load(base, kg, aft_m), extra_kg=kg))
     real = real_aircraft(base, truth)
     return real, read_through(suite, truth), trim(real, condition, rate_hz or real.rate_hz)
 
