@@ -12,7 +12,7 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from studies.blind.lateral_run import name_lateral
+from studies.blind.lateral_run import believe, named
 from studies.blind.sealed_draw import Draw
 from studies.blind.strata import rates, results
 
@@ -27,7 +27,7 @@ def run_case(case: LateralCase) -> dict[str, Any]:
     """Return what the workflow says of one case, as JSON values."""
     return {
         "case": case.name,
-        **name_lateral(case.aircraft, case.fly("rich"), case.fly("held_out"), case.without),
+        **named(believe(case.aircraft), case.fly("rich"), case.fly("held_out"), case.without),
     }
 
 

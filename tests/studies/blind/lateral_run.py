@@ -34,13 +34,12 @@ def searched(believed: Believed, without: Sequence[str] = ()) -> tuple[dict[str,
     return left(library(believed.suite, believed.aircraft)), left(OTHER_SERVOS)
 
 
-def name_lateral(
-    aircraft: str,
+def named(
+    believed: Believed,
     records: Mapping[str, FlightRecord],
     held_out: Mapping[str, FlightRecord],
     without: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return what the workflow says of the records of one case, as JSON values."""
-    believed = believe(aircraft)
     known, further = searched(believed, without)
     return found_row(lambda: find_gap(believed, records, held_out, effects=known, further=further))

@@ -12,8 +12,9 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from studies.blind.lateral_run import named
 from studies.blind.sealed_draw import Draw
-from studies.blind.stock_run import name_stock
+from studies.blind.stock_run import believe, told
 from studies.blind.strata import rates, results
 
 from testbench.questions.gap.sealed.cases import seal
@@ -25,10 +26,8 @@ SEED = 20270311
 
 def run_case(case: StockCase) -> dict[str, Any]:
     """Return what the workflow says of one case, as JSON values."""
-    return {
-        "case": case.name,
-        **name_stock(case.aircraft, case.fly("rich"), case.fly("held_out"), case.without),
-    }
+    records, held_out = (told(case.aircraft, which, case.fly(which)) for which in ("rich", "held_out"))
+    return {"case": case.name, **named(believe(case.aircraft), records, held_out, case.without)}
 
 
 def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> str:

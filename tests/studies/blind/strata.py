@@ -14,9 +14,9 @@ from studies.blind.score import judge
 from studies.blind.sealed_draw import counted, rated
 
 from testbench.questions.gap.sealed.cases import Case
+from testbench.questions.gap.sealed.strata import NOTHING, TAKEN_OUT
 from testbench.questions.gap.sealed.verdict import NO_GAP
 
-NOTHING, TAKEN_OUT = "nothing", "the true effect taken out"
 _RATIOS = {"elevator linkage ratio": "_de", "aileron linkage ratio": "_da", "rudder linkage ratio": "_dr"}
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from testbench.aircraft import Insert, ScaleCoefficient, SetProperty, SetText
+from testbench.aircraft.amend import Change
 from testbench.core.record import FloatArray
 from testbench.flight.air import Gust
 from testbench.sensors import Sensor
@@ -41,7 +41,7 @@ class Truth:
     throttle: Law | None = None
     surfaces: Mapping[str, Law] = field(default_factory=dict)
     whole_servo: bool = False
-    changes: tuple[Insert | SetText | SetProperty | ScaleCoefficient, ...] = ()
+    changes: tuple[Change, ...] = ()
     fed_back: bool = False
     flexible: bool = False
     extra_kg: float = 0.0

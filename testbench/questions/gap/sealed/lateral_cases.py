@@ -5,7 +5,6 @@ Shares no code with the library of effects; neither imports the other (tests/tes
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -13,10 +12,10 @@ import numpy as np
 
 from testbench.core.record import FlightRecord
 from testbench.questions.gap.hidden.lateral import LATERAL
-from testbench.questions.gap.hidden.truth import Truth
-from testbench.questions.gap.sealed.cases import Case, first_that_flies, in_turn, opened_as
+from testbench.questions.gap.sealed.cases import first_that_flies, in_turn, opened_as
 from testbench.questions.gap.sealed.lateral_flights import fly_lateral
 from testbench.questions.gap.sealed.lateral_truths import LATERAL_KINDS, parameter_errors
+from testbench.questions.gap.sealed.strata import StratumCase, chosen
 
 TAKEN_OUT = "lateral with the true effect taken out"
 NOTHING = "lateral nothing"
@@ -24,20 +23,12 @@ STRATA: Mapping[str, int] = {"lateral library form": 36, "lateral other form": 3
 
 
 @dataclass(frozen=True)
-class LateralCase(Case):
+class LateralCase(StratumCase):
     """A case in roll and yaw."""
 
     def fly(self, which: str) -> dict[str, FlightRecord]:
         """Fly the truth through a set of manoeuvres ("rich" or "held_out")."""
-        truth = Truth(factors=self.factors)
-        for kind, sizes in zip(self.kinds, self.sizes, strict=True):
-            truth = truth.with_(LATERAL[kind](sizes, self.aircraft))
-        return fly_lateral(self.aircraft, truth, which, self.seed + {"rich": 0, "held_out": 1_000_000}[which])
-
-    @property
-    def without(self) -> tuple[str, ...]:
-        """The names that are taken out of the library before this case is named."""
-        return tuple(n for names in self.right for n in names) if self.stratum == TAKEN_OUT else ()
+        return fly_lateral(self.aircraft, self.truth(LATERAL), which, self.seed_of(which))
 
 
 def draw(seed: int, counts: Mapping[str, int] = STRATA) -> tuple[LateralCase, ...]:
@@ -60,7 +51,7 @@ def draw_case(stratum: str, i: int, seed: int, kind: str = "") -> LateralCase:
 
 
 def _case(stratum: str, i: int, rng: np.random.Generator, kind: str) -> LateralCase:
-    kinds = (kind,) if kind else _chosen(stratum, i)
+    kinds = (kind,) if kind else chosen(LATERAL_KINDS, stratum, i)
     return LateralCase(
         name=f"{stratum} {i + 1}",
         stratum=stratum,
@@ -71,13 +62,3 @@ def _case(stratum: str, i: int, rng: np.random.Generator, kind: str) -> LateralC
         right=tuple(LATERAL_KINDS[k].names for k in kinds),
         seed=int(rng.integers(1, 2**31 - 10**7)),
     )
-
-
-def _chosen(stratum: str, i: int) -> tuple[str, ...]:
-    """Return the kind of case ``i`` of a stratum: all kinds in turn, in an order of its own."""
-    if stratum == NOTHING:
-        return ()
-    form = "other" if stratum == "lateral other form" else "library"
-    names = [n for n, k in LATERAL_KINDS.items() if k.form == form]
-    order = np.random.default_rng(zlib.crc32(stratum.encode())).permutation(len(names))
-    return (names[order[i % len(names)]],)

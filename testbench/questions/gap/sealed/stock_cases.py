@@ -5,7 +5,6 @@ Shares no code with the library of effects; neither imports the other (tests/tes
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -13,11 +12,11 @@ import numpy as np
 
 from testbench.core.record import FlightRecord
 from testbench.questions.gap.hidden.stock import STOCK
-from testbench.questions.gap.hidden.truth import Truth
-from testbench.questions.gap.sealed.cases import Case, first_that_flies, in_turn, opened_as
+from testbench.questions.gap.sealed.cases import first_that_flies, in_turn, opened_as
 from testbench.questions.gap.sealed.lateral_truths import parameter_errors
 from testbench.questions.gap.sealed.stock_flights import FLOWN, fly_stock
 from testbench.questions.gap.sealed.stock_truths import STOCK_KINDS
+from testbench.questions.gap.sealed.strata import StratumCase, chosen
 
 TAKEN_OUT = "stock with the true effect taken out"
 NOTHING = "stock nothing"
@@ -25,20 +24,12 @@ STRATA: Mapping[str, int] = {"stock library form": 36, "stock other form": 36, T
 
 
 @dataclass(frozen=True)
-class StockCase(Case):
+class StockCase(StratumCase):
     """A case of an aircraft that comes with JSBSim, flown from three conditions."""
 
     def fly(self, which: str) -> dict[str, FlightRecord]:
         """Fly the truth through a set of manoeuvres ("rich" or "held_out")."""
-        truth = Truth(factors=self.factors)
-        for kind, sizes in zip(self.kinds, self.sizes, strict=True):
-            truth = truth.with_(STOCK[kind](sizes, self.aircraft))
-        return fly_stock(self.aircraft, truth, which, self.seed + {"rich": 0, "held_out": 1_000_000}[which])
-
-    @property
-    def without(self) -> tuple[str, ...]:
-        """The names that are taken out of the library before this case is named."""
-        return tuple(n for names in self.right for n in names) if self.stratum == TAKEN_OUT else ()
+        return fly_stock(self.aircraft, self.truth(STOCK), which, self.seed_of(which))
 
 
 def draw(seed: int, counts: Mapping[str, int] = STRATA) -> tuple[StockCase, ...]:
@@ -61,7 +52,7 @@ def draw_case(stratum: str, i: int, seed: int) -> StockCase:
 
 
 def _case(stratum: str, i: int, rng: np.random.Generator) -> StockCase:
-    kinds = _chosen(stratum, i)
+    kinds = chosen(STOCK_KINDS, stratum, i)
     return StockCase(
         name=f"{stratum} {i + 1}",
         stratum=stratum,
@@ -72,13 +63,3 @@ def _case(stratum: str, i: int, rng: np.random.Generator) -> StockCase:
         right=tuple(STOCK_KINDS[k].names for k in kinds),
         seed=int(rng.integers(1, 2**31 - 10**7)),
     )
-
-
-def _chosen(stratum: str, i: int) -> tuple[str, ...]:
-    """Return the kind of case ``i`` of a stratum: all kinds in turn, in an order of its own."""
-    if stratum == NOTHING:
-        return ()
-    form = "other" if stratum == "stock other form" else "library"
-    names = [n for n, k in STOCK_KINDS.items() if k.form == form]
-    order = np.random.default_rng(zlib.crc32(stratum.encode())).permutation(len(names))
-    return (names[order[i % len(names)]],)

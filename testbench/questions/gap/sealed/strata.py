@@ -1,0 +1,51 @@
+"""Cases of draws with four strata each: library forms, other forms, the true effect taken out, and nothing.
+
+Shares no code with the library of effects; neither imports the other (tests/test_house_rules.py).
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from testbench.questions.gap.hidden.entries import Make
+from testbench.questions.gap.hidden.truth import Truth
+from testbench.questions.gap.sealed.cases import Case
+from testbench.questions.gap.sealed.kinds import Kind
+
+OTHER, TAKEN_OUT, NOTHING = "other form", "the true effect taken out", "nothing"
+"""Ends of the names of strata; any other one is of library forms."""
+
+
+@dataclass(frozen=True)
+class StratumCase(Case):
+    """A case of one of these strata."""
+
+    def truth(self, made: Mapping[str, Make]) -> Truth:
+        """Return what flies, ``made`` by the names of its kinds."""
+        truth = Truth(factors=self.factors)
+        for kind, sizes in zip(self.kinds, self.sizes, strict=True):
+            truth = truth.with_(made[kind](sizes, self.aircraft))
+        return truth
+
+    def seed_of(self, which: str) -> int:
+        """Return the seed of the noise of a set of manoeuvres ("rich" or "held_out")."""
+        return self.seed + {"rich": 0, "held_out": 1_000_000}[which]
+
+    @property
+    def without(self) -> tuple[str, ...]:
+        """The names that are taken out of the library before this case is named."""
+        return tuple(n for names in self.right for n in names) if self.stratum.endswith(TAKEN_OUT) else ()
+
+
+def chosen(kinds: Mapping[str, Kind], stratum: str, i: int) -> tuple[str, ...]:
+    """Return the kind of case ``i`` of a stratum: all that suit it in turn, in an order of its own."""
+    if stratum.endswith(NOTHING):
+        return ()
+    form = "other" if stratum.endswith(OTHER) else "library"
+    names = [n for n, k in kinds.items() if k.form == form]
+    order = np.random.default_rng(zlib.crc32(stratum.encode())).permutation(len(names))
+    return (names[order[i % len(names)]],)
