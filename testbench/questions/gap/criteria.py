@@ -42,6 +42,9 @@ class Criteria:
         form_in_place: the same for an effect that acts in the same place as the first. Calibrated, seed 20261128.
         form_of_whole: the same beside a first effect that alone leaves noise; what a second one gains there is mostly
             form. Calibrated, seed 20261130.
+        imitated: re-tuned coefficients imitate an effect if it gains less than this share of what it does beside its
+            own. Calibrated, seed 20270216: a yaw damper with a filter gains 0.002 of it, a linkage that loses 0.0015; a
+            slow servo that a second effect stood beside, 0.025.
         second: share of what a first effect leaves above the noise that a second one must gain. Judged.
         rare: chi-square that noise falls short of with this probability is the least that noise leaves. Judged.
         enough: share of the excess that a named effect must explain, unless it leaves noise. Calibrated, seed 20261128.
@@ -104,6 +107,7 @@ class Criteria:
     form: float = 5e-4
     form_in_place: float = 0.05
     form_of_whole: float = 0.02
+    imitated: float = 0.01
     second: float = 0.35
     rare: float = 1e-4
     enough: float = 0.95

@@ -90,19 +90,10 @@ def leaves_noise(fit: EffectFit, noise: float) -> bool:
     return fit.chi2 <= noise and fit.within >= CRITERIA.strained
 
 
-def form_of(share: float, gain: float, work: float) -> float:
-    """Return what the form of an effect may account for: a share of its ``gain``, or of its ``work`` if that is more.
-
-    What re-tuned coefficients imitate gains little beside them, and its form is off by as much as if they did not. Of
-    the gain it is no more than what a second effect would have to make.
-    """
-    return max(share * gain, min(share * work, CRITERIA.second * gain))
-
-
 def leaves_far_more(fit: EffectFit, floor: float) -> bool:
     """Return whether a fit leaves so much more than the ``floor`` of the noise that it cannot be the whole."""
     spread = CRITERIA.remainder * float(np.sqrt(2.0 * floor))
-    return fit.chi2 - floor > max(spread, form_of(CRITERIA.remaining_share, fit.in_motion, fit.work))
+    return fit.chi2 - floor > max(spread, CRITERIA.remaining_share * max(fit.in_motion, fit.work))
 
 
 def is_special_case(fit: EffectFit, general: EffectFit) -> bool:
@@ -284,6 +275,16 @@ def _indistinct(fit: EffectFit, best: EffectFit, samples: int, is_noise: bool) -
     behind = score(best, samples) - score(fit, samples)
     near = fit.gain >= CRITERIA.too_close * best.gain and fit.chi2 - samples < CRITERIA.twice * (best.chi2 - samples)
     return behind < CRITERIA.told_apart or (not is_noise and near)
+
+
+def form_of(share: float, gain: float, work: float) -> float:
+    """Return what the form of an effect may account for: a share of its ``gain``, or of its ``work`` if that is more.
+
+    What re-tuned coefficients imitate gains little beside them, and its form is off by as much as if they did not. Of
+    the gain it is no more than what a second effect would have to make.
+    """
+    imitated = gain < CRITERIA.imitated * work
+    return max(share * gain, min(share * work, CRITERIA.second * gain) if imitated else 0.0)
 
 
 def worth_of_form(single: EffectFit, other: Effect, noise: float) -> float:
