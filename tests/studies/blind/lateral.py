@@ -75,10 +75,11 @@ def page(cases: Sequence[LateralCase], rows: Mapping[str, Mapping[str, Any]]) ->
         f"Seed {SEED}, the fourth draw. SHA-256 of answers.json without its last line break: "
         f"`{seal(tuple(cases))[1]}`.",
         "",
-        "It is the last, so what its misses taught was mended while it ran, and no row was made anew. The first 42 rows "
-        "were made before the usual size of an effect was tried where its best multiple lies at the end of its range (a "
-        "lost fin was unexplained), and before coefficients were told with those effects alone that take their place; "
-        "the first 61 before form was judged by an effect's work only where coefficients do 99 % of it.",
+        "It is the last, so what its misses taught was mended while it ran, and no row was made anew. The first "
+        "42 rows were made before the usual size of an effect was tried where its best multiple lies at the end "
+        "of its range (a lost fin was unexplained), and before coefficients were told with those effects alone "
+        "that take their place; the first 61 before form was judged by an effect's work only where coefficients "
+        "do 99 % of it.",
         "",
     ]
     return "\n".join([*out, *results(cases, rows)]) + "\n"
