@@ -32,7 +32,7 @@ def rivals(coefficient: str, naming: Naming, aircraft: Aircraft | None = None) -
     where it is does not stand in for it.
     """
     own = gain_of(coefficient, naming, aircraft) - float(np.log(naming.samples))
-    off = abs(naming.nuisances[coefficient] - 1.0)
+    off = abs(naming.measured[coefficient][0] - 1.0)
     sound = (f for f in naming.ranking if f.flown and f.settled and believable(f))
     instead = (f for f in sound if abs(f.nuisances[coefficient] - 1.0) < _IN_PLACE * off)
     return tuple(f for f in instead if own - score(f, naming.samples) < CRITERIA.told_apart)

@@ -42,7 +42,8 @@ def searched(hidden: str) -> tuple[Believed, tuple, Naming, tuple[JudgedPath, ..
 def fit_of(name: str, gain: float, chi2_tuned: float = 6000.0, samples: int = 4000) -> EffectFit:
     effect = EFFECTS[name]
     sizes = {p.name: p.starts[0] for p in effect.parameters}
-    return EffectFit(effect, sizes, dict.fromkeys(sizes, 0.01), chi2_tuned - gain, gain, 14.0, gain / 2000.0, {})
+    errors, beside = dict.fromkeys(sizes, 0.01), {"Cm_q": 1.0}
+    return EffectFit(effect, sizes, errors, chi2_tuned - gain, gain, 14.0, gain / 2000.0, beside)
 
 
 def naming_of(*fits: EffectFit, outcome: str = "unexplained", names: tuple[str, ...] = (), chi2=6000.0) -> Naming:
