@@ -18,7 +18,8 @@ from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.effects import EFFECTS
+from testbench.questions.gap.effects import EFFECTS, library
+from testbench.questions.gap.effects.servo import WORDS
 from testbench.questions.gap.evidence.control_path import JudgedPath, judge_paths, restricted
 from testbench.questions.gap.hidden.kinds import (
     Ballast,
@@ -137,3 +138,13 @@ def test_the_search_goes_where_the_surface_points(monkeypatch):
     assert (finding.naming.outcome, finding.naming.names) == ("named", ("pitch_damper",))
     assert [f.effect.name for f in finding.naming.ranking] == ["pitch_damper"]
     assert any("shows a feedback of q of 0.1" in s or "shows a feedback of q of 0.09" in s for s in finding.sentences)
+
+
+@pytest.mark.parametrize(
+    "effect", [e for e in library(load_suite("eolo_gap_lateral")).values() if e.part == "autopilot"]
+)
+def test_a_path_as_believed_rules_out_what_an_autopilot_feeds_into_it(effect):
+    """A bank hold with little authority was sought beside an aileron whose surface did what it was told."""
+    controls = [c for c in ("de", "da", "dr") if effect.name in JudgedPath(c, "as believed").ruled_out]
+    assert len(controls) == 1
+    assert effect.place in (WORDS[controls[0]], "pitching moment")

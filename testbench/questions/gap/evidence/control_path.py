@@ -46,12 +46,12 @@ _BY_KIND = {
 _BY_FEEDBACK = {
     ("de", "q"): ("pitch_damper", "washed_pitch_damper", "filtered_pitch_damper"),
     ("da", "p"): ("roll_damper", "filtered_roll_damper"),
-    ("da", "phi"): ("bank_hold", "heading_hold"),
+    ("da", "phi"): ("bank_hold", "limited_bank_hold", "heading_hold"),
     ("dr", "r"): ("yaw_damper",),
     ("dr", "da_cmd"): ("interconnect", "late_interconnect"),
 }
-# What a path that is as believed rules out. Its gain is not among them, as that effect stands for a surface that works
-# better or worse, too; nor is play, which may lie behind what is recorded.
+# What a path that is as believed rules out. Its gain, straight or curved, is not among them, as those effects stand for
+# a surface that works better or worse, too; nor is play, which may lie behind what is recorded.
 _RULED_OUT = (
     "lag",
     "second order",
