@@ -12,6 +12,11 @@ Flown = Callable[[Case, str], float]
 """Case and coefficient -> what it is times the believed one, as it flies."""
 
 
+def drawn(case: Case, coefficient: str) -> float:
+    """Return what a coefficient was drawn as, times the believed one."""
+    return float(case.factors.get(coefficient, 1.0))
+
+
 def accusations(row: Mapping[str, Any]) -> list[tuple[str, float, float, tuple[str, ...]]]:
     """Return coefficient, factor, standard error, and the effects that the data do not tell from it."""
     return [(name, f, e, tuple(more[0]) if more else ()) for name, f, e, *more in row.get("accused", ())]
@@ -32,6 +37,6 @@ def answer(case: Case, row: Mapping[str, Any]) -> tuple[str, list[str]]:
     if names or row["outcome"] != NO_GAP:
         return row["outcome"], names
     for name, f, e, rivals in accusations(row):
-        if abs(f - case.factors.get(name, 1.0)) > 4.0 * e:
+        if abs(f - drawn(case, name)) > 4.0 * e:
             names += [n for n in (name, *rivals) if n not in names]
     return "set" if names else NO_GAP, names

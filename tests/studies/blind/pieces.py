@@ -13,7 +13,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from studies.blind.accused import answer, of_wrong_size
+from studies.blind.accused import answer, drawn, of_wrong_size
 from studies.blind.found_row import found_row
 from studies.blind.parts import parts_said, parts_true
 from studies.blind.run import believe
@@ -46,10 +46,6 @@ def run_case(case: Case) -> dict[str, Any]:
     }
 
 
-def _flown(case: Case, coefficient: str) -> float:
-    return float(case.factors.get(coefficient, 1.0))
-
-
 def rates(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str, int, int]]:
     """Return (stratum, rate, count, of) of the rows."""
     out = []
@@ -68,7 +64,7 @@ def rates(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> list[
             for outcome in ("no gap", "unexplained"):
                 out.append((stratum, outcome, sum(answer(c, r)[0] == outcome for c, r in of), len(of)))
         out.append((stratum, "failed", sum(r["outcome"] == "failed" for _, r in of), len(of)))
-        wrong = sum(of_wrong_size(c, r, _flown) for c, r in of)
+        wrong = sum(of_wrong_size(c, r, drawn) for c, r in of)
         out.append((stratum, "a coefficient accused by a wrong size", wrong, len(of)))
     return out
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from studies.blind.accused import accusations, answer, of_wrong_size
+from studies.blind.accused import accusations, answer, drawn, of_wrong_size
 from studies.blind.parts import parts_said, parts_true
 from studies.blind.score import judge
 from studies.blind.sealed_draw import counted, rated
@@ -37,7 +37,7 @@ def right(case: Case, row: Mapping[str, Any]) -> bool:
 
 def flown_factor(case: Case, coefficient: str) -> float:
     """Return what a coefficient is times the believed one, as it flies: a linkage's ratio is one of its control's."""
-    out = float(case.factors.get(coefficient, 1.0))
+    out = drawn(case, coefficient)
     for kind, sizes in zip(case.kinds, case.sizes, strict=True):
         if coefficient.endswith(_RATIOS.get(kind, "none")):
             out *= sizes["gain"]

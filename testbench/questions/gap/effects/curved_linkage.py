@@ -8,11 +8,11 @@ from functools import partial
 import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment
-from testbench.aircraft.reroute import moving, product, prop, reroute, value
+from testbench.aircraft.reroute import product, value
 from testbench.aircraft.seams import opened
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects.base import GEARING, Effect, Parameter, Values
-from testbench.questions.gap.effects.servo import PLACES, WORDS, column_of, labelled, named
+from testbench.questions.gap.effects.servo import PLACES, WORDS, about_trim, handed_on, labelled, named
 from testbench.sensors import SensorSuite
 
 _LEAST = 0.1  # of what is under the root: a ratio that grows is followed no farther
@@ -22,12 +22,12 @@ def amend(control: str, aircraft: Aircraft, suite: SensorSuite, values: Values) 
     """Turn the surface by scale x / sqrt(1 + 2 loss x^2), x what the servo is told as a deviation from trim."""
     scale, loss = values["scale"], values["loss_per_rad2"]
     aircraft, path = opened(aircraft, control)
-    label, c = labelled(control, "curved"), prop(path.command)
-    kept = prop(f"gap/{label}-trim")
-    x = f"<difference> {c} {kept} </difference>"
-    under = f"<max> <sum> {value(1.0)} {product(value(2.0 * loss), x, x)} </sum> {value(_LEAST)} </max>"
-    bent = f"<quotient> {product(value(scale), x)} <pow> {under} {value(0.5)} </pow> </quotient>"
-    edit = reroute(path.command, label, f"<sum> {kept} {bent} </sum>", (("trim", moving(kept, c)),))
+
+    def bent(x: str) -> str:
+        under = f"<max> <sum> {value(1.0)} {product(value(2.0 * loss), x, x)} </sum> {value(_LEAST)} </max>"
+        return f"<quotient> {product(value(scale), x)} <pow> {under} {value(0.5)} </pow> </quotient>"
+
+    edit = about_trim(path, labelled(control, "curved"), bent)
     text = f"{path.word} turns {scale:.4g} times the command near trim, and loses {loss:.3g} rad^-2 of its square"
     return aircraft.amended(Amendment(named(control, "curved_linkage"), text, (edit,))), suite
 
@@ -36,13 +36,11 @@ def shape(
     control: str, names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, values: Values
 ) -> FloatArray:
     """Return the commands ``u`` (n, m), deviations from trim, with one of them as the linkage hands it on."""
-    column = column_of(names, control)
-    if column is None:
-        return u
-    out, x = u.copy(), u[:, column]
-    under = np.maximum(1.0 + 2.0 * values["loss_per_rad2"] * x**2, _LEAST)
-    out[:, column] = values["scale"] * x / np.sqrt(under)
-    return out
+
+    def bent(x: FloatArray) -> FloatArray:
+        return values["scale"] * x / np.sqrt(np.maximum(1.0 + 2.0 * values["loss_per_rad2"] * x**2, _LEAST))
+
+    return handed_on(control, names, u, bent)
 
 
 def effect(control: str) -> Effect:

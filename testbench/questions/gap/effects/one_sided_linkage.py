@@ -10,7 +10,7 @@ from testbench.aircraft.reroute import moving, product, prop, reroute, value
 from testbench.aircraft.seams import opened
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects.base import GEARING, Effect, Parameter, Values
-from testbench.questions.gap.effects.servo import PLACES, WORDS, column_of, labelled, named
+from testbench.questions.gap.effects.servo import PLACES, WORDS, handed_on, labelled, named
 from testbench.sensors import SensorSuite
 
 
@@ -31,12 +31,7 @@ def shape(
     control: str, names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, values: Values
 ) -> FloatArray:
     """Return the commands ``u`` (n, m), deviations from trim, with the positive part of one of them scaled."""
-    column = column_of(names, control)
-    if column is None:
-        return u
-    out = u.copy()
-    out[:, column] += (values["scale"] - 1.0) * out[:, column].clip(min=0.0)
-    return out
+    return handed_on(control, names, u, lambda x: x + (values["scale"] - 1.0) * x.clip(min=0.0))
 
 
 def effect(control: str) -> Effect:

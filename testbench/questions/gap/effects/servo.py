@@ -17,7 +17,7 @@ import numpy as np
 from testbench.aircraft import Aircraft, Insert
 from testbench.aircraft.adapter import PREFIX, declare
 from testbench.aircraft.paths import ControlPath
-from testbench.aircraft.reroute import component
+from testbench.aircraft.reroute import Reroute, component, moving, prop, reroute
 from testbench.aircraft.seams import control_path
 from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
@@ -167,6 +167,26 @@ class OneSidedLimit(Insert):
                     control.insert(0, memory)
                     return
         raise ModelError(f"an asymmetric rate limit needs a servo of the {self.path.word} with a limit, there is none")
+
+
+def about_trim(path: ControlPath, label: str, law: Callable[[str], str]) -> Reroute:
+    """Return the edit that hands on the trim of a command and the ``law`` of its deviation from it, XML of XML.
+
+    The trim is kept from where time stands still.
+    """
+    kept, c = prop(f"gap/{label}-trim"), prop(path.command)
+    body = f"<sum> {kept} {law(f'<difference> {c} {kept} </difference>')} </sum>"
+    return reroute(path.command, label, body, (("trim", moving(kept, c)),))
+
+
+def handed_on(control: str, names: Sequence[str], u: FloatArray, law: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Return commands ``u`` (n, m) of controls ``names``, that of one control as a ``law`` hands it on."""
+    column = column_of(names, control)
+    if column is None:
+        return u
+    out = u.copy()
+    out[:, column] = law(u[:, column])
+    return out
 
 
 def column_of(names: Sequence[str], name: str = "de") -> int | None:

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from functools import partial
 
 from testbench.aircraft import Aircraft, Amendment
-from testbench.aircraft.reroute import moving, product, prop, reroute, value
+from testbench.aircraft.reroute import product, value
 from testbench.aircraft.seams import opened
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects.base import GEARING, Effect, Parameter, Values
-from testbench.questions.gap.effects.servo import COEFFICIENTS, WORDS, column_of, labelled, named
+from testbench.questions.gap.effects.servo import COEFFICIENTS, WORDS, about_trim, handed_on, labelled, named
 from testbench.sensors import SensorSuite
 
 
@@ -22,11 +22,7 @@ def amend(control: str, aircraft: Aircraft, suite: SensorSuite, values: Values) 
     """
     scale = values["scale"]
     aircraft, path = opened(aircraft, control)
-    label = labelled(control, "surface-scale")
-    kept, c = prop(f"gap/{label}-trim"), prop(path.command)
-    trim = ("trim", moving(kept, c))  # kept from where time stands still
-    moved = f"<difference> {c} {kept} </difference>"
-    edit = reroute(path.command, label, f"<sum> {kept} {product(value(scale), moved)} </sum>", (trim,))
+    edit = about_trim(path, labelled(control, "surface-scale"), lambda x: product(value(scale), x))
     text = f"{path.word} turns {scale:.4g} times the command, counted from trim"
     return aircraft.amended(Amendment(named(control, "surface_scale"), text, (edit,))), suite
 
@@ -35,12 +31,7 @@ def shape(
     control: str, names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, values: Values
 ) -> FloatArray:
     """Return the commands ``u`` (n, m), deviations from trim, with one of them scaled."""
-    column = column_of(names, control)
-    if column is None:
-        return u
-    out = u.copy()
-    out[:, column] *= values["scale"]
-    return out
+    return handed_on(control, names, u, lambda x: values["scale"] * x)
 
 
 def effect(control: str) -> Effect:

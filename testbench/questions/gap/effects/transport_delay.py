@@ -13,7 +13,7 @@ from testbench.aircraft.reroute import moving, product, prop, reroute, value
 from testbench.aircraft.seams import opened
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects.base import LINK, Effect, Parameter, Values
-from testbench.questions.gap.effects.servo import PLACES, WORDS, column_of, labelled, named
+from testbench.questions.gap.effects.servo import PLACES, WORDS, handed_on, labelled, named
 from testbench.sensors import SensorSuite
 
 
@@ -45,13 +45,8 @@ def shape(
     control: str, names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, values: Values
 ) -> FloatArray:
     """Return the commands ``u`` (n, m) with one of them late, averaged over each sample."""
-    column = column_of(names, control)
-    if column is None:
-        return u
     t = np.arange(len(u)) * dt_s
-    out = u.copy()
-    out[:, column] = np.interp(t - values["delay_s"], t, u[:, column])
-    return out
+    return handed_on(control, names, u, lambda x: np.interp(t - values["delay_s"], t, x))
 
 
 def effect(control: str) -> Effect:

@@ -18,7 +18,7 @@ from testbench.flight import FlightCondition, TrimmedFlight, load_aircraft, trim
 from testbench.flight.air import Air
 from testbench.inputs.signal import InputSignal
 from testbench.line import fly_and_measure
-from testbench.questions.gap.hidden.mass import load, with_moved_accelerometers
+from testbench.questions.gap.hidden.mass import with_moved_accelerometers
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.sensors import SensorSuite
 
@@ -121,8 +121,7 @@ def _ready(
     if kg:
         ahead = kg / (base.mass.mass_kg + truth.extra_kg + kg) * aft_m  # places are told from the centre of gravity
         suite = read_through(suite, with_moved_accelerometers(Truth(), ahead))
-        own = base.adapter is None  # a model of another form has its centre of gravity elsewhere than at its origin
-        truth = truth.with_(load(kg, aft_m) if own else Truth(changes=added_load(base, kg, aft_m), extra_kg=kg))
+        truth = truth.with_(Truth(changes=added_load(base, kg, aft_m), extra_kg=kg))
     real = real_aircraft(base, truth)
     return real, read_through(suite, truth), trim(real, condition, rate_hz or real.rate_hz)
 

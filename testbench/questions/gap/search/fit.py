@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -147,15 +147,17 @@ def fit(
     at_first = np.inf if at_first_share is None else chi2_tuned - at_first_share * best_gain
     several = len(effect.parameters) > 1 and at_first_share is None
     reached: list[Descent] = []
-    tried = screened.instead
-    starts = list(screened.starts[: STARTS if several else 1])
-    while starts:
-        descent = descend(screened.signature, starts.pop(0), hopeless, patience, near, at_first)
+
+    def starts() -> Iterator[FloatArray]:
+        yield from screened.starts[: STARTS if several else 1]
+        if screened.instead is not None and not any(d.settled for d in reached):
+            yield screened.instead
+
+    for start in starts():
+        descent = descend(screened.signature, start, hopeless, patience, near, at_first)
         if descent is not None:
             reached.append(descent)
             hopeless = min(hopeless, chi2_tuned - hopeless_share * (chi2_tuned - descent.chi2))
-        if not starts and tried is not None and not any(d.settled for d in reached):
-            starts, tried = [tried], None
     if not reached:
         return None
     return summarise(effect, min(reached, key=lambda f: f.chi2), chi2_tuned, tested, screened.signature.base)
