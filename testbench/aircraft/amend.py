@@ -285,6 +285,7 @@ class Memory:
         start: property that sets the state while time stands still; 0 before.
         rate_rad_s: one over the time constant.
         settles: True if it is then at what it follows, plus ``start``; False if it is ``start`` alone.
+        commanded: True if a command is what it follows, which moves before the servo does.
     """
 
     name: str
@@ -292,6 +293,7 @@ class Memory:
     start: str
     rate_rad_s: float
     settles: bool = False
+    commanded: bool = False
 
 
 @dataclass(frozen=True)

@@ -88,13 +88,8 @@ def washed_feedback(command: str, label: str, rate: str, gain_s: float, washout_
     The slow part that is washed out is a first-order lag, exact for a rate held from frame to frame; while time stands
     still it keeps its value, zero in straight flight.
     """
-    slow_name = f"gap/{label}-slow"
-    past = f"<exp> {product(value(-washout_rad_s), prop('simulation/dt'))} </exp>"
-    share = f"<difference> <value>1</value> {past} </difference>"
-    fast = f"<difference> {prop(rate)} {prop(slow_name)} </difference>"
-    slow = f"<sum> {prop(slow_name)} {product(share, fast)} </sum>"
-    body = f"<sum> {prop(command)} {product(value(gain_s), fast)} </sum>"
-    return reroute(command, label, body, (("slow", slow),)), Memory(slow_name, rate, slow_name, washout_rad_s)
+    slow, state, fast = _washed(label, rate, washout_rad_s)
+    return _fed(command, label, gain_s, fast, slow), state
 
 
 def filtered_feedback(command: str, label: str, rate: str, gain_s: float, lag_s: float) -> tuple[Reroute, Memory]:
@@ -104,12 +99,46 @@ def filtered_feedback(command: str, label: str, rate: str, gain_s: float, lag_s:
     The lag is exact for a rate held from frame to frame; while time stands still it keeps its value, zero in straight
     flight. With a lag of 0 the rate itself is fed back.
     """
+    filtered, state = _filtered(label, rate, lag_s)
+    return _fed(command, label, gain_s, prop(state.name), filtered), state
+
+
+def band_feedback(
+    command: str, label: str, rate: str, gain_s: float, washout_rad_s: float, lag_s: float
+) -> tuple[Reroute, tuple[Memory, Memory]]:
+    """Return the edit that adds gain times ``rate`` behind a first-order lag and a washout to ``command``, and its
+    states: what :func:`washed_feedback` makes of what :func:`filtered_feedback` lets pass.
+    """
+    filtered, late = _filtered(label, rate, lag_s)
+    slow, washed, fast = _washed(label, late.name, washout_rad_s)
+    return _fed(command, label, gain_s, fast, filtered, slow), (late, washed)
+
+
+def _fed(command: str, label: str, gain_s: float, what: str, *memories: tuple[str, str]) -> Reroute:
+    """Return the edit that adds gain times ``what`` to ``command``."""
+    return reroute(command, label, f"<sum> {prop(command)} {product(value(gain_s), what)} </sum>", memories)
+
+
+def _washed(label: str, rate: str, washout_rad_s: float) -> tuple[tuple[str, str], Memory, str]:
+    """Return the slow part of ``rate`` as a memory of :func:`reroute` and as a state, and the XML of what is left."""
+    name = f"gap/{label}-slow"
+    past = f"<exp> {product(value(-washout_rad_s), prop('simulation/dt'))} </exp>"
+    fast = f"<difference> {prop(rate)} {prop(name)} </difference>"
+    return ("slow", _towards(name, past, fast)), Memory(name, rate, name, washout_rad_s), fast
+
+
+def _filtered(label: str, rate: str, lag_s: float) -> tuple[tuple[str, str], Memory]:
+    """Return ``rate`` behind a first-order lag as a memory of :func:`reroute` and as a state."""
     name = f"gap/{label}-filtered"
     past = f"<exp> {product(value(-1.0 / lag_s), prop('simulation/dt'))} </exp>" if lag_s > 0.0 else value(0.0)
+    rise = f"<difference> {prop(rate)} {prop(name)} </difference>"
+    return ("filtered", _towards(name, past, rise)), Memory(name, rate, name, corner(lag_s))
+
+
+def _towards(name: str, past: str, rise: str) -> str:
+    """Return the XML of a state after a frame: ``past`` is the share of ``rise`` that is still to come then."""
     share = f"<difference> <value>1</value> {past} </difference>"
-    filtered = f"<sum> {prop(name)} {product(share, f'<difference> {prop(rate)} {prop(name)} </difference>')} </sum>"
-    body = f"<sum> {prop(command)} {product(value(gain_s), prop(name))} </sum>"
-    return reroute(command, label, body, (("filtered", filtered),)), Memory(name, rate, name, corner(lag_s))
+    return f"<sum> {prop(name)} {product(share, rise)} </sum>"
 
 
 def corner(time_s: float) -> float:

@@ -185,6 +185,13 @@ class Layout:
         D = np.hstack([D, np.zeros((len(D), len(servos)))])
         states = (*self.states, *memories, *(f"{SERVO}{u}" for u in servos))
         names = (*self.inputs, *(f"{u}_cmd" for u in servos))
+        for k, memory in enumerate(self.memories):
+            told: FloatArray = memory.rate_rad_s * slopes[n + len(self.outputs) + k, first:]
+            for u, by in zip(self.inputs, told.tolist(), strict=True):
+                if u not in servos:
+                    B[n + k, names.index(u)] = by
+                elif memory.commanded:
+                    B[n + k, names.index(f"{u}_cmd")] = by
         if direct:
             i = [self.inputs.index(u) for u in direct]
             B, D, names = np.hstack([B, B[:, i]]), np.hstack([D, D[:, i]]), (*names, *(f"{u}_cmd" for u in direct))
@@ -220,11 +227,16 @@ class Layout:
         n, p, size = moving.shape[-2], len(self.outputs), moving.shape[-1]
         first = size - len(servos)
         memories = self.memories if n < first else ()
-        followed = shown[..., p : p + len(memories), :n]
+        followed = shown[..., p : p + len(memories), :].copy()
         settled = [i for i, memory in enumerate(memories) if memory.settles]
+        of_states = followed[..., settled, :n].copy()
+        for i, memory in enumerate(memories):
+            followed[..., i, n + i] = 0.0  # its own offset is not what it follows
+            if memory.commanded:
+                followed[..., i, first:] = 0.0  # the command itself, which is no state
         moving, shown = moving.copy(), shown[..., :p, :].copy()
-        for slopes in (moving, shown):  # by a state alone, what follows it held
-            slopes[..., :n] -= slopes[..., [n + i for i in settled]] @ followed[..., settled, :]
+        for slopes in (moving, shown, followed):  # by a state alone, what follows it held
+            slopes[..., :n] -= slopes[..., [n + i for i in settled]] @ of_states
         K = np.zeros((*moving.shape[:-2], len(servos), size))
         for i, u in enumerate(servos):
             reached = shown[..., self.outputs.index(u), :]
@@ -234,9 +246,10 @@ class Layout:
             K[..., i, :first] = np.where(turns[..., None] & (np.abs(fed) > _NO_FEEDBACK), fed, 0.0)
         A = np.zeros((*moving.shape[:-2], size, size))
         A[..., :n, :] = moving - moving[..., first:] @ K
+        followed -= followed[..., first:] @ K
         for i, memory in enumerate(memories):
-            A[..., n + i, :n] = memory.rate_rad_s * followed[..., i, :]
-            A[..., n + i, n + i] = -memory.rate_rad_s
+            A[..., n + i, :] = memory.rate_rad_s * followed[..., i, :]
+            A[..., n + i, n + i] -= memory.rate_rad_s
         for i, u in enumerate(servos):
             A[..., first + i, :] = self.servos[u] * K[..., i, :]
             A[..., first + i, first + i] = -self.servos[u]

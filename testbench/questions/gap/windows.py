@@ -87,14 +87,15 @@ class Cut:
     notes: tuple[str, ...]
 
 
-def cut(believed: Believed, records: Mapping[str, FlightRecord], windows: Windows = "auto") -> Cut:
+def cut(believed: Believed, records: Mapping[str, FlightRecord], windows: Windows = "auto", share: float = 1.0) -> Cut:
     """Cut records into windows where that is wanted.
 
     Args:
         believed: whose unstable modes say how long windows may be.
         records: by name.
         windows: length of the windows of every record, s; "auto" cuts those alone that do not begin with quiet flight,
-            "off" none.
+            or that cannot be flown from trim, "off" none.
+        share: of the length that "auto" would choose; below 1 where the believed aircraft leaves its limits within it.
 
     Raises:
         RecordError: a record is shorter than one window, or a length makes no sense.
@@ -105,17 +106,22 @@ def cut(believed: Believed, records: Mapping[str, FlightRecord], windows: Window
     whole: dict[str, FlightRecord] = {}
     notes: list[str] = []
     moving = {name: restless(record) for name, record in records.items() if not starts_freely(record)}
-    least = _UNTRIMMED_BESIDE if any(moving.values()) else _UNTRIMMED
+    waited = not any(moving.values())
     for name, record in records.items():
         if starts_freely(record):
             out[name] = whole[name] = record
             continue
-        why_free = moving[name] or (untrimmed(believed, record, least) if windows == "auto" else "")
+        why_free = moving[name] or (untrimmed(believed, record, waited) if windows == "auto" else "")
         if windows == "auto" and not why_free:
             out[name] = whole[name] = record
             continue
         with located(None, f"record '{name}'"):
             length_s, why = longest(believed, record) if windows == "auto" else (float(windows), "as wanted")
+            if windows == "auto" and share < 1.0:
+                length_s, why = (
+                    max(share * length_s, SHORTEST_S),
+                    "in longer ones the believed aircraft leaves its limits",
+                )
             whole[name] = freed(record, record_key(record), level(record))
             parts = _parts(whole[name], length_s)
         out |= {f"{name}, {part.t_s[0]:.4g} to {part.t_s[-1]:.4g} s": part for part in parts}
@@ -149,15 +155,19 @@ def restless(record: FlightRecord) -> str:
     return ""
 
 
-def untrimmed(believed: Believed, record: FlightRecord, least: float = _UNTRIMMED) -> str:
+def untrimmed(believed: Believed, record: FlightRecord, waited: bool = True) -> str:
     """Return why a record with quiet commands is not to be flown from trim, in words; "" if it may be.
 
-    The start alone, commands as they are, is fitted to the whole record. If a start at trim leaves ``least`` times as
-    much, the aircraft was not trimmed. Turbulence and gaps in the model go on through the record: a free start leaves
-    more of them. An unstable aircraft may leave its limits however well it was trimmed.
+    The start alone, commands as they are, is fitted to the whole record. If a start at trim leaves ten times as much,
+    the aircraft was not trimmed; 1.5 times as much if none ``waited`` for trim, as the records beside it show. Nor was
+    it then if its commands, counted from trim, leave the range of a control. Turbulence and gaps in the model go on
+    through the record: a free start leaves more of them. A believed aircraft that answers too much, or an unstable one,
+    may leave its limits however well the true one was trimmed.
     """
     plain, free = replace(believed, whiten=None), freed(record, record_key(record), level(record))
     try:
+        if not waited:
+            believed.check_commands(record)
         at_trim = float(np.sum(plain.residuals(record) ** 2))
         if at_trim < _MISFIT * int(np.count_nonzero(believed.taken(record))):
             return ""
@@ -165,11 +175,12 @@ def untrimmed(believed: Believed, record: FlightRecord, least: float = _UNTRIMME
         starts = _fitted(plain, {"": free}, {key: _guess(plain, free, offsets=False)}, math.inf, _FEW_ROUNDS)
         left = replace(plain, free_starts=starts).cost_of_start(free, starts[key].origin)
     except FlightAborted:
-        unstable = longest(believed, record)[0] < min(LONGEST_S, record.duration_s)
-        return "cannot be flown from trim to its end" if unstable else ""
+        return "cannot be flown from trim to its end"
+    except LimitError:
+        return "" if waited else "commands more than a control has, if counted from trim"
     except TestbenchError:
         return ""
-    if at_trim < least * left:
+    if at_trim < (_UNTRIMMED if waited else _UNTRIMMED_BESIDE) * left:
         return ""
     return f"is not in trimmed flight as it begins (another start leaves {left / at_trim:.2g} of the misfit)"
 

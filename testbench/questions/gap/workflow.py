@@ -43,6 +43,7 @@ from testbench.questions.gap.evidence.locate import (
 from testbench.questions.gap.evidence.smoothed import smoothed
 from testbench.questions.gap.flights import flights
 from testbench.questions.gap.further import named_in_path
+from testbench.questions.gap.in_windows import in_windows
 from testbench.questions.gap.open_set import first_look, named_openly
 from testbench.questions.gap.parameters import wrong_parameters
 from testbench.questions.gap.plan import separate
@@ -54,9 +55,8 @@ from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.parallel import Ahead
 from testbench.questions.gap.surface_evidence import with_surfaces
 from testbench.questions.gap.window_length import Windows
-from testbench.questions.gap.windows import begin_freely, cut
+from testbench.questions.gap.windows import begin_freely
 
-STARTS_IN_TURN = 6  # rounds in which starts of windows and coefficients are fitted at most
 SAME_AIR = 0.15  # share by which the rms of turbulence may change before the search is made again
 
 
@@ -115,11 +115,8 @@ def find_gap(
             raise RecordError(f"the gap workflow takes measured records only, got '{name}' of kind '{record.kind}'")
     by = driven(believed, records, held_out, drive)
     believed, records, held_out = by.believed, by.records, by.held_out
-    given, others = cut(believed, records, windows), cut(believed, held_out, windows)
+    believed, given, others = in_windows(believed, records, held_out, windows, say)
     records, held_out = given.records, others.records
-    if given.notes or others.notes:
-        say("fit where windows start")
-        believed = _begun(believed, records, held_out)
     as_believed = believed
     for name, record in {**records, **held_out}.items():
         with located(None, f"record '{name}'"):
@@ -243,20 +240,6 @@ def _search_beside(
 
 def _smoothed(believed: Believed, air: AirFound, records: Mapping[str, FlightRecord]) -> dict[str, FlightRecord]:
     return dict(zip(records, smoothed(believed, air, list(records.values())), strict=True))
-
-
-def _begun(believed: Believed, records: Mapping[str, FlightRecord], held_out: Mapping[str, FlightRecord]) -> Believed:
-    """Return the belief with starts of windows, fitted to the re-tuned model in turn with its coefficients."""
-    both, naming = {**records, **held_out}, tuple(records.values())
-    out = begin_freely(believed, both)
-    tuned = retune(Hypothesis.at(out, out, naming))
-    for _ in range(STARTS_IN_TURN):
-        out = begin_freely(out, both, out.with_nuisances(tuned.by_name))
-        better = retune(Hypothesis.at(out, out, naming, tuned.nuisances))
-        fallen, tuned = tuned.chi2 - better.chi2, better
-        if fallen < 1.0:
-            break
-    return out
 
 
 def _tally(models: Sequence[Believed], records: Sequence[FlightRecord]) -> Tally:

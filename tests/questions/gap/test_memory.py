@@ -22,6 +22,9 @@ WITH_MEMORY = {
     "washed_pitch_damper": ({"gain_s": 0.15, "washout_rad_s": 2.0}, "de"),
     "filtered_pitch_damper": ({"gain_s": 0.2, "lag_s": 0.08}, "de"),
     "pitch_damper": ({"gain_s": 0.15}, "de"),
+    "filtered_yaw_damper": ({"gain_s": 0.3, "washout_rad_s": 1.0, "lag_s": 0.1}, "dr"),
+    "filtered_roll_damper": ({"gain_s": 0.1, "lag_s": 0.1}, "da"),
+    "late_interconnect": ({"ratio": 0.4, "lag_s": 0.1}, "da"),
     "yaw_damper": ({"gain_s": 0.3, "washout_rad_s": 1.0}, "dr"),
 }
 

@@ -60,3 +60,12 @@ def test_a_rudder_that_the_ailerons_draw_through_a_spring_is_no_error_of_the_yaw
     found = answer("springy interconnect", "eolo", {"ratio": -0.34}, WEAK, own)
     assert found.naming.names == ("late_interconnect",), found.naming.sentence
     assert found.naming.best.values["ratio"] == pytest.approx(-0.34, rel=0.3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("aircraft", "share"), [("eolo", 2.6), ("taurus", 3.4)])
+def test_a_yaw_damper_that_filters_is_named_with_its_filter(aircraft, share):
+    found = answer("yaw damper that filters", aircraft, {"share": share}, WEAK, ("filtered_yaw_damper", "roll_damper"))
+    assert found.naming.names == ("filtered_yaw_damper",), found.naming.sentence
+    assert found.naming.best.values["lag_s"] == pytest.approx(0.1, rel=0.2)
+    assert not found.parameters

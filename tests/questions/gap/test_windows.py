@@ -28,8 +28,8 @@ from recorded import flight_data
 from scipy.stats import chi2
 
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import RecordError
-from testbench.core.record import FlightRecord
+from testbench.core.errors import LimitError, RecordError
+from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.inputs import StandardMultistep, Sweep
 from testbench.questions.gap.effects import EFFECTS, library
 from testbench.questions.gap.evidence.air import listen
@@ -41,6 +41,7 @@ from testbench.questions.gap.evidence.commanded import (
     starts_freely,
 )
 from testbench.questions.gap.free_start import FreeStart
+from testbench.questions.gap.in_windows import in_windows
 from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis, fly_together
 from testbench.questions.gap.window_length import windows_of
@@ -48,6 +49,7 @@ from testbench.questions.gap.windows import LEAD_S, LONGEST_S, begin_freely, cut
 from testbench.questions.gap.workflow import find_gap
 
 RARE = 1e-4
+LARGE = StandardMultistep(signal="3211", control="de", amplitude_deg=11.0, step_s=0.5)
 SOUGHT = ("actuator_lag", "transport_delay", "free_play", "pitch_damper", "curved_moment")
 
 
@@ -96,6 +98,41 @@ def test_quiet_trim_flight_is_used_where_it_is(believed):
     held = record.between(2.6, 8.0)  # the elevator rests here, the aircraft does not: a step has just been made
     assert begins_quietly(held)
     assert "turns as it begins (q -" in cut(believed, {"3211": held}).notes[0]
+
+
+@pytest.fixture(scope="module")
+def too_strong(believed):
+    """A record of an aircraft whose elevator is believed to be twice as strong: from trim, the belief leaves limits."""
+    return measure(believed.with_nuisances({"Cm_de": 0.5}), 5, inputs=(LARGE,), duration_s=8.0)[0]
+
+
+def test_a_record_that_the_believed_aircraft_cannot_fly_from_trim_is_cut(believed, too_strong):
+    (note,) = cut(believed, {"3211": too_strong}).notes
+    assert note.startswith("'3211' cannot be flown from trim to its end: it is cut into 1 window of 9.51 s")
+    (note,) = cut(believed, {"3211": too_strong}, share=0.5).notes
+    assert "2 windows of 4.76 s (in longer ones the believed aircraft leaves its limits)" in note
+
+
+@pytest.mark.slow
+def test_windows_are_as_short_as_the_believed_aircraft_can_fly(believed, too_strong):
+    there, given, _ = in_windows(believed, {"3211": too_strong}, {}, "auto", lambda text: None)
+    assert "4 windows of 2.38 s (in longer ones the believed aircraft leaves its limits)" in given.notes[0]
+    assert all(np.isfinite(there.predict(r)).all() for r in given.records.values())
+    with pytest.raises(FlightAborted, match="left its limits"):  # a length that was asked for stays
+        in_windows(believed, {"3211": too_strong}, {}, 9.0, lambda text: None)
+
+
+def test_commands_beyond_a_control_are_cut_beside_records_that_did_not_wait_for_trim_and_refused_alone(believed, flown):
+    """The throttle comes back from a step that began before the record: counted from trim, that is less than none."""
+    (record,) = measure(believed, 5, inputs=(ELEVATOR,), duration_s=8.0)
+    data = record.data.copy()
+    data[record.t_s > 4.0, record.channels.index("thr_cmd")] -= 0.4
+    piece = replace(record, data=data)
+    notes = cut(believed, {"piece": piece, "by hand": flown}).notes
+    assert any(n.startswith("'piece' commands more than a control has, if counted from trim: it is cut") for n in notes)
+    assert cut(believed, {"piece": piece}).notes == ()
+    with pytest.raises(LimitError, match=r"<= 100 % must hold for eolo.*'piece'"):
+        find_gap(believed, {"piece": piece}, {"piece": piece})
 
 
 def test_windows_of_an_unstable_aircraft_are_short(believed, flown):

@@ -6,7 +6,7 @@ Each adds a gain times a quantity to what a servo is told, behind the recorded c
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from testbench.aircraft import Aircraft, Amendment
@@ -18,11 +18,11 @@ from testbench.sensors import SensorSuite
 
 
 def _roll_rate(aircraft: Aircraft) -> str:
-    return prop("velocities/p-rad_sec")
+    return "velocities/p-rad_sec"
 
 
 def _aileron_command(aircraft: Aircraft) -> str:
-    return prop(control_path(aircraft, "da").command)
+    return control_path(aircraft, "da").command
 
 
 def _bank(aircraft: Aircraft) -> str:
@@ -57,14 +57,14 @@ class Path:
 PATHS: dict[str, Path] = {
     "roll_damper": Path(
         "da",
-        _roll_rate,
+        lambda aircraft: prop(_roll_rate(aircraft)),
         -1.0,
         Parameter("gain_s", "s", URGED, 1.0, (0.05, 0.5 * URGED), none=0.0),
         "rad/s of roll rate",
     ),
     "interconnect": Path(
         "dr",
-        _aileron_command,
+        lambda aircraft: prop(_aileron_command(aircraft)),
         1.0,
         Parameter("ratio", "1", -2.0, 2.0, (0.2, -0.2), none=0.0),
         "rad of aileron command",
@@ -74,6 +74,8 @@ PATHS: dict[str, Path] = {
         "da", _heading, -1.0, Parameter("gain", "1", -0.02, 3.0, (0.2, -0.01), none=0.0), "rad of heading", flown=True
     ),
 }
+
+_LATE = {"roll_damper": "filtered_roll_damper", "interconnect": "late_interconnect"}  # the same behind a lag
 
 
 def amend(name: str, aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
@@ -99,22 +101,17 @@ def amend_limited(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tup
     return aircraft.amended(Amendment("limited_bank_hold", text, (edit,))), suite
 
 
-def amend_late(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
-    """Add a ratio times the aileron command behind a first-order lag to what the rudder servo is told."""
-    ratio, lag = values["ratio"], values["lag_s"]
-    aircraft, way = opened(aircraft, "dr")
-    edit, state = filtered_feedback(way.command, "late-interconnect", control_path(aircraft, "da").command, ratio, lag)
-    text = f"rudder fed {ratio:+.4g} rad per rad of aileron command behind a lag of {lag:.3g} s"
-    return aircraft.amended(Amendment("late_interconnect", text, (edit,), memories=(state,))), suite
-
-
-def amend_filtered(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
-    """Take gain times filtered roll rate, p / (1 + lag s), from what the aileron servo is told."""
-    gain, lag = values["gain_s"], values["lag_s"]
-    aircraft, way = opened(aircraft, "da")
-    edit, state = filtered_feedback(way.command, "filtered-roll-damper", "velocities/p-rad_sec", -gain, lag)
-    text = f"aileron fed back {-gain:+.4g} rad per rad/s of roll rate behind a filter of {lag:.3g} s"
-    return aircraft.amended(Amendment("filtered_roll_damper", text, (edit,), memories=(state,))), suite
+def amend_late(
+    of: str, source: Callable[[Aircraft], str], aircraft: Aircraft, suite: SensorSuite, values: Values
+) -> tuple[Aircraft, SensorSuite]:
+    """Add what the path ``of`` adds, of the property that ``source`` names, behind a first-order lag."""
+    path, lag = PATHS[of], values["lag_s"]
+    gain, name = path.sign * values[path.gain.name], _LATE[of]
+    aircraft, way = opened(aircraft, path.control)
+    edit, state = filtered_feedback(way.command, name.replace("_", "-"), source(aircraft), gain, lag)
+    state = replace(state, commanded=of == "interconnect")
+    text = f"{WORDS[path.control]} fed {gain:+.4g} rad per {path.text} behind a lag of {lag:.3g} s"
+    return aircraft.amended(Amendment(name, text, (edit,), memories=(state,))), suite
 
 
 def _effect(name: str, title: str, physics: str, mistaken_for: str, separated_by: str) -> Effect:
@@ -157,7 +154,7 @@ EFFECTS = (
             "noise and vibration. Late feedback damps less, and the roll may overshoot."
         ),
         parameters=(PATHS["roll_damper"].gain, Parameter("lag_s", "s", 0.0, 0.5, (0.06,), none=0.0)),
-        amend=amend_filtered,
+        amend=partial(amend_late, "roll_damper", _roll_rate),
         mistaken_for="a plain roll damper where the filter is faster than the servo; errors of Cl_p and Cl_da",
         separated_by="a measured aileron deflection, a sweep of the aileron, or a flight with the autopilot off",
         flown=True,  # the filter does not show in a linearisation, in which time stands still
@@ -186,7 +183,7 @@ EFFECTS = (
             PATHS["interconnect"].gain,
             Parameter("lag_s", "s", 0.0, 0.5, (0.1,), none=0.0),
         ),
-        amend=amend_late,
+        amend=partial(amend_late, "interconnect", _aileron_command),
         mistaken_for=(
             "an interconnect that is not late, where the rudder's servo is slow; a roll rate that the yaw gyro feels, "
             "beside an error of Cn_da"

@@ -47,7 +47,7 @@ _BY_FEEDBACK = {
     ("de", "q"): ("pitch_damper", "washed_pitch_damper", "filtered_pitch_damper"),
     ("da", "p"): ("roll_damper", "filtered_roll_damper"),
     ("da", "phi"): ("bank_hold", "limited_bank_hold", "heading_hold"),
-    ("dr", "r"): ("yaw_damper",),
+    ("dr", "r"): ("yaw_damper", "filtered_yaw_damper"),
     ("dr", "da_cmd"): ("interconnect", "late_interconnect"),
 }
 # What a path that is as believed rules out. Its gain, straight or curved, is not among them, as those effects stand for

@@ -64,7 +64,7 @@ OTHER_FORM: Mapping[str, Kind] = {
     "rudder linkage that loses": kind(
         "other", "rudder_surface_scale rudder_curved_linkage", either(gain=(0.45, 0.6, 1.4, 1.6))
     ),
-    "yaw damper that filters": kind("other", "yaw_damper", between(share=(1.2, 4.0))),
+    "yaw damper that filters": kind("other", "filtered_yaw_damper yaw_damper", between(share=(1.2, 4.0))),
     "springy interconnect": kind("other", "interconnect late_interconnect", between(ratio_=(0.3, 0.8))),
     "uneven lift and drag": kind("other", "asymmetric_lift", between(Cl_alpha_=(0.06, 0.2)), "Cl_alpha"),
     "fin that fades": kind("other", "cubic_weathercock", between(share=(0.4, 0.9))),

@@ -81,8 +81,9 @@ def name_effect(
     tested = max(1, len(screened) - len(rejected))
     samples = start.samples
     floor = noise_floor(believed, samples)
-    strained = tuned.chi2 > noise_limit(believed, samples) or within_priors(tuned) < CRITERIA.strained
-    if not strained:
+    near_noise = tuned.chi2 <= noise_limit(believed, samples)
+    strained = not near_noise or within_priors(tuned) < CRITERIA.strained
+    if near_noise:
         say("screen the library closely")
         screened = screen_closely(tuned, screened)
     fits = _fit_promising(tuned, start if strained else None, screened, tested, rejected, say)
