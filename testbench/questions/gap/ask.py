@@ -104,7 +104,11 @@ def run_gap(
         choice = choose(suite, scenario.effects, (*scenario.more_effects, *more_effects), file, aircraft)
     notes = not_compared(suite)
     if scenario.hidden is not None:
-        starts = {m.name: s for m in scenario.manoeuvre if (s := _start(m, m.condition, condition)) is not None}
+        starts = {
+            m.name: s
+            for m in scenario.manoeuvre
+            if (s := _start(m, m.condition, condition, m.settle_s + m.duration_s)) is not None
+        }
         with located(file, "manoeuvre"):
             records = measure_hidden(
                 scenario.aircraft,
@@ -116,7 +120,7 @@ def run_gap(
                 seed,
                 scenario.simulation.rate_hz,
                 progress,
-                {n: (s.condition, s.load_kg, s.load_aft_m) for n, s in starts.items()},
+                {n: (s.condition, s.load_kg, s.load_aft_m, s.at_s) for n, s in starts.items()},
             )
             records = {n: marked(r, starts[n]) if n in starts else r for n, r in records.items()}
         held = {m.name for m in scenario.manoeuvre if m.use == "validation"}
@@ -151,9 +155,13 @@ def run_gap(
     )
 
 
-def _start(loaded: Loaded, own: Condition | None, general: FlightCondition) -> Start | None:
-    """Return what a record was flown from, None if that is the ``general`` condition without a load."""
-    start = Start(general if own is None else condition_of(own), loaded.load_kg, loaded.load_aft_m)
+def _start(
+    loaded: Loaded, own: Condition | FlightCondition | None, general: FlightCondition, duration_s: float
+) -> Start | None:
+    """Return what a record of that duration was flown from, None if that is the ``general`` condition without more."""
+    at = condition_of(own) if isinstance(own, Condition) else own or general
+    at_s = None if loaded.flown_at_s is None else loaded.flown_at_s + 0.5 * duration_s
+    start = Start(at, loaded.load_kg, loaded.load_aft_m, at_s)
     return None if start == Start(general) else start
 
 
@@ -164,13 +172,11 @@ def _started(
     out = dict(records)
     for spec in scenario.measured:
         with located(None, f"record '{spec.name}'"):
-            if spec.condition == "recorded":
-                at = at_its_own(suite, records[spec.name], general.h_m)
-                start: Start | None = Start(at, spec.load_kg, spec.load_aft_m)
-            else:
-                start = _start(spec, spec.condition, general)
+            record, own = records[spec.name], spec.condition
+            at = at_its_own(suite, record, general.h_m) if own == "recorded" else own
+            start = _start(spec, at, general, record.duration_s)
             if start is not None:
-                out[spec.name] = marked(records[spec.name], start)
+                out[spec.name] = marked(record, start)
     return out
 
 

@@ -96,7 +96,8 @@ class Believed:
     (:func:`.windows.begin_freely`). ``surface_noise`` is that of the recorded surfaces that drive the model in place of
     commands (:mod:`.drive`): control -> standard deviation. ``begins`` are the start parameters (k,), by the same keys
     as ``free_starts``, that starts are sought from, in place of the origins; with ``begins_there`` flights begin there,
-    as differences between neighbours want it.
+    as differences between neighbours want it. ``over_time`` are effects that grow during the flight: (aircraft,
+    sensors, time after take-off) -> both; where a record does not say when it was flown, nothing has grown.
 
     Raises:
         ScenarioError: the suite has no channel to compare, or one without any noise.
@@ -116,6 +117,7 @@ class Believed:
     surface_noise: Mapping[str, float] = field(default_factory=dict)
     begins: Mapping[str, FloatArray] = field(default_factory=dict)
     begins_there: bool = False
+    over_time: tuple[partial[tuple[Aircraft, SensorSuite]], ...] = ()
 
     def __post_init__(self) -> None:
         if not self.outputs:
@@ -137,24 +139,36 @@ class Believed:
     def at(self, record: FlightRecord) -> Believed:
         """Return the belief in the condition, and with the load, that a record says it was flown from.
 
-        Effects, nuisances and sensors are the same: the load comes on top. Its trim and linear model are made once.
+        Effects, nuisances and sensors are the same: the load comes on top, and what has grown by then. Its trim and
+        linear model are made once.
 
         Raises:
             RecordError: what the record says is no start.
             ModelError: the belief is that at another start already.
         """
         start = start_of(record)
-        if start is None or start == self.start:
+        if start is not None and not self.over_time:  # then it does not matter when that was
+            start = replace(start, at_s=self.start.at_s if self.start is not None else None)
+        if start in (None, self.start, Start(self.condition)):
             return self
         if self.start is not None:
             raise ModelError(f"a belief about flights from {self.start} cannot be asked about one from {start}")
         if start not in self._by_start:
             aircraft, suite = start.loaded(replace(self.aircraft, rate_hz=self.rate_hz), self.suite)
             at_rest = None if self.at_rest is None else start.loaded(self.at_rest, self.suite)[0]
-            self._by_start[start] = replace(
+            there = replace(
                 self, aircraft=aircraft, suite=suite, condition=start.condition, at_rest=at_rest, start=start
             )
+            self._by_start[start] = there if start.at_s is None else there.after(start.at_s)
         return self._by_start[start]
+
+    def after(self, at_s: float) -> Believed:
+        """Return the belief with what has grown so many s after take-off."""
+        aircraft, suite, at_rest = self.aircraft, self.suite, self.at_rest
+        for grown in self.over_time:
+            at_rest = None if at_rest is None else grown(replace(at_rest, rate_hz=self.rate_hz), suite, at_s)[0]
+            aircraft, suite = grown(replace(aircraft, rate_hz=self.rate_hz), suite, at_s)
+        return replace(self, aircraft=aircraft, suite=suite, at_rest=at_rest, over_time=())
 
     def at_each(self, records: Sequence[FlightRecord]) -> list[Believed]:
         """Return :meth:`at` of several records, each condition and load once."""
@@ -172,6 +186,8 @@ class Believed:
                 own = {p.name: rest.pop(f"{part.name}.{p.name}") for p in part.parameters}
                 out = out.with_effect(part, own)
             return out
+        if effect.over_time is not None:
+            return replace(self, over_time=(*self.over_time, partial(_grown, effect, dict(values))))
         aircraft, suite = effect.amend(replace(self.aircraft, rate_hz=self.rate_hz), self.suite, values)
         aircraft = _in_place(aircraft, len(self.aircraft.amendments), effect)
         shapes, at_rest = self.shapes, self.at_rest
@@ -675,6 +691,15 @@ def _in_place(aircraft: Aircraft, known: int, effect: Effect) -> Aircraft:
     """Return an aircraft whose amendments behind the ``known`` first ones act where ``effect`` does."""
     new = (replace(a, upstream=effect.upstream) for a in aircraft.amendments[known:])
     return replace(aircraft, amendments=(*aircraft.amendments[:known], *new))
+
+
+def _grown(
+    effect: Effect, values: Mapping[str, float], aircraft: Aircraft, suite: SensorSuite, at_s: float
+) -> tuple[Aircraft, SensorSuite]:
+    assert effect.over_time is not None
+    known = len(aircraft.amendments)
+    grown, suite = effect.over_time(aircraft, suite, values, at_s)
+    return _in_place(grown, known, effect), suite
 
 
 def _shaped(

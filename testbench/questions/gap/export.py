@@ -20,6 +20,7 @@ from testbench.flight import FlightCondition
 from testbench.page.labels import file_stem
 from testbench.questions.gap.drive import as_it_is
 from testbench.questions.gap.effects.base import MetGust
+from testbench.questions.gap.starts import start_of
 from testbench.sensors import suite_toml
 
 if TYPE_CHECKING:
@@ -38,9 +39,13 @@ def amended_files(result: GapResult) -> dict[str, str]:
     """Return path -> text of what was named and re-tuned: the sensor suite, and the aircraft's folder.
 
     For a gust it is the air of the manoeuvre that met it, and no aircraft. Only what changed is returned, each with a
-    diff; nothing is returned if nothing was named and no parameter is wrong.
+    diff; nothing is returned if nothing was named and no parameter is wrong. What grows during the flight stands as far
+    as it had grown in the latest record.
     """
     old, new = result.finding.believed, result.finding.amended
+    if new.over_time:
+        starts = (start_of(r) for r in result.records.values())
+        new = new.after(max(s.at_s for s in starts if s is not None and s.at_s is not None))
     if not result.finding.changed:
         return {}
     out: dict[str, str] = {}

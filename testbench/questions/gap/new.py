@@ -18,13 +18,13 @@ from testbench.core.escape import one_line
 from testbench.core.paths import AIRCRAFT, STOCK, aircraft_names, not_found, resolve, suite_names
 from testbench.core.record import FlightRecord
 from testbench.core.toml_text import quoted, real
-from testbench.flight import load_aircraft
+from testbench.flight import FlightCondition, load_aircraft
 from testbench.questions.gap.evidence.commanded import MOVED, commands, freed
 from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.evidence.held_out import HeldOutFlight, differences
 from testbench.questions.gap.new_suite import suite_of_records
 from testbench.questions.gap.records import Flights, flights_of, read_flights
-from testbench.questions.gap.starts import start_of
+from testbench.questions.gap.starts import CUT, start_of
 from testbench.questions.gap.windows import level, restless
 from testbench.sensors import SensorSuite, load_suite, suite_toml
 
@@ -95,7 +95,7 @@ def new_case(
     lines = _head(own, wings, _named_suite(case, sensors, suite, made), made, flights)
     for name, record in flights.naming.items():
         lines += _comment(shared) if shared and name == judge.name else []
-        lines += _measured(name, paths[name], record, judge)
+        lines += _measured(name, paths[name], record, judge, flights.believed.condition)
     return NewCase("\n".join(lines).rstrip() + "\n", suite_toml(suite) if made else None, judge)
 
 
@@ -170,7 +170,7 @@ def most_different(flights: Flights) -> HeldOutFlight:
 
 def shared_with(name: str, records: Mapping[str, FlightRecord]) -> str:
     """Return in words how much of one log a record shares with the others, cut from it as well; "" if nothing."""
-    told = {n: (r.provenance.get("sha256"), r.provenance.get("cut_from_record_s")) for n, r in records.items()}
+    told = {n: (r.provenance.get("sha256"), r.provenance.get(CUT)) for n, r in records.items()}
     log, own = told[name]
     out = []
     for other, (of, span) in told.items():
@@ -256,6 +256,7 @@ def _head(aircraft: str, wings: str, suite: str, made: bool, flights: Flights) -
         '#     condition = "recorded"  # its own quiet flight tells; or { V_m_s = 16.0, h_m = 500.0 }',
         "#     load_kg = 0.5           # carried beyond what is believed; negative for fuel that was burnt",
         "#     load_aft_m = 0.1        # place of the load behind the believed centre of gravity",
+        "#     flown_at_s = 600.0      # when it begins, counted from take-off: battery and fuel were emptier then",
         "",
     ]
 
@@ -272,7 +273,7 @@ def _comment(text: str) -> list[str]:
     return textwrap.wrap(one_line(text), 118, initial_indent="# ", subsequent_indent="#   ", break_long_words=False)
 
 
-def _measured(name: str, file: str, record: FlightRecord, judge: HeldOutFlight) -> list[str]:
+def _measured(name: str, file: str, record: FlightRecord, judge: HeldOutFlight, general: FlightCondition) -> list[str]:
     held = name == judge.name
     lines = []
     if held:
@@ -280,10 +281,13 @@ def _measured(name: str, file: str, record: FlightRecord, judge: HeldOutFlight) 
     use = "held_out" if held else "naming"
     lines += ["[[measured]]", f"name = {quoted(name)}", f"file = {quoted(file)}", f'use = "{use}"']
     start = start_of(record)
-    if start is not None:
+    if start is not None and start.condition != general:
         at = f"{{ V_m_s = {real(start.condition.V_m_s, 5)}, h_m = {real(start.condition.h_m, 5)} }}"
         told = f'"recorded"  # {start.condition.V_m_s:.4g} m/s, {start.condition.h_m:.4g} m' if "V" in record else at
         lines.append(f"condition = {told}")
-        if start.load_kg:
-            lines += [f"load_kg = {real(start.load_kg)}", f"load_aft_m = {real(start.load_aft_m)}"]
+    if start is not None and start.load_kg:
+        lines += [f"load_kg = {real(start.load_kg)}", f"load_aft_m = {real(start.load_aft_m)}"]
+    if start is not None and start.at_s is not None:
+        began_s = max(start.at_s - 0.5 * record.duration_s, 0.0)
+        lines.append(f"flown_at_s = {real(began_s, 4)}  # in its log, whose beginning is taken for take-off")
     return [*lines, ""]

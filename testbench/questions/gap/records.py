@@ -21,7 +21,7 @@ from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.questions.gap.evidence.compared import not_compared
 from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.scenario import Drive
-from testbench.questions.gap.starts import Start, marked, start_of
+from testbench.questions.gap.starts import Start, marked, start_of, timed
 from testbench.questions.gap.windows import restless
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.sensors import SensorSuite, load_suite
@@ -324,7 +324,7 @@ def _conditions(
     elif V_m_s is None:
         at = means[0]
         notes.append(f"the condition, {at.V_m_s:.4g} m/s and {at.h_m:.4g} m, is that of the {tells.rstrip(',')}")
-    return means[most], out
+    return means[most], timed(out, means[most])
 
 
 def _mean(conditions: Sequence[tuple[float, float]]) -> FlightCondition:

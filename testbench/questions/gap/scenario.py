@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from testbench.core.errors import TestbenchError
 from testbench.core.scenario.base import Condition, FlownAt, Manoeuvre, SuiteName
-from testbench.core.schema import Strict
+from testbench.core.schema import NonNegative, Strict
 from testbench.questions.gap.hidden.kinds import Hidden
 from testbench.questions.gap.window_length import SHORTEST_S
 from testbench.sensors import load_suite
@@ -18,14 +18,15 @@ Drive = Literal["command", "surface", "both"]
 
 
 class Loaded(Strict):
-    """What the aircraft carried in one flight beyond what is believed of it, on the centre line.
+    """What the aircraft carried in one flight beyond what is believed of it, on the centre line, and when that was.
 
     ``load_kg`` is negative where it carried less, fuel that was burnt for one. ``load_aft_m`` is behind the believed
-    centre of gravity.
+    centre of gravity. ``flown_at_s`` is how long after take-off the record begins: battery and fuel were emptier then.
     """
 
     load_kg: float = 0.0
     load_aft_m: float = 0.0
+    flown_at_s: NonNegative | None = None
 
 
 class MeasuredFile(Loaded):

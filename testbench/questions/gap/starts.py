@@ -1,7 +1,8 @@
-"""What a record was flown from where that is not what the others were: its condition and load, told by the record."""
+"""What a record was flown from where that is not what the others were: condition, load and time, told by the record."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 
@@ -12,6 +13,8 @@ from testbench.flight import FlightCondition
 from testbench.questions.gap.effects.payload import with_load
 from testbench.sensors import SensorSuite
 
+CUT = "cut_from_record_s"
+"""Of the provenance of a record that was cut from a log: beginning and end there."""
 KEY = "flown_from"
 """Of a record's provenance, under which its start stands: what is cut out of a record or made of it keeps it."""
 
@@ -24,11 +27,13 @@ class Start:
         condition: that is trimmed.
         load_kg: more than the believed mass; negative if less was carried, fuel that was burnt for one.
         load_aft_m: place of the load behind the believed centre of gravity, on the centre line.
+        at_s: time since take-off in the middle of the record; None where that is not known.
     """
 
     condition: FlightCondition
     load_kg: float = 0.0
     load_aft_m: float = 0.0
+    at_s: float | None = None
 
     def loaded(self, aircraft: Aircraft, suite: SensorSuite) -> tuple[Aircraft, SensorSuite]:
         """Return an aircraft that carries the load, and the sensors, whose places are told from the centre of gravity.
@@ -46,13 +51,33 @@ class Start:
         return with_load(aircraft, suite, "load", self.load_kg, self.load_aft_m)
 
     def __str__(self) -> str:
-        return str(self.condition) + (f", {self.load_kg:+.3g} kg" if self.load_kg else "")
+        load = f", {self.load_kg:+.3g} kg" if self.load_kg else ""
+        return str(self.condition) + load + ("" if self.at_s is None else f", {self.at_s:.4g} s after take-off")
+
+    def later(self, by_s: float) -> Start:
+        """Return the start so many s later; itself where the time is not known."""
+        return self if self.at_s is None else replace(self, at_s=self.at_s + by_s)
 
 
 def marked(record: FlightRecord, start: Start) -> FlightRecord:
     """Return a record that says what it was flown from."""
     told = {**asdict(start.condition), "load_kg": start.load_kg, "load_aft_m": start.load_aft_m}
+    told |= {} if start.at_s is None else {"at_s": start.at_s}
     return replace(record, provenance={**record.provenance, KEY: told})
+
+
+def timed(records: Mapping[str, FlightRecord], general: FlightCondition) -> dict[str, FlightRecord]:
+    """Return records, of which several that were cut from one log say when: its beginning is taken for take-off.
+
+    ``general`` is the condition of those that say nothing of their own.
+    """
+    logs = Counter(str(r.provenance.get("sha256")) for r in records.values() if r.provenance.get(CUT))
+    out = dict(records)
+    for name, record in records.items():
+        span, start = record.provenance.get(CUT), start_of(record) or Start(general)
+        if span and logs[str(record.provenance.get("sha256"))] > 1 and start.at_s is None:
+            out[name] = marked(record, replace(start, at_s=0.5 * float(sum(span))))
+    return out
 
 
 def start_of(record: FlightRecord) -> Start | None:
@@ -68,10 +93,10 @@ def start_of(record: FlightRecord) -> Start | None:
         if not isinstance(told, Mapping):
             raise TypeError("no table")
         values = {str(n): float(v) for n, v in told.items()}
-        load = {n: values.pop(n) for n in ("load_kg", "load_aft_m") if n in values}
+        load = {n: values.pop(n) for n in ("load_kg", "load_aft_m", "at_s") if n in values}
         return Start(FlightCondition(**values), **load)
     except (TypeError, ValueError):
         raise RecordError(
-            f"provenance '{KEY}' of a record must hold V_m_s and h_m, and may hold gamma_rad, load_kg and load_aft_m, "
-            f"as numbers, got {told!r}"
+            f"provenance '{KEY}' of a record must hold V_m_s and h_m, and may hold gamma_rad, load_kg, load_aft_m and "
+            f"at_s, as numbers, got {told!r}"
         ) from None

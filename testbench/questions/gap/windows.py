@@ -36,6 +36,7 @@ from testbench.questions.gap.evidence.commanded import (
 from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.flights import flights
 from testbench.questions.gap.free_start import BEGAN, STATES, FreeStart
+from testbench.questions.gap.starts import marked, start_of
 from testbench.questions.gap.window_length import SHORTEST_S, Windows
 
 LEAD_S = 0.5
@@ -228,6 +229,8 @@ def _parts(record: FlightRecord, length_s: float) -> list[FlightRecord]:
         valid = record.valid[rows].copy()
         valid[:lead, compared] = False
         part = replace(record, t_s=record.t_s[rows], data=record.data[rows], valid=valid)
+        if (start := start_of(record)) is not None:
+            part = marked(part, start.later(float(np.mean(part.t_s[[0, -1]]) - np.mean(record.t_s[[0, -1]]))))
         out.append(freed(part, record_key(part), level(record) if not starts_freely(record) else _level_of(record)))
     return out
 

@@ -202,7 +202,7 @@ def test_a_held_out_flight_that_the_belief_does_not_survive_is_known_before_the_
     monkeypatch.setattr(workflow, "listen", lambda *_: pytest.fail("the search had begun"))
     with pytest.raises(FlightAborted, match="left its limits") as caught:
         find_gap(believed, {"calm": record}, {"loop": replace(record, data=data)})
-    assert caught.value.place == "record 'loop'"
+    assert caught.value.place.startswith("record 'loop, ")  # the window in which it does, of the shortest ones
 
 
 def test_measured_records_of_a_case_must_hold_what_its_suite_says(case, tmp_path):

@@ -84,6 +84,8 @@ class Effect:
         met: values -> the gust that one record met; None for all effects that belong to aircraft or sensors.
         upstream: how far up the path from the pilot's command to the forces it acts (FORCES, LINKAGE, ...). Effects
             found together act in that order, whichever was found first.
+        over_time: what it makes of an aircraft and its sensors so many s after take-off, for an effect that grows
+            during the flight: (aircraft, sensors, values, time) -> both. Then ``amend`` is that ten minutes after.
         part: part of the aircraft that whoever looks for the cause goes to, see :mod:`testbench.questions.gap.parts`;
             that of ``place`` if not given.
         ground_check: the cheapest check on the ground, in words; that of the part if not given.
@@ -109,6 +111,7 @@ class Effect:
     upstream: int = FORCES
     part: str = ""
     ground_check: str = ""
+    over_time: Callable[[Aircraft, SensorSuite, Values, float], tuple[Aircraft, SensorSuite]] | None = None
 
     @property
     def singles(self) -> tuple[Effect, ...]:

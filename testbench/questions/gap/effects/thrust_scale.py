@@ -13,11 +13,16 @@ from testbench.sensors import SensorSuite
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Multiply what the motor is told, to which thrust is proportional at every speed; of a foreign model, whose thrust
     may be any function of the throttle, multiply all forces and moments of the engines."""
-    scale, throttle = values["scale"], control_path(aircraft, "thr").command
-    edit: Change = reroute(throttle, "thrust-scale", product(value(scale), prop(throttle)))
+    return scaled(aircraft, values["scale"], "thrust_scale"), suite
+
+
+def scaled(aircraft: Aircraft, scale: float, name: str, text: str = "") -> Aircraft:
+    """Return an aircraft with its thrust multiplied by the amendment ``name``, whose description ``text`` ends."""
+    throttle = control_path(aircraft, "thr").command
+    edit: Change = reroute(throttle, name.replace("_", "-"), product(value(scale), prop(throttle)))
     if aircraft.adapter is not None:
         edit = Thrust(value(scale - 1.0))
-    return aircraft.amended(Amendment("thrust_scale", f"throttle gives {scale:.4g} times the thrust", (edit,))), suite
+    return aircraft.amended(Amendment(name, f"throttle gives {scale:.4g} times the thrust{text}", (edit,)))
 
 
 EFFECT = Effect(

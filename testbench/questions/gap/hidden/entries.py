@@ -88,6 +88,12 @@ TRUTHS: Mapping[str, Make] = {
     "airspeed lag": lambda s, a: sensor("V", lambda r: replace(r, lag_s=r.lag_s + s["lag_s"])),
     "accelerometer ahead": lambda s, a: sensor("az", lambda r: replace(r, position_m=(s["ahead_m"], 0.0, 0.0))),
     "stronger motor": lambda s, a: Truth(throttle=servos.scaled(s["gain"])),
+    "battery that empties": lambda s, a: Truth(
+        later=lambda at_s: Truth(throttle=servos.scaled(1.0 - s["per_min"] * at_s / 60.0))
+    ),
+    "fuel that burns": lambda s, a: Truth(
+        later=lambda at_s: load(-s["per_min"] * at_s / 60.0 * number_of(a, "mass_kg"), 0.0)
+    ),
     "moment curved in alpha": lambda s, a: Truth(
         changes=(coefficient("PITCH", number(-abs(s["curve"])), prop(ALPHA), prop(ALPHA)),)
     ),

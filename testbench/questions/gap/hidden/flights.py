@@ -25,6 +25,9 @@ from testbench.sensors import SensorSuite
 _LAG = "fcs/elevator-lag-rad_sec"  # of the packaged aircraft
 
 
+_Start = tuple[FlightCondition, float, float, float | None]
+
+
 @dataclass(frozen=True, eq=False)
 class Commands:
     """One manoeuvre, as the on-board computer issues it.
@@ -38,6 +41,7 @@ class Commands:
         air: that it flies through; still air if None.
         condition: that it starts from; that of all if None.
         load_kg, load_aft_m: known load in this flight alone, and its place on the centre line.
+        at_s: time after take-off; None where that does not matter.
     """
 
     name: str
@@ -49,6 +53,7 @@ class Commands:
     condition: FlightCondition | None = None
     load_kg: float = 0.0
     load_aft_m: float = 0.0
+    at_s: float | None = None
 
 
 def fly_hidden(
@@ -79,18 +84,19 @@ def fly_hidden(
         TrimError, FlightAborted, LimitError: this truth cannot fly the manoeuvres.
     """
     base = load_aircraft(aircraft, "flexible" if truth.flexible else wings)
-    starts: dict[tuple[FlightCondition, float, float], tuple[Aircraft, SensorSuite, TrimmedFlight]] = {}
+    starts: dict[_Start, tuple[Aircraft, SensorSuite, TrimmedFlight]] = {}
     out = {}
     for commands in flights:
         if progress:
             progress(f"fly {commands.name}")
-        start = (commands.condition or condition, commands.load_kg, commands.load_aft_m)
+        start = (commands.condition or condition, commands.load_kg, commands.load_aft_m, commands.at_s)
+        there = truth if truth.later is None else truth.with_(truth.later(commands.at_s or 0.0))
         if start not in starts:
-            starts[start] = _ready(base, truth, suite, start, rate_hz)
+            starts[start] = _ready(base, there, suite, start, rate_hz)
         real, sensors, trimmed = starts[start]
         rate = trimmed.rate_hz
         u = np.repeat(commands.u, round(rate / suite.rate_hz), axis=0)
-        signal = InputSignal(np.arange(len(u)) / rate, sent(truth, u, commands.controls, 1.0 / rate), commands.controls)
+        signal = InputSignal(np.arange(len(u)) / rate, sent(there, u, commands.controls, 1.0 / rate), commands.controls)
         flight = fly_and_measure(
             real,
             trimmed,
@@ -113,11 +119,11 @@ def _ready(
     base: Aircraft,
     truth: Truth,
     suite: SensorSuite,
-    start: tuple[FlightCondition, float, float],
+    start: _Start,
     rate_hz: float | None,
 ) -> tuple[Aircraft, SensorSuite, TrimmedFlight]:
     """Return what flies from a condition with a load, what reads it, and its trim."""
-    condition, kg, aft_m = start
+    condition, kg, aft_m, _ = start
     if kg:
         ahead = kg / (base.mass.mass_kg + truth.extra_kg + kg) * aft_m  # places are told from the centre of gravity
         suite = read_through(suite, with_moved_accelerometers(Truth(), ahead))

@@ -115,6 +115,28 @@ class SluggishMotor(Strict):
         return Truth(throttle=servos.sluggish(self.time_s))
 
 
+class EmptyingBattery(Strict):
+    """A throttle step gives this much less thrust a minute after take-off, as a share of what it gave then."""
+
+    kind: Literal["emptying_battery"]
+    per_min: Positive
+
+    def truth(self, name: str, believed: Aircraft) -> Truth:
+        """Return what flies in place of the believed aircraft of that name."""
+        return TRUTHS["battery that empties"]({"per_min": self.per_min}, name)
+
+
+class BurntFuel(Strict):
+    """The aircraft gets this much lighter a minute after take-off, as a share of what it weighed then."""
+
+    kind: Literal["burnt_fuel"]
+    per_min: Positive
+
+    def truth(self, name: str, believed: Aircraft) -> Truth:
+        """Return what flies in place of the believed aircraft of that name."""
+        return TRUTHS["fuel that burns"]({"per_min": self.per_min}, name)
+
+
 class ShiftedWing(Strict):
     """The aerodynamic centre and the accelerometers lie ahead of where they are believed, as if the CG were aft."""
 
@@ -212,6 +234,8 @@ Hidden = Annotated[
     | SlewedCommand
     | CommandGain
     | SluggishMotor
+    | EmptyingBattery
+    | BurntFuel
     | ShiftedWing
     | Ballast
     | Roughness
@@ -233,12 +257,13 @@ def measure_hidden(
     seed: int,
     rate_hz: float | None = None,
     progress: Callable[[str], None] | None = None,
-    starts: Mapping[str, tuple[FlightCondition, float, float]] | None = None,
+    starts: Mapping[str, tuple[FlightCondition, float, float, float | None]] | None = None,
 ) -> Mapping[str, FlightRecord]:
     """Fly the aircraft with its hidden truth and return name -> measured record; provenance is left out.
 
     Commands are issued at the rate of the suite's log and held, as an on-board computer does. ``starts`` are manoeuvres
-    that begin from another condition, or with a load in kg so many metres aft of the centre of gravity.
+    that begin from another condition, with a load in kg so many metres aft of the centre of gravity, or at a time after
+    take-off.
 
     Raises:
         TrimError, FlightAborted, LimitError: the hidden aircraft cannot fly these manoeuvres.
@@ -251,5 +276,6 @@ def measure_hidden(
         )
         for i, (spec, signal) in enumerate(zip(manoeuvres, built, strict=True))
     ]
-    as_issued = truth.elevator is not None or truth.throttle is not None or truth.fed_back
+    changed = truth.elevator, truth.throttle, truth.later
+    as_issued = truth.fed_back or any(law is not None for law in changed)
     return fly_hidden(aircraft, wings, truth, suite, condition, flights, rate_hz, as_issued, progress)

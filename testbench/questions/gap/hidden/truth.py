@@ -35,6 +35,7 @@ class Truth:
         spoil: (channel, readings, time) -> readings, after the sensors.
         gust: a gust, met in one of the manoeuvres.
         factors: coefficient -> what the true one is times the believed one.
+        later: time after take-off, s -> what else has changed by then.
     """
 
     elevator: Law | None = None
@@ -49,6 +50,7 @@ class Truth:
     spoil: Callable[[str, FloatArray, FloatArray], FloatArray] | None = None
     gust: Gust | None = None
     factors: Mapping[str, float] = field(default_factory=dict)
+    later: Callable[[float], Truth] | None = None
 
     def with_(self, other: Truth) -> Truth:
         """Return both truths at once; command and sensor parts must not clash."""
@@ -65,4 +67,5 @@ class Truth:
             spoil=self.spoil or other.spoil,
             gust=self.gust or other.gust,
             factors={**self.factors, **other.factors},
+            later=self.later or other.later,
         )
