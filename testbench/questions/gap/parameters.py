@@ -20,6 +20,7 @@ from testbench.questions.gap.coefficients import (
 )
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, sum_of_squares
+from testbench.questions.gap.linkage import linkage_instead
 from testbench.questions.gap.search.fit import EffectFit
 
 
@@ -89,13 +90,17 @@ def off_parameters(naming: Naming, aircraft: Aircraft | None = None) -> tuple[Wr
 
 
 def wrong_parameters(
-    naming: Naming, believed: Believed, held_out: Sequence[FlightRecord] = ()
+    naming: Naming,
+    believed: Believed,
+    held_out: Sequence[FlightRecord] = (),
+    records: Sequence[FlightRecord] = (),
 ) -> tuple[WrongParameter, ...]:
     """Return the believed parameters that are so far off that they are wrong.
 
-    Each is told with the effects that explain as much, unless held-out flights refute them, as they refute a name. None
-    is wrong if held-out flights contradict: re-tuning makes the residuals larger there. Nor is one that trails an
-    effect which a recorded surface shows: it explains the motion, but not the surface.
+    Each is told with the effects that explain as much, unless held-out flights refute them, as they refute a name. With
+    the ``records`` that named, the linkage of its control is tried among them, which a search may miss. None is wrong
+    if held-out flights contradict: re-tuning makes the residuals larger there. Nor is one that trails an effect which a
+    recorded surface shows: it explains the motion, but not the surface.
     """
     far = [
         p
@@ -111,6 +116,12 @@ def wrong_parameters(
     def refuted(fit: EffectFit) -> bool:
         return bool(held_out) and sum_of_squares(fit.added_to(believed), held_out) - re_tuned > fit.threshold
 
-    return tuple(
-        replace(p, rivals=tuple(f for f in rivals(p.name, naming, believed.aircraft) if not refuted(f))) for p in far
-    )
+    def linkage(p: WrongParameter) -> tuple[EffectFit, ...]:
+        found = linkage_instead(p.name, naming, believed, records, held_out, re_tuned) if records else None
+        return () if found is None else rivals(p.name, replace(naming, ranking=(found,)), believed.aircraft)
+
+    told = []
+    for p in far:
+        alike = tuple(f for f in rivals(p.name, naming, believed.aircraft) if not refuted(f))
+        told.append(replace(p, rivals=alike or linkage(p)))
+    return tuple(told)

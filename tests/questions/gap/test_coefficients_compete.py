@@ -14,6 +14,7 @@ from testbench.questions.gap.coefficients import gain_of, rivals
 from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.contract import recorded
+from testbench.questions.gap.linkage import linkage_instead
 from testbench.questions.gap.parameters import off_parameters, wrong_parameters
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import retune
@@ -95,6 +96,21 @@ def test_no_coefficient_is_accused_where_re_tuning_explains_little_or_an_effect_
         assert [p.name for p in wrong_parameters(poor, tuned.believed)] == accused
     hardly = effect_that_gains(tuned, gain, share=0.7, threshold=gain + 1.0)  # no more than noise would
     assert [p.name for p in wrong_parameters(naming_of(tuned, hardly), tuned.believed)] == ["Cm_alpha"]
+
+
+def test_a_wrong_effectiveness_is_told_with_the_linkage_that_does_the_same_though_no_search_found_it(tuned):
+    truth = tuned.believed.with_nuisances({"Cm_de": 1.4})
+    records, (held,) = measure(truth, 21), measure(truth, 31, inputs=(ELEVATOR,))
+    point = retune(Hypothesis.at(tuned.believed, tuned.believed, tuple(records)))
+    (accused,) = wrong_parameters(naming_of(point), point.believed, [held], records)
+    assert accused.name == "Cm_de"
+    (linkage,) = accused.rivals
+    assert (linkage.effect.name, linkage.values) == ("surface_scale", {"scale": accused.factor})
+    assert linkage.nuisances["Cm_de"] == pytest.approx(1.0, abs=0.05)
+    assert linkage.errors["scale"] == pytest.approx(0.1 * accused.factor, rel=0.05)  # the coefficient's own prior
+    asked = naming_of(point), point.believed, records, [held]
+    assert linkage_instead("Cm_de", *asked, 0.0) is None  # the re-tuned aircraft left nothing of what was held out
+    assert linkage_instead("Cm_alpha", *asked, np.inf) is None  # no linkage does what this coefficient does
 
 
 @pytest.mark.parametrize(("left", "count", "said"), [(1.5, 2, 2), (1.5, 3, 0), (1.01, 3, 3)])

@@ -163,6 +163,23 @@ def fit(
     return summarise(effect, min(reached, key=lambda f: f.chi2), chi2_tuned, tested, screened.signature.base)
 
 
+def fitted(
+    effect: Effect, values: Mapping[str, float], errors: Mapping[str, float], point: Hypothesis, chi2_tuned: float
+) -> EffectFit:
+    """Return an effect at ``values``, with coefficients re-tuned beside it at ``point``, as a fit of one effect."""
+    return EffectFit(
+        effect=effect,
+        values=values,
+        errors=errors,
+        chi2=point.chi2,
+        gain=max(chi2_tuned - point.chi2, 0.0),
+        threshold=float(chi2.isf(CRITERIA.false_alarm / effect.looks, len(values))),
+        share=share_of_excess(chi2_tuned, point.chi2, point.samples),
+        nuisances=point.by_name,
+        within=within_priors(point),
+    )
+
+
 def summarise(effect: Effect, best: Descent, chi2_tuned: float, tested: int, base: Hypothesis) -> EffectFit:
     """Return the fit that a descent from ``base`` of one of ``tested`` effects ended in."""
     names = [p.name for p in effect.parameters]
