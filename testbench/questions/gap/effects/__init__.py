@@ -56,7 +56,7 @@ from testbench.questions.gap.effects import (
     yaw_damper,
 )
 from testbench.questions.gap.effects.base import Effect, Parameter
-from testbench.questions.gap.effects.sensor import sensor_effects
+from testbench.questions.gap.effects.sensor import has_pitot, sensor_effects
 from testbench.questions.gap.effects.servos import SERVOS
 from testbench.sensors import SensorSuite
 
@@ -131,7 +131,7 @@ moment: in the library they would be two more things that every longitudinal rec
 """
 
 # The sensor errors listed here are those of the longitudinal channels; `library` makes those of any suite.
-EFFECTS: dict[str, Effect] = _OF_AIRCRAFT | sensor_effects(("V", "alpha", "q", "theta", "az"))
+EFFECTS: dict[str, Effect] = _OF_AIRCRAFT | sensor_effects(("V", "alpha", "q", "theta", "az"), pitot=True)
 
 
 def library(suite: SensorSuite, aircraft: Aircraft | None = None) -> dict[str, Effect]:
@@ -139,7 +139,7 @@ def library(suite: SensorSuite, aircraft: Aircraft | None = None) -> dict[str, E
 
     Those that ``aircraft`` cannot have, if it is given, are left out: a glider has no thrust that may lag.
     """
-    known = _OF_AIRCRAFT | sensor_effects(suite.outputs)
+    known = _OF_AIRCRAFT | sensor_effects(suite.outputs, has_pitot(suite))
     without = {} if aircraft is None else left_out(known, aircraft, suite)
     return {n: e for n, e in known.items() if n not in without}
 
