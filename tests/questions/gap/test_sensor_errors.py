@@ -55,11 +55,12 @@ def test_a_pitot_beside_the_fuselage_reads_its_distance_times_the_yaw_rate_less(
     prompt = tuple(replace(s, lag_s=0.0, delay_s=0.0) for s in b.suite.sensors)
     b = replace(b, suite=replace(b.suite, sensors=prompt))
     effects, V = library(b.suite), b.outputs.index("V")
-    flown = b.flown(record, ("r", "beta"))
-    r, beta = (flown.columns((n,))[:, 0] for n in ("r", "beta"))
+    flown = b.flown(record, ("p", "r", "alpha", "beta"))
+    p, r, alpha, beta = flown.columns(("p", "r", "alpha", "beta")).T
     beside = b.with_effect(effects["V_position"], {"right_m": 2.0}).predict(record) - b.predict(record)
     assert np.ptp(r) > 0.1
-    np.testing.assert_allclose(beside[:, V], -2.0 * r, atol=0.02 * 2.0 * np.ptp(r))
+    formula = 2.0 * (p * np.sin(alpha) - r * np.cos(alpha)) * np.cos(beta)
+    np.testing.assert_allclose(beside[:, V], formula, atol=0.02 * np.ptp(2.0 * r))
     slips = b.with_effect(effects["V_sideslip"], {"cp_beta2": 1.0}).predict(record)[:, V] / b.predict(record)[:, V]
     np.testing.assert_allclose(slips**2, 1.0 - beta**2, atol=1e-9)
 

@@ -117,10 +117,10 @@ _OF_AIRCRAFT |= {e.name: e for e in _NEW if e.name not in _BY_NAME_ONLY}
 OTHER_SERVOS: dict[str, Effect] = {e.name: e for e in SERVOS.values() if e.name not in _OF_AIRCRAFT}
 """Servo effects that are searched only where the search points to the path of their control (further.py), or by name.
 
-In the library they would be a dozen further things that a record of aileron and rudder may be mistaken for, each of
+In the library they would be two dozen further things that a record of these controls may be mistaken for, each of
 which costs a search, while most records hold no input that tells one servo effect from another of its kind. Lag, delay,
-gain and rate limit of aileron and rudder are in the library. Those of elevator and throttle come by name alone
-(``more_effects``).
+gain and rate limit of aileron and rudder are in the library, and so are lags and gain of the thrust. Those of the
+elevator come by name alone (``more_effects``).
 """
 
 ON_REQUEST: dict[str, Effect] = OTHER_SERVOS | {e.name: e for e in _NEW if e.name in _BY_NAME_ONLY}
