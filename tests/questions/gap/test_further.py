@@ -74,20 +74,20 @@ def test_a_servo_of_second_order_is_named_where_its_lag_points_to_its_path():
 
 def test_play_of_a_throttle_is_named_where_what_comes_nearest_is_of_the_thrust():
     believed = believe()
-    truth = believed.with_effect(OTHER_SERVOS["throttle_free_play"], {"width": 0.07})
+    truth = believed.with_effect(OTHER_SERVOS["throttle_free_play"], {"width": 0.1})
     t = np.arange(600) / 50.0
-    thr = 0.12 * ((t > 1.0) & (t < 3.0)) - 0.08 * ((t > 4.0) & (t < 6.0)) + 0.05 * ((t > 7.0) & (t < 9.0))
+    thr = 0.25 * ((t > 1.0) & (t < 3.0)) - 0.08 * ((t > 4.0) & (t < 6.0)) + 0.05 * ((t > 7.0) & (t < 9.0))
     data = np.column_stack([np.zeros((600, 3)), thr])
     flown = FlightRecord(t_s=t, channels=("de_cmd", "da_cmd", "dr_cmd", "thr_cmd"), data=data, kind="measured")
-    records = recorded(truth, (flown,))
-    few = {n: EFFECTS[n] for n in ("thrust_lag", "mass_error")}
+    records = recorded(truth, (flown, commands()[2]))
+    few = {n: EFFECTS[n] for n in ("thrust_lag", "thrust_scale")}
     said = name_effect(believed, records, effects=few)
     assert said.outcome == "unexplained"
     stages: list[str] = []
     more = {n: OTHER_SERVOS[n] for n in ("throttle_free_play", "throttle_rate_limit", "rudder_free_play")}
     found, _ = named_in_path(said, None, NOTHING, believed, records, (), few, more, stages.append)
     assert found.names == ("throttle_free_play",)
-    assert found.best.values["width"] == pytest.approx(0.07, rel=0.03)
+    assert found.best.values["width"] == pytest.approx(0.1, rel=0.03)
     assert stages[0] == "seek further effects of the throttle's path"
 
 
