@@ -12,6 +12,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS
 from testbench.questions.gap.effects import EFFECTS, library
 from testbench.questions.gap.effects.contract import recorded
+from testbench.questions.gap.evidence.check import _corrected
 from testbench.questions.gap.evidence.motion import motion_of
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
@@ -95,3 +96,12 @@ def test_no_suite_without_these_errors_reads_another_channel():
     for s in load_suite("eolo_full").sensors:
         assert not s.bias_rate
         assert s.channel != "V" or set(s.needs) == {"V", "alpha"}
+
+
+def test_kinematics_see_the_record_without_the_drift_that_is_believed():
+    b = believe()
+    known = b.with_effect(library(b.suite)["r_drift"], TRUE["r_drift"])
+    plain, drifting = (recorded(x, commands()[:1])[0] for x in (b, known))
+    away = drifting["r"] - plain["r"]
+    np.testing.assert_allclose(away, 0.03 * DEG_RAD * plain.t_s, atol=1e-12)
+    np.testing.assert_allclose(_corrected(known, drifting)["r"], _corrected(b, plain)["r"], atol=1e-12)
