@@ -56,6 +56,8 @@ class Display:
         for i, (sensor, every) in enumerate(zip(self._exact, self._every, strict=True)):
             count = -(-n // every)
             noise, arrived = sensor.sample(np.zeros(count), seed, every / self._rate)
+            if sensor.bias_rate:
+                noise = noise + sensor.drifted(np.arange(count) * every / self._rate)
             error[:, i] = np.repeat(noise, every)[:n] if every > 1 else noise
             if source is not None:
                 last = np.maximum.accumulate(np.where(arrived, np.arange(count), 0)) * every

@@ -75,10 +75,13 @@ def scenarios() -> Rows:
 def effects() -> Rows:
     """Return the effects that the gap workflow can name."""
     from testbench.questions.gap.effects import EFFECTS, OTHER_SERVOS
+    from testbench.questions.gap.effects.servo import PLACES
+    from testbench.questions.gap.further import CONTROLS
 
     beside = "searched where the search points to its path, or by name"
+    pointed = {n for n, e in OTHER_SERVOS.items() if e.place in (PLACES[c] for c in CONTROLS)}
     further = (
-        (n, f"({beside if e.lateral else 'searched only by name'}) {e.physics}") for n, e in OTHER_SERVOS.items()
+        (n, f"({beside if n in pointed else 'searched only by name'}) {e.physics}") for n, e in OTHER_SERVOS.items()
     )
     return [("effect", "physics"), *((n, e.physics) for n, e in EFFECTS.items()), *further]
 

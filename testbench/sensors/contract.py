@@ -50,11 +50,11 @@ def _exact(sensor: Sensor, truth: FlightRecord) -> FloatArray:
 
 
 def _faulty(sensor: Sensor) -> bool:
-    return sensor.noise_std > 0.0 or sensor.bias != 0.0 or sensor.quantum > 0.0
+    return sensor.noise_std > 0.0 or sensor.bias != 0.0 or sensor.bias_rate != 0.0 or sensor.quantum > 0.0
 
 
 def _near(suite: SensorSuite, sensor: Sensor, truth: FlightRecord, column: FloatArray) -> bool:
-    """Say whether samples are no further off than their noise, drift, bias, quantum and age allow.
+    """Say whether samples are no further off than their noise, drifts, bias, quantum and age allow.
 
     The age counts with the fastest slope; up to three values are lost in a row.
     """
@@ -64,5 +64,5 @@ def _near(suite: SensorSuite, sensor: Sensor, truth: FlightRecord, column: Float
     drift = np.hypot(sensor.drift_std, sensor.bias_walk * np.sqrt(SECONDS))
     random = 6.0 * np.hypot(sensor.noise_std, drift)
     slope = np.abs(np.gradient(exact, 1.0 / suite.rate_hz)).max()
-    bound = random + abs(sensor.bias) + 0.5 * sensor.quantum + 1.05 * slope * age
+    bound = random + abs(sensor.bias) + abs(sensor.bias_rate) * SECONDS + 0.5 * sensor.quantum + 1.05 * slope * age
     return bool(np.abs(column - exact).max() <= bound)

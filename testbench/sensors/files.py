@@ -22,7 +22,7 @@ from testbench.sensors.suite import SensorSuite, suite_faults
 
 Text = Annotated[str, Field(min_length=1)]
 
-_IN_UNIT = ("bias", "quantum", "bias_walk", "drift_std")  # figures in the unit that the file names
+_IN_UNIT = ("bias", "quantum", "bias_walk", "drift_std", "bias_rate")  # figures in the unit that the file names
 _AS_IS = (
     "scale",
     "lag_s",
@@ -53,7 +53,8 @@ class _SuiteFile(Strict):
 
 class _SensorEntry(Strict):
     """One ``[[sensor]]``: noise, bias and quantum in ``unit``, noise density in ``unit`` per square root of Hz,
-    random walk of the bias in ``unit`` per square root of s. ``cutoff_hz`` is another way to say ``lag_s``.
+    random walk of the bias in ``unit`` per square root of s, its steady drift per s. ``cutoff_hz`` is another way to
+    say ``lag_s``.
     """
 
     channel: Text
@@ -64,6 +65,7 @@ class _SensorEntry(Strict):
     bandwidth_hz: Positive | None = None
     bias: float = 0.0
     bias_walk: NonNegative = 0.0
+    bias_rate: float = 0.0
     drift_std: NonNegative = 0.0
     drift_time_s: Positive | None = None
     scale: float = 1.0
@@ -139,7 +141,14 @@ def suite_toml(suite: SensorSuite) -> str:
         lines += ["", f"[recorder.{json.dumps(name)}]", f"clock_offset_s = {float(s.clock_offset_s)!r}"]
         lines.append(f"clock_ppm = {float(s.clock_ppm)!r}")
     plain = {f.name: f.default for f in fields(Sensor)}
-    later = ("bias_walk", "drift_std", "drift_time_s", "price_eur", "mass_g")  # written where they say something
+    later = (
+        "bias_walk",
+        "bias_rate",
+        "drift_std",
+        "drift_time_s",
+        "price_eur",
+        "mass_g",
+    )  # written where they say something
     for sensor in suite.sensors:
         lines += ["", "[[sensor]]", f'channel = "{sensor.channel}"', f'unit = "{channel(sensor.channel).unit}"']
         if sensor.KIND:

@@ -1,7 +1,7 @@
 """Sensor: what one instrument reads of a true flight.
 
 The effects come in the order in which a signal meets them: what the instrument feels where it is mounted (see
-``kinds``), scale error, lag, delay and the clock of its recorder, sampling at its own rate, bias and its drift, noise,
+``kinds``), scale error, lag, delay and the clock of its recorder, sampling at its own rate, bias and its drifts, noise,
 quantisation, dropout; the record holds the last sample taken until the next one.
 """
 
@@ -11,8 +11,8 @@ import math
 import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +26,14 @@ ROTATION = ("p", "q", "r", "pdot", "qdot", "rdot")
 _RATE_TOLERANCE = 1e-6  # relative
 _STEP = 1e-5  # of the central differences of `weights`; what instruments feel is smooth on the scale of 1
 _FASTEST_CLOCK_PPM = 1e4
+UNSAID: Mapping[str, Any] = {"said": False}
+"""Metadata of a figure that the text of a sensor leaves out at its default. Keys of stored results are made of that
+text, and a sensor without the figure is the one that it was before there was such a figure."""
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """One instrument: y = Q(s x(t - T) lagged + b + n), sampled at its own rate, with samples lost at random.
+    """One instrument: y = Q(s x(t - T) lagged + b + b' t + n), sampled at its own rate, with samples lost at random.
 
     Values are in the channel's SI unit. This class reads its channel as it is; the classes in ``kinds`` say what a
     real instrument feels instead.
@@ -46,7 +49,8 @@ class Sensor:
         rate_hz: its own rate; the suite's rate if None. It divides the suite's rate.
         dropout: probability that a sample is lost, independent from sample to sample; never the first one.
         position_m: position from the centre of gravity, body axes forward, right, down, m. For ax, ay, az:
-            a_P = a_CG + omegadot x r + omega x (omega x r), rigid body; for vanes see ``kinds.flow_vane``.
+            a_P = a_CG + omegadot x r + omega x (omega x r), rigid body; for vanes see ``kinds.flow_vane``,
+            for airspeed ``kinds.pitot``.
         part: the real part that it stands for.
         source: where its figures come from.
         bias_walk: growth of a bias that walks at random from zero, per square root of s.
@@ -56,6 +60,8 @@ class Sensor:
         clock_offset_s, clock_ppm: how far that recorder's clock is ahead of the flight's at t = 0, and how fast it
             runs away: a sample stamped t was taken at t - clock_offset_s - clock_ppm 1e-6 t.
         price_eur, mass_g: of the part with its mounting, where known.
+        bias_rate: steady drift, per s: the bias grows by it every second from the first sample of the flight on, where
+            it is ``bias``. Unlike the drifts by chance it is certain, as scale and lag are.
 
     A heading (psi) is unwrapped before lag and delay and recorded in 0 <= psi < 2 pi. No other angle is unwrapped:
     phi beyond 180 deg would lag through the jump.
@@ -84,6 +90,7 @@ class Sensor:
     clock_ppm: float = 0.0
     price_eur: float | None = None
     mass_g: float | None = None
+    bias_rate: float = field(default=0.0, metadata=UNSAID)
 
     KIND: ClassVar[str] = ""
     READS: ClassVar[str] = ".*"
@@ -92,6 +99,14 @@ class Sensor:
     """Channels whose reading depends on the position."""
     IN_FILES: ClassVar[Mapping[str, tuple[str, float]]] = {}
     """Key in a file -> field of this kind and factor to SI, where they differ."""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        cls.__repr__ = Sensor.__repr__  # type: ignore[method-assign]  # which the dataclass of a kind would replace
+
+    def __repr__(self) -> str:
+        said = (f for f in fields(self) if f.metadata.get("said", True) or getattr(self, f.name) != f.default)
+        return f"{type(self).__qualname__}({', '.join(f'{f.name}={getattr(self, f.name)!r}' for f in said)})"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position_m", tuple(float(x) for x in self.position_m))
@@ -108,7 +123,7 @@ class Sensor:
             value = getattr(self, key)
             if value is not None and not (math.isfinite(value) and value >= 0.0):
                 yield f"{key}: 0 <= {key} must hold, got {value:g}"
-        for key in ("bias", "scale"):
+        for key in ("bias", "scale", "bias_rate"):
             if not math.isfinite(getattr(self, key)):
                 yield f"{key}: a finite number is needed, got {getattr(self, key):g}"
         if self.rate_hz is not None and not (math.isfinite(self.rate_hz) and self.rate_hz > 0.0):
@@ -171,7 +186,7 @@ class Sensor:
         return out
 
     def respond(self, truth: FlightRecord) -> FloatArray:
-        """Return what is felt, scale, lag and delay, on the truth's own time grid (n,); still without noise.
+        """Return what is felt, scale, lag, delay and steady drift, on the truth's own time grid (n,); without noise.
 
         Raises:
             ChannelError: the truth lacks a channel of :attr:`needs`.
@@ -192,6 +207,10 @@ class Sensor:
             return x
         late = self.delay_s + self.clock_offset_s + 1e-6 * self.clock_ppm * t_s
         return np.interp(t_s - late, t_s, x)
+
+    def drifted(self, t_s: FloatArray) -> FloatArray | float:
+        """Return how far its steady drift has taken it at the times ``t_s`` (n,) since the first of them."""
+        return self.bias_rate * (t_s - t_s[0]) if self.bias_rate else 0.0
 
     def sample(self, x: FloatArray, seed: int, dt_s: float = 1.0) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return the samples (m,) that the sensor delivers for its responses ``x`` (m,), and which of them arrive.
@@ -268,6 +287,8 @@ def responses(sensors: Sequence[Sensor], truth: FlightRecord) -> FloatArray:
         out[:, alike] = first_order_lag(out[:, alike], truth.dt_s, lag_s)
     for i, sensor in enumerate(sensors):
         out[:, i] = sensor._late(out[:, i], truth.t_s)
+        if sensor.bias_rate:
+            out[:, i] += sensor.drifted(truth.t_s)
     return out
 
 

@@ -69,7 +69,7 @@ class SensorSuite:
         return _total(s.mass_g for s in self.sensors)
 
     def without_errors(self) -> SensorSuite:
-        """Return the suite without noise, dropouts and biases; lags and delays stay."""
+        """Return the suite without noise, dropouts and biases; lags, delays and steady drifts stay."""
         perfect = {"noise_std": 0.0, "bias": 0.0, "quantum": 0.0, "dropout": 0.0, "bias_walk": 0.0, "drift_std": 0.0}
         sensors = tuple(replace(s, **perfect, drift_time_s=None) for s in self.sensors)  # type: ignore[arg-type]
         return replace(self, sensors=sensors)

@@ -32,6 +32,7 @@ def test_suite(name: str) -> None:
     ("change", "law"),
     [
         ({"bias": 0.01}, "a sensor with errors shows them"),
+        ({"bias_rate": 0.01}, "a sensor with errors shows them"),
         ({"noise_std": 0.01}, "a sensor with errors shows them"),
         ({"quantum": 0.01}, "a sensor with errors shows them"),
         ({"scale": 1.2}, "figures lie near the truth"),
@@ -62,6 +63,7 @@ def test_a_suite_that_breaks_a_law_is_told_which(change: dict[str, float], law: 
         ({"noise_std": 0.03, "drift_std": 0.04, "drift_time_s": 1.0}, 0.3),
         ({"bias_walk": 0.01}, 0.06 * np.sqrt(SECONDS)),
         ({"bias": -0.2}, 0.2),
+        ({"bias_rate": -0.01}, 0.01 * SECONDS),
         ({"quantum": 0.5}, 0.25),
         ({"lag_s": 0.3}, 1.05 * SLOPE * 0.3),
         ({"delay_s": 0.3}, 1.05 * SLOPE * 0.3),

@@ -4,6 +4,7 @@ import math
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from testbench.envs.baselines import as_text, baselines, designed_plan, fly_plan, main, multistep_plan  # noqa: E402
 from testbench.envs.excitation import LEVELS, ExcitationDesign  # noqa: E402
+from testbench.envs.sensing import Display  # noqa: E402
 
 LATERAL = """
 title = "two controls"
@@ -323,3 +325,16 @@ def test_faults_are_named(arguments, error, law):
 def test_reset_takes_no_options(env):
     with pytest.raises(ScenarioError, match="takes no options"):
         env.reset(options={"wind": 3})
+
+
+def test_a_sensor_that_drifts_does_so_from_the_beginning_of_an_episode():
+    task = ExcitationDesign("eolo").task
+    experiment = task.problem.experiment
+    drawn = []
+    for rate in (0.0, 0.02):
+        first, *rest = experiment.sensors
+        changed = replace(experiment, sensors=(replace(first, bias_rate=rate), *rest))
+        there = replace(task, problem=replace(task.problem, experiment=changed))
+        drawn.append(Display(there, 50.0, 200).draw(3).error)
+    np.testing.assert_allclose((drawn[1] - drawn[0])[:, 0], 0.02 * np.arange(200) / 50.0, atol=1e-14)
+    np.testing.assert_array_equal(drawn[0][:, 1:], drawn[1][:, 1:])

@@ -84,6 +84,33 @@ def test_pitot_without_a_pressure_difference_is_refused() -> None:
         measured(KINDS["pitot"](channel="V", static_cp_alpha=4.0), x)
 
 
+def test_static_ports_err_alike_in_sideslip_to_either_side() -> None:
+    x, pitot = moving(), KINDS["pitot"](channel="V", static_cp=-0.02, static_cp_alpha=0.1, static_cp_beta2=0.8)
+    assert set(pitot.needs) == {"V", "alpha", "beta"}
+    expected = x["V"] ** 2 * (1.02 - 0.1 * x["alpha"] - 0.8 * x["beta"] ** 2)
+    np.testing.assert_allclose(measured(pitot, x) ** 2, expected, rtol=1e-13)
+    np.testing.assert_array_equal(measured(pitot, x | {"beta": -x["beta"]}), measured(pitot, x))
+    with pytest.raises(RecordError, match=r"static_cp_beta2 beta\^2 < 1 must hold all through a flight, got 1\.25"):
+        measured(KINDS["pitot"](channel="V", static_cp_beta2=5.0), x | {"beta": np.full(400, 0.5)})
+
+
+def test_a_pitot_on_the_inner_wing_of_a_turn_is_slower_and_one_below_a_pull_up_faster() -> None:
+    level = {n: np.zeros(50) for n in "vwpqr"} | {"u": np.full(50, 16.0), "V": np.full(50, 16.0)}
+    right, below = (KINDS["pitot"](channel="V", position_m=at) for at in ((0.0, 2.0, 0.0), (0.0, 0.0, 0.5)))
+    np.testing.assert_allclose(measured(right, level | {"r": np.full(50, 0.2)}), 16.0 - 0.4, rtol=1e-12)
+    np.testing.assert_allclose(measured(below, level | {"q": np.full(50, 0.4)}), 16.0 + 0.2, rtol=1e-12)
+
+
+def test_a_pitot_shows_the_speed_of_its_place() -> None:
+    x, place = moving(), np.array([0.7, -1.5, 0.2])
+    flow = np.column_stack([x[k] for k in "uvw"]) + np.cross(np.column_stack([x[k] for k in "pqr"]), place)
+    speed = np.linalg.norm(flow, axis=1)
+    at = {"position_m": tuple(place)}
+    np.testing.assert_allclose(measured(KINDS["pitot"](channel="V", **at), x), speed, rtol=1e-13)
+    x["qbar"] = 0.6 * x["V"] ** 2
+    np.testing.assert_allclose(measured(KINDS["pitot"](channel="qbar", **at), x), 0.6 * speed**2, rtol=1e-13)
+
+
 def test_vane_on_a_boom_reads_the_flow_where_it_sits() -> None:
     # the velocity of the vane through the air, (u, v, w) + omega x r, and its angles
     x, place = moving(), np.array([0.7, 0.1, -0.05])
@@ -144,7 +171,13 @@ def test_weights_are_the_derivatives_of_what_is_felt(name: str) -> None:
         "accelerometer": {"channel": "az", "position_m": (0.3, 0.1, -0.2), "cross_axis": (0.02, 0.0, 0.0)},
         "magnetic_heading": {"channel": "psi", "deviation": (0.05, 0.02, 0.01, 0.0)},
         "barometer": {"channel": "h", "static_cp": -0.04},
-        "pitot": {"channel": "V", "static_cp": -0.03, "static_cp_alpha": 0.2},
+        "pitot": {
+            "channel": "V",
+            "static_cp": -0.03,
+            "static_cp_alpha": 0.2,
+            "static_cp_beta2": 0.3,
+            "position_m": (0.3, 0.5, 0.1),
+        },
         "gps": {"channel": "Vg", "rate_hz": 10.0, "delay_s": 0.1},
         "flow_vane": {"channel": "alpha", "position_m": (0.7, 0.0, 0.1), "upwash": 1.05},
         "strain_gauge": {"channel": "strain_wing_3"},
@@ -180,6 +213,7 @@ def test_weights_are_the_derivatives_of_what_is_felt(name: str) -> None:
         ("rate_gyro", {"channel": "q", "cross_axis": (0.0, 0.0, float("nan"))}, "three shares between -1 and 1"),
         ("surface_position", {"channel": "thr", "play": 0.1}, "a throttle has no play"),
         ("pitot", {"channel": "V", "static_cp": 1.0}, "-1 < static_cp < 1 must hold, got 1"),
+        ("pitot", {"channel": "V", "static_cp_beta2": float("inf")}, "static_cp_beta2: a finite number is needed"),
         ("gps", {"channel": "Vg"}, "rate_hz: a receiver has a rate of its own"),
         ("flow_vane", {"channel": "alpha", "upwash": 0.0}, "0 < upwash < 5"),
         ("surface_position", {"channel": "de", "play": -1.0}, "0 <= play_deg"),
@@ -208,6 +242,36 @@ def test_sensors_of_one_recorder_share_its_clock() -> None:
     sensors = (Sensor("q", recorder="a", clock_offset_s=0.1), Sensor("p", recorder="a"))
     with pytest.raises(ScenarioError, match=r"sensor\[1\]\.recorder: the sensors of recorder 'a' must share one clock"):
         SensorSuite("bench", "a suite", RATE_HZ, sensors)
+
+
+def test_a_steady_drift_counts_from_the_first_sample_and_is_neither_scaled_nor_late() -> None:
+    """0.1 deg/s, after 10 s, is 1 deg; a flight whose clock begins later drifts the same."""
+    rate = 0.1 * DEG_RAD
+    drifting = Sensor("q", bias_rate=rate, bias=0.2, scale=1.1, lag_s=0.1, delay_s=0.2)
+    x = moving(2000)
+    off = measured(drifting, x) - measured(replace(drifting, bias_rate=0.0), x)
+    np.testing.assert_allclose(off, rate * RAMP, atol=1e-14)
+    assert off[1000] == pytest.approx(1.0 * DEG_RAD)
+    whole = truth(x)
+    later = replace(whole, t_s=whole.t_s + 50.0)
+    np.testing.assert_allclose(drifting.respond(later), drifting.respond(whole), atol=1e-9)
+
+
+def test_a_slow_sensor_holds_its_drift_between_samples_and_what_is_certain_keeps_it() -> None:
+    sensor = Sensor("q", bias_rate=0.3, rate_hz=10.0, noise_std=0.5, bias=2.0, bias_walk=0.1)
+    suite = SensorSuite("bench", "a suite", RATE_HZ, (sensor,))
+    got = suite.without_errors().measure(truth({"q": np.zeros(2000)}), 3)["q"]
+    np.testing.assert_allclose(got, 0.3 * np.floor(RAMP * 10.0 + 1e-9) / 10.0, atol=1e-12)
+
+
+def test_a_sensor_without_the_later_figures_has_the_text_that_it_had() -> None:
+    """Keys of stored results are made of that text."""
+    pitot = KINDS["pitot"](channel="V", static_cp=-0.03)
+    assert repr(pitot).startswith("Pitot(channel='V', noise_std=0.0, bias=0.0, scale=1.0,")
+    assert repr(pitot).endswith("price_eur=None, mass_g=None, static_cp=-0.03, static_cp_alpha=0.0)")
+    changed = repr(replace(pitot, bias_rate=0.01, static_cp_beta2=2.0))
+    assert "bias_rate=0.01" in changed
+    assert "static_cp_beta2=2.0" in changed
 
 
 # statistics of drift. Over many seeds; each tolerance is 5 standard deviations of its statistic: false alarm 6e-7,
@@ -272,6 +336,7 @@ def test_drift_is_the_documented_recursion_on_the_documented_draws() -> None:
         ({"drift_std": 0.1}, "drift_std and drift_time_s go together"),
         ({"drift_std": 0.1, "drift_time_s": -1.0}, "0 < drift_time_s"),
         ({"bias_walk": -1.0}, "0 <= bias_walk"),
+        ({"bias_rate": float("nan")}, "bias_rate: a finite number is needed"),
         ({"clock_offset_s": 0.1}, "name the recorder"),
         ({"recorder": "a", "clock_ppm": 1e6}, "|clock_ppm| <= 10000"),
         ({"price_eur": -1.0}, "0 <= price_eur"),
@@ -286,7 +351,7 @@ def test_suite_without_errors_shows_what_is_felt() -> None:
     x = moving()
     sensor = KINDS["flow_vane"](
         channel="alpha", position_m=(0.7, 0.0, 0.0), upwash=1.1, noise_std=0.1, bias=1.0, quantum=0.1, dropout=0.2,
-        drift_std=0.1, drift_time_s=5.0, bias_walk=0.1, lag_s=0.05,
+        drift_std=0.1, drift_time_s=5.0, bias_walk=0.1, lag_s=0.05, bias_rate=0.01,
     )  # fmt: skip
     clean = SensorSuite("bench", "a suite", RATE_HZ, (sensor,)).without_errors()
     np.testing.assert_array_equal(clean.measure(truth(x), 0)["alpha"], sensor.respond(truth(x)))

@@ -27,6 +27,7 @@ def test_figures_of_a_kind_are_read_in_their_units(tmp_path: Path) -> None:
     path = write(
         tmp_path,
         'channel = "de"\nunit = "deg"\nkind = "surface_position"\nplay_deg = 0.5\nbias_walk = 0.1\ndrift_std = 0.2\n'
+        "bias_rate = -0.4\n"
         "drift_time_s = 9.0\nprice_eur = 60.0\nmass_g = 25.0",
         'channel = "psi"\nunit = "deg"\nkind = "magnetic_heading"\ndeviation_deg = [1, 2.0, 0.0, -1.0]',
         'channel = "alpha"\nunit = "deg"\nkind = "flow_vane"\nupwash = 1.1\nposition_m = [0.7, 0, 0]\n'
@@ -39,13 +40,29 @@ def test_figures_of_a_kind_are_read_in_their_units(tmp_path: Path) -> None:
     assert [type(s) for s in (de, psi, alpha, q)] == [
         KINDS[k] for k in ("surface_position", "magnetic_heading", "flow_vane", "rate_gyro")
     ]
-    found = [de.play, de.bias_walk, de.drift_std]  # type: ignore[attr-defined]
-    np.testing.assert_allclose(found, np.array([0.5, 0.1, 0.2]) * DEG_RAD, rtol=1e-14)
+    found = [de.play, de.bias_walk, de.drift_std, de.bias_rate]  # type: ignore[attr-defined]
+    np.testing.assert_allclose(found, np.array([0.5, 0.1, 0.2, -0.4]) * DEG_RAD, rtol=1e-14)
     assert (de.drift_time_s, de.price_eur, de.mass_g) == (9.0, 60.0, 25.0)
     np.testing.assert_allclose(psi.deviation, np.array([1, 2, 0, -1]) * DEG_RAD, rtol=1e-14)  # type: ignore[attr-defined]
     assert (alpha.clock_offset_s, alpha.clock_ppm, alpha.recorder) == (0.02, 30.0, "boom")
     assert q.lag_s == pytest.approx(1.0 / (2.0 * np.pi * 20.0))
     assert motor.quantum == pytest.approx(2.0 * np.pi)
+
+
+def test_a_drift_and_the_place_of_a_pitot_survive_their_own_text(tmp_path: Path) -> None:
+    path = write(
+        tmp_path,
+        'channel = "V"\nunit = "m/s"\nkind = "pitot"\nstatic_cp_beta2 = 0.7\nposition_m = [0.2, -1.5, 0.0]\n'
+        "bias_rate = 0.02",
+        head=HEAD,
+    )
+    suite = load_suite(path)
+    again = tmp_path / "again.toml"
+    again.write_text(suite_toml(suite), encoding="utf-8")
+    assert load_suite(again).sensors == suite.sensors
+    V = suite.sensors[0]
+    assert (V.bias_rate, V.position_m) == (0.02, (0.2, -1.5, 0.0))
+    assert V.static_cp_beta2 == 0.7  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("name", suite_names())

@@ -329,7 +329,8 @@ def _doubts(result: CompareResult) -> list[str]:
             f"information takes the model as linear over its errors; for some quantities through {_listed(vague)} it "
             "is not, and information gives their order of magnitude only"
         )
-    drifting = sorted({s.channel for x in result.suites for s in x.sensors if s.drift_std > 0.0 or s.bias_walk > 0.0})
+    drifts = (s for x in result.suites for s in x.sensors if s.drift_std > 0.0 or s.bias_walk > 0.0 or s.bias_rate)
+    drifting = sorted({s.channel for s in drifts})
     if drifting:
         out.append(f"information takes noise as white: its figures leave out the drift of {_listed(drifting)}")
     return out

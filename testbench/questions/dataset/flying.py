@@ -128,6 +128,7 @@ def _prepared(scenario: DatasetScenario, drawn: Draw) -> _Ready:
             noise_std=f * s.noise_std,
             bias=f * s.bias,
             bias_walk=f * s.bias_walk,
+            bias_rate=f * s.bias_rate,
             drift_std=f * s.drift_std,
             drift_time_s=s.drift_time_s if f * s.drift_std else None,
             quantum=f * s.quantum,

@@ -187,7 +187,7 @@ def _driven(suite: SensorSuite, record: FlightRecord, control: str) -> FlightRec
     noise = CRITERIA.faintest_rad
     if sensor is not None:
         noise = max(suite.noise_std[control] / abs(sensor.scale), CRITERIA.faintest_rad)
-        surface = (surface - sensor.bias) / sensor.scale
+        surface = (surface - sensor.bias - sensor.drifted(record.t_s)) / sensor.scale
         late = sensor.lag_s + sensor.delay_s  # a lag is a delay to what is much slower than it
         surface = np.interp(record.t_s + late, record.t_s, surface)
     if not stirs(surface, noise, record.dt_s).any():

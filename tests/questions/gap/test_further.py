@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from axes import believe, commands
 
+from testbench.core.record import FlightRecord
 from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.effects import EFFECTS, OTHER_SERVOS, Effect
 from testbench.questions.gap.effects.base import together
@@ -39,6 +41,9 @@ def follows(*controls: str) -> FirstLook:
         (naming("named", together(LAG, DELAY)), NOTHING, "dr"),  # two of one path are a form of a third
         (naming("unexplained", EFFECTS["mass_error"]), follows("thr", "da", "dr"), "da"),  # the surest with a surface
         (naming("unexplained"), follows("dr"), "dr"),
+        (naming("unexplained"), follows("thr"), "thr"),
+        (naming("unexplained", EFFECTS["thrust_lag"]), NOTHING, "thr"),
+        (naming("named", EFFECTS["thrust_lag"]), NOTHING, ""),
         (naming("named", LAG), follows("dr"), ""),  # what is named by itself needs no other
         (naming("named", together(LAG, EFFECTS["aileron_lag"])), NOTHING, ""),
         (naming("no gap"), follows("da"), ""),
@@ -65,6 +70,25 @@ def test_a_servo_of_second_order_is_named_where_its_lag_points_to_its_path():
     assert rest is None
     assert stages[0] == "seek further effects of the rudder's path"
     assert not any("aileron" in s for s in stages)
+
+
+def test_play_of_a_throttle_is_named_where_what_comes_nearest_is_of_the_thrust():
+    believed = believe()
+    truth = believed.with_effect(OTHER_SERVOS["throttle_free_play"], {"width": 0.1})
+    t = np.arange(600) / 50.0
+    thr = 0.25 * ((t > 1.0) & (t < 3.0)) - 0.08 * ((t > 4.0) & (t < 6.0)) + 0.05 * ((t > 7.0) & (t < 9.0))
+    data = np.column_stack([np.zeros((600, 3)), thr])
+    flown = FlightRecord(t_s=t, channels=("de_cmd", "da_cmd", "dr_cmd", "thr_cmd"), data=data, kind="measured")
+    records = recorded(truth, (flown, commands()[2]))
+    few = {n: EFFECTS[n] for n in ("thrust_lag", "thrust_scale")}
+    said = name_effect(believed, records, effects=few)
+    assert said.outcome == "unexplained"
+    stages: list[str] = []
+    more = {n: OTHER_SERVOS[n] for n in ("throttle_free_play", "throttle_rate_limit", "rudder_free_play")}
+    found, _ = named_in_path(said, None, NOTHING, believed, records, (), few, more, stages.append)
+    assert found.names == ("throttle_free_play",)
+    assert found.best.values["width"] == pytest.approx(0.1, rel=0.03)
+    assert stages[0] == "seek further effects of the throttle's path"
 
 
 def test_what_further_effects_do_not_explain_stays_as_it_was():

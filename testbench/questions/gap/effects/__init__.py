@@ -58,7 +58,7 @@ from testbench.questions.gap.effects import (
     yaw_damper,
 )
 from testbench.questions.gap.effects.base import Effect, Parameter
-from testbench.questions.gap.effects.sensor import sensor_effects
+from testbench.questions.gap.effects.sensor import has_pitot, sensor_effects
 from testbench.questions.gap.effects.servos import SERVOS
 from testbench.sensors import SensorSuite
 
@@ -120,10 +120,10 @@ _OF_AIRCRAFT |= {e.name: e for e in _NEW if e.name not in _BY_NAME_ONLY}
 OTHER_SERVOS: dict[str, Effect] = {e.name: e for e in SERVOS.values() if e.name not in _OF_AIRCRAFT}
 """Servo effects that are searched only where the search points to the path of their control (further.py), or by name.
 
-In the library they would be a dozen further things that a record of aileron and rudder may be mistaken for, each of
+In the library they would be two dozen further things that a record of these controls may be mistaken for, each of
 which costs a search, while most records hold no input that tells one servo effect from another of its kind. Lag, delay,
-gain and rate limit of aileron and rudder are in the library. Those of elevator and throttle come by name alone
-(``more_effects``).
+gain and rate limit of aileron and rudder are in the library, and so are lags and gain of the thrust. Those of the
+elevator come by name alone (``more_effects``).
 """
 
 ON_REQUEST: dict[str, Effect] = OTHER_SERVOS | {e.name: e for e in _NEW if e.name in _BY_NAME_ONLY}
@@ -134,7 +134,7 @@ moment: in the library they would be two more things that every longitudinal rec
 """
 
 # The sensor errors listed here are those of the longitudinal channels; `library` makes those of any suite.
-EFFECTS: dict[str, Effect] = _OF_AIRCRAFT | sensor_effects(("V", "alpha", "q", "theta", "az"))
+EFFECTS: dict[str, Effect] = _OF_AIRCRAFT | sensor_effects(("V", "alpha", "q", "theta", "az"), pitot=True)
 
 
 def library(suite: SensorSuite, aircraft: Aircraft | None = None) -> dict[str, Effect]:
@@ -142,7 +142,7 @@ def library(suite: SensorSuite, aircraft: Aircraft | None = None) -> dict[str, E
 
     Those that ``aircraft`` cannot have, if it is given, are left out: a glider has no thrust that may lag.
     """
-    known = _OF_AIRCRAFT | sensor_effects(suite.outputs)
+    known = _OF_AIRCRAFT | sensor_effects(suite.outputs, has_pitot(suite))
     without = {} if aircraft is None else left_out(known, aircraft, suite)
     return {n: e for n, e in known.items() if n not in without}
 

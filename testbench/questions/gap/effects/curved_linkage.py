@@ -19,8 +19,9 @@ _LEAST = 0.1  # of what is under the root: a ratio that grows is followed no far
 
 
 def amend(control: str, aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
-    """Turn the surface by scale x / sqrt(1 + 2 loss x^2), x what the servo is told as a deviation from trim."""
-    scale, loss = values["scale"], values["loss_per_rad2"]
+    """Turn the surface by scale x / sqrt(1 + 2 loss x^2), x what the servo, or the engine, is told as a deviation from
+    trim."""
+    scale, loss = values["scale"], values[_loss_of(control).name]
     aircraft, path = opened(aircraft, control)
 
     def bent(x: str) -> str:
@@ -28,7 +29,8 @@ def amend(control: str, aircraft: Aircraft, suite: SensorSuite, values: Values) 
         return f"<quotient> {product(value(scale), x)} <pow> {under} {value(0.5)} </pow> </quotient>"
 
     edit = about_trim(path, labelled(control, "curved"), bent)
-    text = f"{path.word} turns {scale:.4g} times the command near trim, and loses {loss:.3g} rad^-2 of its square"
+    of = "" if control == "thr" else " rad^-2"
+    text = f"{path.word} turns {scale:.4g} times the command near trim, and loses {loss:.3g}{of} of its square"
     return aircraft.amended(Amendment(named(control, "curved_linkage"), text, (edit,))), suite
 
 
@@ -37,27 +39,41 @@ def shape(
 ) -> FloatArray:
     """Return the commands ``u`` (n, m), deviations from trim, with one of them as the linkage hands it on."""
 
+    loss = values[_loss_of(control).name]
+
     def bent(x: FloatArray) -> FloatArray:
-        return values["scale"] * x / np.sqrt(np.maximum(1.0 + 2.0 * values["loss_per_rad2"] * x**2, _LEAST))
+        return values["scale"] * x / np.sqrt(np.maximum(1.0 + 2.0 * loss * x**2, _LEAST))
 
     return handed_on(control, names, u, bent)
+
+
+def _loss_of(control: str) -> Parameter:
+    """Return what large deflections lose: of surfaces per rad^2, of the throttle per square of full throttle."""
+    if control == "thr":
+        return Parameter("loss", "1", -4.0, 40.0, (1.0,), none=0.0)
+    return Parameter("loss_per_rad2", "1/rad^2", -4.0, 40.0, (3.0,), none=0.0)
 
 
 def effect(control: str) -> Effect:
     """Return the effect for a control."""
     word = WORDS[control]
+    physics = (
+        f"A rod on a horn pulls less the farther the horn has turned, and air that separates at the hinge makes "
+        f"large deflections of the {word} worth less. A deflection x from trim is worth scale x / sqrt(1 + 2 loss x^2)."
+    )
+    if control == "thr":
+        physics = (
+            "Thrust over throttle is no straight line: a carburettor or a speed controller gives most of it over a "
+            "part of the way. A deviation x from the trimmed throttle is worth scale x / sqrt(1 + 2 loss x^2)."
+        )
     return Effect(
         name=named(control, "curved_linkage"),
         title=f"{word} linkage, or effectiveness, that changes with the deflection",
         place=PLACES[control],
-        physics=(
-            f"A rod on a horn pulls less the farther the horn has turned, and air that separates at the hinge makes "
-            f"large deflections of the {word} worth less. A deflection x from trim is worth scale x / sqrt(1 + 2 loss "
-            "x^2)."
-        ),
+        physics=physics,
         parameters=(
             Parameter("scale", "1", 0.0, 3.0, (0.8, 1.25), none=1.0),
-            Parameter("loss_per_rad2", "1/rad^2", -4.0, 40.0, (3.0,), none=0.0),
+            _loss_of(control),
         ),
         amend=partial(amend, control),
         mistaken_for="a scale of the deflection where all inputs are of one size; a rate limit where they differ",
@@ -65,7 +81,7 @@ def effect(control: str) -> Effect:
         shape=partial(shape, control),
         flown=True,
         lateral=control in ("da", "dr"),
-        contains=(named(control, "surface_scale"),),
+        contains=("thrust_scale" if control == "thr" else named(control, "surface_scale"),),
         upstream=GEARING,
     )
 

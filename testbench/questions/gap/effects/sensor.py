@@ -1,4 +1,4 @@
-"""Errors of a sensor: bias, scale, lag, delay, place and leaning, one effect per kind of error and channel."""
+"""Errors of a sensor: bias, drift, scale, lag, delay, place and leaning, one effect per kind of error and channel."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from testbench.sensors import Sensor, SensorSuite
 from testbench.sensors.kinds.pitot import Pitot
 from testbench.sensors.triad import Triad
 
-# Bias bounds and starts are for angles and rates in rad and rad/s and for speeds and accelerations in SI alike.
+# Bounds and starts of a bias are for angles and rates in rad and rad/s and for speeds and accelerations in SI alike.
 _KINDS = {
     "bias": (
         "bias",
@@ -21,6 +21,16 @@ _KINDS = {
         "The sensor reads a constant too much or too little. All other channels agree with the model.",
         "an error of the trim; it does not show where every channel is compared about its own mean",
         "a static check on the ground, or a kinematic compatibility check of the channels among each other",
+    ),
+    "drift": (
+        "steady drift",
+        Parameter("drift_per_s", "SI", -5.0, 5.0, (0.002, -0.002), none=0.0),
+        "Electronics that warm up, or a port that ices or fills with water, let the reading run away in proportion to "
+        "time. It agrees with the model but for a straight line, which counts from the first sample of each record.",
+        "a motion far slower than the record, such as an error of drag or thrust in an airspeed or a lean to one side "
+        "in a gyro; a bias that walks at random",
+        "minutes on the ground, where the true reading stands still; a record of twice the length, and other channels, "
+        "which no drift of this one moves",
     ),
     "scale": (
         "scale error",
@@ -68,7 +78,33 @@ _KINDS = {
 # The axis whose quantity leaks into an inertial sensor that leans: of the two others the one that moves more.
 _LEANS_TO = {"ax": "az", "ay": "az", "az": "ax", "p": "r", "q": "r", "r": "p"}
 # kind of error -> the channels that the motion shows it in
-_SHOWN = {"position": ("ay", "az", "alpha", "beta"), "cross": (*_LEANS_TO, "V")}
+_SHOWN = {"position": ("ay", "az", "alpha", "beta"), "cross": (*_LEANS_TO, "V"), "drift": ("p", "q", "r", "V")}
+# Errors of a pitot tube in lateral motion, in the same order; other instruments of airspeed do not have them.
+_OF_PITOT = {
+    "sideslip": (
+        "error in sideslip",
+        Parameter("cp_beta2", "1/rad^2", -3.0, 3.0, (0.5, -0.5), none=0.0),
+        "The flow across the fuselage lowers or raises the pressure at the static ports, to either side alike. "
+        "The airspeed is off by half this multiple of the square of the sideslip.",
+        "an error of the drag in sideslip, where no other channel shows that the aircraft slows down",
+        "steady sideslips to both sides at one speed by GPS; a trailing cone or another static port",
+    ),
+    "position": (
+        "place further to the right than believed",
+        Parameter("right_m", "m", -20.0, 20.0, (0.3, -0.3), none=0.0),
+        "The tube sits beside the centre of gravity, on a wing or at its tip. "
+        "In a turn it moves slower on the inner wing and faster on the outer one, by the yaw rate times its distance.",
+        "a share of the yaw rate, or of the sideslip that goes with it, in the airspeed; asymmetric thrust or drag",
+        "a tape measure; turns to both sides, whose errors are opposite",
+    ),
+}
+_DRIFTS = {"V": (0.05, -0.05)}  # starts, where those of the rates are far from what is met
+# Where the check of the sensor does not show the error
+_GROUND = {
+    "drift": "let the sensor run at rest, from a cold start, for as long as a record lasts: a drift shows",
+    "sideslip": "look whether the static ports on both sides are clean, open and joined; blow at them from the side",
+    "position": "measure how far beside the middle of the aircraft the tube sits",
+}
 _LATERAL = ("ay", "p", "q", "r")  # what leaks into these, or what they are, moves with aileron and rudder only
 
 
@@ -79,6 +115,8 @@ def amend(name: str, kind: str, aircraft: Aircraft, suite: SensorSuite, values: 
         if s.channel == name:
             if kind == "bias":
                 s = replace(s, bias=s.bias + values["bias"])
+            elif kind == "drift":
+                s = replace(s, bias_rate=s.bias_rate + values["drift_per_s"])
             elif kind == "scale":
                 s = replace(s, scale=s.scale * values["scale"])
             elif kind == "lag":
@@ -106,24 +144,70 @@ def _leaning(sensor: Sensor, share: float) -> Sensor:
     return sensor
 
 
-def sensor_effects(channels: Iterable[str]) -> dict[str, Effect]:
-    """Return the errors of the sensors of ``channels``, by name (alpha_scale, q_lag, ...); a heading has no scale."""
+def amend_pitot(
+    name: str, kind: str, aircraft: Aircraft, suite: SensorSuite, values: Values
+) -> tuple[Aircraft, SensorSuite]:
+    """Add the error to what is believed of the pitot tube; a suite without one stays as it is."""
+
+    def changed(s: Pitot) -> Pitot:
+        if kind == "sideslip":
+            return replace(s, static_cp_beta2=s.static_cp_beta2 + values["cp_beta2"])
+        ahead, right, down = s.position_m
+        return replace(s, position_m=(ahead, right + values["right_m"], down))
+
+    sensors = (changed(s) if s.channel == name and isinstance(s, Pitot) else s for s in suite.sensors)
+    return aircraft, replace(suite, sensors=tuple(sensors))
+
+
+def sensor_effects(channels: Iterable[str], pitot: bool = False) -> dict[str, Effect]:
+    """Return the errors of the sensors of ``channels``, by name (alpha_scale, q_lag, ...); a heading has no scale.
+
+    With ``pitot``, those of an airspeed that a pitot tube reads are among them.
+    """
     out = {}
     for name in channels:
         for kind, (words, parameter, physics, mistaken_for, separated_by) in _KINDS.items():
             if (name, kind) == ("psi", "scale") or name not in _SHOWN.get(kind, (name,)):
                 continue
-            unit = channel(name).unit if kind == "bias" else parameter.unit
+            unit = {"bias": channel(name).unit, "drift": _per_second(name)}.get(kind, parameter.unit)
+            starts = _DRIFTS.get(name, parameter.starts) if kind == "drift" else parameter.starts
             out[f"{name}_{kind}"] = Effect(
                 name=f"{name}_{kind}",
                 title=f"{words} of the {name} sensor",
                 place=f"{name} sensor",
                 physics=physics,
-                parameters=(replace(parameter, unit=unit),),
+                parameters=(replace(parameter, unit=unit, starts=starts),),
                 amend=partial(amend, name, kind),
                 lateral=kind == "cross" and name in _LATERAL,
+                ground_check=_GROUND["drift"] if kind == "drift" else "",
                 mistaken_for=mistaken_for,
                 separated_by=separated_by,
                 flown=True,  # flights do not depend on sensors: those of the model without the error are read again
             )
+        for kind, (words, parameter, physics, mistaken_for, separated_by) in _OF_PITOT.items():
+            if pitot and name == "V":
+                out[f"{name}_{kind}"] = Effect(
+                    name=f"{name}_{kind}",
+                    title=f"{words} of the {name} sensor",
+                    place=f"{name} sensor",
+                    physics=physics,
+                    parameters=(parameter,),
+                    amend=partial(amend_pitot, name, kind),
+                    lateral=True,
+                    ground_check=_GROUND[kind],
+                    mistaken_for=mistaken_for,
+                    separated_by=separated_by,
+                    flown=True,
+                )
     return out
+
+
+def has_pitot(suite: SensorSuite) -> bool:
+    """Return whether a pitot tube reads the airspeed."""
+    return any(s.channel == "V" and isinstance(s, Pitot) for s in suite.sensors)
+
+
+def _per_second(name: str) -> str:
+    """Return the unit of how fast a channel drifts."""
+    unit = channel(name).unit
+    return f"{unit}2" if unit.endswith("/s") else f"{unit}/s"

@@ -18,6 +18,10 @@ from testbench.questions.gap.effects import (
     second_order_thrust_lag,
     surface_offset,
     surface_scale,
+    throttle_asymmetric_rate_limit,
+    throttle_dead_band,
+    throttle_free_play,
+    throttle_rate_limit,
     thrust_lag,
     thrust_scale,
     transport_delay,
@@ -39,14 +43,19 @@ _KINDS: dict[str, tuple[Callable[[str], Effect], Sequence[str]]] = {
     "gain": (surface_scale.effect, _SURFACES),
     "offset": (surface_offset.effect, _SURFACES),
     "one-sided linkage": (one_sided_linkage.effect, CONTROLS),
-    "curved linkage": (curved_linkage.effect, _SURFACES),
+    "curved linkage": (curved_linkage.effect, CONTROLS),
 }
 _OF_THRUST = {
     "lag": thrust_lag.EFFECT,
     "second order": second_order_thrust_lag.EFFECT,
     "gain": thrust_scale.EFFECT,
+    "rate limit": throttle_rate_limit.EFFECT,
+    "rate limit, another one each way": throttle_asymmetric_rate_limit.EFFECT,
+    "free play": throttle_free_play.EFFECT,
+    "dead band": throttle_dead_band.EFFECT,
 }
 SERVOS: Mapping[tuple[str, str], Effect] = {
     (kind, control): make(control) for kind, (make, controls) in _KINDS.items() for control in controls
 } | {(kind, "thr"): effect for kind, effect in _OF_THRUST.items()}
-"""(kind, control) -> effect. The throttle has no surface: its lags and gain are those of the thrust."""
+"""(kind, control) -> effect. The throttle has no servo and no surface: what surfaces have there acts on its command,
+and its lags and gain are those of the thrust."""

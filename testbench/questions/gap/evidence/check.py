@@ -165,12 +165,12 @@ def _shown(believed: Believed, records: Sequence[FlightRecord]) -> dict[str, flo
 
 
 def _corrected(believed: Believed, record: FlightRecord) -> FlightRecord:
-    """Return the record less the biases and scales that are believed of its sensors."""
+    """Return the record less the biases, steady drifts and scales that are believed of its sensors."""
     return record.with_columns(
         {
-            s.channel: (record[s.channel] - s.bias) / s.scale
+            s.channel: (record[s.channel] - s.bias - s.drifted(record.t_s)) / s.scale
             for s in believed.suite.sensors
-            if s.channel in record and (s.bias, s.scale) != (0.0, 1.0)
+            if s.channel in record and (s.bias, s.bias_rate, s.scale) != (0.0, 0.0, 1.0)
         }
     )
 

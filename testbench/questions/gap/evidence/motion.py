@@ -128,7 +128,7 @@ def _copied(record: FlightRecord, control: str, u: FloatArray, copies: int, numb
 
 def _alters(sensor: Sensor) -> bool:
     """Return whether more than bias and scale is certain of a sensor."""
-    plain = sensor.lag_s == 0.0 and sensor.delay_s == 0.0 and not any(sensor.position_m)
+    plain = not sensor.bias_rate and sensor.lag_s == 0.0 and sensor.delay_s == 0.0 and not any(sensor.position_m)
     return not plain or sensor.needs != (sensor.channel,) or bool(sensor.clock_offset_s)
 
 
@@ -142,6 +142,9 @@ def _altered(
     """Return by how much a sensor reads more than what it measures, (versions, n), in that motion."""
     true = {**state, **{n: raw[n] for n in _FORCES if n in raw}}
     true |= {n: rotation[..., i] for i, n in enumerate(("pdot", "qdot", "rdot"))}
+    if sensor.channel == "V" and any(sensor.position_m):  # a tube on a wing tip feels the motion of its place
+        V, alpha, beta = (state[n] for n in ("V", "alpha", "beta"))
+        true |= {"u": V * np.cos(alpha) * np.cos(beta), "v": V * np.sin(beta), "w": V * np.sin(alpha) * np.cos(beta)}
     known = [n for n in sensor.needs if n in true]
     if len(known) < len(sensor.needs):
         return np.zeros_like(state["V"])

@@ -1,0 +1,107 @@
+"""Errors of sensors that grow with time, sideslip and place: read as formulas say, and found again at their size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from axes import believe, commands
+
+from testbench.core.constants import DEG_RAD
+from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS
+from testbench.questions.gap.effects import EFFECTS, library
+from testbench.questions.gap.effects.contract import recorded
+from testbench.questions.gap.evidence.check import _corrected
+from testbench.questions.gap.evidence.motion import motion_of
+from testbench.questions.gap.search.fit import fit
+from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.screening import screen
+from testbench.sensors import Sensor, load_suite
+
+TRUE = {
+    "p_drift": {"drift_per_s": 0.1 * DEG_RAD},
+    "q_drift": {"drift_per_s": -0.05 * DEG_RAD},
+    "r_drift": {"drift_per_s": 0.03 * DEG_RAD},
+    "V_drift": {"drift_per_s": -0.08},
+    "V_sideslip": {"cp_beta2": 1.2},
+    "V_position": {"right_m": -1.5},
+}
+OF_PITOT = {"V_sideslip", "V_position"}
+
+
+@pytest.mark.parametrize("name", TRUE)
+def test_an_error_is_found_again_at_its_size_in_data_that_it_made(name):
+    b = believe()
+    effect = library(b.suite)[name]
+    records = recorded(b.with_effect(effect, TRUE[name]), commands())
+    start = Hypothesis.at(b, b, records, np.ones(len(PRIORS) + len(LATERAL_PRIORS)))
+    found = fit(screen(start, effect), start.chi2, 0.0, 1)
+    assert found is not None
+    assert found.chi2 < max(0.001 * start.chi2, 1.0)
+    for parameter, value in TRUE[name].items():
+        assert found.values[parameter] == pytest.approx(value, rel=0.02)
+
+
+def test_a_gyro_that_drifts_reads_a_straight_line_more():
+    b, record = believe(), commands()[1]
+    off = b.with_effect(library(b.suite)["p_drift"], TRUE["p_drift"]).predict(record) - b.predict(record)
+    p = b.outputs.index("p")
+    np.testing.assert_allclose(off[:, p], 0.1 * DEG_RAD * record.t_s, atol=1e-12)
+    assert not np.any(np.delete(off, p, axis=1))
+
+
+def test_a_pitot_beside_the_fuselage_reads_its_distance_times_the_yaw_rate_less():
+    b, record = believe(), commands()[0]
+    prompt = tuple(replace(s, lag_s=0.0, delay_s=0.0) for s in b.suite.sensors)
+    b = replace(b, suite=replace(b.suite, sensors=prompt))
+    effects, V = library(b.suite), b.outputs.index("V")
+    flown = b.flown(record, ("p", "r", "alpha", "beta"))
+    p, r, alpha, beta = flown.columns(("p", "r", "alpha", "beta")).T
+    beside = b.with_effect(effects["V_position"], {"right_m": 2.0}).predict(record) - b.predict(record)
+    assert np.ptp(r) > 0.1
+    formula = 2.0 * (p * np.sin(alpha) - r * np.cos(alpha)) * np.cos(beta)
+    np.testing.assert_allclose(beside[:, V], formula, atol=0.02 * np.ptp(2.0 * r))
+    slips = b.with_effect(effects["V_sideslip"], {"cp_beta2": 1.0}).predict(record)[:, V] / b.predict(record)[:, V]
+    np.testing.assert_allclose(slips**2, 1.0 - beta**2, atol=1e-9)
+
+
+def test_drift_is_sought_in_gyros_and_airspeed_and_a_pitots_errors_where_a_pitot_is():
+    b = believe()
+    assert {n for n in library(b.suite) if n.endswith("_drift")} == {"p_drift", "q_drift", "r_drift", "V_drift"}
+    assert set(library(b.suite)) >= OF_PITOT
+    assert all(EFFECTS[n].lateral for n in OF_PITOT)
+    sensors = tuple(Sensor("V", noise_std=0.2) if s.channel == "V" else s for s in b.suite.sensors)
+    assert not OF_PITOT & set(library(replace(b.suite, sensors=sensors)))
+    assert set(EFFECTS["V_drift"].parameters[0].unit) == set("m/s2")
+
+
+@pytest.mark.parametrize(("name", "left"), [("q_drift", 0.02), ("V_drift", 0.02), ("V_position", 0.15)])
+def test_forces_and_moments_are_told_of_the_motion_without_the_error_that_is_believed(name, left):
+    """What a sensor is known to read wrongly is no acceleration of the aircraft.
+
+    The yaw rate that a tube on a wing feels is the smoothed one of the record.
+    """
+    b, effect = believe(), library(believe().suite)[name]
+    known = b.with_effect(effect, TRUE[name])
+    plain, err = (motion_of(x, recorded(x, commands()[:1])[0], 0) for x in (b, known))
+    taken = motion_of(b, recorded(known, commands()[:1])[0], 0)
+    channel = name[0]
+    away = np.max(np.abs(taken.state[channel] - plain.state[channel]))
+    assert away > 0.0
+    assert np.max(np.abs(err.state[channel] - plain.state[channel])) < left * away
+
+
+def test_no_suite_without_these_errors_reads_another_channel():
+    for s in load_suite("eolo_full").sensors:
+        assert not s.bias_rate
+        assert s.channel != "V" or set(s.needs) == {"V", "alpha"}
+
+
+def test_kinematics_see_the_record_without_the_drift_that_is_believed():
+    b = believe()
+    known = b.with_effect(library(b.suite)["r_drift"], TRUE["r_drift"])
+    plain, drifting = (recorded(x, commands()[:1])[0] for x in (b, known))
+    away = drifting["r"] - plain["r"]
+    np.testing.assert_allclose(away, 0.03 * DEG_RAD * plain.t_s, atol=1e-12)
+    np.testing.assert_allclose(_corrected(known, drifting)["r"], _corrected(b, plain)["r"], atol=1e-12)
