@@ -59,6 +59,8 @@ class Criteria:
             chi-square, and more than ``remaining_share``. Calibrated, seed 20261208.
         remaining_share: share of its gain that an effect may leave above the noise; a relative of the true effect, or
             one of two effects, leaves more. Calibrated, seed 20261208.
+        structured: share of its gain that an effect may leave above the noise in one band of one channel. A relative of
+            the true effect that explains little leaves more, where all of chi-square would not show it. Judged.
         gust_after_s: time by which the answer to a command outlasts it, about a short period. Judged.
         gust_rings_s: time by which the answer to a gust outlasts it. Judged.
         gust_proven: share of its gain that a gust beside a command may leave; other pulses leave more. Calibrated, seed
@@ -118,6 +120,7 @@ class Criteria:
     many: int = 4
     remainder: float = 10.0
     remaining_share: float = 2e-3
+    structured: float = 0.25
     gust_after_s: float = 1.0
     gust_rings_s: float = 2.0
     gust_proven: float = 0.02

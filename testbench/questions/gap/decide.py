@@ -23,6 +23,7 @@ from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.evidence.commanded import MOVED, commands
 from testbench.questions.gap.evidence.gusts import record_key
+from testbench.questions.gap.evidence.locate import left_by
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.screening import SMALL, screen_all
@@ -337,6 +338,17 @@ def doubted(naming: Naming, believed: Believed, records: Sequence[FlightRecord])
             outcome = "set" if len(names) > 1 else "named" if names else "unexplained"
             return replace(naming, outcome=outcome, names=names, sentence=sentence)
     return naming
+
+
+def without_structure(naming: Naming, believed: Believed, records: Sequence[FlightRecord]) -> Naming:
+    """Return ``naming`` without a name that leaves much of what it explains in one band of one channel."""
+    best = naming.best
+    if best is None or best.scatter_s:  # scattered commands leave what no model has
+        return naming
+    left = left_by(best.added_to(believed), records)
+    if left is None or left.excess <= CRITERIA.structured * max(best.in_motion, best.work):
+        return naming
+    return replace(naming, outcome="unexplained", names=(), sentence=tell.leaves_structure(best, left))
 
 
 def _commanded(record: FlightRecord, gust: Gust) -> bool:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from testbench.questions.gap.believed import deviations_of
+from testbench.questions.gap.evidence.locate import Structure
 from testbench.questions.gap.search.fit import EffectFit
 
 
@@ -58,6 +59,16 @@ def leaves_far_more(best: EffectFit, left: float) -> str:
         f"unexplained: {best.effect.title} comes nearest, but chi-square exceeds the noise by "
         f"{best.gain + left:.0f}, and this effect leaves {left:.0f} of that: the true effect is a relative of it, or "
         "another effect acts beside it"
+    )
+
+
+def leaves_structure(best: EffectFit, left: Structure) -> str:
+    """The best effect leaves more in one band of one channel than its form may."""
+    low, high = left.band_Hz
+    return (
+        f"unexplained: {best.effect.title} ({best.size}) comes nearest and lowers chi-square by {best.gain:.0f}, but "
+        f"leaves {left.excess:.0f} above the noise in {left.channel} between {low:g} and {high:g} Hz alone: the true "
+        "effect is a relative of it, or another effect acts beside it"
     )
 
 

@@ -34,11 +34,10 @@ from testbench.questions.gap.evidence.forces import equation_errors
 from testbench.questions.gap.evidence.held_out import differences
 from testbench.questions.gap.evidence.locate import (
     ResidualMap,
-    Structure,
     largest_errors,
+    left_by,
     locate,
     locate_regions,
-    structure,
 )
 from testbench.questions.gap.evidence.smoothed import smoothed
 from testbench.questions.gap.flights import flights
@@ -188,7 +187,7 @@ def find_gap(
     shrink = tuple(_shrink(believed, amended, name, record) for name, record in held_out.items())
     errors = largest_errors(believed, [*naming_records, *held_out.values()])
     named = naming.best is not None and not naming.best.scatter_s  # scattered commands leave what no model has
-    uneven = _left(amended, naming_records) if named else None
+    uneven = left_by(amended, naming_records) if named else None
     return GapFinding(
         believed=believed,
         amended=amended,
@@ -355,14 +354,6 @@ def in_measured_air(believed: Believed, records: Sequence[FlightRecord], air: Ai
 def _retuned(believed: Believed, flown_in: Believed, records: Sequence[FlightRecord]) -> Believed:
     """Return the believed model with the coefficients that suit the records best in the air of ``flown_in``."""
     return believed.with_nuisances(retune(Hypothesis.at(flown_in, flown_in, tuple(records))).by_name)
-
-
-def _left(amended: Believed, records: Sequence[FlightRecord]) -> Structure | None:
-    """Return where the amended model's residuals are not white; None in moving air, whose model is not exact."""
-    if amended.whiten is not None:
-        return None
-    residuals, taken = zip(*((amended.residuals(r), amended.taken(r)) for r in records), strict=True)
-    return structure(residuals, amended.outputs, records[0].dt_s, CRITERIA.false_alarm, taken)
 
 
 def _map(believed: Believed, name: str, record: FlightRecord) -> ResidualMap:

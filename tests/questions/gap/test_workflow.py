@@ -24,7 +24,7 @@ from testbench.questions.gap.believed import PRIORS, Believed
 from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.effects import EFFECTS, library
 from testbench.questions.gap.evidence.commanded import quiet_samples
-from testbench.questions.gap.evidence.locate import locate, structure
+from testbench.questions.gap.evidence.locate import left_by, locate, structure
 from testbench.questions.gap.hidden.kinds import Nothing, measure_hidden
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.scenario import GapScenario
@@ -174,10 +174,10 @@ def test_the_structure_of_residuals_is_where_the_tone_is_in_whichever_manoeuvre(
 def test_what_a_model_leaves_is_looked_at_in_still_air_only(case):
     """The truth leaves noise (false alarm 1e-3, the seed is fixed), a wrong damping leaves structure."""
     believed, record = case
-    assert workflow._left(believed, (record,)) is None
+    assert left_by(believed, (record,)) is None
     wrong = believed.with_nuisances({"Cm_q": 1.3})
-    assert workflow._left(wrong, (record,)) is not None
-    assert workflow._left(replace(wrong, whiten=lambda r, e: e), (record,)) is None
+    assert left_by(wrong, (record,)) is not None
+    assert left_by(replace(wrong, whiten=lambda r, e: e), (record,)) is None
 
 
 def test_a_record_without_quiet_flight_or_command_is_refused(case):

@@ -14,6 +14,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.page.labels import number
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.commanded import moves_laterally
 
 BANDS_HZ = ((0.0, 0.5), (0.5, 1.5), (1.5, 3.0), (3.0, 6.0), (6.0, 12.0), (12.0, 50.0))
@@ -91,12 +92,14 @@ class Structure:
         band_Hz: (low, high).
         energy: mean squared residual within it, 1 is the noise.
         probability: that white noise holds as much in any channel and band (Bonferroni's bound).
+        excess: chi-square of the channel within the band, less that of noise.
     """
 
     channel: str
     band_Hz: tuple[float, float]
     energy: float
     probability: float
+    excess: float = 0.0
 
     @property
     def sentence(self) -> str:
@@ -139,7 +142,16 @@ def structure(
     probability = min(1.0, float(p[band, c]) * p.size)
     if probability > false_alarm:
         return None
-    return Structure(channels[c], BANDS_HZ[band], float(sums[band, c] / bins[band]), probability)
+    energy, excess = float(sums[band, c] / bins[band]), 2.0 * float(sums[band, c] - bins[band])
+    return Structure(channels[c], BANDS_HZ[band], energy, probability, excess)
+
+
+def left_by(amended: Believed, records: Sequence[FlightRecord]) -> Structure | None:
+    """Return where the residuals of an amended model are not white; None in moving air, whose model is not exact."""
+    if amended.whiten is not None:
+        return None
+    residuals, taken = zip(*((amended.residuals(r), amended.taken(r)) for r in records), strict=True)
+    return structure(residuals, amended.outputs, records[0].dt_s, CRITERIA.false_alarm, taken)
 
 
 _REGIONS = ("alpha", "V", "q", "de_cmd", "thr_cmd")

@@ -18,6 +18,7 @@ from testbench.questions.gap.decide import (
     noise_floor,
     noise_limit,
     score,
+    without_structure,
 )
 from testbench.questions.gap.effects import Effect, library
 from testbench.questions.gap.search.fit import HOPELESS, HOPELESS_AT_FIRST, HOPELESS_BESIDE_NOISE, EffectFit, fit
@@ -104,7 +105,7 @@ def name_effect(
     chi2_believed = float(start.exact @ start.exact)
     nuisances, measured = tuned.by_name, tuned.measured()
     said = Naming(outcome, names, ranking, chi2_believed, tuned.chi2, nuisances, samples, sentence, rejected, measured)
-    return doubted(said, believed, records)
+    return without_structure(doubted(said, believed, records), believed, records)
 
 
 def _fit_promising(
