@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from gap_flights import ELEVATOR, believe, measure
 
-from testbench.questions.gap.decide import Naming, confirmed, judged, rest
+from testbench.questions.gap.decide import Naming, confirmed, judged, rest, without_structure
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence.air import AirFound
-from testbench.questions.gap.evidence.locate import largest_errors
+from testbench.questions.gap.evidence.locate import largest_errors, left_by
 from testbench.questions.gap.parameters import off_parameters, wrong_parameters
 from testbench.questions.gap.result import GapFinding
 from testbench.questions.gap.search.fit import EffectFit
@@ -199,3 +199,22 @@ def test_a_set_is_not_withdrawn_for_what_its_first_name_leaves(slow):
     start = Hypothesis.at(believed, believed, tuple(records))
     fits = (named_servo(records, believed, gain=100.0), fit_of(start, "mass_error", {"factor": 1.1}))
     assert judged(naming_of(start, fits), believed, records, (), FEW)[0].outcome == "set"
+
+
+def test_a_name_that_leaves_a_quarter_of_its_gain_in_one_band_of_one_channel_is_none(flights, tuned):
+    """A damper of no size leaves what a wrong Cm_q does: no answer to a little gain, and maybe one to a large gain."""
+    believed, record, _ = flights
+    none = {"gain_s": 0.0}
+    untold = fit_of(tuned, "pitch_damper", none, {**tuned.by_name, "Cm_q": 1.2})
+    left = left_by(untold.added_to(believed), (record,))
+    assert left.excess > 0.0
+    poor, rich = (replace(untold, gain=share * left.excess) for share in (3.9, 4.1))
+    refuted = without_structure(naming_of(tuned, [poor]), believed, (record,))
+    assert (refuted.outcome, refuted.names) == ("unexplained", ())
+    assert f"leaves {left.excess:.0f} above the noise in {left.channel} between" in refuted.sentence
+    kept = naming_of(tuned, [rich])
+    assert without_structure(kept, believed, (record,)) is kept
+    exact = naming_of(tuned, [fit_of(tuned, "pitch_damper", none)])  # leaves noise
+    assert without_structure(exact, believed, (record,)) is exact
+    moving = replace(believed, whiten=lambda record, r: r)  # whose model is not exact
+    assert without_structure(naming_of(tuned, [poor]), moving, (record,)).names == ("pitch_damper",)
