@@ -289,5 +289,6 @@ def _measured(name: str, file: str, record: FlightRecord, judge: HeldOutFlight, 
         lines += [f"load_kg = {real(start.load_kg)}", f"load_aft_m = {real(start.load_aft_m)}"]
     if start is not None and start.at_s is not None:
         began_s = max(start.at_s - 0.5 * record.duration_s, 0.0)
-        lines.append(f"flown_at_s = {real(began_s, 4)}  # in its log, whose beginning is taken for take-off")
+        why = "in its log, whose beginning is taken for take-off" if record.provenance.get(CUT) else "after take-off"
+        lines.append(f"flown_at_s = {real(began_s, 4)}  # {why}")
     return [*lines, ""]

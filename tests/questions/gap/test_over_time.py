@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gap_flights import CONDITION
+from gap_flights import CONDITION, believe, measure
 
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import SCENARIOS
@@ -17,6 +17,7 @@ from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.contract import CONDITION as AT
 from testbench.questions.gap.effects.contract import believed, commands, recorded
 from testbench.questions.gap.export import amended_files
+from testbench.questions.gap.new import new_case
 from testbench.questions.gap.scenario import GapScenario
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
@@ -99,6 +100,19 @@ def test_records_of_one_log_say_when_they_were_flown():
     records = {"a": part([10.0, 20.0], "x"), "b": part([400.0, 420.0], "x"), "c": part([5.0, 9.0], "y")}
     told = {n: start_of(r) for n, r in timed(records, CONDITION).items()}
     assert told == {"a": Start(CONDITION, at_s=15.0), "b": Start(CONDITION, at_s=410.0), "c": None}
+
+
+def test_a_new_case_says_when_records_of_one_log_were_flown(tmp_path):
+    files = []
+    for i, (record, begins_s) in enumerate(zip(measure(believe(), 3), (30.0, 900.0), strict=True)):
+        span = [begins_s, begins_s + record.duration_s]
+        files.append(tmp_path / f"{i}.nc")
+        replace(record, provenance={"suite": "eolo_gap", "sha256": "x", CUT: span}).save(files[-1])
+    text = new_case(tmp_path / "mine.toml", "eolo", files, wings="rigid").text
+    assert [line for line in text.splitlines() if line.startswith("flown_at_s")] == [
+        f"flown_at_s = {at}  # in its log, whose beginning is taken for take-off" for at in ("30.0", "900.0")
+    ]
+    assert "condition = " not in text.partition("[[measured]]")[2]  # one condition, at two times
 
 
 def test_a_time_before_take_off_is_refused(tmp_path):
