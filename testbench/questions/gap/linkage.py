@@ -8,7 +8,7 @@ linkage is tried with the factor that the coefficient came to.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 from testbench.core.errors import LimitError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord
@@ -31,6 +31,7 @@ def linkage_instead(
     records: Sequence[FlightRecord],
     held_out: Sequence[FlightRecord],
     re_tuned: float,
+    known: Container[str],
 ) -> EffectFit | None:
     """Return the fit of a linkage whose ratio does what a wrong coefficient does; None if there is none.
 
@@ -41,13 +42,14 @@ def linkage_instead(
         records: that it was found in.
         held_out: that judge: a linkage that leaves more of them than the re-tuned aircraft does is refuted.
         re_tuned: weighted sum of squares that this leaves.
+        known: names of the effects that may be told.
     """
     control = next((c for c, names in COEFFICIENTS.items() if names[0] == coefficient), None)
     if control is None:
         return None
     effect, (factor, error) = SERVOS["gain", control], naming.measured[coefficient]
     (ratio,) = effect.parameters
-    if not ratio.low < factor < ratio.high:
+    if effect.name not in known or not ratio.low < factor < ratio.high:
         return None
     values, back = {ratio.name: factor}, {**naming.nuisances, coefficient: 1.0}
     windows = {str(i): r for i, r in enumerate((*records, *held_out))}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -94,13 +94,14 @@ def wrong_parameters(
     believed: Believed,
     held_out: Sequence[FlightRecord] = (),
     records: Sequence[FlightRecord] = (),
+    known: Container[str] = (),
 ) -> tuple[WrongParameter, ...]:
     """Return the believed parameters that are so far off that they are wrong.
 
     Each is told with the effects that explain as much, unless held-out flights refute them, as they refute a name. With
-    the ``records`` that named, the linkage of its control is tried among them, which a search may miss. None is wrong
-    if held-out flights contradict: re-tuning makes the residuals larger there. Nor is one that trails an effect which a
-    recorded surface shows: it explains the motion, but not the surface.
+    the ``records`` that named, the linkage of its control is tried among them, which a search may miss, if it is one of
+    the ``known`` effects. None is wrong if held-out flights contradict: re-tuning makes the residuals larger there. Nor
+    is one that trails an effect which a recorded surface shows: it explains the motion, but not the surface.
     """
     far = [
         p
@@ -117,7 +118,7 @@ def wrong_parameters(
         return bool(held_out) and sum_of_squares(fit.added_to(believed), held_out) - re_tuned > fit.threshold
 
     def linkage(p: WrongParameter) -> tuple[EffectFit, ...]:
-        found = linkage_instead(p.name, naming, believed, records, held_out, re_tuned) if records else None
+        found = linkage_instead(p.name, naming, believed, records, held_out, re_tuned, known) if records else None
         return () if found is None else rivals(p.name, replace(naming, ranking=(found,)), believed.aircraft)
 
     told = []

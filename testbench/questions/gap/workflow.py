@@ -167,7 +167,7 @@ def find_gap(
 
         beside = fly_controls(as_believed, naming_records, air, naming, controls, again, say, control_file)
         naming = without_false_alarms(naming, beside)
-    parameters = wrong_parameters(naming, believed, list(held_out.values()), naming_records)
+    parameters = wrong_parameters(naming, believed, list(held_out.values()), naming_records, known)
     if naming.best is not None:
         amended = naming.best.added_to(believed)
     else:

@@ -102,15 +102,18 @@ def test_a_wrong_effectiveness_is_told_with_the_linkage_that_does_the_same_thoug
     truth = tuned.believed.with_nuisances({"Cm_de": 1.4})
     records, (held,) = measure(truth, 21), measure(truth, 31, inputs=(ELEVATOR,))
     point = retune(Hypothesis.at(tuned.believed, tuned.believed, tuple(records)))
-    (accused,) = wrong_parameters(naming_of(point), point.believed, [held], records)
+    (accused,) = wrong_parameters(naming_of(point), point.believed, [held], records, EFFECTS)
     assert accused.name == "Cm_de"
+    assert wrong_parameters(naming_of(point), point.believed, [held], records)[0].rivals == ()  # nothing is sought
     (linkage,) = accused.rivals
     assert (linkage.effect.name, linkage.values) == ("surface_scale", {"scale": accused.factor})
     assert linkage.nuisances["Cm_de"] == pytest.approx(1.0, abs=0.05)
     assert linkage.errors["scale"] == pytest.approx(0.1 * accused.factor, rel=0.05)  # the coefficient's own prior
     asked = naming_of(point), point.believed, records, [held]
-    assert linkage_instead("Cm_de", *asked, 0.0) is None  # the re-tuned aircraft left nothing of what was held out
-    assert linkage_instead("Cm_alpha", *asked, np.inf) is None  # no linkage does what this coefficient does
+    assert (
+        linkage_instead("Cm_de", *asked, 0.0, EFFECTS) is None
+    )  # the re-tuned aircraft left nothing of what was held out
+    assert linkage_instead("Cm_alpha", *asked, np.inf, EFFECTS) is None  # no linkage does what this coefficient does
 
 
 @pytest.mark.parametrize(("left", "count", "said"), [(1.5, 2, 2), (1.5, 3, 0), (1.01, 3, 3)])

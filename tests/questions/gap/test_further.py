@@ -72,6 +72,7 @@ def test_a_servo_of_second_order_is_named_where_its_lag_points_to_its_path():
     assert not any("aileron" in s for s in stages)
 
 
+@pytest.mark.slow
 def test_play_of_a_throttle_is_named_where_what_comes_nearest_is_of_the_thrust():
     believed = believe()
     truth = believed.with_effect(OTHER_SERVOS["throttle_free_play"], {"width": 0.1})

@@ -79,7 +79,9 @@ def page(cases: Sequence[LateralCase], rows: Mapping[str, Mapping[str, Any]]) ->
         "42 rows were made before the usual size of an effect was tried where its best multiple lies at the end "
         "of its range (a lost fin was unexplained), and before coefficients were told with those effects alone "
         "that take their place; the first 61 before form was judged by an effect's work only where coefficients "
-        "do 99 % of it.",
+        "do 99 % of it. The first 74 were made before a yaw damper with a filter was in the library (such a case "
+        "was unexplained), all of them before a name was refused that leaves a quarter of its gain in one band of one "
+        "channel.",
         "",
     ]
     return "\n".join([*out, *results(cases, rows)]) + "\n"
