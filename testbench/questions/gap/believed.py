@@ -149,7 +149,7 @@ class Believed:
         start = start_of(record)
         if start is not None and not self.over_time:  # then it does not matter when that was
             start = replace(start, at_s=self.start.at_s if self.start is not None else None)
-        if start in (None, self.start, Start(self.condition)):
+        if start is None or start == (self.start or Start(self.condition)):
             return self
         if self.start is not None:
             raise ModelError(f"a belief about flights from {self.start} cannot be asked about one from {start}")

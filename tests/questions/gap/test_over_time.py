@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gap_flights import CONDITION, believe, measure
 
-from testbench.core.errors import ScenarioError
+from testbench.core.errors import ModelError, ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.questions.gap.ask import run_gap
 from testbench.questions.gap.believed import PRIORS
@@ -77,6 +77,9 @@ def test_a_time_costs_nothing_where_nothing_grows_and_cannot_be_asked_of_another
     assert there is not grown
     assert there is grown.at(record)
     assert there.at(record) is there
+    light, loaded = (marked(record, Start(AT, load_kg=kg, at_s=60.0)) for kg in (0.0, 0.5))
+    with pytest.raises(ModelError, match="cannot be asked about one"):
+        b.at(loaded).at(light)
     elsewhere = marked(record, Start(replace(AT, V_m_s=17.0), at_s=60.0))
     assert b.at(elsewhere) is b.at(marked(record, Start(replace(AT, V_m_s=17.0), at_s=900.0)))
 
