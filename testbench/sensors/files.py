@@ -141,14 +141,8 @@ def suite_toml(suite: SensorSuite) -> str:
         lines += ["", f"[recorder.{json.dumps(name)}]", f"clock_offset_s = {float(s.clock_offset_s)!r}"]
         lines.append(f"clock_ppm = {float(s.clock_ppm)!r}")
     plain = {f.name: f.default for f in fields(Sensor)}
-    later = (
-        "bias_walk",
-        "bias_rate",
-        "drift_std",
-        "drift_time_s",
-        "price_eur",
-        "mass_g",
-    )  # written where they say something
+    # those that are written where they say something
+    later = ("bias_walk", "bias_rate", "drift_std", "drift_time_s", "price_eur", "mass_g")
     for sensor in suite.sensors:
         lines += ["", "[[sensor]]", f'channel = "{sensor.channel}"', f'unit = "{channel(sensor.channel).unit}"']
         if sensor.KIND:

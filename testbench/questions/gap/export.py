@@ -20,7 +20,7 @@ from testbench.flight import FlightCondition
 from testbench.page.labels import file_stem
 from testbench.questions.gap.drive import as_it_is
 from testbench.questions.gap.effects.base import MetGust
-from testbench.questions.gap.starts import start_of
+from testbench.questions.gap.starts import times_of
 from testbench.sensors import suite_toml
 
 if TYPE_CHECKING:
@@ -44,8 +44,7 @@ def amended_files(result: GapResult) -> dict[str, str]:
     """
     old, new = result.finding.believed, result.finding.amended
     if new.over_time:
-        starts = (start_of(r) for r in result.records.values())
-        new = new.after(max(s.at_s for s in starts if s is not None and s.at_s is not None))
+        new = new.after(max(times_of(result.records.values())))
     if not result.finding.changed:
         return {}
     out: dict[str, str] = {}

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Sequence
 
+import numpy as np
+
 from testbench.core.errors import LimitError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.questions.gap.believed import Believed, deviations_of
@@ -56,8 +58,8 @@ def linkage_instead(
     try:
         begun = begin_freely(believed, windows, believed.with_effect(effect, values).with_nuisances(back))
         model = begun.with_effect(effect, values)
-        start = Hypothesis.at(begun, model, tuple(records))
-        point = retune(start.moved(model, start.vector(back)) or start)
+        at = np.array([back[n] for n in begun.priors_of(records)])
+        point = retune(Hypothesis.at(begun, model, tuple(records), at))
     except (FlightAborted, LimitError, TrimError):
         return None
     # Records tell ratio times coefficient; how far each is off, what is believed of the coefficient tells.

@@ -118,7 +118,7 @@ def wrong_parameters(
         return bool(held_out) and sum_of_squares(fit.added_to(believed), held_out) - re_tuned > fit.threshold
 
     def linkage(p: WrongParameter) -> tuple[EffectFit, ...]:
-        found = linkage_instead(p.name, naming, believed, records, held_out, re_tuned, known) if records else None
+        found = linkage_instead(p.name, naming, believed, records, held_out, re_tuned, known)
         return () if found is None else rivals(p.name, replace(naming, ranking=(found,)), believed.aircraft)
 
     told = []

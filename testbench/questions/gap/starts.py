@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 
 from testbench.aircraft import Aircraft
@@ -78,6 +78,11 @@ def timed(records: Mapping[str, FlightRecord], general: FlightCondition) -> dict
         if span and logs[str(record.provenance.get("sha256"))] > 1 and start.at_s is None:
             out[name] = marked(record, replace(start, at_s=0.5 * float(sum(span))))
     return out
+
+
+def times_of(records: Iterable[FlightRecord]) -> set[float]:
+    """Return the times after take-off, s, that records say."""
+    return {s.at_s for s in map(start_of, records) if s is not None and s.at_s is not None}
 
 
 def start_of(record: FlightRecord) -> Start | None:

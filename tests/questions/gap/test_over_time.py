@@ -60,7 +60,7 @@ def test_half_an_hour_after_take_off_the_aircraft_is_as_much_lighter_as_the_rate
     assert late.trimmed.alpha < b.trimmed.alpha
 
 
-@pytest.mark.parametrize("at", [(None, None, None), (60.0, 60.0, 60.0)])
+@pytest.mark.parametrize("at", [(None, None, None), (60.0, 60.0, 60.0), (60.0, None, None)])
 def test_it_is_not_sought_where_records_do_not_differ_in_time(at):
     b = believed()
     records = flown(at, recorded(b, flown(at)))

@@ -99,7 +99,7 @@ class Structure:
     band_Hz: tuple[float, float]
     energy: float
     probability: float
-    excess: float = 0.0
+    excess: float
 
     @property
     def sentence(self) -> str:
