@@ -35,19 +35,22 @@ def flown(at=TIMES_S, records=None):
 
 
 @pytest.mark.parametrize(
-    ("name", "per_min", "others"),
+    ("name", "values", "others"),
     [
-        ("thrust_fade", 0.012, ("thrust_scale",)),
-        ("fuel_burn", 0.006, ("mass_error",)),
+        ("thrust_fade", {"per_min": 0.012}, ("thrust_scale",)),
+        ("fuel_burn", {"per_min": 0.006}, ("mass_error",)),
+        ("tank_burn", {"per_min": 0.006, "aft_chords": -0.2}, ("payload", "fuel_burn")),
+        ("uneven_thrust_fade", {"per_min": 0.006, "power": 1.6}, ("thrust_scale",)),
+        ("uneven_fuel_burn", {"per_min": 0.006, "power": 0.6}, ("mass_error",)),
     ],
 )
-def test_what_empties_is_found_at_its_rate_and_one_scale_for_all_records_is_not_it(name, per_min, others):
+def test_what_empties_is_found_at_its_rate_and_one_scale_for_all_records_is_not_it(name, values, others):
     b = believed()
     effect = EFFECTS[name]
-    records = flown(records=recorded(b.with_effect(effect, {"per_min": per_min}), flown()))
+    records = flown(records=recorded(b.with_effect(effect, values), flown()))
     start = Hypothesis.at(b, b, records, np.ones(len(PRIORS)))
     found = fit(screen(start, effect), start.chi2, 0.0, 1)
-    assert found.values["per_min"] == pytest.approx(per_min, rel=0.05)
+    assert found.values == pytest.approx(values, rel=0.05)
     assert found.chi2 < 0.02 * start.chi2
     for other in others:
         assert fit(screen(start, EFFECTS[other]), start.chi2, 0.0, 1).chi2 > 3.0 * found.chi2

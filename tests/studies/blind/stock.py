@@ -32,7 +32,7 @@ def run_case(case: StockCase) -> dict[str, Any]:
 
 def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> str:
     """Return what the rows say, in words and tables: how many of the planned cases were run comes first."""
-    flown, held = (", ".join(manoeuvres("jsbsim:c172p", which)) for which in ("rich", "held_out"))
+    flown, held = (", ".join(manoeuvres(FLOWN["jsbsim:c172p"], which)) for which in ("rich", "held_out"))
     models = ", ".join(name.removeprefix("jsbsim:") for name in FLOWN)
     out = [
         "# Blind test of stock aircraft at three conditions",

@@ -9,7 +9,7 @@ from testbench.flight import load_aircraft
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.sealed.flights import RATE_HZ
 from testbench.questions.gap.sealed.lateral_flights import suite
-from testbench.questions.gap.sealed.stock_flights import FLOWN, manoeuvres
+from testbench.questions.gap.sealed.stock_flights import FLOWN, Flown, manoeuvres
 from testbench.questions.gap.starts import Start, marked
 
 
@@ -20,5 +20,9 @@ def believe(aircraft: str) -> Believed:
 
 def told(aircraft: str, which: str, records: Mapping[str, FlightRecord]) -> dict[str, FlightRecord]:
     """Return records that say which condition each was flown from."""
-    at = FLOWN[aircraft].conditions
-    return {n: marked(records[n], Start(at[i])) for n, (i, _) in manoeuvres(aircraft, which).items()}
+    return told_of(FLOWN[aircraft], which, records)
+
+
+def told_of(f: Flown, which: str, records: Mapping[str, FlightRecord]) -> dict[str, FlightRecord]:
+    """Return records that say which of three conditions each was flown from."""
+    return {n: marked(records[n], Start(f.conditions[i])) for n, (i, _) in manoeuvres(f, which).items()}

@@ -19,11 +19,12 @@ from testbench.questions.gap.hidden.flights import Commands, fly_hidden
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.sealed.flights import SETTLE_S, _doublet, _half_sine, _joined, _steps
 from testbench.questions.gap.sealed.lateral_flights import CONTROLS, _held, suite
+from testbench.sensors import SensorSuite
 
 
 @dataclass(frozen=True)
 class Flown:
-    """How a stock aircraft is flown.
+    """How an aircraft is flown.
 
     Attributes:
         conditions: three that manoeuvres start from; the first is the one that is believed.
@@ -55,9 +56,8 @@ FLOWN: Mapping[str, Flown] = {
 }
 
 
-def manoeuvres(aircraft: str, which: str) -> dict[str, tuple[int, Mapping[str, FloatArray]]]:
+def manoeuvres(f: Flown, which: str) -> dict[str, tuple[int, Mapping[str, FloatArray]]]:
     """Return name -> (number of its condition, control -> samples at the rate of the log): "rich" or "held_out"."""
-    f = FLOWN[aircraft]
     u, long = f.unit_s, 6.0 + 12.0 * f.unit_s
     if which == "held_out":
         return {
@@ -100,14 +100,26 @@ def manoeuvres(aircraft: str, which: str) -> dict[str, tuple[int, Mapping[str, F
 
 
 def fly_stock(aircraft: str, truth: Truth, which: str, seed: int) -> dict[str, FlightRecord]:
+    """Fly a truth of a stock aircraft through a set of manoeuvres; see :func:`fly_from_three`."""
+    return fly_from_three(aircraft, FLOWN[aircraft], truth, which, seed, suite())
+
+
+def fly_from_three(
+    aircraft: str, f: Flown, truth: Truth, which: str, seed: int, sensors: SensorSuite
+) -> dict[str, FlightRecord]:
     """Fly a truth through a set of manoeuvres; return name -> measured record, provenance left out.
 
     Raises:
         TrimError, FlightAborted, LimitError: this truth cannot fly the manoeuvres.
     """
-    flights, conditions = [], FLOWN[aircraft].conditions
-    for i, (name, (at, signal)) in enumerate(manoeuvres(aircraft, which).items()):
-        n = len(next(iter(signal.values())))
-        u = np.column_stack([signal.get(c, np.zeros(n)) for c in CONTROLS])
-        flights.append(Commands(name, CONTROLS, u, SETTLE_S, seed + i, condition=conditions[at]))
-    return fly_hidden(aircraft, "rigid", truth, suite(), conditions[0], flights, RATE_HZ)
+    flights = []
+    for i, (name, (at, signal)) in enumerate(manoeuvres(f, which).items()):
+        u = side_by_side(signal)
+        flights.append(Commands(name, CONTROLS, u, SETTLE_S, seed + i, condition=f.conditions[at]))
+    return fly_hidden(aircraft, "rigid", truth, sensors, f.conditions[0], flights, RATE_HZ)
+
+
+def side_by_side(signal: Mapping[str, FloatArray]) -> FloatArray:
+    """Return the commands of all controls, (n, 4): zero of those that do not move."""
+    n = len(next(iter(signal.values())))
+    return np.column_stack([signal.get(c, np.zeros(n)) for c in CONTROLS])

@@ -6,15 +6,17 @@ Shares no code with the library of effects; neither imports the other (tests/tes
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from testbench.questions.gap.hidden.entries import Make
 from testbench.questions.gap.hidden.truth import Truth
-from testbench.questions.gap.sealed.cases import Case
+from testbench.questions.gap.sealed.cases import Case, first_that_flies, in_turn
 from testbench.questions.gap.sealed.kinds import Kind
+from testbench.questions.gap.sealed.lateral_truths import parameter_errors
 
 OTHER, TAKEN_OUT, NOTHING = "other form", "the true effect taken out", "nothing"
 """Ends of the names of strata; any other one is of library forms."""
@@ -49,3 +51,34 @@ def chosen(kinds: Mapping[str, Kind], stratum: str, i: int) -> tuple[str, ...]:
     names = [n for n, k in kinds.items() if k.form == form]
     order = np.random.default_rng(zlib.crc32(stratum.encode())).permutation(len(names))
     return (names[order[i % len(names)]],)
+
+
+S = TypeVar("S", bound=StratumCase)
+
+
+def draw_of(
+    case: Callable[..., S], kinds: Mapping[str, Kind], aircraft: Iterable[str], seed: int, counts: Mapping[str, int]
+) -> tuple[S, ...]:
+    """Draw the cases of every stratum, in an order that begins with the first of each.
+
+    Each is the first of at most ten draws that flies all it must.
+
+    Raises:
+        LimitError: none of them does.
+    """
+    planes = list(aircraft)
+
+    def drawn(stratum: str, i: int, rng: np.random.Generator) -> S:
+        names = chosen(kinds, stratum, i)
+        return case(
+            name=f"{stratum} {i + 1}",
+            stratum=stratum,
+            aircraft=str(rng.choice(planes)),
+            kinds=names,
+            sizes=tuple(kinds[k].draw(rng) for k in names),
+            factors=parameter_errors(rng),
+            right=tuple(kinds[k].names for k in names),
+            seed=int(rng.integers(1, 2**31 - 10**7)),
+        )
+
+    return in_turn(counts, lambda stratum, i: first_that_flies(stratum, i, seed, lambda rng: drawn(stratum, i, rng)))

@@ -1,0 +1,67 @@
+"""Blind test of control paths with recorded surfaces: ``python -m studies.blind.paths``. Resumes, as the others do.
+
+Truths are drawn from a seed of their own, sealed, and flown from three conditions with commands and surfaces recorded.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from studies.blind.lateral_run import named
+from studies.blind.sealed_draw import Draw
+from studies.blind.stock_run import told_of
+from studies.blind.strata import rates, results
+
+from testbench.flight import load_aircraft
+from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.sealed.cases import seal
+from testbench.questions.gap.sealed.flights import RATE_HZ
+from testbench.questions.gap.sealed.path_cases import STRATA, PathCase, draw, opened
+from testbench.questions.gap.sealed.path_flights import FLOWN, suite
+from testbench.questions.gap.sealed.stock_flights import manoeuvres
+
+SEED = 20270412
+
+
+def believe(aircraft: str) -> Believed:
+    """Return what is believed: rigid wings, the suite with surfaces, the first of three conditions."""
+    return Believed(load_aircraft(aircraft, "rigid"), suite(), FLOWN[aircraft].conditions[0], RATE_HZ)
+
+
+def run_case(case: PathCase) -> dict[str, Any]:
+    """Return what the workflow says of one case, as JSON values."""
+    records, held_out = (told_of(FLOWN[case.aircraft], which, case.fly(which)) for which in ("rich", "held_out"))
+    return {"case": case.name, **named(believe(case.aircraft), records, held_out, case.without)}
+
+
+def page(cases: Sequence[PathCase], rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return what the rows say, in words and tables: how many of the planned cases were run comes first."""
+    flown, held = (", ".join(manoeuvres(FLOWN["eolo"], which)) for which in ("rich", "held_out"))
+    out = [
+        "# Blind test of control paths with recorded surfaces",
+        "",
+        "Made by `python -m studies.blind.paths`, which resumes where it stopped; `--minutes 0` writes this page anew. "
+        "Hidden truths act between the command of elevator, aileron or rudder and its surface: servos, links, "
+        "feedbacks, interconnects and holds, with every longitudinal and lateral coefficient of the belief off by its "
+        "prior. Eolo and taurus fly rigid, each record from one of three conditions, slow, fast and high, which it "
+        "tells. The suite is that of all axes at 50 Hz with commands, and surfaces with a noise of 0.001 rad. The hash "
+        "of the answers was written before the first case was named.",
+        "",
+        f"Used to name: {flown}. Held out: {held}.",
+        "",
+        "How answers are judged is said in the [draw in roll and yaw](../lateral/README.md).",
+        "",
+        f"Seed {SEED}. SHA-256 of answers.json without its last line break: `{seal(tuple(cases))[1]}`.",
+        "",
+    ]
+    return "\n".join([*out, *results(cases, rows)]) + "\n"
+
+
+DRAW = Draw("paths", SEED, lambda: draw(SEED, STRATA), opened, run_case, rates, page)
+
+if __name__ == "__main__":
+    raise SystemExit(DRAW.run())
