@@ -80,8 +80,11 @@ def page(cases: Sequence[LateralCase], rows: Mapping[str, Mapping[str, Any]]) ->
         "of its range (a lost fin was unexplained), and before coefficients were told with those effects alone "
         "that take their place; the first 61 before form was judged by an effect's work only where coefficients "
         "do 99 % of it. The first 74 were made before a yaw damper with a filter was in the library (such a case "
-        "was unexplained), all of them before a name was refused that leaves a quarter of its gain in one band of one "
-        "channel.",
+        "was unexplained), the first 102 before a name was refused that leaves a quarter of its gain in one band of "
+        "one channel.",
+        "",
+        "Three cases of other form count as not right that were told by what flew: fins that fade (20 and 36) as a yawing "
+        "moment of beta*|beta|, a yaw damper that filters (31) by the effect of that name. No sealed name holds them.",
         "",
     ]
     return "\n".join([*out, *results(cases, rows)]) + "\n"
