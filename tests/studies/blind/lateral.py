@@ -83,8 +83,9 @@ def page(cases: Sequence[LateralCase], rows: Mapping[str, Mapping[str, Any]]) ->
         "was unexplained), the first 102 before a name was refused that leaves a quarter of its gain in one band of "
         "one channel.",
         "",
-        "Three cases of other form count as not right that were told by what flew: fins that fade (20 and 36) as yawing "
-        "moments of beta*|beta|, a yaw damper that filters (31) by the effect of that name. No sealed name holds them.",
+        "Three cases of other form count as not right that were told by what flew: fins that fade (20 and 36) as "
+        "yawing moments of beta*|beta|, a yaw damper that filters (31) by the effect of that name. No sealed name "
+        "holds them.",
         "",
     ]
     return "\n".join([*out, *results(cases, rows)]) + "\n"
