@@ -82,7 +82,7 @@ def linearise_flight(
 
 def _model(aircraft: Aircraft, trimmed: TrimmedFlight) -> tuple[BatchModel, Layout] | None:
     """Return the model of an aircraft and what its linear models consist of; None if JSBSim must make them."""
-    model = judged(aircraft, trimmed).model if aircraft.adapter is None else None
+    model = judged(aircraft, trimmed).model
     layout = None if model is None else _layout(model)
     return None if model is None or layout is None else (model, layout)
 

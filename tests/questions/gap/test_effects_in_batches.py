@@ -22,6 +22,8 @@ CONDITIONS = {
     "eolo": FlightCondition(16.0, 547.0),
     "taurus": FlightCondition(15.0, 100.0),
     "b1": FlightCondition(200.6, 1524.0),
+    "jsbsim:A4": FlightCondition(120.0, 2000.0),
+    "jsbsim:f16": FlightCondition(150.0, 2500.0),
 }
 SECONDS = 5.0
 
@@ -68,11 +70,15 @@ def test_every_effect_flies_in_a_batch_as_in_jsbsim(name):
     assert {n: w for n, w in worst.items() if not w[0] <= TOLERANCE} == {}
 
 
-@pytest.mark.parametrize("name", ["eolo", "taurus"])
+@pytest.mark.parametrize("name", ["eolo", "taurus", "jsbsim:A4", "jsbsim:f16"])
 def test_amended_aircraft_are_trimmed_and_linearised_in_blocks_as_by_jsbsim(name):
-    aircraft, condition, suite = load_aircraft(name, "rigid"), CONDITIONS[name], load_suite("eolo_gap")
+    aircraft = load_aircraft(name) if name.startswith("jsbsim:") else load_aircraft(name, "rigid")
+    condition, suite = CONDITIONS[name], load_suite("eolo_gap_lateral")
     effects = library(suite, aircraft)
-    names = ("wake_lag", "wing_bending", "alpha_dot", "payload", "filtered_pitch_damper", "washed_pitch_damper")
+    names = (
+        "wake_lag", "wing_bending", "alpha_dot", "payload", "filtered_pitch_damper", "washed_pitch_damper",
+        "filtered_yaw_damper", "interconnect", "rudder_lag",
+    )  # fmt: skip
     amended, by_jsbsim = zip(*(flyable(aircraft, effects[n], suite, condition) for n in names), strict=True)
     for trimmed, alone in zip(trim_many(amended, [condition] * len(names)), by_jsbsim, strict=True):
         apart = {c: abs(trimmed.state[c] - x) for c, x in alone.state.items() if c != "psi"}
