@@ -16,6 +16,7 @@ from testbench.questions.gap.believed import PRIORS
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.contract import CONDITION as AT
 from testbench.questions.gap.effects.contract import believed, commands, recorded
+from testbench.questions.gap.effects.over_time import left
 from testbench.questions.gap.export import amended_files
 from testbench.questions.gap.new import new_case
 from testbench.questions.gap.scenario import GapScenario
@@ -54,6 +55,15 @@ def test_what_empties_is_found_at_its_rate_and_one_scale_for_all_records_is_not_
     assert found.chi2 < 0.02 * start.chi2
     for other in others:
         assert fit(screen(start, EFFECTS[other]), start.chi2, 0.0, 1).chi2 > 3.0 * found.chi2
+
+
+def test_what_is_left_falls_as_the_power_says_from_all_of_it_at_take_off():
+    steady, early = {"per_min": 0.01}, {"per_min": 0.01, "power": 0.5}
+    assert [left(steady, t) for t in (0.0, 600.0, 2400.0)] == pytest.approx([1.0, 0.9, 0.6])
+    assert [left(early, t) for t in (0.0, 600.0, 2400.0)] == pytest.approx([1.0, 0.9, 0.8])
+    assert left(steady, 1e6) == 0.05
+    b, tank = believed(), EFFECTS["tank_burn"]
+    assert tank.over_time(b.aircraft, b.suite, {**steady, "aft_chords": 0.1}, 0.0) == (b.aircraft, b.suite)
 
 
 def test_half_an_hour_after_take_off_the_aircraft_is_as_much_lighter_as_the_rate_says():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -24,7 +25,8 @@ def left(values: Values, at_s: float) -> float:
     Where a "power" is given, the rate is the mean one of the first ten minutes, and what is gone grows as that power of
     time.
     """
-    gone = values["per_min"] * at_s / 60.0 * (max(at_s, 0.0) / _EVEN_S) ** (values.get("power", 1.0) - 1.0)
+    even = at_s / _EVEN_S
+    gone = values["per_min"] * _EVEN_S / 60.0 * math.copysign(abs(even) ** values.get("power", 1.0), even)
     return max(1.0 - gone, _LEAST)
 
 
