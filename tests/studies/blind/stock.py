@@ -54,7 +54,7 @@ def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> s
         f"Seed {SEED}, the second draw. SHA-256 of answers.json without its last line break: "
         f"`{seal(tuple(cases))[1]}`.",
         "",
-        "Rows 1 to 59 were made before a wrong effectiveness was told with its linkage. All were made before a name "
+        "Rows 1 to 59 were made before a wrong effectiveness was told with its linkage, rows 1 to 76 before a name "
         "was refused that leaves a quarter of its gain in one band of one channel, which leaves cases 3 and 6 of the "
         "true effect taken out unexplained.",
         "",
