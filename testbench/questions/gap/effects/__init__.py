@@ -46,6 +46,7 @@ from testbench.questions.gap.effects import (
     steady_wind,
     surface_offset,
     surface_scale,
+    throttle_scale,
     thrust_lag,
     thrust_lapse,
     thrust_line,
@@ -112,6 +113,7 @@ _OF_AIRCRAFT: dict[str, Effect] = {
 
 _PLAIN = ("lag", "delay", "gain", "rate limit")
 _OF_AIRCRAFT |= {SERVOS[kind, control].name: SERVOS[kind, control] for kind in _PLAIN for control in ("da", "dr")}
+_OF_AIRCRAFT["throttle_scale"] = SERVOS["linkage ratio", "thr"]
 _BY_NAME_ONLY = ("lost_tail", "stall_moment")
 _LATERAL = (*lateral_feedback.EFFECTS, *propeller.EFFECTS, *asymmetry.EFFECTS, *lateral_terms.EFFECTS)
 _NEW = (*over_time.EFFECTS, *_LATERAL, *lost_surface.EFFECTS, *stall_moment.EFFECTS)
@@ -161,6 +163,9 @@ def left_out(effects: Mapping[str, Effect], aircraft: Aircraft, suite: SensorSui
             effect.amend(aircraft, suite, start)
         except ModelError as error:
             out[name] = error.message
+            continue
+        if name == throttle_scale.EFFECT.name and aircraft.adapter is None:
+            out[name] = f"the thrust of {aircraft.name} is proportional to its throttle: see thrust_scale"
     return out
 
 

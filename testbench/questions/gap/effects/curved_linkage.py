@@ -81,7 +81,7 @@ def effect(control: str) -> Effect:
         shape=partial(shape, control),
         flown=True,
         lateral=control in ("da", "dr"),
-        contains=("thrust_scale" if control == "thr" else named(control, "surface_scale"),),
+        contains=("thrust_scale", "throttle_scale") if control == "thr" else (named(control, "surface_scale"),),
         upstream=GEARING,
     )
 
