@@ -56,7 +56,9 @@ def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> s
         "",
         "Rows 1 to 59 were made before a wrong effectiveness was told with its linkage, rows 1 to 76 before a name "
         "was refused that leaves a quarter of its gain in one band of one channel, which leaves cases 3 and 6 of the "
-        "true effect taken out unexplained.",
+        "true effect taken out unexplained. The first 88 were made before a throttle linkage was in the library; "
+        "stronger motors of these draws are such linkages, and were named or left unexplained as a scale of the "
+        "thrust.",
         "",
     ]
     return "\n".join([*out, *results(cases, rows)]) + "\n"
