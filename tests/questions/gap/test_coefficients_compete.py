@@ -110,9 +110,8 @@ def test_a_wrong_effectiveness_is_told_with_the_linkage_that_does_the_same_thoug
     assert linkage.nuisances["Cm_de"] == pytest.approx(1.0, abs=0.05)
     assert linkage.errors["scale"] == pytest.approx(0.1 * accused.factor, rel=0.05)  # the coefficient's own prior
     asked = naming_of(point), point.believed, records, [held]
-    assert (
-        linkage_instead("Cm_de", *asked, 0.0, EFFECTS) is None
-    )  # the re-tuned aircraft left nothing of what was held out
+    # the re-tuned aircraft left nothing of what was held out
+    assert linkage_instead("Cm_de", *asked, 0.0, EFFECTS) is None
     assert linkage_instead("Cm_alpha", *asked, np.inf, EFFECTS) is None  # no linkage does what this coefficient does
 
 

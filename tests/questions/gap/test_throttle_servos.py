@@ -18,7 +18,7 @@ from testbench.flight.batch.fly import Job, Tally, fly_block
 from testbench.flight.batch.model import batch_model
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed
-from testbench.questions.gap.effects import OTHER_SERVOS, SERVOS, left_out, library
+from testbench.questions.gap.effects import EFFECTS, OTHER_SERVOS, SERVOS, left_out, library
 from testbench.questions.gap.effects.contract import OF_AIRCRAFT, OF_WORDS, Trial, recorded
 from testbench.questions.gap.hidden.servos import backlash
 from testbench.questions.gap.search.fit import fit
@@ -179,7 +179,7 @@ def test_a_rate_limit_of_the_throttle_takes_the_time_that_its_step_over_it_takes
     assert not np.any(out[:, 0])
 
 
-@pytest.mark.parametrize(("true", "other"), [("linkage ratio", "gain"), ("gain", "linkage ratio")])
+@pytest.mark.parametrize(("true", "other"), [("throttle_scale", "thrust_scale"), ("thrust_scale", "throttle_scale")])
 def test_a_linkage_of_another_ratio_is_told_from_a_stronger_engine_where_thrust_is_no_line_over_throttle(true, other):
     """A 737's engines turn slower in trim if they are stronger, where a step of the throttle gives less. Noise-free."""
     suite = replace(load_suite("eolo_gap"), rate_hz=50.0)
@@ -188,9 +188,9 @@ def test_a_linkage_of_another_ratio_is_told_from_a_stronger_engine_where_thrust_
     thr = 0.2 * ((t > 1.0) & (t < 5.0)) - 0.2 * ((t >= 5.0) & (t < 9.0)) + 0.1 * ((t > 11.0) & (t < 14.0))
     data = np.column_stack([np.zeros_like(t), thr])
     commanded = FlightRecord(t_s=t, channels=("de_cmd", "thr_cmd"), data=data, kind="measured")
-    records = recorded(b.with_effect(SERVOS[true, "thr"], {"scale": 1.4}), (commanded,))
+    records = recorded(b.with_effect(EFFECTS[true], {"scale": 1.4}), (commanded,))
     start = Hypothesis.at(b, b, records, np.ones(len(PRIORS)))
-    found, mistaken = (fit(screen(start, SERVOS[k, "thr"]), start.chi2, 0.0, 1) for k in (true, other))
+    found, mistaken = (fit(screen(start, EFFECTS[k]), start.chi2, 0.0, 1) for k in (true, other))
     assert found.values["scale"] == pytest.approx(1.4, rel=0.02)
     assert found.chi2 < 0.02 * start.chi2
     assert mistaken.chi2 > 3.0 * found.chi2
@@ -198,7 +198,7 @@ def test_a_linkage_of_another_ratio_is_told_from_a_stronger_engine_where_thrust_
 
 
 def test_a_linkage_of_another_ratio_is_a_scale_of_the_thrust_where_thrust_is_proportional_to_the_throttle():
-    why = left_out({"throttle_scale": SERVOS["linkage ratio", "thr"]}, loaded("taurus"), SUITE)
+    why = left_out({"throttle_scale": EFFECTS["throttle_scale"]}, loaded("taurus"), SUITE)
     assert "thrust_scale" in why["throttle_scale"]
     assert "throttle_scale" not in library(SUITE, loaded("taurus"))
     assert "throttle_scale" in library(SUITE, loaded("jsbsim:c172p"))

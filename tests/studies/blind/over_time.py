@@ -13,12 +13,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from studies.blind.lateral_run import named
 from studies.blind.sealed_draw import Draw
-from studies.blind.strata import rates, results
+from studies.blind.strata import page_of, rates
 
 from testbench.core.record import FlightRecord
 from testbench.flight import load_aircraft
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.sealed.cases import seal
 from testbench.questions.gap.sealed.flights import RATE_HZ
 from testbench.questions.gap.sealed.lateral_flights import suite
 from testbench.questions.gap.sealed.over_time_cases import STRATA, TimeCase, draw, opened
@@ -52,7 +51,7 @@ def page(cases: Sequence[TimeCase], rows: Mapping[str, Mapping[str, Any]]) -> st
         ", ".join(f"{name} ({t / 60.0:g} min)" for name, (t, _) in manoeuvres("eolo", which).items())
         for which in ("rich", "held_out")
     )
-    out = [
+    words = [
         "# Blind test of what grows with time",
         "",
         "Made by `python -m studies.blind.over_time`, which resumes where it stopped; `--minutes 0` writes this page "
@@ -63,13 +62,8 @@ def page(cases: Sequence[TimeCase], rows: Mapping[str, Mapping[str, Any]]) -> st
         "first case was named.",
         "",
         f"Used to name: {flown}. Held out: {held}.",
-        "",
-        "How answers are judged is said in the [draw in roll and yaw](../lateral/README.md).",
-        "",
-        f"Seed {SEED}. SHA-256 of answers.json without its last line break: `{seal(tuple(cases))[1]}`.",
-        "",
     ]
-    return "\n".join([*out, *results(cases, rows)]) + "\n"
+    return page_of(words, SEED, cases, rows)
 
 
 DRAW = Draw("over_time", SEED, lambda: draw(SEED, STRATA), opened, run_case, rates, page)

@@ -14,11 +14,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from studies.blind.lateral_run import named
 from studies.blind.sealed_draw import Draw
 from studies.blind.stock_run import told_of
-from studies.blind.strata import rates, results
+from studies.blind.strata import page_of, rates
 
 from testbench.flight import load_aircraft
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.sealed.cases import seal
 from testbench.questions.gap.sealed.flights import RATE_HZ
 from testbench.questions.gap.sealed.path_cases import STRATA, PathCase, draw, opened
 from testbench.questions.gap.sealed.path_flights import FLOWN, suite
@@ -41,7 +40,7 @@ def run_case(case: PathCase) -> dict[str, Any]:
 def page(cases: Sequence[PathCase], rows: Mapping[str, Mapping[str, Any]]) -> str:
     """Return what the rows say, in words and tables: how many of the planned cases were run comes first."""
     flown, held = (", ".join(manoeuvres(FLOWN["eolo"], which)) for which in ("rich", "held_out"))
-    out = [
+    words = [
         "# Blind test of control paths with recorded surfaces",
         "",
         "Made by `python -m studies.blind.paths`, which resumes where it stopped; `--minutes 0` writes this page anew. "
@@ -52,13 +51,8 @@ def page(cases: Sequence[PathCase], rows: Mapping[str, Mapping[str, Any]]) -> st
         "of the answers was written before the first case was named.",
         "",
         f"Used to name: {flown}. Held out: {held}.",
-        "",
-        "How answers are judged is said in the [draw in roll and yaw](../lateral/README.md).",
-        "",
-        f"Seed {SEED}. SHA-256 of answers.json without its last line break: `{seal(tuple(cases))[1]}`.",
-        "",
     ]
-    return "\n".join([*out, *results(cases, rows)]) + "\n"
+    return page_of(words, SEED, cases, rows)
 
 
 DRAW = Draw("paths", SEED, lambda: draw(SEED, STRATA), opened, run_case, rates, page)

@@ -13,7 +13,7 @@ from studies.blind.parts import parts_said, parts_true
 from studies.blind.score import judge
 from studies.blind.sealed_draw import counted, rated
 
-from testbench.questions.gap.sealed.cases import Case
+from testbench.questions.gap.sealed.cases import Case, seal
 from testbench.questions.gap.sealed.strata import NOTHING, TAKEN_OUT
 from testbench.questions.gap.sealed.verdict import NO_GAP
 
@@ -75,6 +75,20 @@ def rates(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> list[
         wrong = sum(of_wrong_size(c, r, flown_factor) for c, r in of)
         out.append((stratum, "a coefficient accused by a wrong size", wrong, n))
     return out
+
+
+def page_of(words: Sequence[str], seed: int, cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the page of a draw that is judged as that in roll and yaw: ``words`` first, then what the rows say."""
+    out = [
+        *words,
+        "",
+        "How answers are judged is said in the [draw in roll and yaw](../lateral/README.md).",
+        "",
+        f"Seed {seed}. SHA-256 of answers.json without its last line break: `{seal(tuple(cases))[1]}`.",
+        "",
+        *results(cases, rows),
+    ]
+    return "\n".join(out) + "\n"
 
 
 def results(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> list[str]:

@@ -84,6 +84,7 @@ _OF_AIRCRAFT: dict[str, Effect] = {
         thrust_lag,
         second_order_thrust_lag,
         thrust_scale,
+        throttle_scale,
         thrust_lapse,
         slipstream,
         elevator_slipstream,
@@ -113,7 +114,6 @@ _OF_AIRCRAFT: dict[str, Effect] = {
 
 _PLAIN = ("lag", "delay", "gain", "rate limit")
 _OF_AIRCRAFT |= {SERVOS[kind, control].name: SERVOS[kind, control] for kind in _PLAIN for control in ("da", "dr")}
-_OF_AIRCRAFT["throttle_scale"] = SERVOS["linkage ratio", "thr"]
 _BY_NAME_ONLY = ("lost_tail", "stall_moment")
 _LATERAL = (*lateral_feedback.EFFECTS, *propeller.EFFECTS, *asymmetry.EFFECTS, *lateral_terms.EFFECTS)
 _NEW = (*over_time.EFFECTS, *_LATERAL, *lost_surface.EFFECTS, *stall_moment.EFFECTS)
@@ -164,8 +164,8 @@ def left_out(effects: Mapping[str, Effect], aircraft: Aircraft, suite: SensorSui
         except ModelError as error:
             out[name] = error.message
             continue
-        if name == throttle_scale.EFFECT.name and aircraft.adapter is None:
-            out[name] = f"the thrust of {aircraft.name} is proportional to its throttle: see thrust_scale"
+        if effect.own_form and aircraft.adapter is None:
+            out[name] = f"in {aircraft.name} it is what {effect.own_form} is"
     return out
 
 

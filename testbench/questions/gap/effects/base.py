@@ -91,6 +91,7 @@ class Effect:
         ground_check: the cheapest check on the ground, in words; that of the part if not given.
         looks: number of places (records, times, components) where the effect was sought, the best of which was taken;
             thresholds are Bonferroni's over all of them. 0 if it was not found anywhere.
+        own_form: the effect that does the same in models of the testbench's own form, where this one is left out.
     """
 
     name: str
@@ -112,6 +113,7 @@ class Effect:
     part: str = ""
     ground_check: str = ""
     over_time: Callable[[Aircraft, SensorSuite, Values, float], tuple[Aircraft, SensorSuite]] | None = None
+    own_form: str = ""
 
     @property
     def singles(self) -> tuple[Effect, ...]:

@@ -27,4 +27,5 @@ EFFECT = Effect(
     flown=True,
     upstream=GEARING,
     ground_check=GROUND_CHECK,
+    own_form="thrust_scale",
 )

@@ -92,12 +92,17 @@ def fly_truth(
     signals, names = manoeuvres(aircraft, which)
     flights = []
     for i, (name, signal) in enumerate(zip(names, signals, strict=True)):
-        n = len(next(iter(signal.values())))
-        u = np.column_stack([signal.get(c, np.zeros(n)) for c in CONTROLS])
+        u = side_by_side(signal, CONTROLS)
         met = truth.gust if i == 0 and which != "held_out" else None  # a gust belongs to one flight and no other
         air = _air(turbulence_rms_m_s, met, seed + 7919 * i)
         flights.append(Commands(name, CONTROLS, u, SETTLE_S, seed + i, air))
     return fly_hidden(aircraft, "rigid", truth, suite(), condition(aircraft), flights, RATE_HZ)
+
+
+def side_by_side(signal: Mapping[str, FloatArray], controls: Sequence[str]) -> FloatArray:
+    """Return the commands of all controls, (n, controls): zero of those that do not move."""
+    n = len(next(iter(signal.values())))
+    return np.column_stack([signal.get(c, np.zeros(n)) for c in controls])
 
 
 def _air(rms_m_s: float, gust: Gust | None, seed: int) -> Air | None:

@@ -25,6 +25,7 @@ from testbench.questions.gap.sealed.flights import (
     _steps,
     _sweep,
     condition,
+    side_by_side,
 )
 from testbench.sensors import SensorSuite, load_suite
 
@@ -84,9 +85,7 @@ def fly_lateral(aircraft: str, truth: Truth, which: str, seed: int) -> dict[str,
     """
     flights = []
     for i, (signal, name) in enumerate(zip(*manoeuvres(aircraft, which), strict=True)):
-        n = len(next(iter(signal.values())))
-        u = np.column_stack([signal.get(c, np.zeros(n)) for c in CONTROLS])
-        flights.append(Commands(name, CONTROLS, u, SETTLE_S, seed + i))
+        flights.append(Commands(name, CONTROLS, side_by_side(signal, CONTROLS), SETTLE_S, seed + i))
     return fly_hidden(aircraft, "rigid", truth, suite(), condition(aircraft), flights, RATE_HZ)
 
 

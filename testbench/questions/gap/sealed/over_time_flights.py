@@ -13,10 +13,9 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.questions.gap.hidden.aircraft import RATE_HZ
 from testbench.questions.gap.hidden.flights import Commands, fly_hidden
 from testbench.questions.gap.hidden.truth import Truth
-from testbench.questions.gap.sealed.flights import SETTLE_S, _doublet, _half_sine, _joined
+from testbench.questions.gap.sealed.flights import SETTLE_S, _doublet, _half_sine, _joined, side_by_side
 from testbench.questions.gap.sealed.lateral_flights import CONTROLS, suite
 from testbench.questions.gap.sealed.path_flights import FLOWN
-from testbench.questions.gap.sealed.stock_flights import side_by_side
 
 _LONG_S = 14.0
 _FROM_S = 6.0  # of the surfaces, when the throttle is back
@@ -68,7 +67,7 @@ def fly_over_time(aircraft: str, truth: Truth, which: str, seed: int) -> dict[st
         TrimError, FlightAborted, LimitError: this truth cannot fly the manoeuvres.
     """
     flights = [
-        Commands(name, CONTROLS, side_by_side(signal), SETTLE_S, seed + i, at_s=at_s)
+        Commands(name, CONTROLS, side_by_side(signal, CONTROLS), SETTLE_S, seed + i, at_s=at_s)
         for i, (name, (at_s, signal)) in enumerate(manoeuvres(aircraft, which).items())
     ]
     return fly_hidden(aircraft, "rigid", truth, suite(), FLOWN[aircraft].conditions[0], flights, RATE_HZ)

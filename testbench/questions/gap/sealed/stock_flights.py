@@ -9,15 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight import FlightCondition
 from testbench.questions.gap.hidden.aircraft import RATE_HZ
 from testbench.questions.gap.hidden.flights import Commands, fly_hidden
 from testbench.questions.gap.hidden.truth import Truth
-from testbench.questions.gap.sealed.flights import SETTLE_S, _doublet, _half_sine, _joined, _steps
+from testbench.questions.gap.sealed.flights import SETTLE_S, _doublet, _half_sine, _joined, _steps, side_by_side
 from testbench.questions.gap.sealed.lateral_flights import CONTROLS, _held, suite
 from testbench.sensors import SensorSuite
 
@@ -114,12 +112,6 @@ def fly_from_three(
     """
     flights = []
     for i, (name, (at, signal)) in enumerate(manoeuvres(f, which).items()):
-        u = side_by_side(signal)
+        u = side_by_side(signal, CONTROLS)
         flights.append(Commands(name, CONTROLS, u, SETTLE_S, seed + i, condition=f.conditions[at]))
     return fly_hidden(aircraft, "rigid", truth, sensors, f.conditions[0], flights, RATE_HZ)
-
-
-def side_by_side(signal: Mapping[str, FloatArray]) -> FloatArray:
-    """Return the commands of all controls, (n, 4): zero of those that do not move."""
-    n = len(next(iter(signal.values())))
-    return np.column_stack([signal.get(c, np.zeros(n)) for c in CONTROLS])
