@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 
 from testbench.aircraft import Aircraft
@@ -17,6 +17,8 @@ CUT = "cut_from_record_s"
 """Of the provenance of a record that was cut from a log: beginning and end there."""
 KEY = "flown_from"
 """Of a record's provenance, under which its start stands: what is cut out of a record or made of it keeps it."""
+APART_S = 60.0
+"""Records show what grows over a flight only if they lie so far apart: batteries and fuel last for many minutes."""
 
 
 @dataclass(frozen=True)
@@ -67,22 +69,33 @@ def marked(record: FlightRecord, start: Start) -> FlightRecord:
 
 
 def timed(records: Mapping[str, FlightRecord], general: FlightCondition) -> dict[str, FlightRecord]:
-    """Return records, of which several that were cut from one log say when: its beginning is taken for take-off.
+    """Return records, of which those cut from one log far apart say when: its beginning is taken for take-off.
 
     ``general`` is the condition of those that say nothing of their own.
     """
-    logs = Counter(str(r.provenance.get("sha256")) for r in records.values() if r.provenance.get(CUT))
-    out = dict(records)
+    logs: dict[str, dict[str, float]] = defaultdict(dict)
     for name, record in records.items():
-        span, start = record.provenance.get(CUT), start_of(record) or Start(general)
-        if span and logs[str(record.provenance.get("sha256"))] > 1 and start.at_s is None:
-            out[name] = marked(record, replace(start, at_s=0.5 * float(sum(span))))
+        if span := record.provenance.get(CUT):
+            logs[str(record.provenance.get("sha256"))][name] = 0.5 * float(sum(span))
+    out = dict(records)
+    for middles in logs.values():
+        if not far_apart(middles.values()):
+            continue
+        for name, at_s in middles.items():
+            start = start_of(records[name]) or Start(general)
+            if start.at_s is None:
+                out[name] = marked(records[name], replace(start, at_s=at_s))
     return out
 
 
 def times_of(records: Iterable[FlightRecord]) -> set[float]:
     """Return the times after take-off, s, that records say."""
     return {s.at_s for s in map(start_of, records) if s is not None and s.at_s is not None}
+
+
+def far_apart(times_s: Collection[float]) -> bool:
+    """Return whether two of these times lie so far apart that what grows over a flight can be seen."""
+    return len(times_s) > 1 and max(times_s) - min(times_s) >= APART_S
 
 
 def start_of(record: FlightRecord) -> Start | None:

@@ -73,7 +73,7 @@ def test_half_an_hour_after_take_off_the_aircraft_is_as_much_lighter_as_the_rate
     assert late.trimmed.alpha < b.trimmed.alpha
 
 
-@pytest.mark.parametrize("at", [(None, None, None), (60.0, 60.0, 60.0), (60.0, None, None)])
+@pytest.mark.parametrize("at", [(None, None, None), (60.0, 60.0, 60.0), (60.0, None, None), (60.0, 75.0, 100.0)])
 def test_it_is_not_sought_where_records_do_not_differ_in_time(at):
     b = believed()
     records = flown(at, recorded(b, flown(at)))
@@ -114,8 +114,9 @@ def test_records_of_one_log_say_when_they_were_flown():
         return replace(commands()[0], provenance={"sha256": log, CUT: span})
 
     records = {"a": part([10.0, 20.0], "x"), "b": part([400.0, 420.0], "x"), "c": part([5.0, 9.0], "y")}
+    records |= {"d": part([2.0, 12.0], "z"), "e": part([12.0, 22.0], "z")}  # a log too short to show what grows
     told = {n: start_of(r) for n, r in timed(records, CONDITION).items()}
-    assert told == {"a": Start(CONDITION, at_s=15.0), "b": Start(CONDITION, at_s=410.0), "c": None}
+    assert told == {"a": Start(CONDITION, at_s=15.0), "b": Start(CONDITION, at_s=410.0), **dict.fromkeys("cde")}
 
 
 def test_a_new_case_says_when_records_of_one_log_were_flown(tmp_path):

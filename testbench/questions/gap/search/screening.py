@@ -15,7 +15,7 @@ from testbench.questions.gap.effects import Effect, Parameter
 from testbench.questions.gap.flights import trims
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.parallel import spread
-from testbench.questions.gap.starts import times_of
+from testbench.questions.gap.starts import far_apart, times_of
 
 SMALL = 0.1  # share of its usual start at which an effect is screened if it can only be small
 INVISIBLE = 1e-2  # chi-square of what an effect changes at its starts, below which it cannot be seen
@@ -101,8 +101,8 @@ def _not_sought(base: Hypothesis, effect: Effect) -> str:
     """Return why an effect is not sought in these records, or ""."""
     if effect.lateral and not base.lateral:
         return "these records cannot show it: neither aileron nor rudder moves"
-    if effect.over_time is not None and len(times_of(base.records)) < 2:
-        return "these records cannot show it: it is not said that they were flown at different times (flown_at_s)"
+    if effect.over_time is not None and not far_apart(times_of(base.records)):
+        return "these records cannot show it: none is said to be flown a minute or more after another (flown_at_s)"
     return "" if effect.looks else f"looked for in every record, no {effect.name} stands out of one"
 
 
