@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-_LAPSE_K_M, _T0_K, _RHO0_KG_M3 = 0.0065, 288.15, 1.225  # the troposphere
+_LAPSE_K_M, _T0_K, _RHO0_KG_M3, _POWER = 0.0065, 288.15, 1.225, 4.2558797  # the troposphere
 
 
 def air_density(h_m: float, temperature_K: float | None = None) -> float:
@@ -10,5 +10,10 @@ def air_density(h_m: float, temperature_K: float | None = None) -> float:
 
     With a temperature it is that of air at the standard pressure of the height.
     """
-    density = _RHO0_KG_M3 * (1.0 - _LAPSE_K_M * h_m / _T0_K) ** 4.2558797
+    density = _RHO0_KG_M3 * (1.0 - _LAPSE_K_M * h_m / _T0_K) ** _POWER
     return density if temperature_K is None else density * (_T0_K - _LAPSE_K_M * h_m) / temperature_K
+
+
+def height_of_density(density_kg_m3: float) -> float:
+    """Return the height, m, below 11 km at which the standard atmosphere has this density (ISO 2533:1975)."""
+    return (1.0 - (density_kg_m3 / _RHO0_KG_M3) ** (1.0 / _POWER)) * _T0_K / _LAPSE_K_M

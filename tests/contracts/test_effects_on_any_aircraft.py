@@ -23,7 +23,7 @@ AIRCRAFT = ("taurus", "jsbsim:c172p", "jsbsim:f16")
 SUITE = load_suite("eolo_full")
 SECONDS = 2.0
 SENSED = tuple(n for n in EFFECTS if EFFECTS[n].place.endswith(" sensor"))
-OF_THE_AIR = ("steady_wind", "gust", "clock_offset", *SENSED)  # they leave the aircraft as it is
+OF_THE_AIR = ("steady_wind", "gust", "clock_offset", "air_density", *SENSED)  # they leave the aircraft as it is
 OF_AIRCRAFT = {n: e for n, e in (EFFECTS | ON_REQUEST).items() if n not in OF_THE_AIR}
 CHANNELS = ("V", "alpha", "beta", "p", "q", "r", "theta", "phi", "ax", "ay", "az", "de", "da", "dr", "h")
 # What an effect moves is seen in; a place not listed moves the pitch rate.

@@ -98,6 +98,8 @@ class Believed:
     as ``free_starts``, that starts are sought from, in place of the origins; with ``begins_there`` flights begin there,
     as differences between neighbours want it. ``over_time`` are effects that grow during the flight: (aircraft,
     sensors, time after take-off) -> both; where a record does not say when it was flown, nothing has grown.
+    ``elsewhere`` are effects that move the condition: condition of a record -> the one that it was really flown from.
+    ``condition`` is moved by them already.
 
     Raises:
         ScenarioError: the suite has no channel to compare, or one without any noise.
@@ -118,6 +120,7 @@ class Believed:
     begins: Mapping[str, FloatArray] = field(default_factory=dict)
     begins_there: bool = False
     over_time: tuple[partial[tuple[Aircraft, SensorSuite]], ...] = ()
+    elsewhere: tuple[partial[FlightCondition], ...] = ()
 
     def __post_init__(self) -> None:
         if not self.outputs:
@@ -149,16 +152,18 @@ class Believed:
         start = start_of(record)
         if start is not None and not self.over_time:  # then it does not matter when that was
             start = replace(start, at_s=self.start.at_s if self.start is not None else None)
-        if start is None or start == (self.start or Start(self.condition)):
+        here = self.start or (None if self.elsewhere else Start(self.condition))
+        if start is None or start == here:
             return self
         if self.start is not None:
             raise ModelError(f"a belief about flights from {self.start} cannot be asked about one from {start}")
         if start not in self._by_start:
             aircraft, suite = start.loaded(replace(self.aircraft, rate_hz=self.rate_hz), self.suite)
             at_rest = None if self.at_rest is None else start.loaded(self.at_rest, self.suite)[0]
-            there = replace(
-                self, aircraft=aircraft, suite=suite, condition=start.condition, at_rest=at_rest, start=start
-            )
+            condition = start.condition
+            for moved in self.elsewhere:
+                condition = moved(condition)
+            there = replace(self, aircraft=aircraft, suite=suite, condition=condition, at_rest=at_rest, start=start)
             self._by_start[start] = there if start.at_s is None else there.after(start.at_s)
         return self._by_start[start]
 
@@ -200,7 +205,11 @@ class Believed:
             at_rest = effect.amend(replace(at_rest, rate_hz=self.rate_hz), self.suite, values)[0]
             at_rest = _in_place(at_rest, known, effect)
         gusts = self.gusts if effect.met is None else (*self.gusts, effect.met(values))
-        return replace(self, aircraft=aircraft, suite=suite, shapes=shapes, at_rest=at_rest, gusts=gusts)
+        out = replace(self, aircraft=aircraft, suite=suite, shapes=shapes, at_rest=at_rest, gusts=gusts)
+        return out if effect.elsewhere is None else out._moved(partial(_elsewhere, effect, dict(values)))
+
+    def _moved(self, moved: partial[FlightCondition]) -> Believed:
+        return replace(self, condition=moved(self.condition), elsewhere=(*self.elsewhere, moved))
 
     def with_nuisances(self, nuisances: Mapping[str, float]) -> Believed:
         """Return the belief with nuisances at these values: coefficients multiplied by them."""
@@ -700,6 +709,11 @@ def _grown(
     known = len(aircraft.amendments)
     grown, suite = effect.over_time(aircraft, suite, values, at_s)
     return _in_place(grown, known, effect), suite
+
+
+def _elsewhere(effect: Effect, values: Mapping[str, float], believed: FlightCondition) -> FlightCondition:
+    assert effect.elsewhere is not None
+    return effect.elsewhere(believed, values)
 
 
 def _shaped(

@@ -61,7 +61,7 @@ def amended_files(result: GapResult) -> dict[str, str]:
         return out
     home = Path(result.aircraft.removeprefix(STOCK))  # of a brought aircraft its whole path
     name = file_stem(home.stem if home.suffix == ".xml" else home.name)
-    models = [aircraft_files(as_it_is(b.aircraft), name, b.rate_hz, b.condition, home) for b in (old, new)]
+    models = [aircraft_files(as_it_is(b.aircraft), name, b.rate_hz, old.condition, home) for b in (old, new)]
     if models[0] == models[1]:
         return out
     out |= {f"{name}/{path}": text for path, text in models[1].items()}

@@ -29,7 +29,7 @@ def measure(
     truth: Believed, seed: int, rms_m_s: float = 0.0, inputs=(ELEVATOR, THROTTLE), duration_s: float = 12.0
 ) -> list[FlightRecord]:
     """Fly one manoeuvre per input with ``truth`` in turbulence of a vertical rms, and measure it with its sensors."""
-    trimmed = trim(truth.aircraft, CONDITION, truth.rate_hz)
+    trimmed = trim(truth.aircraft, truth.condition, truth.rate_hz)
     records = []
     for i, spec in enumerate(inputs):
         coarse = build((spec,), duration_s, truth.suite.rate_hz)

@@ -13,6 +13,7 @@ from testbench.questions.gap.effects import (
     asymmetry,
     cg_shift,
     clock_offset,
+    condition,
     creeping_free_play,
     curved_moment,
     dead_band,
@@ -116,7 +117,7 @@ _PLAIN = ("lag", "delay", "gain", "rate limit")
 _OF_AIRCRAFT |= {SERVOS[kind, control].name: SERVOS[kind, control] for kind in _PLAIN for control in ("da", "dr")}
 _BY_NAME_ONLY = ("lost_tail", "stall_moment")
 _LATERAL = (*lateral_feedback.EFFECTS, *propeller.EFFECTS, *asymmetry.EFFECTS, *lateral_terms.EFFECTS)
-_NEW = (*over_time.EFFECTS, *_LATERAL, *lost_surface.EFFECTS, *stall_moment.EFFECTS)
+_NEW = (*condition.EFFECTS, *over_time.EFFECTS, *_LATERAL, *lost_surface.EFFECTS, *stall_moment.EFFECTS)
 _OF_AIRCRAFT |= {e.name: e for e in _NEW if e.name not in _BY_NAME_ONLY}
 
 OTHER_SERVOS: dict[str, Effect] = {e.name: e for e in SERVOS.values() if e.name not in _OF_AIRCRAFT}

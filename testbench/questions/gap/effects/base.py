@@ -11,6 +11,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
+from testbench.flight import FlightCondition
 from testbench.flight.air import Gust
 from testbench.sensors import SensorSuite
 
@@ -92,6 +93,8 @@ class Effect:
         looks: number of places (records, times, components) where the effect was sought, the best of which was taken;
             thresholds are Bonferroni's over all of them. 0 if it was not found anywhere.
         own_form: the effect that does the same in models of the testbench's own form, where this one is left out.
+        elsewhere: (believed condition of a record, values) -> the one that it was really flown from, for an effect that
+            moves it.
     """
 
     name: str
@@ -114,6 +117,7 @@ class Effect:
     ground_check: str = ""
     over_time: Callable[[Aircraft, SensorSuite, Values, float], tuple[Aircraft, SensorSuite]] | None = None
     own_form: str = ""
+    elsewhere: Callable[[FlightCondition, Values], FlightCondition] | None = None
 
     @property
     def singles(self) -> tuple[Effect, ...]:

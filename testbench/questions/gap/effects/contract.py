@@ -137,15 +137,16 @@ def its_parameters_have_units_and_start_within_their_bounds(t: Trial) -> None:
 
 
 def it_changes_aircraft_or_sensors_and_leaves_what_it_was_given(t: Trial) -> None:
-    """Neither argument is changed; what comes back differs and has a trim."""
+    """Neither argument is changed; what comes back, or the condition flown, differs and has a trim."""
     suite = load_suite("eolo_full") if t.effect.name == "steady_wind" else t.believed.suite
     aircraft, values = t.believed.aircraft, t.usual
     before = aircraft.model_xml(500.0, 150.0, 16.0)
     amended, sensors = t.effect.amend(aircraft, suite, values)
     need(aircraft.model_xml(500.0, 150.0, 16.0) == before, "amend must not change the aircraft that it is given")
     after = amended.model_xml(500.0, 150.0, 16.0), sensors
-    need(after != (before, suite), f"amend must change aircraft or sensors at {values}")
-    off = float(np.max(np.abs(trim(amended, CONDITION).residual)))
+    moved = CONDITION if t.effect.elsewhere is None else t.effect.elsewhere(CONDITION, values)
+    need((*after, moved) != (before, suite, CONDITION), f"amend must change aircraft or sensors at {values}")
+    off = float(np.max(np.abs(trim(amended, moved).residual)))
     need(off < 1e-9, f"the amended aircraft must have a trim, got a residual of {off:.2g}")
 
 
