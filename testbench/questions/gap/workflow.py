@@ -14,6 +14,7 @@ from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord
 from testbench.flight.batch.jobs import Tally
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.by_surface import borne_out
 from testbench.questions.gap.controls import fly_controls, without_false_alarms
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, judged, noise_limit
@@ -168,6 +169,7 @@ def find_gap(
         beside = fly_controls(as_believed, naming_records, air, naming, controls, again, say, control_file)
         naming = without_false_alarms(naming, beside)
     parameters = wrong_parameters(naming, believed, list(held_out.values()), naming_records, known)
+    parameters = borne_out(parameters, paths, as_believed, records, air)
     if naming.best is not None:
         amended = naming.best.added_to(believed)
     else:

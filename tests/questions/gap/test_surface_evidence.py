@@ -9,12 +9,14 @@ import pytest
 from gap.test_control_path import ELEVATOR, NOISE_RAD, believe, measure
 
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.by_surface import borne_out
 from testbench.questions.gap.coefficients import gain_of, led_by_surfaces
 from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.base import together
+from testbench.questions.gap.evidence.air import AirFound
 from testbench.questions.gap.evidence.control_path import JudgedPath, PathTerm, judge_paths
-from testbench.questions.gap.hidden.kinds import LateCommand, RateFeedback, Roughness
+from testbench.questions.gap.hidden.kinds import CommandGain, LateCommand, RateFeedback, Roughness
 from testbench.questions.gap.parameters import wrong_parameters
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.name import name_effect
@@ -22,6 +24,7 @@ from testbench.questions.gap.surface_evidence import with_surfaces
 from testbench.questions.gap.workflow import find_gap
 
 LAGS = ("transport_delay", "second_order_actuator", "wake_lag")
+STILL_AIR = AirFound(False, 0.0, 547.0, 0.0, 10.0, 1.0)
 DAMPERS = ("pitch_damper", "alpha_dot")
 
 
@@ -131,6 +134,23 @@ def test_a_coefficient_is_not_accused_of_what_a_surface_shows():
     told = naming_of(replace(fit_of("pitch_damper", 430.0), told=400.0))
     assert led_by_surfaces("Cm_q", told)
     assert wrong_parameters(told, b) == ()
+
+
+@pytest.mark.parametrize("recorded", [True, False])
+def test_a_coefficient_is_accused_only_if_it_is_wrong_where_the_surface_drives_too(recorded):
+    """The linkage turns the elevator 0.65 of its command, and Cm_alpha is 1.5 times the believed one."""
+    b = believe(NOISE_RAD).with_nuisances({"Cm_alpha": 1.0 / 1.5})
+    records = measure(b, CommandGain(kind="command_gain", gain=0.65), ELEVATOR)
+    naming = name_effect(b, tuple(records.values()), effects={"drag_increment": EFFECTS["drag_increment"]}, pairs=False)
+    assert (naming.outcome, naming.names) == ("no gap", ()), naming.sentence
+    wrong = wrong_parameters(naming, b)
+    paths = judge_paths(b, tuple(records.values()))
+    assert {p.name for p in wrong} == {"Cm_de", "Cm_alpha"}
+    if not recorded:  # then nothing but the command can drive
+        records = {n: r.select(c for c in r.channels if c != "de") for n, r in records.items()}
+    left = borne_out(wrong, paths, b, records, STILL_AIR)
+    assert {p.name for p in left} == ({"Cm_alpha"} if recorded else {"Cm_de", "Cm_alpha"})
+    assert borne_out(wrong, (JudgedPath("de", "as believed"),), b, records, STILL_AIR) == wrong
 
 
 @pytest.mark.slow
