@@ -99,7 +99,7 @@ class Believed:
     as differences between neighbours want it. ``over_time`` are effects that grow during the flight: (aircraft,
     sensors, time after take-off) -> both; where a record does not say when it was flown, nothing has grown.
     ``elsewhere`` are effects that move the condition: condition of a record -> the one that it was really flown from.
-    ``condition`` is moved by them already.
+    ``condition`` is moved by them already, by ``higher_m`` in height; the limits of the height go along.
 
     Raises:
         ScenarioError: the suite has no channel to compare, or one without any noise.
@@ -121,6 +121,7 @@ class Believed:
     begins_there: bool = False
     over_time: tuple[partial[tuple[Aircraft, SensorSuite]], ...] = ()
     elsewhere: tuple[partial[FlightCondition], ...] = ()
+    higher_m: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.outputs:
@@ -160,10 +161,12 @@ class Believed:
         if start not in self._by_start:
             aircraft, suite = start.loaded(replace(self.aircraft, rate_hz=self.rate_hz), self.suite)
             at_rest = None if self.at_rest is None else start.loaded(self.at_rest, self.suite)[0]
-            condition = start.condition
+            plain = replace(self, higher_m=0.0, elsewhere=())
+            there = replace(
+                plain, aircraft=aircraft, suite=suite, condition=start.condition, at_rest=at_rest, start=start
+            )
             for moved in self.elsewhere:
-                condition = moved(condition)
-            there = replace(self, aircraft=aircraft, suite=suite, condition=condition, at_rest=at_rest, start=start)
+                there = there._moved(moved)
             self._by_start[start] = there if start.at_s is None else there.after(start.at_s)
         return self._by_start[start]
 
@@ -209,7 +212,10 @@ class Believed:
         return out if effect.elsewhere is None else out._moved(partial(_elsewhere, effect, dict(values)))
 
     def _moved(self, moved: partial[FlightCondition]) -> Believed:
-        return replace(self, condition=moved(self.condition), elsewhere=(*self.elsewhere, moved))
+        """Return the belief in the condition that an effect moves this one to."""
+        condition = moved(self.condition)
+        higher_m = self.higher_m + condition.h_m - self.condition.h_m
+        return replace(self, condition=condition, higher_m=higher_m, elsewhere=(*self.elsewhere, moved))
 
     def with_nuisances(self, nuisances: Mapping[str, float]) -> Believed:
         """Return the belief with nuisances at these values: coefficients multiplied by them."""
@@ -555,14 +561,14 @@ class Believed:
     @cached_property
     def flyer(self) -> Flyer:
         """What flies."""
-        return Flyer.of(self.aircraft, self.condition, self.rate_hz, self.simulator)
+        return Flyer.of(_raised(self.aircraft, self.higher_m), self.condition, self.rate_hz, self.simulator)
 
     @cached_property
     def linear_flyer(self) -> Flyer:
         """What is linearised."""
         if self.at_rest is None:
             return self.flyer
-        return Flyer.of(self.at_rest, self.condition, self.rate_hz, self.simulator)
+        return Flyer.of(_raised(self.at_rest, self.higher_m), self.condition, self.rate_hz, self.simulator)
 
     @cached_property
     def outputs(self) -> tuple[str, ...]:
@@ -709,6 +715,18 @@ def _grown(
     known = len(aircraft.amendments)
     grown, suite = effect.over_time(aircraft, suite, values, at_s)
     return _in_place(grown, known, effect), suite
+
+
+def _raised(aircraft: Aircraft, by_m: float) -> Aircraft:
+    """Return an aircraft that may fly higher or lower by so much, one that may stand on the ground no lower.
+
+    The height stands for the density of the air there, which is another one at the height that is flown.
+    """
+    if by_m == 0.0 or "h" not in aircraft.limits:
+        return aircraft
+    low, high = aircraft.limits["h"]
+    low = low + by_m if aircraft.adapter is None else low + max(by_m, 0.0)
+    return replace(aircraft, limits={**aircraft.limits, "h": (low, high + max(by_m, 0.0))})
 
 
 def _elsewhere(effect: Effect, values: Mapping[str, float], believed: FlightCondition) -> FlightCondition:

@@ -1,15 +1,25 @@
-"""A hypothesis and its tangents at the edge of what can be trimmed."""
+"""A hypothesis, its tangents at the edge of what can be trimmed, and its re-tuning where linear predictions fail."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from studies.blind.run import believe
 
 from testbench.core.errors import TrimError
+from testbench.core.record import FlightRecord
+from testbench.core.scenario.inputs import StandardMultistep
+from testbench.flight import FlightCondition, load_aircraft
+from testbench.inputs import build
+from testbench.questions.gap.believed import PRIORS, Believed
+from testbench.questions.gap.effects.contract import recorded
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.sealed.flights import fly_truth
+from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.sensors import load_suite
 
 
 def least_factor_with_trim(believed, low=0.4, high=1.0):
@@ -38,3 +48,17 @@ def test_where_one_side_has_no_trim_the_tangent_is_taken_to_the_other():
         _ = believed.with_nuisances({"Cm_de": least + 0.005 - 0.02}).trimmed
     one_sided, central = edge.tangents[:, k], inside.tangents[:, k]
     assert np.linalg.norm(one_sided - central) < 0.1 * np.linalg.norm(central)
+
+
+def test_re_tuning_finds_the_coefficients_of_an_aircraft_that_is_hardly_stable():
+    """Cm_alpha of the F-16 is small, so that a linear prediction of 12 s goes far astray; flown tangents do not."""
+    steps = StandardMultistep(signal="3211", control="de", amplitude_deg=2.0, step_s=0.5, start_s=0.5)
+    u = build((steps,), 12.0, 50.0)
+    command = FlightRecord(t_s=u.t_s, channels=("de_cmd",), data=u.u, kind="measured")
+    suite = replace(load_suite("eolo_gap"), rate_hz=50.0)
+    believed = Believed(load_aircraft("jsbsim:f16"), suite, FlightCondition(150.0, 2500.0), 100.0)
+    true = {"Cm_alpha": 0.8, "Cm_q": 0.97, "Cm_de": 0.956}
+    tuned = retune(Hypothesis.at(believed, believed, recorded(believed.with_nuisances(true), (command,))))
+    price = sum(((f - 1.0) / PRIORS[n]) ** 2 for n, f in true.items())
+    assert tuned.chi2 < price + 0.1
+    assert {n: tuned.by_name[n] for n in true} == pytest.approx(true, abs=0.02)

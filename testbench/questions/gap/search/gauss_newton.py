@@ -256,10 +256,11 @@ def retune(base: Hypothesis) -> Hypothesis:
     few units of chi-square too high, which a false effect would gain.
     """
     here = _rest(base)
-    return _rest(here.afresh(True))
+    return _rest(here.afresh(True), flown=True)
 
 
-def _rest(here: Hypothesis) -> Hypothesis:
+def _rest(here: Hypothesis, flown: bool = False) -> Hypothesis:
+    """Take steps until they rest; where tangents have failed, take them anew, ``flown`` or from linear predictions."""
     for _ in range(MAX_ROUNDS):
         left, nuisances = here.tuned(here.exact)
         if here.chi2 - float(left @ left) < AT_REST:
@@ -269,7 +270,7 @@ def _rest(here: Hypothesis) -> Hypothesis:
             moved = here.moved(here.model, here.nuisances + share * (here.towards(nuisances) - here.nuisances))
             if moved is not None and moved.chi2 < here.chi2:
                 kept = share == 1.0 and not _broken(here.chi2, float(left @ left), moved.chi2)
-                there = moved if kept else replace(moved, slopes=None)
+                there = moved if kept else moved.afresh(flown)
                 break
         if there is None:
             break
