@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from studies.blind import fighter
 from studies.blind.stock import SEED, page
 from studies.blind.stock_run import believe, told
 
@@ -17,11 +18,11 @@ from testbench.questions.gap.sealed.cases import seal
 from testbench.questions.gap.sealed.flights import RATE_HZ, SETTLE_S
 from testbench.questions.gap.sealed.lateral_flights import CONTROLS
 from testbench.questions.gap.sealed.stock_cases import NOTHING, STRATA, TAKEN_OUT, StockCase, opened
-from testbench.questions.gap.sealed.stock_flights import FLOWN, fly_stock, suite
+from testbench.questions.gap.sealed.stock_flights import FIGHTER, FLOWN, fly_stock, suite
 from testbench.questions.gap.sealed.stock_truths import STOCK_KINDS
 from testbench.questions.gap.starts import Start, marked, start_of
 
-SEALED = Path(__file__).resolve().parents[3] / "results" / "gap" / "stock"
+RESULTS = Path(__file__).resolve().parents[3] / "results" / "gap"
 SEEN = 200.0  # least sum of squares, in units of the noise, by which a kind must change the six records
 
 
@@ -44,7 +45,7 @@ def test_every_kind_of_hidden_truth_shows_in_some_record_and_nothing_shows_none(
     assert sum(float(np.sum((d - d.mean(axis=0)) ** 2)) for d in apart) > SEEN
 
 
-@pytest.mark.parametrize("aircraft", FLOWN)
+@pytest.mark.parametrize("aircraft", [*FLOWN, *FIGHTER])
 def test_what_is_believed_flies_from_three_conditions_with_nothing_left_but_noise(aircraft):
     believed, truth = believe(aircraft), Truth(factors={"Cm_q": 1.2, "Cl_beta": 0.8})
     tuned = believed.with_nuisances(truth.factors)
@@ -68,12 +69,17 @@ def test_a_load_that_is_known_is_carried_where_it_is_said_to_be_in_a_stock_aircr
     assert energy == pytest.approx(1.0, abs=5 * 0.018)  # 10 channels of 600 samples: false alarm 6e-7
 
 
-def test_the_answers_are_those_that_were_sealed():
-    cases = opened((SEALED / "answers.json").read_text(encoding="utf-8").removesuffix("\n"))
-    assert {s: sum(c.stratum == s for c in cases) for s in STRATA} == dict(STRATA)
-    assert (SEALED / "sealed.sha256").read_text(encoding="utf-8").startswith(seal(cases)[1])
-    assert (SEALED / "sealed.sha256").read_text(encoding="utf-8").endswith(f"seed {SEED}\n")
-    assert {c.aircraft for c in cases} == set(FLOWN)
+@pytest.mark.parametrize(
+    ("draw", "seed", "counts", "aircraft"),
+    [("stock", SEED, dict(STRATA), FLOWN), ("fighter", fighter.SEED, fighter.COUNTS, FIGHTER)],
+)
+def test_the_answers_are_those_that_were_sealed(draw, seed, counts, aircraft):
+    folder = RESULTS / draw
+    cases = opened((folder / "answers.json").read_text(encoding="utf-8").removesuffix("\n"))
+    assert {s: sum(c.stratum == s for c in cases) for s in STRATA} == counts
+    assert (folder / "sealed.sha256").read_text(encoding="utf-8").startswith(seal(cases)[1])
+    assert (folder / "sealed.sha256").read_text(encoding="utf-8").endswith(f"seed {seed}\n")
+    assert {c.aircraft for c in cases} == set(aircraft)
     assert {c.kinds for c in cases if c.stratum == NOTHING} == {()}
     assert all(c.without for c in cases if c.stratum == TAKEN_OUT)
 

@@ -5,7 +5,7 @@ Shares no code with the library of effects; neither imports the other (tests/tes
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from testbench.core.record import FlightRecord
@@ -29,9 +29,11 @@ class StockCase(StratumCase):
         return fly_stock(self.aircraft, self.truth(STOCK), which, self.seed_of(which))
 
 
-def draw(seed: int, counts: Mapping[str, int] = STRATA) -> tuple[StockCase, ...]:
+def draw(
+    seed: int, counts: Mapping[str, int] = STRATA, aircraft: Iterable[str] = tuple(FLOWN)
+) -> tuple[StockCase, ...]:
     """Draw the cases: see :func:`testbench.questions.gap.sealed.strata.draw_of`."""
-    return draw_of(StockCase, STOCK_KINDS, FLOWN, seed, counts)
+    return draw_of(StockCase, STOCK_KINDS, aircraft, seed, counts)
 
 
 def opened(text: str) -> tuple[StockCase, ...]:

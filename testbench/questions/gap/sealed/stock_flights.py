@@ -46,12 +46,16 @@ def _three(
     return FlightCondition(slow, h_m), FlightCondition(fast, h_m), high
 
 
-FLOWN: Mapping[str, Flown] = {
+FLOWN: dict[str, Flown] = {
     "jsbsim:737": Flown(_three(130.0, 160.0, 2000.0, 1500.0), 2.0 * DEG_RAD, 4.0 * DEG_RAD, 4.0 * DEG_RAD, 0.1, 0.8),
     "jsbsim:A4": Flown(_three(120.0, 150.0, 2000.0, 1500.0), 1.0 * DEG_RAD, 2.0 * DEG_RAD, 3.0 * DEG_RAD, 0.1, 0.5),
     "jsbsim:c172p": Flown(_three(43.0, 55.0, 1000.0, 600.0), 2.0 * DEG_RAD, 3.0 * DEG_RAD, 4.0 * DEG_RAD, 0.15, 0.5),
     "jsbsim:B747": Flown(_three(140.0, 175.0, 2000.0, 1500.0), 2.0 * DEG_RAD, 6.0 * DEG_RAD, 4.5 * DEG_RAD, 0.1, 1.0),
 }
+FIGHTER: dict[str, Flown] = {
+    "jsbsim:f16": Flown(_three(150.0, 190.0, 2500.0, 1000.0), 2.0 * DEG_RAD, 3.5 * DEG_RAD, 2.4 * DEG_RAD, 0.1, 0.5),
+}
+"""Of a draw of its own: hardly stable in pitch, which those of the draw of stock aircraft are not."""
 
 
 def manoeuvres(f: Flown, which: str) -> dict[str, tuple[int, Mapping[str, FloatArray]]]:
@@ -99,7 +103,7 @@ def manoeuvres(f: Flown, which: str) -> dict[str, tuple[int, Mapping[str, FloatA
 
 def fly_stock(aircraft: str, truth: Truth, which: str, seed: int) -> dict[str, FlightRecord]:
     """Fly a truth of a stock aircraft through a set of manoeuvres; see :func:`fly_from_three`."""
-    return fly_from_three(aircraft, FLOWN[aircraft], truth, which, seed, suite())
+    return fly_from_three(aircraft, (FLOWN | FIGHTER)[aircraft], truth, which, seed, suite())
 
 
 def fly_from_three(

@@ -1,0 +1,47 @@
+"""Blind test of the F-16 that comes with JSBSim, at three conditions: ``python -m studies.blind.fighter``. Resumes.
+
+It is hardly stable in pitch. Truths, sensors and strata are those of the draw of stock aircraft.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from studies.blind.sealed_draw import Draw
+from studies.blind.stock import run_case
+from studies.blind.strata import page_of, rates
+
+from testbench.questions.gap.sealed.stock_cases import STRATA, StockCase, draw, opened
+from testbench.questions.gap.sealed.stock_flights import FIGHTER, manoeuvres
+
+SEED = 20270614
+COUNTS = dict.fromkeys(STRATA, 12)
+
+
+def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return what the rows say, in words and tables: how many of the planned cases were run comes first."""
+    (plane,) = FIGHTER
+    flown, held = (", ".join(manoeuvres(FIGHTER[plane], which)) for which in ("rich", "held_out"))
+    words = [
+        "# Blind test of the F-16 at three conditions",
+        "",
+        "Made by `python -m studies.blind.fighter`, which resumes where it stopped; `--minutes 0` writes this page "
+        "anew. The F-16 of JSBSim is hardly stable in pitch. Hidden truths act on commands and readings "
+        "(`testbench/questions/gap/hidden/stock.py`), with every longitudinal and lateral coefficient of the belief "
+        "off by its prior. Each record starts from one of three conditions, slow, fast and high, which it tells. The "
+        "suite is that of all axes at 50 Hz, with commands and no surfaces. The hash of the answers was written "
+        "before the first case was named.",
+        "",
+        f"Used to name: {flown}. Held out: {held}.",
+    ]
+    return page_of(words, SEED, cases, rows)
+
+
+DRAW = Draw("fighter", SEED, lambda: draw(SEED, COUNTS, FIGHTER), opened, run_case, rates, page)
+
+if __name__ == "__main__":
+    raise SystemExit(DRAW.run())
