@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.questions.gap.believed import deviations_of
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, believable, score
+from testbench.questions.gap.priors import deviations_of
 from testbench.questions.gap.search.fit import EffectFit
 
 _IN_PLACE = 0.5  # share of what a coefficient is off that it may be off beside an effect that stands in for it

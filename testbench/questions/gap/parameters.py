@@ -10,7 +10,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.record import FlightRecord
 from testbench.core.words import with_error
-from testbench.questions.gap.believed import Believed, deviations_of
+from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.coefficients import (
     SEPARATES,
     leaves_more_than_noise,
@@ -21,6 +21,7 @@ from testbench.questions.gap.coefficients import (
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, sum_of_squares
 from testbench.questions.gap.linkage import linkage_instead
+from testbench.questions.gap.priors import deviations_of
 from testbench.questions.gap.search.fit import EffectFit
 
 

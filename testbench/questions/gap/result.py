@@ -10,7 +10,7 @@ import numpy as np
 from testbench.core.constants import DEG_RAD, G0_M_S2, KT_M_S
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.batch.jobs import Tally
-from testbench.questions.gap.believed import Believed, deviations_of
+from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.controls import Controls
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, Rest
@@ -22,6 +22,7 @@ from testbench.questions.gap.evidence.held_out import HeldOutFlight
 from testbench.questions.gap.evidence.locate import RegionMap, ResidualMap, Structure
 from testbench.questions.gap.open_set import FirstLook
 from testbench.questions.gap.parameters import WrongParameter, off_parameters
+from testbench.questions.gap.priors import deviations_of
 from testbench.questions.gap.verdict import Verdict, verdict_of
 
 # By so much a simulator may err in the short period and after a power change, in roll and yaw response and in a steady

@@ -12,10 +12,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from testbench.core.record import FlightRecord
-from testbench.questions.gap.believed import Believed, deviations_of
+from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, decide, doubted, noise_floor, score
 from testbench.questions.gap.evidence.control_path import JudgedPath
+from testbench.questions.gap.priors import deviations_of
 from testbench.questions.gap.search.fit import EffectFit, share_of_excess
 
 

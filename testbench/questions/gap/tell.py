@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from testbench.questions.gap.believed import deviations_of
 from testbench.questions.gap.evidence.locate import Structure
+from testbench.questions.gap.priors import deviations_of
 from testbench.questions.gap.search.fit import EffectFit
 
 

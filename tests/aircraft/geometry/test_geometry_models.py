@@ -167,7 +167,7 @@ def test_deviations_are_the_difference_or_the_floor():
 
 
 def test_no_floor_is_below_what_the_gap_workflow_takes_for_any_method():
-    from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS
+    from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
 
     for name, general in {**PRIORS, **LATERAL_PRIORS}.items():
         assert ROWS[name].floor >= general, name

@@ -16,9 +16,9 @@ from studies.blind.score import judge
 from studies.blind.strata import flown_factor, in_part, rates, right
 
 from testbench.core.record import FlightRecord
-from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS
 from testbench.questions.gap.hidden.lateral import LATERAL
 from testbench.questions.gap.hidden.truth import Truth
+from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
 from testbench.questions.gap.sealed.cases import seal
 from testbench.questions.gap.sealed.lateral_cases import NOTHING, STRATA, TAKEN_OUT, LateralCase, opened
 from testbench.questions.gap.sealed.lateral_flights import CONTROLS, fly_lateral, suite

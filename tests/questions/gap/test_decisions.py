@@ -10,7 +10,6 @@ import pytest
 from scipy.stats import chi2
 
 import testbench.questions.gap.search.fit as fit_module
-from testbench.questions.gap.believed import PRIORS
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import (
     decide,
@@ -23,6 +22,7 @@ from testbench.questions.gap.decide import (
 )
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.base import together
+from testbench.questions.gap.priors import PRIORS
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import Descent
 from testbench.questions.gap.search.name import _asked

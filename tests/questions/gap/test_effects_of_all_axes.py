@@ -7,7 +7,6 @@ import pytest
 from axes import believe, commands
 
 from testbench.flight import FlightCondition, linearise, trim
-from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS
 from testbench.questions.gap.effects import (
     EFFECTS,
     ON_REQUEST,
@@ -19,6 +18,7 @@ from testbench.questions.gap.effects import (
     stall_moment,
 )
 from testbench.questions.gap.effects.contract import recorded
+from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.screening import screen

@@ -19,10 +19,11 @@ from testbench.flight import FlightCondition, Manoeuvre, fly, load_aircraft, tri
 from testbench.inputs import build
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.ask import GapResult
-from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed
+from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.brought import choose
 from testbench.questions.gap.effects import EFFECTS, OTHER_SERVOS, library
 from testbench.questions.gap.export import amended_files, write_amended
+from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
 from testbench.questions.gap.workflow import find_gap
 from testbench.sensors import load_suite
 

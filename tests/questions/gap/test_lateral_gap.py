@@ -21,7 +21,7 @@ from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.questions.gap.ask import run_gap
-from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed, priors_of
+from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.effects import EFFECTS, library
 from testbench.questions.gap.evidence.air import listen
@@ -30,6 +30,7 @@ from testbench.questions.gap.evidence.commanded import moves_laterally
 from testbench.questions.gap.evidence.locate import locate_regions
 from testbench.questions.gap.hidden.kinds import Hidden, Nothing, SensorError, YawFeedback, measure_hidden
 from testbench.questions.gap.plan import Grams, as_record, family
+from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS, priors_of
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.result import TOLERANCE
 from testbench.questions.gap.search.fit import fit

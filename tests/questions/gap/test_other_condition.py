@@ -10,10 +10,10 @@ from gap_flights import CONDITION, ELEVATOR, THROTTLE, believe, measure
 
 from testbench.core.atmosphere import air_density, height_of_density
 from testbench.core.scenario.inputs import Doublet
-from testbench.questions.gap.believed import PRIORS
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.contract import CONDITION as AT
 from testbench.questions.gap.effects.contract import believed, commands, recorded
+from testbench.questions.gap.priors import PRIORS
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.screening import screen

@@ -9,9 +9,10 @@ import pytest
 
 from testbench.core.record import FlightRecord
 from testbench.flight import FlightCondition, load_aircraft
-from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed
+from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.effects import EFFECTS, SERVOS
 from testbench.questions.gap.effects.contract import recorded
+from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.screening import screen

@@ -12,13 +12,13 @@ from gap_flights import CONDITION, believe, measure
 from testbench.core.errors import ModelError, ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.questions.gap.ask import run_gap
-from testbench.questions.gap.believed import PRIORS
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.contract import CONDITION as AT
 from testbench.questions.gap.effects.contract import believed, commands, recorded
 from testbench.questions.gap.effects.over_time import left
 from testbench.questions.gap.export import amended_files
 from testbench.questions.gap.new import new_case
+from testbench.questions.gap.priors import PRIORS
 from testbench.questions.gap.scenario import GapScenario
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis

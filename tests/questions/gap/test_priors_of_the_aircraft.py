@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from testbench.flight import load_aircraft
-from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, deviations_of
 from testbench.questions.gap.parameters import off_parameters
+from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS, deviations_of
 from testbench.questions.plan.response import relative_spread
 
 OWN = replace(load_aircraft("taurus"), uncertainty={"Cm_alpha": 0.4, "Cn_r": 0.5, "CY_p": 0.9})
@@ -38,7 +38,7 @@ def test_what_is_off_is_counted_in_the_aircrafts_own_deviations():
 
 def test_a_hypothesis_starts_from_them():
     from testbench.core.record import FlightRecord
-    from testbench.questions.gap.believed import priors_of
+    from testbench.questions.gap.priors import priors_of
 
     t = np.arange(40) * 0.1
     channels = ("de_cmd", "da_cmd", "dr_cmd")

@@ -26,10 +26,10 @@ from real_aircraft import (
 from recorded import flight_data
 
 from testbench.flight import FlightCondition, linearise, trim
-from testbench.questions.gap.believed import deviations_of
 from testbench.questions.gap.effects import library
 from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.questions.gap.parameters import off_parameters
+from testbench.questions.gap.priors import deviations_of
 from testbench.questions.gap.workflow import find_gap
 
 RECORDS = ("fAttasElv1", "fAttasElv2")

@@ -17,10 +17,11 @@ from testbench.flight.batch.check import TOLERANCE, difference
 from testbench.flight.batch.fly import Job, Tally, fly_block
 from testbench.flight.batch.model import batch_model
 from testbench.inputs.signal import InputSignal
-from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed
+from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.effects import EFFECTS, OTHER_SERVOS, SERVOS, left_out, library
 from testbench.questions.gap.effects.contract import OF_AIRCRAFT, OF_WORDS, Trial, recorded
 from testbench.questions.gap.hidden.servos import backlash
+from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.screening import screen

@@ -20,12 +20,13 @@ from testbench.core.record import FlightAborted
 from testbench.flight import FlightCondition
 from testbench.page.write import record_keeper
 from testbench.questions.gap.ask import run_flights, run_gap
-from testbench.questions.gap.believed import PRIORS, Believed
+from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.effects import EFFECTS, library
 from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.questions.gap.evidence.locate import left_by, locate, structure
 from testbench.questions.gap.hidden.kinds import Nothing, measure_hidden
+from testbench.questions.gap.priors import PRIORS
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.scenario import GapScenario
 from testbench.questions.gap.search.fit import EffectFit

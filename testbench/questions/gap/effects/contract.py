@@ -17,9 +17,10 @@ import numpy as np
 from testbench.core.contract import Law, need, tried_on
 from testbench.core.record import FlightRecord
 from testbench.flight import FlightCondition, load_aircraft, trim
-from testbench.questions.gap.believed import PRIORS, Believed
+from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.brought import load_effect
 from testbench.questions.gap.effects.base import LINK, Effect
+from testbench.questions.gap.priors import PRIORS
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.screening import screen

@@ -15,10 +15,11 @@ from testbench.core.differences import ends, slope
 from testbench.core.errors import LimitError, ModelError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.estimators.residuals import coloured_information
-from testbench.questions.gap.believed import LATERAL_PRIORS, STEPS, Believed
+from testbench.questions.gap.believed import STEPS, Believed
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.evidence.commanded import starts_freely
 from testbench.questions.gap.flights import AT_ONCE, Wanted, flights, linear_models
+from testbench.questions.gap.priors import LATERAL_PRIORS
 
 LINEAR_STEP = 0.02  # of central differences of linear predictions by the nuisances, which are factors
 FLOWN_STEP = 0.01  # of forward differences of flights by them
