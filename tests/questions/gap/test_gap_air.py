@@ -57,6 +57,15 @@ def test_still_air_is_not_taken_for_turbulence_even_beside_a_gap(believed):
     assert "no turbulence" in found.sentence
 
 
+@pytest.mark.parametrize("rms", [0.0, RMS])
+def test_a_gyro_that_runs_away_alike_in_every_record_is_no_turbulence(believed, rms):
+    steady = measure(believed, 5, rms)
+    drifting = [r.with_columns({"q": r["q"] + 0.01 * r.t_s}) for r in steady]
+    found, without = listen(believed, drifting), listen(believed, steady)
+    assert found.moves == without.moves == (rms > 0.0)
+    assert found.rms_m_s == pytest.approx(without.rms_m_s, rel=0.1)
+
+
 def test_turbulence_is_heard_and_measured(turbulent):
     """24 s are four and a half correlation times of the vertical gusts (533 m at 16 m/s): the rms scatters by a third,
     and with the height free, by more."""

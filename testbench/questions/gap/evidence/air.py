@@ -87,8 +87,9 @@ def listen(believed: Believed, records: Sequence[FlightRecord]) -> AirFound:
     it. :func:`listen_in_flight` and :func:`listen_again` measure it over all records.
 
     The test is a likelihood ratio of turbulence against none. As the rms 0 lies on the edge of its range, the statistic
-    is half a chi-square with one degree of freedom (Chernoff 1954). Trim errors and biases are free in both hypotheses.
-    Records that start freely have no quiet flight. If there is none at all, nothing is said of the air.
+    is half a chi-square with one degree of freedom (Chernoff 1954). Trim errors and biases are free in both hypotheses,
+    and so is the drift of an instrument that explains more than turbulence would (:func:`_steadied`). Records that
+    start freely have no quiet flight. If there is none at all, nothing is said of the air.
 
     Raises:
         FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the measured commands.
@@ -99,8 +100,10 @@ def listen(believed: Believed, records: Sequence[FlightRecord]) -> AirFound:
     height = max(believed.condition.h_m, LOWEST_M)
     if not quiet:
         return AirFound(False, 0.0, height, 0.0, float("inf"), 0.0)
-    rms, gain = _likeliest(plain, quiet, height)
     threshold = float(chi2.isf(2.0 * CRITERIA.air_false_alarm, 1))
+    rms, gain = _likeliest(plain, quiet, height)
+    if gain > threshold:
+        rms, gain = _likeliest(plain, _steadied(plain, quiet, height), height)
     moves = gain > threshold
     return AirFound(moves, rms if moves else 0.0, height, gain, threshold, sum(r.duration_s for r, _ in quiet))
 
@@ -182,7 +185,8 @@ def _models(
 
 def _refuted(believed: Believed, records: Sequence[FlightRecord], air: AirFound, other: AirFound) -> bool:
     """Return whether the quiet flight is so much likelier in the ``other`` air that ``air`` is ruled out."""
-    quiet = _quiet(replace(believed, whiten=None), records)
+    plain = replace(believed, whiten=None)
+    quiet = _steadied(plain, _quiet(plain, records), air.height_m)
     return _misfit(believed, quiet, air) - _misfit(believed, quiet, other) > CRITERIA.air_refuted
 
 
@@ -218,6 +222,28 @@ def _quiet(plain: Believed, records: Sequence[FlightRecord]) -> list[tuple[Fligh
         start = record.between(float(record.t_s[0]), float(record.t_s[n - 1]) + 0.5 * record.dt_s)
         out.append((start, plain.in_noise_units(start, start.columns(plain.outputs))))
     return out
+
+
+def _steadied(
+    believed: Believed, quiet: Sequence[tuple[FlightRecord, FloatArray]], height_m: float
+) -> list[tuple[FlightRecord, FloatArray]]:
+    """Return residuals of quiet flight without the steady drifts of instruments that explain more than turbulence does.
+
+    An instrument that drifts has one slope in all records, which turbulence has not: one parameter of one channel.
+    """
+    out = [(record, r.copy()) for record, r in quiet]
+    if len(out) < 2:
+        return out
+    times = [record.t_s - record.t_s.mean() for record, _ in out]
+    squares = sum(float(t @ t) for t in times)
+    while True:
+        slopes = sum(t @ r for t, (_, r) in zip(times, out, strict=True)) / squares
+        gains = slopes**2 * squares
+        k = int(np.argmax(gains))
+        if gains[k] <= max(_likeliest(believed, out, height_m)[1], CRITERIA.least):
+            return out
+        for t, (_, r) in zip(times, out, strict=True):
+            r[:, k] -= slopes[k] * t
 
 
 def _likeliest(
