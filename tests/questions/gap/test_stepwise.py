@@ -11,7 +11,7 @@ from open_flights import believe, lacking, measured, prop, truths
 
 from testbench.aircraft import Amendment, ScaleCoefficient
 from testbench.questions.gap.evidence.felt import felt
-from testbench.questions.gap.evidence.stepwise import COPIES, regress
+from testbench.questions.gap.evidence.stepwise import COPIES, _Problem, regress
 
 ALPHA, BETA = "<property>aero/alpha-rad</property>", "<property>aero/beta-rad</property>"
 
@@ -119,3 +119,22 @@ def test_six_records_take_less_than_two_seconds():
     began = time.process_time()
     regress(believed, felt(believed, records, COPIES))
     assert time.process_time() - began < 2.0
+
+
+def said_of(signal, seed):
+    """What the samples say of a coefficient 1.2 times the believed one, whose regressor has a noise of 1."""
+    n, draw = 400, np.random.default_rng(seed)
+    true, noise = signal * np.sin(0.1 * np.arange(n)), draw.standard_normal((1 + COPIES, n))
+    noise[1:] += noise[0]
+    X = np.zeros((1 + COPIES, n + 1, 2))
+    X[:, :n, 0], X[:, :n, 1], X[:, n, 1] = 1.0, true + noise, 1.0 / 0.1
+    y = np.zeros((1 + COPIES, n + 1))
+    y[:, :n] = 0.2 * true + 0.01 * draw.standard_normal((1 + COPIES, n))
+    return _Problem((), y, X, np.zeros((1 + COPIES, n + 1, 0)), n, 1, {"Cm_q": 0.1}).factors()
+
+
+def test_a_coefficient_whose_regressor_is_noise_is_said_nothing_of():
+    """Taking out the noise leaves less than nothing of its square in every other draw."""
+    assert any(said_of(0.0, seed) == {} for seed in range(10))
+    factor, error = said_of(3.0, 0)["Cm_q"]
+    assert abs(factor - 1.2) < 4.0 * error

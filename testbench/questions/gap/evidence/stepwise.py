@@ -318,12 +318,17 @@ class _Problem:
         return np.asarray(by_column[np.argsort(np.argsort(self._taken))])
 
     def factors(self) -> dict[str, tuple[float, float]]:
-        """Return what the samples alone say of the coefficients that are re-tuned: factor and standard error."""
+        """Return what the samples alone say of the coefficients that are re-tuned: factor and standard error.
+
+        Nothing where they do not tell them apart, or where the noise of what one multiplies is as large as that itself.
+        """
         i = self._beside
         A = self._of.corrected[i][:, i].copy()
         at = range(self._k - len(self._tuned), self._k)
         for j, deviation in zip(at, self._tuned.values(), strict=True):
             A[j, j] -= deviation**-2
+        if not np.min(np.diag(A)) > 0.0:  # no less noise was taken out than there is of it
+            return {}
         scaled = A / np.sqrt(np.outer(np.diag(A), np.diag(A)))
         if not np.linalg.eigvalsh(scaled)[0] > _SINGULAR:
             return {}
