@@ -89,7 +89,7 @@ def test_no_derivative_is_accused_where_the_late_sideslip_is_known(tmp_path, eff
 
 @pytest.mark.slow
 def test_surfaces_drive_a_model_whose_servos_are_none_of_the_aircraft_s(tmp_path):
-    """What was recorded are surfaces. As commands of servos of 12 rad/s they leave 74 times as much."""
+    """What was recorded are surfaces. As commands of servos of 12 rad/s they leave 75 times as much."""
     data, aircraft = flight_data(), attas(tmp_path / "attas")
     paths = [control_path(aircraft, c) for c in ("da", "dr")]
     changes = [SetProperty(str(n), v) for p in paths for n, v in ((p.lag, 12.0), (p.rate_limit, 0.5))]
@@ -106,7 +106,7 @@ def test_surfaces_drive_a_model_whose_servos_are_none_of_the_aircraft_s(tmp_path
         left[what] = found.naming.chi2_tuned
         assert not found.parameters
     assert [p.outcome for p in found.paths] == ["not seen", "not seen"]
-    assert left == pytest.approx({"command": 1.096e6, "surface": 14.8e3}, rel=0.01)
+    assert left == pytest.approx({"command": 1.096e6, "surface": 14.65e3}, rel=0.01)
     for printed in ("Lp", "Lda", "Lb", "Nb", "Ndr"):
         value, error = found.naming.measured[COEFFICIENTS[printed]]
         assert abs(value - MEASURED[printed]) < 2.0 * error, printed

@@ -229,18 +229,22 @@ def _steadied(
 ) -> list[tuple[FlightRecord, FloatArray]]:
     """Return residuals of quiet flight without the steady drifts of instruments that explain more than turbulence does.
 
-    An instrument that drifts has one slope in all records, which turbulence has not: one parameter of one channel.
+    An instrument that drifts has one slope in all records, to within its noise, which moving air has not: one parameter
+    of one channel.
     """
     out = [(record, r.copy()) for record, r in quiet]
     if len(out) < 2:
         return out
     times = [record.t_s - record.t_s.mean() for record, _ in out]
-    squares = sum(float(t @ t) for t in times)
+    squares = np.array([float(t @ t) for t in times])
+    scatter = float(chi2.isf(CRITERIA.air_false_alarm, len(out) - 1))
     while True:
-        slopes = sum(t @ r for t, (_, r) in zip(times, out, strict=True)) / squares
-        gains = slopes**2 * squares
-        k = int(np.argmax(gains))
-        if gains[k] <= max(_likeliest(believed, out, height_m)[1], CRITERIA.least):
+        own = np.array([t @ r for t, (_, r) in zip(times, out, strict=True)])  # (records, outputs)
+        slopes = own.sum(axis=0) / squares.sum()
+        gains = slopes**2 * squares.sum()
+        alike = (own**2 / squares[:, None]).sum(axis=0) - gains < scatter
+        k = int(np.argmax(np.where(alike, gains, 0.0)))
+        if not alike[k] or gains[k] <= max(_likeliest(believed, out, height_m)[1], CRITERIA.least):
             return out
         for t, (_, r) in zip(times, out, strict=True):
             r[:, k] -= slopes[k] * t
