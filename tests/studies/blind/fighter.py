@@ -37,6 +37,9 @@ def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> s
         "before the first case was named.",
         "",
         f"Used to name: {flown}. Held out: {held}.",
+        "",
+        "Case 4 of the other form met an error in the regression of forces and moments, which was mended; it was run "
+        "again.",
     ]
     return page_of(words, SEED, cases, rows)
 
