@@ -20,6 +20,7 @@ from testbench.questions.gap.search.screening import screen
 from testbench.questions.gap.starts import Start, marked
 from testbench.questions.gap.workflow import find_gap
 
+SIZE = {"air_density": "over_believed", "airspeed_flown": "over_read"}
 FASTER = replace(AT, V_m_s=19.0)
 
 
@@ -42,11 +43,11 @@ def test_a_density_belongs_to_one_height(h_m):
 def test_what_all_records_were_flown_in_is_found_over_two_speeds(name, factor, others):
     b, effect = believed(), EFFECTS[name]
     flown = tuple(marked(c, Start(at)) for at in (AT, FASTER) for c in commands())
-    records = recorded(b.with_effect(effect, {"factor": factor}), flown)
+    records = recorded(b.with_effect(effect, {SIZE[name]: factor}), flown)
     records = tuple(marked(r, Start(at)) for r, at in zip(records, (AT,) * 3 + (FASTER,) * 3, strict=True))
     start = Hypothesis.at(b, b, records, np.ones(len(PRIORS)))
     found = fit(screen(start, effect), start.chi2, 0.0, 1)
-    assert found.values["factor"] == pytest.approx(factor, abs=found.errors["factor"])  # priors draw, and no noise
+    assert found.values[SIZE[name]] == pytest.approx(factor, abs=found.errors[SIZE[name]])  # priors draw, and no noise
     assert found.chi2 < 0.02 * start.chi2
     for other in others:
         instead = fit(screen(start, EFFECTS[other]), start.chi2, 0.0, 1)
@@ -54,7 +55,7 @@ def test_what_all_records_were_flown_in_is_found_over_two_speeds(name, factor, o
 
 
 def test_every_record_is_flown_where_it_says_and_no_farther():
-    b = believed().with_effect(EFFECTS["airspeed_flown"], {"factor": 1.1})
+    b = believed().with_effect(EFFECTS["airspeed_flown"], {"over_read": 1.1})
     assert b.condition.V_m_s == pytest.approx(1.1 * AT.V_m_s)
     record = commands()[0]
     assert b.at(record) is b
@@ -62,7 +63,7 @@ def test_every_record_is_flown_where_it_says_and_no_farther():
         there = b.at(marked(record, Start(at)))
         assert there.condition.V_m_s == pytest.approx(1.1 * at.V_m_s)
         assert there.at(marked(record, Start(at))) is there
-    both = b.with_effect(EFFECTS["air_density"], {"factor": 0.9}).at(marked(record, Start(FASTER)))
+    both = b.with_effect(EFFECTS["air_density"], {"over_believed": 0.9}).at(marked(record, Start(FASTER)))
     assert both.condition.qbar_Pa == pytest.approx(0.9 * 1.1**2 * FASTER.qbar_Pa)
 
 
@@ -82,5 +83,5 @@ def test_a_hot_day_and_a_misread_airspeed_are_named_with_their_sizes(name, facto
     finding = find_gap(believe(), {f"m{i}": r for i, r in enumerate(naming)}, {"held": held})
     assert finding.naming.names == (name,), finding.naming.sentence
     best = finding.naming.best
-    assert best.values["factor"] == pytest.approx(factor, abs=4.0 * best.errors["factor"])
+    assert best.values[SIZE[name]] == pytest.approx(factor, abs=4.0 * best.errors[SIZE[name]])
     assert not finding.parameters

@@ -13,7 +13,7 @@ from testbench.sensors import SensorSuite
 
 def in_other_air(condition: FlightCondition, values: Values) -> FlightCondition:
     """Return the condition at the height where the standard atmosphere has so many times the believed density."""
-    return replace(condition, h_m=height_of_density(values["factor"] * air_density(condition.h_m)))
+    return replace(condition, h_m=height_of_density(values["over_believed"] * air_density(condition.h_m)))
 
 
 def as_it_is(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
@@ -23,12 +23,12 @@ def as_it_is(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Ai
 
 def at_other_speed(condition: FlightCondition, values: Values) -> FlightCondition:
     """Return the condition at so many times the believed airspeed."""
-    return replace(condition, V_m_s=values["factor"] * condition.V_m_s)
+    return replace(condition, V_m_s=values["over_read"] * condition.V_m_s)
 
 
 def misread(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Scale the airspeed sensor so that it reads the believed airspeed where another one is flown."""
-    sensors = (replace(s, scale=s.scale / values["factor"]) if s.channel == "V" else s for s in suite.sensors)
+    sensors = (replace(s, scale=s.scale / values["over_read"]) if s.channel == "V" else s for s in suite.sensors)
     return aircraft, replace(suite, sensors=tuple(sensors))
 
 
@@ -41,7 +41,7 @@ EFFECTS = (
             "The day is hotter or colder than the standard one, or the flight was higher or lower than believed. All "
             "forces and moments of the air at the same true airspeed change by one factor, thrust by about as much."
         ),
-        parameters=(Parameter("factor", "1", 0.6, 1.4, (0.95, 1.05), none=1.0),),
+        parameters=(Parameter("over_believed", "1", 0.6, 1.4, (0.95, 1.05), none=1.0),),
         amend=as_it_is,
         elsewhere=in_other_air,
         mistaken_for=(
@@ -63,7 +63,7 @@ EFFECTS = (
             "taken for a true one. The aircraft flies faster or slower than read in every record, by one factor, and "
             "forces and moments belong to the airspeed flown."
         ),
-        parameters=(Parameter("factor", "1", 0.6, 1.6, (0.95, 1.05), none=1.0),),
+        parameters=(Parameter("over_read", "1", 0.6, 1.6, (0.95, 1.05), none=1.0),),
         amend=misread,
         elsewhere=at_other_speed,
         mistaken_for=(
