@@ -85,6 +85,8 @@ class Criteria:
         offset_rad: a surface that stands by less from its command is not said to. Judged.
         stirs: a recorded surface that drives the model stirs if it moves by so many standard deviations of its noise.
             Derived: noise does so once in a million samples.
+        shift: before it stirs, it moves once it lies off by more than so many standard deviations of its noise on the
+            whole. Judged.
         jumps: it jumps if it moves so many times as far within a sample as in the two beside it together. Derived: no
             servo does that settles by less than 80 % within a sample, which is one below 80 rad/s at 50 Hz.
         off: a nuisance is off if it lies more than so many standard deviations of its prior from 1. Judged.
@@ -136,6 +138,7 @@ class Criteria:
     faintest_rad: float = 2e-5
     offset_rad: float = 1e-3
     stirs: float = 5.0
+    shift: float = 1.5
     jumps: float = 4.0
     off: float = 1.0
     far: float = 2.0

@@ -29,7 +29,14 @@ from testbench.questions.gap.drive import BYPASS, drive_records, driven, driven_
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.servo import corner_of
 from testbench.questions.gap.evidence.air import AirFound, in_air
-from testbench.questions.gap.evidence.commanded import begins_quietly, commands, jumps, moves_laterally, surface_noise
+from testbench.questions.gap.evidence.commanded import (
+    begins_quietly,
+    commands,
+    jumps,
+    moves_laterally,
+    quiet_samples,
+    surface_noise,
+)
 from testbench.questions.gap.export import amended_files
 from testbench.questions.gap.hidden.kinds import (
     LateCommand,
@@ -120,6 +127,19 @@ def test_commands_that_are_recorded_drive_unless_surfaces_are_wanted():
     suite = suite_of(q=0.1, de=1e-3)
     assert drive_records(suite, both) == both
     assert drive_records(suite, both, "surface")["one"]["de_cmd"] == pytest.approx(RAMP)
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-3, 9e-3])
+def test_quiet_flight_ends_where_a_noisy_surface_begins_to_move_and_not_where_it_stands_out_of_its_noise(noise):
+    t = np.arange(400) * 0.02
+    slow = 0.035 * (1.0 - np.exp(-8.0 * np.clip(t - 3.0, 0.0, None)))  # passes five of the largest noise never
+    ends = []
+    for seed in range(20):
+        de = 0.1 - slow - 2.0 * slow * (t > 4.0) + noise * np.random.default_rng(seed).standard_normal(400)
+        flown = record(q=np.zeros(400), de=de)
+        ends.append(0.02 * quiet_samples(drive_records(suite_of(q=0.1, de=noise), {"one": flown})["one"]))
+    assert np.median(ends) == pytest.approx(3.02, abs=0.1)
+    assert min(ends) > 2.8
 
 
 def test_what_is_certain_of_the_surface_s_sensor_is_taken_out_and_lost_samples_are_bridged():

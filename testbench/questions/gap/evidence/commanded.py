@@ -108,8 +108,30 @@ def begins_quietly(record: FlightRecord) -> bool:
 
 
 def _still(record: FlightRecord) -> int:
-    moved = _moved(record, [n for n in record.channels if n.endswith("_cmd")])
-    return int(np.argmax(moved)) if moved.any() else len(record)
+    """Return the number of samples before any command moves."""
+    first = len(record)
+    for name in (n for n in record.channels if n.endswith("_cmd")):
+        moved = _moved(record, [name])
+        if moved.any():
+            noise = surface_noise(record).get(name.removesuffix("_cmd"))
+            k = int(np.argmax(moved))
+            first = min(first, k if noise is None else _onset(record[name][: k + 1], noise, record.dt_s))
+    return first
+
+
+def _onset(surface: FloatArray, noise_std: float, dt_s: float) -> int:
+    """Return from which sample on a surface (n,) moves that stirs at the last one.
+
+    By then it has moved for some time within its noise. A shift of twice ``Criteria.shift`` is likeliest to begin where
+    the sum of what lies beyond half of that is least (the cumulative sum of E. S. Page, Biometrika 41, 1954).
+    """
+    began = _began(surface, dt_s)
+    beyond = np.sign(surface[-1] - began) * (surface - began) - MOVED - CRITERIA.shift * noise_std
+    return int(np.argmin(np.cumsum(beyond[:-1]))) + 1 if len(beyond) > 1 else 0
+
+
+def _began(surface: FloatArray, dt_s: float) -> float:
+    return float(np.mean(surface[: max(1, round(LEAST_QUIET_S / dt_s))]))
 
 
 def _moved(record: FlightRecord, channels: Sequence[str]) -> NDArray[np.bool_]:
@@ -126,8 +148,7 @@ def _moved(record: FlightRecord, channels: Sequence[str]) -> NDArray[np.bool_]:
 
 def stirs(surface: FloatArray, noise_std: float, dt_s: float) -> NDArray[np.bool_]:
     """Return at which samples (n,) a recorded surface is not where it began, beyond its noise."""
-    began = float(np.mean(surface[: max(1, round(LEAST_QUIET_S / dt_s))]))
-    return np.asarray(np.abs(surface - began) > MOVED + CRITERIA.stirs * noise_std)
+    return np.asarray(np.abs(surface - _began(surface, dt_s)) > MOVED + CRITERIA.stirs * noise_std)
 
 
 def jumps(record: FlightRecord, control: str) -> FloatArray:
