@@ -12,7 +12,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from studies.blind.sealed_draw import Draw
-from studies.blind.stock import run_case
+from studies.blind.stock import HIDDEN, run_case
 from studies.blind.strata import page_of, rates
 
 from testbench.questions.gap.sealed.stock_cases import STRATA, StockCase, draw, opened
@@ -30,11 +30,7 @@ def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> s
         "# Blind test of the F-16 at three conditions",
         "",
         "Made by `python -m studies.blind.fighter`, which resumes where it stopped; `--minutes 0` writes this page "
-        "anew. The F-16 of JSBSim is hardly stable in pitch. Hidden truths act on commands and readings "
-        "(`testbench/questions/gap/hidden/stock.py`), with every longitudinal and lateral coefficient of the belief "
-        "off by its prior. Each record starts from one of three conditions, slow, fast and high, which it tells. The "
-        "suite is that of all axes at 50 Hz, with commands and no surfaces. The hash of the answers was written "
-        "before the first case was named.",
+        f"anew. The F-16 of JSBSim is hardly stable in pitch. {HIDDEN}",
         "",
         f"Used to name: {flown}. Held out: {held}.",
         "",

@@ -22,6 +22,13 @@ from testbench.questions.gap.sealed.stock_cases import STRATA, StockCase, draw, 
 from testbench.questions.gap.sealed.stock_flights import FLOWN, manoeuvres
 
 SEED = 20270311
+HIDDEN = (
+    "Hidden truths act on commands and readings (`testbench/questions/gap/hidden/stock.py`), with every longitudinal "
+    "and lateral coefficient of the belief off by its prior. Each record starts from one of three conditions, slow, "
+    "fast and high, which it tells. The suite is that of all axes at 50 Hz, with commands and no surfaces. The hash of "
+    "the answers was written before the first case was named."
+)
+"""What pages say of what is hidden, and of what is told."""
 
 
 def run_case(case: StockCase) -> dict[str, Any]:
@@ -38,11 +45,7 @@ def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> s
         "# Blind test of stock aircraft at three conditions",
         "",
         "Made by `python -m studies.blind.stock`, which resumes where it stopped; `--minutes 0` writes this page anew. "
-        f"The aircraft are {models} as they come with JSBSim. Hidden truths act on commands and readings "
-        "(`testbench/questions/gap/hidden/stock.py`), with every longitudinal and lateral coefficient of the belief "
-        "off by its prior. Each record starts from one of three conditions, slow, fast and high, which it tells. The "
-        "suite is that of all axes at 50 Hz, with commands and no surfaces. The hash of the answers was written "
-        "before the first case was named.",
+        f"The aircraft are {models} as they come with JSBSim. {HIDDEN}",
         "",
         f"Used to name: {flown}. Held out: {held}.",
         "",
