@@ -16,6 +16,7 @@ import numpy as np
 from testbench.aircraft import Aircraft, ElasticMode
 from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT_MODELS, STOCK
+from testbench.core.toml_text import real
 from testbench.flight import FlightCondition
 from testbench.page.labels import file_stem
 from testbench.questions.gap.drive import as_it_is
@@ -38,7 +39,8 @@ def write_amended(result: GapResult, folder: Path) -> list[Path]:
 def amended_files(result: GapResult) -> dict[str, str]:
     """Return path -> text of what was named and re-tuned: the sensor suite, and the aircraft's folder.
 
-    For a gust it is the air of the manoeuvre that met it, and no aircraft. Only what changed is returned, each with a
+    For a gust it is the air of the manoeuvre that met it, and no aircraft; for an airspeed or a density other than
+    believed, the condition that was flown. Only what changed is returned, each with a
     diff; nothing is returned if nothing was named and no parameter is wrong. What grows during the flight stands as far
     as it had grown in the latest record.
     """
@@ -52,6 +54,9 @@ def amended_files(result: GapResult) -> dict[str, str]:
     if suites[0] != suites[1]:
         out[f"{file_stem(new.suite.name)}.toml"] = suites[1]
         out["suite.diff"] = _diff(suites[0], suites[1], "believed suite", "amended suite")
+    if new.condition != old.condition:
+        at, height = new.condition, "" if new.condition.h_m == old.condition.h_m else "  # where the air is as dense"
+        out["condition.toml"] = f"[condition]\nV_m_s = {real(at.V_m_s, 5)}\nh_m = {real(at.h_m, 5)}{height}\n"
     air = {f"air_{file_stem(g.manoeuvre)}.toml": air_text(g) for g in new.gusts if g not in old.gusts}
     if air:
         out |= air

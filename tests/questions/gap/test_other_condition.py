@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -10,9 +11,11 @@ from gap_flights import CONDITION, ELEVATOR, THROTTLE, believe, measure
 
 from testbench.core.atmosphere import air_density, height_of_density
 from testbench.core.scenario.inputs import Doublet
+from testbench.questions.gap.ask import GapResult
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.contract import CONDITION as AT
 from testbench.questions.gap.effects.contract import believed, commands, recorded
+from testbench.questions.gap.export import amended_files
 from testbench.questions.gap.priors import PRIORS
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
@@ -85,3 +88,7 @@ def test_a_hot_day_and_a_misread_airspeed_are_named_with_their_sizes(name, facto
     best = finding.naming.best
     assert best.values[SIZE[name]] == pytest.approx(factor, abs=4.0 * best.errors[SIZE[name]])
     assert not finding.parameters
+    written = amended_files(GapResult("case", "title", "question", "eolo", {}, finding, 0, None))
+    flown = tomllib.loads(written["condition.toml"])["condition"]
+    assert flown["V_m_s"] == pytest.approx(condition.V_m_s, rel=0.02)
+    assert flown["h_m"] == pytest.approx(condition.h_m, abs=500.0)
