@@ -23,6 +23,7 @@ from testbench.flight.simulate import commands as absolute_commands
 from testbench.flight.start import Beginning
 from testbench.inputs.signal import InputSignal
 from testbench.line import flown_already
+from testbench.questions.gap.added import grown_by, in_place, moved_by, raised, shaped_by
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.effects.base import MetGust
@@ -137,9 +138,15 @@ class Believed:
         if start not in self._by_start:
             aircraft, suite = start.loaded(replace(self.aircraft, rate_hz=self.rate_hz), self.suite)
             at_rest = None if self.at_rest is None else start.loaded(self.at_rest, self.suite)[0]
-            plain = replace(self, higher_m=0.0, elsewhere=())
             there = replace(
-                plain, aircraft=aircraft, suite=suite, condition=start.condition, at_rest=at_rest, start=start
+                self,
+                aircraft=aircraft,
+                suite=suite,
+                condition=start.condition,
+                at_rest=at_rest,
+                start=start,
+                elsewhere=(),
+                higher_m=0.0,
             )
             for moved in self.elsewhere:
                 there = there._moved(moved)
@@ -171,21 +178,21 @@ class Believed:
                 out = out.with_effect(part, own)
             return out
         if effect.over_time is not None:
-            return replace(self, over_time=(*self.over_time, partial(_grown, effect, dict(values))))
+            return replace(self, over_time=(*self.over_time, partial(grown_by, effect, dict(values))))
         aircraft, suite = effect.amend(replace(self.aircraft, rate_hz=self.rate_hz), self.suite, values)
-        aircraft = _in_place(aircraft, len(self.aircraft.amendments), effect)
+        aircraft = in_place(aircraft, len(self.aircraft.amendments), effect)
         shapes, at_rest = self.shapes, self.at_rest
         if effect.shape is not None:
-            shapes = (*shapes, partial(_shaped, effect, aircraft, values))
+            shapes = (*shapes, partial(shaped_by, effect, aircraft, values))
             shapes = tuple(sorted(shapes, key=lambda s: -s.args[0].upstream))  # from the pilot's command on
             at_rest = at_rest or self.aircraft
         elif at_rest is not None:
             known = len(at_rest.amendments)
             at_rest = effect.amend(replace(at_rest, rate_hz=self.rate_hz), self.suite, values)[0]
-            at_rest = _in_place(at_rest, known, effect)
+            at_rest = in_place(at_rest, known, effect)
         gusts = self.gusts if effect.met is None else (*self.gusts, effect.met(values))
         out = replace(self, aircraft=aircraft, suite=suite, shapes=shapes, at_rest=at_rest, gusts=gusts)
-        return out if effect.elsewhere is None else out._moved(partial(_elsewhere, effect, dict(values)))
+        return out if effect.elsewhere is None else out._moved(partial(moved_by, effect, dict(values)))
 
     def _moved(self, moved: partial[FlightCondition]) -> Believed:
         """Return the belief in the condition that an effect moves this one to."""
@@ -537,14 +544,14 @@ class Believed:
     @cached_property
     def flyer(self) -> Flyer:
         """What flies."""
-        return Flyer.of(_raised(self.aircraft, self.higher_m), self.condition, self.rate_hz, self.simulator)
+        return Flyer.of(raised(self.aircraft, self.higher_m), self.condition, self.rate_hz, self.simulator)
 
     @cached_property
     def linear_flyer(self) -> Flyer:
         """What is linearised."""
         if self.at_rest is None:
             return self.flyer
-        return Flyer.of(_raised(self.at_rest, self.higher_m), self.condition, self.rate_hz, self.simulator)
+        return Flyer.of(raised(self.at_rest, self.higher_m), self.condition, self.rate_hz, self.simulator)
 
     @cached_property
     def outputs(self) -> tuple[str, ...]:
@@ -676,41 +683,3 @@ def at_frames(
     for name, value in (began or {}).items():
         out[0, names.index(name)] += value
     return out.tobytes()
-
-
-def _in_place(aircraft: Aircraft, known: int, effect: Effect) -> Aircraft:
-    """Return an aircraft whose amendments behind the ``known`` first ones act where ``effect`` does."""
-    new = (replace(a, upstream=effect.upstream) for a in aircraft.amendments[known:])
-    return replace(aircraft, amendments=(*aircraft.amendments[:known], *new))
-
-
-def _grown(
-    effect: Effect, values: Mapping[str, float], aircraft: Aircraft, suite: SensorSuite, at_s: float
-) -> tuple[Aircraft, SensorSuite]:
-    assert effect.over_time is not None
-    known = len(aircraft.amendments)
-    grown, suite = effect.over_time(aircraft, suite, values, at_s)
-    return _in_place(grown, known, effect), suite
-
-
-def _raised(aircraft: Aircraft, by_m: float) -> Aircraft:
-    """Return an aircraft that may fly higher or lower by so much, one that may stand on the ground no lower.
-
-    The height stands for the density of the air there, which is another one at the height that is flown.
-    """
-    if by_m == 0.0 or "h" not in aircraft.limits:
-        return aircraft
-    low, high = aircraft.limits["h"]
-    low = low + by_m if aircraft.adapter is None else low + max(by_m, 0.0)
-    return replace(aircraft, limits={**aircraft.limits, "h": (low, high + max(by_m, 0.0))})
-
-
-def _elsewhere(effect: Effect, values: Mapping[str, float], believed: FlightCondition) -> FlightCondition:
-    assert effect.elsewhere is not None
-    return effect.elsewhere(believed, values)
-
-
-def _shaped(
-    effect: Effect, aircraft: Aircraft, values: Mapping[str, float], names: tuple[str, ...], u: FloatArray, dt_s: float
-) -> FloatArray:
-    return u if effect.shape is None else effect.shape(names, u, dt_s, aircraft, values)

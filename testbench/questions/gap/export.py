@@ -40,9 +40,9 @@ def amended_files(result: GapResult) -> dict[str, str]:
     """Return path -> text of what was named and re-tuned: the sensor suite, and the aircraft's folder.
 
     For a gust it is the air of the manoeuvre that met it, and no aircraft; for an airspeed or a density other than
-    believed, the condition that was flown. Only what changed is returned, each with a
-    diff; nothing is returned if nothing was named and no parameter is wrong. What grows during the flight stands as far
-    as it had grown in the latest record.
+    believed, the condition that was flown. Only what changed is returned, each with a diff; nothing is returned if
+    nothing was named and no parameter is wrong. What grows during the flight stands as far as it had grown in the
+    latest record.
     """
     old, new = result.finding.believed, result.finding.amended
     if new.over_time:

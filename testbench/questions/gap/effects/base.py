@@ -153,6 +153,11 @@ class Effect:
         return out
 
 
+def unchanged(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    """Return both as they are: what an effect of the air amends."""
+    return aircraft, suite
+
+
 def together(*effects: Effect) -> Effect:
     """Return the effect that consists of ``effects``, each with parameters of its own."""
     return Effect(

@@ -7,18 +7,13 @@ from dataclasses import replace
 from testbench.aircraft import Aircraft
 from testbench.core.atmosphere import air_density, height_of_density
 from testbench.flight import FlightCondition
-from testbench.questions.gap.effects.base import Effect, Parameter, Values
+from testbench.questions.gap.effects.base import Effect, Parameter, Values, unchanged
 from testbench.sensors import SensorSuite
 
 
 def in_other_air(condition: FlightCondition, values: Values) -> FlightCondition:
     """Return the condition at the height where the standard atmosphere has so many times the believed density."""
     return replace(condition, h_m=height_of_density(values["over_believed"] * air_density(condition.h_m)))
-
-
-def as_it_is(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
-    """Return both: the air is no part of either."""
-    return aircraft, suite
 
 
 def at_other_speed(condition: FlightCondition, values: Values) -> FlightCondition:
@@ -42,7 +37,7 @@ EFFECTS = (
             "forces and moments of the air at the same true airspeed change by one factor, thrust by about as much."
         ),
         parameters=(Parameter("over_believed", "1", 0.6, 1.4, (0.95, 1.05), none=1.0),),
-        amend=as_it_is,
+        amend=unchanged,
         elsewhere=in_other_air,
         mistaken_for=(
             "mass and moments of inertia that are off by one factor together; an airspeed that is read wrong, where "

@@ -6,20 +6,13 @@ from dataclasses import replace
 from functools import partial
 from typing import Literal
 
-from testbench.aircraft import Aircraft
 from testbench.flight.air import Gust
-from testbench.questions.gap.effects.base import Effect, MetGust, Parameter, Values
-from testbench.sensors import SensorSuite
+from testbench.questions.gap.effects.base import Effect, MetGust, Parameter, Values, unchanged
 
 Axis = Literal["north", "east", "down"]
 LARGEST_M_S = 15.0  # what linear predictions and a small aircraft's limits stand; CS-23 asks for 15.24 m/s (50 ft/s)
 SHORTEST_S, LONGEST_S = 0.2, 6.0  # shorter ones pass the sensors' lags by, longer ones are a wind
 _WORDS = {"north": "along the heading", "east": "from the left", "down": "vertical, downward positive"}
-
-
-def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
-    """Leave both as they are: a gust is of one record's air (``EFFECT.met``)."""
-    return aircraft, suite
 
 
 def _met(record: str, manoeuvre: str, axis: Axis, values: Values) -> MetGust:
@@ -40,7 +33,7 @@ EFFECT = Effect(
         Parameter("start_s", "s", 0.0, 3600.0, (1.0,)),
         Parameter("duration_s", "s", SHORTEST_S, LONGEST_S, (1.0,)),
     ),
-    amend=amend,
+    amend=unchanged,  # a gust is of one record's air (``met``)
     mistaken_for=(
         "a missing answer to a command at the same time (a servo that sticks once, a stall in the one manoeuvre that "
         "reaches it); a shear of the wind; turbulence"

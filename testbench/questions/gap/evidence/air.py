@@ -244,7 +244,7 @@ def _steadied(
         gains = slopes**2 * squares.sum()
         alike = (own**2 / squares[:, None]).sum(axis=0) - gains < scatter
         k = int(np.argmax(np.where(alike, gains, 0.0)))
-        if not alike[k] or gains[k] <= max(_likeliest(believed, out, height_m)[1], CRITERIA.least):
+        if not alike[k] or gains[k] <= CRITERIA.least or gains[k] <= _likeliest(believed, out, height_m)[1]:
             return out
         for t, (_, r) in zip(times, out, strict=True):
             r[:, k] -= slopes[k] * t

@@ -327,7 +327,7 @@ class _Problem:
         at = range(self._k - len(self._tuned), self._k)
         for j, deviation in zip(at, self._tuned.values(), strict=True):
             A[j, j] -= deviation**-2
-        if not np.min(np.diag(A)) > 0.0:  # no less noise was taken out than there is of it
+        if not np.min(np.diag(A)) > 0.0:  # as much noise was taken out as there is of it
             return {}
         scaled = A / np.sqrt(np.outer(np.diag(A), np.diag(A)))
         if not np.linalg.eigvalsh(scaled)[0] > _SINGULAR:
