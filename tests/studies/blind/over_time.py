@@ -65,7 +65,8 @@ def page(cases: Sequence[TimeCase], rows: Mapping[str, Mapping[str, Any]]) -> st
         "",
         "Rows 1 to 74 were made before air density and airspeed flown were in the library, rows 1 to 85 before "
         "re-tuning took flown tangents anew where old ones failed, and before a drift was kept from being heard as "
-        "turbulence, which leaves cases 13 and 20 of the true effect taken out unexplained.",
+        "turbulence, which leaves cases 13 and 20 of the true effect taken out unexplained. Rows 98 to 144 were made "
+        "with all of that.",
     ]
     return page_of(words, SEED, cases, rows)
 
