@@ -36,7 +36,9 @@ def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> s
         "",
         "Case 4 of the other form met an error in the regression of forces and moments, which was mended; it was run "
         "again. Rows 1 to 13 were made before a drift was kept from being heard as turbulence, rows 14 to 28 before "
-        "that had to have one slope in every record, and before quiet flight ended where a surface begins to move.",
+        "that had to have one slope in every record, and before quiet flight ended where a surface begins to move. All "
+        "rows were made before an effect that was given up far from rest was tried again, which names case 2 of the "
+        "library form right.",
     ]
     return page_of(words, SEED, cases, rows)
 

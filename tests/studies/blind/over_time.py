@@ -66,7 +66,7 @@ def page(cases: Sequence[TimeCase], rows: Mapping[str, Mapping[str, Any]]) -> st
         "Rows 1 to 74 were made before air density and airspeed flown were in the library, rows 1 to 85 before "
         "re-tuning took flown tangents anew where old ones failed, and before a drift was kept from being heard as "
         "turbulence, which leaves cases 13 and 20 of the true effect taken out unexplained. Rows 98 to 144 were made "
-        "with all of that.",
+        "with all of that, and all rows before an effect that was given up far from rest was tried again.",
     ]
     return page_of(words, SEED, cases, rows)
 

@@ -61,7 +61,8 @@ def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> s
         "was refused that leaves a quarter of its gain in one band of one channel, which leaves cases 3 and 6 of the "
         "true effect taken out unexplained. The first 88 were made before a throttle linkage was in the library; "
         "stronger motors of these draws are such linkages, and were named or left unexplained as a scale of the "
-        "thrust.",
+        "thrust. The rows after them were made with that, and with air density and airspeed flown in the library; "
+        "all before an effect that was given up far from rest was tried again.",
         "",
     ]
     return "\n".join([*out, *results(cases, rows)]) + "\n"
