@@ -43,6 +43,7 @@ _FRAME_S, _SHORTEST_S, _LONGEST_S = 0.02, 1e-3, 5.0
 _MOST_CHANGE = 0.15  # of a speed in one frame
 _SEARCHES, _STIFF_1_S = 3, -3.0  # of JSBSim's own search, whose frames of 0.5 s go with slow propellers only
 _MISSED = 0.02  # of a speed, by which a frame may miss the one expected before frames are made shorter
+_TRUSTED_S = 0.25  # first frame that may fill a manifold, which lags by a second or so
 _CAREFUL, _FIRST_S = 0.01, 0.05  # a change of throttle, and the first frame after it
 _MOST_TURN_DEG = 5.0
 _TURN_DEG = 0.05  # by which blades are turned to see what it changes
@@ -87,24 +88,30 @@ class _Frames:
 
     Attributes:
         slowing: d rate / d speed (n,), 1/s.
+        lag: of the manifold, s: a frame as long as that fills it at once.
         fill: longest frame that ends where it should, s; at first the lag of the manifold.
         share: of the way to the speed wanted that blades are turned for; the manifold goes the rest.
         longest: that is allowed now, s.
         searches: JSBSim's own, made in this search.
         fresh: manifolds have filled to what the throttle wants, which they do only in a frame.
+        trusted: longest frame that may fill the manifold yet, s; throttles may show some frames late.
+        filling: length of a frame in which the manifold, as it fills, takes a speed off by no more than it may miss, s.
     """
 
     slowing: FloatArray
+    lag: float
     fill: float
     share: float = 1.0
     longest: float = 0.0
     searches: int = 0
     fresh: bool = False
+    trusted: float = 0.0
+    filling: float = 0.0
 
     def begin(self, careful: bool) -> None:
         """Begin a search; ``careful`` after a change of throttle, as the manifold changes the power within a frame."""
         self.longest = min(self.fill, _FIRST_S) if careful else self.fill
-        self.searches, self.fresh = 0, False
+        self.searches, self.fresh, self.trusted, self.filling = 0, False, max(_TRUSTED_S, 3.0 * self.fill), 0.0
 
     @property
     def full(self) -> bool:
@@ -114,6 +121,18 @@ class _Frames:
     def may_search(self) -> bool:
         """Return whether JSBSim's own search may be made, whose frames of 0.5 s go with slow propellers only."""
         return self.searches < _SEARCHES and bool(np.min(self.slowing) > _STIFF_1_S) and self.full
+
+    def fills(self, stopped: BoolArray) -> bool:
+        """Return whether the next frame is a long one, which fills the manifold; the one after mends the speed.
+
+        Long frames one after the other would swing: a manifold fills by the speed that was there before.
+        """
+        return self.full and self.filling > 2.0 * self.fill and not bool(np.any(stopped))
+
+    def learn_filling(self, missed: float) -> None:
+        """Trust longer or shorter frames to fill the manifold, by the share of a speed by which one missed."""
+        self.trusted *= 2.0 if missed < 3.0 * _MISSED else 0.5
+        self.filling = 0.0
 
     def length(self, rpm: FloatArray, rates: FloatArray, stopped: BoolArray) -> float:
         """Return the length of the next frame, s: the time constant of the fastest speed that no blade holds."""
@@ -138,7 +157,11 @@ class _Frames:
         """Make frames longer or shorter by the share of a speed by which one missed the end expected."""
         if missed < _MISSED:
             self.longest = min(2.0 * self.longest, self.fill)
+            # The power changes by the time that the manifold fills, and the speed by the power and that time.
+            reached = dt * math.sqrt(_MISSED / max(missed, _SETTLED))
+            self.filling = min(self.lag, self.trusted, reached)
         else:
+            self.filling = 0.0
             if dt > _FIRST_S:
                 self.fill = max(0.5 * dt, min(self.fill, _FIRST_S))
             self.longest = max(0.25 * self.longest, min(self.fill, _FIRST_S))
@@ -179,7 +202,7 @@ class Propellers:
         self._slope: FloatArray | None = None
         self._throttles: FloatArray | None = None
         fill = max([_FRAME_S, *(self._file(i).lag_s for i in self._numbers)])
-        self._frames = _Frames(np.full(len(self), -1.0 / _FRAME_S), fill)
+        self._frames = _Frames(np.full(len(self), -1.0 / _FRAME_S), fill, fill)
 
     def __len__(self) -> int:
         return len(self._nodes)
@@ -306,12 +329,19 @@ class Propellers:
             if self._stands() or (frames.fresh and frames.full and at_rest):
                 found_rest = True
                 break
+            if frames.fills(stopped):
+                dt = frames.filling
+                was, before = self._turn_blades(governor, pitch, away / dt, rpm, rates)
+                self._pass(dt, stopped)
+                rpm, rates = self._look()
+                frames.learn_filling(_missed(was + before * dt, rpm))
+                continue
             was, before = self._turn_blades(governor, pitch, frames.share * away / frames.longest, rpm, rates)
             dt = frames.length(was, before, stopped)
             self._pass(dt, stopped)
             rpm, rates = self._look()
             frames.learn_share(dt, away, governor.wanted - rpm, stopped, scale)
-            frames.learn_length(dt, float(np.max(np.abs(rpm - was - before * dt) / np.maximum(was, 1.0))))
+            frames.learn_length(dt, _missed(was + before * dt, rpm))
             frames.learn_slowing(rpm, rpm - was, rates - before)
         self._govern(True)
         self._fdm.fdm.run_ic()
@@ -430,6 +460,11 @@ class Propellers:
             self._spool()
         self._march(dt_s)
         self._fdm.fdm.run_ic()
+
+
+def _missed(expected: FloatArray, rpm: FloatArray) -> float:
+    """Return the largest share of a speed by which a frame ended elsewhere than expected."""
+    return float(np.max(np.abs(rpm - expected) / np.maximum(expected, 1.0)))
 
 
 @lru_cache(maxsize=64)

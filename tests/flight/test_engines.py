@@ -8,6 +8,7 @@ import pytest
 from testbench.core.errors import ChannelError
 from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
 from testbench.flight.executive import Executive
+from testbench.flight.propellers import Propellers
 from testbench.flight.trim import place_at_trim
 from testbench.inputs import InputSignal
 
@@ -86,6 +87,34 @@ def test_a_surface_without_servo_is_where_its_command_is(c172p):
     k = model.outputs.index("de")
     assert model.D[k, model.inputs.index("de_cmd")] == pytest.approx(1.0)
     assert aircraft.servo_of("de") is None
+
+
+@pytest.mark.parametrize(
+    ("model", "V_m_s", "steps", "most"),
+    [
+        ("c182", 55.0, (1e-3, -1e-3, 0.03, -0.03), 4 * 75),  # it took 894 frames
+        pytest.param("p51d", 105.0, (1e-3, -1e-3, 0.03, -0.03, -0.3, 0.3, 0.0), 7 * 120, marks=pytest.mark.slow),
+    ],
+)
+def test_the_manifold_of_a_governed_engine_fills_in_few_frames(monkeypatch, model, V_m_s, steps, most):
+    """A frame as long as its lag fills it; far from rest that stalls the P-51's engine, whose throttle shows late."""
+    aircraft = load_aircraft(f"jsbsim:{model}")
+    trimmed = trim(aircraft, FlightCondition(V_m_s, 1000.0))
+    fdm = Executive(aircraft, trimmed.rate_hz, trimmed.condition)
+    place_at_trim(fdm, trimmed)
+    frames = []
+    march = Propellers._march
+    monkeypatch.setattr(Propellers, "_march", lambda self, dt_s: frames.append(dt_s) or march(self, dt_s))
+    wanted = fdm.propellers.speeds()
+    for step in steps:
+        fdm.command({"thr": trimmed.controls["thr"] + step})
+        fdm.evaluate()
+        assert np.allclose(fdm.propellers.speeds(), wanted, rtol=1e-9)
+    assert len(frames) < most
+    fdm.command(dict(trimmed.controls))
+    fdm.evaluate(to_rest=True)
+    left = [fdm.get(f"accelerations/{name}") for name in ("udot-ft_sec2", "qdot-rad_sec2")]
+    assert np.max(np.abs(left)) < 1e-6  # the manifold is as full as the throttle wants, too
 
 
 def test_a_channel_that_a_glider_does_not_have_is_said():

@@ -191,7 +191,9 @@ def _asked(one: Screened, patience: int, fits: Mapping[str, EffectFit], noise: f
         return _Asked(best_gain, patience, HOPELESS)
     share = FOLLOWED if len(one.effect.parameters) == 1 else FOLLOWED_FAR
     # What was given up far from rest, before it gained, has yet to be tried from where coefficients rest.
-    if (name in fits and (fits[name].settled or fits[name].gain > 0.0)) or (len(fits) > 1 and one.promise < share * best_gain):
+    if name in fits and (fits[name].settled or fits[name].gain > 0.0):
+        return ""
+    if len(fits) > 1 and one.promise < share * best_gain:
         return ""
     if one.effect.generalises(best.effect):
         return f"{best.effect.title}, a special case of it, leaves noise only"
