@@ -112,14 +112,20 @@ def test_what_explains_too_little_is_named_only_if_it_leaves_noise(slow):
         assert decide((left,), left.chi2 + left.gain, samples, samples)[0] == outcome
 
 
-def test_a_rival_given_up_before_it_flew_is_tried_from_where_coefficients_rest(slow):
-    """From the believed values, far from rest, a late attitude was given up beside a lag of it, and the lag named."""
+def test_a_rival_given_up_before_it_gained_is_tried_from_where_coefficients_rest(slow):
+    """From the believed values, far from rest, a late attitude was given up beside a lag of it, and the lag named.
+
+    In an F-16 a slow rudder servo had flown, was given up above where coefficients rest, and a delay was named.
+    """
     best = replace(slow.best, gain=2_000.0, chi2=4_500.0, settled=True)
     rival = replace(best, effect=EFFECTS["transport_delay"], gain=0.0, chi2=7_000.0, flown=False, settled=False)
     one = SimpleNamespace(effect=rival.effect, promise=1_500.0)
     fits = {f.effect.name: f for f in (best, rival)}
     assert _asked(one, 0, fits, 4_600.0).best_gain == 2_000.0
-    assert _asked(one, 0, {**fits, "transport_delay": replace(rival, flown=True)}, 4_600.0) == ""
+    flown = replace(rival, flown=True)
+    assert _asked(one, 0, {**fits, "transport_delay": flown}, 4_600.0).best_gain == 2_000.0
+    for judged in (replace(flown, gain=500.0, chi2=6_000.0), replace(flown, settled=True)):
+        assert _asked(one, 0, {**fits, "transport_delay": judged}, 4_600.0) == ""
     assert _asked(SimpleNamespace(effect=rival.effect, promise=100.0), 0, fits, 4_600.0) == ""
 
 

@@ -15,7 +15,7 @@ from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.sealed.flights import fly_truth
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.name import _asked, name_effect
+from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.screening import screen
 from testbench.questions.gap.search.several import _Joint
 
@@ -168,23 +168,6 @@ def test_a_rival_that_promises_less_than_half_is_given_up_before_its_first_fligh
     assert not given_up.flown
     assert not given_up.settled
     assert fit(vane, base.chi2, gain, 1, patience=1).flown
-
-
-def test_what_was_given_up_far_from_rest_is_tried_again_where_coefficients_rest(slow):
-    """An F-16 with a slow rudder servo was named a delay: the lag had flown, was given up, and was not tried again."""
-    best = slow.best
-    rival = next(f for f in slow.ranking if f.effect.name == "transport_delay")
-    records = tuple(fly_truth("taurus", SLOW, "short", 11).values())
-    base = Hypothesis.at(believe("taurus"), believe("taurus"), records)
-    screened = replace(screen(base, rival.effect), promise=0.9 * best.gain)
-    noise = 1.01 * best.chi2
-
-    def asked(of_rival):
-        return _asked(screened, 0, {best.effect.name: best, rival.effect.name: of_rival}, noise)
-
-    assert asked(replace(rival, settled=False, gain=0.0)) == (best.gain, 1, 0.9, 0.5)
-    assert asked(replace(rival, settled=False, gain=0.5 * best.gain)) == ""
-    assert asked(replace(rival, settled=True, gain=0.0)) == ""
 
 
 @pytest.mark.slow
