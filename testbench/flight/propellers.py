@@ -311,7 +311,8 @@ class Propellers:
         """Seek speeds and blade angles at which nothing changes; return whether they were found.
 
         The manifold of a piston engine fills by the speed that was there before a frame and moves the speed itself; the
-        share of the way that blades are turned for is what is left of it, and found from frame to frame.
+        share of the way that blades are turned for is what is left of it, and found from frame to frame. Where frames
+        have to be short for that, a long one now and then fills the manifold (:meth:`_Frames.fills`).
 
         Newton's method, a frame at a time: blades that can are turned so that the frame ends at the speed wanted;
         where they are at a stop, the length of the frame is the time constant of the speed, which makes Euler's rule a
@@ -329,19 +330,18 @@ class Propellers:
             if self._stands() or (frames.fresh and frames.full and at_rest):
                 found_rest = True
                 break
-            if frames.fills(stopped):
-                dt = frames.filling
-                was, before = self._turn_blades(governor, pitch, away / dt, rpm, rates)
-                self._pass(dt, stopped)
-                rpm, rates = self._look()
-                frames.learn_filling(_missed(was + before * dt, rpm))
-                continue
-            was, before = self._turn_blades(governor, pitch, frames.share * away / frames.longest, rpm, rates)
-            dt = frames.length(was, before, stopped)
+            filling = frames.fills(stopped)
+            aim_s, share = (frames.filling, 1.0) if filling else (frames.longest, frames.share)
+            was, before = self._turn_blades(governor, pitch, share * away / aim_s, rpm, rates)
+            dt = aim_s if filling else frames.length(was, before, stopped)
             self._pass(dt, stopped)
             rpm, rates = self._look()
+            missed = float(np.max(np.abs(rpm - was - before * dt) / np.maximum(was, 1.0)))
+            if filling:
+                frames.learn_filling(missed)
+                continue
             frames.learn_share(dt, away, governor.wanted - rpm, stopped, scale)
-            frames.learn_length(dt, _missed(was + before * dt, rpm))
+            frames.learn_length(dt, missed)
             frames.learn_slowing(rpm, rpm - was, rates - before)
         self._govern(True)
         self._fdm.fdm.run_ic()
@@ -460,11 +460,6 @@ class Propellers:
             self._spool()
         self._march(dt_s)
         self._fdm.fdm.run_ic()
-
-
-def _missed(expected: FloatArray, rpm: FloatArray) -> float:
-    """Return the largest share of a speed by which a frame ended elsewhere than expected."""
-    return float(np.max(np.abs(rpm - expected) / np.maximum(expected, 1.0)))
 
 
 @lru_cache(maxsize=64)
