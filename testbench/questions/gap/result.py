@@ -137,7 +137,7 @@ class GapFinding:
     @property
     def verdict(self) -> Verdict | None:
         """Where the cause sits, with how often such a call was right; None where there is no gap."""
-        return verdict_of(self.naming)
+        return verdict_of(self.naming, self.paths)
 
     @property
     def sentences(self) -> tuple[str, ...]:

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from testbench.questions.gap.effects.servo import WORDS
+from testbench.questions.gap.evidence.control_path import JudgedPath
 from testbench.questions.gap.evidence.locate import Structure
 from testbench.questions.gap.priors import deviations_of
 from testbench.questions.gap.search.fit import EffectFit
@@ -78,6 +80,15 @@ def too_many(fits: Sequence[EffectFit]) -> str:
     return f"unexplained: {len(fits)} effects come near, and these data do not tell them apart: {near}"
 
 
+def company(fits: Sequence[EffectFit]) -> str:
+    """Several effects are needed, and which of them they are, in different parts, is not told."""
+    near = "; or ".join(f"{f.effect.title}, {f.size}" for f in fits)
+    return (
+        f"unexplained: no single effect explains it, and several that act in different parts do so together as well as "
+        f"each other: {near}. One effect that the library does not hold could look the same"
+    )
+
+
 def in_common(alone: EffectFit) -> str:
     """One effect is all that several sets, which are not told apart, have in common."""
     return (
@@ -129,6 +140,29 @@ def remainder(best: EffectFit, title: str, gain: float) -> str:
         f"{title} beside it would explain another {gain:.3g}, more than its form may leave: the true effect is a "
         "relative of it, or there are several"
     )
+
+
+def imitates(gone: Sequence[EffectFit], kept: Sequence[EffectFit], paths: Sequence[JudgedPath]) -> str:
+    """Names are refuted that explain nothing where the surfaces of ``paths`` drive; ``kept`` are the other names."""
+    why = (
+        f"{' and '.join(f'{f.effect.title} ({f.size})' for f in gone)} would explain the flights as commanded, but "
+        f"nothing where recorded surfaces drive the model: {_differ(paths)}, and that is what it imitates"
+    )
+    told = "; ".join(f"{f.effect.title}, {f.size}" for f in kept)
+    return f"{told}; {why}" if kept else f"unexplained: {why}"
+
+
+def path_alone(paths: Sequence[JudgedPath]) -> str:
+    """Paths differ by what no effect that was searched is."""
+    return (
+        f"unexplained: {_differ(paths)}, and no effect that was searched does that; what it does to the motion is "
+        "within what coefficients can imitate"
+    )
+
+
+def _differ(paths: Sequence[JudgedPath]) -> str:
+    told = ((WORDS[p.control], " beside ".join(t.words for t in p.terms)) for p in paths)
+    return " and ".join(f"the {word}'s recorded surface shows {terms}" for word, terms in told)
 
 
 def gust_beside_command(gust: EffectFit, part: float, kept: Sequence[EffectFit]) -> str:

@@ -14,7 +14,7 @@ from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord
 from testbench.flight.batch.jobs import Tally
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.by_surface import borne_out
+from testbench.questions.gap.by_surface import borne_out, named_beside
 from testbench.questions.gap.controls import fly_controls, without_false_alarms
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, judged, noise_limit
@@ -159,6 +159,7 @@ def find_gap(
         checked = checked or instruments()  # what instruments do is no force
         if not checked.news:
             naming = named_openly(naming, first, believed, naming_records, list(held_out.values()), say)
+    naming = named_beside(naming, paths, as_believed, records, air)
     beside = None
     if controls:
 

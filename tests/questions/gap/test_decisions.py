@@ -71,8 +71,28 @@ def test_what_several_pairs_have_in_common_is_named_where_it_explains_enough(slo
     assert (outcome, names) == ("named", ("actuator_lag",)), sentence
     assert "either to its form or to one of several other effects" in sentence
     assert decide((fits[0], servo), 15_000.0, samples, samples)[1] == (fits[0].effect.name,)
-    partial = replace(servo, share=0.5)
-    assert decide((*fits, partial), 15_000.0, samples, samples)[0] == "set"
+
+
+def test_company_that_may_as_well_act_elsewhere_is_no_name(slow):
+    """Where a servo explains half, a vane or the mass the rest, one effect that is not known may do it all."""
+    samples = 4_500
+
+    def pair(first, second, gain):
+        both = together(EFFECTS[first], EFFECTS[second])
+        sizes = dict.fromkeys((p.name for p in both.parameters), 0.7)
+        return replace(slow.best, effect=both, values=sizes, errors=sizes, gain=gain, share=0.999, chi2=4_500.0)
+
+    servo = replace(slow.best, share=0.5, gain=5_000.0, chi2=10_000.0)
+    vane, mass = pair("actuator_lag", "alpha_scale", 10_500.0), pair("actuator_lag", "mass_error", 10_497.0)
+    outcome, names, sentence = decide((vane, mass, servo), 15_000.0, samples, samples)
+    assert (outcome, names) == ("unexplained", ()), sentence
+    assert all(f.effect.title in sentence for f in (vane, mass))
+    assert decide((vane, servo), 15_000.0, samples, samples)[1] == (vane.effect.name,)
+    told_apart = replace(mass, gain=9_000.0)
+    assert decide((vane, told_apart, servo), 15_000.0, samples, samples)[1] == (vane.effect.name,)
+    late = pair("actuator_lag", "alpha_lag", 10_497.0)  # of the same vane
+    names = vane.effect.name, late.effect.name
+    assert decide((vane, late, servo), 15_000.0, samples, samples)[:2] == ("set", names)
 
 
 def test_form_is_a_share_of_what_an_effect_does_where_coefficients_imitate_it(slow):

@@ -26,6 +26,7 @@ TRUE = {
     "V_drift": {"drift_per_s": -0.08},
     "V_sideslip": {"cp_beta2": 1.2},
     "V_position": {"right_m": -1.5},
+    "V_lag": {"lag_s": 2.5},  # narrow tubes of a large aircraft
 }
 OF_PITOT = {"V_sideslip", "V_position"}
 
@@ -74,6 +75,18 @@ def test_drift_is_sought_in_gyros_and_airspeed_and_a_pitots_errors_where_a_pitot
     sensors = tuple(Sensor("V", noise_std=0.2) if s.channel == "V" else s for s in b.suite.sensors)
     assert not OF_PITOT & set(library(replace(b.suite, sensors=sensors)))
     assert set(EFFECTS["V_drift"].parameters[0].unit) == set("m/s2")
+
+
+def test_lengths_may_be_off_by_what_the_size_of_the_aircraft_allows():
+    """A vane may sit 10 m from where it is thought to on an airliner, and not on an aircraft with a span of 1.3 m."""
+    b = believe()
+    geometry = replace(b.aircraft.geometry, b_m=30.0)
+    large = library(b.suite, replace(b.aircraft, geometry=geometry))
+    small = library(b.suite, b.aircraft)
+    for name, most in {"az_position": 15.0, "thrust_line": 1.5}.items():
+        assert [(p.low, p.high) for p in large[name].parameters] == [(-most, most)]
+        assert small[name].parameters == EFFECTS[name].parameters
+    assert large["cg_shift"].parameters == EFFECTS["cg_shift"].parameters  # told in chords
 
 
 @pytest.mark.parametrize(("name", "left"), [("q_drift", 0.02), ("V_drift", 0.02), ("V_position", 0.15)])

@@ -9,7 +9,7 @@ import pytest
 from gap.test_control_path import ELEVATOR, NOISE_RAD, believe, measure
 
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.by_surface import borne_out
+from testbench.questions.gap.by_surface import borne_out, named_beside
 from testbench.questions.gap.coefficients import gain_of, led_by_surfaces
 from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.effects import EFFECTS
@@ -18,9 +18,11 @@ from testbench.questions.gap.evidence.air import AirFound
 from testbench.questions.gap.evidence.control_path import JudgedPath, PathTerm, judge_paths
 from testbench.questions.gap.hidden.kinds import CommandGain, LateCommand, RateFeedback, Roughness
 from testbench.questions.gap.parameters import wrong_parameters
+from testbench.questions.gap.part_figure import part_plate
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.surface_evidence import with_surfaces
+from testbench.questions.gap.verdict import verdict_of
 from testbench.questions.gap.workflow import find_gap
 
 LAGS = ("transport_delay", "second_order_actuator", "wake_lag")
@@ -151,6 +153,57 @@ def test_a_coefficient_is_accused_only_if_it_is_wrong_where_the_surface_drives_t
     left = borne_out(wrong, paths, b, records, STILL_AIR)
     assert {p.name for p in left} == ({"Cm_alpha"} if recorded else {"Cm_de", "Cm_alpha"})
     assert borne_out(wrong, (JudgedPath("de", "as believed"),), b, records, STILL_AIR) == wrong
+
+
+def test_what_imitates_a_path_that_differs_explains_nothing_where_the_surface_drives():
+    """The command comes 0.1 s late, and no delay is in the library: a lag of the wake stands in for it."""
+    b = believe(NOISE_RAD)
+    records = measure(b, LateCommand(kind="late_command", delay_s=0.1), ELEVATOR)
+    flown = tuple(records.values())
+    imitating = name_effect(b, flown, effects={"wake_lag": EFFECTS["wake_lag"]}, pairs=False)
+    best = next(f for f in imitating.ranking if f.significant)
+    naming = replace(imitating, outcome="named", names=(best.effect.name,))
+    paths = judge_paths(b, flown)
+    left = named_beside(naming, paths, b, records, STILL_AIR)
+    assert (left.outcome, left.names) == ("unexplained", ())
+    assert "the elevator's recorded surface shows a delay of" in left.sentence
+    verdict = verdict_of(left, paths)
+    assert verdict is not None
+    assert [p.name for p in verdict.parts] == ["elevator path"]
+    assert verdict.sentences[0] == (
+        "where to look first: elevator path, as the recorded surface shows; whether that is all is not known"
+    )
+    plate = part_plate(verdict)
+    assert plate is not None
+    assert plate.caption.endswith("The recorded surface shows that its path differs from what is believed.")
+    assert named_beside(naming, (JudgedPath("de", "as believed"),), b, records, STILL_AIR) is naming
+
+
+def test_a_name_that_holds_where_surfaces_drive_stays_beside_a_path_that_differs():
+    b = believe(NOISE_RAD)
+    records = measure(b, Roughness(kind="roughness", CD0=0.05), ELEVATOR)
+    flown = tuple(records.values())
+    naming = name_effect(b, flown, effects={"drag_increment": EFFECTS["drag_increment"]}, pairs=False)
+    assert naming.names == ("drag_increment",)
+    assert named_beside(naming, (path_of(900.0),), b, records, STILL_AIR) is naming
+
+
+def test_a_path_that_coefficients_imitate_is_what_is_not_explained():
+    """The linkage turns the elevator 0.65 of its command, which is a Cm_de; no linkage is in the library."""
+    b = believe(NOISE_RAD)
+    records = measure(b, CommandGain(kind="command_gain", gain=0.65), ELEVATOR)
+    flown = tuple(records.values())
+    naming = name_effect(b, flown, effects={"drag_increment": EFFECTS["drag_increment"]}, pairs=False)
+    assert naming.outcome == "no gap"
+    left = named_beside(naming, judge_paths(b, flown), b, records, STILL_AIR)
+    assert (left.outcome, left.names) == ("unexplained", ())
+    assert "the elevator's recorded surface shows a gain of 0.65" in left.sentence
+    known = replace(naming, ranking=(replace(fit_of("surface_scale", 3.0), told=900.0),))
+    gain = PathTerm("gain", (0.65,), (0.01,), ("1",))
+    paths = (replace(path_of(900.0), terms=(gain,), falls={"gain": 900.0}),)
+    assert named_beside(known, paths, b, records, STILL_AIR) is known, (
+        "it was searched, and the motion shows too little"
+    )
 
 
 @pytest.mark.slow

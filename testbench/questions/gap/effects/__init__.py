@@ -143,11 +143,14 @@ EFFECTS: dict[str, Effect] = _OF_AIRCRAFT | sensor_effects(("V", "alpha", "q", "
 def library(suite: SensorSuite, aircraft: Aircraft | None = None) -> dict[str, Effect]:
     """Return every effect that a belief with this suite may lack, by name.
 
-    Those that ``aircraft`` cannot have, if it is given, are left out: a glider has no thrust that may lag.
+    Those that ``aircraft`` cannot have, if it is given, are left out: a glider has no thrust that may lag. Lengths may
+    be as large as its size allows.
     """
     known = _OF_AIRCRAFT | sensor_effects(suite.outputs, has_pitot(suite))
-    without = {} if aircraft is None else left_out(known, aircraft, suite)
-    return {n: e for n, e in known.items() if n not in without}
+    if aircraft is None:
+        return known
+    without = left_out(known, aircraft, suite)
+    return {n: e.sized(aircraft) for n, e in known.items() if n not in without}
 
 
 def catalogue(suite: SensorSuite) -> dict[str, Effect]:

@@ -27,7 +27,8 @@ class Parameter:
     """One free quantity of an effect, within physical bounds, with the values that a fit starts from.
 
     ``prior`` is (value, relative standard deviation) where handbook knowledge bounds what flight data cannot separate.
-    ``none`` is the value at which the effect vanishes, or None if that depends on what is believed.
+    ``none`` is the value at which the effect vanishes, or None if that depends on what is believed. A length may be
+    off by as much as ``of_span`` of the aircraft's span, if that is more than the bounds allow.
     """
 
     name: str
@@ -37,6 +38,12 @@ class Parameter:
     starts: tuple[float, ...]
     prior: tuple[float, float] | None = None
     none: float | None = None
+    of_span: float = 0.0
+
+    def sized(self, aircraft: Aircraft) -> Parameter:
+        """Return the parameter with bounds (SI) that are wide enough for the size of an aircraft."""
+        reach = self.of_span * aircraft.geometry.b_m
+        return replace(self, low=min(self.low, -reach), high=max(self.high, reach)) if reach else self
 
 
 @dataclass(frozen=True)
@@ -133,6 +140,10 @@ class Effect:
                 return False
             mine.remove(match)
         return self.name != other.name  # not "is": what another process found is a copy
+
+    def sized(self, aircraft: Aircraft) -> Effect:
+        """Return the effect with bounds that are wide enough for the size of an aircraft."""
+        return replace(self, parameters=tuple(p.sized(aircraft) for p in self.parameters))
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:

@@ -38,7 +38,7 @@ def effect(control: str) -> Effect:
             "it as a mass on a spring. A delay stands for all that loses phase beyond what two orders do."
         ),
         parameters=(
-            Parameter("delay_s", "s", 0.0, 0.25, (0.02,)),
+            Parameter("delay_s", "s", 0.0, 0.5, (0.02,)),
             Parameter("omega_rad_s", "rad/s", 4.0, 300.0, (30.0,)),
             Parameter("zeta", "1", 0.1, 2.0, (0.8,)),
         ),

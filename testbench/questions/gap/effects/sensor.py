@@ -58,7 +58,7 @@ _KINDS = {
     ),
     "position": (
         "place further forward than believed",
-        Parameter("ahead_m", "m", -2.0, 2.0, (0.1, -0.1), none=0.0),
+        Parameter("ahead_m", "m", -2.0, 2.0, (0.1, -0.1), none=0.0, of_span=0.5),
         "The sensor sits ahead of or behind the place that its readings are taken for. "
         "It feels the rotation beside what it measures: an accelerometer qdot or rdot, a vane the motion of its boom.",
         "a lag or a lead of the same sensor at one frequency; a shift of the centre of gravity, for accelerometers",
@@ -98,7 +98,12 @@ _OF_PITOT = {
         "a tape measure; turns to both sides, whose errors are opposite",
     ),
 }
-_DRIFTS = {"V": (0.05, -0.05)}  # starts, where those of the rates are far from what is met
+# Parameters of one channel, where those of most are far from what is met: an airspeed drifts in m/s and not in rad/s,
+# and follows through metres of narrow tube, seconds late at height or where water stands in it.
+_OF_CHANNEL = {
+    ("V", "drift"): replace(_KINDS["drift"][1], starts=(0.05, -0.05)),
+    ("V", "lag"): replace(_KINDS["lag"][1], high=5.0, starts=(0.03, 0.15, 0.8)),
+}
 # Where the check of the sensor does not show the error
 _GROUND = {
     "drift": "let the sensor run at rest, from a cold start, for as long as a record lasts: a drift shows",
@@ -166,17 +171,17 @@ def sensor_effects(channels: Iterable[str], pitot: bool = False) -> dict[str, Ef
     """
     out = {}
     for name in channels:
-        for kind, (words, parameter, physics, mistaken_for, separated_by) in _KINDS.items():
+        for kind, (words, usual, physics, mistaken_for, separated_by) in _KINDS.items():
             if (name, kind) == ("psi", "scale") or name not in _SHOWN.get(kind, (name,)):
                 continue
+            parameter = _OF_CHANNEL.get((name, kind), usual)
             unit = {"bias": channel(name).unit, "drift": _per_second(name)}.get(kind, parameter.unit)
-            starts = _DRIFTS.get(name, parameter.starts) if kind == "drift" else parameter.starts
             out[f"{name}_{kind}"] = Effect(
                 name=f"{name}_{kind}",
                 title=f"{words} of the {name} sensor",
                 place=f"{name} sensor",
                 physics=physics,
-                parameters=(replace(parameter, unit=unit, starts=starts),),
+                parameters=(replace(parameter, unit=unit),),
                 amend=partial(amend, name, kind),
                 lateral=kind == "cross" and name in _LATERAL,
                 ground_check=_GROUND["drift"] if kind == "drift" else "",

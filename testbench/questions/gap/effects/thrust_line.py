@@ -29,7 +29,7 @@ EFFECT = Effect(
         "Thrust acts above or below the centre of gravity and pitches the aircraft with every change of throttle. "
         "Since thrust falls with airspeed, it also adds a pitching moment due to speed."
     ),
-    parameters=(Parameter("z_m", "m", -0.2, 0.2, (0.02, -0.02), none=0.0),),
+    parameters=(Parameter("z_m", "m", -0.2, 0.2, (0.02, -0.02), none=0.0, of_span=0.05),),
     amend=amend,
     mistaken_for="a CG shift or a speed derivative of Cm, without throttle motion",
     separated_by="throttle steps, which single it out",

@@ -60,7 +60,7 @@ def effect(control: str) -> Effect:
             f"The {word} command waits in computers, buses or radio links before the {follower} sees it. "
             "Every frequency arrives with its full amplitude and a phase loss in proportion to frequency."
         ),
-        parameters=(Parameter("delay_s", "s", 0.0, 0.25, (0.03, 0.1), none=0.0),),
+        parameters=(Parameter("delay_s", "s", 0.0, 0.5, (0.03, 0.1), none=0.0),),
         amend=partial(amend, control),
         mistaken_for="a slower servo at low frequency; a delay common to all sensors, which a clock offset gives too",
         separated_by="a sweep beyond the servo's corner, where a lag takes amplitude and a delay does not",
