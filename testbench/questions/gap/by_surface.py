@@ -84,9 +84,10 @@ def named_beside(
         kept = [f for f in naming.ranking if f.effect.name in names]
         outcome = "set" if len(names) > 1 else "named" if names else "unexplained"
         naming = replace(naming, outcome=outcome, names=names, sentence=tell.imitates(gone, kept, differ))
-    unnamed = [p for p in differ if not any(p.told(f.effect) for f in naming.ranking if f.flown)]
-    if naming.outcome == "no gap" and unnamed:
-        return replace(naming, outcome="unexplained", sentence=tell.path_alone(unnamed))
+    searched = {e.name for f in naming.ranking if f.flown for e in f.effect.singles}
+    alone = [p for p in differ if searched.isdisjoint(p.effects)]
+    if naming.outcome == "no gap" and alone:
+        return replace(naming, outcome="unexplained", sentence=tell.path_alone(alone))
     return naming
 
 
