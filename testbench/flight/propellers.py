@@ -44,6 +44,8 @@ _MOST_CHANGE = 0.15  # of a speed in one frame
 _SEARCHES, _STIFF_1_S = 3, -3.0  # of JSBSim's own search, whose frames of 0.5 s go with slow propellers only
 _MISSED = 0.02  # of a speed, by which a frame may miss the one expected before frames are made shorter
 _TRUSTED_S = 0.25  # first frame that may fill a manifold, which lags by a second or so
+_MOVED, _MOVED_AT_ALL = 1e-3, 1e-7  # of a speed, by which it must change to tell how a rate follows it
+_QUICK_S = 0.1  # shortest time constant of a piston engine's speed; frames twice as long still come to rest
 _CAREFUL, _FIRST_S = 0.01, 0.05  # a change of throttle, and the first frame after it
 _MOST_TURN_DEG = 5.0
 _TURN_DEG = 0.05  # by which blades are turned to see what it changes
@@ -96,6 +98,7 @@ class _Frames:
         fresh: manifolds have filled to what the throttle wants, which they do only in a frame.
         trusted: longest frame that may fill the manifold yet, s; throttles may show some frames late.
         filling: length of a frame in which the manifold, as it fills, takes a speed off by no more than it may miss, s.
+        filled: frames that filled the manifold in this search; -1 if none may.
     """
 
     slowing: FloatArray
@@ -107,9 +110,11 @@ class _Frames:
     fresh: bool = False
     trusted: float = 0.0
     filling: float = 0.0
+    filled: int = 0
 
-    def begin(self, careful: bool) -> None:
+    def begin(self, careful: bool, may_fill: bool) -> None:
         """Begin a search; ``careful`` after a change of throttle, as the manifold changes the power within a frame."""
+        self.filled = 0 if may_fill else -1
         self.longest = min(self.fill, _FIRST_S) if careful else self.fill
         self.searches, self.fresh, self.trusted, self.filling = 0, False, max(_TRUSTED_S, 3.0 * self.fill), 0.0
 
@@ -125,12 +130,17 @@ class _Frames:
     def fills(self, stopped: BoolArray) -> bool:
         """Return whether the next frame is a long one, which fills the manifold; the one after mends the speed.
 
-        Long frames one after the other would swing: a manifold fills by the speed that was there before.
+        Long frames one after the other would swing: a manifold fills by the speed that was there before. Where one has
+        taken blades to a stop, the next would take them off it again.
         """
-        return self.full and self.filling > 2.0 * self.fill and not bool(np.any(stopped))
+        at_stop = bool(np.any(stopped))
+        if at_stop and self.filled:
+            self.filled = -1
+        return self.filled >= 0 and not at_stop and self.full and self.filling > 2.0 * self.fill
 
     def learn_filling(self, missed: float) -> None:
         """Trust longer or shorter frames to fill the manifold, by the share of a speed by which one missed."""
+        self.filled += 1
         self.trusted *= 2.0 if missed < 3.0 * _MISSED else 0.5
         self.filling = 0.0
 
@@ -167,10 +177,14 @@ class _Frames:
             self.longest = max(0.25 * self.longest, min(self.fill, _FIRST_S))
 
     def learn_slowing(self, rpm: FloatArray, change: FloatArray, rates: FloatArray) -> None:
-        """Learn d rate / d speed from the change of speeds, rpm, and of rates, rpm/s, over a frame."""
-        far = np.abs(change) > 1e-7 * np.abs(rpm)
+        """Learn d rate / d speed from the change of speeds, rpm, and of rates, rpm/s, over a frame.
+
+        Where speeds hardly change, rates change by what still flows into a manifold that lags.
+        """
+        moved, most = (_MOVED, 1.0 / _QUICK_S) if self.lag > _FRAME_S else (_MOVED_AT_ALL, 1.0 / _SHORTEST_S)
+        far = np.abs(change) > moved * np.abs(rpm)
         found = np.divide(rates, change, out=np.zeros(len(rpm)), where=far)
-        self.slowing = np.where(found < 0.0, np.clip(found, -1.0 / _SHORTEST_S, -1.0 / _LONGEST_S), self.slowing)
+        self.slowing = np.where(found < 0.0, np.clip(found, -most, -1.0 / _LONGEST_S), self.slowing)
 
 
 class Propellers:
@@ -282,8 +296,8 @@ class Propellers:
         if not len(self):
             return
         if self.governed or self._turboprops:
-            for _ in range(_ROUNDS):  # where manifolds and blades chase each other, a fresh start gets nearer
-                if self._balance():
+            for i in range(_ROUNDS):  # where manifolds and blades chase each other, a fresh start gets nearer
+                if self._balance(may_fill=i == 0):
                     break
         else:
             self._fdm.fdm.get_propulsion().get_steady_state()
@@ -307,19 +321,20 @@ class Propellers:
             for _ in range(_HISTORY):
                 self._march(_INSTANT_S)
 
-    def _balance(self) -> bool:
+    def _balance(self, may_fill: bool) -> bool:
         """Seek speeds and blade angles at which nothing changes; return whether they were found.
 
         The manifold of a piston engine fills by the speed that was there before a frame and moves the speed itself; the
         share of the way that blades are turned for is what is left of it, and found from frame to frame. Where frames
-        have to be short for that, a long one now and then fills the manifold (:meth:`_Frames.fills`).
+        have to be short for that, a long one now and then fills the manifold, if one ``may_fill`` it
+        (:meth:`_Frames.fills`).
 
         Newton's method, a frame at a time: blades that can are turned so that the frame ends at the speed wanted;
         where they are at a stop, the length of the frame is the time constant of the speed, which makes Euler's rule a
         step of Newton's.
         """
         governor, frames = self._governor(), self._frames
-        rpm, rates = self._begin(governor)
+        rpm, rates = self._begin(governor, may_fill)
         found_rest = False
         for _ in range(_ITERATIONS):
             pitch = self._pitch()
@@ -360,7 +375,7 @@ class Propellers:
             np.array(wanted),
         )
 
-    def _begin(self, governor: _Governor) -> tuple[FloatArray, FloatArray]:
+    def _begin(self, governor: _Governor, may_fill: bool) -> tuple[FloatArray, FloatArray]:
         """Make the engines ready for a search, governors off; return speeds (n,), rpm, and their rates, rpm/s."""
         if self._stands():
             self.start()
@@ -375,7 +390,7 @@ class Propellers:
         throttles = np.array([self._fdm.get(f"fcs/throttle-pos-norm[{i}]") for i in self._numbers])
         careful = self._throttles is None or bool(np.max(np.abs(throttles - self._throttles)) > _CAREFUL)
         self._throttles = throttles
-        self._frames.begin(careful)
+        self._frames.begin(careful, may_fill)
         return rpm, rates
 
     def _turn_blades(

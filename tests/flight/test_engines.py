@@ -117,6 +117,33 @@ def test_the_manifold_of_a_governed_engine_fills_in_few_frames(monkeypatch, mode
     assert np.max(np.abs(left)) < 1e-6  # the manifold is as full as the throttle wants, too
 
 
+@pytest.mark.parametrize(
+    ("model", "V_m_s", "throttles"),
+    [
+        ("c182", 60.0, (0.10, 0.20, 0.30, 0.45, 0.55, 0.65, 0.70)),
+        pytest.param("p51d", 83.0, (0.64, 0.65, 0.66, 0.67, 0.68, 0.70), marks=pytest.mark.slow),
+    ],
+)
+def test_a_governed_propeller_rests_at_one_speed_on_both_sides_of_the_stop_of_its_blades(model, V_m_s, throttles):
+    """Little throttle leaves the blades at their fine stop; whatever was flown before, the speed is the same.
+
+    Long frames that fill the manifold took the P-51's blades off the stop and back, so that it did not come to rest
+    there: it trimmed at no speed beyond 77 m/s, and its limits ended at 88 m/s.
+    """
+    aircraft = load_aircraft(f"jsbsim:{model}")
+    fdm = Executive(aircraft, aircraft.rate_hz, FlightCondition(V_m_s, 1500.0))
+    speeds = []
+    for throttle in (*throttles, *throttles[::-1]):
+        fdm.command({"thr": throttle})
+        fdm.place(1500.0, 0.0, 0.0, (V_m_s, 0.0, 0.0))
+        fdm.evaluate()
+        speeds.append(float(fdm.propellers.speeds()[0]))
+    up, down = np.array(speeds[: len(throttles)]), np.array(speeds[len(throttles) :])[::-1]
+    assert up == pytest.approx(down, rel=1e-9)
+    assert np.all(np.diff(up) > -1e-6 * up[0])
+    assert up[0] < 0.99 * up[-1] == pytest.approx(0.99 * up[-2])  # from the stop to the governor's speed
+
+
 def test_a_channel_that_a_glider_does_not_have_is_said():
     glider = load_aircraft("jsbsim:SGS")
     trimmed = trim(glider, FlightCondition(glider.design_V_m_s, glider.design_h_m))
