@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies.blind import fighter
+from studies.blind import fighter, stock_again
 from studies.blind.stock import SEED, page
 from studies.blind.stock_run import believe, told
 
@@ -71,7 +71,11 @@ def test_a_load_that_is_known_is_carried_where_it_is_said_to_be_in_a_stock_aircr
 
 @pytest.mark.parametrize(
     ("draw", "seed", "counts", "aircraft"),
-    [("stock", SEED, dict(STRATA), FLOWN), ("fighter", fighter.SEED, fighter.COUNTS, FIGHTER)],
+    [
+        ("stock", SEED, dict(STRATA), FLOWN),
+        ("stock_again", stock_again.SEED, dict(STRATA), FLOWN),
+        ("fighter", fighter.SEED, fighter.COUNTS, FIGHTER),
+    ],
 )
 def test_the_answers_are_those_that_were_sealed(draw, seed, counts, aircraft):
     folder = RESULTS / draw
