@@ -11,6 +11,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.channels import CONTROLS
 from testbench.core.constants import FT_M
 from testbench.core.errors import TestbenchError
+from testbench.core.processes import spread
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import judged
@@ -38,23 +39,33 @@ def linearise_many(
     Args:
         aircraft: what flies.
         trimmed: about which, in air without a wind.
-        simulator: "jsbsim" linearises one by one.
+        simulator: "jsbsim" linearises one by one, as is done where the batch cannot; by all processes that may be used.
 
     Returns:
         For each flight its linear model, or why there is none.
     """
-    out: list[LinearModel | TestbenchError] = []
+    out: list[LinearModel | TestbenchError | None] = []
     for each, at in zip(aircraft, trimmed, strict=True):
         try:
             found = None if simulator == "jsbsim" else _model(each, at)
-            if found is None:
-                out.append(linearise(each, at))
-            else:
-                model, layout = found
-                out.append(layout.model(_values(model, layout, layout.points(layout.trim_of(at)))))
+            out.append(None if found is None else _in_blocks(*found, at))
         except TestbenchError as error:
             out.append(error)
-    return out
+    rest = [i for i, result in enumerate(out) if result is None]
+    by_jsbsim = spread([partial(_by_jsbsim, aircraft[i], trimmed[i]) for i in rest])
+    models = dict(zip(rest, by_jsbsim, strict=True))
+    return [models[i] if result is None else result for i, result in enumerate(out)]
+
+
+def _in_blocks(model: BatchModel, layout: Layout, trimmed: TrimmedFlight) -> LinearModel:
+    return layout.model(_values(model, layout, layout.points(layout.trim_of(trimmed))))
+
+
+def _by_jsbsim(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel | TestbenchError:
+    try:
+        return linearise(aircraft, trimmed)
+    except TestbenchError as error:
+        return error
 
 
 def linearise_flight(

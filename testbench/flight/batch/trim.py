@@ -10,6 +10,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.constants import FT_M
 from testbench.core.errors import TestbenchError
+from testbench.core.processes import spread
 from testbench.core.record import FloatArray
 from testbench.flight.air import Air
 from testbench.flight.batch import registers as r
@@ -44,8 +45,9 @@ def trim_many(
 ) -> list[TrimmedFlight | TestbenchError]:
     """Trim every aircraft at its condition, as :func:`testbench.flight.trim` would.
 
-    What does not come to an equilibrium in the batch is trimmed by JSBSim, which says why there is none. What each
-    comes to does not depend on the others.
+    What does not come to an equilibrium in the batch is trimmed by JSBSim, which says why there is none; by all
+    processes that may be used (:func:`testbench.core.processes.processes`). What each comes to does not depend on the
+    others.
 
     Args:
         aircraft: of each flight.
@@ -77,16 +79,17 @@ def trim_many(
         except TestbenchError as error:
             out[i] = error
             continue
-        if model is None:
-            out[i] = _by_jsbsim(each, condition, rate_hz, blowing[i])
-        else:
+        if model is not None:
             groups.setdefault(id(model.program), []).append((i, model))
     for group in groups.values():
         members = [i for i, _ in group]
         found = _trimmed([m for _, m in group], [conditions[i] for i in members], [blowing[i] for i in members])
         for i, result in zip(members, found, strict=True):
-            out[i] = _by_jsbsim(aircraft[i], conditions[i], rate_hz, blowing[i]) if result is None else result
-    return [x for x in out if x is not None]
+            out[i] = result
+    rest = [i for i, result in enumerate(out) if result is None]
+    by_jsbsim = spread([partial(_by_jsbsim, aircraft[i], conditions[i], rate_hz, blowing[i]) for i in rest])
+    trims = dict(zip(rest, by_jsbsim, strict=True))
+    return [trims[i] if result is None else result for i, result in enumerate(out)]
 
 
 def _by_jsbsim(

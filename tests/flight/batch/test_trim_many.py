@@ -7,8 +7,10 @@ import pytest
 
 import testbench as tb
 from testbench.core.errors import TrimError
+from testbench.core.processes import processes
 from testbench.flight import TrimmedFlight
 from testbench.flight.air import Air
+from testbench.flight.batch.linear import linearise_many
 from testbench.flight.batch.trim import trim_many
 from testbench.questions.campaign.targets import change_aircraft
 
@@ -62,3 +64,21 @@ def test_what_has_no_trim_says_why_and_leaves_the_others() -> None:
     with pytest.raises(TrimError) as caught:
         tb.trim(aircraft, tb.FlightCondition(6.0, 100.0))
     assert slow.message == caught.value.message
+
+
+def test_what_jsbsim_trims_and_linearises_is_the_same_in_one_process_and_in_two(taurus) -> None:
+    """Governed propellers are not flown in batches: each trim of a search is JSBSim's, on all processes."""
+    conditions = [tb.FlightCondition(V, 100.0) for V in (11.0, 1.0, 12.0, 13.0)]  # 1 m/s: none
+    aircraft = [taurus] * len(conditions)
+    alone = trim_many(aircraft, conditions, simulator="jsbsim")
+    with processes(2):
+        shared = trim_many(aircraft, conditions, simulator="jsbsim")
+    assert [isinstance(x, TrimError) for x in shared] == [False, True, False, False]
+    able = [i for i in range(len(conditions)) if i != 1]
+    assert [shared[i].controls for i in able] == [alone[i].controls for i in able]
+    assert str(shared[1]) == str(alone[1])
+    trims = [alone[i] for i in able]
+    one = linearise_many([taurus] * 3, trims, simulator="jsbsim")
+    with processes(2):
+        two = linearise_many([taurus] * 3, trims, simulator="jsbsim")
+    assert all(np.array_equal(a.A, b.A) and np.array_equal(a.D, b.D) for a, b in zip(one, two, strict=True))
