@@ -39,6 +39,7 @@ _HISTORY = 4  # frames that the integrators remember
 _SETTLED = 1e-10  # of the speed
 _HP_FTLB_S = 550.0
 _ITERATIONS, _ROUNDS = 80, 5
+_GIVEN_UP = 3  # searches without rest, after which each is one round only
 _FRAME_S, _SHORTEST_S, _LONGEST_S = 0.02, 1e-3, 5.0
 _MOST_CHANGE = 0.15  # of a speed in one frame
 _SEARCHES, _STIFF_1_S = 3, -3.0  # of JSBSim's own search, whose frames of 0.5 s go with slow propellers only
@@ -215,6 +216,7 @@ class Propellers:
         self._turboprops = [i for i in self._numbers if adapted and self._file(i).kind == "turboprop"]
         self._slope: FloatArray | None = None
         self._throttles: FloatArray | None = None
+        self._failed = 0  # searches for rest, one after the other
         fill = max([_FRAME_S, *(self._file(i).lag_s for i in self._numbers)])
         self._frames = _Frames(np.full(len(self), -1.0 / _FRAME_S), fill, fill)
 
@@ -296,9 +298,14 @@ class Propellers:
         if not len(self):
             return
         if self.governed or self._turboprops:
-            for i in range(_ROUNDS):  # where manifolds and blades chase each other, a fresh start gets nearer
+            # Where manifolds and blades chase each other, a fresh start gets nearer; where several in turn came to no
+            # rest, each goes on from where the last one ended.
+            for i in range(_ROUNDS if self._failed < _GIVEN_UP else 1):
                 if self._balance(may_fill=i == 0):
+                    self._failed = 0
                     break
+            else:
+                self._failed += 1
         else:
             self._fdm.fdm.get_propulsion().get_steady_state()
             self._fdm.fdm.run_ic()
