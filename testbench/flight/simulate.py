@@ -225,13 +225,16 @@ def truth_of(
 def aborted(record: FlightRecord, aircraft: str, manoeuvre: str, log_rate_hz: float) -> FlightAborted:
     """Return the error of a flight that left its limits, which carries its record."""
     time_s = len(record) / log_rate_hz
-    return FlightAborted(
+    said = (
         f"{aircraft} left its limits at t = {time_s:.2f} s of manoeuvre '{manoeuvre}': {record.reason}; "
-        "reduce the amplitude or the duration of the input",
-        time_s,
-        record.reason,
-        record,
+        "reduce the amplitude or the duration of the input"
     )
+    if len(record) <= 1:
+        said = (
+            f"{aircraft} is outside of its limits where manoeuvre '{manoeuvre}' begins: {record.reason}; give another "
+            "condition, or other [limits] in an aircraft.toml"
+        )
+    return FlightAborted(said, time_s, record.reason, record)
 
 
 def logged_of(

@@ -142,6 +142,15 @@ def test_leaving_the_envelope_aborts_with_time_reason_and_record(eolo, eolo_trim
     assert len(record) == pytest.approx(caught.value.time_s * 100.0)
 
 
+def test_a_flight_that_begins_outside_of_the_limits_is_not_blamed_on_its_input(eolo, eolo_trim):
+    narrow = replace(eolo, limits={**eolo.limits, "V": (8.0, 15.0)})  # trimmed at 16 m/s
+    with pytest.raises(FlightAborted) as caught:
+        fly(narrow, eolo_trim, doublet(500.0), 100.0)
+    assert "is outside of its limits where manoeuvre" in str(caught.value)
+    assert "8 <= V <= 15 must hold, got 16" in str(caught.value)
+    assert "amplitude" not in str(caught.value)
+
+
 def test_a_model_that_ceases_to_be_finite_aborts():
     bad = (
         '<function name="aero/bad"><quotient><value>1</value><difference>'
