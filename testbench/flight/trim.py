@@ -51,6 +51,7 @@ def trim(
     air: Air | None = None,
     near: TrimmedFlight | None = None,
     thorough: bool = True,
+    slopes: FloatArray | None = None,
 ) -> TrimmedFlight:
     """Trim in steady straight flight without sideslip.
 
@@ -69,7 +70,8 @@ def trim(
 
     A warning (:class:`FrameRateWarning`) says so if an amendment counts frames of another rate.
 
-    ``near`` is a trim of the same aircraft to start from. Not ``thorough``, damped steps are few and serve the reason.
+    ``near`` is a trim of the same aircraft, or of one much like it, to start from, with the ``slopes`` of
+    :func:`slopes_at` there. Not ``thorough``, damped steps are few and serve the reason.
 
     Raises:
         TrimError: there is no equilibrium within the limits of the controls and the flight envelope.
@@ -88,7 +90,7 @@ def trim(
     problem = _Problem(fdm, condition)
     x, solvable = problem.start(_THROTTLE_STARTS[0]), False
     if near is not None:
-        x, solvable = problem.newton(problem.beside(near))
+        x, solvable = problem.newton(problem.beside(near), slopes)
         solvable = solvable and problem.balanced(x)
     if not solvable and (near is None or thorough):
         for throttle in problem.throttle_starts:
@@ -107,6 +109,14 @@ def trim(
         )
     residual = problem.accelerations(x, to_rest=True)
     return checked_trim(aircraft, condition, rate, problem.values(x), residual, fdm.read(), problem.most)
+
+
+def slopes_at(aircraft: Aircraft, trimmed: TrimmedFlight) -> FloatArray:
+    """Return the slopes (6, unknowns) of the accelerations, m/s2 and rad/s2, over the unknowns of a trim, at one."""
+    problem = _Problem(Executive(aircraft, trimmed.rate_hz, trimmed.condition), trimmed.condition)
+    x = problem.beside(trimmed)
+    problem.accelerations(x)  # propellers come to rest there first
+    return problem.jacobian(x)
 
 
 class FrameRateWarning(UserWarning):
@@ -243,7 +253,7 @@ class _Problem:
             residual = self.accelerations(x)
             damping, stuck = 1e-3, False
             for _ in range(steps):
-                J = self._jacobian(x)
+                J = self.jacobian(x)
                 if not (np.all(np.isfinite(J)) and np.all(np.isfinite(residual))):
                     break
                 slope = J.T @ residual
@@ -280,7 +290,7 @@ class _Problem:
         fdm, aircraft = self._fdm, self._fdm.aircraft
         where = f"{aircraft.name} at {self._condition}"
         residual = self.accelerations(x, to_rest=True)
-        J = self._jacobian(x)
+        J = self.jacobian(x)
         at = self.values(x)
         low, high = self._bounds()
         k = int(np.argmax(np.abs(residual)))
@@ -317,13 +327,14 @@ class _Problem:
         ends = f"with {', '.join(stops)} " if stops else "whatever the controls do, "
         return f"trim of {where} needs a balance, but {ends}{left}{said}"
 
-    def newton(self, x: FloatArray) -> tuple[FloatArray, bool]:
+    def newton(self, x: FloatArray, jacobian: FloatArray | None = None) -> tuple[FloatArray, bool]:
         """Return the unknowns reached from ``x`` and whether every step on the way could be solved for.
 
-        A Jacobian costs twelve evaluations; it is kept for as long as each step takes most of the residual away.
+        A Jacobian costs twelve evaluations; it is kept for as long as each step takes most of the residual away, and so
+        is one that is given.
         """
         residual = self.accelerations(x)
-        jacobian, before, most, made = None, np.inf, self.tolerance, 0
+        before, most, made = np.inf, self.tolerance, 0
         for _ in range(40):
             left = float(np.max(np.abs(residual)))
             if left < most or (left < self.most and not left < _KEPT * before):
@@ -332,7 +343,7 @@ class _Problem:
                 made += 1
                 if made > _JACOBIANS and self._fdm.aircraft.adapter is not None:
                     break
-                jacobian = self._jacobian(x)
+                jacobian = self.jacobian(x)
                 if not np.all(np.isfinite(jacobian)) or np.linalg.cond(jacobian) > 1e12:
                     return x, False
             before = left
@@ -345,7 +356,7 @@ class _Problem:
         """Acceleration that may be left over, m/s2 and rad/s2."""
         return PROPELLER_TOLERANCE if len(self._fdm.propellers) else TOLERANCE
 
-    def _jacobian(self, x: FloatArray) -> FloatArray:
+    def jacobian(self, x: FloatArray) -> FloatArray:
         """Return d accelerations / d unknowns (6, n) by central differences."""
         columns = []
         for i, name in enumerate(self.names):

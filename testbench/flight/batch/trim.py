@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -31,6 +31,8 @@ from testbench.flight.trim import (
     unknowns,
 )  # fmt: skip
 
+Near = tuple[TrimmedFlight, FloatArray]
+"""A trim, and the slopes of accelerations over its unknowns (:func:`testbench.flight.trim.slopes_at`)."""
 _ITERATIONS = 12
 _LONGEST = 0.3  # step of an unknown
 _SI = np.array([FT_M, FT_M, FT_M, 1.0, 1.0, 1.0])
@@ -42,6 +44,7 @@ def trim_many(
     rate_hz: float | None = None,
     airs: Sequence[Air | None] | None = None,
     simulator: Simulator = "auto",
+    near: Callable[[int], Near | None] | None = None,
 ) -> list[TrimmedFlight | TestbenchError]:
     """Trim every aircraft at its condition, as :func:`testbench.flight.trim` would.
 
@@ -55,6 +58,7 @@ def trim_many(
         rate_hz: frame rate; each aircraft's own if not given.
         airs: of each flight; only its steady wind counts.
         simulator: "jsbsim" trims one by one.
+        near: flight -> a trim that is known of an aircraft much like it, with its slopes; asked for where JSBSim trims.
 
     Returns:
         For each flight its trim, or why there is none.
@@ -87,16 +91,18 @@ def trim_many(
         for i, result in zip(members, found, strict=True):
             out[i] = result
     rest = [i for i, result in enumerate(out) if result is None]
-    by_jsbsim = spread([partial(_by_jsbsim, aircraft[i], conditions[i], rate_hz, blowing[i]) for i in rest])
+    known = {i: None if near is None else near(i) for i in rest}
+    by_jsbsim = spread([partial(_by_jsbsim, aircraft[i], conditions[i], rate_hz, blowing[i], known[i]) for i in rest])
     trims = dict(zip(rest, by_jsbsim, strict=True))
     return [trims[i] if result is None else result for i, result in enumerate(out)]
 
 
 def _by_jsbsim(
-    aircraft: Aircraft, condition: FlightCondition, rate_hz: float | None, air: Air | None
+    aircraft: Aircraft, condition: FlightCondition, rate_hz: float | None, air: Air | None, near: Near | None
 ) -> TrimmedFlight | TestbenchError:
+    begin, slopes = near or (None, None)
     try:
-        return trim(aircraft, condition, rate_hz, air)
+        return trim(aircraft, condition, rate_hz, air, begin, slopes=slopes)
     except TestbenchError as error:
         return error
 

@@ -22,7 +22,8 @@ from testbench.flight.air import Air
 from testbench.flight.batch.fly import fly_jobs
 from testbench.flight.batch.jobs import Job, Simulator
 from testbench.flight.batch.linear import linearise_flight, linearise_many
-from testbench.flight.batch.trim import trim_many
+from testbench.flight.batch.trim import Near, trim_many
+from testbench.flight.trim import slopes_at
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.search.parallel import spread
 
@@ -177,9 +178,7 @@ class _Kept(Generic[K, T]):
         new = dict(zip(missing, make(missing), strict=True)) if missing else {}
         out = []
         for key in keys:
-            value = new.get(key)
-            if value is None:
-                value = self._of.pop(key)
+            value = new[key] if key in new else self._of.pop(key)
             self._of[key] = value
             out.append(value)
         while len(self._of) > self._most:
@@ -188,6 +187,7 @@ class _Kept(Generic[K, T]):
 
 
 _TRIMS: _Kept[Flyer, TrimmedFlight | TestbenchError] = _Kept(_MODELS)
+_NEAR: _Kept[Flyer, Near | None] = _Kept(_MODELS)
 _LINEAR: _Kept[Flyer, LinearModel | TestbenchError] = _Kept(_MODELS)
 _FLOWN: _Kept[Wanted, FlightRecord | TestbenchError] = _Kept(AT_ONCE)
 
@@ -195,9 +195,29 @@ _FLOWN: _Kept[Wanted, FlightRecord | TestbenchError] = _Kept(AT_ONCE)
 def _trim(flyers: Sequence[Flyer]) -> list[TrimmedFlight | TestbenchError]:
     def by(some: Sequence[Flyer]) -> list[TrimmedFlight | TestbenchError]:
         conditions = [f.condition for f in some]
-        return trim_many([f.aircraft for f in some], conditions, some[0].rate_hz, None, some[0].simulator)
+        near = lambda i: _near(some[i])  # noqa: E731
+        return trim_many([f.aircraft for f in some], conditions, some[0].rate_hz, None, some[0].simulator, near)
 
     return _grouped(flyers, flyers, by)
+
+
+def _near(flyer: Flyer) -> Near | None:
+    """Return the trim of the aircraft as it was loaded; None if it has none, or is what is asked about.
+
+    It is the same whatever was trimmed before, so that no result depends on that.
+    """
+    if not flyer.aircraft.amendments:
+        return None
+    plain = replace(flyer.aircraft, amendments=())
+    return _NEAR.of([Flyer.of(plain, flyer.condition, flyer.rate_hz, flyer.simulator)], _trimmed_with_slopes)[0]
+
+
+def _trimmed_with_slopes(flyers: Sequence[Flyer]) -> list[Near | None]:
+    found = trims(flyers)
+    return [
+        None if isinstance(x, TestbenchError) else (x, slopes_at(f.aircraft, x))
+        for f, x in zip(flyers, found, strict=True)
+    ]
 
 
 def _linearise(flyers: Sequence[Flyer]) -> list[LinearModel | TestbenchError]:
