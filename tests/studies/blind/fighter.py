@@ -38,7 +38,8 @@ def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> s
         "again. Rows 1 to 13 were made before a drift was kept from being heard as turbulence, rows 14 to 28 before "
         "that had to have one slope in every record, and before quiet flight ended where a surface begins to move. All "
         "rows were made before an effect that was given up far from rest was tried again, which names case 2 of the "
-        "library form right.",
+        "library form right, and before ranges followed the size of the aircraft, which names the airspeed lag of case "
+        "10 of the library form.",
     ]
     return page_of(words, SEED, cases, rows)
 

@@ -55,7 +55,9 @@ def page(cases: Sequence[PathCase], rows: Mapping[str, Mapping[str, Any]]) -> st
         "Rows 1 to 56 were made before air density and airspeed flown were in the library, rows 1 to 66 before a "
         "coefficient that recorded surfaces clear was kept from being accused, which leaves case 12 of the true effect "
         "taken out without an accusation, and before re-tuning took flown tangents anew where old ones failed. All "
-        "rows were made before an effect that was given up far from rest was tried again.",
+        "rows were made before an effect that was given up far from rest was tried again, and before a name had to "
+        "hold where a surface that differs drives, which leaves cases 12, 27 and 32 of the true effect taken out "
+        "unexplained, sent to the right path.",
     ]
     return page_of(words, SEED, cases, rows)
 
