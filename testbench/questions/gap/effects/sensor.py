@@ -50,7 +50,7 @@ _KINDS = {
     ),
     "delay": (
         "delay beyond the believed one",
-        Parameter("delay_s", "s", 0.0, 0.5, (0.02, 0.1), none=0.0),
+        Parameter("delay_s", "s", 0.0, 1.0, (0.02, 0.1), none=0.0),
         "Filters, buses or time stamps make the sensor's samples late. "
         "Only its channel disagrees, by a phase in proportion to frequency and no amplitude.",
         "a lag of the same sensor while the quantity moves slowly; a delay of the command if all sensors share it",
@@ -99,10 +99,11 @@ _OF_PITOT = {
     ),
 }
 # Parameters of one channel, where those of most are far from what is met: an airspeed drifts in m/s and not in rad/s,
-# and follows through metres of narrow tube, seconds late at height or where water stands in it.
+# and follows through metres of narrow tube, seconds late at height or where water stands in it, as a lag and no delay.
 _OF_CHANNEL = {
     ("V", "drift"): replace(_KINDS["drift"][1], starts=(0.05, -0.05)),
     ("V", "lag"): replace(_KINDS["lag"][1], high=5.0, starts=(0.03, 0.15, 0.8)),
+    ("V", "delay"): replace(_KINDS["delay"][1], high=0.5),
 }
 # Where the check of the sensor does not show the error
 _GROUND = {
