@@ -63,9 +63,9 @@ def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> s
         "stronger motors of these draws are such linkages, and were named or left unexplained as a scale of the "
         "thrust. The rows after them were made with that, and with air density and airspeed flown in the library; "
         "all before an effect that was given up far from rest was tried again; before ranges followed the size of the "
-        "aircraft, which names the airspeed lags of cases 10 and 31 of the library form and the late vane of case 36 of "
-        "the other form; and before company that may as well act elsewhere was no name, which leaves cases 8, 13 and "
-        "34 of the true effect taken out unexplained.",
+        "aircraft, which names the airspeed lags of cases 10 and 31 of the library form and the late vane of case 36 "
+        "of the other form; and before company that may as well act elsewhere was no name, which leaves cases 8, 13 "
+        "and 34 of the true effect taken out unexplained.",
         "",
     ]
     return "\n".join([*out, *results(cases, rows)]) + "\n"
