@@ -229,8 +229,11 @@ def _linearise(flyers: Sequence[Flyer]) -> list[LinearModel | TestbenchError]:
 
 def _fly(wanted: Sequence[Wanted]) -> list[FlightRecord | TestbenchError]:
     def by(some: Sequence[tuple[Wanted, TrimmedFlight]]) -> list[FlightRecord | TestbenchError]:
-        jobs = [w.job(at) for w, at in some]
-        return fly_jobs(jobs, some[0][0].flyer.simulator, fewest=1)
+        jobs, simulator = [w.job(at) for w, at in some], some[0][0].flyer.simulator
+        if simulator == "jsbsim":  # one by one, on all processes
+            parts = spread([partial(fly_jobs, [job], simulator, fewest=1) for job in jobs])
+            return [flown for (flown,) in parts]
+        return fly_jobs(jobs, simulator, fewest=1)
 
     return _from_trims(wanted, [w.flyer for w in wanted], by)
 
@@ -247,14 +250,10 @@ def _from_trims(
 
 
 def _grouped(items: Sequence[S], flyers: Sequence[Flyer], make: Callable[[Sequence[S]], Sequence[T]]) -> list[T]:
-    """Return what is made of each item: those of one rate and simulator together; by JSBSim, on all processes."""
+    """Return what is made of each item: those of one rate and simulator together."""
     kinds = [(f.simulator, f.rate_hz) for f in flyers]
     out: dict[int, T] = {}
     for kind in dict.fromkeys(kinds):
         at = [i for i, k in enumerate(kinds) if k == kind]
-        if kind[0] == "jsbsim":
-            parts = spread([partial(make, [items[i]]) for i in at])
-            out |= {i: part[0] for i, part in zip(at, parts, strict=True)}
-        else:
-            out |= dict(zip(at, make([items[i] for i in at]), strict=True))
+        out |= dict(zip(at, make([items[i] for i in at]), strict=True))
     return [out[i] for i in range(len(items))]

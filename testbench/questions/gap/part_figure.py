@@ -9,7 +9,7 @@ import numpy as np
 
 from testbench.core.record import FloatArray
 from testbench.page.plot import COLOURS, FAINT, QUIET, Plate, new_figure
-from testbench.questions.gap.verdict import Verdict
+from testbench.questions.gap.verdict import SHOWN, Verdict
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,7 +82,7 @@ def part_plate(verdict: Verdict) -> Plate | None:
     part, _, cases = verdict.right
     words = " or ".join(p.name for p in verdict.parts)
     why = f"Calls like this had the right part in {part} of {cases} cases of the blind test"
-    if not cases:
+    if verdict.call == SHOWN:
         why = "The recorded surface shows that its path differs from what is believed"
     caption = f"A sketch, not this aircraft. Filled: {words}. {why}."
     return Plate("part", "Where to look", caption, make)

@@ -82,7 +82,7 @@ def too_many(fits: Sequence[EffectFit]) -> str:
 
 def company(fits: Sequence[EffectFit]) -> str:
     """Several effects are needed, and which of them they are, in different parts, is not told."""
-    near = "; or ".join(f"{f.effect.title}, {f.size}" for f in fits)
+    near = _sized(fits, "; or ")
     return (
         f"unexplained: no single effect explains it, and several that act in different parts do so together as well as "
         f"each other: {near}. One effect that the library does not hold could look the same"
@@ -127,7 +127,7 @@ def refuted(fits: Sequence[EffectFit], raised: Sequence[float]) -> str:
 
 def refuted_but(kept: Sequence[EffectFit], out: Sequence[EffectFit]) -> str:
     """On held-out manoeuvres some of several names are refuted."""
-    told = "; ".join(f"{f.effect.title}, {f.size}" for f in kept)
+    told = _sized(kept)
     head = "one of these, which these data cannot tell apart: " if len(kept) > 1 else ""
     titles = " and ".join(f.effect.title for f in out)
     return f"{head}{told}; the manoeuvres held out refute {titles}, which would fit as well"
@@ -148,7 +148,7 @@ def imitates(gone: Sequence[EffectFit], kept: Sequence[EffectFit], paths: Sequen
         f"{' and '.join(f'{f.effect.title} ({f.size})' for f in gone)} would explain the flights as commanded, but "
         f"nothing where recorded surfaces drive the model: {_differ(paths)}, and that is what it imitates"
     )
-    told = "; ".join(f"{f.effect.title}, {f.size}" for f in kept)
+    told = _sized(kept)
     return f"{told}; {why}" if kept else f"unexplained: {why}"
 
 
@@ -158,6 +158,10 @@ def path_alone(paths: Sequence[JudgedPath]) -> str:
         f"unexplained: {_differ(paths)}, and no effect that was searched does that; what it does to the motion is "
         "within what coefficients can imitate"
     )
+
+
+def _sized(fits: Sequence[EffectFit], between: str = "; ") -> str:
+    return between.join(f"{f.effect.title}, {f.size}" for f in fits)
 
 
 def _differ(paths: Sequence[JudgedPath]) -> str:
@@ -172,5 +176,5 @@ def gust_beside_command(gust: EffectFit, part: float, kept: Sequence[EffectFit])
         f"{100.0 * part:.3g} % of what it explains may be left around it: an answer to the command that the library "
         f"does not hold could look the same. Fly the manoeuvre again: a gust does not come twice"
     )
-    told = "; ".join(f"{f.effect.title}, {f.size}" for f in kept)
+    told = _sized(kept)
     return f"{told}; {why}" if kept else f"unexplained: {why}"
