@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import threading
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from typing import TypeVar, get_args
 
@@ -15,6 +16,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.constants import FT_M
 from testbench.core.errors import LimitError, TestbenchError, nearest
+from testbench.core.processes import spread
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.air import Air
 from testbench.flight.batch import registers as r
@@ -107,6 +109,8 @@ def fly_jobs(
 ) -> list[FlightRecord | TestbenchError]:
     """Fly every job; one that breaks a law is its error.
 
+    What JSBSim must fly is dealt to the processes that may be used (:func:`testbench.core.processes.processes`).
+
     Args:
         jobs: flights, of any aircraft.
         simulator: see :func:`fly_many`.
@@ -122,6 +126,7 @@ def fly_jobs(
     out: list[FlightRecord | TestbenchError | None] = [None] * len(jobs)
     groups: dict[object, list[tuple[int, _Ready]]] = {}
     verdicts: dict[tuple[int, int], Judged] = {}  # one for all flights of an aircraft from a trim
+    one_by_one: dict[int, tuple[Job, str]] = {}
     for i, job in enumerate(jobs):
         reason, model = "it is wanted", None
         if simulator == "auto" and len(jobs) < fewest:
@@ -135,7 +140,7 @@ def fly_jobs(
             if model is None and simulator == "batch":
                 raise LimitError(f"{job.aircraft.name} cannot be flown in a batch: {reason}; let JSBSim fly it")
         if model is None:
-            out[i] = _by_jsbsim(job, flown, reason)
+            one_by_one[i] = job, reason
             continue
         try:
             ready = _Ready.of(job, model)
@@ -143,6 +148,7 @@ def fly_jobs(
             out[i] = error
             continue
         groups.setdefault(ready.group, []).append((i, ready))
+    _fly_one_by_one(one_by_one, flown, out)
     for group in groups.values():
         group.sort(key=lambda item: item[1].u.shape[0])
         for k in range(0, len(group), LANES):
@@ -157,8 +163,7 @@ def fly_jobs(
                 if reason:
                     distrust(ready.model, reason)
                     flown.batch -= sum(_by_batch(out[k]) for k, _ in group)
-                    for k, each in group:
-                        out[k] = _by_jsbsim(each.job, flown, reason)
+                    _fly_one_by_one({k: (each.job, reason) for k, each in group}, flown, out)
                     break
     return [x for x in out if x is not None]
 
@@ -204,8 +209,17 @@ def _by_batch(record: FlightRecord | TestbenchError | None) -> bool:
     return isinstance(record, FlightRecord) and record.provenance.get("simulator") == BATCH
 
 
-def _by_jsbsim(job: Job, flown: Tally, reason: str) -> FlightRecord | TestbenchError:
-    flown.by_jsbsim(reason)
+def _fly_one_by_one(
+    jobs: Mapping[int, tuple[Job, str]], flown: Tally, out: list[FlightRecord | TestbenchError | None]
+) -> None:
+    """Let JSBSim fly jobs, each beside why it must; adds what comes of each to ``out``, at its place."""
+    for i, record in zip(jobs, spread([partial(_by_jsbsim, *job) for job in jobs.values()]), strict=True):
+        out[i] = record
+    for _, reason in jobs.values():
+        flown.by_jsbsim(reason)
+
+
+def _by_jsbsim(job: Job, reason: str) -> FlightRecord | TestbenchError:
     try:
         record = job.flown_by_jsbsim()
     except FlightAborted as error:
@@ -285,21 +299,22 @@ def _fly_block(lanes: Sequence[_Ready], flown: Tally) -> list[FlightRecord | Tes
         np.array([x.register for x in limits], np.int64), np.stack([x.low for x in limits]),
         np.stack([x.high for x in limits]), left, broken, value, 1,
     )  # fmt: skip
-    out: list[FlightRecord | TestbenchError] = []
+    out: list[FlightRecord | TestbenchError | None] = [None] * len(lanes)
+    beyond: dict[int, tuple[Job, str]] = {}
     for lane, ready in enumerate(lanes):
         count = (ready.u.shape[0] - 1) // step + 1
         ends, limit = left[lane], limits[broken[lane]]
         if not 0 <= ends < count:
-            out.append(_record(ready, data[lane, :count], ""))
+            out[lane] = _record(ready, data[lane, :count], "")
         elif limit.name:
             low, high = ready.job.aircraft.limits[limit.of]
             reason = limit_broken(limit.name, limit.factor, low, high, value[lane])
-            out.append(_record(ready, data[lane, :ends], reason))
+            out[lane] = _record(ready, data[lane, :ends], reason)
         else:
-            out.append(_by_jsbsim(ready.job, flown, "it comes near the ground or leaves the atmosphere of the batch"))
-            continue
-        flown.batch += 1
-    return out
+            beyond[lane] = ready.job, "it comes near the ground or leaves the atmosphere of the batch"
+    flown.batch += len(lanes) - len(beyond)
+    _fly_one_by_one(beyond, flown, out)
+    return [x for x in out if x is not None]
 
 
 def placed(models: Sequence[BatchModel], beginnings: Sequence[Beginning]) -> FloatArray:
@@ -403,7 +418,7 @@ def _told_apart(job: Job) -> str:
 
 def _look_at(record: FlightRecord, ready: _Ready, flown: Tally) -> str:
     """Fly a flight by JSBSim as well, and remember how far apart they are; return why it is not trusted, or ""."""
-    other = _by_jsbsim(ready.job, Tally(), "")
+    other = _by_jsbsim(ready.job, "")
     flown.both += 1
     apart, name = math.inf, "length"
     if not isinstance(other, FlightRecord):

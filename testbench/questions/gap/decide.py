@@ -302,12 +302,14 @@ def form_of(share: float, gain: float, work: float) -> float:
     return max(share * gain, min(share * work, CRITERIA.second * gain) if imitated else 0.0)
 
 
-def worth_of_form(single: EffectFit, other: Effect, noise: float) -> float:
+def worth_of_form(single: EffectFit, other: Effect, samples: int, noise: float) -> float:
     """Return the gain of ``other`` beside ``single`` that the form of ``single`` may account for.
 
-    ``noise`` is the chi-square that noise alone hardly exceeds.
+    An effect that leaves far more than its form may is not the whole, however much it gains: of what acts in its place
+    no more is asked then than of what acts elsewhere. ``noise`` is the chi-square that noise alone hardly exceeds.
     """
-    if any(p.place == other.place for p in single.effect.singles):
+    in_place = any(p.place == other.place for p in single.effect.singles)
+    if in_place and not leaves_far_more(single, samples):
         return form_of(CRITERIA.form_in_place, single.gain, single.work)
     if single.within < CRITERIA.strained:
         return 0.0
@@ -329,7 +331,8 @@ def does_without(joint: EffectFit, less: EffectFit, samples: int, noise: float) 
         return False
     if not (less.flown and less.settled) or less.within < CRITERIA.strained:
         return False
-    return joint.gain - less.gain <= worth_of_form(less, missing[0], noise) or not leads(joint, less, samples, noise)
+    worth = worth_of_form(less, missing[0], samples, noise)
+    return joint.gain - less.gain <= worth or not leads(joint, less, samples, noise)
 
 
 def doubted(naming: Naming, believed: Believed, records: Sequence[FlightRecord]) -> Naming:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -25,7 +25,6 @@ from testbench.flight.batch.linear import linearise_flight, linearise_many
 from testbench.flight.batch.trim import Near, trim_many
 from testbench.flight.trim import slopes_at
 from testbench.inputs.signal import InputSignal
-from testbench.questions.gap.search.parallel import spread
 
 BEYOND = 0.25  # share of the range between its limits by which a hypothesis may exceed them on either side
 _MODELS, AT_ONCE = 512, 512  # that are kept; so many flights may be asked for at once
@@ -230,9 +229,6 @@ def _linearise(flyers: Sequence[Flyer]) -> list[LinearModel | TestbenchError]:
 def _fly(wanted: Sequence[Wanted]) -> list[FlightRecord | TestbenchError]:
     def by(some: Sequence[tuple[Wanted, TrimmedFlight]]) -> list[FlightRecord | TestbenchError]:
         jobs, simulator = [w.job(at) for w, at in some], some[0][0].flyer.simulator
-        if simulator == "jsbsim":  # one by one, on all processes
-            parts = spread([partial(fly_jobs, [job], simulator, fewest=1) for job in jobs])
-            return [flown for (flown,) in parts]
         return fly_jobs(jobs, simulator, fewest=1)
 
     return _from_trims(wanted, [w.flyer for w in wanted], by)

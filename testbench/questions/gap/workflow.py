@@ -32,6 +32,7 @@ from testbench.questions.gap.evidence.air import (
 from testbench.questions.gap.evidence.check import check_data
 from testbench.questions.gap.evidence.control_path import JudgedPath, judge_paths, restricted
 from testbench.questions.gap.evidence.forces import equation_errors
+from testbench.questions.gap.evidence.gusts import called
 from testbench.questions.gap.evidence.held_out import differences
 from testbench.questions.gap.evidence.locate import (
     ResidualMap,
@@ -116,7 +117,7 @@ def find_gap(
     by = driven(believed, records, held_out, drive)
     believed, records, held_out = by.believed, by.records, by.held_out
     believed, given, others = in_windows(believed, records, held_out, windows, say)
-    records, held_out = given.records, others.records
+    records, held_out = called(given.records), others.records
     as_believed = believed
     for name, record in {**records, **held_out}.items():
         with located(None, f"record '{name}'"):

@@ -14,6 +14,7 @@ import testbench as tb
 from testbench.aircraft import Aircraft
 from testbench.aircraft.amend import Amendment, Insert
 from testbench.core.errors import ChannelError, LimitError
+from testbench.core.processes import processes
 from testbench.core.record import FlightAborted
 from testbench.flight.air import Air, Gust
 from testbench.flight.batch import check
@@ -241,3 +242,23 @@ def test_what_breaks_a_law_is_refused(
     }  # fmt: skip
     with pytest.raises(error, match=words):
         tb.fly_many(**(asked | change))  # type: ignore[arg-type]
+
+
+def test_what_jsbsim_flies_is_dealt_to_processes(taurus: tuple[Aircraft, TrimmedFlight]) -> None:
+    """In order, counted, bit for bit, with what breaks a law in its place."""
+    aircraft, trimmed = taurus
+    rate = trimmed.rate_hz
+    jobs = [Job(aircraft, trimmed, doublet(rate, a, duration_s=1.5), rate) for a in (1.0, 2.0, 900.0, 3.0)]
+    alone, dealt = Tally(), Tally()
+    one_by_one = fly_jobs(jobs, "jsbsim", alone)
+    with processes(2):
+        found = fly_jobs(jobs, "jsbsim", dealt)
+    assert dealt == alone
+    assert dealt.jsbsim == len(jobs)
+    assert isinstance(found[2], LimitError)
+    assert str(found[2]) == str(one_by_one[2])
+    for one, other in zip(one_by_one, found, strict=True):
+        if isinstance(one, tb.FlightRecord):
+            assert isinstance(other, tb.FlightRecord)
+            assert np.array_equal(one.data, other.data)
+            assert one.provenance == other.provenance

@@ -103,10 +103,27 @@ def test_form_is_a_share_of_what_an_effect_does_where_coefficients_imitate_it(sl
     assert more_than_form(169.0, 1_104.0, work=1e5)  # coefficients do less than 99 % of it
     imitated = replace(slow.best, gain=1_000.0, work=2e5)
     other = EFFECTS["alpha_scale"]
-    assert worth_of_form(imitated, other, noise=5_000.0) == pytest.approx(0.35 * 1_000.0)
-    assert worth_of_form(imitated, other, noise=4_000.0) == pytest.approx(5e-4 * 2e5)
-    assert worth_of_form(replace(imitated, work=9e4), other, noise=5_000.0) == pytest.approx(0.02 * 1_000.0)
-    assert worth_of_form(replace(imitated, within=1e-3), other, noise=5_000.0) == 0.0
+    assert worth_of_form(imitated, other, 4_500, noise=5_000.0) == pytest.approx(0.35 * 1_000.0)
+    assert worth_of_form(imitated, other, 4_500, noise=4_000.0) == pytest.approx(5e-4 * 2e5)
+    assert worth_of_form(replace(imitated, work=9e4), other, 4_500, noise=5_000.0) == pytest.approx(0.02 * 1_000.0)
+    assert worth_of_form(replace(imitated, within=1e-3), other, 4_500, noise=5_000.0) == 0.0
+
+
+def test_company_in_its_place_is_worth_more_than_form_where_an_effect_leaves_far_more_than_its_form_may(slow):
+    """A bank angle of two stages: its lag gained 128 214 and left 2965, a delay beside it 3742 of that.
+
+    A twentieth of what the lag gained would be 6411: with 2965 left it was no name, and with a delay beside it neither.
+    """
+    samples, noise = 42_060, 42_962.0
+    lag = replace(slow.best, gain=128_214.0, work=0.0, chi2=45_025.0)
+    delay = EFFECTS["transport_delay"]  # in the place of the servo's lag
+    assert worth_of_form(lag, delay, samples, noise) == pytest.approx(5e-4 * lag.gain)
+    both = replace(
+        lag, effect=together(EFFECTS["actuator_lag"], delay), gain=131_956.0, chi2=41_284.0, values={"a": 1, "b": 1}
+    )
+    assert not does_without(both, lag, samples, noise)
+    whole = replace(lag, chi2=samples + 2_800.0)  # within ten standard deviations of the noise
+    assert worth_of_form(whole, delay, samples, noise) == pytest.approx(0.05 * lag.gain)
 
 
 def test_what_leaves_far_more_than_noise_is_nearest_and_no_name(slow):

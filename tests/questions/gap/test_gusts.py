@@ -17,7 +17,7 @@ from testbench.flight.air import Gust
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.base import MetGust
-from testbench.questions.gap.evidence.gusts import manoeuvre_of, record_key
+from testbench.questions.gap.evidence.gusts import called, manoeuvre_of, record_key
 from testbench.questions.gap.export import air_text
 from testbench.questions.gap.hidden.entries import TRUTHS
 from testbench.questions.gap.hidden.truth import Truth
@@ -105,7 +105,10 @@ def test_a_manoeuvre_is_called_by_its_provenance_or_its_number():
     record = quiet()
     assert manoeuvre_of(record, 3) == "record 3"
     assert manoeuvre_of(replace(record, provenance={"manoeuvre": "sweep"}), 3) == "sweep"
-    assert manoeuvre_of(replace(record, provenance={"truth": {"manoeuvre": "pull"}}), 3) == "pull"
+    flown = replace(record, provenance={"truth": {"manoeuvre": "pull"}})
+    assert manoeuvre_of(flown, 3) == "pull"
+    of_a_log = called({"climb out, 3 to 8 s": record, "log 7": flown})
+    assert [manoeuvre_of(r, 3) for r in of_a_log.values()] == ["climb out, 3 to 8 s", "pull"]
 
 
 @pytest.mark.parametrize("axis", ["down", "north"])

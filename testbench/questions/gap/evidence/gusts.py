@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from hashlib import blake2b
 
@@ -28,13 +29,25 @@ def record_key(record: FlightRecord) -> str:
     return digest.hexdigest()
 
 
+def called(records: Mapping[str, FlightRecord]) -> dict[str, FlightRecord]:
+    """Return records each of which says what its manoeuvre is called: by its name, where it does not say yet."""
+    return {
+        name: record if _called(record) else replace(record, provenance={**record.provenance, "manoeuvre": name})
+        for name, record in records.items()
+    }
+
+
 def manoeuvre_of(record: FlightRecord, number: int) -> str:
     """Return the name of the manoeuvre as the provenance has it, or else "record NUMBER"."""
+    return _called(record) or f"record {number}"
+
+
+def _called(record: FlightRecord) -> str:
     truth = record.provenance.get("truth")
     for source in (record.provenance, truth if isinstance(truth, Mapping) else {}):
         if isinstance(source.get("manoeuvre"), str):
             return str(source["manoeuvre"])
-    return f"record {number}"
+    return ""
 
 
 def linear_response(

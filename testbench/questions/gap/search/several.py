@@ -128,9 +128,7 @@ class _Joint:
             small = screen_all([(flown if e.flown else linear, e) for e in free], SMALL)
             others = [max(pair, key=lambda s: s.promise) for pair in zip(others, small, strict=True)]
         excess = 0.0 if rival.chi2 <= self.noise else CRITERIA.second * (rival.chi2 - self.samples)
-        least = {
-            s.effect.name: max(excess, worth_of_form(rival, s.effect, self.noise), CRITERIA.told_apart) for s in others
-        }
+        least = {s.effect.name: max(excess, self._form(rival, s.effect), CRITERIA.told_apart) for s in others}
         re_tuned = float(np.sum(point.tuned(point.exact)[0] ** 2))
         share = PROMISED if doubtful else 1.0
         worth = [s for s in others if s.promise > share * least[s.effect.name] + re_tuned - rival.chi2]
@@ -169,6 +167,10 @@ class _Joint:
                 if both is not None and both.gain - rival.gain > more and leads(both, rival, self.samples, self.noise):
                     found.append(both)
 
+    def _form(self, rival: EffectFit, other: Effect) -> float:
+        """Return the gain of another effect beside ``rival`` that the form of ``rival`` may account for."""
+        return worth_of_form(rival, other, self.samples, self.noise)
+
     def _doubtful(self, rival: EffectFit) -> bool:
         """Return whether re-tuned coefficients may do in ``rival`` what an effect does."""
         return rival.within < (DOUBTFUL if rival.chi2 > self.noise else CRITERIA.strained)
@@ -196,7 +198,7 @@ class _Joint:
             both
             for rival, both in found
             if both is not None
-            and both.gain - rival.gain > worth_of_form(rival, second, self.noise)
+            and both.gain - rival.gain > self._form(rival, second)
             and leads(both, lead, self.samples, self.noise)
         ]
 
