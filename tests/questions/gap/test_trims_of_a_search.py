@@ -20,7 +20,9 @@ def flyers() -> list[Flyer]:
     """The Cessna, whose propeller JSBSim brings to rest, with a coefficient changed; and as it was loaded, last."""
     believed = Believed(load_aircraft("jsbsim:c172p"), load_suite("eolo_gap"), CONDITION, 100.0)
     changed = [believed.with_nuisances(f).aircraft for f in FACTORS]
-    return [Flyer.of(a, CONDITION, 100.0, "auto") for a in (*changed, believed.aircraft)]
+    out = [Flyer.of(a, CONDITION, 100.0, "auto") for a in (*changed, believed.aircraft)]
+    trims(out)  # judges whether a batch flies them, which trims them as well
+    return out
 
 
 @pytest.fixture
