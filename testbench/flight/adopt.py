@@ -396,20 +396,27 @@ def _first_trim(aircraft: Aircraft, speeds: Sequence[float], heights: Sequence[f
 
 
 def _range(aircraft: Aircraft, first: TrimmedFlight) -> tuple[float, float, tuple[str, str]]:
-    """Return the slowest and fastest speed that trims in steps of 8 %, and why those beyond do not."""
+    """Return the slowest and fastest speed that trims in steps of 8 %, and why those beyond do not.
+
+    A search may fail where speeds on either side of it trim (JSBSim's PC-7 at 60 m/s): one such step is passed over.
+    """
     ends, reasons = [], []
     design, h_m = first.condition.V_m_s, first.condition.h_m
     for factor, last in ((1.0 / _SPEED_STEP, _SLOWER * design), (_SPEED_STEP, _FASTER * design)):
-        V, reason, near = design, "no trim was sought beyond", first
+        end = V = design
+        failed, near = "", first
         while (V * factor - last) * (factor - 1.0) < 0.0:
-            try:
-                near = trim(aircraft, FlightCondition(V * factor, h_m), near=near, thorough=False)
-            except TrimError as error:
-                reason = error.message
-                break
             V *= factor
-        ends.append(float(f"{V:.3g}"))
-        reasons.append(reason)
+            try:
+                near = trim(aircraft, FlightCondition(V, h_m), near=near, thorough=False)
+            except TrimError as error:
+                if failed:
+                    break
+                failed = error.message
+            else:
+                end, failed = V, ""
+        ends.append(float(f"{end:.3g}"))
+        reasons.append(failed or "no trim was sought beyond")
     return ends[0], ends[1], (reasons[0], reasons[1])
 
 

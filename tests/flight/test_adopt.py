@@ -13,7 +13,7 @@ import pytest
 import testbench.flight.adopt as adopt_module
 from testbench.aircraft.source import find_model, read_source
 from testbench.core.constants import DEG_RAD, G0_M_S2, LBF_N, RPM_RAD_S
-from testbench.core.errors import ModelError
+from testbench.core.errors import ModelError, TrimError
 from testbench.core.paths import stock_root
 from testbench.flight import FlightCondition, Manoeuvre, fly, trim
 from testbench.flight.adopt import Adopted, adopt
@@ -191,3 +191,20 @@ def test_propellers_are_taken_back_from_full_speed_only_where_thrust_is_short(mo
     monkeypatch.setattr(adopt_module, "Executive", Propelled)
     aircraft = SimpleNamespace(controls={"thr": None}, mass=mass)
     assert adopt_module._lever(aircraft, 1, FlightCondition(50.0, 1000.0)) == lever
+
+
+@pytest.mark.parametrize(("lost", "slowest"), [((), 50.0), ((3,), 50.0), ((3, 4), 100.0 / 1.08**2)])
+def test_one_speed_at_which_the_search_for_a_trim_fails_ends_no_range(monkeypatch, lost, slowest):
+    """Steps of 8 % below 100 m/s: where one fails, the next says whether there is a trim; JSBSim's PC-7 loses one."""
+    first = SimpleNamespace(condition=FlightCondition(100.0, 1000.0))
+
+    def trimmed(aircraft, condition, near, thorough):
+        step = round(-np.log(condition.V_m_s / 100.0) / np.log(1.08))
+        if step in lost:
+            raise TrimError(f"step {step} must trim")
+        return first
+
+    monkeypatch.setattr(adopt_module, "trim", trimmed)
+    found, _, (why, _) = adopt_module._range(SimpleNamespace(), first)
+    assert found == pytest.approx(slowest, rel=0.005)
+    assert why == ("step 3 must trim" if len(lost) == 2 else "no trim was sought beyond")
