@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 _MOST, _POINTS = 6, 2000
 _FEWEST = 3  # runs whose means make a line
+_ROUNDED = 1e-9  # of their size: values that differ by no more are drawn as one
 
 
 def campaign_plates(summary: Summary) -> list[Plate]:
@@ -161,8 +162,11 @@ def _calibration(axes: Axes, summary: Summary, name: str) -> None:
 
 
 def _histogram(axes: Axes, values: FloatArray, zero: bool) -> None:
-    bins = int(np.clip(round(2.0 * values.size ** (1.0 / 3.0)), 5, 60))  # Rice's rule
-    axes.hist(values, bins=bins, color=MEASURED)
+    low, high = float(values.min()), float(values.max())
+    size, bins = max(abs(low), abs(high)), int(np.clip(round(2.0 * values.size ** (1.0 / 3.0)), 5, 60))  # Rice's rule
+    if high - low <= _ROUNDED * size:  # no bins fit between values that rounding alone tells apart
+        low, high, bins = low - 0.05 * size, high + 0.05 * size, 1
+    axes.hist(values, bins=bins, range=(low, high), color=MEASURED)
     mean, half = float(np.mean(values)), _half(values)
     axes.axvspan(mean - half, mean + half, color=COLOURS[1], alpha=0.25, linewidth=0)
     axes.axvline(mean, color=COLOURS[1], linestyle=(0, (4, 2)), linewidth=1.3)

@@ -193,6 +193,21 @@ def test_long_names_stand_in_two_lines_of_a_title(flown):
         assert titles == [f"short period, fast root wn {k}, rad/s" for k in "abc"]
 
 
+@pytest.mark.parametrize("size", [-0.1, 1e-12, 4e9, 0.0])
+def test_errors_that_rounding_alone_tells_apart_are_drawn_as_one_bar(flown, size, rendered):
+    """No bins fit between them: the page ended in "Too many bins for data range"."""
+    summary = flown[0].summary
+    name = summary.accuracies[0].name
+    true = np.resize([1.0, np.nextafter(1.0, 2.0), 1.0], summary.columns[name].size) * abs(size)
+    columns = {**summary.columns, name: true + size, f"{name}, true": true}
+    alone = replace(summary, columns=columns, accuracies=summary.accuracies[:1])
+    plate = next(p for p in campaign_plates(alone) if p.name == "distributions")
+    (axes,) = plate.make(True).axes
+    bars = [bar for bar in axes.patches if bar.get_height() == np.count_nonzero(summary.done)]
+    assert len(bars) == 1
+    assert bars[0].get_x() <= size <= bars[0].get_x() + bars[0].get_width()
+
+
 def test_where_errors_exceed_the_truth_a_bias_is_told_in_units_of_the_scatter(flown):
     """A root at -1e-8 was "off by 4.0e6 %"; percent of nothing say nothing."""
     result, _ = flown
