@@ -26,6 +26,7 @@ from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects.servo import WORDS
 from testbench.questions.gap.evidence.commanded import begins_quietly, driven_by_surfaces, stirs, surface_noise
 from testbench.questions.gap.evidence.control_path import SURFACES, JudgedPath, judge_paths, turned_by_motion
+from testbench.questions.gap.evidence.rested import rested
 from testbench.questions.gap.scenario import Drive
 from testbench.questions.gap.windows import restless
 from testbench.sensors import SensorSuite
@@ -63,7 +64,7 @@ def driven(
     both = drive_records(believed.suite, {**records, **held_out}, drive)
     controls = driving(list(both.values()))
     if not controls:
-        return Driven(believed, records, held_out, ())
+        return Driven(believed, {n: both[n] for n in records}, {n: both[n] for n in held_out}, ())
     out = _without_servos(believed, both, controls)
     told = [r for r in records.values() if not restless(r) and not surface_noise(r)]
     judged = {p.control: p for p in judge_paths(believed, told)} if drive == "surface" and told else {}
@@ -80,11 +81,13 @@ def drive_records(
 ) -> dict[str, FlightRecord]:
     """Return records that hold what drives each control: its command, or its surface in place of it.
 
-    Samples of a surface that were lost lie on straight lines. A surface that stirs no more than its noise stands still;
-    one that stirs in no record is left alone where something else drives.
+    Commands that a sensor with noise measured stand still where they rest (:mod:`.evidence.rested`). Samples of a
+    surface that were lost lie on straight lines. A surface that stirs no more than its noise stands still; one that
+    stirs in no record is left alone where something else drives.
 
     Args:
-        suite: of the sensors believed, which says bias, scale, lag, delay and noise of the surfaces' sensors.
+        suite: of the sensors believed, which says bias, scale, lag, delay and noise of the surfaces' sensors, and the
+            noise of commands that were measured.
         records: by name.
         drive: "surface" takes surfaces wherever they are recorded, "both" where no command is, "command" none.
 
@@ -92,7 +95,7 @@ def drive_records(
         RecordError: a record holds nothing that drives the model; or one holds the command of a control alone, where
             the surface of others is to drive.
     """
-    out = dict(records)
+    out = rested(suite, records)
     for control in CONTROLS if drive != "command" else ():
         out |= _by_surface(suite, out, control, drive == "surface")
     for name, record in out.items():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +12,10 @@ from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError
 from testbench.core.paths import suite_names
-from testbench.core.record import FlightRecord
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.regression.smoothing import noise_level
+from testbench.questions.gap.evidence.commanded import MOVED
+from testbench.questions.gap.evidence.rested import rests
 from testbench.sensors import SensorSuite, load_suite
 from testbench.sensors.kinds import KINDS
 from testbench.sensors.sensor import Sensor
@@ -30,6 +32,8 @@ _USUAL = {  # channel -> kind of sensor, noise of one sample if the record does 
 }
 _SMOOTHED = 0.1  # of the usual noise: less was filtered away before it was recorded, and the error left is no noise
 _FEWEST = 16
+_RESTS = 0.2  # of the samples of a command that must rest in white noise if it was measured
+_EXACT = 0.02  # of what counts as motion: less noise than this drives nothing
 _NEAR = 1e-3  # by which a rate may be off from a whole number that is meant
 
 
@@ -90,7 +94,8 @@ def _sensor(name: str, records: Mapping[str, FlightRecord], known: Sensor | None
     kind, usual = _USUAL[name]
     plain = KINDS.get(kind, Sensor)(channel=name)
     if name.endswith("_cmd"):
-        return known or replace(plain, part="command log", source="exact: the number that was sent.")
+        sent = known or replace(plain, part="command log", source="exact: the number that was sent.")
+        return _command(sent, [_taken(r, name) for r in records.values()], next(iter(records.values())).dt_s)
     sensor = known or plain
     sensor = replace(sensor, rate_hz=None, dropout=0.0)  # records mark the samples that were taken
     if known is not None:
@@ -108,6 +113,20 @@ def _sensor(name: str, records: Mapping[str, FlightRecord], known: Sensor | None
     return replace(sensor, noise_std=float(f"{white:.3g}"), part=part, source=f"{told}; {rest}.")
 
 
-def _taken(record: FlightRecord, name: str) -> np.ndarray:
+def _command(sent: Sensor, commands: Sequence[FloatArray], dt_s: float) -> Sensor:
+    """Return the sensor of a command (n,) in each record: ``sent``, or one with noise where it rests as noise does."""
+    long = [u for u in commands if u.size >= _FEWEST]
+    noise = float(f"{np.median([noise_level(u) for u in long]):.3g}") if long else 0.0
+    still = sum(b - a for u in long for a, b in rests(u, noise, dt_s)) if noise > 0.0 else 0
+    if still < _RESTS * sum(u.size for u in long) or noise < _EXACT * MOVED:
+        return sent
+    told = (
+        "YOURS: taken for the position of a lever or stick, as it rests in white noise, which does not drive the "
+        "model; 0.0 if it is the number that was sent"
+    )
+    return replace(sent, noise_std=noise, part="YOURS: which sensor", source=f"noise from third differences; {told}.")
+
+
+def _taken(record: FlightRecord, name: str) -> FloatArray:
     i = record.channels.index(name)
     return np.asarray(record.data[record.valid[:, i], i])
