@@ -96,6 +96,8 @@ class Criteria:
             turbulence leaves 0.53, turbulence that coefficients stand in for 0.79.
         at_once: so many coefficients may be wrong at once while more than noise is left; more say that something else
             pulled at them. Judged: a slow aileron servo, taken out of the library, accused six.
+        reversed: a control whose moment is less than so many times the believed one, and ``sure`` to be negative, is
+            counted the other way. Judged: no linkage, servo or feedback turns a moment about.
         sure: both need a distance from 1 of so many standard errors, which must be smaller than the prior's. Judged.
     """
 
@@ -144,6 +146,7 @@ class Criteria:
     far: float = 2.0
     proves: float = 2.0 / 3.0
     at_once: int = 2
+    reversed: float = -0.5
     sure: float = 4.0
 
     @property

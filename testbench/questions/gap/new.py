@@ -19,13 +19,14 @@ from testbench.core.paths import AIRCRAFT, STOCK, aircraft_names, not_found, res
 from testbench.core.record import FlightRecord
 from testbench.core.toml_text import quoted, real
 from testbench.flight import FlightCondition, load_aircraft
-from testbench.questions.gap.evidence.commanded import MOVED, commands, freed
+from testbench.questions.gap.evidence.commanded import MOVED, commands
 from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.evidence.held_out import HeldOutFlight, differences
+from testbench.questions.gap.evidence.signs import check_signs
 from testbench.questions.gap.new_suite import suite_of_records
 from testbench.questions.gap.records import Flights, flights_of, read_flights
 from testbench.questions.gap.starts import CUT, start_of
-from testbench.questions.gap.windows import level, restless
+from testbench.questions.gap.windows import as_they_start
 from testbench.sensors import SensorSuite, load_suite, suite_toml
 
 WHOLE = "whole.nc"
@@ -88,6 +89,7 @@ def new_case(
     records = read(files)
     suite, left, made = _suite(case, meant, records, sensors)
     flights = flights_of(load_aircraft(meant, wings), records, {}, suite, V_m_s, h_m, left)
+    check_signs(flights.believed, as_they_start(flights.naming))
     judge = most_different(flights)
     shared = shared_with(judge.name, flights.naming)
     paths = dict(zip(records, (_relative(f, case) for f in files), strict=True))
@@ -156,7 +158,7 @@ def most_different(flights: Flights) -> HeldOutFlight:
     It moves the control that most records move, and none that no other record moves: a flight of other controls judges
     nothing. Where no record does, all are asked.
     """
-    records = {n: r if not restless(r) else freed(r, record_key(r), level(r)) for n, r in flights.naming.items()}
+    records = as_they_start(flights.naming)
     moved = {n: _moved(r) for n, r in records.items()}
     count = Counter(c for own in moved.values() for c in own)
     main = max(count, key=lambda c: count[c], default="")

@@ -133,6 +133,12 @@ def cut(believed: Believed, records: Mapping[str, FlightRecord], windows: Window
     return Cut(out, whole, tuple(notes))
 
 
+def as_they_start(records: Mapping[str, FlightRecord]) -> dict[str, FlightRecord]:
+    """Return records each of which says so if it does not begin in trimmed flight."""
+    free = {n: not starts_freely(r) and restless(r) for n, r in records.items()}
+    return {n: freed(r, record_key(r), level(r)) if free[n] else r for n, r in records.items()}
+
+
 def restless(record: FlightRecord) -> str:
     """Return why a record does not begin in trimmed flight, in words; "" if it may.
 

@@ -41,6 +41,7 @@ from testbench.questions.gap.evidence.locate import (
     locate,
     locate_regions,
 )
+from testbench.questions.gap.evidence.signs import check_signs
 from testbench.questions.gap.evidence.smoothed import smoothed
 from testbench.questions.gap.flights import flights
 from testbench.questions.gap.further import named_in_path
@@ -56,7 +57,7 @@ from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.parallel import Ahead
 from testbench.questions.gap.surface_evidence import with_surfaces
 from testbench.questions.gap.window_length import Windows
-from testbench.questions.gap.windows import begin_freely
+from testbench.questions.gap.windows import as_they_start, begin_freely
 
 SAME_AIR = 0.15  # share by which the rms of turbulence may change before the search is made again
 
@@ -116,6 +117,7 @@ def find_gap(
             raise RecordError(f"the gap workflow takes measured records only, got '{name}' of kind '{record.kind}'")
     by = driven(believed, records, held_out, drive)
     believed, records, held_out = by.believed, by.records, by.held_out
+    check_signs(believed, as_they_start(records))
     believed, given, others = in_windows(believed, records, held_out, windows, say)
     records, held_out = called(given.records), others.records
     as_believed = believed

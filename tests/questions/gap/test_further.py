@@ -55,6 +55,7 @@ def test_what_comes_nearest_or_a_term_points_to_a_path(said, first, control):
     assert pointed_to(said, first) == control
 
 
+@pytest.mark.slow
 def test_a_servo_of_second_order_is_named_where_its_lag_points_to_its_path():
     """Nothing of the aileron is sought, and without further effects the lag leaves too much to be named."""
     believed = believe()

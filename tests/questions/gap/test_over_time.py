@@ -40,7 +40,7 @@ def flown(at=TIMES_S, records=None):
     [
         ("thrust_fade", {"per_min": 0.012}, ("thrust_scale",)),
         ("fuel_burn", {"per_min": 0.006}, ("mass_error",)),
-        ("tank_burn", {"per_min": 0.006, "aft_chords": -0.2}, ("fuel_burn",)),
+        pytest.param("tank_burn", {"per_min": 0.006, "aft_chords": -0.2}, ("fuel_burn",), marks=pytest.mark.slow),
         ("uneven_thrust_fade", {"per_min": 0.006, "power": 1.6}, ("thrust_scale",)),
         ("uneven_fuel_burn", {"per_min": 0.006, "power": 0.6}, ("mass_error",)),
     ],
