@@ -18,6 +18,9 @@ from testbench.logs.names import clock_called, meaning, plain_unit, split_unit, 
         ("Altitude ASL", "ft", "h", "ft"), ("Left Aileron Position", "deg", "da", "deg"),
         ("Elevator command", "deg", "de_cmd", "deg"), ("Aileron cmd [rad]", "", "da_cmd", "rad"),
         ("rudder_demand (deg)", "", "dr_cmd", "deg"), ("Throttle command", "%", "thr_cmd", "%"),
+        # flight-test instrumentation
+        ("Aileron position [deg]", "", "da", "deg"), ("Pitch attitude [deg]", "", "theta", "deg"),
+        ("True heading [deg]", "", "psi", "deg"), ("Pressure altitude [ft]", "", "h", "ft"),
         # words joined by capitals
         ("RollRate [deg/s]", "", "p", "deg/s"), ("pitchRate (rad/s)", "", "q", "rad/s"), ("YawRate", "", "r", ""),
         ("TrueAirspeed [m/s]", "", "V", "m/s"), ("AngleOfAttack", "deg", "alpha", "deg"),

@@ -17,7 +17,8 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 
 _NOISE_BAND = 0.6  # noise is read above this share of the Nyquist frequency
-_LEAST = 16  # samples below which there is no such band to speak of
+LEAST = 16
+"""Samples below which there is no such band to speak of."""
 _TRIALS = 200  # cut-offs tried
 _MEDIAN_TO_STD = 0.6744897501960817  # median of |x| of a standard normal x
 
@@ -83,7 +84,7 @@ class SineSeries:
         """Return the series of samples (n,), n >= 16; raises as :func:`fourier_smooth`."""
         from scipy.fft import dst
 
-        y = _signal(y, _LEAST)
+        y = _signal(y, LEAST)
         first, last = _end_values(y)
         line = first + np.arange(y.size) / (y.size - 1) * (last - first)
         b = dst(y[1:-1] - line[1:-1], type=1, norm="ortho")
@@ -168,7 +169,7 @@ def noise_level(y: FloatArray) -> float:
     Raises:
         EstimationError: fewer than 16 samples.
     """
-    y = _signal(y, _LEAST)
+    y = _signal(y, LEAST)
     return float(np.median(np.abs(np.diff(y, 3))) / (_MEDIAN_TO_STD * np.sqrt(20.0)))
 
 

@@ -20,13 +20,14 @@ from testbench.aircraft.seams import control_path, with_servo
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import LimitError, RecordError, located
 from testbench.core.record import FlightAborted, FlightRecord
+from testbench.estimators.regression.smoothing import LEAST, noise_level
 from testbench.page.words import listed
 from testbench.questions.gap.believed import NO_SERVO_RAD_S, Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects.servo import WORDS
 from testbench.questions.gap.evidence.commanded import begins_quietly, driven_by_surfaces, stirs, surface_noise
 from testbench.questions.gap.evidence.control_path import SURFACES, JudgedPath, judge_paths, turned_by_motion
-from testbench.questions.gap.evidence.rested import rested
+from testbench.questions.gap.evidence.rested import rested, stilled
 from testbench.questions.gap.scenario import Drive
 from testbench.questions.gap.windows import restless
 from testbench.sensors import SensorSuite
@@ -188,6 +189,8 @@ def _driven(suite: SensorSuite, record: FlightRecord, control: str) -> FlightRec
         raise RecordError(f"{control} must be recorded where it is to drive the model, every sample of it is missing")
     surface = np.interp(record.t_s, record.t_s[valid], record[control][valid])
     noise = CRITERIA.faintest_rad
+    if sensor is None and control not in SURFACES and surface.size >= LEAST:
+        noise = max(noise_level(surface), noise)
     if sensor is not None:
         noise = max(suite.noise_std[control] / abs(sensor.scale), CRITERIA.faintest_rad)
         surface = (surface - sensor.bias - sensor.drifted(record.t_s)) / sensor.scale
@@ -195,6 +198,8 @@ def _driven(suite: SensorSuite, record: FlightRecord, control: str) -> FlightRec
         surface = np.interp(record.t_s + late, record.t_s, surface)
     if not stirs(surface, noise, record.dt_s).any():
         surface = np.full_like(surface, surface.mean())
+    elif control not in SURFACES:  # whose noise no filter takes out of the residuals
+        surface = stilled(surface, noise, record.dt_s)
     known = {**surface_noise(record), control: noise}
     return driven_by_surfaces(record.with_columns({f"{control}_cmd": surface}), known)
 

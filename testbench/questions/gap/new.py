@@ -156,16 +156,17 @@ def most_different(flights: Flights) -> HeldOutFlight:
     """Return the record that judges best: it differs most from all the others.
 
     It moves the control that most records move, and none that no other record moves: a flight of other controls judges
-    nothing. Where no record does, all are asked.
+    nothing. It shares no part of its log with another one. Where no record does, those that share are asked, then all.
     """
     records = as_they_start(flights.naming)
     moved = {n: _moved(r) for n, r in records.items()}
     count = Counter(c for own in moved.values() for c in own)
     main = max(count, key=lambda c: count[c], default="")
     fit = [n for n, own in moved.items() if main in own and all(count[c] > 1 for c in own)]
+    apart = [n for n in fit if not shared_with(n, flights.naming)]
     found = [
         differences(flights.believed, {k: r for k, r in records.items() if k != n}, {n: records[n]})[0]
-        for n in fit or records
+        for n in apart or fit or records
     ]
     return max(found, key=lambda f: f.difference)
 

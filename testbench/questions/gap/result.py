@@ -209,6 +209,7 @@ class GapFinding:
             + (f"; {best.told:.0f} of that is in the recorded surface" if best.told else "")
         ]
         others = [f for f in self.naming.ranking if f.effect.name not in self.naming.names]
+        others = [f for f in others if f.gain > 0.0]  # none of those that were given up on the way
         if others:
             second = max(others, key=lambda f: f.gain)
             share = 100.0 * second.gain / best.gain

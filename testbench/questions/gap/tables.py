@@ -15,6 +15,7 @@ from testbench.questions.gap.evidence.control_path import JudgedPath
 from testbench.questions.gap.evidence.forces import follows
 from testbench.questions.gap.open_set import FirstLook, title_of
 from testbench.questions.gap.plan import ALIKE, NEEDED
+from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.hypothesis import FLOWN_STEP, LINEAR_STEP
 
 if TYPE_CHECKING:
@@ -59,6 +60,14 @@ def _path_table(paths: Sequence[JudgedPath]) -> Table:
     )
 
 
+def _verdict(fit: EffectFit, names: Sequence[str]) -> str:
+    if fit.effect.name in names:
+        return "named"
+    if fit.significant:
+        return "significant"
+    return "as noise" if fit.flown and fit.settled else "given up"
+
+
 def gap_tables(result: GapResult) -> list[Table]:
     """Return the ranking of the effects, the coefficients re-tuned beside the best one, and before and after."""
     naming = result.finding.naming
@@ -68,7 +77,8 @@ def gap_tables(result: GapResult) -> list[Table]:
         f"Gain: fall of chi-square by the effect. Without it, chi-square of the believed model is "
         f"{naming.chi2_tuned:.0f} with its uncertain coefficients re-tuned and {naming.chi2_believed:.0f} before, over "
         f"{naming.samples} samples. Significant: the gain exceeds what noise reaches with a probability of "
-        f"{FALSE_ALARM:g} over the whole library, in still air. Share: of the excess over noise.",
+        f"{FALSE_ALARM:g} over the whole library, in still air. Share: of the excess over noise. Given up: before it "
+        "came to rest, as others had come much further; its gain is what it had reached.",
         (
             Column("effect", "effect"),
             Column("size", "size, with standard error"),
@@ -85,7 +95,7 @@ def gap_tables(result: GapResult) -> list[Table]:
                 f.gain,
                 f.threshold,
                 100.0 * f.share,
-                "named" if f.effect.name in naming.names else "significant" if f.significant else "as noise",
+                _verdict(f, naming.names),
                 f.effect.separated_by,
             )
             for f in naming.ranking

@@ -13,9 +13,11 @@ from commands import ends
 from gap_flights import ELEVATOR, THROTTLE, believe, measure
 
 from testbench.core.scenario.inputs import Doublet
+from testbench.flight import load_aircraft
 from testbench.questions.brought import laws_of
 from testbench.questions.files import check_file
-from testbench.questions.gap.new import shared_with
+from testbench.questions.gap.new import most_different, shared_with
+from testbench.questions.gap.records import flights_of
 from testbench.questions.gap.scenario import GapScenario
 from testbench.questions.importing.ask import import_log, write_import
 from testbench.sensors import load_suite
@@ -115,6 +117,22 @@ def test_a_judge_that_shares_flight_with_the_others_says_so(flown):
     assert "shares 2 s of its log with 'a', where" in shared_with("b", records)
     assert not shared_with("c", records)
     assert not shared_with("one", {"one": flown["one"], "two": flown["two"]})
+
+
+def test_a_record_that_shares_flight_with_another_does_not_judge(flown):
+    """The most different one was chosen, and said to judge nothing new in the same file."""
+    flights = flights_of(load_aircraft("eolo", "rigid"), flown, {}, "eolo_gap")
+    chosen = most_different(flights).name
+
+    def of_log(name, start_s):
+        told = {**flown[name].provenance, "sha256": "x", "cut_from_record_s": [start_s, start_s + 8.0]}
+        return replace(flown[name], provenance=told)
+
+    other = next(n for n in ("one", "two", "fast") if n != chosen)
+    shared = replace(flights, naming={**flights.naming, chosen: of_log(chosen, 0.0), other: of_log(other, 5.0)})
+    judge = most_different(shared).name
+    assert judge not in (chosen, other)
+    assert judge != "throttle"
 
 
 def test_noise_that_a_filter_took_is_a_guess_and_says_so(flown, monkeypatch, capsys, tmp_path):

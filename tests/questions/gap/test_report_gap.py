@@ -20,6 +20,7 @@ from testbench.questions.gap.figures import gap_plates
 from testbench.questions.gap.page import gap_page, gap_plan_page
 from testbench.questions.gap.records import Flights
 from testbench.questions.gap.result import TOLERANCE
+from testbench.questions.gap.tables import gap_tables
 from testbench.questions.run.scenario import Scenario
 
 FEW = {n: EFFECTS[n] for n in ("actuator_lag", "thrust_line", "alpha_scale")}
@@ -36,6 +37,18 @@ def result():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(workflow, "name_effect", among(FEW))
         return run_flights("eolo", flights, check=False)
+
+
+def test_what_was_given_up_is_no_runner_up_and_no_noise(result):
+    """It "lowers chi-square by 0 (0 %)" was said of effects that no fit had been made of."""
+    naming = result.finding.naming
+    others = [f for f in naming.ranking if f.effect.name not in naming.names]
+    given_up = tuple(replace(f, gain=0.0, flown=False, settled=False) for f in others)
+    finding = replace(result.finding, naming=replace(naming, ranking=(naming.best, *given_up)))
+    assert "runner-up" not in " | ".join(finding.sentences)
+    ranking = next(t for t in gap_tables(replace(result, finding=finding)) if t.name == "ranking")
+    verdicts = [row[-2] for row in ranking.rows]
+    assert verdicts == ["named"] + ["given up"] * len(others)
 
 
 def test_the_answer_has_size_evidence_runner_up_place_and_shrink(result):

@@ -96,3 +96,15 @@ def test_quiet_flight_is_found_behind_the_noise_of_a_lever(levers):
         suite, sensors=tuple(replace(s, noise_std=0.0) if "_cmd" in s.channel else s for s in suite.sensors)
     )
     assert all(drive_records(exact, levers)[n] is levers[n] for n in levers)
+
+
+def test_a_throttle_that_is_recorded_in_place_of_its_command_stands_still_as_well(levers):
+    """No sensor of the suite says how large its noise is: third differences do."""
+    suite, _ = suite_of_records("mine", "eolo", levers)
+    without = replace(suite, sensors=tuple(s for s in suite.sensors if s.channel != "thr_cmd"))
+    positions = {
+        n: replace(r, channels=tuple("thr" if c == "thr_cmd" else c for c in r.channels)) for n, r in levers.items()
+    }
+    still = next(iter(drive_records(without, positions).values()))["thr_cmd"]
+    assert np.ptp(still) < 1e-3
+    assert np.ptp(next(iter(levers.values()))["thr_cmd"]) > 8e-3

@@ -54,7 +54,10 @@ def test_so_is_a_model_that_does():
 def test_a_control_that_works_too_little_or_too_much_is_no_wrong_sign(own, scale):
     believed = believe("taurus")
     other = believed.aircraft.amended(Amendment("other", "other", (ScaleCoefficient(own, scale),)))
-    check_signs(replace(believed, aircraft=other), flown("taurus"))
+    found = turned(felt(replace(believed, aircraft=other), flown("taurus"), copies=0))
+    factor = {OWN_MOMENTS[t.control]: t.factor for t in found}[own]
+    assert factor == pytest.approx(1.0 / scale, rel=0.2)
+    assert not any(t.reversed for t in found)
 
 
 def test_hands_that_are_never_still_are_no_hindrance():
