@@ -49,7 +49,7 @@ def test_so_is_a_model_that_does():
         find_gap(replace(believed, aircraft=wrong), flown("taurus"), {})
 
 
-@pytest.mark.parametrize("scale", [0.5, 3.0])
+@pytest.mark.parametrize("scale", [0.8, 3.0])
 @pytest.mark.parametrize("own", OWN_MOMENTS.values())
 def test_a_control_that_works_too_little_or_too_much_is_no_wrong_sign(own, scale):
     believed = believe("taurus")
