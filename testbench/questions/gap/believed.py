@@ -31,6 +31,7 @@ from testbench.questions.gap.evidence.commanded import (
     commands,
     held,
     key_of_start,
+    moves_on,
     starts_freely,
     surface_noise,
 )
@@ -669,17 +670,19 @@ def at_frames(
     rate_hz: float,
     began: Mapping[str, float] | None = None,
 ) -> bytes:
-    """Return the bytes of commands (n, m) at every frame: held from sample to sample, surfaces on straight lines.
+    """Return the bytes of commands (n, m) at every frame: held from sample to sample, or on straight lines.
 
-    A surface that drives the model is early by what is left of the servo's lag. A control that ``began`` elsewhere is
+    What moves on between samples (:func:`.evidence.commanded.moves_on`) lies on straight lines. A surface that drives
+    the model is early by what is left of the servo's lag. A control that ``began`` elsewhere is
     commanded there for one frame: a flight begins with servos and engines where the first frame holds them.
     """
     fine = round(rate_hz * record.dt_s)
     out = np.repeat(u[:-1], fine, axis=0)
-    at = np.arange(len(out)) / fine + 1.0 / (NO_SERVO_RAD_S * record.dt_s)
+    frame = np.arange(len(out)) / fine
     for i, name in enumerate(names):
-        if name in surface_noise(record):
-            out[:, i] = np.interp(at, np.arange(len(u)), u[:, i])
+        on = np.repeat(moves_on(record, name, u[:, i])[:-1], fine)
+        early = 1.0 / (NO_SERVO_RAD_S * record.dt_s) if name in surface_noise(record) else 0.0
+        out[on, i] = np.interp(frame[on] + early, np.arange(len(u)), u[:, i])
     for name, value in (began or {}).items():
         out[0, names.index(name)] += value
     return out.tobytes()

@@ -25,7 +25,14 @@ from testbench.page.words import listed
 from testbench.questions.gap.believed import NO_SERVO_RAD_S, Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects.servo import WORDS
-from testbench.questions.gap.evidence.commanded import begins_quietly, driven_by_surfaces, stirs, surface_noise
+from testbench.questions.gap.evidence.commanded import (
+    BETWEEN,
+    begins_quietly,
+    between_samples,
+    driven_by_surfaces,
+    stirs,
+    surface_noise,
+)
 from testbench.questions.gap.evidence.control_path import SURFACES, JudgedPath, judge_paths, turned_by_motion
 from testbench.questions.gap.evidence.rested import rested, stilled
 from testbench.questions.gap.scenario import Drive
@@ -34,6 +41,7 @@ from testbench.sensors import SensorSuite
 
 BYPASS = "recorded surface"  # the amendment that takes a servo away; files of the amended aircraft do without it
 _NO_LIMIT_RAD_S = 100.0
+_LOG = "sha256"  # in the provenance of what was imported from a log
 _WHY = {"both": "recorded", "surface": "recorded, or not with quiet flight before it"}
 
 
@@ -82,7 +90,8 @@ def drive_records(
 ) -> dict[str, FlightRecord]:
     """Return records that hold what drives each control: its command, or its surface in place of it.
 
-    Commands that a sensor with noise measured stand still where they rest (:mod:`.evidence.rested`). Samples of a
+    Commands that a sensor with noise measured stand still where they rest (:mod:`.evidence.rested`). Those of a log
+    that go step by step move on between samples (:func:`.evidence.commanded.between_samples`). Samples of a
     surface that were lost lie on straight lines. A surface that stirs no more than its noise stands still; one that
     stirs in no record is left alone where something else drives.
 
@@ -108,7 +117,9 @@ def drive_records(
                     "a record must hold what drives the model, a command such as de_cmd or a surface such as de, got "
                     f"{', '.join(record.channels)}{fix}"
                 )
-    return out
+    return {
+        n: between_samples(r) if _LOG in r.provenance and BETWEEN not in r.provenance else r for n, r in out.items()
+    }
 
 
 def _by_surface(

@@ -16,6 +16,7 @@ from testbench.questions.gap.criteria import CRITERIA
 LATERAL_COMMANDS = ("da_cmd", "dr_cmd")
 FREE = "free_start"  # in the provenance of a record that does not begin at trim
 DRIVEN = "driven_by_surface"  # in that of a record whose recorded surfaces stand in place of commands
+BETWEEN = "moves_between_samples"  # in that of a record of a log: controls whose commands move on between samples
 LEAST_QUIET_S = 0.5
 MOVED = 1e-3  # rad, or share of the throttle, by which a command must change to count as moved
 
@@ -46,13 +47,47 @@ def commands(record: FlightRecord) -> tuple[tuple[str, ...], FloatArray]:
 def held(record: FlightRecord, names: Sequence[str], u: FloatArray) -> FloatArray:
     """Return the commands ``u`` (n, m) of some controls as each may be held until the next sample.
 
-    A surface that drives a model moves on between samples: it is held at the mean of two.
+    What moves on between samples, a surface that drives a model or a stick, is held at the mean of two.
     """
-    moving = [name in surface_noise(record) for name in names]
-    if not any(moving):
-        return u
-    means = 0.5 * (u + np.concatenate([u[1:], u[-1:]]))
-    return np.where(moving, means, u)
+    on = np.column_stack([moves_on(record, name, u[:, i]) for i, name in enumerate(names)])
+    return np.where(on, 0.5 * (u + np.concatenate([u[1:], u[-1:]])), u) if on.any() else u
+
+
+def moves_on(record: FlightRecord, control: str, u: FloatArray) -> NDArray[np.bool_]:
+    """Return after which samples (n,) the command ``u`` (n,) of a control moves on until the next one.
+
+    A surface that drives the model does; so does a command that :func:`between_samples` says of, but where it jumps.
+    """
+    if control in surface_noise(record):
+        return np.ones(u.size, bool)
+    if control not in record.provenance.get(BETWEEN, ()):
+        return np.zeros(u.size, bool)
+    return ~_isolated(u)
+
+
+def between_samples(record: FlightRecord) -> FlightRecord:
+    """Return a record of a log, said to hold commands that move on between samples if they go step by step.
+
+    What a log holds was seldom sent once for each of its samples. A stick moves all the time, an autopilot sends
+    several commands from sample to sample; held until the next sample, both would come half a sample late. A command
+    that stands still but for single jumps is held.
+    """
+    on = [c for c in CONTROLS if f"{c}_cmd" in record and c not in surface_noise(record)]
+    on = [c for c in on if _steps(record[f"{c}_cmd"])]
+    return replace(record, provenance={**record.provenance, BETWEEN: on}) if on else record
+
+
+def _steps(u: FloatArray) -> bool:
+    """Return whether most of the way of a command (n,) is made in samples that follow each other."""
+    way = np.abs(np.diff(u, append=u[-1:]))
+    return bool(way.sum() > MOVED and way[~_isolated(u)].sum() > 0.5 * way.sum())
+
+
+def _isolated(u: FloatArray) -> NDArray[np.bool_]:
+    """Return after which samples (n,) a command jumps: it moves by far more than before and after."""
+    way = np.abs(np.diff(u, append=u[-1:]))
+    beside = np.append(way[1:], 0.0) + np.insert(way[:-1], 0, 0.0)
+    return np.asarray(way > CRITERIA.jumps * beside)
 
 
 def driven_by_surfaces(record: FlightRecord, noise: Mapping[str, float]) -> FlightRecord:

@@ -27,7 +27,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import SERVOS, Effect
 from testbench.questions.gap.effects.servo import WORDS, corner_of, declared
-from testbench.questions.gap.evidence.commanded import commands, quiet_samples, surface_noise
+from testbench.questions.gap.evidence.commanded import commands, moves_on, quiet_samples, surface_noise
 from testbench.questions.gap.evidence.path_models import INSTANT, Kind, Path, kinds
 
 SURFACES = ("de", "da", "dr")
@@ -233,6 +233,7 @@ class _Part:
         flown: (n,) that of the believed model, as a deviation from trim.
         taken: (n,) samples that were taken.
         dt_s: between samples.
+        moves_on: (n,) samples after which the command moves on until the next one.
     """
 
     command: FloatArray
@@ -241,10 +242,11 @@ class _Part:
     flown: FloatArray
     taken: NDArray[np.bool_]
     dt_s: float
+    moves_on: NDArray[np.bool_]
 
     def left(self, believed: FloatArray, path: Path) -> FloatArray:
         """Return what a path leaves of the residual beyond the ``believed`` one's surface (n,), about its mean."""
-        change = path.surface(self.command, self.motion, self.dt_s) - believed
+        change = path.surface(self.command, self.motion, self.dt_s, self.moves_on) - believed
         r = (self.residual - change)[self.taken]
         return np.asarray(r - r.mean())
 
@@ -294,7 +296,7 @@ def _believed_path(believed: Believed, control: str, parts: Sequence[_Part]) -> 
 
     def left(x: FloatArray) -> FloatArray:
         """Return what the path leaves of the flights."""
-        return np.concatenate([p.flown - path(x).surface(p.command, p.motion, p.dt_s) for p in moving])
+        return np.concatenate([p.flown - path(x).surface(p.command, p.motion, p.dt_s, p.moves_on) for p in moving])
 
     starts = [np.array([1.0, frames]) for frames in (-1.0, -0.5, 0.0, 0.5, 1.0, 1.5)]
     start = min(starts, key=lambda x: float(np.sum(left(x) ** 2)))
@@ -327,7 +329,9 @@ def _part(
     held = taken[:quiet]
     gone = record[control][:quiet][held] - sensor.bias - sensor.scale * record[f"{control}_cmd"][:quiet][held]
     believed_off = float(read[0]) - sensor.scale * there.trimmed.controls[control]
-    part = _Part(u[:, names.index(control)], motion, residual, read - read[0], taken, record.dt_s)
+    command = u[:, names.index(control)]
+    on = moves_on(record, control, command)
+    part = _Part(command, motion, residual, read - read[0], taken, record.dt_s, on)
     return part, (float(gone.mean()) - believed_off if gone.size else 0.0, max(int(gone.size), 1))
 
 
@@ -427,7 +431,7 @@ class _Search:
 
     @cached_property
     def _as_believed(self) -> list[FloatArray]:
-        return [self.believed.surface(p.command, p.motion, p.dt_s) for p in self.parts]
+        return [self.believed.surface(p.command, p.motion, p.dt_s, p.moves_on) for p in self.parts]
 
     def _path(self, fitted: Sequence[Kind], x: FloatArray) -> Path:
         path, at = self.believed, 0

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter
 
 from testbench.core.record import FloatArray
@@ -49,11 +50,23 @@ class Path:
     fed: Mapping[str, float] = field(default_factory=dict)
     washout_rad_s: float = 0.0
 
-    def surface(self, command: FloatArray, motion: Mapping[str, FloatArray], dt_s: float) -> FloatArray:
-        """Return where the surface stands (n,) under a command (n,) that is held, and with motions (n,), in rad."""
+    def surface(
+        self,
+        command: FloatArray,
+        motion: Mapping[str, FloatArray],
+        dt_s: float,
+        moves_on: NDArray[np.bool_] | None = None,
+    ) -> FloatArray:
+        """Return where the surface stands (n,) under a command (n,) and with motions (n,), in rad.
+
+        The command is held until the next sample, or moves on to it on a straight line where ``moves_on`` (n,) says so.
+        """
         fine = max(1, round(self.rate_hz * dt_s))
         drive = self.gain * np.repeat(command, fine)
         at, dt_s = np.arange(drive.size) / fine, dt_s / fine
+        if moves_on is not None:
+            on = np.repeat(moves_on, fine)
+            drive[on] = self.gain * np.interp(at[on] + 0.5 / fine, np.arange(command.size), command)
         for name, k in self.fed.items():
             x = np.interp(at, np.arange(command.size), motion[name])
             if self.washout_rad_s > 0.0:
