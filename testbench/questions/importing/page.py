@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
+from testbench.logs.layout import SUFFIXES
 from testbench.page.labels import number
 from testbench.page.terminal import print_answer, print_rows
 from testbench.page.words import counted, some
+from testbench.questions.importing.ask import WHOLE
 from testbench.questions.importing.balance import balance_rows
 from testbench.questions.importing.recipe import WITHOUT_STRUCTURE
 
@@ -107,6 +109,10 @@ def print_import(imported: Imported, console: Console, paths: Sequence[Path] = (
             print_rows(console, heads, texts)
     unread = [f"{s.source} ({s.samples})" for s in sorted(imported.balance.unknown, key=lambda s: -s.samples)]
     also = [f"no rule knows: {some(unread, _MOST_UNREAD, ', ')}"] if unread else []
+    if unread and imported.log.file.suffix.lower() in SUFFIXES:
+        also[0] += (
+            f"; testbench import {imported.log.file.name} --describe FILE.toml lets you say which channels they are"
+        )
     said = [("finding", text) for text in (*imported.log.notes, *imported.search.said, *also)]
     if said:
         console.print()
@@ -124,4 +130,9 @@ def next_steps(paths: Sequence[Path]) -> list[str]:
         out.append(f"Next: testbench identify {path}")
         if f"# {WITHOUT_STRUCTURE}:" in path.read_text(encoding="utf-8"):
             out.append(f"      testbench response {path}: no structure fits its channels, but frequency responses do")
+    cuts = [p for p in paths if p.suffix == ".nc" and p.stem != WHOLE]
+    if len(cuts) > 1:
+        out.append(
+            f"If you have a model of the aircraft: testbench gap new case.toml --aircraft MODEL {cuts[0].parent}"
+        )
     return out

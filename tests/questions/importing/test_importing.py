@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
 import pytest
 from recorded import flight_data
+from rich.console import Console
 from writers import G0, M_ALPHA, M_Q, THROW, Z_ALPHA, dataflash_bin, elevator, short_period, ulog
 
 from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2
@@ -13,7 +16,7 @@ from testbench.core.record import FlightRecord
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.ask import import_log, parse_throws, write_import
-from testbench.questions.importing.page import import_answer
+from testbench.questions.importing.page import import_answer, print_import
 
 T = np.arange(0.0, 35.0, 0.02)
 
@@ -82,6 +85,19 @@ def test_a_table_is_read_by_the_names_and_units_of_its_columns(tmp_path):
         np.testing.assert_allclose(found.record[name], expected, rtol=1e-7, atol=1e-8)
     assert [m.controls for m in found.search.manoeuvres] == [("de",), ("de",)]
     assert len(import_answer(found)) == 3
+
+
+def test_an_import_says_how_to_name_unknown_columns_and_what_a_model_of_the_aircraft_answers(tmp_path):
+    log = table(tmp_path / "flight.csv", "time [s],Q [deg/s],theta [deg],elevator [deg],Nz [g]")
+    found = import_log(log)
+    out = io.StringIO()
+    print_import(found, Console(file=out, width=400), write_import(found, tmp_path / "flown"))
+    assert "testbench import flight.csv --describe FILE.toml lets you say which channels they are" in out.getvalue()
+    assert f"testbench gap new case.toml --aircraft MODEL {tmp_path / 'flown'}" in out.getvalue()
+    known = io.StringIO()
+    print_import(import_log(table(tmp_path / "known.csv")), Console(file=known, width=400))
+    assert "--describe" not in known.getvalue()
+    assert "gap new" not in known.getvalue()
 
 
 def test_damaged_lines_of_a_table_are_left_out_and_said(tmp_path):

@@ -105,6 +105,7 @@ def test_what_to_do_next_is_said_and_that_there_are_frequency_responses_where_no
         assert done.returncode == 0, done.stderr
         (description,) = folder.glob("*.toml")
         told = done.stdout[done.stdout.index("Next: ") + 6 :].splitlines()
+        assert told.pop().endswith(f"testbench gap new case.toml --aircraft MODEL {folder}")
         assert [line.split(":")[0].split() for line in told] == [["testbench", w, str(description)] for w in following]
         for words in following[1:]:
             shown = command(words, description, "--window", "2", "-o", tmp_path / "out")
