@@ -11,7 +11,15 @@ from scipy.stats import chi2
 
 from testbench.core.record import FloatArray
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.decide import does_without, form_of, leads, leaves_noise, noise_limit, worth_of_form
+from testbench.questions.gap.decide import (
+    does_without,
+    form_of,
+    leads,
+    leaves_far_more,
+    leaves_noise,
+    noise_limit,
+    worth_of_form,
+)
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.effects.base import together
 from testbench.questions.gap.search.fit import EffectFit, summarise
@@ -23,6 +31,7 @@ from testbench.questions.gap.search.screening import SMALL, Screened, flown_best
 LEADS = 0.4  # share of the excess that the first of two effects must explain alone
 PROMISED = 0.5  # share of what a second effect must gain that it must promise beside doubtful coefficients
 COMPANY = 5  # most second effects that are fitted
+IN_PLACE = 4  # and most of those that act in the place of a first one that is not the whole
 # Coefficients are doubtful if values drawn from their priors lie as far off with less than this probability, and more
 # than noise is left. They may then do what another effect does, so that one is sought beside the believed values, too.
 DOUBTFUL = 0.05
@@ -135,7 +144,11 @@ class _Joint:
         queue = promising(worth, 0.5, 0.5, 1)
         # It may promise little at the believed values, too. The one that gains most with coefficients held is tried.
         relief = [max(others, key=lambda s: s.alone)] if doubtful and others and believed else []
-        others_first = relief + [s for s in queue if s not in relief]
+        # Nor does what acts in the place of the first, which has taken over its work until both are fitted.
+        shared = [s for s in others if s.seen and s.effect.place == first.place] if self._not_whole(rival) else []
+        shared = sorted(shared, key=lambda s: -s.promise)[:IN_PLACE]
+        first_ones = relief + [s for s in shared if s not in relief]
+        others_first = first_ones + [s for s in queue if s not in first_ones]
         patience = PATIENCE_FAR if doubtful else PATIENCE
 
         def task(other: Screened) -> tuple[tuple[str, float], Callable[[], EffectFit | None]]:
@@ -144,7 +157,8 @@ class _Joint:
             lowest = min([rival.chi2 - least[other.effect.name], *others_found])
             begin = np.concatenate([values, other.starts[0]])
             effects = (*first.singles, other.effect)
-            return (other.effect.name, lowest), partial(self._fit, effects, begin, nuisances, lowest, patience)
+            rounds = PATIENCE_FAR if other in shared else patience
+            return (other.effect.name, lowest), partial(self._fit, effects, begin, nuisances, lowest, rounds)
 
         def known_already(other: Screened) -> bool:
             """Return whether this, or a special case of it, was found to leave noise."""
@@ -152,7 +166,7 @@ class _Joint:
             leaving_noise = (f.effect for f in found if f.chi2 <= self.noise)
             return any(both.name == e.name or both.generalises(e) for e in leaving_noise)
 
-        left = COMPANY + len(relief)
+        left = COMPANY + len(first_ones)
         with Ahead() as ahead:
             while left and others_first:
                 other, *others_first = others_first
@@ -170,6 +184,10 @@ class _Joint:
     def _form(self, rival: EffectFit, other: Effect) -> float:
         """Return the gain of another effect beside ``rival`` that the form of ``rival`` may account for."""
         return worth_of_form(rival, other, self.samples, self.noise)
+
+    def _not_whole(self, rival: EffectFit) -> bool:
+        """Return whether a single effect leaves far more than its form may."""
+        return not rival.effect.parts and leaves_far_more(rival, self.samples)
 
     def _doubtful(self, rival: EffectFit) -> bool:
         """Return whether re-tuned coefficients may do in ``rival`` what an effect does."""
