@@ -63,7 +63,7 @@ def test_a_servo_alone_follows_the_line_and_not_the_stairs():
     on = path.surface(ramp, {}, 1.0 / RATE_HZ, np.ones(T_S.size, bool))
     stairs = path.surface(ramp, {}, 1.0 / RATE_HZ)
     late = (ramp - on)[100:] / 0.01, (ramp - stairs)[100:] / 0.01
-    assert np.mean(late[0]) == pytest.approx(0.1, abs=0.002)
+    assert np.mean(late[0]) == pytest.approx(0.1, abs=0.003)  # a frame of 2.5 ms holds what it begins with
     assert np.mean(late[1]) == pytest.approx(0.1 + 0.5 / RATE_HZ, abs=0.004)
 
 

@@ -66,7 +66,7 @@ class Path:
         at, dt_s = np.arange(drive.size) / fine, dt_s / fine
         if moves_on is not None:
             on = np.repeat(moves_on, fine)
-            drive[on] = self.gain * np.interp(at[on] + 0.5 / fine, np.arange(command.size), command)
+            drive[on] = self.gain * np.interp(at[on], np.arange(command.size), command)
         for name, k in self.fed.items():
             x = np.interp(at, np.arange(command.size), motion[name])
             if self.washout_rad_s > 0.0:
