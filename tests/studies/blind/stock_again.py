@@ -37,8 +37,8 @@ def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> s
         "sealed: throttle linkages and long airspeed lags were not in reach of the library, and several effects at "
         "once were said although others in other parts did as well. Rows 1 to 17 were made before a vane could be late "
         "by more than 0.5 s, which case 4 of the other form asks for; rows 1 to 52 before a second error of one sensor "
-        "had to gain no more than an error elsewhere; all rows before it was tried whatever it promised. Cases 6 and "
-        "22 of the other form, bank angles of two stages, ask for these two, and are named with them.",
+        "had to gain no more than an error elsewhere; rows 1 to 116 before it was tried whatever it promised. Cases 6 "
+        "and 22 of the other form, bank angles of two stages, ask for these two, and are named with them.",
     ]
     return page_of(words, SEED, cases, rows)
 
