@@ -71,9 +71,10 @@ def driven(
         FlightAborted, LimitError, TrimError: the believed aircraft cannot fly these records.
     """
     both = drive_records(believed.suite, {**records, **held_out}, drive)
+    naming, judging = ({n: both[n] for n in part} for part in (records, held_out))
     controls = driving(list(both.values()))
     if not controls:
-        return Driven(believed, {n: both[n] for n in records}, {n: both[n] for n in held_out}, ())
+        return Driven(believed, naming, judging, ())
     out = _without_servos(believed, both, controls)
     told = [r for r in records.values() if not restless(r) and not surface_noise(r)]
     judged = {p.control: p for p in judge_paths(believed, told)} if drive == "surface" and told else {}
@@ -82,7 +83,7 @@ def driven(
         for c in controls
         if c in SURFACES
     )
-    return Driven(out, {n: both[n] for n in records}, {n: both[n] for n in held_out}, paths)
+    return Driven(out, naming, judging, paths)
 
 
 def drive_records(

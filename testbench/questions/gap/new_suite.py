@@ -13,7 +13,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError
 from testbench.core.paths import suite_names
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.regression.smoothing import noise_level
+from testbench.estimators.regression.smoothing import LEAST, noise_level
 from testbench.questions.gap.evidence.commanded import MOVED
 from testbench.questions.gap.evidence.rested import rests
 from testbench.sensors import SensorSuite, load_suite
@@ -31,7 +31,6 @@ _USUAL = {  # channel -> kind of sensor, noise of one sample if the record does 
     **{f"{n}_cmd": ("command_log", 0.0) for n in CONTROLS},
 }
 _SMOOTHED = 0.1  # of the usual noise: less was filtered away before it was recorded, and the error left is no noise
-_FEWEST = 16
 _RESTS = 0.2  # of the samples of a command that must rest in white noise if it was measured
 _EXACT = 0.02  # of what counts as motion: less noise than this drives nothing
 _NEAR = 1e-3  # by which a rate may be off from a whole number that is meant
@@ -101,7 +100,7 @@ def _sensor(name: str, records: Mapping[str, FlightRecord], known: Sensor | None
     if known is not None:
         usual = math.hypot(known.noise_std, known.quantum / math.sqrt(12.0)) or usual
     rest = "lag, bias and place as in the packaged suites of this aircraft" if known else "YOURS: lag, bias and place"
-    found = [noise_level(y) for r in records.values() if (y := _taken(r, name)).size >= _FEWEST]
+    found = [noise_level(y) for r in records.values() if (y := _taken(r, name)).size >= LEAST]
     noise = float(np.median(found)) if found else 0.0
     if noise < _SMOOTHED * usual:
         told = f"YOURS: noise is a guess, as the records are too smooth or too short to show it ({noise:.2g}, SI)"
@@ -115,7 +114,7 @@ def _sensor(name: str, records: Mapping[str, FlightRecord], known: Sensor | None
 
 def _command(sent: Sensor, commands: Sequence[FloatArray], dt_s: float) -> Sensor:
     """Return the sensor of a command (n,) in each record: ``sent``, or one with noise where it rests as noise does."""
-    long = [u for u in commands if u.size >= _FEWEST]
+    long = [u for u in commands if u.size >= LEAST]
     noise = float(f"{np.median([noise_level(u) for u in long]):.3g}") if long else 0.0
     still = sum(b - a for u in long for a, b in rests(u, noise, dt_s)) if noise > 0.0 else 0
     if still < _RESTS * sum(u.size for u in long) or noise < _EXACT * MOVED:

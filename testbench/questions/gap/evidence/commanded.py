@@ -79,15 +79,20 @@ def between_samples(record: FlightRecord) -> FlightRecord:
 
 def _steps(u: FloatArray) -> bool:
     """Return whether most of the way of a command (n,) is made in samples that follow each other."""
-    way = np.abs(np.diff(u, append=u[-1:]))
+    way, _ = _ways(u)
     return bool(way.sum() > MOVED and way[~_isolated(u)].sum() > 0.5 * way.sum())
 
 
 def _isolated(u: FloatArray) -> NDArray[np.bool_]:
     """Return after which samples (n,) a command jumps: it moves by far more than before and after."""
-    way = np.abs(np.diff(u, append=u[-1:]))
-    beside = np.append(way[1:], 0.0) + np.insert(way[:-1], 0, 0.0)
+    way, beside = _ways(u)
     return np.asarray(way > CRITERIA.jumps * beside)
+
+
+def _ways(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how far a command or surface (n,) goes until the next sample, and in the two steps beside that."""
+    way = np.abs(np.diff(u, append=u[-1:]))
+    return way, np.append(way[1:], 0.0) + np.insert(way[:-1], 0, 0.0)
 
 
 def driven_by_surfaces(record: FlightRecord, noise: Mapping[str, float]) -> FlightRecord:
@@ -191,7 +196,6 @@ def jumps(record: FlightRecord, control: str) -> FloatArray:
 
     It jumps if it moves by far more than its noise, and far more than in the samples before and after.
     """
-    steps = np.abs(np.diff(record[f"{control}_cmd"], append=record[f"{control}_cmd"][-1]))
-    beside = np.append(steps[1:], 0.0) + np.insert(steps[:-1], 0, 0.0)
+    steps, beside = _ways(record[f"{control}_cmd"])
     least = MOVED + CRITERIA.stirs * surface_noise(record)[control]
     return np.where(steps > np.maximum(least, CRITERIA.jumps * beside), steps, 0.0)
