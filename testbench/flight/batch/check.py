@@ -148,7 +148,7 @@ def distrust(model: BatchModel, reason: str) -> None:
 
 
 def _key(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) -> object:
-    return _Key.of(aircraft, rate_hz, condition), tuple(aircraft.limits)
+    return _Key.of(aircraft, rate_hz, condition), tuple(aircraft.limits), aircraft.mass  # forces are read per mass
 
 
 def _family(aircraft: Aircraft, rate_hz: float, tree: ET.Element) -> object:

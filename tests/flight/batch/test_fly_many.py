@@ -262,3 +262,17 @@ def test_what_jsbsim_flies_is_dealt_to_processes(taurus: tuple[Aircraft, Trimmed
             assert isinstance(other, tb.FlightRecord)
             assert np.array_equal(one.data, other.data)
             assert one.provenance == other.provenance
+
+
+@pytest.mark.parametrize("heavy_first", [True, False])
+def test_forces_per_mass_are_read_by_the_mass_of_each_aircraft(
+    taurus: tuple[Aircraft, TrimmedFlight], heavy_first: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One model, two masses said of it: az of the second was that of the first, 1.5 times too small."""
+    aircraft, trimmed = taurus
+    monkeypatch.setattr(check, "_JUDGED", type(check._JUDGED)())
+    heavy = replace(aircraft, mass=replace(aircraft.mass, mass_kg=1.5 * aircraft.mass.mass_kg))
+    for each in (heavy, aircraft) if heavy_first else (aircraft, heavy):
+        model = judged(each, trimmed).model
+        assert model is not None
+        assert model.factors[model.channels.index("az")] == each.source_of("az")[1]
