@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from studies.blind.run import believe
+from studies.blind.stock_again import DRAW
 
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import EFFECTS
@@ -14,11 +16,13 @@ from testbench.questions.gap.hidden.entries import TRUTHS
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.sealed.flights import fly_truth
 from testbench.questions.gap.search.fit import fit
+from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect
-from testbench.questions.gap.search.screening import screen
+from testbench.questions.gap.search.screening import screen, screen_closely
 from testbench.questions.gap.search.several import _Joint
 
+SEALED = Path(__file__).resolve().parents[3] / "results" / "gap" / "stock_again"
 FEW = ("actuator_lag", "second_order_actuator", "transport_delay", "alpha_scale", "pitch_damper")
 
 
@@ -266,6 +270,26 @@ def test_two_effects_of_which_one_cannot_be_flown_at_first_are_found(hidden, off
     assert naming.outcome == "named", naming.sentence
     right = {"separation": "stall", "slow servo": "actuator_lag", "linkage ratio": "surface_scale"}
     assert set(naming.names[0].split(" + ")) == {right.get(kind, "theta_delay") for kind in hidden}
+
+
+def test_a_lag_whose_work_coefficients_do_promises_what_it_gains_once_it_is_flown():
+    """A servo of 60 rad/s: linear predictions promise a fourth of what it gains beside re-tuned coefficients."""
+    records = tuple(fly_truth("taurus", TRUTHS["slow servo"]({"lag_rad_s": 60.0}, "taurus"), "short", 11).values())
+    base = retune(Hypothesis.at(believe("taurus"), believe("taurus"), records))
+    linear = screen(base.afresh(False), EFFECTS["actuator_lag"])
+    (flown,) = screen_closely(base, [linear])
+    gain = fit(flown, base.chi2, 0.0, 1).gain
+    assert linear.promise < 0.4 * gain
+    assert 0.6 * gain < flown.promise < 1.1 * gain
+
+
+@pytest.mark.slow
+def test_an_engine_that_answers_late_behind_a_drag_that_does_most_of_its_work_is_named():
+    """Linear predictions promise 75 of its 468 in chi-square, a gust 359: the engine was not fitted, drag accused."""
+    answers = (SEALED / "answers.json").read_text(encoding="utf-8").removesuffix("\n")
+    row = DRAW.run_case(next(c for c in DRAW.opened(answers) if c.name == "stock library form 28"))
+    assert (row["outcome"], row["names"], row["accused"]) == ("named", ["thrust_lag"], [])
+    assert row["values"]["lag_s"] == pytest.approx(1.1026, abs=4.0 * 0.082)  # its error; false alarm 6e-5
 
 
 def test_whitening_that_halves_residuals_quarters_chi_square(slow):

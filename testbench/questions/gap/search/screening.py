@@ -128,19 +128,22 @@ def _parts(
 
 
 def screen_closely(base: Hypothesis, screened: Sequence[Screened]) -> list[Screened]:
-    """Screen each effect at a small size, flown; return the better of that result and the one given.
+    """Screen each effect flown, at a small size if it has one; return the better of that result and the one given.
 
     If little more than noise is left, no effect is large. Of an effect that works like coefficients, only the part that
-    re-tuning cannot imitate is left: a pitch damper of some thousandths is Cm_q to a few parts in a thousand. So small
-    a difference is lost at the usual size, at which the aircraft flies another flight, and in the errors of linear
-    predictions.
+    re-tuning cannot imitate is left: a pitch damper of some thousandths is Cm_q to a few parts in a thousand, a lag of
+    the thrust is a drag of three quarters. So small a difference is lost at the usual size, at which the aircraft flies
+    another flight, and in the errors of linear predictions.
     """
-    sized = [i for i, s in enumerate(screened) if s.seen and _size(s.effect) is not None]
-    close = screen_all([(base, replace(screened[i].effect, flown=True)) for i in sized], SMALL)
+    seen = [i for i, s in enumerate(screened) if s.seen]
+    sized = [i for i in seen if _size(screened[i].effect) is not None]
+    others = [i for i in seen if i not in sized and not screened[i].effect.flown]
     out = list(screened)
-    for i, s in zip(sized, close, strict=True):
-        if s.promise > out[i].promise:
-            out[i] = s
+    for some, share in ((sized, SMALL), (others, 1.0)):
+        close = screen_all([(base, replace(screened[i].effect, flown=True)) for i in some], share)
+        for i, s in zip(some, close, strict=True):
+            if s.promise > out[i].promise:
+                out[i] = s
     return out
 
 
