@@ -19,6 +19,7 @@ from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.logs.question import CRITERIA, Criteria, Question, Signals, in_unit, short, shown
+from testbench.logs.side_force import against_motion
 from testbench.logs.speeds import against_airspeed
 
 
@@ -44,6 +45,7 @@ def implausible(
     named = {question.channel for question in out}
     sooner = replace(criteria, flow_angle_rad=criteria.unstated_flow_rad, surface_rad=criteria.unstated_surface_rad)
     out += [q for q in _forces(held, criteria) if q.channel not in named]
+    out += [] if rates or out else against_motion(held, criteria)  # whose parts are in their own units
     for name, (_, x) in held.items():
         if name not in {question.channel for question in out}:
             out += _range(name, x, sooner if name in unstated else criteria)

@@ -14,6 +14,7 @@ from testbench.core.atmosphere import air_density
 from testbench.core.channels import UNITS
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.record import FloatArray
+from testbench.logs.intervals import about, means, times_of_all
 from testbench.logs.question import Criteria, Question, Signals, in_unit
 
 _Evidence = tuple[float, str]  # how many times too large the airspeed is, and what says so
@@ -48,7 +49,7 @@ def _pressure(signals: Signals, typical: float, c: Criteria) -> list[Question]:
 
 
 def _speed_unit(signals: Signals, typical: float, c: Criteria) -> list[Question]:
-    """Question airspeed that another channel shows to be too large by the factor of a unit, and height in feet."""
+    """Question airspeed that another channel shows to be too large or too small as by a unit, and height in feet."""
     for witness in _WITNESSES:
         found = witness(signals, typical, c)
         if found is None:
@@ -62,6 +63,11 @@ def _speed_unit(signals: Signals, typical: float, c: Criteria) -> list[Question]
             h = float(np.max(np.abs(signals["h"][1])))
             got = f"it changes {1.0 / times:.2g} times as fast as airspeed and the path angle say"
             return [Question("h", got, in_unit("h", h, "ft"), "ft")]
+        if times * c.speed_match < 1.0 and witness is not _by_ground:  # wind makes ground speed the larger one
+            got = f"{typical:.3g} m/s, {times:.2g} times what {says}"
+            return [
+                Question("V", got, f"is another unit set than its own ({_set(times)}), or is it calibrated airspeed")
+            ]
     return []
 
 
@@ -70,6 +76,14 @@ def _unit(times: float, c: Criteria) -> str:
     units = {unit: 1.0 / factor for unit, factor in UNITS["m/s"].items() if factor != 1.0}
     best = min(units, key=lambda u: abs(np.log(times / units[u])))
     return best if _near(times, units[best], c) else ""
+
+
+def _set(times: float) -> str:
+    """Return which unit, set for values in another one, comes nearest to making them so many times too large."""
+    factors = {unit: np.log(factor) for unit, factor in UNITS["m/s"].items()}
+    pairs = [(a, b) for a in factors for b in factors if a != b]
+    wrong, right = min(pairs, key=lambda pair: abs(np.log(times) - factors[pair[0]] + factors[pair[1]]))
+    return f"{wrong} for {right} makes {np.exp(factors[wrong] - factors[right]):.2g}"
 
 
 def _near(times: float, expected: float, c: Criteria) -> bool:
@@ -96,22 +110,22 @@ def _by_ground(signals: Signals, typical: float, c: Criteria) -> _Evidence | Non
 
 def _by_curve(signals: Signals, typical: float, c: Criteria) -> _Evidence | None:
     """Compare the force that curves the path, -az - g cos(theta) cos(phi) = V (q - alphadot), with its turning."""
-    at = _times(signals, ("q", "az", "alpha", "theta"), 0.5)
+    at = times_of_all(signals, ("q", "az", "alpha", "theta"), 0.5)
     if at is None:
         return None
-    mean = {name: _means(signals[name], at[:-1], at[1:]) for name in ("q", "az", "theta", "phi") if name in signals}
-    turning = mean["q"] - np.diff(_about(signals["alpha"], at, 0.1)) / 0.5
+    mean = {name: means(signals[name], at[:-1], at[1:]) for name in ("q", "az", "theta", "phi") if name in signals}
+    turning = mean["q"] - np.diff(about(signals["alpha"], at, 0.1)) / 0.5
     weight = G0_M_S2 * np.cos(mean["theta"]) * np.cos(mean.get("phi", 0.0))
     return _slope(turning, -mean["az"] - weight, typical, c, "the curve of the path says")
 
 
 def _by_climb(signals: Signals, typical: float, c: Criteria) -> _Evidence | None:
     """Compare the change of height with V sin(theta - alpha)."""
-    at = _times(signals, ("theta", "alpha", "h"), 2.0)
+    at = times_of_all(signals, ("theta", "alpha", "h"), 2.0)
     if at is None:
         return None
-    theta, alpha = (_means(signals[name], at[:-1], at[1:]) for name in ("theta", "alpha"))
-    climb = np.diff(_about(signals["h"], at, 0.4)) / 2.0
+    theta, alpha = (means(signals[name], at[:-1], at[1:]) for name in ("theta", "alpha"))
+    climb = np.diff(about(signals["h"], at, 0.4)) / 2.0
     return _slope(np.sin(theta - alpha), climb, typical, c, "height and the path angle say")
 
 
@@ -127,27 +141,6 @@ def _slope(x: FloatArray, y: FloatArray, typical: float, c: Criteria, says: str)
     r = float(np.corrcoef(x, y)[0, 1]) if np.std(y) > 0.0 else 0.0
     speed = r * float(np.std(y) / np.std(x))
     return (typical / speed, says) if r > 0.0 and r**2 > c.follows else None
-
-
-def _times(signals: Signals, names: tuple[str, ...], step_s: float) -> FloatArray | None:
-    """Return times ``step_s`` apart that all ``names`` cover; None if one is missing or they share too short a time."""
-    if not set(names) <= set(signals):
-        return None
-    used = [signals[name][0] for name in (*names, "phi") if name in signals]
-    start, end = max(float(t[0]) for t in used), min(float(t[-1]) for t in used)
-    return np.arange(start, end, step_s) if end - start > 11.0 * step_s else None
-
-
-def _means(signal: tuple[FloatArray, FloatArray], start: FloatArray, end: FloatArray) -> FloatArray:
-    """Return the means of a signal over intervals."""
-    t, x = signal
-    integral = np.r_[0.0, np.cumsum(0.5 * (x[1:] + x[:-1]) * np.diff(t))]
-    return np.asarray((np.interp(end, t, integral) - np.interp(start, t, integral)) / (end - start))
-
-
-def _about(signal: tuple[FloatArray, FloatArray], at: FloatArray, half_s: float) -> FloatArray:
-    """Return the means of a signal over a short time about each of ``at``, against its noise."""
-    return _means(signal, np.maximum(at - half_s, at[0]), np.minimum(at + half_s, at[-1]))
 
 
 def _moves(signals: Signals, c: Criteria) -> bool:

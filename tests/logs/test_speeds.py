@@ -66,6 +66,22 @@ def test_airspeed_in_another_unit_is_questioned_by_each_witness_alone(witness, u
     assert found[0][1] == unit or (witness.startswith(("ground", "curve")) and {unit, found[0][1]} == {"ft/s", "km/h"})
 
 
+@pytest.mark.parametrize("witness", [w for w in WITNESSES if w != "ground"])
+@pytest.mark.parametrize(("wrong", "right"), [("km/h", "kt"), ("kt", "m/s"), ("km/h", "m/s"), ("ft/s", "kt")])
+def test_airspeed_for_which_another_unit_is_set_is_questioned_though_it_flies(witness, wrong, right):
+    factors = {"m/s": 1.0, **dict(UNITS)}
+    channels = {name: x for name, x in flight(V=80.0).items() if name in WITNESSES[witness]}
+    channels["V"] = channels["V"] * factors[wrong] / factors[right]
+    (question,) = implausible({name: (T, x) for name, x in channels.items()})
+    if (witness, wrong, right) == ("climb", "km/h", "m/s"):  # height and path cannot tell it from height in feet
+        assert (question.channel, question.unit) == ("h", "ft")
+        return
+    assert (question.channel, question.unit) == ("V", "")
+    assert "another unit set than its own" in question.means
+    times = float(question.means.split("makes ")[1].split(")")[0])  # units whose ratios lie close cannot be told apart
+    assert times == pytest.approx(factors[wrong] / factors[right], rel=0.15)
+
+
 def test_height_in_feet_is_questioned_by_the_climb():
     whole = flight()
     channels = {name: whole[name] for name in WITNESSES["climb"]}
