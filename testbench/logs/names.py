@@ -46,7 +46,8 @@ _NAMES = {
     "roll": "phi", "bank": "phi", "bank_angle": "phi", "roll_angle": "phi", "pitch": "theta", "pitch_angle": "theta",
     "roll_attitude": "phi", "bank_attitude": "phi", "pitch_attitude": "theta",
     "yaw": "psi", "yaw_angle": "psi", "heading": "psi", "true_heading": "psi", "heading_true": "psi",
-    "altitude": "h", "altitude_asl": "h", "pressure_altitude": "h",
+    "altitude": "h", "altitude_asl": "h", "altitude_msl": "h", "alt": "h", "alt_msl": "h", "alt_asl": "h",
+    "pressure_altitude": "h", "baro_altitude": "h", "baro_alt": "h", "barometric_altitude": "h",
     "elevator": "de", "aileron": "da", "rudder": "dr", "throttle": "thr",
     "elevator_position": "de", "elevator_deflection": "de", "elevator_angle": "de", "delta_e": "de", "d_e": "de",
     "left_aileron_position": "da", "aileron_position": "da", "aileron_deflection": "da",
@@ -59,11 +60,18 @@ _NAMES = {
     "tascg": "V", "alfcg": "alpha", "betcg": "beta", "the": "theta", "delv": "de", "dail": "da", "drud": "dr",
     "pdyn": "qbar", "axcg": "ax", "aycg": "ay", "azcg": "az",
 }  # fmt: skip
-# Only with a unit of theirs: without one, commands are numbers of a transmitter or of JSBSim, from -1 to 1.
-_COMMANDS = {
-    f"{surface}_{word}": f"{control}_cmd"
-    for surface, control in {"elevator": "de", "aileron": "da", "rudder": "dr", "throttle": "thr"}.items()
-    for word in ("command", "cmd", "commanded", "demand", "setpoint")
+# Only with a unit of theirs: without one, commands are numbers of a transmitter or of JSBSim, from -1 to 1, and an
+# abbreviation may be another word.
+_COMMAND_WORDS = ("command", "cmd", "commanded", "demand", "setpoint", "sp")
+_SHORT = {"elev": "de", "elv": "de", "ail": "da", "rud": "dr", "rudd": "dr", "thr": "thr"}
+_SURFACES = {"elevator": "de", "aileron": "da", "rudder": "dr", "throttle": "thr", **_SHORT}
+_WITH_UNIT = {
+    **{f"{surface}_{word}": f"{control}_cmd" for surface, control in _SURFACES.items() for word in _COMMAND_WORDS},
+    **{
+        surface + word: control
+        for surface, control in _SHORT.items()
+        for word in ("", "_pos", "_position", "_defl", "_deflection", "_angle")
+    },
 }
 _ANY_CASE = {name.lower(): name for name in CHANNELS if name.lower() not in ("u", "v", "h")}  # V and v are two channels
 # Properties of JSBSim and FlightGear, without their unit: those of the channel table, and those in other units.
@@ -84,9 +92,15 @@ _WORDS = {
     "deg_s2": "deg/s2", "rad_s2": "rad/s2",
     "metre": "m", "metres": "m", "meter": "m", "meters": "m", "feet": "ft", "foot": "ft", "mps": "m/s", "m_s": "m/s",
     "fps": "ft/s", "ft_s": "ft/s", "feet/s": "ft/s", "kts": "kt", "knot": "kt", "knots": "kt", "ktas": "kt",
-    "kph": "km/h", "kmh": "km/h", "m_s2": "m/s2", "mps2": "m/s2", "ft_s2": "ft/s2", "fps2": "ft/s2", "g's": "g",
+    "kn": "kt", "kph": "km/h", "kmh": "km/h", "km_h": "km/h", "kmph": "km/h", "m_s2": "m/s2", "mps2": "m/s2",
+    "ft_s2": "ft/s2", "fps2": "ft/s2", "g's": "g",
     "gs": "g", "newton": "N", "lb": "lbf", "lbs": "lbf", "pascal": "Pa", "mbar": "hPa", "lb/ft2": "psf",
     "lbf/ft2": "psf", "lbs/ft2": "psf", "percent": "%", "pct": "%", "norm": "1", "none": "1",
+}  # fmt: skip
+# Without their stroke they mean what fits the channel: degs is deg/s of a rate and deg of an angle.
+_FUSED_UNITS = {
+    "degs": ("deg/s", "deg"), "rads": ("rad/s", "rad"), "degs2": ("deg/s2",), "rads2": ("rad/s2",),
+    "dps2": ("deg/s2",), "ms": ("m/s",), "fts": ("ft/s",), "mss": ("m/s2",), "ms2": ("m/s2",), "fts2": ("ft/s2",),
 }  # fmt: skip
 _KNOWN = {unit.lower(): unit for units in UNITS.values() for unit in units}
 _GREEK = str.maketrans(
@@ -169,10 +183,18 @@ def meaning(name: str, stated: str = "") -> Meaning | None:
         if (found := _named(short)) is not None:
             unit = stated_unit(found.channel, stated or inside)
             return Meaning(found.channel, unit if stated or inside else found.unit)
-    last = name.rsplit(".", 1)[-1]
-    command = _COMMANDS.get(_label(last)) or _COMMANDS.get(_label(_CAPITALS.sub("_", last)), "")
-    unit = stated_unit(command, stated or inside) if command else ""
-    return Meaning(command, unit) if unit else None
+    return _with_unit(name.rsplit(".", 1)[-1], stated or inside)
+
+
+def _with_unit(name: str, stated: str) -> Meaning | None:
+    for label in dict.fromkeys((_label(name), _label(_CAPITALS.sub("_", name)))):
+        ends = [len(label)] if stated else [m.start() for m in re.finditer(r"[/_,]", label)]
+        for end in ends:
+            found = _WITH_UNIT.get(label[:end], "")
+            unit = _fitting(found, stated or label[end + 1 :].strip("_(")) if found else ""
+            if unit:
+                return Meaning(found, unit)
+    return None
 
 
 def _named(name: str) -> Meaning | None:
@@ -213,5 +235,6 @@ def stated_unit(name: str, stated: str) -> str:
     si = channel(name).unit
     if stated.strip() in UNITS.get(si, {si: 1.0}):
         return stated.strip()  # "g" and "G", "Pa" and "pa": as written first
-    unit = plain_unit(stated)
-    return unit if unit in UNITS.get(si, {si: 1.0}) else ""
+    units = UNITS.get(si, {si: 1.0})
+    fused = _FUSED_UNITS.get(stated.strip().lower(), ())
+    return next((unit for unit in (plain_unit(stated), *fused) if unit in units), "")

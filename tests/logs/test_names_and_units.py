@@ -39,6 +39,14 @@ from testbench.logs.names import clock_called, meaning, plain_unit, split_unit, 
         ("q/(deg/s)", "", "q", "deg/s"), ("q [deg/s]", "", "q", "deg/s"), ("q / deg/s", "", "q", "deg/s"),
         ("de_cmd_deg", "", "de_cmd", "deg"), ("u_ft_s", "", "u", "ft/s"), ("V_kts", "", "V", "kt"),
         ("pitch_rate_dps", "", "q", "deg/s"), ("pitch-rate (deg/sec)", "", "q", "deg/s"),
+        # units without their stroke, and abbreviations that have a unit
+        ("p_degs", "", "p", "deg/s"), ("r [rads]", "", "r", "rad/s"), ("pitch_degs", "", "theta", "deg"),
+        ("ax_mss", "", "ax", "m/s2"), ("az_ms2", "", "az", "m/s2"), ("TAS_ms", "", "V", "m/s"),
+        ("TAS_kmh", "", "V", "km/h"), ("tas_km_h", "", "V", "km/h"), ("TAS (kn)", "", "V", "kt"),
+        ("qdot_dps2", "", "qdot", "deg/s2"), ("baro_alt_m", "", "h", "m"), ("alt_ft", "", "h", "ft"),
+        ("elev_cmd_deg", "", "de_cmd", "deg"), ("elevator_cmd_deg", "", "de_cmd", "deg"),
+        ("AilCmd [deg]", "", "da_cmd", "deg"), ("rud_sp_rad", "", "dr_cmd", "rad"), ("thr_cmd_pct", "", "thr_cmd", "%"),
+        ("elev_deg", "", "de", "deg"), ("ail_pos [deg]", "", "da", "deg"), ("rud_defl", "deg", "dr", "deg"),
         # paths in structures, and spellings of units
         ("flight.imu.q", "°/s", "q", "deg/s"), ("az", "m s-2", "az", "m/s2"), ("az", "m/s/s", "az", "m/s2"),
         ("V", "knots", "V", "kt"), ("qbar", "lb/ft^2", "qbar", "psf"), ("q", "degrees per second", "q", "deg/s"),
@@ -54,7 +62,7 @@ def test_headings_of_many_writers(heading, stated, channel, unit):
     ["Q(1)_{LOCAL}", "Q_{inertial}", "V_{Inertial}", "q_s", "V_s", "hding,_true", "UBody", "y[1]", "q[2]", "Vind,_kias",
      "Elevator Command", "RollRateCmd", "PitchRateSp",
      "Elevator command [kg]", "velocities/vc-kts", "fcs/right-aileron-pos-rad", "fcs/elevator-cmd-norm", "",
-     "flight.y"],
+     "flight.y", "elev", "elev_m", "elev [m]", "ail_cmd", "rud", "ias_kmh", "V_mss", "ax_ms"],
 )  # fmt: skip
 def test_what_is_no_channel_stays_none(heading):
     assert meaning(heading) is None

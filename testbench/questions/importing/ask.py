@@ -100,8 +100,8 @@ class Imported:
             return ""
         verb = "is" if len(found) == 1 else "are"
         return (
-            f"; {listed(found)} {verb} called after one, but in no angle: "
-            'describe the table (--describe), with unit = "deg" and as scale the deflection in deg at 1'
+            f"; {listed(found)} {verb} called after one, but no rule knows the name together with an angle: "
+            'describe the table (--describe), with unit = "deg", and as scale the deflection in deg at 1 if it is none'
         )
 
     def _if_slower(self, record: FlightRecord) -> str:

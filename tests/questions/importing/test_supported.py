@@ -125,4 +125,4 @@ def test_a_command_without_a_unit_is_named_with_what_to_do(tmp_path):
     heads = ["Time", "fcs/elevator-cmd-norm", "velocities/q-rad_sec"]
     np.savetxt(tmp_path / "log.csv", table, "%.6g", ",", header=",".join(heads), comments="")
     (said,) = import_log(tmp_path / "log.csv").unusable
-    assert "'fcs/elevator-cmd-norm' is called after one, but in no angle: describe the table (--describe)" in said
+    assert "'fcs/elevator-cmd-norm' is called after one, but no rule knows the name together with an angle" in said
