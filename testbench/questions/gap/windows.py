@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.stats import chi2
 
 from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD
@@ -65,6 +66,9 @@ _FITTED_S, _FEWEST = 0.2, 5  # straight lines through so much of a reading, and 
 _TURNS_DEG_S, _BANK_DEG, _ACCELERATES_1_S = 5.0, 15.0, 0.05  # beyond which quiet commands are not taken for trim
 _MISFIT, _UNTRIMMED = 2.0, 10.0  # of the noise; chi-square from trim over that from another start
 _UNTRIMMED_BESIDE = 1.5  # the same beside records that do not begin in quiet flight: nobody waited for trim
+_FORETOLD = 1.1  # the same over that from the start which quiet flight tells, which knows nothing of the rest
+_DRIFTS = 1e-6  # chance that noise of quiet flight at trim fits another start as well
+_STILL = 2.0  # standard deviations of chi-square that such flight in still air may leave beside the start that it tells
 _STEP = 0.05  # of differences, in prior standard deviations
 _HORIZONS_S = (1.5, 3.0, math.inf)
 _ROUNDS, _FEW_ROUNDS = 8, 3
@@ -170,16 +174,26 @@ def untrimmed(believed: Believed, record: FlightRecord, waited: bool = True) -> 
     it then if its commands, counted from trim, leave the range of a control. Turbulence and gaps in the model go on
     through the record: a free start leaves more of them. A believed aircraft that answers too much, or an unstable one,
     may leave its limits however well the true one was trimmed.
+
+    A phugoid or a Dutch roll that dies away as the commands rest leaves less than that. It shows in the quiet flight
+    alone, of which another start leaves noise, and the start that this tells then foretells the rest of the record
+    better than trim does. A gap in the model does not show before the commands move, and turbulence leaves more.
     """
     plain, free = replace(believed, whiten=None), freed(record, record_key(record), level(record))
     try:
         if not waited:
             believed.check_commands(record)
-        at_trim = float(np.sum(plain.residuals(record) ** 2))
-        if at_trim < _MISFIT * int(np.count_nonzero(believed.taken(record))):
+        at_trim, samples = float(np.sum(plain.residuals(record) ** 2)), int(np.count_nonzero(believed.taken(record)))
+        if at_trim < samples + _NOISE * math.sqrt(2.0 * samples):
             return ""
-        key = key_of_start(free)
-        starts = _fitted(plain, {"": free}, {key: _guess(plain, free, offsets=False)}, math.inf, _FEW_ROUNDS)
+        key, guess = key_of_start(free), _guess(plain, free, offsets=False)
+        left = _foretold(plain, record, free, guess)
+        if at_trim > _FORETOLD * left:
+            share = f"{left / at_trim:.2g} of the misfit"
+            return f"is not in trimmed flight as it begins (its quiet flight tells another start, which leaves {share})"
+        if at_trim < _MISFIT * samples:
+            return ""
+        starts = _fitted(plain, {"": free}, {key: guess}, math.inf, _FEW_ROUNDS)
         left = replace(plain, free_starts=starts).cost_of_start(free, starts[key].origin)
     except FlightAborted:
         return "cannot be flown from trim to its end"
@@ -190,6 +204,28 @@ def untrimmed(believed: Believed, record: FlightRecord, waited: bool = True) -> 
     if at_trim < (_UNTRIMMED if waited else _UNTRIMMED_BESIDE) * left:
         return ""
     return f"is not in trimmed flight as it begins (another start leaves {left / at_trim:.2g} of the misfit)"
+
+
+def _foretold(plain: Believed, record: FlightRecord, free: FlightRecord, guess: FreeStart) -> float:
+    """Return the chi-square of a record from the start that its quiet flight tells.
+
+    Infinite if that flight may be trim, or is no flight in still air from any start.
+
+    Args:
+        plain: believed model, nothing made white.
+        record: as flown from trim.
+        free: the same, started freely.
+        guess: where its readings begin.
+    """
+    key, quiet_s = key_of_start(free), quiet_samples(record) * record.dt_s
+    quiet, beginning = (r.between(float(r.t_s[0]), float(r.t_s[0]) + quiet_s) for r in (record, free))
+    told = _fitted(plain, {"": free}, {key: guess}, quiet_s, _FEW_ROUNDS)
+    there = replace(plain, free_starts=told)
+    samples, rest = int(np.count_nonzero(plain.taken(quiet))), there.cost_of_start(beginning, told[key].origin)
+    gain = float(np.sum(plain.residuals(quiet) ** 2)) - rest
+    if gain < chi2.isf(_DRIFTS, guess.origin.size) or rest > samples + _STILL * math.sqrt(2.0 * samples):
+        return math.inf
+    return there.cost_of_start(free, told[key].origin)
 
 
 def longest(believed: Believed, record: FlightRecord) -> tuple[float, str]:

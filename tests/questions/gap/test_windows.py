@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gap_flights import ELEVATOR, believe, measure
+from gap_flights import ELEVATOR, THROTTLE, believe, measure
 from hand_flown import hand_flown
 from real_aircraft import (
     ATTAS_H,
@@ -31,6 +31,10 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import LimitError, RecordError
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.inputs import StandardMultistep, Sweep
+from testbench.flight import Manoeuvre, fly, trim
+from testbench.inputs import build
+from testbench.inputs.signal import InputSignal
+from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.effects import EFFECTS, library
 from testbench.questions.gap.evidence.air import listen
 from testbench.questions.gap.evidence.commanded import (
@@ -330,6 +334,41 @@ def test_starts_that_a_poor_model_was_caught_in_are_left_again(believed):
         key = key_of_start(window)
         costs = [replace(truth, free_starts=s).cost_of_start(window, s[key].origin) for s in (anew, again)]
         assert costs[1] < costs[0] + 1.0
+
+
+def after_another(truth: Believed, seed: int, rest_s: float = 2.0) -> FlightRecord:
+    """Return a 3-2-1-1 that begins a rest after a throttle doublet: the phugoid dies away as the commands rest."""
+    rate, step = truth.suite.rate_hz, round(truth.rate_hz / truth.suite.rate_hz)
+    pulse, steps = build((THROTTLE,), 5.0, rate).u, build((ELEVATOR,), 12.0, rate).u
+    u = np.zeros((len(pulse) + round(rest_s * rate) + len(steps), 2))
+    u[: len(pulse), 1], u[-len(steps) :, 0] = pulse[:, 0], steps[:, 0]
+    signal = InputSignal(np.arange(len(u) * step) / truth.rate_hz, np.repeat(u, step, axis=0), ("de", "thr"))
+    trimmed = trim(truth.aircraft, truth.condition, truth.rate_hz)
+    flown = fly(truth.aircraft, trimmed, Manoeuvre("after another", signal, 0.0), rate)
+    return truth.suite.measure(flown, seed).between(len(pulse) / rate, float(flown.t_s[-1]))
+
+
+@pytest.mark.parametrize("lag_rad_s", [None, 8.0])
+def test_a_phugoid_that_dies_away_as_the_commands_rest_is_not_flown_from_trim(believed, lag_rad_s):
+    truth = believed if lag_rad_s is None else believed.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": lag_rad_s})
+    record = after_another(truth, 4)
+    assert begins_quietly(record)
+    found = cut(believed, {"second": record})
+    assert "its quiet flight tells another start" in found.notes[0]
+    began = begin_freely(truth, found.records)
+    left = sum(float(np.sum(began.residuals(r) ** 2)) for r in found.records.values())
+    samples = sum(int(np.count_nonzero(began.taken(r))) for r in found.records.values())
+    assert left < chi2.isf(RARE, samples) < float(np.sum(truth.residuals(record) ** 2))
+
+
+@pytest.mark.parametrize("rms_m_s", [0.0, 0.1, 0.25])
+@pytest.mark.parametrize(
+    ("effect", "values"), [("actuator_lag", {"lag_rad_s": 8.0}), ("drag_increment", {"CD": 0.02}), ("", {})]
+)
+def test_turbulence_and_what_the_model_lacks_are_no_other_start(believed, rms_m_s, effect, values):
+    truth = believed.with_effect(EFFECTS[effect], values) if effect else believed
+    records = {f"{i}": r for i, r in enumerate(measure(truth, 21, rms_m_s))}
+    assert cut(believed, records).notes == ()
 
 
 @pytest.mark.slow
