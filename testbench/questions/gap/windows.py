@@ -68,6 +68,7 @@ _MISFIT, _UNTRIMMED = 2.0, 10.0  # of the noise; chi-square from trim over that 
 _UNTRIMMED_BESIDE = 1.5  # the same beside records that do not begin in quiet flight: nobody waited for trim
 _FORETOLD = 1.1  # the same over that from the start which quiet flight tells, which knows nothing of the rest
 _DRIFTS = 1e-6  # chance that noise of quiet flight at trim fits another start as well
+_FEW_TIMES = 3.0  # of the noise that may be left from there
 _STILL = 2.0  # standard deviations of chi-square that such flight in still air may leave beside the start that it tells
 _STEP = 0.05  # of differences, in prior standard deviations
 _HORIZONS_S = (1.5, 3.0, math.inf)
@@ -111,12 +112,16 @@ def cut(believed: Believed, records: Mapping[str, FlightRecord], windows: Window
     whole: dict[str, FlightRecord] = {}
     notes: list[str] = []
     moving = {name: restless(record) for name, record in records.items() if not starts_freely(record)}
-    waited = not any(moving.values())
+    quiet = {name: records[name] for name, why in moving.items() if not why and windows == "auto"}
+    drifts = {name: drifting(believed, record) for name, record in quiet.items()}
+    waited, drifted = not any(moving.values()), any(drifts.values())
     for name, record in records.items():
         if starts_freely(record):
             out[name] = whole[name] = record
             continue
-        why_free = moving[name] or (untrimmed(believed, record, waited) if windows == "auto" else "")
+        why_free = moving[name] or drifts.get(name, "")
+        if not why_free and windows == "auto":
+            why_free = untrimmed(believed, record, waited, drifted)
         if windows == "auto" and not why_free:
             out[name] = whole[name] = record
             continue
@@ -166,34 +171,25 @@ def restless(record: FlightRecord) -> str:
     return ""
 
 
-def untrimmed(believed: Believed, record: FlightRecord, waited: bool = True) -> str:
+def untrimmed(believed: Believed, record: FlightRecord, waited: bool = True, drifted: bool = False) -> str:
     """Return why a record with quiet commands is not to be flown from trim, in words; "" if it may be.
 
     The start alone, commands as they are, is fitted to the whole record. If a start at trim leaves ten times as much,
-    the aircraft was not trimmed; 1.5 times as much if none ``waited`` for trim, as the records beside it show. Nor was
-    it then if its commands, counted from trim, leave the range of a control. Turbulence and gaps in the model go on
-    through the record: a free start leaves more of them. A believed aircraft that answers too much, or an unstable one,
-    may leave its limits however well the true one was trimmed.
-
-    A phugoid or a Dutch roll that dies away as the commands rest leaves less than that. It shows in the quiet flight
-    alone, of which another start leaves noise, and the start that this tells then foretells the rest of the record
-    better than trim does. A gap in the model does not show before the commands move, and turbulence leaves more.
+    the aircraft was not trimmed; 1.5 times as much if none ``waited`` for trim, as the records beside it show; 1.1
+    times if one of them ``drifted``, see :func:`drifting`. Nor was it then if its commands, counted from trim, leave
+    the range of a control. Turbulence and gaps in the model go on through the record: a free start leaves more of them.
+    A believed aircraft that answers too much, or an unstable one, may leave its limits however well the true one was
+    trimmed.
     """
     plain, free = replace(believed, whiten=None), freed(record, record_key(record), level(record))
     try:
         if not waited:
             believed.check_commands(record)
         at_trim, samples = float(np.sum(plain.residuals(record) ** 2)), int(np.count_nonzero(believed.taken(record)))
-        if at_trim < samples + _NOISE * math.sqrt(2.0 * samples):
+        if at_trim < (_noise(samples) if drifted else _MISFIT * samples):
             return ""
-        key, guess = key_of_start(free), _guess(plain, free, offsets=False)
-        left = _foretold(plain, record, free, guess)
-        if at_trim > _FORETOLD * left:
-            share = f"{left / at_trim:.2g} of the misfit"
-            return f"is not in trimmed flight as it begins (its quiet flight tells another start, which leaves {share})"
-        if at_trim < _MISFIT * samples:
-            return ""
-        starts = _fitted(plain, {"": free}, {key: guess}, math.inf, _FEW_ROUNDS)
+        key = key_of_start(free)
+        starts = _fitted(plain, {"": free}, {key: _guess(plain, free, offsets=False)}, math.inf, _FEW_ROUNDS)
         left = replace(plain, free_starts=starts).cost_of_start(free, starts[key].origin)
     except FlightAborted:
         return "cannot be flown from trim to its end"
@@ -201,31 +197,47 @@ def untrimmed(believed: Believed, record: FlightRecord, waited: bool = True) -> 
         return "" if waited else "commands more than a control has, if counted from trim"
     except TestbenchError:
         return ""
-    if at_trim < (_UNTRIMMED if waited else _UNTRIMMED_BESIDE) * left:
+    if at_trim < (_FORETOLD if drifted else _UNTRIMMED if waited else _UNTRIMMED_BESIDE) * left:
         return ""
     return f"is not in trimmed flight as it begins (another start leaves {left / at_trim:.2g} of the misfit)"
 
 
-def _foretold(plain: Believed, record: FlightRecord, free: FlightRecord, guess: FreeStart) -> float:
-    """Return the chi-square of a record from the start that its quiet flight tells.
+def drifting(believed: Believed, record: FlightRecord) -> str:
+    """Return that a record drifts as its commands rest, in words; "" if it may be in trimmed flight, or more is amiss.
 
-    Infinite if that flight may be trim, or is no flight in still air from any start.
-
-    Args:
-        plain: believed model, nothing made white.
-        record: as flown from trim.
-        free: the same, started freely.
-        guess: where its readings begin.
+    A phugoid or a Dutch roll that dies away shows in the quiet flight alone, of which another start leaves noise. The
+    start that this tells then foretells the rest of the record better than trim does. A gap in the model does not show
+    before the commands move. Turbulence leaves more than noise; and where the model leaves many times the noise of the
+    rest, a start that it does not tell may lower it by chance.
     """
-    key, quiet_s = key_of_start(free), quiet_samples(record) * record.dt_s
-    quiet, beginning = (r.between(float(r.t_s[0]), float(r.t_s[0]) + quiet_s) for r in (record, free))
-    told = _fitted(plain, {"": free}, {key: guess}, quiet_s, _FEW_ROUNDS)
-    there = replace(plain, free_starts=told)
-    samples, rest = int(np.count_nonzero(plain.taken(quiet))), there.cost_of_start(beginning, told[key].origin)
-    gain = float(np.sum(plain.residuals(quiet) ** 2)) - rest
-    if gain < chi2.isf(_DRIFTS, guess.origin.size) or rest > samples + _STILL * math.sqrt(2.0 * samples):
-        return math.inf
-    return there.cost_of_start(free, told[key].origin)
+    plain, free = replace(believed, whiten=None), freed(record, record_key(record), level(record))
+    try:
+        at_trim, samples = float(np.sum(plain.residuals(record) ** 2)), int(np.count_nonzero(believed.taken(record)))
+        if at_trim < _noise(samples):
+            return ""
+        key, quiet_s = key_of_start(free), quiet_samples(record) * record.dt_s
+        quiet, beginning = (r.between(float(r.t_s[0]), float(r.t_s[0]) + quiet_s) for r in (record, free))
+        guess = _guess(plain, free, offsets=False)
+        told = _fitted(plain, {"": free}, {key: guess}, quiet_s, _FEW_ROUNDS)
+        there = replace(plain, free_starts=told)
+        rest, n = there.cost_of_start(beginning, told[key].origin), int(np.count_nonzero(plain.taken(quiet)))
+        gain = float(np.sum(plain.residuals(quiet) ** 2)) - rest
+        if gain < chi2.isf(_DRIFTS, guess.origin.size) or rest > n + _STILL * math.sqrt(2.0 * n):
+            return ""
+        left = there.cost_of_start(free, told[key].origin)
+    except TestbenchError:
+        return ""
+    if at_trim < _FORETOLD * left or left > _FEW_TIMES * samples:
+        return ""
+    return (
+        f"is not in trimmed flight as it begins (its quiet flight tells another start, which leaves "
+        f"{left / at_trim:.2g} of the misfit)"
+    )
+
+
+def _noise(samples: int) -> float:
+    """Return the chi-square that noise of so many samples hardly exceeds."""
+    return samples + _NOISE * math.sqrt(2.0 * samples)
 
 
 def longest(believed: Believed, record: FlightRecord) -> tuple[float, str]:
@@ -345,7 +357,7 @@ def _misfits(model: Believed, record: FlightRecord) -> bool:
     """Return whether a start leaves more than noise of a record."""
     free, samples = model.free_start_of(record), int(np.count_nonzero(model.taken(record)))
     assert free is not None
-    return model.cost_of_start(record, free.origin) > samples + _NOISE * math.sqrt(2.0 * samples)
+    return model.cost_of_start(record, free.origin) > _noise(samples)
 
 
 def _fitted(
