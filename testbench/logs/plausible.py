@@ -18,6 +18,7 @@ from testbench.core.channels import CONTROLS, UNITS, channel
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.logs.intervals import about
 from testbench.logs.question import CRITERIA, Criteria, Question, Signals, in_unit, short, shown
 from testbench.logs.side_force import against_motion
 from testbench.logs.speeds import against_airspeed
@@ -168,7 +169,7 @@ def _angles_against_rates(signals: Signals, c: Criteria) -> list[Question]:
         if end - start < 2.0:
             continue
         at = np.arange(start, end, 0.5)
-        angles = np.interp(at, ta, a)
+        angles = about((ta, a), at, 0.1)  # the noise of single samples is no motion
         turned = np.r_[0.0, np.cumsum(0.5 * (x[1:] + x[:-1]) * np.minimum(np.diff(t), 1.0))]
         by_rate, by_angle = (float(np.std(np.diff(y))) for y in (np.interp(at, t, turned), angles))
         if min(by_rate, by_angle) * 2.0 < c.moving_rad_s * DEG_RAD or max(by_rate, by_angle) * 2.0 < c.moving_rad_s:

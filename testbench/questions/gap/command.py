@@ -219,6 +219,8 @@ def new(
         _must_be_new(sensors_file(case))
         print(f"Sensors: {write_file(sensors_file(case), made.sensors)}")
     print(f"Gap case: {write_file(case, made.text)}")
+    for asked in made.questions:
+        print(f"Question: {asked}")
     print(f"Held out: {made.held_out.sentence}")
     print(f"Next: look at the lines with YOURS, then testbench check {case} and testbench gap {case}")
 

@@ -13,12 +13,13 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.channels import CONTROLS
-from testbench.core.errors import RecordError, located
+from testbench.core.errors import RecordError, TestbenchError, located
 from testbench.core.escape import one_line
 from testbench.core.paths import AIRCRAFT, STOCK, aircraft_names, not_found, resolve, suite_names
 from testbench.core.record import FlightRecord
 from testbench.core.toml_text import quoted, real
 from testbench.flight import FlightCondition, load_aircraft
+from testbench.logs.plausible import questions_of, refusal
 from testbench.questions.gap.evidence.commanded import MOVED, commands
 from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.evidence.held_out import HeldOutFlight, differences
@@ -41,11 +42,13 @@ class NewCase:
         text: of the case.
         sensors: text of the suite that lies beside it; None if the case names another.
         held_out: how different that record is from the others.
+        questions: values of the records that are hardly meant, in words.
     """
 
     text: str
     sensors: str | None
     held_out: HeldOutFlight
+    questions: tuple[str, ...] = ()
 
 
 def sensors_file(case: Path) -> Path:
@@ -87,9 +90,15 @@ def new_case(
             f"testbench gap {aircraft} {files[0]} --sensors SUITE"
         )
     records = read(files)
-    suite, left, made = _suite(case, meant, records, sensors)
-    flights = flights_of(load_aircraft(meant, wings), records, {}, suite, V_m_s, h_m, left)
-    check_signs(flights.believed, as_they_start(flights.naming))
+    asked = questions_of(records.items())
+    try:
+        suite, left, made = _suite(case, meant, records, sensors)
+        flights = flights_of(load_aircraft(meant, wings), records, {}, suite, V_m_s, h_m, left)
+        check_signs(flights.believed, as_they_start(flights.naming))
+    except TestbenchError as error:  # of values in another unit, what they lead to is not the cause
+        if not asked:
+            raise
+        raise RecordError(refusal("the records", asked)) from error
     judge = most_different(flights)
     shared = shared_with(judge.name, flights.naming)
     paths = dict(zip(records, (_relative(f, case) for f in files), strict=True))
@@ -98,7 +107,8 @@ def new_case(
     for name, record in flights.naming.items():
         lines += _comment(shared) if shared and name == judge.name else []
         lines += _measured(name, paths[name], record, judge, flights.believed.condition)
-    return NewCase("\n".join(lines).rstrip() + "\n", suite_toml(suite) if made else None, judge)
+    text = "\n".join(lines).rstrip() + "\n"
+    return NewCase(text, suite_toml(suite) if made else None, judge, asked)
 
 
 def record_files(given: Sequence[Path]) -> list[Path]:

@@ -31,6 +31,8 @@ _USUAL = {  # channel -> kind of sensor, noise of one sample if the record does 
     **{f"{n}_cmd": ("command_log", 0.0) for n in CONTROLS},
 }
 _SMOOTHED = 0.1  # of the usual noise: less was filtered away before it was recorded, and the error left is no noise
+_CLEAN = 0.02  # likewise, where third differences are those of white noise: such a sensor is cleaner than usual
+_WHITE = -0.65  # their correlation with the next one, at most; that of white noise is -0.75, what was filtered has more
 _RESTS = 0.2  # of the samples of a command that must rest in white noise if it was measured
 _EXACT = 0.02  # of what counts as motion: less noise than this drives nothing
 _NEAR = 1e-3  # by which a rate may be off from a whole number that is meant
@@ -100,16 +102,24 @@ def _sensor(name: str, records: Mapping[str, FlightRecord], known: Sensor | None
     if known is not None:
         usual = math.hypot(known.noise_std, known.quantum / math.sqrt(12.0)) or usual
     rest = "lag, bias and place as in the packaged suites of this aircraft" if known else "YOURS: lag, bias and place"
-    found = [noise_level(y) for r in records.values() if (y := _taken(r, name)).size >= LEAST]
+    own = [y for r in records.values() if (y := _taken(r, name)).size >= LEAST]
+    found = [noise_level(y) for y in own]
     noise = float(np.median(found)) if found else 0.0
-    if noise < _SMOOTHED * usual:
+    white = bool(found) and float(np.median([_correlation(y) for y in own])) < _WHITE
+    if noise < (_CLEAN if white else _SMOOTHED) * usual:
         told = f"YOURS: noise is a guess, as the records are too smooth or too short to show it ({noise:.2g}, SI)"
         noise = usual
     else:
         told = "noise from third differences of the records"
-    white = math.sqrt(max(noise**2 - sensor.quantum**2 / 12.0, 0.0))
+    own_noise = math.sqrt(max(noise**2 - sensor.quantum**2 / 12.0, 0.0))
     part = known.part if known else "YOURS: which sensor"
-    return replace(sensor, noise_std=float(f"{white:.3g}"), part=part, source=f"{told}; {rest}.")
+    return replace(sensor, noise_std=float(f"{own_noise:.3g}"), part=part, source=f"{told}; {rest}.")
+
+
+def _correlation(y: FloatArray) -> float:
+    """Return the correlation of third differences of samples (n,) with the next ones."""
+    d = np.diff(y, 3)
+    return float(d[1:] @ d[:-1]) / max(float(d @ d), np.finfo(float).tiny)
 
 
 def _command(sent: Sensor, commands: Sequence[FloatArray], dt_s: float) -> Sensor:

@@ -9,14 +9,16 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from commands import ends
+from commands import command, ends
 from gap_flights import ELEVATOR, THROTTLE, believe, measure
 
+from testbench.core.constants import DEG_RAD
 from testbench.core.scenario.inputs import Doublet
 from testbench.flight import load_aircraft
 from testbench.questions.brought import laws_of
 from testbench.questions.files import check_file
 from testbench.questions.gap.new import most_different, shared_with
+from testbench.questions.gap.new_suite import suite_of_records
 from testbench.questions.gap.records import flights_of
 from testbench.questions.gap.scenario import GapScenario
 from testbench.questions.importing.ask import import_log, write_import
@@ -133,6 +135,29 @@ def test_a_record_that_shares_flight_with_another_does_not_judge(flown):
     judge = most_different(shared).name
     assert judge not in (chosen, other)
     assert judge != "throttle"
+
+
+def test_a_sensor_that_is_cleaner_than_usual_keeps_its_noise(flown):
+    """Noise of 0.019 m/s2, less than a tenth of the usual 0.2, was called filtered: it is white."""
+    rng = np.random.default_rng(8)
+    t = flown["one"].t_s
+    own = {n: flown[n].with_columns({"az": -9.8 + np.sin(t) + 0.019 * rng.normal(size=t.size)}) for n in ("one", "two")}
+    suite, _ = suite_of_records("made", "other", own)
+    assert suite.noise_std["az"] == pytest.approx(0.019, rel=0.1)
+
+
+@pytest.mark.parametrize(("channel", "refused"), [("alpha", True), ("theta", False)])
+def test_degrees_read_as_radians_are_asked_about(flown, monkeypatch, capsys, tmp_path, channel, refused):
+    """Flow angles 57 times as large were refused as an elevator of the other sign; what is asked about comes first."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("one", "two"):
+        record = flown[name].with_columns({channel: flown[name][channel] / DEG_RAD})
+        replace(record, provenance={"file": f"{name}.log"}).save(f"{name}.nc")
+    done = command("gap", "new", "mine.toml", "--aircraft", "eolo", "one.nc", "two.nc")
+    assert done.returncode == (2 if refused else 0)
+    assert f"in record 'one' (and in two), {channel}:" in done.stdout + done.stderr
+    assert "is it in deg" in done.stdout + done.stderr
+    assert "other way" not in done.stderr
 
 
 def test_noise_that_a_filter_took_is_a_guess_and_says_so(flown, monkeypatch, capsys, tmp_path):

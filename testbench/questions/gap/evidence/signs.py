@@ -14,6 +14,7 @@ import numpy as np
 
 from testbench.core.errors import RecordError, TestbenchError
 from testbench.core.record import FlightRecord
+from testbench.logs.plausible import questions_of, refusal
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects.servo import WORDS
@@ -52,12 +53,15 @@ def check_signs(believed: Believed, records: Mapping[str, FlightRecord]) -> None
         records: by name; those that do not begin with quiet flight say so.
 
     Raises:
-        RecordError: one turns it the other way.
+        RecordError: one turns it the other way, or values that are hardly meant say so.
     """
     try:
         found = turned(felt(believed, records, copies=0))
     except TestbenchError:  # without forces and moments nothing is known of signs
         return
+    asked = questions_of(records.items()) if any(t.reversed for t in found) else ()
+    if asked:  # values in another unit are the cause
+        raise RecordError(refusal("the records", asked))
     for one in (t for t in found if t.reversed):
         word = WORDS[one.control]
         raise RecordError(
