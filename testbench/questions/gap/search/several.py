@@ -60,9 +60,9 @@ def several_at_once(
     lead = next((f for f in ranking if f.significant and f.flown), None)
     if lead is None or (lead.chi2 > noise and lead.share < LEADS):
         return []
-    worth = form_of(CRITERIA.form_of_whole, lead.gain, lead.work)
-    if leaves_noise(lead, noise) and worth > lead.chi2 - chi2.ppf(CRITERIA.rare, samples):
-        return []  # all that it leaves above the least that noise is would be its form
+    above = lead.chi2 - chi2.ppf(CRITERIA.rare, samples)  # the least that noise is; if below, the noise is not as said
+    if leaves_noise(lead, noise) and 0.0 < above < form_of(CRITERIA.form_of_whole, lead.gain, lead.work):
+        return []  # all that it leaves above that would be its form
     found = search.beside(lead, lead.effect, lead)
     best = min(found, key=lambda f: f.chi2, default=None)
     if best is not None:
