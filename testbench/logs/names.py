@@ -233,8 +233,8 @@ def _fitting(name: str, suffix: str) -> str:
 def stated_unit(name: str, stated: str) -> str:
     """Return the unit of channel ``name`` that a file states, as the channel table writes it; "" if it is none."""
     si = channel(name).unit
-    if stated.strip() in UNITS.get(si, {si: 1.0}):
-        return stated.strip()  # "g" and "G", "Pa" and "pa": as written first
     units = UNITS.get(si, {si: 1.0})
+    if stated.strip() in units:
+        return stated.strip()  # "g" and "G", "Pa" and "pa": as written first
     fused = _FUSED_UNITS.get(stated.strip().lower(), ())
     return next((unit for unit in (plain_unit(stated), *fused) if unit in units), "")

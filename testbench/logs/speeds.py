@@ -55,19 +55,17 @@ def _speed_unit(signals: Signals, typical: float, c: Criteria) -> list[Question]
         if found is None:
             continue
         times, says = found
+        compared = f"{typical:.3g} m/s, {times:.2g} times what {says}"
         unit = _unit(times, c)
         if unit:
-            got = f"{typical:.3g} m/s, {times:.2g} times what {says}"
-            return [Question("V", got, in_unit("V", typical, unit), unit)]
+            return [Question("V", compared, in_unit("V", typical, unit), unit)]
         if witness is _by_climb and _near(times, UNITS["m"]["ft"], c):
             h = float(np.max(np.abs(signals["h"][1])))
             got = f"it changes {1.0 / times:.2g} times as fast as airspeed and the path angle say"
             return [Question("h", got, in_unit("h", h, "ft"), "ft")]
         if times * c.speed_match < 1.0 and witness is not _by_ground:  # wind makes ground speed the larger one
-            got = f"{typical:.3g} m/s, {times:.2g} times what {says}"
-            return [
-                Question("V", got, f"is another unit set than its own ({_set(times)}), or is it calibrated airspeed")
-            ]
+            other = f"is another unit set than its own ({_set(times)}), or is it calibrated airspeed"
+            return [Question("V", compared, other)]
     return []
 
 

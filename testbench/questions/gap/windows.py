@@ -229,10 +229,8 @@ def drifting(believed: Believed, record: FlightRecord) -> str:
         return ""
     if at_trim < _FORETOLD * left or left > _FEW_TIMES * samples:
         return ""
-    return (
-        f"is not in trimmed flight as it begins (its quiet flight tells another start, which leaves "
-        f"{left / at_trim:.2g} of the misfit)"
-    )
+    share = f"{left / at_trim:.2g} of the misfit"
+    return f"is not in trimmed flight as it begins (its quiet flight tells another start, which leaves {share})"
 
 
 def _noise(samples: int) -> float:
