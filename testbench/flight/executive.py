@@ -7,6 +7,7 @@ property creates it and reading one gives zero; loading twice into one executive
 
 from __future__ import annotations
 
+import ctypes
 import itertools
 import os
 import re
@@ -80,6 +81,7 @@ ACCELERATIONS = (
 )
 """Property and factor to SI of the six accelerations of the rigid body, m/s2 and rad/s2."""
 _NAME = r"(/?[\w-]+(?:/[\w\[\]-]+)+)"
+_OF_FILE = re.compile(r"In file \S+: line \d+")
 _NAMED_MISSING = re.compile(rf"{_NAME}[\s\"']+does not exist")
 
 
@@ -262,8 +264,11 @@ class Executive:
         the evaluation before. ``to_rest`` repeats until no bit changes any more. ``held`` keeps the speeds of the
         propellers.
         """
-        for _ in range(self.to_rest if to_rest else self._iterations):
-            self.fdm.run_ic()
+        try:
+            for _ in range(self.to_rest if to_rest else self._iterations):
+                self.fdm.run_ic()
+        except RuntimeError as error:
+            raise self._refusal(self.stopped(error)) from error
         if len(self.propellers):
             if held:
                 self.propellers.hold()
@@ -271,6 +276,18 @@ class Executive:
                 self.propellers.settle()
                 if to_rest:
                     self.propellers.rest(self.to_rest)
+
+    def stopped(self, error: RuntimeError) -> str:
+        """Return why JSBSim stopped, in its words, and let the model go in peace.
+
+        A model that stands where its functions have no value ends the whole process when it is deleted: it goes back to
+        where it began, or is never deleted.
+        """
+        try:
+            self.fdm.run_ic()
+        except RuntimeError:
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(self.fdm))
+        return " ".join(_OF_FILE.sub("", str(error)).split()).rstrip(".")
 
     @contextmanager
     def still(self) -> Iterator[None]:

@@ -162,7 +162,7 @@ def fly(
     data, reason = _run(fdm, manoeuvre.signal.channels, first, u, step, names, wind)
     provenance = provenance_of(aircraft, trimmed, manoeuvre, air, start)
     record = truth_of(aircraft, data, names, wanted, log_rate_hz, provenance, reason)
-    if reason:
+    if record.reason:
         raise aborted(record, aircraft.name, manoeuvre.name, log_rate_hz)
     return record
 
@@ -206,8 +206,21 @@ def truth_of(
         wanted: channels of the record; all if None.
         log_rate_hz: rows per second.
         provenance: of the record.
-        reason: why the flight ended before its time, or "".
+        reason: why the flight ended before its time, or "". A flight ends where its first number is not finite.
+
+    Raises:
+        FlightAborted: it has no finite row.
     """
+    finite = np.isfinite(data)
+    if not finite.all():
+        row, column = np.argwhere(~finite)[0]
+        data, reason = data[:row], f"{names[column]} ceased to be a finite number"
+        if not row:
+            raise FlightAborted(
+                f"{aircraft.name} must begin a flight with finite numbers, got {names[column]} that is none; give "
+                "another condition or start",
+                *(0.0, reason),
+            )
     record = FlightRecord(
         t_s=np.arange(len(data)) / log_rate_hz,
         channels=names,
@@ -312,15 +325,19 @@ def _run(
         writers += [node.set_double_value for node in fdm.gust_nodes]
         changed = [True] * len(changed)
     run, take = fdm.fdm.run, log.take
-    for row in range(1, rows):
-        for frame in range((row - 1) * step + 1, row * step + 1):
-            if changed[frame]:
-                for write, column in zip(writers, columns, strict=True):
-                    write(column[frame])
-            run()
-        reason = take(taken, row)
-        if reason:
-            return log.si(taken, row), reason
+    row = 1
+    try:
+        for row in range(1, rows):
+            for frame in range((row - 1) * step + 1, row * step + 1):
+                if changed[frame]:
+                    for write, column in zip(writers, columns, strict=True):
+                        write(column[frame])
+                run()
+            reason = take(taken, row)
+            if reason:
+                return log.si(taken, row), reason
+    except RuntimeError as error:  # a function has no value there
+        return log.si(taken, row), f"JSBSim stopped: {fdm.stopped(error)}"
     return log.si(taken, rows), ""
 
 

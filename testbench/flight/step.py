@@ -87,9 +87,12 @@ class SteppedFlight:
         run, log = self._fdm.fdm.run, self._log
         taken = log.empty(rows)
         for row in range(rows):
-            for _ in range(self._step):
-                run()
-            self.reason = log.take(taken, row)
+            try:
+                for _ in range(self._step):
+                    run()
+                self.reason = log.take(taken, row)
+            except RuntimeError as error:  # a function has no value there
+                self.reason = f"JSBSim stopped: {self._fdm.stopped(error)}"
             if self.reason:
                 return log.si(taken, row)
         return log.si(taken, rows)

@@ -54,8 +54,8 @@ def fly_many(
 ) -> list[FlightRecord]:
     """Fly many flights and return their truths, each as :func:`testbench.flight.fly` would.
 
-    What is given once holds for all flights. A flight that leaves its limits ends alone: its record is short and has
-    the outcome "aborted" with the reason.
+    What is given once holds for all flights. A flight that leaves its limits, or what its model has numbers for, ends
+    alone: its record is short and has the outcome "aborted" with the reason.
 
     Args:
         aircraft: of each flight.
@@ -134,7 +134,11 @@ def fly_jobs(
         elif simulator != "jsbsim":
             key = id(job.aircraft), id(job.trimmed)
             if key not in verdicts:
-                verdicts[key] = judged(job.aircraft, job.trimmed)
+                try:
+                    verdicts[key] = judged(job.aircraft, job.trimmed)
+                except TestbenchError as error:
+                    out[i] = error
+                    continue
             found = verdicts[key]
             reason, model = found.reason, found.model
             if model is None and simulator == "batch":
@@ -153,7 +157,12 @@ def fly_jobs(
         group.sort(key=lambda item: item[1].u.shape[0])
         for k in range(0, len(group), LANES):
             block = group[k : k + LANES]
-            for (i, _), record in zip(block, _fly_block([x for _, x in block], flown), strict=True):
+            try:
+                records = _fly_block([x for _, x in block], flown)
+            except TestbenchError as error:  # JSBSim, which knows how engines begin, refuses to begin one of them
+                _fly_one_by_one({i: (x.job, f"a flight beside it cannot begin: {error}") for i, x in block}, flown, out)
+                continue
+            for (i, _), record in zip(block, records, strict=True):
                 out[i] = record
     for group in groups.values():
         for i, ready in group:
@@ -401,10 +410,13 @@ def _scratch(use: str, shape: tuple[int, ...]) -> FloatArray:
     return _ARRAYS[key][:size].reshape(shape)
 
 
-def _record(ready: _Ready, data: FloatArray, reason: str) -> FlightRecord:
+def _record(ready: _Ready, data: FloatArray, reason: str) -> FlightRecord | TestbenchError:
     job = ready.job
     provenance = provenance_of(job.aircraft, job.trimmed, job.manoeuvre, job.air, job.start) | {"simulator": BATCH}
-    return truth_of(job.aircraft, data.copy(), ready.logged, ready.wanted, job.log_rate_hz, provenance, reason)
+    try:
+        return truth_of(job.aircraft, data.copy(), ready.logged, ready.wanted, job.log_rate_hz, provenance, reason)
+    except FlightAborted as error:
+        return error
 
 
 def _is_looked_at(ready: _Ready) -> bool:

@@ -13,7 +13,7 @@ import pytest
 import testbench as tb
 from testbench.aircraft import Aircraft
 from testbench.aircraft.amend import Amendment, Insert
-from testbench.core.errors import ChannelError, LimitError
+from testbench.core.errors import ChannelError, LimitError, TestbenchError
 from testbench.core.processes import processes
 from testbench.core.record import FlightAborted
 from testbench.flight.air import Air, Gust
@@ -22,7 +22,7 @@ from testbench.flight.batch.check import TOLERANCE, difference, judged
 from testbench.flight.batch.fly import fly_jobs
 from testbench.flight.batch.functions import Functions
 from testbench.flight.batch.jobs import BATCH, Job, Tally
-from testbench.flight.condition import TrimmedFlight
+from testbench.flight.condition import Start, TrimmedFlight
 from testbench.questions.campaign.targets import change_aircraft
 
 CONDITIONS = {
@@ -276,3 +276,66 @@ def test_forces_per_mass_are_read_by_the_mass_of_each_aircraft(
         model = judged(each, trimmed).model
         assert model is not None
         assert model.factors[model.channels.index("az")] == each.source_of("az")[1]
+
+
+def without_numbers(aircraft: Aircraft, function: str) -> Aircraft:
+    """An aircraft with a function of alpha that is too small to matter, but must have a value."""
+    of_alpha = function.format("<property>aero/alpha-rad</property>")
+    term = f'<function name="aero/odd"><product><value>1e-9</value>{of_alpha}</product></function>'
+    return aircraft.amended(Amendment("odd", "", (Insert("aerodynamics/axis[@name='PITCH']", term),)))
+
+
+STOPS = "<ifthen><product><value>7.14</value>{}</product><value>1</value><value>2</value></ifthen>"
+
+
+@pytest.mark.parametrize(
+    ("function", "reason"),
+    [
+        (
+            "<pow><difference><value>0.14</value>{}</difference><value>0.5</value></pow>",
+            "pdot ceased to be a finite number",
+        ),
+        ("<acos><product><value>7.14</value>{}</product></acos>", "pdot ceased to be a finite number"),
+        (
+            "<ifthen><product><value>7.14</value>{}</product><value>1</value><value>2</value></ifthen>",
+            "JSBSim stopped: Malformed conditional check in function definition",
+        ),
+    ],
+    ids=["power of what is below 0", "arc cosine beyond 1", "condition beyond 1, at which JSBSim stops"],
+)
+def test_a_flight_for_which_a_function_has_no_number_fails_alone(
+    taurus: tuple[Aircraft, TrimmedFlight], function: str, reason: str
+) -> None:
+    """Above alpha = 0.14 the function has no value: of eight flights the last goes there."""
+    aircraft = without_numbers(taurus[0], function)
+    trimmed = tb.trim(aircraft, CONDITIONS["taurus"])
+    rate = trimmed.rate_hz
+    jobs = [Job(aircraft, trimmed, doublet(rate, x), rate) for x in (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 4.0)]
+    assert judged(aircraft, trimmed).model is not None
+    for simulator, ends in (("auto", "pdot ceased to be a finite number"), ("jsbsim", reason)):
+        told = Tally()
+        *others, last = fly_jobs(jobs, simulator, told)
+        assert (told.batch, told.jsbsim) == ((8, 0) if simulator == "auto" else (0, 8))
+        assert isinstance(last, tb.FlightRecord)
+        assert (last.outcome, last.reason) == ("aborted", ends)
+        assert last.t_s[-1] == pytest.approx(1.581, abs=0.003)
+        for other, alone in zip(others, fly_jobs(jobs[:7], simulator, fewest=1), strict=True):
+            assert isinstance(other, tb.FlightRecord)
+            assert other.outcome == "completed"
+            assert np.array_equal(other.data, alone.data)
+
+
+def test_a_flight_that_begins_where_a_function_has_no_number_fails_alone(
+    taurus: tuple[Aircraft, TrimmedFlight],
+) -> None:
+    """Begun there JSBSim stops before the flight does; the model must be deleted without the end of this process."""
+    aircraft = without_numbers(taurus[0], STOPS)
+    trimmed = tb.trim(aircraft, CONDITIONS["taurus"])
+    still = doublet(trimmed.rate_hz, 0.1, duration_s=1.2)
+    jobs = [Job(aircraft, trimmed, still, trimmed.rate_hz, start=Start(alpha=x)) for x in (0.0, 0.05)]
+    for simulator in ("batch", "jsbsim"):
+        first, second = fly_jobs(jobs, simulator)
+        assert isinstance(first, tb.FlightRecord)
+        assert first.outcome == "completed"
+        assert isinstance(second, TestbenchError)
+        assert {"batch": "finite", "jsbsim": "conditional"}[simulator] in str(second)
