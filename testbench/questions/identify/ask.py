@@ -12,6 +12,7 @@ from testbench.core.blas import on_one_thread
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ScenarioError, located, nearest
 from testbench.core.record import FlightRecord
+from testbench.estimators.cells import FailedCell
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.structured import Servo, Structured
 from testbench.flight import load_aircraft
@@ -47,7 +48,8 @@ def identify(
         strict: refuse records with values that are hardly meant (``questions`` of the result).
 
     Raises:
-        TestbenchError: with the file and key of the description that it comes from.
+        TestbenchError: with the file and key of the description that it comes from. An estimator that gives no model is
+            an entry of ``failed`` with its reason; only if none gives one it is an error.
 
     Example:
         >>> import testbench as tb
@@ -68,6 +70,7 @@ def identify(
     records = [(flight.name, flight.measured[RECORDED]) for flight in flights]
     met = _limits_met(servos, description.believes(servos), [record for _, record in records])
     questions = questions_of(records, description.file, strict)
+    failed: list[FailedCell] = []
     cases = identify_and_judge(
         flights,
         [RECORDED],
@@ -76,6 +79,7 @@ def identify(
         description.file,
         say,
         causes=True,
+        failed=failed,
     )
     flown = flown_condition(description, cases[0].identification, aircraft, getattr(cases[0].estimator, "V_m_s", None))
     known = None if aircraft is None else before(aircraft, flown)
@@ -89,6 +93,7 @@ def identify(
         0,
         tuple(flights),
         cases,
+        failed=tuple(failed),
         reference=description.reference_values,
         derivatives=derivatives,
         before=known,

@@ -95,6 +95,21 @@ def test_a_command_taken_for_the_surface_is_in_doubt_with_what_it_costs(tmp_path
     assert abs(M_q.value - TRUE["M_q"]) > 4.0 * M_q.std
 
 
+def test_an_estimator_that_refuses_costs_the_other_nothing(tmp_path):
+    """Too short a record for 4000 block rows: one of two gives no model."""
+    edit = "[[identification.estimators]]\nmethod = 'dsr_e'\norder = 2\npast_horizon = 2000\nfuture_horizon = 2000\n\n"
+    alone = identify(described(tmp_path, 0.08))
+    both = identify(described(tmp_path, 0.08, edit=lambda text: text.replace("[servo.", f"{edit}[servo.")))
+    assert [d.value for d in both.derivatives] == [d.value for d in alone.derivatives]
+    (cell,) = both.failed
+    assert cell.estimator == "dsr_e"
+    page = identify_page(both)
+    assert any(cell.reason in line.text for line in page.answer)
+    (table,) = [t for t in page.terminal if t.name == "failed"]
+    assert table.rows == ((cell.suite, "dsr_e", cell.reason),)
+    assert table.rows in [t.rows for t in page.tables]
+
+
 def test_a_surface_that_steps_is_said_to_be_taken_as_held(tmp_path):
     found = identify(described(tmp_path, 0.0, "de"))
     assert found.doubts == ()

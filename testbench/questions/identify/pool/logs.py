@@ -81,8 +81,9 @@ def contribution(found: Identified, log: str, method: str | None = None) -> Cont
     moved: list[dict[str, FloatArray]] = []
     derivative_of: dict[str, str] = {}
     believed: dict[str, float] = {}
-    balance: list[tuple[str, str]] = []
+    balance = [(cell.label, f"gave no model: {cell.reason}") for cell in found.failed]
     doubts = [doubt("several_conditions", text) for text in flown.doubts]
+    doubts += [doubt("no_model", " ".join(said)) for said in balance if method is None]
     for i, case in enumerate(found.cases):
         why = _refused(case, method)
         if why:
