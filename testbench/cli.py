@@ -173,6 +173,11 @@ def _status() -> int:
     try:
         return app(prog_name="testbench", standalone_mode=False) or 0
     except SystemExit as end:  # by click, with 1, if standard output is a pipe that was closed
+        from testbench.core.bring import ends_in_brought, said
+
+        if ends_in_brought(end):
+            print(f"error: a user's code must not end the program, got {brief(said(end))}", file=sys.stderr)
+            return 3
         return _PIPE_CLOSED if end.code == 1 else int(end.code or 0)
     except UsageError as error:
         _say_usage(error)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import shutil
+from pathlib import Path
 
 import pytest
 from commands import command
 
-from testbench.core.errors import ScenarioError
+from testbench.cli import check
+from testbench.core.errors import ScenarioError, TestbenchError
 from testbench.core.paths import AIRCRAFT_MODELS, SUITES
 from testbench.flight import load_aircraft
 from testbench.questions.campaign.load import load_campaign
@@ -130,3 +132,23 @@ def test_a_folder_without_an_aircraft_is_refused(project):
         ScenarioError, match=r"a folder with aircraft.toml, .* got 'empty': .* is there, but holds neither"
     ):
         Scenario.load(written(project, aircraft="empty"))
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ("sys.exit(0)", "m.py must run without an error, got SystemExit: 0 (m.py, line 2)"),
+        ("os._exit(0)", "m.py must run without an error, got SystemExit: os._exit(0) (m.py, line 2)"),
+        ("os.abort()", "m.py:estimate must end with a result, but its process was ended by SIGABRT"),
+        ("while True: pass", "m.py:estimate must end within 2 s, got no end by then"),
+    ],
+)
+def test_check_says_what_ended_in_place_of_the_laws(tmp_path, monkeypatch, lines, said):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("testbench.questions.brought.LIMIT_S", 2.0)
+    Path("m.py").write_text(f"import os, sys\n{lines}\ndef estimate(records, inputs, outputs): pass\n")
+    with pytest.raises(TestbenchError) as error:
+        check([Path("m.py:estimate")])
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+    assert error.value.exit_status in (2, 3)

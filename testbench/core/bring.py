@@ -9,17 +9,84 @@ from __future__ import annotations
 import ast
 import hashlib
 import importlib.util
+import os
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from testbench.core.errors import ScenarioError, nearest
+from testbench.core.errors import EstimationError, ScenarioError, TestbenchError, nearest
+from testbench.core.time_limit import TimeUp
 
 MARK = ".py:"
 """The sign in the name of a user's file that packaged names do not have."""
+
+
+_EXIT, _MODULE = os._exit, "brought_"
+
+
+class BroughtCodeError(EstimationError):
+    """An error of a user's code that is not one of the testbench, or its try to end the program: file and line."""
+
+
+@contextmanager
+def running(path: Path | None, law: str) -> Iterator[None]:
+    """Run a user's code inside the block: whatever it raises, and an end of the program, is one line.
+
+    An interrupt by the user (Ctrl-C) acts, also where the code takes it for an error; one that the code raises itself
+    is an error of the code. ``os._exit`` is an error in this process; in those that the code starts it ends them.
+
+    Args:
+        path: the user's file, whose line is said; None if it is not known.
+        law: what must hold, to begin the message.
+
+    Raises:
+        BroughtCodeError: law, kind, text and line of what was raised.
+        TestbenchError, TimeUp: as they were raised.
+        KeyboardInterrupt: by the user.
+    """
+    came: list[BaseException] = []
+    before, here = signal.getsignal(signal.SIGINT), os.getpid()
+    watched = threading.current_thread() is threading.main_thread() and callable(before)
+
+    def interrupt(number: int, frame: Any) -> None:
+        try:
+            before(number, frame)  # type: ignore[operator]
+        except BaseException as error:
+            came.append(error)
+            raise
+
+    def leave(status: int) -> NoReturn:
+        if os.getpid() != here:
+            _EXIT(status)
+        raise SystemExit(f"os._exit({status})")
+
+    if watched:
+        signal.signal(signal.SIGINT, interrupt)
+    os._exit = leave
+    try:
+        yield
+    except (TestbenchError, TimeUp):
+        raise
+    except BaseException as error:
+        if not came:
+            raise BroughtCodeError(f"{law}, got {said(error, path)}") from error
+    finally:
+        os._exit = _EXIT
+        if watched:
+            signal.signal(signal.SIGINT, before)
+        if came:
+            raise came[0]
+
+
+def ends_in_brought(error: BaseException) -> bool:
+    """Return whether an error was raised in, or through, a user's file."""
+    return any(f.f_globals.get("__name__", "").startswith(_MODULE) for f, _ in traceback.walk_tb(error.__traceback__))
 
 
 def is_brought(name: object) -> bool:
@@ -189,7 +256,7 @@ def load(path: Path, attribute: str) -> Any:
     """
     path = path.resolve()
     told = hashlib.sha256(f"{path}\0{sha256(path)}".encode()).hexdigest()[:12]
-    name = f"brought_{path.stem}_{told}"
+    name = f"{_MODULE}{path.stem}_{told}"
     module = sys.modules.get(name)
     if module is None:
         declared(path)  # says what is wrong with its syntax, with the line
@@ -200,10 +267,13 @@ def load(path: Path, attribute: str) -> Any:
         sys.modules[name] = module  # before it runs: dataclasses and pickle look it up
         sys.path.append(str(path.parent))
         try:
-            spec.loader.exec_module(module)
-        except Exception as error:
+            with running(path, f"{path.name} must run without an error"):
+                spec.loader.exec_module(module)
+        except BaseException as error:
             del sys.modules[name]
-            raise ScenarioError([f"{path.name} must run without an error, got {said(error, path)}"]) from error
+            if isinstance(error, BroughtCodeError):
+                raise ScenarioError([error.message]) from error.__cause__
+            raise
         finally:
             sys.path.remove(str(path.parent))
     if not hasattr(module, attribute):
@@ -213,10 +283,15 @@ def load(path: Path, attribute: str) -> Any:
     return getattr(module, attribute)
 
 
-def said(error: BaseException, path: Path) -> str:
-    """Return kind and text of an error raised in a user's file, and its last line there: one line, no traceback."""
+def said(error: BaseException, path: Path | None = None) -> str:
+    """Return kind and text of an error raised in a user's file, and its last line there: one line, no traceback.
+
+    Without a file it is the last line of any.
+    """
     frames = traceback.extract_tb(error.__traceback__)
-    lines = [frame.lineno for frame in frames if frame.filename and Path(frame.filename) == path]
+    own = [frame for frame in frames if path is None or Path(frame.filename) == path]
+    path = Path(own[-1].filename) if own else path
     text = " ".join(str(error).split())
-    place = f" ({path.name}, line {lines[-1]})" if lines else f" ({path.name})"
+    line = f", line {own[-1].lineno}" if own else ""
+    place = "" if path is None else f" ({path.name}{line})"
     return type(error).__name__ + (f": {text}" if text else "") + place

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from testbench.core.bring import said
+from testbench.core.bring import running
 from testbench.core.errors import TestbenchError
 
 
@@ -43,11 +43,13 @@ def tried_on(case: Any, laws: Sequence[Callable[[Any], None]], path: Path) -> It
     """
     for law in laws:
         words = law.__name__.replace("_", " ")
+        why = ""
         try:
-            law(case)
-        except (LawError, TestbenchError) as error:
-            yield Law(words, False, str(error))
-        except Exception as error:
-            yield Law(words, False, said(error, path))
-        else:
-            yield Law(words, True)
+            with running(path, "its code must run without an error"):
+                try:
+                    law(case)
+                except LawError as error:
+                    why = str(error)
+        except TestbenchError as error:
+            why = str(error)
+        yield Law(words, not why, why)

@@ -20,11 +20,13 @@ from multiprocessing import connection, current_process, get_context
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
+from testbench.core.errors import EstimationError
 from testbench.core.interrupts import held_back
 from testbench.core.scratch import Scratch
 
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
+_CRASHES = frozenset({signal.SIGSEGV, signal.SIGABRT, signal.SIGILL, signal.SIGFPE, getattr(signal, "SIGBUS", 0)})
 _PROCESSES: ContextVar[int] = ContextVar("processes", default=1)
 
 
@@ -113,6 +115,9 @@ class Ahead:
         try:
             done, result = pickle.loads(running.answer.recv_bytes())
         except (EOFError, OSError):  # it was ended from outside, for want of memory, or its answer cannot be sent
+            running.process.join()
+            if -(running.process.exitcode or 0) in _CRASHES:  # here it would end all
+                raise EstimationError(f"'{key}' must end with a result, but {ended(running.process)}") from None
             return task()
         finally:
             self._end(running)
@@ -125,6 +130,46 @@ class Ahead:
         running.answer.close()
         running.process.join()
         running.folder.remove()
+
+
+def apart(task: Callable[[], T], what: str, limit_s: float) -> T:
+    """Return the result of a task in a process of its own, so that it can neither end this one nor keep it for ever.
+
+    Where a system cannot fork, it is done here.
+
+    Args:
+        task: its result must be such that it can be pickled.
+        what: it is, to begin a message.
+        limit_s: of the clock, s.
+
+    Raises:
+        EstimationError: it took longer, or its process ended.
+        whatever the task raises.
+    """
+    if sys.platform != "linux" or current_process().daemon:
+        return task()
+    with processes(2), Ahead() as ahead:
+        ahead.begin(what, task)
+        running = ahead._running[what]
+        if not running.answer.poll(limit_s):
+            raise EstimationError(f"{what} must end within {limit_s:g} s, got no end by then")
+        try:
+            done, result = pickle.loads(running.answer.recv_bytes())
+        except (EOFError, OSError):
+            running.process.join()
+            raise EstimationError(f"{what} must end with a result, but {ended(running.process)}") from None
+    if not done:
+        raise result
+    found: T = result
+    return found
+
+
+def ended(process: Any) -> str:
+    """Return in words how a process ended that gave no answer."""
+    code = process.exitcode
+    if not code or code > 0:
+        return f"its process ended with status {code}"
+    return f"its process was ended by {signal.Signals(-code).name}: compiled code that crashes, or too little memory"
 
 
 def spread(tasks: Sequence[Callable[[], T]]) -> list[T]:

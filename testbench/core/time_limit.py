@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import multiprocessing
-import os
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from os import _exit
 from types import FrameType
 from typing import NoReturn
 
@@ -68,7 +68,7 @@ def _by_watch(seconds: float) -> Iterator[None]:
                 return
             ctypes.pythonapi.PyThreadState_SetAsyncExc(work, ctypes.py_object(TimeUp))
         if multiprocessing.parent_process() is not None and not done.wait(GRACE_S):
-            os._exit(_ENDED)
+            _exit(_ENDED)
 
     threading.Thread(target=watch, name="time limit", daemon=True).start()
     try:

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationInfo
 
 from testbench.core import bring
-from testbench.core.errors import EstimationError, ScenarioError, TestbenchError, nearest
+from testbench.core.errors import ScenarioError, TestbenchError, nearest
 from testbench.core.paths import find_scenario
 from testbench.estimators.equations import read_equations
 
@@ -19,10 +19,6 @@ FOLDER = "estimators"
 
 
 _STATUS = "; leave status out: it follows from advice"
-
-
-class BroughtCodeError(EstimationError):
-    """An error from a user's file that is not one of the testbench: kind, text, file and line."""
 
 
 def located(name: str, info: ValidationInfo) -> str:
@@ -144,9 +140,9 @@ def guarded(path: Path, label: str, what: str, function: Any, *arguments: Any, *
         TestbenchError: as it was raised.
     """
     try:
-        return function(*arguments, **named)
-    except TestbenchError:
+        with bring.running(path, f"{label} must return {what}"):
+            return function(*arguments, **named)
+    except bring.BroughtCodeError as error:
+        if isinstance(error.__cause__, TypeError) and "argument 'status'" in error.message:
+            raise bring.BroughtCodeError(f"{error.message}{_STATUS}") from error.__cause__
         raise
-    except Exception as error:
-        hint = _STATUS if isinstance(error, TypeError) and "argument 'status'" in str(error) else ""
-        raise BroughtCodeError(f"{label} must return {what}, got {bring.said(error, path)}{hint}") from error

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from testbench.core.bring import is_brought, short
-from testbench.core.errors import EstimationError, TestbenchError
+from testbench.core.bring import is_brought, running, short
+from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.core.time_limit import TimeUp, time_limit
 from testbench.estimators import METHODS
@@ -106,19 +104,10 @@ def contained(method: str, limit_s: float) -> Iterator[None]:
         TestbenchError: as it was raised.
     """
     try:
-        with time_limit(limit_s):
+        with running(None, f"{short(method)} must return a model"), time_limit(limit_s):
             yield
     except TimeUp:
         raise time_is_up(method, limit_s) from None
-    except TestbenchError:
-        raise
-    except (Exception, SystemExit) as error:  # an own estimator may raise anything
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        text = " ".join(str(error).split())
-        raise EstimationError(
-            f"{short(method)} must return a model, got an unexpected {type(error).__name__}{text and ': '}{text} "
-            f"({Path(place.filename).name}, line {place.lineno})"
-        ) from error
 
 
 def need_numbers(model: IdentifiedModel) -> IdentifiedModel:

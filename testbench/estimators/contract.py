@@ -26,7 +26,7 @@ from testbench.core.contract import Law, LawError, need, tried_on
 from testbench.core.errors import ChannelError, EstimationError, TestbenchError, nearest
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators import estimate
-from testbench.estimators.brought import FOLDER, BroughtCodeError, is_text, text_file
+from testbench.estimators.brought import FOLDER, is_text, text_file
 from testbench.estimators.equations import read_equations
 from testbench.estimators.model import ComplexArray, IdentifiedModel
 from testbench.estimators.parametric import output_error
@@ -248,7 +248,7 @@ def missing_channels_are_refused(t: Trial) -> None:
 def _refused(t: Trial, records: Sequence[FlightRecord], kind: type[TestbenchError], what: str) -> None:
     try:
         t.run(records)
-    except BroughtCodeError as error:
+    except bring.BroughtCodeError as error:
         _in_words(error)
     except kind:
         return
@@ -258,7 +258,7 @@ def _refused(t: Trial, records: Sequence[FlightRecord], kind: type[TestbenchErro
 
 
 def _in_words(error: EstimationError) -> None:
-    if isinstance(error, BroughtCodeError):
+    if isinstance(error, bring.BroughtCodeError):
         raise LawError(f"an EstimationError must say what is wrong with the data, got: {error}") from error
 
 

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from testbench.core.bring import find, is_brought, load
+from testbench.core.bring import find, is_brought, load, short
 from testbench.core.contract import Law
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import AIRCRAFT, find_scenario
+from testbench.core.processes import apart
 from testbench.core.schema import read_toml
+
+LIMIT_S = 600.0
+"""How long what a Python file holds may take for all of its laws, s."""
 
 
 def laws_of(what: Path) -> tuple[str, list[Law]] | None:
@@ -62,7 +66,11 @@ def _in_python(name: str) -> tuple[str, list[Law]]:
         path, attribute = find(name, None, FOLDER)
     except ScenarioError:
         path, attribute = find(name, None, methods.FOLDER)
-    what = load(path, attribute)
-    if isinstance(what, Effect):
-        return "effect", list(effects.tried(path, attribute))
-    return methods.kind_of(what), list(methods.tried(f"{path}:{attribute}"))
+
+    def tried() -> tuple[str, list[Law]]:
+        what = load(path, attribute)
+        if isinstance(what, Effect):
+            return "effect", list(effects.tried(path, attribute))
+        return methods.kind_of(what), list(methods.tried(f"{path}:{attribute}"))
+
+    return apart(tried, short(name), LIMIT_S)

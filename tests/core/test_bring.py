@@ -1,6 +1,8 @@
 """What users bring is found beside their scenario, read without being run, and run once."""
 
+import os
 import pickle
+import signal
 import sys
 
 import pytest
@@ -64,3 +66,53 @@ def test_a_file_runs_once_until_it_changes_and_what_it_makes_can_be_pickled(tmp_
     with pytest.raises(ScenarioError, match=r"must run without an error, got ValueError: no more \(m.py, line 2\)"):
         bring.load(path, "C")
     del sys.modules["neighbour"]
+
+
+ENDS = {
+    "sys.exit(0)": "SystemExit: 0",
+    "os._exit(0)": r"SystemExit: os._exit\(0\)",
+    "raise KeyboardInterrupt": "KeyboardInterrupt",
+    "raise GeneratorExit('x')": "GeneratorExit: x",
+    "1 / 0": "ZeroDivisionError: division by zero",
+}
+
+
+@pytest.mark.parametrize(("statement", "kind"), ENDS.items(), ids=ENDS)
+def test_code_that_ends_the_program_is_an_error_in_one_line(tmp_path, statement, kind):
+    """At its import and in a call: never the end of this program, which would pass for success."""
+    path = tmp_path / "m.py"
+    path.write_text(f"import os\nimport sys\n{statement}\n")
+    with pytest.raises(ScenarioError, match=rf"m.py must run without an error, got {kind} \(m.py, line 3\)$"):
+        bring.load(path, "f")
+    path.write_text(f"import os\nimport sys\ndef f():\n    {statement}\n")
+    f = bring.load(path, "f")
+    says = rf"^f must work, got {kind} \(m.py, line 4\)$"
+    with pytest.raises(bring.BroughtCodeError, match=says) as error, bring.running(path, "f must work"):
+        f()
+    assert error.value.exit_status == 3
+    if "exit(" in statement and "_exit" not in statement:
+        with pytest.raises(SystemExit) as ends:
+            f()
+        assert bring.ends_in_brought(ends.value)
+
+
+def test_an_interrupt_by_the_user_acts_also_where_the_code_takes_it(tmp_path):
+    path = tmp_path / "m.py"
+    path.write_text(
+        "import os, signal\ndef f():\n    try:\n        os.kill(os.getpid(), signal.SIGINT)\n"
+        "    except BaseException:\n        raise ValueError\n"
+    )
+    f, before, leave = bring.load(path, "f"), signal.getsignal(signal.SIGINT), os._exit
+    with pytest.raises(KeyboardInterrupt), bring.running(path, "f must work"):
+        f()
+    assert (signal.getsignal(signal.SIGINT), os._exit) == (before, leave)
+
+
+def test_processes_that_the_code_starts_end_as_they_will(tmp_path):
+    path = tmp_path / "m.py"
+    path.write_text(
+        "import os\ndef f():\n    child = os.fork()\n    if not child:\n        os._exit(7)\n"
+        "    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])\n"
+    )
+    with bring.running(path, "f must work"):
+        assert bring.load(path, "f")() == 7

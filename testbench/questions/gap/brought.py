@@ -10,16 +10,12 @@ from typing import Any
 
 from testbench.aircraft import Aircraft
 from testbench.core import bring
-from testbench.core.errors import ScenarioError, TestbenchError, nearest
+from testbench.core.errors import ScenarioError, nearest
 from testbench.questions.gap.effects import Effect, catalogue, left_out, library
 from testbench.sensors import SensorSuite
 
 FOLDER = "effects"
 """Folder of a project in which effects are looked for."""
-
-
-class BroughtCodeError(TestbenchError):
-    """An error of the code in a user's file, not of the testbench; it says kind, text, file and line."""
 
 
 @dataclass(frozen=True)
@@ -34,14 +30,10 @@ class Guarded:
         """Call it.
 
         Raises:
-            BroughtCodeError: it raised an error that is none of the testbench's.
+            BroughtCodeError: it raised an error that is none of the testbench's, or ends the program.
         """
-        try:
+        with bring.running(self.path, f"{self.what} must work"):
             return self.function(*arguments)
-        except TestbenchError:
-            raise
-        except Exception as error:
-            raise BroughtCodeError(f"{self.what} must work, got {bring.said(error, self.path)}") from error
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 from commands import command
 
+from testbench.core.bring import BroughtCodeError
 from testbench.core.errors import ScenarioError
-from testbench.questions.gap.brought import BroughtCodeError, choose, faults, load_effect
+from testbench.questions.gap.brought import choose, faults, load_effect
 from testbench.questions.gap.effects import library
 from testbench.questions.gap.effects.contract import LAWS, tried
 from testbench.questions.gap.scenario import GapScenario

@@ -32,7 +32,7 @@ def test_every_way_of_failing_is_a_row_with_its_reason(mixed) -> None:
     reasons = {c.label: c.reason for c in mixed.failed}
     assert len(reasons) == 7
     assert "ZeroDivisionError: of my own (methods.py, line" in reasons["eolo_alpha, methods.py:raises"]
-    assert "unexpected SystemExit: 3 (methods.py, line" in reasons["eolo_alpha, methods.py:ends"]
+    assert "got SystemExit: 3 (methods.py, line" in reasons["eolo_alpha, methods.py:ends"]
     assert reasons["eolo_alpha, methods.py:nan"] == "methods.py:nan must return numbers, got NaN in A"
     assert "alpha" in reasons["eolo_no_alpha, equation_error"]
 
