@@ -213,6 +213,68 @@ def test_nothing_is_left_unfinished():
     assert [f"{path.relative_to(ROOT)}: {mark}" for path, text in texts.items() for mark in marks if mark in text] == []
 
 
+# Text that lands in a file of another language: these modules keep a user's words from becoming code there.
+LAYER = ("core.escape", "core.toml_text", "page.tables", "page.html", "page.page", "page.latex", "page.publish")
+_CODE = re.compile(r".+\.(py|lua|xml|html|csv|tex|sh|mk|md|toml)$", re.DOTALL)
+_LINE = re.compile(r"\s*(#+ |-- |\| |<!--|<\?xml|<!DOCTYPE|<html|#!)")
+_NUMBER = re.compile(r"[^s]*[defgx%]")
+NO_USERS_WORDS = {
+    "aircraft/geometry/build.py": "names the files whose texts describe.py and model_xml.py make",
+    "questions/exercise/catalogue": "texts of the package's own, with numbers",
+    "questions/importing/page.py": "looks for a remark in a description",
+}
+"""Modules that write such files without LAYER, and why nothing of a user's is in them."""
+
+
+def _pattern(node: ast.AST) -> str:
+    """A text as the code has it, with x for each value put in; what is no text is ""."""
+    if isinstance(node, ast.Constant):
+        return node.value if isinstance(node.value, str) else ""
+    if isinstance(node, ast.JoinedStr):
+        return "".join(_pattern(part) if isinstance(part, ast.Constant) else "x" for part in node.values)
+    return ""
+
+
+def _free_values(node: ast.AST) -> bool:
+    """Whether a text takes in a value that is neither written as a number nor as a literal of Python."""
+    values = [part for part in getattr(node, "values", ()) if isinstance(part, ast.FormattedValue)]
+    numbers = [v for v in values if v.format_spec and _NUMBER.fullmatch(_pattern(v.format_spec))]
+    return len(values) > len(numbers) + sum(v.conversion == ord("r") for v in values)
+
+
+def writers(path: Path) -> Iterator[int]:
+    """Lines where a module names a file of another language to write, or makes a line of its text with values in it."""
+    for node in ast.walk(tree_of(path)):
+        named: list[ast.AST | None] = []
+        if isinstance(node, ast.Call):
+            function = ast.unparse(node.func).split(".")[-1]
+            where = {"write_file": node.args[:1], "write_text": [node.func], "open": [*node.args[:1], node.func]}
+            writes = function != "open" or any(_pattern(a)[:1] in ("w", "a", "x") for a in node.args)
+            named = [n for given in where.get(function, ()) if writes for n in ast.walk(given)]
+        elif isinstance(node, ast.Dict):
+            named = [*node.keys]
+        elif isinstance(node, (ast.DictComp, ast.Subscript)):
+            named = [node.key if isinstance(node, ast.DictComp) else node.slice]
+        line = isinstance(node, ast.JoinedStr) and _LINE.match(_pattern(node)) and _free_values(node)
+        if line or any(n is not None and _CODE.fullmatch(_pattern(n)) for n in named):
+            yield node.lineno
+
+
+def unescaped(path: Path) -> list[str]:
+    place = path.relative_to(PACKAGE).as_posix()
+    safe = any(module.removeprefix("testbench.").startswith(LAYER) for module, _ in imports(path))
+    if safe or place.startswith(tuple(NO_USERS_WORDS)):
+        return []
+    return [f"{place}:{line}: text for another language goes through core/escape" for line in sorted(writers(path))]
+
+
+def test_whoever_writes_another_language_escapes():
+    assert [fault for path in SOURCES for fault in unescaped(path)] == []
+    for place in NO_USERS_WORDS:  # an exception that is none any more goes
+        found = [path for path in SOURCES if path.relative_to(PACKAGE).as_posix().startswith(place)]
+        assert any(line for path in found for line in writers(path)), place
+
+
 _TURNED = re.compile(r"(?i)\b(?:black|white|dark)\b(?! noise|-box| box)")
 
 
@@ -248,6 +310,14 @@ def test_the_rules_find_what_breaks_them(tmp_path, monkeypatch):
     assert [fault.split(": ", 1)[1] for fault in undocumented(path)] == [
         "a module says what it holds", "seen has no docstring", "test_nothing has no docstring"]  # fmt: skip
     assert [fault.split(":")[1] for fault in unable_to_fail(path)] == ["4", "5", "6"]
+    path = path.with_name("writer.py")
+    lines = (
+        'write_file(folder / f"{name}.lua", x)', 'files = {"a/b.py": x}', 'files[f"{n}.toml"] = x',
+        '(folder / "x.sh").write_text(x)', 'y = f"# {name}"', 'y = f"<!-- {name} -->"', 'y = f"# {n:.3g}, {name!r}"',
+        'y = {".csv": 1}',
+    )  # fmt: skip
+    path.write_text("\n".join(lines), encoding="utf-8")
+    assert [int(fault.split(":")[1]) for fault in unescaped(path)] == [1, 2, 3, 4, 5, 6]
 
 
 def test_names_in_the_schema_are_those_of_the_families():

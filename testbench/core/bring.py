@@ -56,7 +56,8 @@ def running(path: Path | None, law: str) -> Iterator[None]:
 
     def interrupt(number: int, frame: Any) -> None:
         try:
-            before(number, frame)  # type: ignore[operator]
+            if callable(before):
+                before(number, frame)
         except BaseException as error:
             came.append(error)
             raise

@@ -34,7 +34,8 @@ def write_file(path: Path, content: str | bytes | Callable[[Path], object], law:
 
     Args:
         path: the file.
-        content: text, written as UTF-8; bytes; or a function that writes the file whose path it is given.
+        content: text, written as UTF-8, a lone surrogate as "?"; bytes; or a function that writes the file whose path
+            it is given.
         law: what must hold, as the error says it.
         fix: what to do, as the error says it.
 
@@ -49,7 +50,7 @@ def write_file(path: Path, content: str | bytes | Callable[[Path], object], law:
             part.touch()  # a folder that cannot be written to shows here, before a library trips over it
             content(part)
         else:
-            part.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+            part.write_bytes(content.encode("utf-8", "replace") if isinstance(content, str) else content)
         part.replace(path)
     except BaseException as error:
         with contextlib.suppress(OSError):

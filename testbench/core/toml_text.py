@@ -13,7 +13,8 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 def quoted(text: str) -> str:
     """Return a text as a TOML string on one line; JSON's strings are among them, but for one character."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+    known = text.encode("utf-8", "replace").decode()  # TOML has no lone surrogates, not even by their codes
+    return json.dumps(known, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def real(value: float, digits: int = 10) -> str:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from testbench.core.escape import csv_cell, one_line, python_docstring
 from testbench.core.record import FloatArray
 
 if TYPE_CHECKING:
@@ -122,12 +123,12 @@ def csv_of(figure: Figure, curves: list[Curve]) -> str:
         number = f"{curve.panel + 1}.{counted[curve.panel]}"
         x, y = _axis_label(axes, panels, "x"), _axis_label(axes, panels, "y")
         heads.append(f"{number} {x}")
-        more = [part.replace("\n", " ") for part in (_title(axes), curve.label) if part]
+        more = [part for part in (_title(axes), curve.label) if part]
         heads.append(" | ".join([f"{number} {y}", *more]))
     longest = max((curve.x.size for curve in curves), default=0)
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(heads)
+    writer.writerow([csv_cell(one_line(head)) for head in heads])
     texts = [[f"{value:.10g}" for value in values] for curve in curves for values in (curve.x, curve.y)]
     writer.writerows([column[i] if i < len(column) else "" for column in texts] for i in range(longest))
     return out.getvalue()
@@ -150,7 +151,12 @@ def script_of(figure: Figure, curves: list[Curve], name: str) -> str:
     above = max((place[1] + place[3] for place in places), default=1.0) + _TITLE_IN / height
     shown = [pformat(part, width=116, compact=True, sort_dicts=False) for part in (panels, looks, maps)]
     return _SCRIPT.format(
-        name=name, size=(width, height), panels=shown[0], curves=shown[1], maps=shown[2], above=round(above, 4)
+        name=python_docstring(name),
+        size=(width, height),
+        panels=shown[0],
+        curves=shown[1],
+        maps=shown[2],
+        above=round(above, 4),
     )
 
 

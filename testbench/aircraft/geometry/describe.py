@@ -14,6 +14,7 @@ from testbench.aircraft.geometry.propulsion import Thrust
 from testbench.aircraft.geometry.read import Plan
 from testbench.aircraft.geometry.shape import Plane
 from testbench.core.constants import DEG_RAD
+from testbench.core.escape import markdown_cell, one_line
 from testbench.core.toml_text import quoted, real
 
 _BETA_DEG, _THETA_DEG, _PHI_DEG = 20.0, 60.0, 80.0
@@ -78,7 +79,7 @@ def aircraft_toml(
     out = [
         "# Made from its geometry by `testbench aircraft new`. Sources of every number: SOURCES.md.",
         f"title = {quoted(plan.title)}",
-        f'model = "{name}.xml"',
+        f"model = {quoted(f'{name}.xml')}",
         f"design_V_m_s = {real(said.design_V_m_s)}  # the coefficients were computed for this condition",
         f"design_h_m = {real(said.design_h_m)}",
         "",
@@ -98,7 +99,7 @@ def aircraft_toml(
     out += ["", "# A flight that leaves these is aborted.", "[limits]"]
     for key, words in limits.sources.items():
         low, high = getattr(limits, key)
-        out.append(f"{key} = [{real(low)}, {real(high)}]  # {words}")
+        out.append(f"{key} = [{real(low)}, {real(high)}]  # {one_line(words)}")
     out += [
         "",
         "# Relative standard deviation of every coefficient, by which the believed model may be off: that of "
@@ -138,9 +139,9 @@ def sources_md(
 ) -> str:
     """Return the text of SOURCES.md: every number with where it comes from."""
     plane, b = plan.plane, plan.balance
-    files = ", ".join(f"`{n}`" for n in plan.sources)
+    files = ", ".join(f"`{markdown_cell(n)}`" for n in plan.sources)
     out = [
-        f"# {name}: where every number comes from",
+        f"# {markdown_cell(name)}: where every number comes from",
         "",
         f"Made by `testbench aircraft new` from {files}. **given** = stands there; **computed**, **estimated** "
         "and **judged** as they",
@@ -149,7 +150,7 @@ def sources_md(
         "| number | value | source |",
         "|---|---|---|",
         f"| S, b, cbar | {plane.S_m2:.5g} m2, {plane.b_m:.5g} m, {plane.cbar_m:.5g} m | {_reference(plan)} |",
-        f"| mass | {b.mass_kg:.5g} kg | {b.source} |",
+        f"| mass | {b.mass_kg:.5g} kg | {markdown_cell(b.source)} |",
         f"| centre of gravity | x = {b.cg_m[0]:.5g}, y = {b.cg_m[1]:.5g}, z = {b.cg_m[2]:.5g} m in the file | "
         "as the mass |",
         f"| Ixx, Iyy, Izz, Ixz | {b.Ixx:.4g}, {b.Iyy:.4g}, {b.Izz:.4g}, {b.Ixz:.4g} kg m2 | as the mass |",
@@ -160,7 +161,7 @@ def sources_md(
             f"{servo.rate_limit_deg_s:g} deg/s | {_given(plan, control)} |"
         )
     if thrust is not None:
-        out.append(f"| thrust | {thrust.static_N:.4g} N nominal | {thrust.words} |")
+        out.append(f"| thrust | {thrust.static_N:.4g} N nominal | {markdown_cell(thrust.words)} |")
         out.append(f"| thrust line | | {_line(plan)} |")
     else:
         out.append("| thrust | none | given: no motor |")
@@ -172,7 +173,7 @@ def sources_md(
     )
     for key, words in limits.sources.items():
         low, high = getattr(limits, key)
-        out.append(f"| limit of {key} | {low:g} to {high:g} | {words} |")
+        out.append(f"| limit of {key} | {low:g} to {high:g} | {markdown_cell(words)} |")
     out += [
         "",
         "## Coefficients",
@@ -198,7 +199,8 @@ def sources_md(
         build = "" if c.buildup is None else f"{c.buildup:.4g}"
         origin = "difference" if c.from_difference else "floor"
         out.append(
-            f"| {c.name} | {build} | {lattice} | {c.used:.4g} | {100.0 * c.deviation:.0f} % | {origin} | {c.why} |"
+            f"| {c.name} | {build} | {lattice} | {c.used:.4g} | {100.0 * c.deviation:.0f} % | {origin} "
+            f"| {markdown_cell(c.why)} |"
         )
     out.append("")
     out.append("CD is the drag coefficient at the trimmed alpha; the model carries the polar.")

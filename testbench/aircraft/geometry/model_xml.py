@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from xml.sax.saxutils import escape, quoteattr
 
 from testbench.aircraft.geometry.coefficients import ROWS, Coefficient
 from testbench.aircraft.geometry.masses import Balance
@@ -13,6 +12,7 @@ from testbench.aircraft.geometry.propulsion import Thrust
 from testbench.aircraft.geometry.schema import Motor, Servo
 from testbench.aircraft.geometry.shape import Moved
 from testbench.core.constants import DEG_RAD, FT_M, LBF_N
+from testbench.core.escape import xml_attribute, xml_text
 
 # Control -> name in JSBSim's properties, deflection that coefficients read, command that trims.
 _SURFACES: dict[str, tuple[str, str, str]] = {
@@ -72,12 +72,12 @@ def model_xml(
     S, b, cbar = reference
     parts = [
         '<?xml version="1.0"?>',
-        f'<fdm_config name={quoteattr(name)} version="2.0" release="BETA">',
+        f'<fdm_config name={xml_attribute(name)} version="2.0" release="BETA">',
         "  <fileheader>",
         "    <author>flight-testbench</author>",
         "    <version>1</version>",
-        f"    <description>{escape(title)}</description>",
-        f"    <note>{escape(note)}</note>",
+        f"    <description>{xml_text(title)}</description>",
+        f"    <note>{xml_text(note)}</note>",
         "  </fileheader>",
         "",
         "  <metrics>",

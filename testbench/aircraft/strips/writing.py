@@ -9,6 +9,7 @@ from testbench.aircraft.strips.coupling import elastic_toml
 from testbench.aircraft.strips.flexible import ETA_LIMIT, FRAMES, Flexible
 from testbench.aircraft.strips.reading import GroundTest
 from testbench.core.errors import ModelError
+from testbench.core.escape import one_line
 from testbench.core.toml_text import quoted
 
 MARK = "# Made by `testbench aircraft flexible`"
@@ -55,7 +56,7 @@ def flexible_toml(rigid: str, made: Flexible, test: GroundTest, name: str) -> st
         comments = last if attached and head and all(line.startswith("#") for line in last.splitlines()) else ""
         before = "\n\n".join(head) if comments else before
         text = f"{before}\n\n{said}wing_station = [\n{rows}]\n\n{comments}{chr(10) if comments else ''}{text[place:]}"
-    first = f"{MARK} from {name} and {test.path.name}; made anew each time.\n"
+    first = f"{MARK} from {one_line(f'{name} and {test.path.name}')}; made anew each time.\n"
     return f"{first}{text.rstrip()}\n\n{_sources(made, test)}\n{_elastic(made, test)}"
 
 
@@ -91,7 +92,7 @@ def _sources(made: Flexible, test: GroundTest) -> str:
 
 def _comment(text: str) -> str:
     indent = "#   " if text.startswith("  ") else "# "
-    lines = textwrap.wrap(text, _WIDTH, initial_indent="# ", subsequent_indent=indent, drop_whitespace=True)
+    lines = textwrap.wrap(one_line(text), _WIDTH, initial_indent=indent, subsequent_indent=indent)
     return "".join(f"{line}\n" for line in lines)
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ModelError
+from testbench.core.escape import one_line
 from testbench.core.files import write_file
 from testbench.core.toml_text import quoted, real
 from testbench.page.tables import Column, Table
@@ -145,11 +146,15 @@ def _held(name: str, value: float) -> str:
 
 
 def _comment(words: str) -> list[str]:
-    return textwrap.wrap(words, _WIDE, initial_indent="# ", subsequent_indent="# ", break_long_words=False)
+    return textwrap.wrap(one_line(words), _WIDE, initial_indent="# ", subsequent_indent="# ", break_long_words=False)
 
 
 def _listed(head: str, sentences: Iterable[str]) -> list[str]:
-    out = [line for s in sentences for line in textwrap.wrap(s, _WIDE, initial_indent="# - ", subsequent_indent="#   ")]
+    out = [
+        line
+        for s in sentences
+        for line in textwrap.wrap(one_line(s), _WIDE, initial_indent="# - ", subsequent_indent="#   ")
+    ]
     return [f"# {head}", *out] if out else []
 
 

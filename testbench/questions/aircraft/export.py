@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from testbench.aircraft import Aircraft
+from testbench.core.escape import markdown_cell
 from testbench.core.files import write_file
 from testbench.flight import FlightCondition
 from testbench.flight.executive import Executive
@@ -24,8 +25,9 @@ def export_aircraft(aircraft: Aircraft, name: str, folder: Path | str) -> list[P
     place = Path(folder) / name
     rate = aircraft.rate_hz
     note = (
-        f"# {name}\n\n{aircraft.title}. Plain JSBSim model, for the `aircraft/` folder of a JSBSim root directory.\n\n"
+        f"# {markdown_cell(name)}\n\n{markdown_cell(aircraft.title)}. Plain JSBSim model, for the `aircraft/` folder "
     )
+    note += "of a JSBSim root directory.\n\n"
     if aircraft.flown_modes() is not None:
         note += (
             f"The elastic equations are made for {rate:g} frames per second: set the frame time to 1/{rate:g} s before "

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from testbench.core.channels import channel
+from testbench.core.escape import markdown_cell, markdown_table, shell_word
 from testbench.core.paths import SCENARIOS
 from testbench.questions.campaign.load import versions
 from testbench.questions.dataset.layout import Layout, label
@@ -53,7 +54,7 @@ def datasheet(
     file = file.removesuffix(".toml") if packaged else file
     drawn_only = layout.flights - layout.sealed * layout.per_draw
     parts = [
-        f"# {scenario.title}\n",
+        f"# {markdown_cell(scenario.title)}\n",
         f"{scenario.question}\n" if scenario.question else "",
         "## What it holds\n",
         f"{layout.flights} simulated flights of {layout.draws} draws, {seconds / 3600.0:.3g} h in all. "
@@ -87,9 +88,9 @@ def datasheet(
         "from an aircraft of yours is not told by any number here. Draws that could not fly are left out, so that "
         "conditions near the limits of an aircraft are rarer than the laws above say.\n",
         "## Licence, version, command\n",
-        f"Licence: {scenario.licence}. The seed stands in `dataset.json`, as the whole scenario does. "
+        f"Licence: {markdown_cell(scenario.licence)}. The seed stands in `dataset.json`, as the whole scenario does. "
         f"Versions: {', '.join(f'{k} {v}' for k, v in versions().items())}.\n",
-        f"```sh\ntestbench dataset {file} --runs {drawn_only} --out FOLDER\n```\n",
+        f"```sh\ntestbench dataset {shell_word(file)} --runs {drawn_only} --out FOLDER\n```\n",
         "`testbench dataset check FOLDER`, or `sha256sum -c checksums.sha256` in it, checks the files.\n",
         "```python\nimport testbench as tb\n\nflights = tb.open_dataset(\"FOLDER\")\n```\n",
     ]  # fmt: skip
@@ -170,5 +171,4 @@ def _effects(layout: Layout) -> str:
 
 
 def _table(heads: tuple[str, ...], rows: list[tuple[Any, ...]]) -> str:
-    lines = [heads, ("---",) * len(heads), *rows]
-    return "\n".join("| " + " | ".join(str(x) for x in line) + " |" for line in lines) + "\n"
+    return "\n".join(markdown_table(heads, rows)) + "\n"

@@ -28,7 +28,7 @@ _HABITS = {
 def template(student: str, exercise: Exercise) -> str:
     """Return answers.toml with every answer still missing."""
     lines = [
-        f"# {exercise.title}: answers of {student}.",
+        f"# {exercise.title}: answers of {one_line(student)}.",
         f'# Replace "{UNANSWERED}" by a number (no unit) or by one of the words listed.',
         f'# What is not known stays "{UNANSWERED}". Then: testbench exercise check FOLDER',
         "",

@@ -15,6 +15,7 @@ import numpy as np
 from testbench.core.advice import as_json, ranked
 from testbench.core.channels import channel
 from testbench.core.errors import RecordError
+from testbench.core.escape import one_line
 from testbench.core.files import mat_bytes, netcdf_bytes, write_file
 from testbench.core.record import NEEDS_PYARROW, load_record
 from testbench.questions.export.jsbsim_system import jsbsim_text
@@ -146,9 +147,9 @@ def _write_parquet(model: Matrices, path: Path) -> Path:
 def control_text(model: Matrices) -> str:
     """Return a Python module whose ``system`` is the model in python-control, with named signals."""
     plain = without_delays(model)
-    lines = [f"# {' '.join(model.name.split())}: {model.method}, deviations from trim, SI units and radians.",
+    lines = [f"# {one_line(model.name)}: {one_line(model.method)}, deviations from trim, SI units and radians.",
              "import control", "import numpy as np", ""]  # fmt: skip
-    lines += [f"# {a.severity}: {' '.join(a.split())}" for a in ranked(model.advice)]
+    lines += [f"# {a.severity}: {one_line(a)}" for a in ranked(model.advice)]
     if plain is not model:
         how = "exact" if model.dt_s else f"as Pade approximations of order {PADE}"
         lines.append(f"# dead times in s, by output and input, {how} in the matrices: {model.delays_s.tolist()}")

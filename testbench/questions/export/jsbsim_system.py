@@ -10,14 +10,12 @@ time is first converted to continuous time: lambda = ln(z) / dt, exact for held 
 
 from __future__ import annotations
 
-from xml.sax.saxutils import quoteattr
-
 import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.channels import channel
 from testbench.core.errors import RecordError
-from testbench.core.escape import xml_comment
+from testbench.core.escape import xml_attribute, xml_comment
 from testbench.questions.export.matrices import Matrices
 
 _WORST = 1e10  # condition of the eigenvectors: above it modes cannot be told apart
@@ -69,7 +67,7 @@ def jsbsim_text(model: Matrices) -> str:
         "     Inputs and outputs are deviations from trim, SI units and radians. Set the input properties in each",
         "     frame, or replace them by properties of the flight model; include it there as a system file.",
         "     The filters run at the rate that the simulation has when it loads them; set it before. -->",
-        f"<system name={quoteattr('identified ' + model.name)}>",
+        f"<system name={xml_attribute('identified ' + model.name)}>",
         *(f'  <property value="0"> {_input(name)} </property>  <!-- {channel(name).unit} -->' for name in model.inputs),
         '  <channel name="modes">',
     ]

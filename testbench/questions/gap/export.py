@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from testbench.aircraft import Aircraft, ElasticMode
+from testbench.core.escape import markdown_cell, one_line
 from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT_MODELS, STOCK
 from testbench.core.toml_text import real
@@ -125,8 +126,8 @@ def _how_to_command(aircraft: Aircraft, rate_hz: float) -> str:
     )
     told = "\n".join(f"- {n} = {v:g}" for n, v in aircraft.adapter.settings.items())
     return (
-        f"# {aircraft.name}, amended\n\nA JSBSim model with the channels that the testbench adds to it; it flies at "
-        f"{rate_hz:g} frames a second and cannot be adopted again. It is commanded by\n\n{commands}\n\n"
+        f"# {markdown_cell(aircraft.name)}, amended\n\nA JSBSim model with the channels that the testbench adds to it; "
+        f"it flies at {rate_hz:g} frames a second and cannot be adopted again. It is commanded by\n\n{commands}\n\n"
         + (f"and is told, once it is loaded,\n\n{told}\n" if told else "")
     )
 
@@ -182,7 +183,7 @@ def _description(text: str, aircraft: Aircraft, model: str, rate_hz: float) -> s
         count=1,
         flags=re.MULTILINE,
     )
-    head = f"# Written by the gap workflow. Amended: {amended}.\n" if amended else ""
+    head = f"# Written by the gap workflow. Amended: {one_line(amended)}.\n" if amended else ""
     modes = aircraft.flown_modes()
     if modes is None or not len(modes):
         return head + kept.rstrip() + "\n"

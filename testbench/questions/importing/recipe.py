@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from testbench.core.constants import G0_M_S2
+from testbench.core.escape import one_line
 from testbench.core.record import FlightRecord, FloatArray
 
 AXES = {"longitudinal": ("de", "thr"), "lateral": ("da", "dr")}
@@ -286,9 +287,9 @@ def lines(recipe: Recipe, inputs: Sequence[str]) -> list[str]:
     q = json.dumps
     out = ["", "[identification]", f"inputs = {q(list(inputs))}", f"outputs = {q(list(recipe.outputs))}"]
     if recipe.left_out:
-        out.append(f"# measured, but used by nothing below: {', '.join(recipe.left_out)}")
+        out.append(f"# measured, but used by nothing below: {one_line(', '.join(recipe.left_out))}")
     for remarks, entry in recipe.estimators:
-        out += ["", *(f"# {text}" for text in remarks), "[[identification.estimators]]"]
+        out += ["", *(f"# {one_line(text)}" for text in remarks), "[[identification.estimators]]"]
         out += [f"{key} = {_toml(value)}" for key, value in entry.items()]
         if entry["method"] == "output_error":
             out.append('# in turbulence: method = "filter_error"; quick and without start values: "equation_error"')

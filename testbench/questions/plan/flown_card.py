@@ -207,8 +207,8 @@ def description_text(
         **({"servo": recipe.servo} if recipe.servo else {}),
     }
     head = [f"# Written by testbench plan close: the runs of card {card.number}, flown as it says."]
-    head += [f"# Estimator of {recipe.design.name}." if recipe.design else "# Estimator as the channels allow."]
-    head += [f"# {one_line(text)}" for text in recipe.notes]
+    whose = f"of {recipe.design.name}" if recipe.design else "as the channels allow"
+    head += [f"# {one_line(text)}" for text in (f"Estimator {whose}.", *recipe.notes)]
     return "\n".join([*head, *table_lines(table), ""])
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.escape import one_line
 from testbench.core.paths import suite_names
 from testbench.core.toml_text import quoted
 from testbench.evaluation.modes import longitudinal_modes
@@ -247,7 +248,7 @@ def _design(taken: Taken, designs: Sequence[Taken]) -> tuple[list[str], float]:
         name = f"{name} {designs.index(taken) + 1}"
     condition = taken.scenario.condition
     lines = [
-        f"# Taken from {taken.file.name}. Promised standard errors of one run:",
+        f"# Taken from {one_line(taken.file.name)}. Promised standard errors of one run:",
         *(f"#     {text}" for text in taken.promised),
         "[[manoeuvre]]",
         f"name = {quoted(name)}",

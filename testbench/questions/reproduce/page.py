@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from testbench.core.escape import markdown_table
 from testbench.core.files import write_file
 from testbench.page.html import Picture, data_uri, render, svg_uri
 from testbench.page.labels import file_stem
@@ -205,5 +206,4 @@ def _markdown_table(table: Table) -> list[str]:
         name = f"{c.group}: {c.head}" if c.group else c.head
         heads.append(name + (f", {c.unit}" if c.unit else ""))
     rule = ["---:" if right else "---" for right in table.numeric()]
-    rows = [[text.replace("|", "\\|") for text, _ in row] for row in table.cells()]
-    return ["| " + " | ".join(cells) + " |" for cells in (heads, rule, *rows)]
+    return markdown_table(heads, [[text for text, _ in row] for row in table.cells()], rule)

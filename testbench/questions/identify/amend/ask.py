@@ -13,6 +13,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.blas import on_one_thread
 from testbench.core.errors import EstimationError, ScenarioError, TestbenchError
+from testbench.core.escape import markdown_cell, markdown_table
 from testbench.core.words import with_error
 from testbench.estimators.identification import estimator_name
 from testbench.estimators.parametric.model import ParametricModel
@@ -24,7 +25,6 @@ from testbench.questions.identify.amend.folder import (
     aircraft_files,
     base_texts,
     folder_of,
-    markdown,
     write_folder,
 )
 from testbench.questions.identify.amend.reach import (
@@ -283,7 +283,7 @@ def _origin(
 ) -> str:
     """Return SOURCES.md: what changed, by which flight, and what the sources of the aircraft before say."""
     lines = [
-        f"# {name}: sources",
+        f"# {markdown_cell(name)}: sources",
         "",
         f"{base.name}, amended by derivatives that were identified from recorded flights. Where it differs from "
         f"{base.name} is in the tables; all else is {base.name}'s.",
@@ -296,13 +296,13 @@ def _origin(
         )
         lines += [
             "",
-            f"## {part.found.name}: {part.found.title}",
+            f"## {markdown_cell(f'{part.found.name}: {part.found.title}')}",
             "",
             f"Model: {part.label}. Condition: {part.condition}. Records:",
             "",
-            *(f"- {file}, SHA-256 {digest}" for file, digest in files),
+            *(f"- {markdown_cell(file)}, SHA-256 {digest}" for file, digest in files),
             "",
-            *markdown(
+            *markdown_table(
                 ("derivative", "before", "identified", "written", "reached", "unit", "remark"),
                 [
                     (
@@ -316,14 +316,14 @@ def _origin(
         ]  # fmt: skip
         if part.servos:
             lines += ["", *(f"- servo of {s.control}: a lag of {s.lag_s:.4g} s" for s in part.servos)]
-        lines += ["", *(f"- {text}" for text in (*part.doubts, *part.notes))]
+        lines += ["", *(f"- {markdown_cell(text)}" for text in (*part.doubts, *part.notes))]
     lines += [
         "",
         "## Coefficients",
         "",
         "Per rad, or per p b/2V, q c/2V, r b/2V; what is added vanishes at the trim of the condition above.",
         "",
-        *markdown(
+        *markdown_table(
             ("coefficient", "before", "after", "added"),
             [
                 (c.name, *("" if v is None else f"{v:.6g}" for v in (c.before, c.after)), f"{c.added:.6g}")

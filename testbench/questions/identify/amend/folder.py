@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from testbench.aircraft import Aircraft
@@ -127,9 +127,3 @@ def write_folder(files: Mapping[str, str], folder: Path) -> list[Path]:
         RecordError: the folder cannot be written to.
     """
     return [write_file(folder / name, text, _LAW, "give another name or path") for name, text in files.items()]
-
-
-def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return the lines of a table."""
-    out = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
-    return [*out, *(f"| {' | '.join(row)} |" for row in rows)]
