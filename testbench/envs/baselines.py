@@ -23,7 +23,7 @@ import numpy as np
 from testbench.core.errors import LimitError, TestbenchError
 from testbench.core.files import write_file
 from testbench.core.record import FloatArray
-from testbench.envs.train import agent_actions
+from testbench.envs.train import TRUST, agent_actions
 from testbench.information.fisher import cost
 from testbench.inputs.multistep import PATTERNS
 from testbench.questions.design.switching import design_switching, switching
@@ -160,6 +160,7 @@ def baselines(
     flights: int = 10,
     agent: Path | None = None,
     settings: Mapping[str, Any] | None = None,
+    trust: bool = False,
 ) -> list[Row]:
     """Fly every baseline in a continuous environment and return what each earned, the best last.
 
@@ -169,6 +170,7 @@ def baselines(
         flights: of each random baseline, and of the agent.
         agent: file of a trained agent, to fly beside them.
         settings: what the environment was made with; needed for the agent, whose own decisions are longer.
+        trust: load the whole file of the agent, which runs code of it; else the numbers of its policy only.
 
     Raises:
         RecordError: there is no such agent, or it is one of another task.
@@ -186,7 +188,7 @@ def baselines(
         ("designed", designed.words, [designed.actions]),
     ]
     if agent is not None:
-        flown_by = [agent_actions(env, agent, seed + i, settings or {"task": "eolo"}) for i in range(flights)]
+        flown_by = [agent_actions(env, agent, seed + i, settings or {"task": "eolo"}, trust) for i in range(flights)]
         ways.append(("trained agent", f"a command per {flown_by[0][0]:g} s", [actions for _, actions in flown_by]))
     rows = []
     for name, words, plans in ways:
@@ -240,6 +242,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--flights", type=int, default=10, help="of each random input, and of the agent")
     parser.add_argument("--agent", type=Path, default=None, help="file of an agent trained by testbench.envs.train")
+    parser.add_argument("--trust", action="store_true", help=TRUST)
     parser.add_argument("--out", type=Path, default=None, help="file for the table (CSV)")
     given = parser.parse_args(arguments)
     settings = {n: getattr(given, n) for n in ("task", "wings", "dynamics", "criterion")}
@@ -259,7 +262,10 @@ def _print(settings: Mapping[str, Any], given: argparse.Namespace) -> None:
     env = ExcitationDesign(**settings)
     aircraft, steps = env.task.aircraft.name, env.steps
     print(f"{aircraft}: {steps} decisions of {env.decision_s:g} s, {given.dynamics} dynamics, cost {given.criterion}")
-    rows = baselines(env, given.seed, given.flights, given.agent, settings)
+    if given.agent is not None:
+        what = "all of it, which runs its code (--trust)" if given.trust else "the numbers of its policy only"
+        print(f"agent {given.agent}: loads {what}")
+    rows = baselines(env, given.seed, given.flights, given.agent, settings, given.trust)
     print(as_text(rows))
     if given.out is not None:
         write_file(given.out, as_csv(rows), "a table must be written to a folder that can be written to")

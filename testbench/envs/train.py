@@ -12,6 +12,9 @@ an aircraft. Settings are choices, not results.
 from __future__ import annotations
 
 import argparse
+import io
+import json
+import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,13 +22,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from testbench.core.errors import LimitError, MissingPackage, RecordError, TestbenchError
+from testbench.core.files import parsed, reason_of
 from testbench.core.record import FloatArray
 
 if TYPE_CHECKING:
     from testbench.envs.excitation import ExcitationDesign  # needs gymnasium, which --help does not
 
 NEEDS_RL = "trained agents need stable-baselines3, which is not installed; pip install 'flight-testbench[rl]'"
+TRUST = "load the whole agent, which runs code of its file: only of one that you trained yourself"
+"""What it means to trust an agent's file."""
 _COPIES = 8
+_LARGEST = 100e6  # bytes of an entry of an agent's file
 _SETTINGS: dict[str, Any] = {
     "n_steps": 512,
     "batch_size": 512,
@@ -84,18 +91,21 @@ def train(task: str, steps: int, seed: int, out: Path, hold: int = 6, **settings
 
 
 def agent_actions(
-    env: ExcitationDesign, file: Path, seed: int, settings: Mapping[str, Any]
+    env: ExcitationDesign, file: Path, seed: int, settings: Mapping[str, Any], trust: bool = False
 ) -> tuple[float, FloatArray]:
     """Return how long the agent in ``file`` holds a choice, s, and its actions (steps, m) in one flight.
 
     It chooses without exploration, from what the sensors show at its own, slower, decisions; the actions are those of
-    ``env``, which was made with ``settings``.
+    ``env``, which was made with ``settings``. Of the file its policy's numbers are read, into a policy of the settings
+    that :func:`train` uses, and no code runs, unless ``trust``: then all of it is loaded, which runs what pickles in it
+    say.
 
     Raises:
         MissingPackage: stable-baselines3 or Gymnasium is not installed.
         RecordError: the file holds no agent for this environment.
     """
     try:
+        import torch
         from stable_baselines3 import PPO
     except ImportError as error:
         raise MissingPackage(NEEDS_RL) from error
@@ -105,18 +115,28 @@ def agent_actions(
         raise RecordError(
             f"an agent must be a file that exists, got '{file}'; train one: python -m testbench.envs.train"
         )
-    try:
-        agent = PPO.load(file, device="cpu")
-    except (ValueError, KeyError, OSError, AssertionError) as error:
-        raise RecordError(
-            f"'{file}' must be an agent that testbench.envs.train wrote, but it is not: {error}"
-        ) from error
-    known = getattr(agent, "task", None), agent.observation_space, agent.action_space
-    if known != (settings["task"], env.observation_space, env.action_space):
-        raise RecordError(
-            f"the agent in '{file}' must be one for task {settings['task']} and these settings, got one for {known[0]}"
-        )
-    slow = ExcitationDesign(**{**settings, "decision_s": agent.decision_s})
+    if trust:
+        with parsed(file, "an agent that testbench.envs.train wrote"):
+            agent = PPO.load(file, device="cpu")
+        task, decision_s = getattr(agent, "task", None), getattr(agent, "decision_s", env.decision_s)
+    else:
+        with parsed(file, "an agent that testbench.envs.train wrote"), zipfile.ZipFile(file) as entries:
+            if max(entries.getinfo(name).file_size for name in ("data", "policy.pth")) > _LARGEST:
+                raise RecordError(f"entries of an agent must be at most {_LARGEST:g} bytes, got more in '{file}'")
+            told, numbers = json.loads(entries.read("data")), io.BytesIO(entries.read("policy.pth"))
+            task, decision_s = str(told["task"]), float(told["decision_s"])
+    fault = f"the agent in '{file}' must be one for task {settings['task']} and these settings, got one for {task}"
+    if task != settings["task"]:
+        raise RecordError(fault)
+    slow = ExcitationDesign(**{**settings, "decision_s": decision_s})
+    if not trust:
+        agent = PPO("MlpPolicy", slow, device="cpu", **_SETTINGS)
+        try:
+            agent.policy.load_state_dict(torch.load(numbers, map_location="cpu", weights_only=True))
+        except Exception as error:  # torch raises of many kinds at what is no table of numbers of these shapes
+            raise RecordError(f"{fault}, or a damaged one: {reason_of(error)}") from error
+    elif (agent.observation_space, agent.action_space) != (env.observation_space, env.action_space):
+        raise RecordError(fault)
     seen, _ = slow.reset(seed=seed)
     actions = []
     over = False

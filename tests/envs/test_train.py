@@ -1,6 +1,9 @@
 """Trained agents beside the baselines: flown at their own decisions, refused if they do not fit, trained if asked."""
 
+import base64
+import json
 import sys
+import zipfile
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,13 +29,44 @@ def stand_in(task, decision_s, size=0.2):
         task=task,
         predict=lambda seen, deterministic: (np.array([size * (-1.0) ** next(turns)]), None),
     )
-    return SimpleNamespace(PPO=SimpleNamespace(load=lambda file, device: agent))
+    agent.policy = SimpleNamespace(load_state_dict=lambda numbers: agent.__dict__.update(numbers=numbers))
+
+    class PPO:
+        """Made of settings it is the agent; loaded whole it would run what its file says."""
+
+        def __new__(cls, *given, **settings):
+            return agent
+
+        @staticmethod
+        def load(file, device):
+            raise AssertionError("the file was unpickled")
+
+    return SimpleNamespace(PPO=PPO, agent=agent)
+
+
+def numbers_only(file, map_location, weights_only):
+    """In place of torch.load."""
+    assert weights_only
+    return file.read()
+
+
+@pytest.fixture(autouse=True)
+def torch(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(load=numbers_only))
 
 
 @pytest.fixture
 def file(tmp_path):
-    path = tmp_path / "agent.zip"
-    path.write_bytes(b"an agent")
+    return written(tmp_path / "agent.zip", "taurus", 0.75)
+
+
+def written(path, task, decision_s):
+    """An agent's file as the library writes it, with a pickle among its settings that would end this process."""
+    evil = base64.b64encode(b"cos\n_exit\n(I7\ntR.").decode()
+    told = {"task": task, "decision_s": decision_s, "policy_class": {":type:": "x", ":serialized:": evil}}
+    with zipfile.ZipFile(path, "w") as entries:
+        entries.writestr("data", json.dumps(told))
+        entries.writestr("policy.pth", b"numbers")
     return path
 
 
@@ -44,6 +78,16 @@ def test_an_agent_s_slow_commands_are_flown_by_the_task_s_own_decisions(monkeypa
     assert actions.shape == (env.steps, 1)
     np.testing.assert_array_equal(actions[:9, 0], np.repeat([0.2, -0.2, 0.2], 3))
     assert fly_plan(env, actions, 3)[1]["limit"] == ""
+
+
+def test_a_file_is_unpickled_only_if_it_is_trusted(monkeypatch, file):
+    library = stand_in("taurus", 0.75)
+    monkeypatch.setitem(sys.modules, "stable_baselines3", library)
+    env = ExcitationDesign("taurus")
+    agent_actions(env, file, 3, {"task": "taurus"})
+    assert library.agent.numbers == b"numbers"
+    with pytest.raises(RecordError, match="the file was unpickled"):
+        agent_actions(env, file, 3, {"task": "taurus"}, trust=True)
 
 
 def test_the_agent_is_a_row_of_the_table(monkeypatch, file):
@@ -59,7 +103,10 @@ def test_agents_of_another_task_and_files_that_are_none_are_refused(monkeypatch,
     monkeypatch.setitem(sys.modules, "stable_baselines3", stand_in("eolo", 0.4))
     env = ExcitationDesign("taurus")
     with pytest.raises(RecordError, match="for task taurus and these settings, got one for eolo"):
-        agent_actions(env, file, 0, {"task": "taurus"})
+        agent_actions(env, written(tmp_path / "eolo.zip", "eolo", 0.4), 0, {"task": "taurus"})
+    (tmp_path / "text.zip").write_bytes(b"an agent")
+    with pytest.raises(RecordError, match=r"must be an agent that testbench\.envs\.train wrote"):
+        agent_actions(env, tmp_path / "text.zip", 0, {"task": "taurus"})
     with pytest.raises(RecordError, match="must be a file that exists"):
         agent_actions(env, tmp_path / "none.zip", 0, {"task": "taurus"})
 
