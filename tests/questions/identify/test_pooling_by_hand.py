@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
 
 import testbench as tb
+from testbench.questions.identify.pool import answer, figures
 from testbench.questions.identify.pool.disagreement import added, disagreement
 from testbench.questions.identify.pool.least_squares import Trend, fit
 from testbench.questions.identify.pool.pooling import CRITERIA, PooledCoefficient
@@ -162,3 +166,29 @@ def test_an_error_of_airspeed_moves_coefficients_by_angles_twice_as_far_as_those
         for i, d in enumerate(errors)
     ]
     assert disagreement(heavy, fit(heavy), "none", 0.01, 0.01).causes[0].what == "mass"
+
+
+def test_pooling_itself_admits_one_trend_by_chance_in_a_hundred():
+    for chi2, kept in ((6.4, False), (6.9, True)):
+        b = math.sqrt(chi2 * 0.01 / 32.0)
+        found = tb.pool(line([-4.0 * b, 0.0, 4.0 * b], 0.1, (12.0, 16.0, 20.0)), trend="V")
+        assert bool(found.trend.names) is kept
+
+
+def test_the_answer_names_the_shared_error_and_a_third_condition():
+    c = coefficient(shared={"mass": 0.1, "airspeed": 0.29})
+    (said,) = answer._shared(SimpleNamespace(coefficients=(c,), scale_uncertainty={"airspeed": 0.02}))
+    assert "of airspeed, 2 %, makes most of the variance of Cm_q (53 %)" in said.text.replace("\u00a0", " ")
+    for logs, told in ((2, True), (3, False)):
+        pooled = SimpleNamespace(trend=Trend(), logs=range(logs))
+        assert ("fly a third condition" in answer._causes(pooled, ())) is told
+
+
+def test_the_figure_draws_the_pooled_value_with_its_interval():
+    axes = Figure().subplots()
+    pooled = tb.pool(line([0.0, 0.2], 0.1, (10.0, 20.0)), trend="none")
+    figures._draw(axes, SimpleNamespace(pooled=pooled), "Cm_alpha", "V", 1.0)
+    (band,) = (c for c in axes.collections if isinstance(c, PolyCollection))
+    y = band.get_paths()[0].vertices[:, 1]
+    std = 0.1 / math.sqrt(2.0)
+    assert (y.min(), y.max()) == (pytest.approx(0.1 - 1.96 * std, abs=1e-3), pytest.approx(0.1 + 1.96 * std, abs=1e-3))
