@@ -16,8 +16,8 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
 # work alone, written to FOLDER. ARGS: what the script is told besides, such as make mutants ARGS="--count 60".
 ARGS ?=
 STUDIES = advice-study autopilot-log-study benchmarks blind-draws blind-test campaign-cost coloured-errors-study \
-  dataset-study design-study env-study estimator-study filter-error-study gap-in-batches geometry-study mutants open-set pages-held promise-study \
-  reliability same-bytes sequential-study static-margin-study stock surroundings
+  dataset-study design-study env-study estimator-study filter-error-study gap-in-batches geometry-study mutants open-set \
+  pages-held promise-study reliability same-bytes sequential-study static-margin-study stock surroundings
 
 .PHONY: demo quick lint test test-slow fuzz docs clean reproduction $(STUDIES)
 
