@@ -151,6 +151,16 @@ def test_the_f_test_against_the_scatter_of_the_coefficient_alone():
     assert _chance_by_scatter(exact, "Cm_alpha", "V", 13.0) == 0.0
 
 
+@pytest.mark.parametrize(("size", "airspeed"), [(0.01, 0.01), (0.02, 0.01), (0.05, 0.05), (0.1, 0.05), (0.2, 0.1)])
+def test_a_cause_is_told_with_the_least_size_that_explains_the_scatter(size, airspeed):
+    """Errors of 2, -2, 1 and -1 sizes: chi-square is 10, and 40 at half the size; of airspeed half as much does."""
+    errors = size * np.array([2.0, -2.0, 1.0, -1.0])
+    logs = [log(f"day {i}", [5.0 * (1.0 + d)], 5e-3, names=("CZ_alpha",)) for i, d in enumerate(errors)]
+    causes = disagreement(logs, fit(logs), "none", 0.01, 0.01).causes
+    told = {c.what: c.size for c in causes}
+    assert told == {"airspeed": airspeed, "mass": size, "mass and inertia alike": size}
+
+
 def test_an_error_of_airspeed_moves_coefficients_by_angles_twice_as_far_as_those_by_rates():
     names, true = ("Cm_alpha", "Cm_q", "CZ_alpha"), np.array([-1.0, -10.0, -5.0])
     errors = np.array([0.04, -0.04, 0.02, -0.02])
