@@ -11,7 +11,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 import testbench as tb
-from testbench.questions.identify.pool import answer, figures
+from testbench.questions.identify.pool import answer, figures, trends
 from testbench.questions.identify.pool.disagreement import added, disagreement
 from testbench.questions.identify.pool.least_squares import Trend, fit
 from testbench.questions.identify.pool.pooling import CRITERIA, PooledCoefficient
@@ -140,6 +140,27 @@ def test_a_slope_is_kept_where_chance_makes_it_in_less_than_the_level():
         assert bool(found.trend.names) is kept
     assert (found.trend.variable, found.trend.reference) == ("V", 16.0)
     assert found.b == pytest.approx([0.0, b])
+
+
+def test_of_two_variables_each_slope_more_must_save_two_in_chi_square(monkeypatch):
+    at = [{"V": 10.0, "qbar": 60.0}, {"V": 20.0, "qbar": 240.0}]
+    logs = [log(f"day {i}", y, 0.1, a) for i, (y, a) in enumerate(zip((0.0, 9.0), at, strict=True))]
+    for two, taken in ((7.9, "qbar"), (8.1, "V")):
+        tried = {"V": (10.0, ("a",)), "qbar": (two, ("a", "b"))}
+        monkeypatch.setattr(
+            trends, "_forward", lambda logs, flat, variable, level, tried=tried: SimpleNamespace(
+                chi2=tried[variable][0], trend=Trend(variable, 0.0, tried[variable][1])
+            ),
+        )  # fmt: skip
+        assert best_trend(logs, "auto", 0.01).trend.variable == taken
+
+
+def test_errors_are_trusted_unless_the_scatter_about_all_slopes_has_a_chance_below_one_in_twenty():
+    """Chi-square of the slope is 9, 0.3 % by chance; of the rest 5.63 (6 % for two) or 6.2 (4.5 %), F(1, 2) about 3."""
+    x, rest = np.array([-3.0, -1.0, 1.0, 3.0]), np.array([1.0, -1.0, -1.0, 1.0])
+    for chi2, kept in ((5.63, True), (6.2, False)):
+        y = 0.1 * (math.sqrt(9.0 / 20.0) * x + math.sqrt(chi2 / 4.0) * rest)
+        assert bool(best_trend(line(y, 0.1, 13.0 + x), "V", 0.01).trend.names) is kept
 
 
 def test_the_f_test_against_the_scatter_of_the_coefficient_alone():
