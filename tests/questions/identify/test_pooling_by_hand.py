@@ -206,6 +206,11 @@ def test_pooling_itself_admits_one_trend_by_chance_in_a_hundred():
         assert bool(found.trend.names) is kept
 
 
+def test_pooling_itself_says_of_one_agreeing_set_in_a_hundred_that_it_does_not():
+    for chi2, agree in ((6.4, True), (6.9, False)):
+        assert tb.pool(line([0.0, math.sqrt(2.0 * chi2 * 0.01)], 0.1), trend="none").agree is agree
+
+
 def test_the_answer_names_the_shared_error_and_a_third_condition():
     c = coefficient(shared={"mass": 0.1, "airspeed": 0.29})
     (said,) = answer._shared(SimpleNamespace(coefficients=(c,), scale_uncertainty={"airspeed": 0.02}))
