@@ -11,7 +11,9 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 import testbench as tb
-from testbench.questions.identify.pool import answer, figures, trends
+from testbench.aircraft.model import MassProperties
+from testbench.questions.identify.coefficients import Scaling
+from testbench.questions.identify.pool import answer, figures, scales, trends
 from testbench.questions.identify.pool.disagreement import added, disagreement
 from testbench.questions.identify.pool.least_squares import Trend, fit
 from testbench.questions.identify.pool.pooling import CRITERIA, PooledCoefficient
@@ -228,3 +230,13 @@ def test_the_figure_draws_the_pooled_value_with_its_interval():
     y = band.get_paths()[0].vertices[:, 1]
     std = 0.1 / math.sqrt(2.0)
     assert (y.min(), y.max()) == (pytest.approx(0.1 - 1.96 * std, abs=1e-3), pytest.approx(0.1 + 1.96 * std, abs=1e-3))
+
+
+def test_what_an_error_of_a_quantity_makes_of_the_scaling():
+    mass = MassProperties(2.0, 0.1, 0.2, 0.3, 0.01)
+    given = Scaling(12.0, 80.0, None, mass)
+    assert scales.scaled(given, "airspeed", math.log(2.0)) == Scaling(24.0, 320.0, None, mass)
+    assert scales.scaled(given, "Iyy", math.log(1.5)).mass.Iyy == pytest.approx(0.3)
+    assert scales.scaled(given, "mass", math.log(1.5)).mass.mass_kg == pytest.approx(3.0)
+    powers = {n: [scales._power(n, q) for q in ("airspeed", "mass", "Ixx", "Iyy", "Izz")] for n in ("CZ_q", "Cm_alpha")}
+    assert powers == {"CZ_q": [-1.0, 1.0, 0.0, 0.0, 0.0], "Cm_alpha": [-2.0, 0.0, 0.0, 1.0, 0.0]}
