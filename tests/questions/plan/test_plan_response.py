@@ -10,10 +10,12 @@ import pytest
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import EstimationError, LimitError
 from testbench.core.record import FlightRecord
+from testbench.information.targets import needed_parameters
 from testbench.questions.design.limits import Limits
-from testbench.questions.plan import response
+from testbench.questions.plan import repeats, response
 from testbench.questions.plan.response import Flown, limits_of, log_rate_of, relative_spread, scaled
 from testbench.questions.plan.scenario import PlanLimits, PlannedManoeuvre
+from testbench.sensors import Sensor, SensorSuite
 
 ENTRIES = [
     {"signal": "doublet", "control": "de", "amplitude_deg": 3.0, "period_s": 1.0},
@@ -142,3 +144,42 @@ def test_roughness_is_the_rms_about_trim_in_the_turbulence_above_the_field():
     ((signal, channels, air),) = asked
     assert (signal, channels, air.height_m) == (0.0, shown, 300.0)
     assert response.roughness(together, stub(turbulence_rms_m_s=0.0), [task, task]) == [{}, {}]
+
+
+def test_repeats_are_asked_of_the_sensors_that_count_with_all_that_moves_free(monkeypatch):
+    given = {}
+
+    def structure_of(model, V, alpha, plane, modes, commands, shown, free):
+        given.update(shown=shown, free=free)
+        return stub(true=np.full(len(free), -2.0))
+
+    def experiment(structure, sensors, dt_s, samples, stride):
+        given.update(dt=dt_s, samples=samples, stride=stride)
+        return stub(information=lambda u: given.update(u=u))
+
+    monkeypatch.setattr(repeats, "aircraft_structure", structure_of)
+    monkeypatch.setattr(repeats, "command_names", lambda model, controls: controls)
+    monkeypatch.setattr(repeats, "Experiment", experiment)
+    monkeypatch.setattr(repeats, "accuracy", lambda information: stub(std=np.full(len(given["free"]), 0.3)))
+    wanted = {"Q3_de": 5.0, "M_eta5": 20.0, "omega_12": 15.0}
+    spec = PlannedManoeuvre(name="m", duration_s=4.0, settle_s=1.0, accuracy_percent=wanted, input=ENTRIES[:1])
+    sensors = (
+        Sensor("alpha", noise_std=0.1), Sensor("q", quantum=0.01), Sensor("theta"), Sensor("beta", noise_std=0.1),
+        Sensor("az", noise_std=0.1, position_m=(0.1, 0.0, 0.0)),
+    )  # fmt: skip
+    point = stub(model=None, V_m_s=20.0, trimmed=stub(alpha=0.05))
+    count, reached = repeats.reach(point, spec, spec.input, SensorSuite("s", "", 20.0, sensors), ())
+    assert given["shown"] == ["alpha", "q"]
+    assert given["free"][-1] == "M_eta5"  # wanted, and nothing that moves with the mode
+    assert given["free"][:-1] == needed_parameters("longitudinal", ("de",), True, [3, 5, 12])
+    assert (given["dt"], given["samples"], given["stride"]) == (pytest.approx(1.0 / 60.0), 100, 3)
+    flown = repeats.commanded(spec.input, 4.0, 60.0, None).u[:, 0]
+    np.testing.assert_array_equal(given["u"][:, 0], [*np.zeros(60), *flown[:240]])
+    assert [r.one for r in reached] == pytest.approx([0.15] * 3)
+    assert [r.needed for r in reached] == [9, 1, 1]
+    assert count == 9
+
+
+def test_modes_are_read_off_the_names_of_their_parameters():
+    names = dict.fromkeys(("omega_2", "zeta_11", "Z_eta4", "Q7_eta3", "M_alpha", "Q5_de"), 0.1)
+    assert repeats._numbers(names) == {2, 11, 4, 3}
