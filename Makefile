@@ -12,7 +12,14 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
   tests/questions/campaign/test_draws.py tests/questions/run/test_scenario.py tests/test_house_rules.py \
   tests/test_packaging.py
 
-.PHONY: demo quick lint test pages-held fuzz mutants surroundings reliability test-slow benchmarks stock blind-test docs campaign-cost dataset-study design-study promise-study sequential-study estimator-study advice-study reproduction autopilot-log-study coloured-errors-study clean
+# Studies and benchmarks; each writes what results/README.md says. TESTBENCH_SMALLEST=FOLDER before make: its first unit of
+# work alone, written to FOLDER. ARGS: what the script is told besides, such as make mutants ARGS="--count 60".
+ARGS ?=
+STUDIES = advice-study autopilot-log-study benchmarks blind-draws blind-test campaign-cost coloured-errors-study \
+  dataset-study design-study env-study estimator-study filter-error-study gap-in-batches geometry-study mutants open-set \
+  pages-held promise-study reliability same-bytes sequential-study static-margin-study stock surroundings
+
+.PHONY: demo quick lint test test-slow fuzz docs clean reproduction $(STUDIES)
 
 demo: $(VENV)/installed
 	$(BIN)/testbench run eolo_alpha
@@ -34,13 +41,12 @@ fuzz: $(VENV)/installed-dev
 	FUZZ_SEEDS=$(FUZZ_SEEDS) $(BIN)/python -m pytest tests/fuzz -n 2 --dist worksteal
 
 # Small errors sown into the numerical rooms, into results/mutants.csv: hours on two cores; it goes on where it stopped.
-MUTANTS ?= 300
 mutants: $(VENV)/installed-dev
-	$(BIN)/python tests/studies/mutants.py --count $(MUTANTS)
+	$(BIN)/python tests/studies/mutants.py $(ARGS)
 
 # The quick tests without extras, home, room or locale, and with other versions: results/surroundings.csv; some ten minutes.
 surroundings: $(VENV)/installed-dev
-	$(BIN)/python tests/studies/surroundings.py
+	$(BIN)/python tests/studies/surroundings.py $(ARGS)
 
 # Kills, damage, a full disk, crashes of JSBSim, very many runs: results/reliability.md, from a part on each core; an hour on
 # two that are idle. It goes on where it stopped; one part alone: PYTHONPATH=.:tests python -m studies.reliability --only records (see its --help).
@@ -83,6 +89,7 @@ campaign-cost: $(VENV)/installed-dev
 
 design-study: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/design_study.py
+	$(BIN)/python tests/benchmarks/design_against_aeroid.py
 
 # Writes results/design/promise.csv and robust.csv; about half an hour of processor time. Interrupted: it goes on where it stopped.
 promise-study: $(VENV)/installed-dev
@@ -102,8 +109,7 @@ estimator-study: $(VENV)/installed-dev
 # Writes advice.csv and advice_loop.csv in results/estimators; 45 min of processor time. Interrupted: the same again.
 advice-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/advice_study.py
-	$(BIN)/python tests/studies/advice_study.py --cases loop --first-seed 260 --seeds 100 --slow-seeds 100 \
-		--kept build/advice_loop.jsonl --table results/estimators/advice_loop.csv
+	$(BIN)/python tests/studies/advice_study.py --loop
 
 # From simulated PX4 and ArduPilot logs to derivatives, 100 seeds: hours on one core; it goes on where it stopped.
 autopilot-log-study: $(VENV)/installed-dev
@@ -112,6 +118,30 @@ autopilot-log-study: $(VENV)/installed-dev
 # Writes results/estimators/coloured_errors.csv: a minute of processor time.
 coloured-errors-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/coloured_errors.py
+
+# Writes results/estimators/filter_error_gusts.csv.
+filter-error-study: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/filter_error_study.py $(ARGS)
+
+# Writes results/aircraft/geometry.csv: coefficients from plans beside the packaged ones.
+geometry-study: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/geometry_against_committed.py
+
+# Writes results/aircraft/static_margin.csv; some two minutes.
+static-margin-study: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/static_margin.py --write
+
+# Cases of the last blind draw again: in batches against JSBSim, and those left unexplained by the open set.
+gap-in-batches: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/gap_in_batches.py $(ARGS)
+
+open-set: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/open_set.py $(ARGS)
+
+# Do the packaged scenarios give the bytes that they gave at another commit? Hours; see the script's --help.
+REVISION ?= HEAD~1
+same-bytes: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/same_bytes.py $(REVISION) $(ARGS)
 
 # Writes results/dataset/*.csv: methods scored on the packaged data sets; half an hour of processor time.
 dataset-study: $(VENV)/installed-dev
@@ -129,7 +159,17 @@ reproduction: $(VENV)/installed
 
 # Hours on one core; it goes on where it stopped.
 blind-test: $(VENV)/installed
-	PYTHONPATH=tests $(BIN)/python -m studies.blind --out results/gap --workers 2
+	PYTHONPATH=tests $(BIN)/python -m studies.blind --workers 2
+
+# Further sealed draws, each as long.
+blind-draws: $(VENV)/installed
+	PYTHONPATH=tests $(BIN)/python -m studies.blind.lateral
+	PYTHONPATH=tests $(BIN)/python -m studies.blind.pieces
+	PYTHONPATH=tests $(BIN)/python -m studies.blind.stock
+	PYTHONPATH=tests $(BIN)/python -m studies.blind.stock_again
+	PYTHONPATH=tests $(BIN)/python -m studies.blind.fighter
+	PYTHONPATH=tests $(BIN)/python -m studies.blind.paths
+	PYTHONPATH=tests $(BIN)/python -m studies.blind.over_time
 
 $(VENV)/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

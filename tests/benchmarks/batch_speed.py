@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import csv
 import os
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+from smallest import results, sized
 
 import testbench as tb
 from testbench.aircraft import Aircraft
@@ -24,14 +27,14 @@ from testbench.flight.batch.model import batch_model
 from testbench.flight.condition import TrimmedFlight
 from testbench.questions.campaign.targets import change_aircraft
 
-FLIGHTS, ALONE, ROUNDS, DURATION_S = 256, 4, 5, 25.0
+FLIGHTS, ALONE, ROUNDS, DURATION_S = sized((256, 4, 5, 25.0), (4, 1, 1, 2.0))
 CASES = (
     ("taurus, rigid", "taurus", 13.0, 100.0),
     ("eolo, eight modes", "eolo", 16.0, 547.0),
     ("b1, flexible", "b1", 200.0, 3000.0),
     ("c172p", "jsbsim:c172p", 43.0, 1000.0),
 )
-OUT = Path(__file__).parents[2] / "results" / "benchmarks" / "batch.csv"
+OUT = results("benchmarks", "batch.csv")
 
 
 def doublets(aircraft: Aircraft, trimmed: TrimmedFlight) -> list[tb.Manoeuvre]:
@@ -59,7 +62,7 @@ def measured(name: str, V_m_s: float, h_m: float) -> dict[str, float]:
     trimmed = tb.trim(aircraft, condition)
     inputs, channels = doublets(aircraft, trimmed), ("V", "alpha", "q", "theta", "az", "de", "h")
     log = trimmed.rate_hz / max(1, round(trimmed.rate_hz / 50.0))
-    varied = [change_aircraft(aircraft, {"aircraft.mass_percent": 0.01 * k}) for k in range(64)]
+    varied = [change_aircraft(aircraft, {"aircraft.mass_percent": 0.01 * k}) for k in range(sized(64, 4))]
 
     def together() -> object:
         return tb.fly_many(aircraft, trimmed, inputs, log, channels, simulator="batch")
@@ -89,10 +92,9 @@ def measured(name: str, V_m_s: float, h_m: float) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    OUT.parent.mkdir(parents=True, exist_ok=True)
     with OUT.open("w", encoding="utf-8", newline="") as file:
         writer = None
-        for words, *case in CASES:
+        for words, *case in CASES[: sized(None, 1)]:
             row = measured(*case)
             writer = writer or csv.DictWriter(file, ["aircraft", *row])
             if file.tell() == 0:

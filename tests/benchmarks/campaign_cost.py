@@ -18,9 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import psutil
 from campaign_speed import AIRCRAFT, campaign
+from smallest import results, sized
 
 from testbench.questions.campaign.ask import MOST_PER_BATCH, Progress, fly_campaign
 from testbench.questions.campaign.flying import Job, Outcome, fly_batch
@@ -29,10 +31,10 @@ from testbench.questions.campaign.store import Store
 from testbench.questions.campaign.summary import summarise
 from testbench.questions.campaign.workers import local_workers
 
-RUNS = int(sys.argv[1]) if len(sys.argv) > 1 else 100_000
+RUNS = int(sys.argv[1]) if len(sys.argv) > 1 else sized(100_000, 40)
 MILLION = 1_000_000
-FLIGHTS, BATCHES = 40, 400
-FOLDER = Path(__file__).resolve().parents[2] / "results" / "campaign"
+FLIGHTS, BATCHES = sized((40, 400), (2, 4))
+FOLDER = results("campaign")
 
 
 @dataclass(frozen=True)
@@ -211,7 +213,6 @@ def main() -> None:
         print(f"client {1e3 * client:.3f} ms, memory {early / 1e6:.0f} MB, then {late / 1e6:.0f} MB", flush=True)
         seconds, memory, size = of_summary(place)
     m = Measured(flight, len(results), client, client_wall, dask, store, wall, size, early, late, seconds, memory)
-    FOLDER.mkdir(parents=True, exist_ok=True)
     with (FOLDER / "cost.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["what", "value", "unit"])

@@ -22,6 +22,9 @@ import time
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from smallest import sized
 
 from testbench.estimators import estimate
 from testbench.flight.executive import Executive
@@ -34,8 +37,9 @@ from testbench.questions.campaign.load import apply, load_campaign, versions
 from testbench.questions.campaign.store import Store
 from testbench.questions.run.ask import Prepared, run
 
-RUNS = int(sys.argv[1]) if len(sys.argv) > 1 else 120
-ROUNDS = 3
+RUNS = int(sys.argv[1]) if len(sys.argv) > 1 else sized(120, 4)
+ROUNDS = sized(3, 1)
+FEW, MORE = sized((10, 20), (2, 2))  # runs that are timed alone
 AIRCRAFT = """
 "aircraft.mass_percent" = { kind = "normal", mean = 0.0, std = 2.0 }
 "coefficient.Cm_alpha" = { kind = "normal", mean = 1.0, std = 0.05 }
@@ -168,23 +172,23 @@ def main() -> None:
     """Print every round, since machines are shared and noisy."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        client, size = of_client(folder, 5000)
+        client, size = of_client(folder, sized(5000, 50))
         print(f"client, scheduler and store: {1e3 * client:.2f} ms of processor and {size:.0f} bytes per run")
         in_campaign(folder, 0, 2, True, AIRCRAFT)
         for k in range(ROUNDS):
-            plain = bare(folder, 10)
+            plain = bare(folder, FEW)
             line = f"bare work of a run {1e3 * plain:.1f} ms; in a campaign"
             for what, truth, vary in (
                 ("inputs and sensors varied, with truth", True, INPUTS),
                 ("aircraft varied, without truth", False, AIRCRAFT),
                 ("aircraft varied, with truth", True, AIRCRAFT),
             ):
-                spent = in_campaign(folder, 100 * (k + 1), 10, truth, vary) + client
+                spent = in_campaign(folder, 100 * (k + 1), FEW, truth, vary) + client
                 line += f" {1e3 * spent:.1f} ms ({what}: ratio {spent / plain:.2f}),"
             print(line.rstrip(","))
-        plain = min(bare(folder, 20) for _ in range(ROUNDS))
+        plain = min(bare(folder, MORE) for _ in range(ROUNDS))
         for what, truth, vary in (("inputs and sensors", True, INPUTS), ("the aircraft", True, AIRCRAFT)):
-            one, _, alone, _ = flown(folder, max(RUNS // 4, 20), 1, truth, vary)
+            one, _, alone, _ = flown(folder, max(RUNS // 4, MORE), 1, truth, vary)
             two, busy, both, mine = flown(folder, RUNS, 2, truth, vary)
             print(
                 f"{RUNS} runs by two workers, {what} varied: {1e3 * (both + mine):.1f} ms of processor a run in all, "

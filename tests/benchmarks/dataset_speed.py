@@ -15,11 +15,13 @@ import time
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from smallest import results, sized
 
 import testbench as tb
 
-ROOT = Path(__file__).resolve().parents[2]
-FLIGHTS = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
+FLIGHTS = int(sys.argv[1]) if len(sys.argv) > 1 else sized(10_000, 20)
 WORKERS = 2
 SET = """
 title = "Taurus, 20 s"
@@ -75,7 +77,7 @@ def main() -> None:
         }
     print(row)
     if FLIGHTS == 10_000:
-        with (ROOT / "results" / "benchmarks" / "dataset.csv").open("w", newline="", encoding="utf-8") as out:
+        with results("benchmarks", "dataset.csv").open("w", newline="", encoding="utf-8") as out:
             table = csv.DictWriter(out, row, lineterminator="\n")
             table.writeheader()
             table.writerow(row)

@@ -8,12 +8,15 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "design"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from design_problems import write_tables  # noqa: E402
+from smallest import results, sized
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "questions" / "design"))
+
+from design_problems import RUNS, write_tables
 
 if __name__ == "__main__":
-    for path in write_tables(ROOT / "results" / "design"):
-        print(path.relative_to(ROOT))
+    for path in write_tables(results("design"), sized(RUNS, 3)):
+        print(path)
         print(path.read_text(encoding="utf-8"))

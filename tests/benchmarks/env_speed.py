@@ -11,9 +11,14 @@ is given too. Steps in which a copy begins again are not counted, and their time
 from __future__ import annotations
 
 import statistics
+import sys
 import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+from smallest import sized
 
 from testbench.envs import AIRCRAFT
 from testbench.envs.excitation import ExcitationDesign
@@ -21,9 +26,10 @@ from testbench.envs.vector import ExcitationDesigns
 from testbench.flight.executive import Executive
 from testbench.flight.trim import place_at_trim
 
-ROUNDS = 5
-COPIES = 64
-PAIRS = 25
+ROUNDS = sized(5, 1)
+COPIES = sized(64, 2)
+PAIRS = sized(25, 1)
+STEPS, TOGETHER = sized((5000, 300), (50, 5))
 
 
 def steps_per_second(env: ExcitationDesign, steps: int, size: float) -> float:
@@ -90,12 +96,12 @@ def against_jsbsim(env: ExcitationDesign, steps: int, size: float) -> str:
 
 
 if __name__ == "__main__":
-    for name in AIRCRAFT:
+    for name in list(AIRCRAFT)[: sized(None, 1)]:
         for wings in ("rigid", "flexible"):
-            alone = steps_per_second(ExcitationDesign(name, wings=wings), 5000, 0.3)
-            together = steps_per_second_together(ExcitationDesigns(COPIES, task=name, wings=wings), 400, 0.3)
+            alone = steps_per_second(ExcitationDesign(name, wings=wings), STEPS, 0.3)
+            together = steps_per_second_together(ExcitationDesigns(COPIES, task=name, wings=wings), TOGETHER, 0.3)
             print(f"{name}, {wings}, linear: {alone:.0f} steps/s; {COPIES} copies {together:.0f}")
         env = ExcitationDesign(name, dynamics="jsbsim")
         words = against_jsbsim(env, env.steps, 0.3)
-        together = steps_per_second_together(ExcitationDesigns(COPIES, task=name, dynamics="jsbsim"), 300, 0.3)
+        together = steps_per_second_together(ExcitationDesigns(COPIES, task=name, dynamics="jsbsim"), TOGETHER, 0.3)
         print(f"{name}, rigid, jsbsim, decisions of {env.decision_s:g} s: {words}; {COPIES} copies {together:.0f}")

@@ -12,16 +12,19 @@ import subprocess
 import sys
 import time
 from functools import partial
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+from smallest import sized
 
 from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
 from testbench.flight.executive import Executive
 from testbench.flight.trim import place_at_trim
 from testbench.inputs.signal import InputSignal
 
-ROUNDS = 25
-DURATION_S = 25.0
+ROUNDS, DURATION_S = sized((25, 25.0), (1, 2.0))
 
 
 def seconds(action, clock=time.process_time) -> float:

@@ -8,17 +8,21 @@ from __future__ import annotations
 
 import os
 import statistics
+import sys
 import time
+from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from smallest import sized
 from studies.blind.rows import run_case
 
 from testbench.questions.gap.sealed.cases import draw
 from testbench.questions.gap.search.parallel import cores, processes
 
 if __name__ == "__main__":
-    cases = draw(1, {"library form": 2, "other form": 2, "nothing": 2})
+    cases = draw(1, sized({"library form": 2, "other form": 2, "nothing": 2}, {"nothing": 1}))
     both = min(2, cores())
     clocks: dict[int, list[float]] = {1: [], both: []}
     for case in cases:

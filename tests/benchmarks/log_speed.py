@@ -21,9 +21,12 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-OUT = Path(__file__).resolve().parents[2] / "results" / "benchmarks" / "logs.csv"
+import numpy as np
+from smallest import results, sized
+
+OUT = results("benchmarks", "logs.csv")
 MOST_S, MOST_MB = 20.0, 1000.0
 BLOCK = 40  # fast steps, 2.5 ms each, for one slow one
 _CODES = {
@@ -229,7 +232,7 @@ def main(words: Sequence[str] | None = None) -> None:
     """Write the logs, time the readers, write the table; end with an error where a law is broken."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--one", nargs=2)
-    parser.add_argument("--megabytes", type=float, default=200.0)
+    parser.add_argument("--megabytes", type=float, default=sized(200.0, 1.0))
     parser.add_argument("--peers", action=argparse.BooleanOptionalAction, default=True)
     given = parser.parse_args(words)
     if given.one:

@@ -14,13 +14,17 @@ import sys
 import tempfile
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
 from scipy.signal import cont2discrete, dlsim
+from smallest import results, sized
 
 from testbench.core.record import FlightRecord
 
-OUT = Path(__file__).resolve().parents[2] / "results" / "benchmarks" / "long_log.csv"
-RATE_HZ, HOUR_S, MOST_S, MOST_TIMES = 400, 3600, 30.0, 3.0
+OUT = results("benchmarks", "long_log.csv")
+RATE_HZ = 400
+HOUR_S, MOST_S, MOST_TIMES = sized((3600, 30.0, 3.0), (60, np.inf, np.inf))
 A = np.array([[-0.05, 4.0, 0.0, -9.81], [-0.04, -3.0, 0.97, 0.0], [0.0, -40.0, -4.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
 B = np.array([[0.0], [-0.2], [-50.0], [0.0]])
 
@@ -72,7 +76,6 @@ def main() -> None:
         imported = cost("import", log, "--out", Path(folder) / "out")
         identified = cost("identify", Path(folder) / "out" / "hour_longitudinal.toml", "--out", Path(folder) / "r")
     rows = [("import", *imported), ("identify", *identified)]
-    OUT.parent.mkdir(parents=True, exist_ok=True)
     with OUT.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(["command", "record_MB", "processor_s", "peak_MB", "peak_over_record"])

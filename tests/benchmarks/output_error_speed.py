@@ -10,19 +10,22 @@ from __future__ import annotations
 import importlib.util
 import os
 import statistics
+import sys
 import time
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
 from scipy.io import loadmat
+from smallest import sized
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import output_error
 from testbench.estimators.parametric.structures import short_period
 
-ROUNDS = 15
-LIMIT_S = 0.3
+ROUNDS, LIMIT_S = sized((15, 0.3), (1, np.inf))
 RATIO = 50.0
 DT_S = 0.04
 FOLDER = Path(os.environ.get("TESTBENCH_FLIGHT_DATA", Path(__file__).resolve().parents[3] / "shared" / "flight_data"))

@@ -8,8 +8,14 @@ noisy. The law: at most 1.05 for the adapter of a stock model, and for one incre
 from __future__ import annotations
 
 import statistics
+import sys
 import time
 from dataclasses import replace
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from smallest import sized
 
 from testbench.aircraft import Aircraft, Amendment, Increment, ScaleCoefficient
 from testbench.aircraft.adapter import Adapter
@@ -18,9 +24,7 @@ from testbench.flight import FlightCondition, load_aircraft, trim
 from testbench.flight.executive import Executive
 from testbench.flight.trim import place_at_trim
 
-ROUNDS = 41
-TURNS = 10
-FRAMES = 150
+ROUNDS, TURNS, FRAMES = sized((41, 10, 150), (2, 1, 10))
 
 
 def bare(aircraft: Aircraft) -> Aircraft:

@@ -1,5 +1,6 @@
 """The documentation: its links lead somewhere, its commands and code are right, it builds without a warning."""
 
+import importlib
 import importlib.util
 import re
 import subprocess
@@ -105,6 +106,26 @@ def test_toml_and_python_of_the_pages_are_right(page, tmp_path, monkeypatch):
             code = body.replace('"scenarios/', f'"{ROOT.as_posix()}/scenarios/')
             exec(compile(code, name(page), "exec"), namespace)
     assert "result" not in namespace or not namespace["result"].table.empty
+
+
+def described(text):
+    """Yield the names that the directives of a page describe: of a module its members, too."""
+    for kind, target, options in re.findall(r"^\.\. auto(\w+):: (\S+)\n((?: +:.*\n)*)", text, re.MULTILINE):
+        yield target
+        if kind != "module" or ":no-members:" in options:
+            continue
+        module = importlib.import_module(target)
+        left_out = re.search(r":exclude-members: (.*)", options)
+        names = getattr(module, "__all__", None) or [
+            n for n, v in vars(module).items() if n[:1] != "_" and getattr(v, "__module__", "") == target
+        ]
+        yield from (f"{target}.{n}" for n in names if not left_out or n not in left_out[1].replace(",", " ").split())
+
+
+def test_nothing_is_described_twice():
+    names = [n for page in sorted(DOCS.rglob("*.md")) for n in described(page.read_text("utf-8"))]
+    assert len(names) > 300
+    assert sorted({n for n in names if names.count(n) > 1}) == []
 
 
 @pytest.mark.slow

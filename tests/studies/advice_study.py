@@ -6,7 +6,7 @@ Seed after seed is judged and kept in build/advice_study.jsonl; after an interru
 stopped, and the table holds what is there. Delete that file after a change of the estimators or of their advice.
 Methods of ``SLOW`` take more than twice as long as all others together and get fewer seeds. Thresholds were set on
 seeds up to 20; the study measures on seeds from 101 on. The level of the test of the loop was chosen on seeds up to
-259, so that it is measured on others: results/estimators/advice_loop.csv, which `make advice-study` writes as well.
+259, so that it is measured on others: results/estimators/advice_loop.csv, by ``--loop``.
 
 An estimate is wrong if a derivative is more than four of its errors off, or, for methods without derivatives, if the
 pole nearest to the truth is more than ``TOLERANCE`` off in frequency, relative, or in damping ratio.
@@ -25,16 +25,17 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from smallest import build, results, sized
 from studies.advice_cases import CASES, INPUTS, OUTPUTS, TRUTH, WN, ZETA, fly
 
 from testbench.core.errors import EstimationError
 from testbench.estimators import estimate
 from testbench.estimators.causes import with_causes
 
-TABLE = Path(__file__).resolve().parents[2] / "results" / "estimators" / "advice.csv"
-KEPT = Path(__file__).resolve().parents[2] / "build" / "advice_study.jsonl"
+TABLE = results("estimators", "advice.csv")
+KEPT = build("advice_study.jsonl")
 SLOW = ("equivalent", "filter_error", "ekf", "ukf")
-FIRST_SEED = 101
+FIRST_SEED, LOOP_FROM = 101, 260
 ERRORS, TOLERANCE = 4.0, 0.05
 COLUMNS = ("case", "method", "seeds", "refused", "wrong", "wrong_flagged", "wrong_named", "flagged", "named")
 SUBSPACE = ("dsr_e", "moesp", "n4sid", "cva", "dsr", "ssarx", "pbsid_opt")
@@ -93,13 +94,15 @@ def row(case: str, method: str, got: list[tuple[bool, bool, bool] | None]) -> di
 def main(arguments: list[str] | None = None) -> None:
     """Judge what is missing and write the table after every seed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=50)
-    parser.add_argument("--slow-seeds", type=int, default=20)
-    parser.add_argument("--table", type=Path, default=TABLE)
-    parser.add_argument("--kept", type=Path, default=KEPT)
+    parser.add_argument("--loop", action="store_true", help="the case of the loop alone, for a table of its own")
+    loop = parser.parse_known_args(arguments)[0].loop
+    parser.add_argument("--seeds", type=int, default=sized(100 if loop else 50, 1))
+    parser.add_argument("--slow-seeds", type=int, default=sized(100 if loop else 20, 0))
+    parser.add_argument("--table", type=Path, default=TABLE.with_stem("advice_loop") if loop else TABLE)
+    parser.add_argument("--kept", type=Path, default=KEPT.with_stem("advice_loop") if loop else KEPT)
     parser.add_argument("--methods", nargs="*", help="only these")
-    parser.add_argument("--cases", nargs="*", choices=CASES, default=list(CASES), help="only these")
-    parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
+    parser.add_argument("--cases", nargs="*", choices=CASES, default=["loop"] if loop else [*CASES][: sized(None, 1)])
+    parser.add_argument("--first-seed", type=int, default=LOOP_FROM if loop else FIRST_SEED)
     given = parser.parse_args(arguments)
     done: dict[tuple[str, str], dict[int, Any]] = {}
     if given.kept.exists():

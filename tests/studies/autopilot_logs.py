@@ -17,14 +17,16 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 from flown_logs import LOGS, THROWS, fly, truth
+from smallest import results, sized
 
 from testbench.core.errors import TestbenchError
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.ask import import_log, write_import
 
-FOLDER = Path(__file__).resolve().parents[2] / "results" / "estimators"
+FOLDER = results("estimators")
 KEPT = ("format", "axis", "seed", "derivative", "value", "std", "believed", "advice")
 
 
@@ -109,7 +111,7 @@ def pooled(rows: list[dict[str, str]]) -> list[str]:
 
 def main() -> None:
     """Go on with the seeds that are missing, then write the table of all that are there."""
-    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 100
+    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else sized(100, 1)
     kept = FOLDER / "autopilot_logs_seeds.csv"
     rows: list[dict[str, str]] = []
     if kept.is_file():

@@ -10,18 +10,22 @@ results/estimators/coloured_errors.csv.
 from __future__ import annotations
 
 import csv
+import sys
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
+from smallest import results, sized
 
 from testbench.estimators.parametric.accuracy import coloured_covariance
 from testbench.estimators.parametric.sensitivities import Sensitivities
 from testbench.estimators.residuals import coloured_information, corrected_covariance
 
-OUT = Path(__file__).resolve().parents[2] / "results" / "estimators" / "coloured_errors.csv"
-STEP_S, SEEDS, SETTLE = 0.04, 60, 500
+OUT = results("estimators", "coloured_errors.csv")
+STEP_S, SEEDS, SETTLE = 0.04, sized(60, 2), 500
 Floats = NDArray[np.float64]
 
 

@@ -34,9 +34,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy.stats import binom
 
-sys.path[:0] = [str(Path(__file__).resolve().parent)]
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from estimator_cases import (  # noqa: E402
+from smallest import build, results, sized
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from estimator_cases import (
     CONDITIONS,
     ROOT,
     Case,
@@ -44,15 +48,15 @@ from estimator_cases import (  # noqa: E402
     prepare_longitudinal,
     prepare_multisine,
 )
-from estimator_methods import INSTRUMENTS, LONGITUDINAL, METHODS, MULTISINE  # noqa: E402
-from rich.progress import Progress  # noqa: E402
+from estimator_methods import INSTRUMENTS, LONGITUDINAL, METHODS, MULTISINE
+from rich.progress import Progress
 
-from testbench.core.errors import EstimationError  # noqa: E402
+from testbench.core.errors import EstimationError
 
-RESULTS = ROOT / "results" / "estimators"
+RESULTS = results("estimators")
 HELD_TABLE = ROOT / "testbench" / "estimators" / "coverage_table.py"
-RAW = ROOT / "build" / "estimator_study"
-SEEDS = 400
+RAW = build("estimator_study")
+SEEDS = sized(400, 2)
 KINDS = (
     (LONGITUDINAL, prepare_longitudinal),
     (MULTISINE, prepare_multisine),
@@ -231,8 +235,8 @@ def write_held(rows: list[dict[str, Any]], file: Path) -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Run the study and write scatter_<aircraft>.csv and intervals.csv."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--aircraft", choices=list(CONDITIONS), nargs="*", default=list(CONDITIONS))
-    parser.add_argument("--methods", choices=list(METHODS), nargs="*", default=list(METHODS))
+    parser.add_argument("--aircraft", choices=list(CONDITIONS), nargs="*", default=list(CONDITIONS)[: sized(None, 1)])
+    parser.add_argument("--methods", choices=list(METHODS), nargs="*", default=list(METHODS)[: sized(None, 2)])
     parser.add_argument("--seeds", type=int, default=SEEDS, help="of noise, for every method")
     parser.add_argument("--folder", type=Path, default=RESULTS)
     parser.add_argument("--raw", type=Path, default=RAW, help="where the estimates are kept seed by seed")

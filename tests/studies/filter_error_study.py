@@ -13,18 +13,21 @@ import sys
 from collections import Counter
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
+from smallest import results, sized
 
 from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import filter_error
 from testbench.estimators.parametric.structures import short_period
 
-SEEDS = 50
+SEEDS = sized(50, 2)
 DT_S, SAMPLES, SUBSTEPS = 0.04, 250, 60
 TRUE = {"Z_alpha": -1.8, "Z_de": -0.12, "M_alpha": -14.0, "M_q": -2.6, "M_de": -18.0}
 NOISE = np.array([0.004, 0.008])
 GUST_RMS, GUST_TIME_S = 0.02, 3.0
-FILE = Path(__file__).resolve().parents[2] / "results" / "estimators" / "filter_error_gusts.csv"
+FILE = results("estimators", "filter_error_gusts.csv")
 
 
 def structure():
@@ -63,7 +66,7 @@ def flight(seed: int, sensor: str, samples: int = SAMPLES) -> FlightRecord:
 def rows(seeds: int) -> list[dict[str, object]]:
     """Return a row per flight condition, model and parameter."""
     out = []
-    for sensor in ("inertial", "vane", "calm"):
+    for sensor in ("inertial", "vane", "calm")[: sized(None, 1)]:
         records = [flight(seed, sensor) for seed in range(seeds)]
         for model in ("auto", "diagonal", "full"):
             fits = [filter_error.estimate([r], structure(), process_noise_model=model, held=()) for r in records]

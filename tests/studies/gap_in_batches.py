@@ -1,6 +1,6 @@
 """The gap workflow in batches against JSBSim: the same names, the same sizes, how long each takes.
 
-``PYTHONPATH=tests python -m studies.gap_in_batches --cases 12`` runs the first cases of the last blind draw both ways;
+``python tests/studies/gap_in_batches.py --cases 12`` runs the first cases of the last blind draw both ways;
 ``--cases 60`` those of all strata more than six times over. It ends with 1 if a name differs, or if a size differs by
 more than a twentieth of its standard error, which is less than the page prints.
 """
@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+from smallest import sized
 from studies.blind.rows import run_case
 
 from testbench.questions.gap.sealed.cases import opened
@@ -25,8 +28,8 @@ _RESULTS = Path(__file__).resolve().parents[2] / "results" / "gap"
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the cases both ways and print a line for each."""
-    parser = argparse.ArgumentParser(prog="python -m studies.gap_in_batches", description=__doc__)
-    parser.add_argument("--cases", type=int, default=12, help="run so many cases")
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cases", type=int, default=sized(12, 1), help="run so many cases")
     parser.add_argument("--results", type=Path, default=_RESULTS, help="folder of the blind test")
     asked = parser.parse_args(arguments)
     cases = opened((asked.results / "answers.json").read_text(encoding="utf-8").removesuffix("\n"))

@@ -25,7 +25,11 @@ from testbench.questions.gap.records import Flights
 from testbench.questions.plan.close_page import close_page
 from testbench.questions.plan.verdicts import judge
 
-for room in ("", "questions/gap", "questions/plan"):
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from smallest import sized
+
+for room in ("questions/gap", "questions/plan"):
     sys.path.insert(0, str(Path(__file__).resolve().parents[1] / room))
 
 
@@ -112,7 +116,7 @@ MADE: tuple[Callable[[Path], None], ...] = (log, ten_minutes, pooled, amended, g
 def main(folder: Path) -> None:
     """Make all of them."""
     folder.mkdir(parents=True, exist_ok=True)
-    for make in MADE:
+    for make in MADE[: sized(None, 1)]:
         try:
             make(folder)
         except pytest.skip.Exception as why:

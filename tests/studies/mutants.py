@@ -28,22 +28,25 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is imported
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import pytest
 from reaching_tests import Span, in_child, let_report, watch
+from smallest import build, results, sized
 
 ROOT = Path(__file__).resolve().parents[2]
-TABLE = ROOT / "results" / "mutants.csv"
+TABLE = results("mutants.csv")
 REASONS = Path(__file__).with_name("equivalent_mutants.csv")
 SURVIVORS = Path(__file__).with_name("surviving_mutants.csv")
 SEED = 34
-COUNT = 300
+COUNT = sized(400, 6)
 LONGEST_S = 60.0  # of tests for one mutant
 # imported once, before the children fork: what the tests need that is not the testbench's own
 _LIBRARIES = ("scipy.optimize", "scipy.signal", "scipy.stats", "scipy.integrate", "scipy.io", "pandas", "jsbsim")
@@ -57,6 +60,9 @@ ROOMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "design": ("testbench/questions/design", ("tests/questions/design",)),
     "gap": ("testbench/questions/gap", ("tests/questions/gap",)),
     "logs": ("testbench/logs", ("tests/logs", "tests/cases")),
+    "information": ("testbench/information", ("tests/information", "tests/questions/design/test_known.py")),
+    "pool": ("testbench/questions/identify/pool", ("tests/questions/identify",)),
+    "plan": ("testbench/questions/plan", ("tests/questions/plan",)),
 }
 _SWAPS: dict[type, tuple[type, ...]] = {
     ast.Add: (ast.Sub,), ast.Sub: (ast.Add,), ast.Mult: (ast.Div,), ast.Div: (ast.Mult,), ast.Pow: (ast.Mult,),
@@ -267,10 +273,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--count", type=int, default=COUNT)
     parser.add_argument(
-        "--rooms", nargs="*", choices=ROOMS, default=list(ROOMS), help="those of the draw in these rooms"
+        "--rooms", nargs="*", choices=ROOMS, default=sized(list(ROOMS), ["evaluation"]), help="of the draw"
     )
     parser.add_argument("--again", choices=["survived", "not reached"], help="try those that ended so again")
-    parser.add_argument("--work", type=Path, default=Path(tempfile.gettempdir()) / "testbench-mutants")
+    parser.add_argument("--work", type=Path, default=build("mutants"))
     parser.add_argument("--out", type=Path, default=TABLE)
     asked = parser.parse_args()
     asked.work.mkdir(parents=True, exist_ok=True)

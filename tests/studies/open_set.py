@@ -1,6 +1,6 @@
 """What the open set makes of blind cases that the library leaves unexplained.
 
-    python -m studies.open_set 20
+    python tests/studies/open_set.py 20
 
 reads results/gap, takes so many cases of the blind draw whose row is "unexplained" (kinds that no library holds, and
 effects that were taken out of it), looks at their forces and moments, flies what they propose, and prints what was
@@ -14,7 +14,10 @@ import sys
 import time
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
+from smallest import sized
 from studies.blind.run import believe
 
 from testbench.questions.gap.decide import Naming
@@ -42,4 +45,4 @@ def main(count: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 20)
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else sized(20, 1))

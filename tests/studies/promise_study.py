@@ -16,6 +16,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from smallest import results, sized
 from studies.kept_rows import read_rows, write_rows
 
 from testbench.core.schema import parse
@@ -23,7 +24,7 @@ from testbench.flight.batch.jobs import Tally
 from testbench.questions.design.ask import range_of, run_design
 from testbench.questions.design.scenario import DesignScenario
 
-TABLE = Path(__file__).resolve().parents[2] / "results" / "design" / "promise.csv"
+TABLE = results("design", "promise.csv")
 FIRST = 10_000
 """Number of the first fresh flight, after the design's seed."""
 WITHIN = 0.25
@@ -116,8 +117,8 @@ def rows_of(name: str, seeds: int) -> list[dict[str, Any]]:
 def main() -> None:
     """Run the designs that are missing, and write the table after each."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=200, help="fresh flights of each design")
-    parser.add_argument("--only", nargs="*", default=list(DESIGNS), help="names of designs")
+    parser.add_argument("--seeds", type=int, default=sized(200, 2), help="fresh flights of each design")
+    parser.add_argument("--only", nargs="*", default=list(DESIGNS)[: sized(None, 1)], help="names of designs")
     parser.add_argument("--out", type=Path, default=TABLE)
     asked = parser.parse_args()
     rows = read_rows(asked.out)

@@ -26,8 +26,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from smallest import build, sized
+
 ROOT = Path(__file__).resolve().parents[2]
-KEPT = ROOT / "build" / "same_bytes"
+KEPT = build("same_bytes")
 NUMBERS = {".nc": "records", ".csv": "tables", ".json": "tables and models", ".jsonl": "rows", ".toml": "scenarios"}
 SHOWN = {".html": "pages", ".png": "figures", ".svg": "figures", ".pdf": "cards", ".txt": "texts", ".lua": "scripts"}
 WORDS = ("title", "caption", "advice")
@@ -164,7 +168,7 @@ def main() -> None:
     """Run both versions and compare them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("revision", help="what the package here is compared with: a commit, tag or branch")
-    parser.add_argument("--only", default="", help="only commands with this text")
+    parser.add_argument("--only", default=sized("", "aircraft taurus"), help="only commands with this text")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--before", action="store_true", help="only run the revision, so that it is ready")
     asked = parser.parse_args()

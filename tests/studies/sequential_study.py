@@ -22,6 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from smallest import results, sized
 from studies.kept_rows import read_rows, write_rows
 from studies.promise_study import DESIGNS
 from studies.robust_study import STATED
@@ -46,7 +47,7 @@ from testbench.questions.identify.amend.reach import with_increments
 from testbench.questions.identify.pool.prior import Prior
 from testbench.sensors import load_suite
 
-RESULTS = Path(__file__).resolve().parents[2] / "results" / "design"
+RESULTS = results("design")
 TABLE, TRIALS = RESULTS / "sequential.csv", RESULTS / "sequential_trials.csv"
 NAMES = ("b1 longitudinal", "eolo longitudinal")
 WAYS = ("sequential", "one-shot", "3-2-1-1")
@@ -177,8 +178,8 @@ def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def main() -> None:
     """Run the trials that are missing, and write both tables after each."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--trials", type=int, default=40, help="wrong models of each aircraft")
-    parser.add_argument("--only", nargs="*", default=list(NAMES), help="names of designs")
+    parser.add_argument("--trials", type=int, default=sized(40, 1), help="wrong models of each aircraft")
+    parser.add_argument("--only", nargs="*", default=list(NAMES)[: sized(None, 1)], help="names of designs")
     parser.add_argument("--out", type=Path, default=TRIALS)
     asked = parser.parse_args()
     rows = read_rows(asked.out)

@@ -28,19 +28,22 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "estimators" / "subspace")]
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from dsr_e_systems import flight_test_inputs, record, sampled, short_period, simulate  # noqa: E402
-from rich.progress import track  # noqa: E402
+from smallest import ROOT, results, sized
 
-from testbench.core.errors import EstimationError  # noqa: E402
-from testbench.estimators.model import continuous_poles  # noqa: E402
-from testbench.estimators.subspace import dsr_e, family  # noqa: E402
-from testbench.estimators.subspace.family import PREDICTORS, PROJECTIONS  # noqa: E402
+sys.path.insert(0, str(ROOT / "tests" / "estimators" / "subspace"))
+
+from dsr_e_systems import flight_test_inputs, record, sampled, short_period, simulate
+from rich.progress import track
+
+from testbench.core.errors import EstimationError
+from testbench.estimators.model import continuous_poles
+from testbench.estimators.subspace import dsr_e, family
+from testbench.estimators.subspace.family import PREDICTORS, PROJECTIONS
 
 WN, ZETA = 3.0, 0.617
-RATES_HZ, BLOCKS, SEEDS = (50.0, 10.0), (10, 20), 3
+RATES_HZ, BLOCKS, SEEDS = sized(((50.0, 10.0), (10, 20), 3), ((50.0,), (20,), 1))
 OURS = (*PROJECTIONS, *PREDICTORS, "dsr_e", "dsr_e eolo")
 SIPPY = ("N4SID", "MOESP", "CVA", "PARSIM-K", "PARSIM-S", "PARSIM-P")
 COLUMNS = (
@@ -174,7 +177,7 @@ def row(method: str, case: tuple[str, float, int], answers: Iterable[Answer]) ->
 def main(arguments: list[str] | None = None) -> None:
     """Write subspace_inputs.csv; end with an error if one of our methods is wrong in silence."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--folder", type=Path, default=ROOT / "results" / "estimators")
+    parser.add_argument("--folder", type=Path, default=results("estimators"))
     given = parser.parse_args(arguments)
     file = given.folder / "subspace_inputs.csv"
     kept: list[dict[str, str]] = []
@@ -182,7 +185,7 @@ def main(arguments: list[str] | None = None) -> None:
         with file.open(encoding="utf-8", newline="") as stream:
             kept = list(csv.DictReader(stream))
     runs: dict[str, Callable[[Data, int], Answer]] = {
-        method: (lambda z, block, method=method: ours(method, z, block)) for method in OURS
+        method: (lambda z, block, method=method: ours(method, z, block)) for method in OURS[: sized(None, 1)]
     }
     if importlib.util.find_spec("sippy_unipi") is not None:
         runs |= {f"SIPPY {m}": (lambda z, block, m=m: sippy(m, z, block)) for m in SIPPY}

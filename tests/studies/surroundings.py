@@ -31,11 +31,16 @@ import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from smallest import build, results, sized
+
 ROOT = Path(__file__).resolve().parents[2]
-WORK = ROOT / "build" / "surroundings"
-TABLE = ROOT / "results" / "surroundings.csv"
+WORK = build("surroundings")
+TABLE = results("surroundings.csv")
 QUICK = ("tests/core", "tests/page", "tests/test_cli.py", "tests/test_cli_refusals.py", "tests/test_packaging.py",
          "tests/test_missing_extras.py")  # fmt: skip
+SMALL = "tests/core/test_record.py"
 EXTRAS = ("campaign", "envs", "geometry", "parquet", "teaching")
 FOR_TESTS = ("pytest", "hatchling")
 TEMPORARY = ("/tmp", "/var/tmp", "/usr/tmp")
@@ -193,8 +198,8 @@ NAMES = ("as-is", "no-extras", "no-home", "home-missing", "no-temp", "read-only"
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--only", nargs="*", help="names of surroundings")
-    parser.add_argument("--tests", nargs="*", default=list(QUICK), help="tests to run in each")
+    parser.add_argument("--only", nargs="*", default=sized(None, ["as-is"]), help="names of surroundings")
+    parser.add_argument("--tests", nargs="*", default=sized([*QUICK], [SMALL]), help="tests to run in each")
     parser.add_argument("--out", type=Path, default=TABLE)
     asked = parser.parse_args()
     columns = ("surrounding", "python", "passed", "failed", "skipped", "said")

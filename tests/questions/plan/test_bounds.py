@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -120,3 +121,70 @@ def test_alpha_by_the_lift_curve_is_alpha_of_the_flight():
     reckoned = trimmed.alpha + (load * slow**2 + trimmed.state["az"] / G0_M_S2) / rise
     assert np.ptp(record["alpha"]) > 3.5 * DEG_RAD
     np.testing.assert_allclose(reckoned, record["alpha"], atol=1.0 * DEG_RAD)
+
+
+def stub_point(h=300.0, **state):
+    """A point at 20 m/s with Z_w = -3 1/s, trimmed at alpha = 0.05 rad."""
+    A = np.diag([-0.1, -3.0, -2.0])
+    model = SimpleNamespace(states=("u", "w", "q"), A=A)
+    return SimpleNamespace(V_m_s=20.0, h_m=h, trimmed=SimpleNamespace(alpha=0.05, state=state), model=model)
+
+
+STATED = {"alpha": (-0.1, 0.25), "beta": (-0.2, 0.3), "phi": (-1.3, 1.4), "theta": (-2.0, 2.1), "V": (10.0, 30.0)}
+LIFT = 3.0 * 20.0 / G0_M_S2
+STALL = 20.0 / math.sqrt(1.0 + LIFT * 0.2)
+
+
+def bounds(limits=STATED, given=None, point=None, field=60.0, onset=None):
+    aircraft = SimpleNamespace(name="it", limits=limits)
+    return bounds_at(given or PlanLimits(), aircraft, point or stub_point(theta=0.1), field, onset)
+
+
+def test_the_bounds_by_hand():
+    assert lift_per_rad(stub_point().model, 20.0) == pytest.approx(LIFT, rel=1e-14)
+    found = bounds()
+    limits = found.limits
+    assert limits.alpha_deg == pytest.approx((-0.1 / DEG_RAD, 0.25 / DEG_RAD))
+    assert limits.beta_deg == pytest.approx(0.2 / DEG_RAD)
+    assert limits.bank_deg == round(0.5 * 1.3 / DEG_RAD, 1)  # the nearer side
+    assert limits.pitch_change_deg == 45.0  # half of 109 deg
+    assert limits.V_min_m_s == pytest.approx(1.2 * STALL)
+    assert limits.V_max_m_s == 30.0
+    assert found.sources["phi"] == "of the 74 deg that it allows"
+    assert found.sources["V"] == f"lowest: 1.2 x {STALL:.3g} m/s (stall); highest: limits of it"
+
+
+def test_an_angle_counts_from_trim_and_a_narrow_one_keeps_a_tenth():
+    found = bounds({**STATED, "phi": (-0.4, 0.5), "theta": (-0.8, 1.4)}, point=stub_point(theta=0.6, phi=0.1))
+    assert found.limits.bank_deg == round(0.9 * 0.4 / DEG_RAD, 1)
+    assert found.sources["phi"] == "0.9 of what it allows"
+    assert found.limits.pitch_change_deg == 30.0  # half of 0.8 rad above is less than the least
+    assert found.sources["theta"] == "of the 46 deg that it allows"
+
+
+@pytest.mark.parametrize(
+    ("field", "height", "words"),
+    [(60.0, 100.0, "5 s of flight"), (200.0, 50.0, "half the height above the field"),
+     (100.0, 100.0, "half the height above the field"), (400.0, 0.5, "half the height above the field")],
+)  # fmt: skip
+def test_the_height_is_half_of_that_above_the_field_but_five_seconds_at_most(field, height, words):
+    found = bounds(field=field)
+    assert (found.limits.height_change_m, found.sources["h"]) == (height, words)
+
+
+def test_no_alpha_is_left_when_trim_lies_that_far_beyond_the_highest():
+    beyond = stub_point(theta=0.1)
+    beyond.trimmed.alpha = 0.25 + 1.001 / LIFT  # the ratio of the squares is below zero
+    assert stall_speed_m_s(SimpleNamespace(limits=STATED), beyond) is None
+    beyond.trimmed.alpha = 0.25 + 0.96 / LIFT
+    assert stall_speed_m_s(SimpleNamespace(limits=STATED), beyond) == pytest.approx(20.0 / 0.2)
+
+
+def test_the_higher_of_the_lowest_speeds_holds_and_an_onset_below_the_fastest_is_said():
+    slow = bounds({**STATED, "V": (18.0, 30.0)})
+    assert (slow.limits.V_min_m_s, slow.sources["V"][:20]) == (18.0, "lowest: limits of it")
+    for onset, said in ((30.0, False), (29.9, True)):
+        assert ("onset" in bounds(onset=onset).sources["V"]) is said
+    change = PlanLimits(speed_change_m_s=4.0)
+    for onset, said in ((24.0, GIVEN), (23.9, f"{GIVEN}; highest: onset of the instability")):
+        assert bounds(given=change, onset=onset).sources["V"] == said

@@ -15,6 +15,7 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: two workers with two threads each are far slower
 
+from smallest import results, sized
 from studies.blind.parts import CALLED_TABLE, called_text
 from studies.blind.report import write_report
 from studies.blind.rows import leave_with, look_at_rest, run_case
@@ -29,15 +30,15 @@ RESULTS = Path(__file__).resolve().parents[3] / "results" / "gap"
 def main(arguments: list[str] | None = None) -> int:
     """Seal the answers, run the cases that have no row yet, and write the summary."""
     parser = argparse.ArgumentParser(prog="python -m studies.blind", description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("results/gap"), help="folder of rows and summary")
+    parser.add_argument("--out", type=Path, default=results("gap"), help="folder of rows and summary")
     parser.add_argument("--seed", type=int, default=SEED, help="of the cases")
     parser.add_argument("--minutes", type=float, default=None, help="start no case after so many minutes")
     parser.add_argument("--workers", type=int, default=1, help="processes that run cases at once")
-    parser.add_argument("--cases", type=int, default=None, help="run so many cases at most")
+    parser.add_argument("--cases", type=int, default=sized(None, 1), help="run so many cases at most")
     parser.add_argument(
         "--strata",
         type=_strata,
-        default=STRATA,
+        default=sized(STRATA, {"nothing": 1}),
         metavar="NAME=COUNT,...",
         help="cases of each stratum, in place of all",
     )
