@@ -1,0 +1,412 @@
+"""Folders that the testbench writes: claimed before the first byte, built aside, swapped whole, with a manifest.
+
+Each has a hidden folder, :data:`OWN`, with its lock, its manifest and what is unfinished. The manifest lists the files
+that were written with size and SHA-256, the command, the version and the inputs. Only what a manifest lists is ever
+replaced or deleted: a folder may hold a user's own files beside ours.
+
+What a process that is killed leaves, step by step:
+
+1. The folder is claimed and all is written into :attr:`ResultFolder.new`: the folder is as it was, and the next command
+   that claims it takes the unfinished files away, or goes on with them.
+2. The manifest of the new result is renamed to :data:`COMMIT`: from here on the new result is the one that counts.
+3. The new files are moved to their places: the next command that opens the folder ends the moves, see :func:`settle`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import shutil
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath, PurePosixPath
+from types import TracebackType
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from testbench.core.errors import BusyError, RecordError
+from testbench.core.files import not_written, write_file
+from testbench.core.interrupts import held_back
+
+OWN = ".testbench"
+"""The hidden folder within each folder of results."""
+MANIFEST, COMMIT, LOCK, NEW = "manifest.json", "commit.json", "lock", "new"
+PAGE = "report.html"
+"""The page of a result is taken away first and put in place last: it never stands beside the tables of another."""
+KEPT = ".kept"
+"""Behind the name of a file that a user has changed since it was written, where a new one takes its place."""
+_FORMAT = "testbench result 1"
+_DEVICES = frozenset({"con", "prn", "aux", "nul", *(f"{port}{k}" for port in ("com", "lpt") for k in range(1, 10))})
+_CHUNK = 1 << 20
+_LOCKS = Path("/proc/locks")
+_READ: dict[Path, tuple[int, int]] = {}  # what this process has read of a user's files -> size, time of change
+
+Entry = tuple[int, str] | None
+"""Bytes and SHA-256 of a file; None for one that goes on changing (a store of runs), or that is not to be had."""
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a folder of results says of itself.
+
+    Attributes:
+        command: as it was typed; empty if a program wrote the folder.
+        version: of the testbench.
+        inputs: file that was read -> what it was then.
+        files: path in the folder, with "/" -> what was written.
+    """
+
+    command: tuple[str, ...] = ()
+    version: str = ""
+    inputs: Mapping[str, Entry] = field(default_factory=dict)
+    files: Mapping[str, Entry] = field(default_factory=dict)
+
+    def text(self, **more: Any) -> str:
+        """Return the manifest as JSON."""
+        head = {"format": _FORMAT, "command": list(self.command), "version": self.version}
+        return json.dumps({**head, "inputs": self.inputs, "files": self.files, **more}, indent=1) + "\n"
+
+
+def manifest_of(folder: Path | str) -> Manifest | None:
+    """Return the manifest of a folder, once what was interrupted is settled; None if the testbench did not write it.
+
+    Raises:
+        RecordError: the manifest is damaged.
+    """
+    settle(Path(folder))
+    found = _read(Path(folder) / OWN / MANIFEST)
+    return None if found is None else found[0]
+
+
+def folder_in(place: Path, name: str) -> Path:
+    """Return the folder ``name`` in ``place``; a name comes from a file, and must not lead elsewhere.
+
+    Raises:
+        RecordError: it is not the name of one folder on every system: dots, a path, a device of Windows.
+    """
+    if not _is_plain(name):
+        raise RecordError(f"a folder of results must have a plain name, got '{name}'; change the name")
+    return place / name
+
+
+def note_read(path: Path) -> None:
+    """Note a file that this process reads: the manifest of what it writes lists it as an input."""
+    with contextlib.suppress(OSError):
+        found = path.stat()
+        _READ[path.absolute()] = (found.st_size, found.st_mtime_ns)
+
+
+class ResultFolder:
+    """A folder that this process writes, as a context manager: with the block's end the new result takes its place.
+
+    If the block fails or is interrupted, the folder is as it was before.
+
+    Args:
+        path: the folder, which need not be there.
+        resume: go on with what an interrupted command left in ``new`` instead of taking it away.
+        adds: the new files come beside those of earlier commands, instead of in their place.
+
+    Attributes:
+        path: the folder.
+        new: where the new result is written, each file at its place below.
+        notes: sentences about a user's files that were met, once the block has ended.
+
+    Raises:
+        BusyError: another process writes into it, or this one already does.
+        RecordError: it cannot be written to, is no folder, or has a page that no manifest lists.
+    """
+
+    def __init__(self, path: Path | str, resume: bool = False, adds: bool = False) -> None:
+        self.path = Path(path)
+        self.notes: list[str] = []
+        self.new = self.path / OWN / NEW
+        self._adds = adds
+        self._lock: FileLock | None = None
+        folder_in(self.path.parent, self.path.absolute().name or "root")
+        self._made = not self.path.exists()
+        try:
+            within(self.path, self.path / OWN / LOCK)
+            (self.path / OWN).mkdir(parents=True, exist_ok=True)
+            self._lock = _locked(self.path)
+            _settle(self.path)
+            self._old = (_read(self.path / OWN / MANIFEST) or (Manifest(), {}))[0]
+            if PAGE not in self._old.files and (self.path / PAGE).exists():
+                raise RecordError(_not_ours(self.path / PAGE))
+            if not resume:
+                _remove(self.new)
+            self.new.mkdir(exist_ok=True)
+            write_file(self.new / f".{LOCK}", "").unlink()  # a full or read-only disk shows before anything is computed
+        except OSError as error:
+            self.leave()
+            raise not_written(self.path, error) from error
+        except BaseException:
+            self.leave()
+            raise
+
+    def __enter__(self) -> ResultFolder:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        try:
+            if kind is None:
+                with held_back():
+                    self._commit()
+        finally:
+            self.leave()
+
+    def live(self, name: str) -> Path:
+        """Return the place of a file that is written where it lies, such as a store of runs; the manifest lists it.
+
+        Raises:
+            RecordError: a file of this name is there that no manifest lists.
+        """
+        path = self.path / name
+        if name not in self._old.files:
+            if path.exists():
+                raise RecordError(_not_ours(path))
+            files = {**self._old.files, name: None}
+            self._old = Manifest(self._old.command, self._old.version, self._old.inputs, files)
+            write_file(self.path / OWN / MANIFEST, self._old.text())
+        return path
+
+    def leave(self, resume: bool = False) -> None:
+        """Give the folder back as it is; doing so twice does no harm.
+
+        Args:
+            resume: leave what is unfinished for a command that goes on with it.
+        """
+        if self._lock is None:
+            return
+        own = self.path / OWN
+        with contextlib.suppress(OSError):
+            if not resume and not (own / COMMIT).exists():
+                _remove(self.new)
+            if {p.name for p in own.iterdir()} <= {LOCK}:  # as it was before
+                _remove(own)
+                if self._made:
+                    self.path.rmdir()
+        self._lock.release()
+        self._lock = None
+
+    def _commit(self) -> None:
+        """Make the new result the one that counts, and move it into place.
+
+        Raises:
+            RecordError: a file would replace one that no manifest lists, or leave the folder by a link.
+        """
+        from testbench import __version__
+
+        made = sorted(p.relative_to(self.new).as_posix() for p in self.new.rglob("*") if not p.is_dir())
+        files = {name: entry_of(self.new / name) for name in made}
+        old = self._old.files
+        aside: list[tuple[str, str]] = []
+        for name in made:
+            there = within(self.path, self.path / name)
+            if name in old and _changed(there, old[name]):
+                aside.append((name, _free(self.path, name)))
+                self.notes.append(f"'{there}' had been changed by hand; that one is kept as '{aside[-1][1]}'")
+            elif name not in old and _changed(there, files[name]):
+                raise RecordError(_not_ours(there, self._saved(Manifest(_command(), __version__, {}, files))))
+        gone = [] if self._adds else [n for n, entry in old.items() if entry is not None and n not in files]
+        stale = [n for n in gone if not _changed(self.path / n, old[n])]
+        kept = {n: e for n, e in old.items() if self._adds or (e is None and (self.path / n).exists())}
+        manifest = Manifest(_command(), __version__, _inputs(self.path), kept | files)
+        write_file(self.path / OWN / COMMIT, manifest.text(aside=aside, stale=stale))
+        _settle(self.path)
+
+    def _saved(self, manifest: Manifest) -> Path:
+        """Move a result that cannot take its place into a folder of its own below, so that it is not lost."""
+        place = self.path / _free(self.path, "result", "")
+        self.new.rename(place)
+        write_file(place / OWN / MANIFEST, manifest.text())
+        return place
+
+
+def settle(folder: Path) -> None:
+    """End the moves of a result that was finished and whose process was killed before all files were in place.
+
+    Raises:
+        RecordError: the folder cannot be written to.
+    """
+    if not (folder / OWN / COMMIT).exists():
+        return
+    with contextlib.suppress(BusyError):  # its writer is at it
+        lock = _locked(folder)
+        try:
+            _settle(folder)
+        finally:
+            lock.release()
+
+
+def _settle(folder: Path) -> None:
+    own = folder / OWN
+    found = _read(own / COMMIT)
+    if found is None:
+        return
+    manifest, more = found
+    new = own / NEW
+    try:
+        for name, kept in more["aside"]:
+            if (new / name).exists() and (folder / name).exists() and not (folder / kept).exists():
+                (folder / name).replace(folder / kept)
+        if (new / PAGE).exists() or PAGE in more["stale"]:
+            (folder / PAGE).unlink(missing_ok=True)
+        for name in more["stale"]:
+            (folder / name).unlink(missing_ok=True)
+            for above in list(PurePosixPath(name).parents)[:-1]:
+                with contextlib.suppress(OSError):  # not empty: a user's files
+                    (folder / above).rmdir()
+        for name in sorted(manifest.files, key=lambda name: (name == PAGE, name)):
+            if (new / name).exists():
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                (new / name).replace(folder / name)
+        write_file(own / MANIFEST, manifest.text())
+        (own / COMMIT).unlink()
+        _remove(new)
+    except OSError as error:
+        raise not_written(folder, error) from error
+
+
+def within(folder: Path, path: Path) -> Path:
+    """Return ``path``, whose folder must lie in ``folder`` once links are followed.
+
+    Raises:
+        RecordError: a symbolic link leads out of the folder.
+    """
+    parent = path.parent.resolve()
+    if not parent.is_relative_to(folder.resolve()):
+        raise RecordError(
+            f"results must stay in their folder '{folder}', got '{path.parent}', a symbolic link to '{parent}'; remove "
+            "the link, or give another folder with --out"
+        )
+    return path
+
+
+def entry_of(path: Path) -> Entry:
+    """Return size and SHA-256 of a file; None if it cannot be read."""
+    digest, size = hashlib.sha256(), 0
+    try:
+        with path.open("rb") as file:
+            while part := file.read(_CHUNK):
+                digest.update(part)
+                size += len(part)
+    except OSError:
+        return None
+    return size, digest.hexdigest()
+
+
+def _changed(path: Path, entry: Entry) -> bool:
+    """Say whether a file is there and not what was written."""
+    return entry is not None and os.path.lexists(path) and (path.is_symlink() or entry_of(path) != entry)
+
+
+def _free(folder: Path, name: str, end: str = KEPT) -> str:
+    """Return the first name in a folder that nothing has: ``name`` with ``end``, then with a number behind."""
+    found, k = f"{name}{end}", 2
+    while os.path.lexists(folder / found):
+        found, k = f"{name}{end}_{k}", k + 1
+    return found
+
+
+def _not_ours(path: Path, saved: Path | None = None) -> str:
+    where = "" if saved is None else f"the new result is in '{saved}'; "
+    return (
+        f"only files that the testbench wrote are replaced, but no manifest lists '{path}'; {where}move it away, or "
+        "give another folder with --out"
+    )
+
+
+def _is_plain(name: str) -> bool:
+    device = name.split(".")[0].strip().lower() in _DEVICES
+    return bool(name.strip(". ")) and name == PurePath(name).name and not set(name) & set('\\/:*?"<>|\0') and not device
+
+
+def _read(path: Path) -> tuple[Manifest, dict[str, Any]] | None:
+    """Return a manifest and what a commit adds to it; None if there is none.
+
+    Raises:
+        RecordError: it is damaged.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content.pop("format") != _FORMAT:
+            raise ValueError("another format")
+        files, inputs = (
+            {n: e and (int(e[0]), str(e[1])) for n, e in content.pop(k).items()} for k in ("files", "inputs")
+        )
+        if any(PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts for name in files):
+            raise ValueError("a path that leaves the folder")
+        return Manifest(tuple(content.pop("command")), content.pop("version"), inputs, files), content
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise RecordError(f"the manifest '{path}' must be readable, got: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise RecordError(
+            f"'{path}' must be the manifest of a folder of results, but it is damaged; remove it: the files beside it "
+            "are then taken for your own"
+        ) from error
+
+
+def _locked(folder: Path) -> FileLock:
+    """Return the lock of a folder, which the system frees when its process ends, however it ends.
+
+    Raises:
+        BusyError: it is held.
+    """
+    lock = FileLock(folder / OWN / LOCK)
+    try:
+        lock.acquire(blocking=False)
+    except Timeout as error:
+        raise BusyError(
+            f"a folder of results takes one writer at a time, but {_holder(folder / OWN / LOCK)} is writing to "
+            f"'{folder}'; wait for it, or give another folder with --out"
+        ) from error
+    except NotImplementedError:
+        pass  # a file system without locks refuses nobody
+    return lock
+
+
+def _holder(lock: Path) -> str:
+    """Return the process that holds a lock, in words; Linux lists them with the numbers of their files."""
+    with contextlib.suppress(OSError, ValueError):
+        found = lock.stat()
+        for line in _LOCKS.read_text(encoding="ascii").splitlines():
+            words = line.split()
+            if "FLOCK" in words and "->" not in words:
+                major, minor, inode = words[5].split(":")
+                if (os.makedev(int(major, 16), int(minor, 16)), int(inode)) == (found.st_dev, found.st_ino):
+                    return f"process {words[4]}"
+    return "another process"
+
+
+def _command() -> tuple[str, ...]:
+    """Return the command that runs, if it is the testbench's command line."""
+    return ("testbench", *sys.argv[1:]) if Path(sys.argv[0]).name in ("testbench", "__main__.py") else ()
+
+
+def _inputs(folder: Path) -> dict[str, Entry]:
+    """Return the files outside of the folder that this process has read, relative to where it runs if below."""
+    out: dict[str, Entry] = {}
+    here = Path.cwd()
+    for path, (size, time_ns) in _READ.items():
+        if path.is_relative_to(folder.absolute()):
+            continue
+        with contextlib.suppress(OSError):
+            found = path.stat()
+            same = (found.st_size, found.st_mtime_ns) == (size, time_ns)
+            name = path.relative_to(here) if path.is_relative_to(here) else path
+            out[name.as_posix()] = entry_of(path) if same else None
+    return dict(sorted(out.items()))
+
+
+def _remove(path: Path) -> None:
+    """Remove a file, a folder with all in it, or a link but not what it leads to; if there is none, do nothing."""
+    if path.is_symlink() or path.is_file():
+        path.unlink()
+    elif path.exists():
+        shutil.rmtree(path)
