@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import signal
@@ -11,8 +12,25 @@ from pathlib import Path
 
 import pytest
 
-from testbench.core.errors import BusyError, RecordError
-from testbench.core.store import COMMIT, KEPT, LOCK, MANIFEST, NEW, OWN, PAGE, ResultFolder, folder_in, manifest_of
+from testbench.core.errors import BusyError, DiskError, RecordError
+from testbench.core.interrupts import Terminated, heed_sigterm, held_back
+from testbench.core.paths import SUITES
+from testbench.core.store import (
+    COMMIT,
+    INDEX,
+    KEPT,
+    LOCK,
+    MANIFEST,
+    NEW,
+    OWN,
+    PAGE,
+    KeptAside,
+    ResultFolder,
+    folder_in,
+    input_at,
+    manifest_of,
+    note_read,
+)
 
 
 def write(folder, **contents):
@@ -62,8 +80,8 @@ def test_what_a_user_changed_is_kept_under_another_name(tmp_path):
     write(tmp_path, a_toml="1", b_csv="1")
     for text in ("edited", "edited again"):
         (tmp_path / "a.toml").write_text(text)
-        place = write(tmp_path, a_toml="2")
-        assert "changed by hand" in place.notes[0]
+        with pytest.warns(KeptAside, match="changed by hand; that one is kept as 'a.toml.kept"):
+            write(tmp_path, a_toml="2")
     (tmp_path / "a.toml").write_text("my last")
     write(tmp_path, c_csv="3")
     assert files(tmp_path) == {
@@ -78,7 +96,7 @@ def test_a_block_that_fails_leaves_the_folder_as_it_was(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        fail(tmp_path / "never")
+        fail(tmp_path / "never" / "made")
     assert list(tmp_path.iterdir()) == []
     write(tmp_path / "made", a_csv="1")
     with pytest.raises(KeyboardInterrupt):
@@ -186,6 +204,66 @@ def test_the_second_writer_is_refused_until_the_first_ends(tmp_path):
         first.kill()
     with ResultFolder(tmp_path), pytest.raises(BusyError):
         ResultFolder(tmp_path)
+
+
+def test_a_disk_without_room_for_a_folder_is_a_full_disk(tmp_path, monkeypatch):
+    def full(self, *given, **more):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "mkdir", full)
+    with pytest.raises(DiskError) as error:
+        ResultFolder(tmp_path / "a")
+    assert error.value.exit_status == 3
+
+
+def test_sigterm_acts_once_the_new_result_is_in_place(tmp_path):
+    def late():
+        with held_back():
+            os.kill(os.getpid(), signal.SIGTERM)
+            write(tmp_path, a_csv="1")
+
+    def within():
+        with ResultFolder(tmp_path) as place:
+            (place.new / "a.csv").write_text("2")
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    before = signal.getsignal(signal.SIGTERM)
+    heed_sigterm()
+    try:
+        for act in (late, within):
+            with pytest.raises(Terminated):
+                act()
+            assert files(tmp_path) == {"a.csv": "1"}
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_a_manifest_lists_the_files_that_were_read_by_names_that_hold_elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("mine.toml", "changed.toml"):
+        Path(name).write_text(name)
+        note_read(Path(name))
+    Path("changed.toml").write_text("changed")
+    note_read(SUITES / "taurus_8hz.toml")
+    note_read(tmp_path / "absent.toml")
+    write("results/a", a_csv="1")
+    inputs = manifest_of("results/a").inputs
+    assert inputs["mine.toml"][0] == len("mine.toml")
+    assert inputs["changed.toml"] is None
+    assert "testbench:suites/taurus_8hz.toml" in inputs
+    assert not any("absent" in name for name in inputs)
+    monkeypatch.chdir("/")
+    folder = tmp_path / "results" / "a"
+    assert input_at("mine.toml", folder) == tmp_path / "mine.toml"
+    assert input_at("testbench:suites/taurus_8hz.toml", folder) == SUITES / "taurus_8hz.toml"
+    assert input_at("no such file", folder) is None
+
+
+def test_a_link_in_place_of_a_page_is_replaced_and_not_followed(tmp_path):
+    os.symlink(tmp_path / "outside.html", tmp_path / PAGE)
+    write(tmp_path, report_html="1", index_html="2")
+    assert files(tmp_path) == {PAGE: "1", INDEX: "2"}
+    assert not (tmp_path / PAGE).is_symlink()
 
 
 def test_names_that_lead_elsewhere_are_refused(tmp_path):

@@ -107,6 +107,16 @@ def test_everything_is_written_and_the_page_is_last(tmp_path) -> None:
     assert {p.read_bytes() for p in made.write(tmp_path)} == {p.read_bytes() for p in paths}
 
 
+def test_what_an_older_run_wrote_does_not_stand_beside_the_newer_one(tmp_path) -> None:
+    page(files={"models/a.json": "{}"}).write(tmp_path)
+    (tmp_path / "models" / "notes.md").write_text("my own")
+    paths = page(tables=[TABLE]).write(tmp_path)
+    assert [str(p.relative_to(tmp_path)) for p in paths] == ["tables/sizes.csv", "tables/sizes.json", "report.html"]
+    assert sorted(p for p in tmp_path.rglob("*") if p.is_file() and OWN not in p.parts) == sorted(
+        [*paths, tmp_path / "models" / "notes.md"]
+    )
+
+
 def test_the_terminal_shows_answer_tables_notes_and_place() -> None:
     made = page(terminal=[TABLE], notes=["assumed: a thing"], closing=[("Fly", "testbench run {}/x.toml")])
     text = shown(made, "out")

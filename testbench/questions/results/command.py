@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -59,6 +60,8 @@ def command(
         print_rows(console(), ("file", "state"), states(verified))
         for text in verdict(verified):
             console().print(sentence(text), soft_wrap=True, markup=False, highlight=False)
+        if verified.manifest.command:
+            print(f"The same command again: {shlex.join(verified.manifest.command)}")
         raise typer.Exit(0 if verified.whole else 1)
     made = manifest_of(folder) if folder.is_dir() and not serve else None
     if made is not None and made.files.keys() != {INDEX}:

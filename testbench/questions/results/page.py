@@ -101,16 +101,12 @@ def verdict(found: Verified) -> list[str]:
     """Return sentences: whether a result still is what was written, and what would change if it were made again."""
     wrong = len(found.changed) + len(found.missing)
     total = sum(entry is not None for entry in found.manifest.files.values())
-    out = [
-        f"{total - wrong} of {counted(total, 'file')} are as they were written" if wrong else "all files are as written"
-    ]
+    out = [f"{total - wrong} of {counted(total, 'file')} are as written" if wrong else "all files are as written"]
     out += [f"input {name} has changed since" for name in found.inputs_changed]
     out += [f"input {name} is not found any more" for name in found.inputs_gone]
     out += [f"{name} was {then}, and is {now} here" for name, then, now in found.versions]
     if len(out) == 1:
         out.append("nothing that it was made from has changed")
-    if found.manifest.command:
-        out.append(f"the same command again: {shlex.join(found.manifest.command)}")
     return out
 
 

@@ -21,6 +21,7 @@ from rich.console import Console
 from testbench.core.errors import RecordError
 from testbench.core.files import write_file
 from testbench.core.record import load_record
+from testbench.core.store import ResultFolder
 from testbench.page.html import first_screen, render, svg_uri
 from testbench.page.page import source_of
 from testbench.page.write import record_keeper
@@ -191,7 +192,8 @@ def test_a_file_that_fails_leaves_the_old_one_as_it_was(tmp_path) -> None:
 
 def test_records_are_kept_under_safe_names(result, tmp_path) -> None:
     record = result.flights[0].truth
-    record_keeper(tmp_path)("slow / truth", record)
+    with ResultFolder(tmp_path) as place:
+        record_keeper(place)("slow / truth", record)
     kept = load_record(tmp_path / "records" / "slow_truth.nc")
     assert kept.channels == record.channels
     assert (kept.data == record.data).all()

@@ -67,16 +67,9 @@ def benchmark(
         >>> tb.benchmark("my_benchmark", seeds=2, sets=["clean"], methods=["output_error"]).sha256  # doctest: +SKIP
     """
     if not isinstance(folder, ResultFolder):
-        given: dict[str, Any] = {
-            "seeds": seeds,
-            "sets": sets,
-            "methods": methods,
-            "own": own,
-            "limit_s": limit_s,
-            "workers": workers,
-        }
+        given: dict[str, Any] = {"seeds": seeds, "sets": sets, "methods": methods, "own": own, "limit_s": limit_s}
         with ResultFolder(folder, adds=True) as place:
-            return benchmark(place, progress=progress, **given)
+            return benchmark(place, workers=workers, progress=progress, **given)
     say = progress or (lambda text: None)
     wrong = [name for name in sets if name not in SETS]
     if wrong:
