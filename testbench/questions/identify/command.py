@@ -206,10 +206,12 @@ def _of_log(log: Path, out: Path) -> list[Path]:
     Raises:
         RecordError: the log cannot be read, or nothing in it can be identified.
     """
+    from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.importing.ask import import_log, write_import
 
-    imported = import_log(log)
-    paths = write_import(imported, out / log.stem)
+    with ResultFolder(folder_in(out, log.stem)) as place:
+        imported = import_log(log)
+        paths = write_import(imported, place)
     files = [path for path in paths if path.suffix == ".toml"]
     if not files and imported.unusable:
         raise RecordError(_nothing(log, imported.unusable))
