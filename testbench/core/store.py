@@ -159,7 +159,7 @@ class ResultFolder:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         try:
-            if kind is None:
+            if kind is None and self._lock is not None:
                 with held_back():
                     self._commit()
         finally:
@@ -193,7 +193,7 @@ class ResultFolder:
         return path
 
     def leave(self, resume: bool = False) -> None:
-        """Give the folder back as it is; doing so twice does no harm.
+        """Give the folder back as it is, also from within the block; doing so twice does no harm.
 
         Args:
             resume: leave what is unfinished for a command that goes on with it.
