@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import typer
 
 from testbench.core.errors import ScenarioError, TestbenchError, brief, given
+from testbench.core.interrupts import Terminated, heed_sigterm
 from testbench.page.terminal import console, print_rows, show_all
 from testbench.questions import QUESTIONS, Question
 from testbench.questions.options import UsageError
@@ -29,11 +30,11 @@ simulation lacks.
 
 {examples}
 
-Exit status: 0 done, 2 bad input, 3 the computation cannot be carried out (no trim, flight aborted, not identifiable,
-disk full), 130 interrupted.
+Exit status: 0 done, 1 a result is not what was written (results --verify), 2 bad input, 3 the computation cannot be
+carried out (no trim, flight aborted, not identifiable, disk full), 130 interrupted, 143 ended by SIGTERM.
 """
 _UNKNOWN = re.compile("No such command '([^']*)'")
-_INTERRUPTED = 130
+_INTERRUPTED, _TERMINATED = 130, 143
 _PIPE_CLOSED = 141
 """What a shell says of a process that wrote to a pipe that nobody reads: 128 and the number of SIGPIPE."""
 
@@ -152,18 +153,19 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     warnings.showwarning = _say_warning
     show_all()
+    heed_sigterm()
     given(sys.argv[1:])
     try:
         status = _status()
         sys.stdout.flush()
-    except KeyboardInterrupt:
-        status = _INTERRUPTED
+    except KeyboardInterrupt as end:
+        status = _TERMINATED if isinstance(end, Terminated) else _INTERRUPTED
     except BrokenPipeError:
         status = _PIPE_CLOSED
     if status == _PIPE_CLOSED:  # whoever read has read enough; what is still buffered has nowhere to go
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    if status == _INTERRUPTED:
-        print("interrupted; what was written so far is kept", file=sys.stderr)
+    if status in (_INTERRUPTED, _TERMINATED):
+        print("interrupted; what was finished is kept, and no result is left half written", file=sys.stderr)
     if status:
         sys.exit(status)
 

@@ -20,23 +20,28 @@ import json
 import os
 import shutil
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
+from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path, PurePath, PurePosixPath
 from types import TracebackType
-from typing import Any
-
-from filelock import FileLock, Timeout
+from typing import TYPE_CHECKING, Any
 
 from testbench.core.errors import BusyError, RecordError
 from testbench.core.files import not_written, write_file
 from testbench.core.interrupts import held_back
+from testbench.core.paths import AIRCRAFT_MODELS, SCENARIOS, SUITES, stock_root
+
+if TYPE_CHECKING:
+    from filelock import FileLock
 
 OWN = ".testbench"
 """The hidden folder within each folder of results."""
 MANIFEST, COMMIT, LOCK, NEW = "manifest.json", "commit.json", "lock", "new"
-PAGE = "report.html"
+PAGE, INDEX = "report.html", "index.html"
 """The page of a result is taken away first and put in place last: it never stands beside the tables of another."""
 KEPT = ".kept"
 """Behind the name of a file that a user has changed since it was written, where a new one takes its place."""
@@ -61,16 +66,18 @@ class Manifest:
         version: of the testbench.
         inputs: file that was read -> what it was then.
         files: path in the folder, with "/" -> what was written.
+        packages: those that decide figures -> version.
     """
 
     command: tuple[str, ...] = ()
     version: str = ""
     inputs: Mapping[str, Entry] = field(default_factory=dict)
     files: Mapping[str, Entry] = field(default_factory=dict)
+    packages: Mapping[str, str] = field(default_factory=dict)
 
     def text(self, **more: Any) -> str:
         """Return the manifest as JSON."""
-        head = {"format": _FORMAT, "command": list(self.command), "version": self.version}
+        head = {"format": _FORMAT, "command": self.command, "version": self.version, "packages": self.packages}
         return json.dumps({**head, "inputs": self.inputs, "files": self.files, **more}, indent=1) + "\n"
 
 
@@ -103,6 +110,10 @@ def note_read(path: Path) -> None:
         _READ[path.absolute()] = (found.st_size, found.st_mtime_ns)
 
 
+class KeptAside(UserWarning):
+    """A file that the user had changed by hand was kept under another name; commands print this as a note."""
+
+
 class ResultFolder:
     """A folder that this process writes, as a context manager: with the block's end the new result takes its place.
 
@@ -133,8 +144,8 @@ class ResultFolder:
         self.new = self.path / OWN / NEW
         self._resume, self._adds, self._sealed = resume, adds, sealed
         self._lock: FileLock | None = None
-        folder_in(self.path.parent, self.path.absolute().name or "root")
-        self._made = not self.path.exists()
+        folder_in(self.path.parent, self.path.name or "root")
+        self._made = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
         try:
             within(self.path, self.path / OWN / LOCK)
             (self.path / OWN).mkdir(parents=True, exist_ok=True)
@@ -164,10 +175,8 @@ class ResultFolder:
                     self._commit()
         finally:
             self.leave(self._resume)
-        if _command():
-            for note in self.notes:
-                with contextlib.suppress(OSError, ValueError):
-                    print(f"{note}.", file=sys.stderr)
+        for note in self.notes:
+            warnings.warn(note, KeptAside, stacklevel=2)
 
     def check(self, name: str) -> None:
         """Refuse, before anything is computed, a folder in which a file of this name is not ours to replace.
@@ -187,8 +196,7 @@ class ResultFolder:
         path = self.path / name
         if name not in self._old.files:
             self.check(name)
-            files = {**self._old.files, name: None}
-            self._old = Manifest(self._old.command, self._old.version, self._old.inputs, files)
+            self._old = replace(self._old, files={**self._old.files, name: None})
             write_file(self.path / OWN / MANIFEST, self._old.text())
         return path
 
@@ -208,8 +216,8 @@ class ResultFolder:
                 self.new.rmdir()
             if {p.name for p in own.iterdir()} <= {LOCK}:  # as it was before
                 _remove(own)
-                if self._made:
-                    self.path.rmdir()
+                for folder in self._made:
+                    folder.rmdir()
         self._lock.release()
         self._lock = None
 
@@ -219,12 +227,9 @@ class ResultFolder:
         Raises:
             RecordError: a file would replace one that no manifest lists, or leave the folder by a link.
         """
-        from testbench import __version__
-
         made = sorted(p.relative_to(self.new).as_posix() for p in self.new.rglob("*") if not p.is_dir())
         files = {name: entry_of(self.new / name) for name in made}
         old = self._old.files
-        command, inputs = ((), {}) if self._sealed else (_command(), _inputs(self.path))
         aside: list[tuple[str, str]] = []
         for name in made:
             there = within(self.path, self.path / name)
@@ -232,16 +237,24 @@ class ResultFolder:
                 aside.append((name, _free(self.path, name)))
                 self.notes.append(f"'{there}' had been changed by hand; that one is kept as '{aside[-1][1]}'")
             elif name not in old and _changed(there, files[name]):
-                raise RecordError(_not_ours(there, self._saved(Manifest(command, __version__, inputs, files))))
+                raise RecordError(_not_ours(there, self._saved(self._manifest(files))))
         pattern = self._adds if isinstance(self._adds, str) else "" if self._adds else "*"
         gone = {n for n, entry in old.items() if entry is not None and n not in files and fnmatchcase(n, pattern)}
         stale = sorted(n for n in gone if not _changed(self.path / n, old[n]))
         kept = {n: e for n, e in old.items() if n not in gone and (self._adds or (self.path / n).exists())}
-        if self._adds and old:  # what the folder is, the first command says
-            command, inputs = self._old.command, {**self._old.inputs, **inputs}
-        manifest = Manifest(command, __version__, inputs, kept | files)
-        write_file(self.path / OWN / COMMIT, manifest.text(aside=aside, stale=stale))
+        write_file(self.path / OWN / COMMIT, self._manifest(kept | files).text(aside=aside, stale=stale))
         _settle(self.path)
+
+    def _manifest(self, files: Mapping[str, Entry]) -> Manifest:
+        """Return the manifest of what this process makes of what it has read."""
+        from testbench import __version__
+
+        if self._sealed:
+            return Manifest((), __version__, {}, files)
+        given, inputs = _command(), _inputs(self.path, files)
+        if self._adds and self._old.files:  # what the folder is, its first command says
+            given, inputs = self._old.command, {**self._old.inputs, **inputs}
+        return Manifest(given, __version__, inputs, files, packages())
 
     def _saved(self, manifest: Manifest) -> Path:
         """Move a result that cannot take its place into a folder of its own below, so that it is not lost."""
@@ -295,14 +308,15 @@ def _settle(folder: Path) -> None:
         for name, kept in more["aside"]:
             if (new / name).exists() and (folder / name).exists() and not (folder / kept).exists():
                 (folder / name).replace(folder / kept)
-        if (new / PAGE).exists() or PAGE in more["stale"]:
-            (folder / PAGE).unlink(missing_ok=True)
-        for name in more["stale"]:
+        for page in (PAGE, INDEX):
+            if (new / page).exists():
+                (folder / page).unlink(missing_ok=True)
+        for name in sorted(more["stale"], key=lambda name: (name not in (PAGE, INDEX), name)):
             (folder / name).unlink(missing_ok=True)
             for above in list(PurePosixPath(name).parents)[:-1]:
                 with contextlib.suppress(OSError):  # not empty: a user's files
                     (folder / above).rmdir()
-        for name in sorted(manifest.files, key=lambda name: (name == PAGE, name)):
+        for name in sorted(manifest.files, key=lambda name: (name in (PAGE, INDEX), name)):
             if (new / name).exists():
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 (new / name).replace(folder / name)
@@ -382,7 +396,8 @@ def _read(path: Path) -> tuple[Manifest, dict[str, Any]] | None:
         )
         if any(PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts for name in files):
             raise ValueError("a path that leaves the folder")
-        return Manifest(tuple(content.pop("command")), content.pop("version"), inputs, files), content
+        command, made_by, others = (content.pop(k) for k in ("command", "version", "packages"))
+        return Manifest(tuple(command), made_by, inputs, files, dict(others)), content
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -405,6 +420,8 @@ def locked(folder: Path, name: str = LOCK, wait_s: float = 0.0) -> FileLock:
     Raises:
         BusyError: it is held.
     """
+    from filelock import FileLock, Timeout  # takes longer to import than most commands need for their help
+
     lock = FileLock(folder / OWN / name)
     try:
         lock.acquire(timeout=wait_s)
@@ -436,19 +453,53 @@ def _command() -> tuple[str, ...]:
     return ("testbench", *sys.argv[1:]) if Path(sys.argv[0]).name in ("testbench", "__main__.py") else ()
 
 
-def _inputs(folder: Path) -> dict[str, Entry]:
-    """Return the files outside of the folder that this process has read, relative to where it runs if below."""
-    out: dict[str, Entry] = {}
+def packages() -> dict[str, str]:
+    """Return the version of each package that decides figures."""
+    return {name: version(name) for name in ("numpy", "scipy", "jsbsim")}
+
+
+def _inputs(folder: Path, files: Mapping[str, Entry]) -> dict[str, Entry]:
+    """Return name -> entry of the files that this process has read, but for those of the result itself."""
+    own = {(folder.absolute() / name) for name in files}
+    found = {_name_of(path): _entry_then(path, *then) for path, then in _READ.items() if path not in own}
+    return dict(sorted(found.items()))
+
+
+@lru_cache(maxsize=1000)
+def _entry_then(path: Path, size: int, time_ns: int) -> Entry:
+    """Return the entry of a file as it was; None if it has changed since."""
+    with contextlib.suppress(OSError):
+        found = path.stat()
+        if (found.st_size, found.st_mtime_ns) == (size, time_ns):
+            return entry_of(path)
+    return None
+
+
+def _packaged() -> Iterator[tuple[str, Path]]:
+    """Yield what names begin with of files that are packaged, and the folder that it stands for."""
+    yield from (("testbench:aircraft/", AIRCRAFT_MODELS), ("testbench:scenarios/", SCENARIOS))
+    yield "testbench:suites/", SUITES
+    if (root := stock_root()) is not None:
+        yield "jsbsim:", root
+
+
+def _name_of(path: Path) -> str:
+    """Return the name of an input: of a packaged file the same on every machine, else as seen from where we run."""
+    for begin, root in _packaged():
+        if path.is_relative_to(root):
+            return f"{begin}{path.relative_to(root).as_posix()}"
     here = Path.cwd()
-    for path, (size, time_ns) in _READ.items():
-        if path.is_relative_to(folder.absolute()):
-            continue
-        with contextlib.suppress(OSError):
-            found = path.stat()
-            same = (found.st_size, found.st_mtime_ns) == (size, time_ns)
-            name = path.relative_to(here) if path.is_relative_to(here) else path
-            out[name.as_posix()] = entry_of(path) if same else None
-    return dict(sorted(out.items()))
+    return (path.relative_to(here) if path.is_relative_to(here) else path).as_posix()
+
+
+def input_at(name: str, folder: Path) -> Path | None:
+    """Return the file that an input of a folder's manifest is now; None if there is none.
+
+    A relative one is looked for from where this process runs, then from the folders above ``folder``.
+    """
+    places = [root / name.removeprefix(begin) for begin, root in _packaged() if name.startswith(begin)]
+    places = places or [above / name for above in (Path.cwd(), *folder.absolute().parents)]
+    return next((path for path in places if path.is_file()), None)
 
 
 def _remove(path: Path) -> None:

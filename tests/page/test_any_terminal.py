@@ -80,7 +80,7 @@ def test_an_interrupt_of_a_stage_is_one_line_and_130(tmp_path, after_s):
         process.send_signal(signal.SIGINT)
         said = [line for line in process.stderr.read().splitlines() if not line.startswith("... ")]
     assert process.returncode == 130
-    assert said == ["interrupted; what was written so far is kept"]
+    assert said == ["interrupted; what was finished is kept, and no result is left half written"]
 
 
 def test_an_interrupt_of_the_imports_is_one_line_and_130(monkeypatch, capsys):

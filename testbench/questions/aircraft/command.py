@@ -47,6 +47,7 @@ def show(
 
     Example: `testbench aircraft eolo --export root/aircraft` only writes a model that stock JSBSim loads from `root`.
     """
+    from testbench.core.store import ResultFolder, folder_in
     from testbench.flight import load_aircraft
     from testbench.questions.aircraft.ask import survey
     from testbench.questions.aircraft.export import export_aircraft
@@ -58,14 +59,13 @@ def show(
         refuse(context, "with --export, which writes the model alone", "out")
         print(f"Model: {export_aircraft(loaded, name, export)[0]}")
         return
-    folder = out / folder_name(loaded, name)
-    with stages() as say:
+    with ResultFolder(folder_in(out, folder_name(loaded, name))) as place, stages() as say:
         say("trim and linearise over speed")
         found = survey(loaded, name)
         say("write report")
         page = aircraft_page(found)
-        page.write(folder)
-    page.show(console(), folder)
+        page.write(place)
+    page.show(console(), place.path)
 
 
 @command.command("adopt")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,10 +16,7 @@ from testbench.questions.options import DataOption, OutOption, StrictOption, ref
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from testbench.line import Report
-    from testbench.page.page import Page
     from testbench.questions.identify.amend.result import Amended
-    from testbench.questions.identify.result import Identified
     from testbench.questions.identify.scenario import RecordDescription
 
 
@@ -80,9 +78,13 @@ def command(
     day1.toml day2.toml day3.toml --prior aircraft`, `testbench identify flight.ulg --aircraft plane --amend
     plane_flown`.
     """
+    from testbench.core.errors import TestbenchError
+    from testbench.core.store import ResultFolder, folder_in
     from testbench.page.write import record_keeper
     from testbench.questions.files import find
+    from testbench.questions.identify.amend.ask import amend as write_amended
     from testbench.questions.identify.ask import identify
+    from testbench.questions.identify.page import identify_page
     from testbench.questions.identify.pool.command import settings_of, show_pooled
     from testbench.questions.identify.scenario import RecordDescription
 
@@ -105,16 +107,24 @@ def command(
         return
     if amend is not None:
         _check_amend(asked, amend, force)
-    found: list[Identified] = []
-    for loaded in asked:
-        with stages() as say:
-            result = identify(loaded, data, record_keeper(out / loaded.name), say, strict)
-            page = None if amend is not None else _written(result, out, say)
-        if page is not None:
-            page.show(console(), out / loaded.name)
-        found.append(result)
-    if amend is not None:
-        _amend(found, amend, force, out)
+    refused: TestbenchError | None = None
+    amended: dict[str, Amended] = {}
+    with ExitStack() as ends, stages() as say:
+        places = [ends.enter_context(ResultFolder(folder_in(out, each.name))) for each in asked]
+        found = [identify(d, data, record_keeper(at), say, strict) for d, at in zip(asked, places, strict=True)]
+        if amend is not None:
+            try:
+                amended = write_amended(found, amend, force, say)
+            except TestbenchError as error:  # the pages are written even where nothing can be amended
+                refused = error
+        say("write report")
+        pages = [identify_page(result, amended.get(result.name)) for result in found]
+        for page, place in zip(pages, places, strict=True):
+            page.write(place)
+    for page, place in zip(pages, places, strict=True):
+        page.show(console(), place.path)
+    if refused is not None:
+        raise refused
 
 
 def _in_folder(folder: Path) -> list[Path]:
@@ -150,16 +160,6 @@ def _nothing(path: Path, unusable: Sequence[str]) -> str:
     return f"'{path}' must hold a flight that can be identified, got none: {'; '.join(unusable)}"
 
 
-def _written(result: Identified, out: Path, say: Report, amended: Amended | None = None) -> Page:
-    """Write the page of an identification and return it."""
-    from testbench.questions.identify.page import identify_page
-
-    say("write report")
-    page = identify_page(result, amended)
-    page.write(out / result.name)
-    return page
-
-
 def _check_amend(asked: Sequence[RecordDescription], name: str, force: bool) -> None:
     """Refuse an amendment that could not be written, before anything is identified.
 
@@ -175,29 +175,6 @@ def _check_amend(asked: Sequence[RecordDescription], name: str, force: bool) -> 
     for description in asked:
         if description.aircraft is None:
             raise ScenarioError([no_aircraft(str(description.file))])
-
-
-def _amend(found: Sequence[Identified], name: str, force: bool, out: Path) -> None:
-    """Amend the aircraft, and write and show the pages, which are written even where nothing can be amended.
-
-    Raises:
-        TestbenchError: why nothing can be.
-    """
-    from testbench.core.errors import TestbenchError
-    from testbench.questions.identify.amend.ask import amend
-
-    amended: dict[str, Amended] = {}
-    refused: TestbenchError | None = None
-    with stages() as say:
-        try:
-            amended = amend(found, name, force, say)
-        except TestbenchError as error:
-            refused = error
-        pages = [(_written(result, out, say, amended.get(result.name)), out / result.name) for result in found]
-    for page, folder in pages:
-        page.show(console(), folder)
-    if refused is not None:
-        raise refused
 
 
 def _of_log(log: Path, out: Path) -> list[Path]:

@@ -28,6 +28,7 @@ def command(
     Example: `testbench run eolo_alpha` answers what an angle-of-attack vane buys; `testbench run mine.toml
     --aircraft mine_amended` flies another aircraft through it.
     """
+    from testbench.core.store import ResultFolder, folder_in
     from testbench.page.write import record_keeper
     from testbench.questions.files import find
     from testbench.questions.run.ask import run
@@ -39,10 +40,9 @@ def command(
         loaded = loaded.with_aircraft(aircraft)
     if seeds is not None:
         loaded = loaded.model_copy(update={"seeds": seeds}).at(loaded.file)
-    folder = out / loaded.name
-    with stages() as say:
-        result = run(loaded, seed, record_keeper(folder), say)
+    with ResultFolder(folder_in(out, loaded.name)) as place, stages() as say:
+        result = run(loaded, seed, record_keeper(place), say)
         say("write report")
         page = run_page(result)
-        page.write(folder)
-    page.show(console(), folder)
+        page.write(place)
+    page.show(console(), place.path)
