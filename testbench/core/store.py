@@ -136,9 +136,7 @@ class ResultFolder:
         RecordError: it cannot be written to, is no folder, or has a page that no manifest lists.
     """
 
-    def __init__(
-        self, path: Path | str, resume: bool = False, adds: bool | str = False, sealed: bool = False
-    ) -> None:
+    def __init__(self, path: Path | str, resume: bool = False, adds: bool | str = False, sealed: bool = False) -> None:
         self.path = Path(path)
         self.notes: list[str] = []
         self.new = self.path / OWN / NEW
@@ -233,7 +231,7 @@ class ResultFolder:
         aside: list[tuple[str, str]] = []
         for name in made:
             there = within(self.path, self.path / name)
-            if name in old and _changed(there, old[name]):
+            if name in old and _changed(there, old[name]) and _changed(there, files[name]):
                 aside.append((name, _free(self.path, name)))
                 self.notes.append(f"'{there}' had been changed by hand; that one is kept as '{aside[-1][1]}'")
             elif name not in old and _changed(there, files[name]):
@@ -372,7 +370,7 @@ def _not_ours(path: Path, saved: Path | None = None) -> str:
     where = "" if saved is None else f"the new result is in '{saved}'; "
     return (
         f"only files that the testbench wrote are replaced, but no manifest lists '{path}'; {where}move it away, or "
-        "give another folder with --out"
+        "give another folder"
     )
 
 

@@ -105,7 +105,9 @@ def draw_dataset(
             place.leave()  # all is there
         if store.complete:
             return Drawn(place.path, layout, {}, 0, 0.0)
-        return replace(_Session(scenario, layout, store, workers or cores(), simulator, progress).fly(), folder=place.path)
+        return replace(
+            _Session(scenario, layout, store, workers or cores(), simulator, progress).fly(), folder=place.path
+        )
 
 
 def _about(scenario: DatasetScenario, layout: Layout, simulator: Simulator) -> dict[str, Any]:
