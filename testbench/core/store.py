@@ -21,8 +21,9 @@ import os
 import shutil
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path, PurePath, PurePosixPath
@@ -44,6 +45,8 @@ PAGE, INDEX = "report.html", "index.html"
 """The page of a result is taken away first and put in place last: it never stands beside the tables of another."""
 KEPT = ".kept"
 """Behind the name of a file that a user has changed since it was written, where a new one takes its place."""
+WAIT_S = 10.0
+"""Who adds a file to a folder waits this long for another writer, as one command for each file may run at once."""
 _FORMAT = "testbench result 1"
 _DEVICES = frozenset({"con", "prn", "aux", "nul", *(f"{port}{k}" for port in ("com", "lpt") for k in range(1, 10))})
 _CHUNK = 1 << 20
@@ -119,34 +122,36 @@ class ResultFolder:
     Args:
         path: the folder, which need not be there.
         resume: go on with what an interrupted command left in ``new`` instead of taking it away.
-        adds: the new files come beside those of earlier commands, instead of in their place.
+        adds: the new files come beside those of earlier commands, instead of in their place, and a writer that is
+            nearly done is waited for; a pattern: only files whose names match it are replaced.
+        sealed: the folder is handed out, and its manifest tells neither command nor inputs.
 
     Attributes:
         path: the folder.
         new: where the new result is written, each file at its place below.
-        notes: sentences about a user's files that were met, once the block has ended.
+        notes: sentences about a user's files that were met, once the block has ended; a command says them itself.
 
     Raises:
         BusyError: another process writes into it, or this one already does.
         RecordError: it cannot be written to, is no folder, or has a page that no manifest lists.
     """
 
-    def __init__(self, path: Path | str, resume: bool = False, adds: bool = False) -> None:
+    def __init__(self, path: Path | str, resume: bool = False, adds: bool | str = False, sealed: bool = False) -> None:
         self.path = Path(path)
         self.notes: list[str] = []
         self.new = self.path / OWN / NEW
-        self._adds = adds
+        self._resume, self._adds, self._sealed = resume, adds, sealed
         self._lock: FileLock | None = None
         folder_in(self.path.parent, self.path.name or "root")
         self._made = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
         try:
             within(self.path, self.path / OWN / LOCK)
             (self.path / OWN).mkdir(parents=True, exist_ok=True)
-            self._lock = _locked(self.path)
+            self._lock = locked(self.path, wait_s=WAIT_S if adds else 0.0)
             _settle(self.path)
             self._old = (_read(self.path / OWN / MANIFEST) or (Manifest(), {}))[0]
-            if PAGE not in self._old.files and (self.path / PAGE).exists():
-                raise RecordError(_not_ours(self.path / PAGE))
+            if not adds:
+                self.check(PAGE)
             if not resume:
                 _remove(self.new)
             self.new.mkdir(exist_ok=True)
@@ -163,30 +168,38 @@ class ResultFolder:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         try:
-            if kind is None:
+            if kind is None and self._lock is not None:
                 with held_back():
                     self._commit()
         finally:
-            self.leave()
+            self.leave(self._resume)
         for note in self.notes:
             warnings.warn(note, KeptAside, stacklevel=2)
 
-    def live(self, name: str) -> Path:
-        """Return the place of a file that is written where it lies, such as a store of runs; the manifest lists it.
+    def check(self, name: str) -> None:
+        """Refuse, before anything is computed, a folder in which a file of this name is not ours to replace.
 
         Raises:
-            RecordError: a file of this name is there that no manifest lists.
+            RecordError: the file is there and no manifest lists it.
+        """
+        if name not in self._old.files and os.path.lexists(self.path / name):
+            raise RecordError(_not_ours(self.path / name))
+
+    def live(self, name: str) -> Path:
+        """Return the place of a file or folder that is written where it lies, as a store of runs is, and list it.
+
+        Raises:
+            RecordError: something of this name is there that no manifest lists.
         """
         path = self.path / name
         if name not in self._old.files:
-            if path.exists():
-                raise RecordError(_not_ours(path))
+            self.check(name)
             self._old = replace(self._old, files={**self._old.files, name: None})
             write_file(self.path / OWN / MANIFEST, self._old.text())
         return path
 
     def leave(self, resume: bool = False) -> None:
-        """Give the folder back as it is; doing so twice does no harm.
+        """Give the folder back as it is, also from within the block; doing so twice does no harm.
 
         Args:
             resume: leave what is unfinished for a command that goes on with it.
@@ -197,6 +210,8 @@ class ResultFolder:
         with contextlib.suppress(OSError):
             if not resume and not (own / COMMIT).exists():
                 _remove(self.new)
+            elif self.new.exists() and not any(self.new.iterdir()):
+                self.new.rmdir()
             if {p.name for p in own.iterdir()} <= {LOCK}:  # as it was before
                 _remove(own)
                 for folder in self._made:
@@ -216,14 +231,15 @@ class ResultFolder:
         aside: list[tuple[str, str]] = []
         for name in made:
             there = within(self.path, self.path / name)
-            if name in old and _changed(there, old[name]):
+            if name in old and _changed(there, old[name]) and _changed(there, files[name]):
                 aside.append((name, _free(self.path, name)))
                 self.notes.append(f"'{there}' had been changed by hand; that one is kept as '{aside[-1][1]}'")
             elif name not in old and _changed(there, files[name]):
                 raise RecordError(_not_ours(there, self._saved(self._manifest(files))))
-        gone = [] if self._adds else [n for n, entry in old.items() if entry is not None and n not in files]
-        stale = [n for n in gone if not _changed(self.path / n, old[n])]
-        kept = {n: e for n, e in old.items() if self._adds or (e is None and (self.path / n).exists())}
+        pattern = self._adds if isinstance(self._adds, str) else "" if self._adds else "*"
+        gone = {n for n, entry in old.items() if entry is not None and n not in files and fnmatchcase(n, pattern)}
+        stale = sorted(n for n in gone if not _changed(self.path / n, old[n]))
+        kept = {n: e for n, e in old.items() if n not in gone and (self._adds or (self.path / n).exists())}
         write_file(self.path / OWN / COMMIT, self._manifest(kept | files).text(aside=aside, stale=stale))
         _settle(self.path)
 
@@ -231,9 +247,12 @@ class ResultFolder:
         """Return the manifest of what this process makes of what it has read."""
         from testbench import __version__
 
-        given = _command()
-        inputs = self._old.inputs if self._adds else {}
-        return Manifest(given, __version__, {**inputs, **_inputs(self.path, files)}, files, packages())
+        if self._sealed:
+            return Manifest((), __version__, {}, files)
+        given, inputs = _command(), _inputs(self.path, files)
+        if self._adds and self._old.files:  # what the folder is, its first command says
+            given, inputs = self._old.command, {**self._old.inputs, **inputs}
+        return Manifest(given, __version__, inputs, files, packages())
 
     def _saved(self, manifest: Manifest) -> Path:
         """Move a result that cannot take its place into a folder of its own below, so that it is not lost."""
@@ -241,6 +260,23 @@ class ResultFolder:
         self.new.rename(place)
         write_file(place / OWN / MANIFEST, manifest.text())
         return place
+
+
+def write_beside(path: Path, write: Callable[[Path], Any]) -> Path:
+    """Write one file that a user names beside what else is in its folder, and return its path.
+
+    Args:
+        path: the file; one that is there is replaced if the testbench wrote it.
+        write: writes the file whose path it is given.
+
+    Raises:
+        BusyError: another process goes on writing into the folder.
+        RecordError: the file is there and no manifest lists it, or it cannot be written.
+    """
+    with ResultFolder(path.parent, adds=True) as place:
+        place.check(path.name)
+        write(place.new / path.name)
+    return path
 
 
 def settle(folder: Path) -> None:
@@ -252,7 +288,7 @@ def settle(folder: Path) -> None:
     if not (folder / OWN / COMMIT).exists():
         return
     with contextlib.suppress(BusyError):  # its writer is at it
-        lock = _locked(folder)
+        lock = locked(folder)
         try:
             _settle(folder)
         finally:
@@ -334,7 +370,7 @@ def _not_ours(path: Path, saved: Path | None = None) -> str:
     where = "" if saved is None else f"the new result is in '{saved}'; "
     return (
         f"only files that the testbench wrote are replaced, but no manifest lists '{path}'; {where}move it away, or "
-        "give another folder with --out"
+        "give another folder"
     )
 
 
@@ -371,20 +407,25 @@ def _read(path: Path) -> tuple[Manifest, dict[str, Any]] | None:
         ) from error
 
 
-def _locked(folder: Path) -> FileLock:
-    """Return the lock of a folder, which the system frees when its process ends, however it ends.
+def locked(folder: Path, name: str = LOCK, wait_s: float = 0.0) -> FileLock:
+    """Return a lock of a folder, which the system frees when its process ends, however it ends.
+
+    Args:
+        folder: that has its hidden one.
+        name: of the lock, where something in the folder is written while others write into the folder.
+        wait_s: how long to wait for who holds it.
 
     Raises:
         BusyError: it is held.
     """
     from filelock import FileLock, Timeout  # takes longer to import than most commands need for their help
 
-    lock = FileLock(folder / OWN / LOCK)
+    lock = FileLock(folder / OWN / name)
     try:
-        lock.acquire(blocking=False)
+        lock.acquire(timeout=wait_s)
     except Timeout as error:
         raise BusyError(
-            f"a folder of results takes one writer at a time, but {_holder(folder / OWN / LOCK)} is writing to "
+            f"a folder of results takes one writer at a time, but {_holder(folder / OWN / name)} is writing to "
             f"'{folder}'; wait for it, or give another folder with --out"
         ) from error
     except NotImplementedError:

@@ -11,8 +11,6 @@ from testbench.aircraft.strips.reading import GroundTest
 from testbench.core.errors import ModelError
 from testbench.core.toml_text import quoted
 
-MARK = "# Made by `testbench aircraft flexible`"
-"""Begins the first line of a file that may be written again."""
 _WIDTH = 118
 
 
@@ -55,7 +53,7 @@ def flexible_toml(rigid: str, made: Flexible, test: GroundTest, name: str) -> st
         comments = last if attached and head and all(line.startswith("#") for line in last.splitlines()) else ""
         before = "\n\n".join(head) if comments else before
         text = f"{before}\n\n{said}wing_station = [\n{rows}]\n\n{comments}{chr(10) if comments else ''}{text[place:]}"
-    first = f"{MARK} from {name} and {test.path.name}; made anew each time.\n"
+    first = f"# Made by `testbench aircraft flexible` from {name} and {test.path.name}; made anew each time.\n"
     return f"{first}{text.rstrip()}\n\n{_sources(made, test)}\n{_elastic(made, test)}"
 
 

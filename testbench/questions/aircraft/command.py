@@ -87,6 +87,7 @@ def adopt_command(
     Example: `testbench aircraft adopt models/plane.xml -o aircraft/plane`, then `aircraft = "plane"` in any scenario.
     """
     from testbench.core.paths import STOCK, stock_names, stock_root
+    from testbench.core.store import folder_in
     from testbench.flight import load_aircraft
     from testbench.flight.load import adopted_at
     from testbench.questions.aircraft.adopt import write_adopted
@@ -105,6 +106,6 @@ def adopt_command(
         loaded = load_aircraft(str(place))
         page = adopted_page(found, survey(loaded, loaded.name), place)
         say("write report")
-        where = report / f"aircraft_{loaded.name}"
+        where = folder_in(report, f"aircraft_{loaded.name}")
         page.write(where)
     page.show(console(), where)

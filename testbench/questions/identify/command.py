@@ -64,9 +64,6 @@ def command(
             help="Write the derivatives into a new aircraft, aircraft/NAME, and fly the records through both."
         ),
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="With --amend: write over an aircraft that lies there.")
-    ] = False,
 ) -> None:
     """Identify models from recorded flights, with the same estimators, evaluation and report as a run.
 
@@ -88,8 +85,6 @@ def command(
     from testbench.questions.identify.pool.command import settings_of, show_pooled
     from testbench.questions.identify.scenario import RecordDescription
 
-    if amend is None:
-        refuse(context, "without --amend, which writes an aircraft", "force")
     asked: list[RecordDescription] = []
     for path in descriptions:
         if path.is_dir():
@@ -106,7 +101,7 @@ def command(
         show_pooled(asked, out, data, settings, strict)
         return
     if amend is not None:
-        _check_amend(asked, amend, force)
+        _check_amend(asked, amend)
     refused: TestbenchError | None = None
     amended: dict[str, Amended] = {}
     with ExitStack() as ends, stages() as say:
@@ -114,7 +109,7 @@ def command(
         found = [identify(d, data, record_keeper(at), say, strict) for d, at in zip(asked, places, strict=True)]
         if amend is not None:
             try:
-                amended = write_amended(found, amend, force, say)
+                amended = write_amended(found, amend, say)
             except TestbenchError as error:  # the pages are written even where nothing can be amended
                 refused = error
         say("write report")
@@ -160,21 +155,21 @@ def _nothing(path: Path, unusable: Sequence[str]) -> str:
     return f"'{path}' must hold a flight that can be identified, got none: {'; '.join(unusable)}"
 
 
-def _check_amend(asked: Sequence[RecordDescription], name: str, force: bool) -> None:
+def _check_amend(asked: Sequence[RecordDescription], name: str) -> None:
     """Refuse an amendment that could not be written, before anything is identified.
 
     Raises:
         ScenarioError: a description names no aircraft, or the name may not be taken.
-        RecordError: an aircraft lies there already.
+        RecordError: an aircraft that the testbench did not write lies there.
     """
     from testbench.core.errors import ScenarioError
     from testbench.questions.identify.amend.ask import no_aircraft
     from testbench.questions.identify.amend.folder import folder_of
 
-    folder_of(name, force)
     for description in asked:
         if description.aircraft is None:
             raise ScenarioError([no_aircraft(str(description.file))])
+        folder_of(name, description.aircraft)
 
 
 def _of_log(log: Path, out: Path) -> list[Path]:
@@ -183,10 +178,12 @@ def _of_log(log: Path, out: Path) -> list[Path]:
     Raises:
         RecordError: the log cannot be read, or nothing in it can be identified.
     """
+    from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.importing.ask import import_log, write_import
 
-    imported = import_log(log)
-    paths = write_import(imported, out / log.stem)
+    with ResultFolder(folder_in(out, log.stem)) as place:
+        imported = import_log(log)
+        paths = write_import(imported, place)
     files = [path for path in paths if path.suffix == ".toml"]
     if not files and imported.unusable:
         raise RecordError(_nothing(log, imported.unusable))

@@ -160,7 +160,7 @@ def test_new_files_do_not_write_over_old_ones_and_say_what_is_missing(tmp_path):
     file = tmp_path / "mine.toml"
     assert command("plan", "new", "taurus", "-o", file).returncode == 0
     for arguments, words in (
-        (("new", "taurus", "-o", file), "must go to a new file"),
+        (("new", "taurus", "-o", file), "must be a new file"),
         (("new",), "give an aircraft, or --from with a design"),
         (("new", "torus", "-o", tmp_path / "x.toml"), "got 'torus'; did you mean 'taurus'?"),
         (("new", "taurus", "--suite", "taurus_9hz", "-o", tmp_path / "x.toml"), "taurus_8hz"),
