@@ -17,7 +17,6 @@ from testbench.core.interrupts import Terminated, heed_sigterm, held_back
 from testbench.core.paths import SUITES
 from testbench.core.store import (
     COMMIT,
-    INDEX,
     KEPT,
     LOCK,
     MANIFEST,
@@ -257,13 +256,6 @@ def test_a_manifest_lists_the_files_that_were_read_by_names_that_hold_elsewhere(
     assert input_at("mine.toml", folder) == tmp_path / "mine.toml"
     assert input_at("testbench:suites/taurus_8hz.toml", folder) == SUITES / "taurus_8hz.toml"
     assert input_at("no such file", folder) is None
-
-
-def test_a_link_in_place_of_a_page_is_replaced_and_not_followed(tmp_path):
-    os.symlink(tmp_path / "outside.html", tmp_path / PAGE)
-    write(tmp_path, report_html="1", index_html="2")
-    assert files(tmp_path) == {PAGE: "1", INDEX: "2"}
-    assert not (tmp_path / PAGE).is_symlink()
 
 
 def test_names_that_lead_elsewhere_are_refused(tmp_path):

@@ -23,11 +23,12 @@ def command(
     """
     from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.reproduce.ask import chosen, reproduce
-    from testbench.questions.reproduce.page import print_reproduction, write_reproduction
+    from testbench.questions.reproduce.page import PAGE, print_reproduction, write_reproduction
 
     chosen(what)
     folder = folder_in(out, "reproduction" if what == "all" else f"reproduction_{what}")
     with ResultFolder(folder) as place, stages() as say:
+        place.check(PAGE)
         chapters = reproduce(what, say)
         say("write page")
         write_reproduction(chapters, place)

@@ -79,5 +79,6 @@ def command(
     rows = [(r.title, r.answer, f"{r.written:%Y-%m-%d %H:%M}") for r in found]
     print_rows(console(), ("result", "answer", "written"), rows)
     with ResultFolder(folder, adds=True) as place:
+        place.check(INDEX)
         write_file(place.new / INDEX, index_html(found, folder))
     print(f"Written: {folder / INDEX}")

@@ -28,7 +28,7 @@ def command(
     Example: `testbench run eolo_alpha` answers what an angle-of-attack vane buys; `testbench run mine.toml
     --aircraft mine_amended` flies another aircraft through it.
     """
-    from testbench.core.errors import FlightAborted
+    from testbench.core.record import FlightAborted
     from testbench.core.store import ResultFolder, folder_in
     from testbench.page.page import Page
     from testbench.page.write import record_keeper
