@@ -66,9 +66,12 @@ def test_who_adds_a_file_waits_for_another_writer(tmp_path, monkeypatch, held_s,
 
 
 def test_a_block_that_fails_keeps_what_the_next_goes_on_with(tmp_path):
-    with pytest.raises(KeyboardInterrupt), ResultFolder(tmp_path / "made", resume=True) as place:
+    def interrupted(place):
         (place.new / "half.csv").write_text("half")
         raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), ResultFolder(tmp_path / "made", resume=True) as made:
+        interrupted(made)
     assert (tmp_path / "made" / OWN / NEW / "half.csv").read_text() == "half"
     with pytest.raises(KeyboardInterrupt), ResultFolder(tmp_path / "never", resume=True):
         raise KeyboardInterrupt

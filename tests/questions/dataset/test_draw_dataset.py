@@ -144,7 +144,7 @@ def test_a_killed_process_loses_a_part_at_most_and_the_bytes_stay(small):
 
 def test_a_kill_at_any_change_of_the_disk_leaves_no_set_or_a_whole_one(small, monkeypatch):
     monkeypatch.setattr(ask, "_MOST_PER_PART", 2)
-    here = dict(runs=4, workers=1)
+    here = {"runs": 4, "workers": 1}
     complete = shown(tb.draw_dataset(small / "small.toml", small / "of_four", **here).folder)
     sums = (small / "of_four" / "checksums.sha256").read_bytes()
     for step in (2, 5, 8, 12, 16, 19, 22, 25):
