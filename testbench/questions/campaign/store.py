@@ -344,8 +344,8 @@ def _connect(path: Path) -> sqlite3.Connection:
 
 
 def _is_whole(path: Path) -> bool:
-    """Say whether a store was made to its end: its version is written last."""
-    db = _connect(path)
+    """Say whether a store was made to its end: its version is written last. A file that is none stays as it is."""
+    db = sqlite3.connect(path, timeout=30.0)
     try:
         return db.execute("SELECT value FROM meta WHERE key = 'version'").fetchone() is not None
     except sqlite3.DatabaseError:

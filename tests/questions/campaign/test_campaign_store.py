@@ -153,9 +153,3 @@ def test_a_full_disk_stops_with_a_clear_error_and_loses_nothing(short, tmp_path)
             store.exchange(long)
     with Store.resume(tmp_path, short()) as store:
         assert store.counts() == Counts(pending=19, done=5)
-
-
-def test_a_store_whose_making_was_interrupted_is_made_anew(short, tmp_path):
-    (tmp_path / FILE).touch()
-    with Store.create(tmp_path, short()) as store:
-        assert store.counts().total == 24

@@ -15,6 +15,7 @@ import pytest
 import xarray as xr
 from commands import command
 from drawn_sets import SMALL, StandIn
+from killed import killed_at, shown, whole
 
 import testbench as tb
 from testbench.core.errors import DatasetError, DiskError, RecordError, ScenarioError
@@ -139,6 +140,22 @@ def test_a_killed_process_loses_a_part_at_most_and_the_bytes_stay(small):
     ours, whole = bytes_of(folder), bytes_of(small / "set")
     assert [name for name in FILES if ours[name] != whole[name]] == []
     assert sorted(p.name for p in (folder / ".testbench").iterdir()) == ["lock", "manifest.json"]
+
+
+def test_a_kill_at_any_change_of_the_disk_leaves_no_set_or_a_whole_one(small, monkeypatch):
+    monkeypatch.setattr(ask, "_MOST_PER_PART", 2)
+    here = {"runs": 4, "workers": 1}
+    complete = shown(tb.draw_dataset(small / "small.toml", small / "of_four", **here).folder)
+    sums = (small / "of_four" / "checksums.sha256").read_bytes()
+    for step in (2, 5, 8, 12, 16, 19, 22, 25):
+        folder = small / f"killed_{step}"
+        assert killed_at(step, lambda folder=folder: tb.draw_dataset(small / "small.toml", folder, **here)), step
+        assert shown(folder) in (set(), complete)
+        drawn = tb.draw_dataset(small / "small.toml", folder, **here)
+        assert drawn.folder == folder
+        assert (shown(folder), whole(folder)) == (complete, True)
+        assert (folder / "checksums.sha256").read_bytes() == sums
+        assert not list(damaged(folder))
 
 
 def test_no_draw_and_no_equal_condition_lies_in_two_splits(small):
