@@ -252,21 +252,10 @@ WRITERS = {
     },
     "a folder for temporary files": {"questions/exercise/catalogue/wrong_sign.py"},
 }  # fmt: skip
-_WRITES = frozenset(
-    [
-        "mkdir",
-        "makedirs",
-        "write_text",
-        "write_bytes",
-        "write_file",
-        "touch",
-        "copytree",
-        "copyfile",
-        "unlink",
-        "rmdir",
-        "rmtree",
-    ]
-)
+_WRITES = frozenset({
+    "mkdir", "makedirs", "write_text", "write_bytes", "write_file", "touch", "copytree", "copyfile", "unlink", "rmdir",
+    "rmtree",
+})  # fmt: skip
 
 
 def writing(path: Path) -> Iterator[int]:
@@ -296,8 +285,7 @@ def test_questions_write_through_one_store_or_one_file_that_is_named():
 def test_the_rules_find_what_breaks_them(tmp_path, monkeypatch):
     monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
     monkeypatch.setattr(sys.modules[__name__], "PACKAGE", tmp_path)
-    lines = ("out.mkdir()", "open(f, 'w')", "write_file(place.new / 'a', '')", "shutil.rmtree(out)")
-    other.write_text("\n".join(lines), encoding="utf-8")
+    path = tmp_path / "sensors" / "gyro.py"
     path.parent.mkdir()
     path.write_text(
         "import jsbsim, numba, dask, matplotlib\nfrom testbench.line import x\n"
@@ -309,9 +297,8 @@ def test_the_rules_find_what_breaks_them(tmp_path, monkeypatch):
         "a module says what it holds", "seen has no docstring", "test_nothing has no docstring"]  # fmt: skip
     assert [fault.split(":")[1] for fault in unable_to_fail(path)] == ["4", "5", "6"]
     other = tmp_path / "ask.py"
-    other.write_text(
-        "out.mkdir()\nopen(f, 'w')\nwrite_file(place.new / 'a', '')\nshutil.rmtree(out)\n", encoding="utf-8"
-    )
+    lines = ("out.mkdir()", "open(f, 'w')", "write_file(place.new / 'a', '')", "shutil.rmtree(out)")
+    other.write_text("\n".join(lines), encoding="utf-8")
     assert list(writing(other)) == [1, 2, 4]
 
 
