@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 
 from testbench.core.errors import ScenarioError, TestbenchError, brief, given
-from testbench.core.interrupts import Terminated, heed_sigterm
+from testbench.core.interrupts import heed_sigterm
 from testbench.page.terminal import console, print_rows, show_all
 from testbench.questions import QUESTIONS, Question
 from testbench.questions.options import UsageError
@@ -31,10 +31,10 @@ simulation lacks.
 {examples}
 
 Exit status: 0 done, 1 a result is not what was written (results --verify), 2 bad input, 3 the computation cannot be
-carried out (no trim, flight aborted, not identifiable, disk full), 130 interrupted, 143 ended by SIGTERM.
+carried out (no trim, flight aborted, not identifiable, disk full), 130 interrupted.
 """
 _UNKNOWN = re.compile("No such command '([^']*)'")
-_INTERRUPTED, _TERMINATED = 130, 143
+_INTERRUPTED = 130
 _PIPE_CLOSED = 141
 """What a shell says of a process that wrote to a pipe that nobody reads: 128 and the number of SIGPIPE."""
 
@@ -158,13 +158,13 @@ def main() -> None:
     try:
         status = _status()
         sys.stdout.flush()
-    except KeyboardInterrupt as end:
-        status = _TERMINATED if isinstance(end, Terminated) else _INTERRUPTED
+    except KeyboardInterrupt:
+        status = _INTERRUPTED
     except BrokenPipeError:
         status = _PIPE_CLOSED
     if status == _PIPE_CLOSED:  # whoever read has read enough; what is still buffered has nowhere to go
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    if status in (_INTERRUPTED, _TERMINATED):
+    if status == _INTERRUPTED:
         print("interrupted; what was finished is kept, and no result is left half written", file=sys.stderr)
     if status:
         sys.exit(status)

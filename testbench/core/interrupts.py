@@ -11,18 +11,10 @@ from typing import Any
 _BOTH = (signal.SIGINT, signal.SIGTERM)
 
 
-class Terminated(KeyboardInterrupt):
-    """The process was asked to end, as by ``kill`` or ``timeout``."""
-
-
 def heed_sigterm() -> None:
     """Let SIGTERM interrupt this process as Ctrl-C does, so that it leaves folders of results as they were."""
-
-    def end(number: int, frame: Any) -> None:
-        raise Terminated
-
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, end)
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 @contextlib.contextmanager

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from testbench.core.errors import BusyError, DiskError, RecordError
-from testbench.core.interrupts import Terminated, heed_sigterm, held_back
+from testbench.core.interrupts import heed_sigterm, held_back
 from testbench.core.paths import SUITES
 from testbench.core.store import (
     COMMIT,
@@ -230,7 +230,7 @@ def test_sigterm_acts_once_the_new_result_is_in_place(tmp_path):
     heed_sigterm()
     try:
         for act in (late, within):
-            with pytest.raises(Terminated):
+            with pytest.raises(KeyboardInterrupt):
                 act()
             assert files(tmp_path) == {"a.csv": "1"}
     finally:
