@@ -428,8 +428,8 @@ def locked(folder: Path, name: str = LOCK, wait_s: float = 0.0) -> FileLock:
             f"a folder of results takes one writer at a time, but {_holder(folder / OWN / name)} is writing to "
             f"'{folder}'; wait for it, or give another folder with --out"
         ) from error
-    except RuntimeError:  # filelock knows no locks here
-        pass  # a file system without locks refuses nobody
+    except RuntimeError:
+        pass  # a file system without locks refuses nobody; filelock says so by a subclass of it
     return lock
 
 
