@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from testbench.questions.modes.ask import fly_modes
     from testbench.questions.plan.ask import make_plan
     from testbench.questions.results.ask import compare_results, list_results
+    from testbench.questions.results.verify import verify_results
     from testbench.questions.run.ask import load_scenario, run
     from testbench.questions.run.page import write_results
     from testbench.questions.tidy import read_results
@@ -114,6 +115,7 @@ _HOME = {
     "run_design": "testbench.questions.design.ask",
     "run_gap": "testbench.questions.gap.ask",
     "trim": "testbench.flight",
+    "verify_results": "testbench.questions.results.verify",
     "write_results": "testbench.questions.run.page",
 }
 
@@ -170,6 +172,7 @@ __all__ = [
     "tangents",
     "trim",
     "trim_many",
+    "verify_results",
     "with_causes",
     "write_results",
 ]

@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import typer
 
 from testbench.core.errors import ScenarioError, TestbenchError, brief, given
+from testbench.core.interrupts import heed_sigterm
 from testbench.page.terminal import console, print_rows, show_all
 from testbench.questions import QUESTIONS, Question
 from testbench.questions.options import UsageError
@@ -29,8 +30,8 @@ simulation lacks.
 
 {examples}
 
-Exit status: 0 done, 2 bad input, 3 the computation cannot be carried out (no trim, flight aborted, not identifiable,
-disk full), 130 interrupted.
+Exit status: 0 done, 1 a result is not what was written (results --verify), 2 bad input, 3 the computation cannot be
+carried out (no trim, flight aborted, not identifiable, disk full), 130 interrupted.
 """
 _UNKNOWN = re.compile("No such command '([^']*)'")
 _INTERRUPTED = 130
@@ -152,6 +153,7 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     warnings.showwarning = _say_warning
     show_all()
+    heed_sigterm()
     given(sys.argv[1:])
     try:
         status = _status()
@@ -163,7 +165,7 @@ def main() -> None:
     if status == _PIPE_CLOSED:  # whoever read has read enough; what is still buffered has nowhere to go
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     if status == _INTERRUPTED:
-        print("interrupted; what was written so far is kept", file=sys.stderr)
+        print("interrupted; what was finished is kept, and no result is left half written", file=sys.stderr)
     if status:
         sys.exit(status)
 

@@ -296,6 +296,54 @@ def test_captions_name_no_colour_that_dark_pages_turn_round():
     assert [text for path in SOURCES for text in turned_colours(path)] == []
 
 
+# What a module of a question or environment may write but into the ``new`` of a ResultFolder, and why that is safe.
+WRITERS = {
+    "one file that the user names": {
+        "envs/baselines.py", "envs/train.py", "questions/export/ask.py", "questions/gap/command.py",
+        "questions/studio/command.py", "questions/exercise/command.py", "questions/dataset/command.py",
+    },
+    "a file of the user's own, as they asked for": {"questions/exercise/answers.py", "questions/plan/close_errors.py"},
+    "handed the folder that a page or a result is made in": {
+        "questions/plan/cards.py", "questions/plan/flown_card.py", "questions/reproduce/page.py",
+        "questions/campaign/tidy.py", "questions/exercise/ask.py", "questions/exercise/roster.py",
+        "questions/aircraft/flexible/ask.py", "questions/dataset/store.py",
+    },
+    "a live file of a ResultFolder": {
+        "questions/campaign/ask.py", "questions/campaign/store.py", "questions/compare/benchmark/ask.py",
+        "questions/gap/controls.py",
+    },
+    "a folder for temporary files": {"questions/exercise/catalogue/wrong_sign.py"},
+}  # fmt: skip
+_WRITES = frozenset({
+    "mkdir", "makedirs", "write_text", "write_bytes", "write_file", "touch", "copytree", "copyfile", "unlink", "rmdir",
+    "rmtree",
+})  # fmt: skip
+
+
+def writing(path: Path) -> Iterator[int]:
+    """Yield the lines at which a module writes or deletes files, but for those within the ``new`` of a result."""
+    for node in ast.walk(tree_of(path)):
+        if not isinstance(node, ast.Call):
+            continue
+        called = ast.unparse(node.func)
+        name, first = called.split(".")[-1], ast.unparse(node.args[0]) if node.args else ""
+        modes = [a.value for a in node.args[:2] if isinstance(a, ast.Constant) and isinstance(a.value, str)]
+        opens = name == "open" and any(set(mode) <= set("rwaxbt+") and set(mode) & set("wax+") for mode in modes)
+        if (opens or name in _WRITES) and not re.match(r"(\w+\.)?new /", first):
+            yield node.lineno
+
+
+def test_questions_write_through_one_store_or_one_file_that_is_named():
+    allowed = {name for names in WRITERS.values() for name in names}
+    found = {
+        path.relative_to(PACKAGE).as_posix(): lines
+        for path in SOURCES
+        if room(path) in ("questions", "envs") and (lines := list(writing(path)))
+    }
+    assert {name: lines for name, lines in found.items() if name not in allowed} == {}
+    assert allowed - found.keys() == set()
+
+
 def test_the_rules_find_what_breaks_them(tmp_path, monkeypatch):
     monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
     monkeypatch.setattr(sys.modules[__name__], "PACKAGE", tmp_path)
@@ -318,6 +366,10 @@ def test_the_rules_find_what_breaks_them(tmp_path, monkeypatch):
     )  # fmt: skip
     path.write_text("\n".join(lines), encoding="utf-8")
     assert [int(fault.split(":")[1]) for fault in unescaped(path)] == [1, 2, 3, 4, 5, 6]
+    other = tmp_path / "ask.py"
+    lines = ("out.mkdir()", "open(f, 'w')", "write_file(place.new / 'a', '')", "shutil.rmtree(out)")
+    other.write_text("\n".join(lines), encoding="utf-8")
+    assert list(writing(other)) == [1, 2, 4]
 
 
 def test_names_in_the_schema_are_those_of_the_families():

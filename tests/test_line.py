@@ -12,6 +12,7 @@ import testbench as tb
 from testbench.core.errors import TrimError
 from testbench.core.paths import SCENARIOS
 from testbench.core.record import FlightAborted
+from testbench.core.store import ResultFolder
 from testbench.page.write import record_keeper
 from testbench.questions.run import figures
 from testbench.questions.run.ask import run
@@ -222,10 +223,11 @@ def test_an_aborted_flight_keeps_what_was_flown_before(tmp_path):
     scenario = Scenario.load(SCENARIOS / "eolo_alpha.toml")
     first, second = scenario.manoeuvre
     wild = second.model_copy(update={"input": (second.input[0].model_copy(update={"amplitude_deg": 20.0}),)})
+    place = ResultFolder(tmp_path)
     with pytest.raises(FlightAborted, match=r"left its limits .*eolo_alpha\.toml, manoeuvre\[1\]\)"):
-        run(changed("eolo_alpha", manoeuvre=(first, wild)), keep=record_keeper(tmp_path))
-    kept = {p.stem for p in (tmp_path / "records").glob("*.nc")}
+        run(changed("eolo_alpha", manoeuvre=(first, wild)), keep=record_keeper(place))
+    kept = {p.stem for p in (place.new / "records").glob("*.nc")}
     assert kept == {"3-2-1-1_truth", "3-2-1-1_eolo_no_alpha", "3-2-1-1_eolo_alpha", "doublet_aborted"}
-    aborted = tb.load_record(tmp_path / "records" / "doublet_aborted.nc")
+    aborted = tb.load_record(place.new / "records" / "doublet_aborted.nc")
     assert aborted.outcome == "aborted"
     assert "must hold" in aborted.reason

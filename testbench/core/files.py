@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import io
+import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -58,6 +59,33 @@ def write_file(path: Path, content: str | bytes | Callable[[Path], object], law:
         if isinstance(error, OSError):
             raise not_written(path, error, law, fix) from error
         raise
+    return path
+
+
+def write_new(path: Path, content: str, what: str, law: str = _LAW) -> Path:
+    """Write a file as :func:`write_file` does, but never in the place of one that is there, and return ``path``.
+
+    Args:
+        path: the file.
+        content: its text.
+        what: it is, as the error says it: "a new plan".
+        law: what must hold, as the error says it where the file cannot be written.
+
+    Raises:
+        RecordError: the file is there, or it cannot be written.
+    """
+    there = RecordError(f"{what} must be a new file, got '{path}', which exists; give another name")
+    if os.path.lexists(path):
+        raise there
+    made = write_file(path.with_name(f"{path.name}.{os.getpid()}"), content, law)
+    try:
+        os.link(made, path)  # unlike a rename, this fails if somebody has just made the file
+    except FileExistsError as error:
+        raise there from error
+    except OSError:  # a file system without links
+        made.replace(path)
+    finally:
+        made.unlink(missing_ok=True)
     return path
 
 

@@ -1,4 +1,4 @@
-"""Interrupts (Ctrl-C) are held back where foreign code would lose them."""
+"""Interrupts (Ctrl-C, and SIGTERM as one) are held back where foreign code would lose them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,14 @@ import threading
 from collections.abc import Generator
 from typing import Any
 
+_BOTH = (signal.SIGINT, signal.SIGTERM)
+
+
+def heed_sigterm() -> None:
+    """Let SIGTERM interrupt this process as Ctrl-C does, so that it leaves folders of results as they were."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+
 
 @contextlib.contextmanager
 def held_back() -> Generator[None, None, None]:
@@ -15,15 +23,17 @@ def held_back() -> Generator[None, None, None]:
 
     Only the main thread of a process receives signals; elsewhere nothing changes.
     """
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(before):
-        yield
-        return
+    before = {number: signal.getsignal(number) for number in _BOTH}
+    held = {number: handler for number, handler in before.items() if callable(handler)}
+    if threading.current_thread() is not threading.main_thread():
+        held = {}
     came: list[tuple[int, Any]] = []
-    signal.signal(signal.SIGINT, lambda number, frame: came.append((number, frame)))
+    for number in held:
+        signal.signal(number, lambda number, frame: came.append((number, frame)))
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in held.items():
+            signal.signal(number, handler)
         if came:
-            before(*came[0])
+            held[signal.Signals(came[0][0])](*came[0])

@@ -192,6 +192,7 @@ def spread(tasks: Sequence[Callable[[], T]]) -> list[T]:
 
 def _work(task: Callable[[], Any], mine: connection.Connection, theirs: connection.Connection, folder: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is the parent's to handle: it ends this one
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     mine.close()
     _PROCESSES.set(1)
     tempfile.tempdir = folder

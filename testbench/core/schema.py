@@ -13,6 +13,7 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, Field, Tag, ValidationError
 
 from testbench.core.errors import RecordError, ScenarioError, nearest
+from testbench.core.store import note_read
 
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
@@ -32,6 +33,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         RecordError: the file does not exist or cannot be read.
         ScenarioError: it is not TOML; the message carries line and column.
     """
+    note_read(path)
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from testbench.core.channels import unit_factor
 from testbench.core.errors import RecordError, excerpt, located
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.store import note_read
 from testbench.logs.layout import ChannelColumn, Recorded, RecordFile, TimeColumn, find_data_folder
 from testbench.logs.names import LARGEST, MISSING, clock_called, stated_unit, time_unit
 from testbench.logs.tables import Table, read_table
@@ -56,6 +57,7 @@ def read_records(description: Recorded, data_folder: Path | str | None = None) -
 
 
 def _read_file(description: Recorded, spec: RecordFile, path: Path) -> list[tuple[str, str, FlightRecord]]:
+    note_read(path)
     table = read_table(
         path, spec.kind_of_file, spec.variable, spec.header, spec.skip_rows, spec.delimiter, spec.decimal
     )

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from testbench.core.files import write_file
-from testbench.page.beside import PAGE, written_beside
+from testbench.core.store import PAGE, ResultFolder
 from testbench.page.flown import flown_table, flown_words
 from testbench.page.terminal import print_answer, print_table
 from testbench.page.words import Answer, sentence
-from testbench.page.write import claim_folder, write_plates, write_tables
+from testbench.page.write import write_plates, write_tables
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -78,20 +78,21 @@ class Page:
     notes: Sequence[str] = ()
     closing: Sequence[tuple[str, str]] = ()
 
-    def write(self, folder: Path | str) -> list[Path]:
+    def write(self, folder: Path | str | ResultFolder) -> list[Path]:
         """Write tables, figures, the files beside the page and report.html; return the paths, the page last.
 
-        All of it is written beside what is there and moved into place together, see
-        :func:`testbench.page.beside.written_beside`.
+        Args:
+            folder: where the page goes, in the place of what an older one wrote; or a folder that is being written, of
+                which the page becomes a part.
 
         Raises:
             RecordError: the folder cannot be written to.
         """
-        folder = Path(folder)
-        claim_folder(folder)
-        with written_beside(folder) as part:
-            made = [path.relative_to(part) for path in self._write_into(part)]
-        return [folder / path for path in made]
+        if isinstance(folder, ResultFolder):
+            made = [path.relative_to(folder.new) for path in self._write_into(folder.new)]
+            return [folder.path / path for path in made]
+        with ResultFolder(folder) as place:
+            return self.write(place)
 
     def _write_into(self, folder: Path) -> list[Path]:
         """Write all of the page into a folder; return the paths, the page last."""

@@ -7,35 +7,24 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from testbench.core.claim import claim
-from testbench.core.files import not_written, write_file
-from testbench.page.beside import PAGE, within
+from testbench.core.files import write_file
 from testbench.page.labels import file_stem
 
 if TYPE_CHECKING:
     from testbench.core.record import FlightRecord
+    from testbench.core.store import ResultFolder
     from testbench.line import Keep
     from testbench.page.html import Picture
     from testbench.page.plot import Plate
     from testbench.page.tables import Table
 
 
-def record_keeper(folder: Path | str) -> Keep:
-    """Return a function that saves each record as folder/records/NAME.nc, for ``run(keep=...)``.
-
-    The first record takes away the page of an older run, which belongs to other records.
-
-    Raises:
-        RecordError: the folder cannot be made, another process writes into it, or folder/records is a link out of it.
-    """
-    folder = Path(folder)
-    claim_folder(folder)
+def record_keeper(place: ResultFolder) -> Keep:
+    """Return a function that saves each record as records/NAME.nc of a result, for ``run(keep=...)``."""
 
     def keep(name: str, record: FlightRecord) -> None:
         """Save one record under its name."""
-        path = within(folder, folder / "records" / f"{file_stem(name)}.nc")
-        (folder / PAGE).unlink(missing_ok=True)
-        record.save(path)
+        record.save(place.new / "records" / f"{file_stem(name)}.nc")
 
     return keep
 
@@ -69,28 +58,6 @@ def write_plates(plates: Iterable[Plate], folder: Path) -> tuple[list[Path], lis
         paths.append(write_file(folder / "figures" / f"{file_stem(plate.name)}.png", drawing.png))
         pictures.append(picture(plate, drawing.svg))
     return paths, pictures
-
-
-def claim_folder(folder: Path) -> None:
-    """Hold a folder of results until the process ends, so that no page mixes two runs.
-
-    Raises:
-        RecordError: the folder cannot be made, or another process writes into it.
-    """
-    try:
-        claim(folder)
-    except OSError as error:
-        raise not_written(folder, error) from error
-
-
-def check_folder(folder: Path) -> None:
-    """Make the folder of a long search before it starts, hold it, and check that it can be written to.
-
-    Raises:
-        RecordError: it cannot, or another process writes into it.
-    """
-    claim_folder(folder)
-    write_file(folder / ".probe", "").unlink()
 
 
 def json_text(content: Mapping[str, Any]) -> str:

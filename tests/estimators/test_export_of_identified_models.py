@@ -12,6 +12,7 @@ from scipy.io import loadmat
 
 import testbench.cli as cli
 from testbench.core.channels import channel
+from testbench.core.store import ResultFolder
 from testbench.page.write import record_keeper
 from testbench.questions.identify import ask
 from testbench.questions.identify.ask import identify
@@ -88,7 +89,8 @@ def identified(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp(name)
     scenario = folder / "flights.toml"
     scenario.write_text(SCENARIO.format(name=name, suite=suite, V=V, h=h, size=size, step=step), encoding="utf-8")
-    simulated = run(Scenario.load(scenario), None, record_keeper(folder), causes=False)
+    with ResultFolder(folder) as place:
+        simulated = run(Scenario.load(scenario), None, record_keeper(place), causes=False)
     names = ("de", "V", "alpha", "q", "theta")
     channels = ", ".join(f'{{ name = "{n}", column = "{n}", unit = "{channel(n).unit}" }}' for n in names)
     file = folder / f"{name}_recorded.toml"

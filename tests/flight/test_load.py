@@ -7,9 +7,10 @@ import shutil
 
 import numpy as np
 import pytest
+from killed import killed_at, shown, whole
 
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import ModelError, ScenarioError
+from testbench.core.errors import ModelError, RecordError, ScenarioError
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, resolve, stock_root
 from testbench.flight import FlightCondition, load_aircraft, trim
 from testbench.flight.load import AircraftNote, adopted_at
@@ -151,11 +152,38 @@ def test_an_adopted_throw_that_is_edited_wrongly_is_refused(tmp_path):
         load_aircraft(folder)
 
 
-def test_adopting_twice_does_not_overwrite_what_may_have_been_edited(tmp_path):
-    adopted = adopted_at(STOCK / "SGS")
+def test_adopting_twice_keeps_what_was_edited_and_an_aircraft_of_the_users_own_is_refused(tmp_path):
+    adopted, file = adopted_at(STOCK / "SGS"), tmp_path / "mine" / "aircraft.toml"
     write_adopted(adopted, tmp_path / "mine")
-    with pytest.raises(ModelError, match=r"which has an aircraft\.toml"):
+    text = file.read_text()
+    write_adopted(adopted, tmp_path / "mine")
+    file.write_text("edited")
+    with pytest.warns(UserWarning, match="changed by hand"):
         write_adopted(adopted, tmp_path / "mine")
+    assert (file.read_text(), file.with_name("aircraft.toml.kept").read_text()) == (text, "edited")
+    own = tmp_path / "own" / "aircraft.toml"
+    own.parent.mkdir()
+    own.write_text("mine")
+    with pytest.raises(RecordError, match=r"no manifest lists '.*aircraft\.toml'"):
+        write_adopted(adopted, own.parent)
+    assert [p.read_text() for p in own.parent.iterdir()] == ["mine"]
+
+
+def test_a_killed_adoption_leaves_no_half_aircraft(tmp_path):
+    adopted = adopted_at(STOCK / "SGS")
+    ends = set()
+    for step in (1, 5, 9, *range(13, 27), 500):
+        folder = tmp_path / str(step) / "mine"
+        folder.mkdir(parents=True)
+        (folder / "notes.txt").write_text("mine")
+        killed = killed_at(step, lambda folder=folder: write_adopted(adopted, folder))
+        made = shown(folder) - {"notes.txt"}
+        assert made in (set(), {"mine.xml", "aircraft.toml"})
+        ends.add((killed, bool(made)))
+        write_adopted(adopted, folder)
+        assert whole(folder)
+        assert shown(folder) == {"mine.xml", "aircraft.toml", "notes.txt"}
+    assert ends == {(True, False), (True, True), (False, True)}
 
 
 def test_the_file_says_what_was_found_and_what_was_assumed():

@@ -69,18 +69,20 @@ def test_a_pipe_that_is_closed_ends_a_command_quietly():
     assert process.returncode == 141
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("after_s", [0.0, *(pytest.param(0.002 * k, marks=pytest.mark.slow) for k in range(1, 40))])
-def test_an_interrupt_of_a_stage_is_one_line_and_130(tmp_path, after_s):
+def test_an_interrupt_of_a_stage_is_one_line_and_leaves_the_folder_as_it_was(tmp_path, after_s, number):
     heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # whoever runs the tests may not
     script = f"{heed}; from testbench.__main__ import main; main()"
     words = [sys.executable, "-c", script, "run", "eolo_methods", "-o", str(tmp_path)]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr.readline().startswith("... ")
         time.sleep(after_s)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         said = [line for line in process.stderr.read().splitlines() if not line.startswith("... ")]
     assert process.returncode == 130
-    assert said == ["interrupted; what was written so far is kept"]
+    assert said == ["interrupted; what was finished is kept, and no result is left half written"]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_interrupt_of_the_imports_is_one_line_and_130(monkeypatch, capsys):

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from testbench.core.store import OWN
 from testbench.page.page import COMPUTED, Page, source_of
 from testbench.page.tables import Column, Table
 from testbench.page.terminal import print_rows
@@ -86,7 +87,7 @@ def test_everything_is_written_and_the_page_is_last(tmp_path) -> None:
         source=("a.toml", "title = '&'"),
     )
     paths = made.write(tmp_path)
-    assert sorted(paths) == sorted(p for p in tmp_path.rglob("*") if p.is_file())
+    assert sorted(paths) == sorted(p for p in tmp_path.rglob("*") if p.is_file() and OWN not in p.parts)
     assert paths[-1] == tmp_path / "report.html"
     assert (tmp_path / "bytes.bin").read_bytes() == b"\x00"
     assert (tmp_path / "own.txt").read_text() == "own"
@@ -104,6 +105,16 @@ def test_everything_is_written_and_the_page_is_last(tmp_path) -> None:
     assert 'id="table-sizes"' in html
     assert 'id="table-long"' not in html
     assert {p.read_bytes() for p in made.write(tmp_path)} == {p.read_bytes() for p in paths}
+
+
+def test_what_an_older_run_wrote_does_not_stand_beside_the_newer_one(tmp_path) -> None:
+    page(files={"models/a.json": "{}"}).write(tmp_path)
+    (tmp_path / "models" / "notes.md").write_text("my own")
+    paths = page(tables=[TABLE]).write(tmp_path)
+    assert [str(p.relative_to(tmp_path)) for p in paths] == ["tables/sizes.csv", "tables/sizes.json", "report.html"]
+    assert sorted(p for p in tmp_path.rglob("*") if p.is_file() and OWN not in p.parts) == sorted(
+        [*paths, tmp_path / "models" / "notes.md"]
+    )
 
 
 def test_the_terminal_shows_answer_tables_notes_and_place() -> None:

@@ -12,8 +12,6 @@ from testbench.core.errors import ModelError
 from testbench.core.escape import one_line
 from testbench.core.toml_text import quoted
 
-MARK = "# Made by `testbench aircraft flexible`"
-"""Begins the first line of a file that may be written again."""
 _WIDTH = 118
 
 
@@ -56,7 +54,8 @@ def flexible_toml(rigid: str, made: Flexible, test: GroundTest, name: str) -> st
         comments = last if attached and head and all(line.startswith("#") for line in last.splitlines()) else ""
         before = "\n\n".join(head) if comments else before
         text = f"{before}\n\n{said}wing_station = [\n{rows}]\n\n{comments}{chr(10) if comments else ''}{text[place:]}"
-    first = f"{MARK} from {one_line(f'{name} and {test.path.name}')}; made anew each time.\n"
+    of = one_line(f"{name} and {test.path.name}")
+    first = f"# Made by `testbench aircraft flexible` from {of}; made anew each time.\n"
     return f"{first}{text.rstrip()}\n\n{_sources(made, test)}\n{_elastic(made, test)}"
 
 

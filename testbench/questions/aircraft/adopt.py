@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import ModelError
 from testbench.core.escape import one_line
 from testbench.core.files import write_file
+from testbench.core.store import ResultFolder
 from testbench.core.toml_text import quoted, real
 from testbench.page.tables import Column, Table
 
@@ -28,23 +28,26 @@ _WIDE = 110
 _UNITS = {"V": ("_m_s", 1.0), "h": ("_m", 1.0)}
 
 
-def write_adopted(adopted: Adopted, folder: Path) -> list[Path]:
+def write_adopted(adopted: Adopted, folder: Path | ResultFolder) -> list[Path]:
     """Write an adopted model as a folder that the testbench loads: NAME.xml, Engines/ and aircraft.toml.
 
     Raises:
-        ModelError: the folder has an aircraft.toml already, which may have been edited.
-        RecordError: it cannot be written to.
+        BusyError: another process writes into the folder.
+        RecordError: it has an aircraft.toml that the testbench did not write, or cannot be written to.
     """
-    if (folder / "aircraft.toml").exists():
-        raise ModelError(f"a new aircraft must go to a folder of its own, got '{folder}', which has an aircraft.toml")
-    name = folder.resolve().name
+    if not isinstance(folder, ResultFolder):
+        with ResultFolder(folder) as place:
+            return write_adopted(adopted, place)
+    folder.check("aircraft.toml")
+    new, name = folder.new, folder.path.resolve().name
     aircraft = adopted.aircraft
     tree = ET.fromstring(aircraft.xml)
     ET.indent(tree)
     text = '<?xml version="1.0"?>\n' + ET.tostring(tree, encoding="unicode") + "\n"
-    out = [write_file(folder / f"{name}.xml", text)]
-    out += [write_file(folder / "Engines" / file, xml) for file, xml in aircraft.engine_files.items()]
-    return [*out, write_file(folder / "aircraft.toml", described(adopted, f"{name}.xml"))]
+    out = [write_file(new / f"{name}.xml", text)]
+    out += [write_file(new / "Engines" / file, xml) for file, xml in aircraft.engine_files.items()]
+    out += [write_file(new / "aircraft.toml", described(adopted, f"{name}.xml"))]
+    return [folder.path / path.relative_to(new) for path in out]
 
 
 def described(adopted: Adopted, model: str) -> str:

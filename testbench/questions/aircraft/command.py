@@ -47,6 +47,7 @@ def show(
 
     Example: `testbench aircraft eolo --export root/aircraft` only writes a model that stock JSBSim loads from `root`.
     """
+    from testbench.core.store import ResultFolder, folder_in
     from testbench.flight import load_aircraft
     from testbench.questions.aircraft.ask import survey
     from testbench.questions.aircraft.export import export_aircraft
@@ -58,14 +59,13 @@ def show(
         refuse(context, "with --export, which writes the model alone", "out")
         print(f"Model: {export_aircraft(loaded, name, export)[0]}")
         return
-    folder = out / folder_name(loaded, name)
-    with stages() as say:
+    with ResultFolder(folder_in(out, folder_name(loaded, name))) as place, stages() as say:
         say("trim and linearise over speed")
         found = survey(loaded, name)
         say("write report")
         page = aircraft_page(found)
-        page.write(folder)
-    page.show(console(), folder)
+        page.write(place)
+    page.show(console(), place.path)
 
 
 @command.command("adopt")
@@ -87,6 +87,7 @@ def adopt_command(
     Example: `testbench aircraft adopt models/plane.xml -o aircraft/plane`, then `aircraft = "plane"` in any scenario.
     """
     from testbench.core.paths import STOCK, stock_names, stock_root
+    from testbench.core.store import folder_in
     from testbench.flight import load_aircraft
     from testbench.flight.load import adopted_at
     from testbench.questions.aircraft.adopt import write_adopted
@@ -105,6 +106,6 @@ def adopt_command(
         loaded = load_aircraft(str(place))
         page = adopted_page(found, survey(loaded, loaded.name), place)
         say("write report")
-        where = report / f"aircraft_{loaded.name}"
+        where = folder_in(report, f"aircraft_{loaded.name}")
         page.write(where)
     page.show(console(), where)

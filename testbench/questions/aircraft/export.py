@@ -7,6 +7,7 @@ from pathlib import Path
 from testbench.aircraft import Aircraft
 from testbench.core.escape import markdown_cell
 from testbench.core.files import write_file
+from testbench.core.store import ResultFolder, folder_in
 from testbench.flight import FlightCondition
 from testbench.flight.executive import Executive
 
@@ -19,10 +20,10 @@ def export_aircraft(aircraft: Aircraft, name: str, folder: Path | str) -> list[P
     README.md says how it is commanded and what it must be told.
 
     Raises:
-        RecordError: the folder cannot be written to.
+        BusyError: another process writes into the folder.
+        RecordError: the folder cannot be written to, or has such a file that the testbench did not write.
     """
     condition = FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m)
-    place = Path(folder) / name
     rate = aircraft.rate_hz
     note = (
         f"# {markdown_cell(name)}\n\n{markdown_cell(aircraft.title)}. Plain JSBSim model, for the `aircraft/` folder "
@@ -37,9 +38,11 @@ def export_aircraft(aircraft: Aircraft, name: str, folder: Path | str) -> list[P
     else:
         note += f"The model has no elastic equations and flies at any frame rate; {rate:g} per second is its own.\n"
     note += _commands(aircraft, condition)
-    out = [write_file(place / f"{name}.xml", aircraft.model_xml(rate, condition.qbar_Pa, condition.V_m_s))]
-    out += [write_file(place / "Engines" / file, text) for file, text in aircraft.engine_files.items()]
-    return [*out, write_file(place / "README.md", note)]
+    with ResultFolder(folder_in(Path(folder), name)) as place:
+        out = [write_file(place.new / f"{name}.xml", aircraft.model_xml(rate, condition.qbar_Pa, condition.V_m_s))]
+        out += [write_file(place.new / "Engines" / file, text) for file, text in aircraft.engine_files.items()]
+        out += [write_file(place.new / "README.md", note)]
+    return [place.path / path.relative_to(place.new) for path in out]
 
 
 def _commands(aircraft: Aircraft, condition: FlightCondition) -> str:

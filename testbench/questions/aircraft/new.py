@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from testbench.core.constants import DEG_RAD, PERCENT
-from testbench.core.errors import RecordError, ScenarioError
+from testbench.core.errors import ScenarioError
+from testbench.core.store import ResultFolder
 from testbench.page.page import COMPUTED, Page
 from testbench.page.tables import Column, Table
 from testbench.page.terminal import console, stages
@@ -29,7 +30,6 @@ def new(
         Path | None,
         typer.Option(help="Beside an AVL file: a TOML file with what it lacks (mass, design speed, throws, motor)."),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Write over an aircraft that lies there already.")] = False,
 ) -> None:
     """Make an aircraft from its geometry: a JSBSim model, its limits, and how well each coefficient is known.
 
@@ -42,18 +42,17 @@ def new(
 
     folder = out if out is not None else Path("aircraft") / default_name(plan)
     check_name(folder)
-    if (folder / "aircraft.toml").exists() and not force:
-        raise RecordError(f"a new aircraft must go to a folder without one, got '{folder}': give another, or --force")
-    with stages() as say:
+    with stages() as say, ResultFolder(folder) as place:
+        place.check("aircraft.toml")
         say("read the plan")
         read = read_plan(plan, mass)
         aerosandbox()
         say("compute coefficients by strips and by a vortex lattice")
         made = model_from_plan(read, folder.name)
         say("write the aircraft")
-        made.write(folder)
-        page = new_page(made, load_aircraft(folder))
-        page.write(folder / _REPORT)
+        made.write(place.new)
+        page = new_page(made, load_aircraft(place.new))
+        page.write(place.new / _REPORT)
     page.show(console(), folder / _REPORT)
     print(f"Aircraft: {folder}")
     print(f"Next: testbench aircraft {folder}")

@@ -24,7 +24,7 @@ from testbench.questions.campaign.flying import Job, Outcome, fly_batch
 from testbench.questions.campaign.load import Campaign, versions
 from testbench.questions.campaign.no_workers import why_none
 from testbench.questions.campaign.stop import Watch
-from testbench.questions.campaign.store import Counts, Store
+from testbench.questions.campaign.store import RECORDS, Counts, Store
 from testbench.questions.campaign.workers import (
     Died,
     Lost,
@@ -298,7 +298,7 @@ def _died(campaign: Campaign, run: int) -> Outcome:
 def _keep_records(finished: list[Outcome], folder: Path) -> None:
     """Write the time histories of finished runs as folder/records/run_NNNNNN_NAME.nc, before their rows."""
     for name, content in _records(finished):
-        path = folder / "records" / name
+        path = folder / RECORDS / name
         write_file(
             path,
             content,

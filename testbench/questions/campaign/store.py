@@ -2,7 +2,8 @@
 
 A batch of finished runs is one transaction in write-ahead mode, synchronised to the disk: a committed batch survives
 the death of any process and of the machine; other runs are flown again. A run is counted once because its number is the
-key of its row, and because a row once finished is never written again.
+key of its row, and because a row once finished is never written again. Who flies holds a lock of the store alone, so
+that a page can be written of the runs so far.
 """
 
 from __future__ import annotations
@@ -15,15 +16,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from testbench.core.errors import CampaignError
+from testbench.core.store import OWN, ResultFolder, locked
 from testbench.questions.campaign.load import versions
-from testbench.questions.campaign.lock import WriterLock
 
 if TYPE_CHECKING:
+    from filelock import FileLock
+
     from testbench.questions.campaign.flying import Outcome
     from testbench.questions.campaign.load import Campaign
 
 VERSION = "1"
-FILE, LOCK = "campaign.sqlite", "campaign.lock"
+FILE, RECORDS, LOCK = "campaign.sqlite", "records", "campaign.lock"
 _SCHEMA = """
 CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE runs (
@@ -69,29 +72,39 @@ class Row:
 class Store:
     """An open store; :meth:`create`, :meth:`resume` or :meth:`read` opens one. A context manager that closes it."""
 
-    def __init__(self, path: Path, connection: sqlite3.Connection, lock: WriterLock | None = None) -> None:
+    def __init__(self, path: Path, connection: sqlite3.Connection, lock: FileLock | None = None) -> None:
         self.path = path
         self._db = connection
         self._lock = lock
 
     @classmethod
     def create(cls, folder: Path, campaign: Campaign) -> Store:
-        """Make the store of a campaign in ``folder``, every run pending.
+        """Make the store of a campaign in ``folder``, every run pending; the manifest lists it and the time histories.
 
         Raises:
-            CampaignError: there is a store already, another process writes to it, or the disk is full.
+            BusyError: another process writes to it.
+            CampaignError: there is a store already, or the disk is full.
+            RecordError: the folder has a file of such a name that is not the testbench's.
         """
-        folder.mkdir(parents=True, exist_ok=True)
-        path = folder / FILE
-        lock = WriterLock(folder / LOCK)
+        place, path = ResultFolder(folder), folder / FILE
         try:
-            if path.exists() and _is_whole(path):
-                raise CampaignError(
-                    f"a new campaign needs a folder without a store, but there is '{path}'; go on with `testbench "
-                    "campaign resume`, or give another folder with --out"
-                )
-            for leftover in folder.glob(f"{FILE}*"):  # a store whose making was interrupted holds no run
-                leftover.unlink()
+            lock = locked(folder, LOCK)
+            try:
+                if path.exists() and _is_whole(path):
+                    raise CampaignError(
+                        f"a new campaign needs a folder without a store, but there is '{path}'; go on with `testbench "
+                        "campaign resume`, or give another folder with --out"
+                    )
+                place.live(FILE)
+                place.live(RECORDS)
+            except BaseException:
+                lock.release()
+                raise
+        finally:
+            place.leave()
+        try:
+            for end in ("", "-wal", "-shm"):  # a store whose making was interrupted holds no run
+                (folder / f"{FILE}{end}").unlink(missing_ok=True)
             store = cls(path, _connect(path), lock)
         except BaseException:
             lock.release()
@@ -117,12 +130,14 @@ class Store:
         """Open the store of a campaign to continue it: runs that were under way are pending again, finished runs stay.
 
         Raises:
-            CampaignError: there is no store, it is of another campaign or version, or another process writes to it.
+            BusyError: another process writes to it.
+            CampaignError: there is no store, or it is of another campaign or version.
         """
         path = folder / FILE
         if not path.is_file():
             raise CampaignError(f"a campaign to go on with must have a store, got none at '{path}'; use campaign run")
-        lock = WriterLock(folder / LOCK)
+        (folder / OWN).mkdir(exist_ok=True)
+        lock = locked(folder, LOCK)
         try:
             store = cls(path, _connect(path), lock)
         except BaseException:
@@ -329,8 +344,8 @@ def _connect(path: Path) -> sqlite3.Connection:
 
 
 def _is_whole(path: Path) -> bool:
-    """Say whether a store was made to its end: its version is written last."""
-    db = _connect(path)
+    """Say whether a store was made to its end: its version is written last. A file that is none stays as it is."""
+    db = sqlite3.connect(path, timeout=30.0)
     try:
         return db.execute("SELECT value FROM meta WHERE key = 'version'").fetchone() is not None
     except sqlite3.DatabaseError:

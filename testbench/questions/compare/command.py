@@ -44,19 +44,19 @@ def suites(
     sensors along the wing. Examples: `testbench compare eolo_alpha`, `testbench
     compare eolo_wing`.
     """
+    from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.compare.ask import compare
     from testbench.questions.compare.page import compare_page
     from testbench.questions.compare.scenario import CompareScenario
     from testbench.questions.files import find
 
     loaded = CompareScenario.load(find(scenario, "compare"))
-    folder = out / f"compare_{loaded.name}"
-    with stages() as say:
+    with ResultFolder(folder_in(out, f"compare_{loaded.name}")) as place, stages() as say:
         result = compare(loaded, seed, not information, say, simulator.value)
         say("write report")
         page = compare_page(result)
-        page.write(folder)
-    page.show(console(), folder)
+        page.write(place)
+    page.show(console(), place.path)
 
 
 command.command("benchmark")(benchmark)

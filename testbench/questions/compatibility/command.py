@@ -26,6 +26,7 @@ def command(
     It estimates bias, scale, lag or delay where the data tell them, and writes the corrected records. Example:
     `testbench compatibility records/attas_full`.
     """
+    from testbench.core.store import ResultFolder, folder_in
     from testbench.estimators import data_compatibility
     from testbench.logs.plausible import questions_of
     from testbench.logs.read import read_records
@@ -34,8 +35,7 @@ def command(
     from testbench.questions.identify.scenario import RecordDescription
 
     described = RecordDescription.load(find(description, "identify"))
-    folder = out / f"{described.name}_compatibility"
-    with stages() as say:
+    with ResultFolder(folder_in(out, f"{described.name}_compatibility")) as place, stages() as say:
         say("read records")
         records = {name: record for name, _, record in read_records(described, data)}
         questions = questions_of(records.items(), described.file, strict)
@@ -43,5 +43,5 @@ def command(
         result = data_compatibility.estimate(list(records.values()), gravity_m_s2=gravity)
         say("write report")
         page = compatibility_page(result, records, described, questions)
-        page.write(folder)
-    page.show(console(), folder)
+        page.write(place)
+    page.show(console(), place.path)

@@ -7,7 +7,7 @@ import json
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from testbench.core.blas import on_one_thread
 from testbench.core.errors import DatasetError, ScenarioError
 from testbench.core.processes import Ahead, cores, processes
 from testbench.core.sizes import require_room
+from testbench.core.store import ResultFolder
 from testbench.flight.batch.jobs import Simulator
 from testbench.page.text import text_page
 from testbench.questions.campaign.ask import Progress
@@ -97,10 +98,16 @@ def draw_dataset(
     aircraft_of.cache_clear()  # a folder of the user's own may have changed since the last set
     layout = layout_of(scenario, runs or scenario.flights)
     require_room("a flight of the data set", layout.row_bytes, "shorten its manoeuvres (duration_s)")
-    store = Store.open(Path(folder), layout, _about(scenario, layout, simulator))
-    if store.complete:
-        return Drawn(store.folder, layout, {}, 0, 0.0)
-    return _Session(scenario, layout, store, workers or cores(), simulator, progress).fly()
+    about = _about(scenario, layout, simulator)
+    with ResultFolder(folder, resume=True) as place:
+        store = Store.open(place, layout, about)
+        if store.folder == place.path:
+            place.leave()  # all is there
+        if store.complete:
+            return Drawn(place.path, layout, {}, 0, 0.0)
+        return replace(
+            _Session(scenario, layout, store, workers or cores(), simulator, progress).fly(), folder=place.path
+        )
 
 
 def _about(scenario: DatasetScenario, layout: Layout, simulator: Simulator) -> dict[str, Any]:

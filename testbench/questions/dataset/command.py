@@ -74,6 +74,7 @@ def score(
     answers.csv`.
     """
     from testbench.core.files import write_file
+    from testbench.core.store import write_beside
     from testbench.questions.dataset.score import score_predictions
 
     heads, rows, right = score_predictions(folder, predictions, truth)
@@ -84,7 +85,7 @@ def score(
 
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows([heads, *rows])
-        write_file(out, text.getvalue())
+        write_beside(out, lambda path: write_file(path, text.getvalue()))
 
 
 @command.command("check")

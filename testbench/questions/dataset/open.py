@@ -9,6 +9,7 @@ import numpy as np
 
 from testbench.core.errors import DatasetError, RecordError, ScenarioError, nearest
 from testbench.core.files import parsed
+from testbench.core.store import NEW, OWN, settle
 from testbench.questions.dataset.scenario import SPLITS
 from testbench.questions.dataset.store import STORE, SUMS, TRUTH
 
@@ -122,10 +123,11 @@ def store_of(folder: Path | str) -> Path:
         DatasetError: it is still being drawn.
     """
     path = Path(folder) / STORE
+    settle(Path(folder))
+    if (Path(folder) / OWN / NEW / STORE).exists() or (path.is_file() and not (Path(folder) / SUMS).exists()):
+        raise DatasetError(f"'{folder}' is not complete; go on with the command `testbench dataset` that began it")
     if not path.is_file():
         raise RecordError(f"a data set must lie in its folder, but '{folder}' has no {STORE} ")
-    if not (Path(folder) / SUMS).exists():
-        raise DatasetError(f"'{folder}' is not complete; go on with the command `testbench dataset` that began it")
     return path
 
 

@@ -3,7 +3,8 @@
 All arrays of the store are contiguous, so that their places are known once the empty file is laid out. Its whole size
 is then claimed from the disk, before anything is flown, and parts are written by Python at their places: HDF5, which
 ends the process if the disk fills while it writes, is not there. A part counts once its line stands in the journal;
-a process that is killed loses at most the part that it was writing, whose place is written again.
+a process that is killed loses at most the part that it was writing, whose place is written again. All this is done
+where :class:`ResultFolder` keeps what is unfinished; once the checksums are there, the data set takes its place.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from testbench.core.claim import claim
 from testbench.core.errors import DatasetError, DiskError, RecordError
 from testbench.core.files import netcdf_bytes, write_file
+from testbench.core.store import OWN, ResultFolder, settle
 from testbench.questions.dataset.flying import Part
 from testbench.questions.dataset.layout import WITHHELD, Layout, Variable
 from testbench.questions.dataset.scenario import SPLITS
@@ -42,7 +43,7 @@ class Store:
     """A folder that is being filled.
 
     Attributes:
-        folder: of the data set.
+        folder: where the data set is made.
         layout: of its arrays.
         about: what decides its content, as JSON.
     """
@@ -52,28 +53,28 @@ class Store:
     about: str
 
     @classmethod
-    def open(cls, folder: Path, layout: Layout, about: Mapping[str, Any]) -> Store:
-        """Claim a folder and go on with what lies in it, or lay out a new one.
+    def open(cls, place: ResultFolder, layout: Layout, about: Mapping[str, Any]) -> Store:
+        """Go on with what lies in a folder, finished or not, or lay out a new data set.
 
         Raises:
-            BusyError: another process writes into it.
             DatasetError: it holds something else.
             DiskError: the disk has no room for all of it.
         """
-        claim(folder)
+        folder = place.path if (place.path / SUMS).exists() else place.new
         store = cls(folder, layout, json.dumps(about, indent=1, sort_keys=True) + "\n")
         found = folder / ABOUT
+        others = sorted(p.name for p in place.path.iterdir() if p.name != OWN)
+        if others and folder == place.new:
+            raise DatasetError(
+                f"a data set needs a folder of its own, but '{place.path}' holds {others[0]}; give another --out"
+            )
         if not found.exists():
-            others = sorted(p.name for p in folder.iterdir())
-            if others and _WORK not in others:  # with it, a process was killed while it laid out
-                raise DatasetError(
-                    f"a data set needs a folder of its own, but '{folder}' holds {others[0]}; give another --out"
-                )
+            shutil.rmtree(folder)  # of a process that was killed while it laid out, or did something else
             store._lay_out()
             write_file(found, store.about, fix=_FIX)
         elif found.read_text(encoding="utf-8") != store.about:
             raise DatasetError(
-                f"a folder holds one data set, but '{folder}' holds another one ({_differs(found, about)}); give "
+                f"a folder holds one data set, but '{place.path}' holds another one ({_differs(found, about)}); give "
                 "another folder with --out, or remove that one"
             )
         if store.complete:
@@ -88,7 +89,6 @@ class Store:
     def _lay_out(self) -> None:
         """Make the empty store and the place of all labels, and claim from the disk all that they will take."""
         work = self.folder / _WORK
-        shutil.rmtree(work, ignore_errors=True)
         work.mkdir(parents=True)
         try:
             with (work / "labels").open("wb") as labels:
@@ -167,7 +167,7 @@ class Store:
         return {v.name: raw[v.name] for v in self._labels}
 
     def finish(self, sheet: str, page: str, split: Any) -> None:
-        """Write the withheld labels, the datasheet and the checksums; then the data set is complete.
+        """Write the withheld labels, the datasheet and, last, the checksums; then the data set is complete.
 
         Args:
             sheet: text of the datasheet.
@@ -340,6 +340,7 @@ def damaged(folder: Path) -> Iterator[str]:
     Raises:
         RecordError: there are no checksums.
     """
+    settle(folder)
     path = folder / SUMS
     if not path.exists():
         raise RecordError(f"a complete data set has {SUMS}, but '{folder}' has none; draw it to its end first")

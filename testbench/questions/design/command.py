@@ -44,6 +44,7 @@ def command(
     --after the next input is designed for what earlier flights left uncertain: `testbench design mine.toml --after
     results/close_mine`. Another aircraft than the scenario's: `testbench design eolo_short_period --aircraft mine`.
     """
+    from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.design.ask import run_design
     from testbench.questions.design.known import AllKnown, known_after
     from testbench.questions.design.page import design_page, nothing_page
@@ -53,13 +54,13 @@ def command(
     loaded = DesignScenario.load(find(scenario, "design"))
     if aircraft is not None:
         loaded = loaded.with_aircraft(aircraft)
-    folder = out / f"design_{loaded.name}{f'_after_{len(after)}' if after else ''}"  # plans refer to the design before
+    name = f"design_{loaded.name}{f'_after_{len(after)}' if after else ''}"  # plans refer to the design before
     flown = known_after(after, loaded.condition.V_m_s) if after else None
-    with stages() as say:
+    with ResultFolder(folder_in(out, name)) as place, stages() as say:
         try:
             page = design_page(run_design(loaded, seed, say, simulator.value, flown))
         except AllKnown as nothing:
             page = nothing_page(loaded, nothing)
         say("write report")
-        page.write(folder)
-    page.show(console(), folder)
+        page.write(place)
+    page.show(console(), place.path)

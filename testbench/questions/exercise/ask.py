@@ -9,6 +9,7 @@ from pathlib import Path
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.files import write_file
 from testbench.core.schema import Strict, parse, read_toml
+from testbench.core.store import OWN, ResultFolder, entry_of, manifest_of
 from testbench.core.toml_text import quoted
 from testbench.page.text import text_page
 from testbench.questions.exercise.answers import ANSWERS, template
@@ -58,23 +59,61 @@ def start(name: str, student: str, key: str, folder: Path | None = None) -> Star
     if not student or len(student) > _LONGEST or not student.isprintable():
         raise ScenarioError([f"a student must be 1 to {_LONGEST} printable characters, got {student!r}"])
     folder = folder or Path(f"{name}_{re.sub(r'[^A-Za-z0-9._-]+', '_', student)}")
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    _empty(folder)
+    sealed = seal(key, name, student)
+    case = case_of(exercise, sealed)
+    with ResultFolder(folder, sealed=True) as place:
+        _empty(folder)  # another process may have been there
+        _hand_out(place.new, name, student, exercise, sealed, case)
+    return Started(folder, name, student, exercise, case)
+
+
+def restore(folder: Path, name: str, student: str, key: str) -> list[str]:
+    """Write again what is missing of a folder that :func:`start` made, and return it; all else stays as it is.
+
+    Raises:
+        RecordError: it was started with another key.
+    """
+    listed = getattr(manifest_of(folder), "files", {})
+    missing = [file for file in listed if not (folder / file).exists()]
+    if missing:
+        with ResultFolder(folder, adds=True, sealed=True) as place:
+            exercise, sealed = load_exercise(name), seal(key, name, student)
+            _hand_out(place.new, name, student, exercise, sealed, case_of(exercise, sealed))
+            if entry_of(place.new / CARD) != listed.get(CARD):
+                raise _other_key(folder)
+            for path in [p for p in place.new.rglob("*") if p.is_file()]:
+                if path.relative_to(place.new).as_posix() not in missing:
+                    path.unlink()
+    return missing
+
+
+def _empty(folder: Path) -> None:
+    """Refuse a folder that holds anything but what the start of an exercise left that was interrupted.
+
+    Raises:
+        RecordError: it does.
+    """
+    if manifest_of(folder) is not None or (folder.exists() and (not folder.is_dir() or _holds(folder))):
         begun = f", or go on with `testbench exercise check {folder}`" if (folder / CARD).is_file() else ""
         raise RecordError(
             f"an exercise must go into a new or empty folder, got '{folder}'; choose another with -o{begun}"
         )
-    sealed = seal(key, name, student)
-    case = case_of(exercise, sealed)
+
+
+def _holds(folder: Path) -> bool:
+    return any(path.name != OWN for path in folder.iterdir())
+
+
+def _hand_out(folder: Path, name: str, student: str, exercise: Exercise, sealed: Seal, case: Case) -> None:
     handout = exercise.hand_out(case)
-    folder.mkdir(parents=True, exist_ok=True)
-    _write(folder, CARD, _card(name, student, sealed))
+    write_file(folder / CARD, _card(name, student, sealed))
     for file, text in _texts(name, student, exercise, handout).items():
-        _write(folder, file, text)
+        write_file(folder / file, text)
     for record_name, record in handout.records.items():
         blank = replace(record, provenance={"exercise": name, "record": record_name, "student": student})
         blank.save(folder / "records" / f"{record_name}.nc")
         blank.save_csv(folder / "records" / f"{record_name}.csv")
-    return Started(folder, name, student, exercise, case)
 
 
 def reopen(folder: Path, key: str) -> Started:
@@ -95,11 +134,15 @@ def reopen(folder: Path, key: str) -> Started:
     exercise = load_exercise(card.exercise)
     sealed = seal(key, card.exercise, card.student)
     if sealed.key_check != card.key_check:
-        raise RecordError(
-            f"'{folder}' was started with another key than the one used now (or {CARD} was changed); whoever handed it "
-            "out can check it: give their key with --key-file"
-        )
+        raise _other_key(folder)
     return Started(folder, card.exercise, card.student, exercise, case_of(exercise, sealed))
+
+
+def _other_key(folder: Path) -> RecordError:
+    return RecordError(
+        f"'{folder}' was started with another key than the one used now (or {CARD} was changed); whoever handed it "
+        "out can check it: give their key with --key-file"
+    )
 
 
 def case_of(exercise: Exercise, sealed: Seal) -> Case:
@@ -125,7 +168,3 @@ def _texts(name: str, student: str, exercise: Exercise, handout: Handout) -> dic
     steps = CATALOGUE / f"{name}.steps.md"
     files[NOTEBOOK] = notebook(text, steps.read_text(encoding="utf-8") if steps.is_file() else "", exercise.questions)
     return files
-
-
-def _write(folder: Path, name: str, text: str) -> None:
-    write_file(folder / name, text)

@@ -76,6 +76,8 @@ def exercise_roster(
     found = make_roster(students_of(students), exercise or exercises_of(out), out, key_file)
     left = f", {len(found.kept)} were there already" if found.kept else ""
     console().print(f"{len(found.begun)} folders written to {out / HANDED_OUT}{left}", highlight=False, soft_wrap=True)
+    for path in found.restored:
+        console().print(f"Missing, and written again: {path}", highlight=False, soft_wrap=True)
     console().print(f"Hand out: {out / HANDED_OUT}", highlight=False, soft_wrap=True)
     console().print(f"Keep:     {found.key_file}", highlight=False, soft_wrap=True)
     console().print(f"Marks:    testbench exercise marks {out}", highlight=False, soft_wrap=True)
@@ -96,6 +98,7 @@ def exercise_marks(
     Example: `testbench exercise marks class`. The key is that of --key-file, else key.txt in the first folder.
     """
     from testbench.core.files import write_file
+    from testbench.core.store import write_beside
     from testbench.questions.exercise.check import check_class
     from testbench.questions.exercise.roster import KEY, MARKS, folders_of, marks_text
     from testbench.questions.exercise.seal import read_key
@@ -105,7 +108,8 @@ def exercise_marks(
     key = read_key(key_file or (own if own.is_file() else None))
     results = check_class(folders_of(places), key)
     print_class(results, console())
-    table = write_file(out or places[0] / MARKS, marks_text(results))
+    text = marks_text(results)
+    table = write_beside(out or places[0] / MARKS, lambda path: write_file(path, text))
     console().print(f"Table: {table}", highlight=False, soft_wrap=True)
 
 

@@ -11,14 +11,16 @@ from pathlib import Path
 
 from testbench.core.errors import RecordError, ScenarioError, TestbenchError
 from testbench.core.files import write_file
+from testbench.core.store import ResultFolder, manifest_of
 from testbench.page.tables import Column, Table, Value
-from testbench.questions.exercise.ask import CARD, start
+from testbench.questions.exercise.ask import CARD, restore, start
 from testbench.questions.exercise.check import Result
 from testbench.questions.exercise.names import NAMES, load_exercise
 from testbench.questions.exercise.seal import read_key
 
 KEY, TABLE, MARKS = "key.txt", "roster.csv", "marks.csv"
 HANDED_OUT = "students"
+_HEADS = ("student", "exercise", "folder")
 _MOST = 500
 
 
@@ -31,12 +33,14 @@ class Roster:
         key_file: with the teacher's own key.
         begun: folders that were written now.
         kept: folders that were there already.
+        restored: files of theirs that were missing, and were written again.
     """
 
     folder: Path
     key_file: Path
     begun: tuple[Path, ...]
     kept: tuple[Path, ...]
+    restored: tuple[Path, ...]
 
 
 def students_of(words: str) -> tuple[str, ...]:
@@ -69,41 +73,53 @@ def students_of(words: str) -> tuple[str, ...]:
 
 def exercises_of(folder: Path) -> tuple[str, ...]:
     """Return the exercises that a class has, as its table tells them; all there are for a new class."""
-    try:
-        lines = (folder / TABLE).read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return NAMES
-    had = {row["exercise"] for row in csv.DictReader(lines) if row.get("exercise")}
+    had = {row["exercise"] for row in _table(folder)}
     return tuple(name for name in NAMES if name in had) or NAMES
 
 
+def _table(folder: Path) -> list[dict[str, str]]:
+    """Return the rows of the table of a class; none if there is no table, or it is another one."""
+    try:
+        rows = [*csv.DictReader((folder / TABLE).read_text(encoding="utf-8").splitlines())]
+    except (OSError, UnicodeDecodeError):
+        return []
+    return [row for row in rows if [*row] == [*_HEADS] and all(row.values())]
+
+
 def make_roster(students: Sequence[str], exercises: Sequence[str], folder: Path, key_file: Path | None) -> Roster:
-    """Write the folder of every exercise for every student; what is there already is left alone.
+    """Write the folder of every exercise for every student; of what is there already, only missing files are written.
 
     The teacher's key is that of ``key_file``, else the one in the folder, else a new one that is written there.
 
     Raises:
+        BusyError: another process writes into the folder.
         RecordError: there is no such exercise, or the folder cannot be written to.
         ScenarioError: a name or the key breaks a law.
     """
     for name in exercises:
         load_exercise(name)
-    key_file = key_file or folder / KEY
-    if not key_file.is_file():
-        write_file(key_file, secrets.token_hex(16) + "\n")
-    key = read_key(key_file)
-    begun, kept, rows = [], [], []
-    for student in students:
-        for name in exercises:
-            place = folder / HANDED_OUT / _folder(student) / name
-            if (place / CARD).is_file():
-                kept.append(place)
-            else:
-                start(name, student, key, place)
-                begun.append(place)
-            rows.append((student, name, str(place.relative_to(folder))))
-    write_file(folder / TABLE, _csv("roster", ("student", "exercise", "folder"), rows))
-    return Roster(folder, key_file, tuple(begun), tuple(kept))
+    begun: list[Path] = []
+    kept: list[Path] = []
+    restored: list[Path] = []
+    with ResultFolder(folder, adds=True) as whole:
+        own = key_file or folder / KEY
+        if not own.is_file():
+            write_file(own if key_file else whole.live(KEY), secrets.token_hex(16) + "\n")
+        key = read_key(own)
+        rows: dict[str, tuple[Value, ...]] = {row["folder"]: tuple(row.values()) for row in _table(folder)}
+        for student in students:
+            for name in exercises:
+                place = folder / HANDED_OUT / _folder(student) / name
+                if manifest_of(place) is not None or (place / CARD).is_file():
+                    restored += [place / file for file in restore(place, name, student, key)]
+                    kept.append(place)
+                else:
+                    start(name, student, key, place)
+                    begun.append(place)
+                where = place.relative_to(folder).as_posix()
+                rows[where] = (student, name, where)
+        write_file(whole.new / TABLE, _csv("roster", _HEADS, [*rows.values()]))
+    return Roster(folder, own, tuple(begun), tuple(kept), tuple(restored))
 
 
 def folders_of(places: Sequence[Path]) -> list[Path]:

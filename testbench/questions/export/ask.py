@@ -18,6 +18,7 @@ from testbench.core.errors import RecordError
 from testbench.core.escape import one_line
 from testbench.core.files import mat_bytes, netcdf_bytes, write_file
 from testbench.core.record import NEEDS_PYARROW, load_record
+from testbench.core.store import write_beside
 from testbench.questions.export.jsbsim_system import jsbsim_text
 from testbench.questions.export.matrices import PADE, Matrices, without_delays
 
@@ -37,8 +38,8 @@ def export_record(path: Path, to: str, out: Path | None = None) -> Path:
         out: the file; beside the record if not given.
 
     Raises:
-        RecordError: the record is missing or damaged, the format is one of models, or the file cannot be written or is
-            the record itself.
+        RecordError: the record is missing or damaged, the format is one of models, or the file cannot be written, is
+            the record itself, or is there and was not written by the testbench.
     """
     if to not in ("csv", "mat", "netcdf", "parquet"):
         raise RecordError(
@@ -48,9 +49,8 @@ def export_record(path: Path, to: str, out: Path | None = None) -> Path:
     out = out or path.with_suffix(".nc" if to == "netcdf" else f".{to}")
     if out.exists() and out.samefile(path):
         raise RecordError(f"a record must not be written over itself, got '{out}'; it is NetCDF already, or give -o")
-    return {"csv": record.save_csv, "mat": record.save_mat, "netcdf": record.save, "parquet": record.save_parquet}[to](
-        out
-    )
+    save = {"csv": record.save_csv, "mat": record.save_mat, "netcdf": record.save, "parquet": record.save_parquet}[to]
+    return write_beside(out, save)
 
 
 def export_model(model: Matrices, to: str, path: Path) -> Path:

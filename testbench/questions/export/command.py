@@ -38,11 +38,13 @@ def command(
     `testbench export results/eolo_alpha/models/x.json --to jsbsim`.
     """
     if file.suffix.lower() == ".json":
+        from testbench.core.store import write_beside
         from testbench.questions.export.ask import SUFFIXES, export_model
         from testbench.questions.export.matrices import load_matrices
 
-        path = out or file.with_name(file.stem + SUFFIXES[to.value])
-        print(f"Written: {export_model(load_matrices(file), to.value, path)}")
+        model = load_matrices(file)
+        where = out or file.with_name(file.stem + SUFFIXES[to.value])
+        print(f"Written: {write_beside(where, lambda path: export_model(model, to.value, path))}")
         return
     from testbench.questions.export.ask import export_record
 

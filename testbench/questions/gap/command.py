@@ -113,70 +113,71 @@ def show(
     if case is None:
         raise RecordError("the believed aircraft must be given with its records, or a gap case, got nothing")
     from testbench.core.paths import aircraft_names
-    from testbench.page.write import check_folder, record_keeper
+    from testbench.core.store import ResultFolder, folder_in
+    from testbench.page.write import record_keeper
     from testbench.questions.gap.ask import run_flights, run_gap
     from testbench.questions.gap.page import gap_page
     from testbench.questions.gap.records import load_flights
     from testbench.questions.gap.search.parallel import cores, processes
 
-    with stages() as say, processes(workers or cores()):
-        if records or case in aircraft_names():
-            refuse(context, "with measured records, in which the noise is", "seed")
+    measured = bool(records) or case in aircraft_names()
+    if measured:
+        refuse(context, "with measured records, in which the noise is", "seed")
+        name = Path(case).name  # of the folder, where a path is given
+    else:
+        refuse(context, "with a gap case, whose file says all; or give measured records, too", *FLIGHTS)
+        file = find(Path(case), "gap")
+        name = file.stem
+    with ResultFolder(folder_in(out, f"gap_{name}")) as place, stages() as say, processes(workers or cores()):
+        control_file = place.live(CONTROLS) if controls else None
+        if measured:
             say("read records")
             held = hold_out or ()
             flights = load_flights(
                 case, records or (), held, sensors, wings.value, airspeed, altitude, data, drive.value
             )
-            name = Path(case).name  # of the folder, where a path is given
-            folder = out / f"gap_{name}"
-            check_folder(folder)
             result = run_flights(
                 name,
                 flights,
                 say,
                 controls=controls,
-                control_file=folder / CONTROLS,
+                control_file=control_file,
                 more_effects=effect or (),
                 simulator=simulator.value,
                 windows=windows_of(windows) or "auto",
             )
         else:
-            refuse(context, "with a gap case, whose file says all; or give measured records, too", *FLIGHTS)
-            file = find(Path(case), "gap")
-            folder = out / f"gap_{file.stem}"
-            check_folder(folder)
-            keep = record_keeper(folder)
             result = run_gap(
                 file,
                 seed,
-                keep,
+                record_keeper(place),
                 say,
                 check=True,
                 controls=controls,
-                control_file=folder / CONTROLS,
+                control_file=control_file,
                 more_effects=effect or (),
                 simulator=simulator.value,
                 windows=windows_of(windows),
             )
         say("write report")
         page = gap_page(result)
-        page.write(folder)
-    page.show(console(), folder)
+        page.write(place)
+    page.show(console(), place.path)
 
 
 def _plan_gap(file: Path, out: Path) -> None:
+    from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.gap.page import gap_plan_page
     from testbench.questions.gap.plan import plan_gap
     from testbench.questions.run.scenario import Scenario
 
     loaded = Scenario.load(file)
-    folder = out / f"gap_plan_{loaded.name}"
-    with stages() as say:
+    with ResultFolder(folder_in(out, f"gap_plan_{loaded.name}")) as place, stages() as say:
         planned = plan_gap(loaded, say)
         say("write report")
         page = gap_plan_page(planned)
-        page.write(folder)
-    page.show(console(), folder)
+        page.write(place)
+    page.show(console(), place.path)
 
 
 @command.command()

@@ -17,6 +17,7 @@ from testbench.aircraft import Aircraft, ElasticMode
 from testbench.core.escape import markdown_cell, one_line
 from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT_MODELS, STOCK
+from testbench.core.store import ResultFolder
 from testbench.core.toml_text import real
 from testbench.flight import FlightCondition
 from testbench.page.labels import file_stem
@@ -34,7 +35,9 @@ _HEADER = re.compile(r"^\s*\[\[?([^\]]+)\]\]?", re.MULTILINE)
 
 def write_amended(result: GapResult, folder: Path) -> list[Path]:
     """Write what :func:`amended_files` returns into a folder; return the paths."""
-    return [write_file(folder / name, text) for name, text in amended_files(result).items()]
+    with ResultFolder(folder) as place:
+        return [folder / write_file(place.new / name, text).relative_to(place.new)
+                for name, text in amended_files(result).items()]  # fmt: skip
 
 
 def amended_files(result: GapResult) -> dict[str, str]:

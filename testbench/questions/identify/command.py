@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,10 +16,7 @@ from testbench.questions.options import DataOption, OutOption, StrictOption, ref
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from testbench.line import Report
-    from testbench.page.page import Page
     from testbench.questions.identify.amend.result import Amended
-    from testbench.questions.identify.result import Identified
     from testbench.questions.identify.scenario import RecordDescription
 
 
@@ -66,9 +64,6 @@ def command(
             help="Write the derivatives into a new aircraft, aircraft/NAME, and fly the records through both."
         ),
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="With --amend: write over an aircraft that lies there.")
-    ] = False,
 ) -> None:
     """Identify models from recorded flights, with the same estimators, evaluation and report as a run.
 
@@ -80,14 +75,16 @@ def command(
     day1.toml day2.toml day3.toml --prior aircraft`, `testbench identify flight.ulg --aircraft plane --amend
     plane_flown`.
     """
+    from testbench.core.errors import TestbenchError
+    from testbench.core.store import ResultFolder, folder_in
     from testbench.page.write import record_keeper
     from testbench.questions.files import find
+    from testbench.questions.identify.amend.ask import amend as write_amended
     from testbench.questions.identify.ask import identify
+    from testbench.questions.identify.page import identify_page
     from testbench.questions.identify.pool.command import settings_of, show_pooled
     from testbench.questions.identify.scenario import RecordDescription
 
-    if amend is None:
-        refuse(context, "without --amend, which writes an aircraft", "force")
     asked: list[RecordDescription] = []
     for path in descriptions:
         if path.is_dir():
@@ -104,17 +101,25 @@ def command(
         show_pooled(asked, out, data, settings, strict)
         return
     if amend is not None:
-        _check_amend(asked, amend, force)
-    found: list[Identified] = []
-    for loaded in asked:
-        with stages() as say:
-            result = identify(loaded, data, record_keeper(out / loaded.name), say, strict)
-            page = None if amend is not None else _written(result, out, say)
-        if page is not None:
-            page.show(console(), out / loaded.name)
-        found.append(result)
-    if amend is not None:
-        _amend(found, amend, force, out)
+        _check_amend(asked, amend)
+    refused: TestbenchError | None = None
+    amended: dict[str, Amended] = {}
+    with ExitStack() as ends, stages() as say:
+        places = [ends.enter_context(ResultFolder(folder_in(out, each.name))) for each in asked]
+        found = [identify(d, data, record_keeper(at), say, strict) for d, at in zip(asked, places, strict=True)]
+        if amend is not None:
+            try:
+                amended = write_amended(found, amend, say)
+            except TestbenchError as error:  # the pages are written even where nothing can be amended
+                refused = error
+        say("write report")
+        pages = [identify_page(result, amended.get(result.name)) for result in found]
+        for page, place in zip(pages, places, strict=True):
+            page.write(place)
+    for page, place in zip(pages, places, strict=True):
+        page.show(console(), place.path)
+    if refused is not None:
+        raise refused
 
 
 def _in_folder(folder: Path) -> list[Path]:
@@ -150,54 +155,21 @@ def _nothing(path: Path, unusable: Sequence[str]) -> str:
     return f"'{path}' must hold a flight that can be identified, got none: {'; '.join(unusable)}"
 
 
-def _written(result: Identified, out: Path, say: Report, amended: Amended | None = None) -> Page:
-    """Write the page of an identification and return it."""
-    from testbench.questions.identify.page import identify_page
-
-    say("write report")
-    page = identify_page(result, amended)
-    page.write(out / result.name)
-    return page
-
-
-def _check_amend(asked: Sequence[RecordDescription], name: str, force: bool) -> None:
+def _check_amend(asked: Sequence[RecordDescription], name: str) -> None:
     """Refuse an amendment that could not be written, before anything is identified.
 
     Raises:
         ScenarioError: a description names no aircraft, or the name may not be taken.
-        RecordError: an aircraft lies there already.
+        RecordError: an aircraft that the testbench did not write lies there.
     """
     from testbench.core.errors import ScenarioError
     from testbench.questions.identify.amend.ask import no_aircraft
     from testbench.questions.identify.amend.folder import folder_of
 
-    folder_of(name, force)
     for description in asked:
         if description.aircraft is None:
             raise ScenarioError([no_aircraft(str(description.file))])
-
-
-def _amend(found: Sequence[Identified], name: str, force: bool, out: Path) -> None:
-    """Amend the aircraft, and write and show the pages, which are written even where nothing can be amended.
-
-    Raises:
-        TestbenchError: why nothing can be.
-    """
-    from testbench.core.errors import TestbenchError
-    from testbench.questions.identify.amend.ask import amend
-
-    amended: dict[str, Amended] = {}
-    refused: TestbenchError | None = None
-    with stages() as say:
-        try:
-            amended = amend(found, name, force, say)
-        except TestbenchError as error:
-            refused = error
-        pages = [(_written(result, out, say, amended.get(result.name)), out / result.name) for result in found]
-    for page, folder in pages:
-        page.show(console(), folder)
-    if refused is not None:
-        raise refused
+        folder_of(name, description.aircraft)
 
 
 def _of_log(log: Path, out: Path) -> list[Path]:
@@ -206,10 +178,12 @@ def _of_log(log: Path, out: Path) -> list[Path]:
     Raises:
         RecordError: the log cannot be read, or nothing in it can be identified.
     """
+    from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.importing.ask import import_log, write_import
 
-    imported = import_log(log)
-    paths = write_import(imported, out / log.stem)
+    with ResultFolder(folder_in(out, log.stem)) as place:
+        imported = import_log(log)
+        paths = write_import(imported, place)
     files = [path for path in paths if path.suffix == ".toml"]
     if not files and imported.unusable:
         raise RecordError(_nothing(log, imported.unusable))

@@ -21,6 +21,7 @@ from testbench.core.files import write_file
 from testbench.core.paths import not_found
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.base import Preparation
+from testbench.core.store import ResultFolder
 from testbench.logs.ardupilot import ardupilot_rules
 from testbench.logs.dataflash import HEAD, read_dataflash
 from testbench.logs.foreign import looks_like_text, refuse_foreign
@@ -333,31 +334,36 @@ def cut(imported: Imported) -> dict[str, tuple[Manoeuvre, FlightRecord]]:
     return out
 
 
-def write_import(imported: Imported, folder: Path | str) -> list[Path]:
-    """Write the whole record, one record per manoeuvre (NetCDF), and a description per axis; return the paths.
+def write_import(imported: Imported, folder: Path | str | ResultFolder) -> list[Path]:
+    """Write a log's page, the whole record, one per manoeuvre (NetCDF), and a description per axis; return their paths.
 
     Descriptions are named after the log: FILE_longitudinal.toml, FILE_lateral.toml, FILE_combined.toml; if no manoeuvre
     can be cut out, FILE_whole.toml, which splits the whole record. What cannot support a recipe (``imported.unusable``)
     is written as a record and has no description. Each is read back as ``testbench identify`` would
-    read it.
+    read it. All of it takes the place of what an earlier import wrote there. The page is not among the paths.
 
     Raises:
-        RecordError: the folder cannot be written to.
+        BusyError: another process writes into the folder.
+        RecordError: the folder cannot be written to, or has a file of such a name that no import wrote.
     """
-    folder = Path(folder)
+    from testbench.questions.importing.report import import_page
+
+    if not isinstance(folder, ResultFolder):
+        with ResultFolder(folder) as place:
+            return write_import(imported, place)
+    new = folder.new
     said = {UNUSABLE: list(imported.unusable)} if imported.unusable else {}
     whole = replace(imported.record, provenance={**imported.record.provenance, **said})
-    paths = [whole.save(folder / f"{WHOLE}.nc")]
-    paths += [record.save(folder / f"{name}.nc") for name, (_, record) in cut(imported).items()]
+    paths = [whole.save(new / f"{WHOLE}.nc")]
+    paths += [record.save(new / f"{name}.nc") for name, (_, record) in cut(imported).items()]
     stem = imported.log.file.stem
     for axis, members in imported.members.items():
         text = describe(imported, axis, members)
         if text:
-            path = folder / f"{stem}_{axis}.toml"
-            write_file(path, text)
-            RecordDescription.load(path)
-            paths.append(path)
-    return paths
+            paths.append(write_file(new / f"{stem}_{axis}.toml", text))
+            RecordDescription.load(paths[-1])
+    import_page(imported).write(folder)
+    return [folder.path / path.name for path in paths]
 
 
 def _no_recipe(names: Sequence[str], why: str) -> str:

@@ -68,17 +68,16 @@ def command(
         path = write_template(log, describe)
         print(f"Written: {path}; fill it in, then: testbench import {path}")
         return
+    from contextlib import nullcontext
+
+    from testbench.core.store import PAGE, ResultFolder
     from testbench.questions.importing.ask import import_log, parse_throws, write_import
     from testbench.questions.importing.page import print_import
 
-    with stages() as say:
+    with stages() as say, nullcontext() if out is None else ResultFolder(out) as place:
         say("read the log")
         given = {"imu": imu, "airspeed": airspeed, "gps": gps, "baro": baro, "ekf": ekf}
         sensors = {kind: number for kind, number in given.items() if number is not None}
         found = import_log(log, rate, parse_throws(throw or []), lead, tail, record, sensors, strict)
-        paths = []
-        if out is not None:
-            from testbench.questions.importing.report import import_page
-
-            paths = [*write_import(found, out), import_page(found).write(out)[-1]]
+        paths = [] if place is None else [*write_import(found, place), place.path / PAGE]
     print_import(found, console(), paths)

@@ -17,7 +17,7 @@ import numpy as np
 from testbench.core.channels import CHANNELS, CONTROLS, UNITS, channel, unit_factor
 from testbench.core.errors import RecordError
 from testbench.core.escape import one_line
-from testbench.core.files import write_file
+from testbench.core.files import write_new
 from testbench.core.paths import not_found
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.logs.foreign import HEAD, refuse_foreign
@@ -55,10 +55,9 @@ def write_template(path: Path | str, out: Path | str) -> Path:
     path, out = Path(path), Path(out)
     if out.suffix.lower() != ".toml":
         raise RecordError(f"a description must be a .toml file, got '{out}'")
-    if out.exists():
-        raise RecordError(f"a description to fill in must be a new file, got '{out}', which exists; give another name")
     folder = os.path.relpath(path.resolve().parent, out.resolve().parent)
-    return write_file(out, description_template(path, folder), "a description must be written where that is possible")
+    law = "a description must be written where that is possible"
+    return write_new(out, description_template(path, folder), "a description to fill in", law)
 
 
 def description_template(path: Path | str, folder: str = ".") -> str:

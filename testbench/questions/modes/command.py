@@ -45,6 +45,7 @@ def command(
     eolo_turbulence`, `testbench modes flown/*.nc --band 2 40 --channels az_wing_1 --channels az_wing_11`.
     """
     from testbench.core.paths import find_scenario
+    from testbench.core.store import ResultFolder, folder_in
     from testbench.page.write import record_keeper
     from testbench.questions.files import find, kinds_of
     from testbench.questions.modes.ask import fly_modes, read_modes, search_for
@@ -53,22 +54,24 @@ def command(
 
     asked = {"channels": channels, "references": references, "band_hz": band, "order": order}
     given = {key: value for key, value in asked.items() if value}
-    with stages() as say:
-        scenario = find_scenario(source[0])
-        own = source[0].suffix.lower() != ".nc"
-        if own and not (scenario.is_file() and kinds_of(scenario)[0].command == "identify"):
-            if len(source) > 1:
-                raise RecordError(f"scenarios and descriptions must be given one at a time, got {len(source)} files")
-            refuse(context, "with a scenario, which makes its own flights", "data")
-            loaded = ModesScenario.load(find(source[0], "modes"))
-            folder = out / f"{loaded.name}_modes"
-            result = fly_modes(loaded, search_for(given, loaded.modes), seed, record_keeper(folder), say)
+    scenario = find_scenario(source[0])
+    flown = source[0].suffix.lower() != ".nc"
+    flown = flown and not (scenario.is_file() and kinds_of(scenario)[0].command == "identify")
+    if flown:
+        if len(source) > 1:
+            raise RecordError(f"scenarios and descriptions must be given one at a time, got {len(source)} files")
+        refuse(context, "with a scenario, which makes its own flights", "data")
+        scenario = find(source[0], "modes")
+    else:
+        refuse(context, "with measured records, which hold their own noise", "seed")
+    with ResultFolder(folder_in(out, f"{scenario.stem}_modes")) as place, stages() as say:
+        if flown:
+            loaded = ModesScenario.load(scenario)
+            result = fly_modes(loaded, search_for(given, loaded.modes), seed, record_keeper(place), say)
         else:
-            refuse(context, "with measured records, which hold their own noise", "seed")
             say("read records")
             result = read_modes(source, search_for(given), data, say)
-            folder = out / f"{result.name}_modes"
         say("write report")
         page = modes_page(result)
-        page.write(folder)
-    page.show(console(), folder)
+        page.write(place)
+    page.show(console(), place.path)

@@ -66,6 +66,7 @@ def show(
     Every card is flown in the simulator first. Example: `testbench plan eolo_envelope` plans 11 to 19 m/s towards
     flutter. `testbench plan --from results/design_x` takes a design over: it writes the plan file and plans it.
     """
+    from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.files import find
     from testbench.questions.plan.ask import make_plan
     from testbench.questions.plan.page import plan_page
@@ -76,36 +77,41 @@ def show(
     file = find(scenario, "plan") if scenario is not None else _taken_over(designs or [], out)
     loaded = PlanScenario.load(file)
     loaded = loaded if seed is None else loaded.model_copy(update={"seed": seed})
-    folder = out / f"plan_{loaded.name}"
-    with stages() as say:
+    with stages() as say, ResultFolder(folder_in(out, f"plan_{loaded.name}")) as place:
         result = make_plan(loaded, progress=say, simulator=simulator.value)
         say("write cards and report")
         page = plan_page(result)
-        page.write(folder)
-    page.show(console(), folder)
+        page.write(place)
+    page.show(console(), place.path)
     if scenario is None:
         print(f"Plan: {file}")
 
 
 def _taken_over(designs: list[Path], out: Path) -> Path:
     """Write the plan of designs into the folder of results; return its path. A plan that lies there is kept."""
+    from testbench.core.store import ResultFolder, folder_in
+
     first = designs[0].resolve()
     stem = (first if first.is_dir() else first.parent.parent).name.removeprefix("design_")
-    file = out / f"plan_{stem}" / f"{stem}.toml"
+    folder = folder_in(out, f"plan_{stem}")
+    file = folder / f"{stem}.toml"
     if file.exists():
         raise RecordError(
             f"a plan taken from a design must go to a new file, but '{file}' is there: edit it and run testbench plan "
             f"{file}, or give another folder with -o"
         )
-    _write(file, None, designs, None, None)
-    return file
+    place = ResultFolder(folder)
+    try:
+        return _write(place.live(file.name), None, designs, None, None)  # live: it is the user's to edit from now on
+    finally:
+        place.leave()
 
 
 def _write(
     file: Path, aircraft: str | None, designs: list[Path], autopilot: FlownWith | None, suite: str | None
-) -> None:
-    """Write a new plan file."""
-    from testbench.core.files import write_file
+) -> Path:
+    """Write a new plan file and return its path."""
+    from testbench.core.files import write_new
     from testbench.flight import load_aircraft
     from testbench.questions.plan.designs import take
     from testbench.questions.plan.new import plan_text
@@ -119,7 +125,7 @@ def _write(
     if autopilot is None:
         by_hand = any(t.asked is not None and t.asked.by == "pilot" for t in taken)
         autopilot = FlownWith.pilot if by_hand else FlownWith.ardupilot
-    write_file(file, plan_text(load_aircraft(name, wings), name, autopilot.value, suite, taken))
+    return write_new(file, plan_text(load_aircraft(name, wings), name, autopilot.value, suite, taken), "a new plan")
 
 
 @command.command()
@@ -145,10 +151,6 @@ def new(
         raise UsageError("give an aircraft, or --from with a design")
     stem = Path(aircraft).name if aircraft is not None else (designs or [Path()])[0].resolve().name
     file = out if out is not None else Path(f"plan_{stem.replace(':', '_').removeprefix('design_')}.toml")
-    if file.exists():
-        raise RecordError(
-            f"a new plan must go to a new file, got '{file}', which is there already: give another with -o"
-        )
     _write(file, aircraft, designs or [], autopilot, suite)
     print(f"Plan: {file}")
     print(f"Next: change the lines with YOURS, then testbench plan {file}")
@@ -167,6 +169,7 @@ def rehearse(
 
     Example: `testbench plan rehearse my_plan.toml`, then `testbench plan close my_plan.toml logs/*.csv`.
     """
+    from testbench.core.store import ResultFolder
     from testbench.flight import load_aircraft
     from testbench.questions.files import find
     from testbench.questions.plan.ask import make_plan
@@ -174,12 +177,13 @@ def rehearse(
     from testbench.questions.plan.scenario import PlanScenario
 
     loaded = PlanScenario.load(find(scenario, "plan"))
-    with stages() as say:
+    with stages() as say, ResultFolder(out, adds=f"{loaded.name}_flight_*.csv") as place:  # others may lie there, too
         plan = make_plan(loaded, progress=say)
         other = None if aircraft is None else load_aircraft(aircraft, loaded.wings)
         logs = fly_all(plan, other, loaded.seed if seed is None else seed, say)
-    for flight, record in logs.items():
-        print(f"Log: {record.save_csv(out / f'{loaded.name}_flight_{flight}.csv')}")
+        files = [r.save_csv(place.new / f"{loaded.name}_flight_{k}.csv").name for k, r in logs.items()]
+    for name in files:
+        print(f"Log: {out / name}")
     print(f"Next: testbench plan close {loaded.file} {out}/{loaded.name}_flight_*.csv")
 
 
@@ -199,7 +203,7 @@ def close(
     identified together, by the estimator of its design. Records lie in records/, descriptions for `testbench identify`
     in identify/. Example: `testbench plan close my_plan.toml flight_1.bin flight_2.bin`.
     """
-    from testbench.page.write import check_folder
+    from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.files import find
     from testbench.questions.importing.ask import import_log, parse_throws
     from testbench.questions.plan.ask import make_plan
@@ -211,16 +215,14 @@ def close(
     from testbench.questions.plan.verdicts import judge
 
     loaded = PlanScenario.load(find(scenario, "plan"))
-    folder = out / f"close_{loaded.name}"
-    check_folder(folder)
-    with stages() as say:
+    with stages() as say, ResultFolder(folder_in(out, f"close_{loaded.name}")) as place:
         plan = make_plan(loaded, progress=say)
         full = {c: control.full for c, control in plan.aircraft.controls.items() if c != "thr"}
         say("read the logs and find the runs")
         records = [(log.name, import_log(log, throw_rad={**full, **parse_throws(throw or [])}).record) for log in logs]
         closed = close_plan(plan, records)
-        campaign = judge(closed, identify_cards(closed, folder, say))
+        campaign = judge(closed, identify_cards(closed, place.new, say))
         keep_errors(campaign)
         page = close_page(campaign)
-        page.write(folder)
-    page.show(console(), folder)
+        page.write(place)
+    page.show(console(), place.path)

@@ -21,15 +21,15 @@ def command(
     Writes tables, figures and one page, index.html, into `reproduction`, or `reproduction_NAME` for one aircraft alone.
     Example: `testbench reproduce taurus`.
     """
-    from testbench.page.write import check_folder
+    from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.reproduce.ask import chosen, reproduce
-    from testbench.questions.reproduce.page import print_reproduction, write_reproduction
+    from testbench.questions.reproduce.page import PAGE, print_reproduction, write_reproduction
 
     chosen(what)
-    folder = out / ("reproduction" if what == "all" else f"reproduction_{what}")
-    check_folder(folder)  # what takes minutes to compute shall not fail when it is written
-    with stages() as say:
+    folder = folder_in(out, "reproduction" if what == "all" else f"reproduction_{what}")
+    with ResultFolder(folder) as place, stages() as say:
+        place.check(PAGE)
         chapters = reproduce(what, say)
         say("write page")
-        write_reproduction(chapters, folder)
+        write_reproduction(chapters, place)
     print_reproduction(chapters, console(), folder)

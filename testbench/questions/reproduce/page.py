@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 from testbench.core.escape import markdown_table
 from testbench.core.files import write_file
+from testbench.core.store import INDEX as PAGE
+from testbench.core.store import ResultFolder
 from testbench.page.html import Picture, data_uri, render, svg_uri
 from testbench.page.labels import file_stem
 from testbench.page.page import versions
@@ -23,7 +25,7 @@ from testbench.questions.reproduce.verdict import LAWS, tally
 if TYPE_CHECKING:
     from rich.console import Console
 
-PAGE, NOTES = "index.html", "README.md"
+NOTES = "README.md"
 PREFACE = (
     "No parameter was tuned to meet a printed figure, unless the row says so. The papers' figures were not at hand, "
     "only their text; a figure is redrawn from what the text says of it."
@@ -39,13 +41,13 @@ _SHORT = 14  # letters of a number on the first screen
 _COLOURS = 48  # of a figure's palette: lines and text need few, and files become a third of the size
 
 
-def write_reproduction(chapters: Sequence[Chapter], folder: Path | str) -> list[Path]:
-    """Write tables/*.csv, figures/*.png, README.md and index.html; return the paths, the page last.
+def write_reproduction(chapters: Sequence[Chapter], place: ResultFolder) -> list[Path]:
+    """Write tables/*.csv, figures/*.png, README.md and index.html; return where they are made, the page last.
 
     Raises:
         RecordError: the folder cannot be written to.
     """
-    folder = Path(folder)
+    folder = place.new
     out: list[Path] = []
     how = asked()
     pictures: dict[str, Picture] = {}

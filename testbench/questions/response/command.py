@@ -25,6 +25,7 @@ def command(
     All records of the description are taken together; its identification table names inputs and outputs. The method is
     made for sweeps and multisines. Example: `testbench response records/attas_short_period --window 5 --window 12`.
     """
+    from testbench.core.store import ResultFolder, folder_in
     from testbench.logs.read import read_records
     from testbench.questions.files import find
     from testbench.questions.identify.scenario import RecordDescription
@@ -32,13 +33,12 @@ def command(
     from testbench.questions.response.page import response_page
 
     described = RecordDescription.load(find(description, "identify"))
-    folder = out / f"{described.name}_response"
-    with stages() as say:
+    with ResultFolder(folder_in(out, f"{described.name}_response")) as place, stages() as say:
         say("read records")
         records = [record for _, _, record in read_records(described, data)]
         say("estimate frequency responses")
         found = frequency_responses(described, records, window)
         say("write report")
         page = response_page(found, described)
-        page.write(folder)
-    page.show(console(), folder)
+        page.write(place)
+    page.show(console(), place.path)

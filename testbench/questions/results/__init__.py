@@ -1,8 +1,9 @@
 """What did I find so far, and what differs between two runs?
 
-An index of a folder of results with titles, answers and dates; two results side by side, table by table.
+An index of a folder of results with titles, answers and dates; two results side by side, table by table; whether one
+still is what was written, and what it was made from.
 """
 
 from testbench.core.lazily import lazily
 
-__getattr__ = lazily(__name__, list_results="ask", compare_results="ask")
+__getattr__ = lazily(__name__, list_results="ask", compare_results="ask", verify_results="verify")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import os
 from collections.abc import Iterator
@@ -10,15 +11,13 @@ from datetime import UTC, datetime
 from html.parser import HTMLParser
 from pathlib import Path
 
-from testbench.core.errors import RecordError
+from testbench.core.errors import RecordError, TestbenchError
 from testbench.core.paths import not_found
-from testbench.page.write import PAGE
+from testbench.core.store import INDEX, OWN, PAGE, settle
 
 _HEAD_BYTES = 100_000  # of a page; title and answer stand before the first figure
 _DEEPEST = 4  # folders below the one that is listed
 _MOST = 2000  # pages of one index
-INDEX = "index.html"
-"""Of a folder of results; the papers' results have theirs under this name, too."""
 KICKER = "flight-testbench: testbench results"
 """Above the title of an index, which is no result itself."""
 
@@ -128,13 +127,15 @@ def compare_results(first: Path | str, second: Path | str) -> ResultsCompared:
 
 def _pages(folder: Path, depth: int) -> Iterator[Path]:
     """Yield pages of results below a folder, without following links."""
+    with contextlib.suppress(TestbenchError):  # a folder that cannot be written to is shown as it is
+        settle(folder)
     try:
         entries = sorted(os.scandir(folder), key=lambda e: e.name)
     except OSError:
         return
     page = PAGE if any(entry.name == PAGE for entry in entries) else INDEX
     for entry in entries:
-        if entry.is_symlink():
+        if entry.is_symlink() or entry.name == OWN:
             continue
         if entry.name == page and entry.is_file():
             yield Path(entry.path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -23,20 +24,28 @@ def command(
     ] = None,
     serve: Annotated[bool, typer.Option("--serve", help="Serve the index on 127.0.0.1 until Ctrl-C.")] = False,
     port: Annotated[int, typer.Option(help="Port on this machine; 0 for any that is free.")] = 8701,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Say of one result whether every file still is what was written.")
+    ] = False,
 ) -> None:
-    """Write an index of a folder of results, with titles, answers and dates; or set two results side by side.
+    """Write an index of a folder of results, with titles, answers and dates; or look at one result, or at two.
 
-    Examples: `testbench results` writes results/index.html; `testbench results --serve` serves it;
-    `testbench results results/a results/b` compares two.
+    Of one result the command says what it was made from: command, versions, inputs, files. With --verify it says which
+    files have changed, what would change if it were made again, and ends with 1 if the result is no longer what was
+    written. Examples: `testbench results` writes results/index.html; `testbench results --serve` serves it; `testbench
+    results results/a --verify`; `testbench results results/a results/b` compares two.
     """
     from testbench.core.files import write_file
+    from testbench.core.store import INDEX, ResultFolder, manifest_of
     from testbench.page.serve import HOST, serving
     from testbench.page.terminal import print_rows
+    from testbench.page.words import sentence
     from testbench.questions.results.ask import compare_results, list_results
-    from testbench.questions.results.page import INDEX, compared_page, files_of, index_html
+    from testbench.questions.results.page import compared_page, files_of, index_html, made_from, states, verdict
+    from testbench.questions.results.verify import verify_results
 
     if other is not None:
-        refuse(context, "where two results are compared", "serve", "port")
+        refuse(context, "where two results are compared", "serve", "port", "verify")
         page = compared_page(compare_results(folder, other))
         target = out or folder.resolve().parent / f"{folder.resolve().name}_and_{other.resolve().name}"
         page.write(target)
@@ -45,6 +54,19 @@ def command(
     refuse(context, "without a second result", "out")
     if not serve:
         refuse(context, "without --serve", "port")
+    if verify:
+        refuse(context, "with --verify", "serve")
+        verified = verify_results(folder)
+        print_rows(console(), ("file", "state"), states(verified))
+        for text in verdict(verified):
+            console().print(sentence(text), soft_wrap=True, markup=False, highlight=False)
+        if verified.manifest.command:
+            print(f"The same command again: {shlex.join(verified.manifest.command)}")
+        raise typer.Exit(0 if verified.whole else 1)
+    made = manifest_of(folder) if folder.is_dir() and not serve else None
+    if made is not None and made.files.keys() != {INDEX}:
+        print_rows(console(), ("what", "name", "bytes", "SHA-256"), made_from(made), (False, False, True, False))
+        return
     found = list_results(folder)
     if serve:
         with serving(files_of(folder, lambda: index_html(list_results(folder), folder)), port) as server:
@@ -56,4 +78,7 @@ def command(
         return
     rows = [(r.title, r.answer, f"{r.written:%Y-%m-%d %H:%M}") for r in found]
     print_rows(console(), ("result", "answer", "written"), rows)
-    print(f"Written: {write_file(folder / INDEX, index_html(found, folder))}")
+    with ResultFolder(folder, adds=True) as place:
+        place.check(INDEX)
+        write_file(place.new / INDEX, index_html(found, folder))
+    print(f"Written: {folder / INDEX}")

@@ -4,23 +4,28 @@ from __future__ import annotations
 
 import mimetypes
 import os
+import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
+from testbench.core.store import INDEX
 from testbench.page.html import render
 from testbench.page.page import Page
 from testbench.page.serve import Answer as Served
 from testbench.page.tables import Column, Table
 from testbench.page.words import counted
-from testbench.questions.results.ask import INDEX, KICKER
+from testbench.questions.results.ask import KICKER
 
 if TYPE_CHECKING:
+    from testbench.core.store import Entry, Manifest
     from testbench.questions.results.ask import Difference, ResultsCompared, ResultSummary
+    from testbench.questions.results.verify import Verified
 
 _LARGEST_BYTES = 200_000_000  # of a file that is served
 _MOST_ROWS = 500
+_DIGITS = 16  # of a hash that is shown
 
 
 def index_html(found: Sequence[ResultSummary], folder: Path) -> str:
@@ -64,6 +69,45 @@ def compared_page(compared: ResultsCompared) -> Page:
         provenance=list(zip(("first", "second"), _names(a, b), strict=True)),
         terminal=[_differences(largest[:20])] if largest else [],
     )
+
+
+def made_from(manifest: Manifest) -> list[tuple[str, str, str, str]]:
+    """Return (what, name, bytes, first digits of the SHA-256) of all that a result was made by and from, and of it."""
+
+    def row(what: str, name: str, entry: Entry) -> tuple[str, str, str, str]:
+        size, digest = ("", "") if entry is None else (str(entry[0]), entry[1][:_DIGITS])
+        return what, name, size, digest
+
+    made_with = {"flight-testbench": manifest.version, **manifest.packages}
+    return [
+        ("command", shlex.join(manifest.command) or "none: a program wrote it", "", ""),
+        *(("version", f"{name} {version}", "", "") for name, version in made_with.items()),
+        *(row("input", name, entry) for name, entry in manifest.inputs.items()),
+        *(row("file", name, entry) for name, entry in manifest.files.items()),
+    ]
+
+
+def states(found: Verified) -> list[tuple[str, str]]:
+    """Return (file, state) of every file of a result, and of those beside it that are the user's."""
+    said = {**dict.fromkeys(found.changed, "changed"), **dict.fromkeys(found.missing, "missing")}
+    listed = [
+        (name, said.get(name, "as written" if entry else "goes on changing"))
+        for name, entry in found.manifest.files.items()
+    ]
+    return [*listed, *((name, "yours") for name in found.extra)]
+
+
+def verdict(found: Verified) -> list[str]:
+    """Return sentences: whether a result still is what was written, and what would change if it were made again."""
+    wrong = len(found.changed) + len(found.missing)
+    total = sum(entry is not None for entry in found.manifest.files.values())
+    out = [f"{total - wrong} of {counted(total, 'file')} are as written" if wrong else "all files are as written"]
+    out += [f"input {name} has changed since" for name in found.inputs_changed]
+    out += [f"input {name} is not found any more" for name in found.inputs_gone]
+    out += [f"{name} was {then}, and is {now} here" for name, then, now in found.versions]
+    if len(out) == 1:
+        out.append("nothing that it was made from has changed")
+    return out
 
 
 def _names(a: ResultSummary, b: ResultSummary) -> tuple[str, str]:

@@ -28,6 +28,9 @@ def command(
     Example: `testbench run eolo_alpha` answers what an angle-of-attack vane buys; `testbench run mine.toml
     --aircraft mine_amended` flies another aircraft through it.
     """
+    from testbench.core.record import FlightAborted
+    from testbench.core.store import ResultFolder, folder_in
+    from testbench.page.page import Page
     from testbench.page.write import record_keeper
     from testbench.questions.files import find
     from testbench.questions.run.ask import run
@@ -39,10 +42,16 @@ def command(
         loaded = loaded.with_aircraft(aircraft)
     if seeds is not None:
         loaded = loaded.model_copy(update={"seeds": seeds}).at(loaded.file)
-    folder = out / loaded.name
-    with stages() as say:
-        result = run(loaded, seed, record_keeper(folder), say)
-        say("write report")
-        page = run_page(result)
-        page.write(folder)
-    page.show(console(), folder)
+    with ResultFolder(folder_in(out, loaded.name)) as place, stages() as say:
+        page: Page | FlightAborted
+        try:
+            result = run(loaded, seed, record_keeper(place), say)
+        except FlightAborted as error:  # its records show why: they are the result
+            page = error
+        else:
+            say("write report")
+            page = run_page(result)
+            page.write(place)
+    if isinstance(page, FlightAborted):
+        raise page
+    page.show(console(), place.path)

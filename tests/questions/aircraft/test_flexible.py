@@ -420,11 +420,11 @@ def test_an_aircraft_that_is_flexible_already_and_a_folder_of_somebody_else_are_
     assert len(lines) == 1
     assert f"{AIRCRAFT_MODELS / 'eolo' / 'aircraft.toml'}, elastic: " in lines[0]
     (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "notes.txt").write_text("mine", encoding="utf-8")
+    (tmp_path / "mine" / "aircraft.toml").write_text("mine", encoding="utf-8")
     status, lines = ends(monkeypatch, capsys, "aircraft", "flexible", "taurus", EXAMPLES / "taurus.toml", "-o", "mine")
     assert status == 2
-    assert "must go to a new folder, got 'mine'" in lines[0]
-    assert [p.name for p in (tmp_path / "mine").iterdir()] == ["notes.txt"]
+    assert "no manifest lists 'mine/aircraft.toml'" in lines[0]
+    assert [p.read_text() for p in (tmp_path / "mine").iterdir()] == ["mine"]
 
 
 def test_a_model_without_the_axes_of_the_wind_is_refused(tmp_path):

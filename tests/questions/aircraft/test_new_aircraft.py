@@ -84,9 +84,13 @@ def test_thirty_lines_become_an_aircraft_that_runs(plan, tmp_path):
     for words in (("aircraft", "aircraft/trainer"), ("run", "doublet.toml")):
         done = command(*words, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
+    (folder / "aircraft.toml").write_text("edited")
     again = command("aircraft", "new", "aircraft/trainer/trainer.toml", "-o", "aircraft/trainer", cwd=tmp_path)
-    assert again.returncode == 2
-    assert "give another, or --force" in again.stderr
+    assert again.returncode == 0, again.stderr
+    assert "had been changed by hand" in again.stderr
+    assert (folder / "aircraft.toml.kept").read_text() == "edited"
+    kept = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+    assert kept == files | {"aircraft.toml.kept"}
 
 
 @pytest.mark.slow

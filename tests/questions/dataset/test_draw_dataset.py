@@ -15,6 +15,7 @@ import pytest
 import xarray as xr
 from commands import command
 from drawn_sets import SMALL, StandIn
+from killed import killed_at, shown, whole
 
 import testbench as tb
 from testbench.core.errors import DatasetError, DiskError, RecordError, ScenarioError
@@ -118,7 +119,7 @@ ask.draw_dataset(sys.argv[1], sys.argv[2], workers=2)
 def test_a_killed_process_loses_a_part_at_most_and_the_bytes_stay(small):
     """Killed again and again, as soon as the journal has grown, the set becomes the same."""
     folder, kills = small / "killed", 0
-    journal = folder / ".drawing" / "parts.jsonl"
+    journal = folder / ".testbench" / "new" / ".drawing" / "parts.jsonl"
     before = 0
     for _ in range(40):
         process = subprocess.Popen([sys.executable, "-c", _KILLED, small / "small.toml", folder])
@@ -138,7 +139,23 @@ def test_a_killed_process_loses_a_part_at_most_and_the_bytes_stay(small):
     assert kills == 3
     ours, whole = bytes_of(folder), bytes_of(small / "set")
     assert [name for name in FILES if ours[name] != whole[name]] == []
-    assert not (folder / ".drawing").exists()
+    assert sorted(p.name for p in (folder / ".testbench").iterdir()) == ["lock", "manifest.json"]
+
+
+def test_a_kill_at_any_change_of_the_disk_leaves_no_set_or_a_whole_one(small, monkeypatch):
+    monkeypatch.setattr(ask, "_MOST_PER_PART", 2)
+    here = {"runs": 4, "workers": 1}
+    complete = shown(tb.draw_dataset(small / "small.toml", small / "of_four", **here).folder)
+    sums = (small / "of_four" / "checksums.sha256").read_bytes()
+    for step in (2, 5, 8, 12, 16, 19, 22, 25):
+        folder = small / f"killed_{step}"
+        assert killed_at(step, lambda folder=folder: tb.draw_dataset(small / "small.toml", folder, **here)), step
+        assert shown(folder) in (set(), complete)
+        drawn = tb.draw_dataset(small / "small.toml", folder, **here)
+        assert drawn.folder == folder
+        assert (shown(folder), whole(folder)) == (complete, True)
+        assert (folder / "checksums.sha256").read_bytes() == sums
+        assert not list(damaged(folder))
 
 
 def test_no_draw_and_no_equal_condition_lies_in_two_splits(small):
@@ -276,7 +293,7 @@ def test_an_interrupt_keeps_what_is_finished_and_ends_with_130(small):
     )
     words = ["dataset", small / "small.toml", "--out", folder, "--runs", "2000", "--workers", "2"]
     process = subprocess.Popen([sys.executable, "-c", code, *words], stderr=subprocess.PIPE, text=True)
-    journal = folder / ".drawing" / "parts.jsonl"
+    journal = folder / ".testbench" / "new" / ".drawing" / "parts.jsonl"
     while not (journal.exists() and journal.stat().st_size) and process.poll() is None:
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
@@ -293,7 +310,7 @@ def test_a_disk_without_room_is_told_before_anything_is_flown(small, tmp_path):
 
     said = with_room(200_000, lambda: tb.draw_dataset(small / "small.toml", tmp_path / "set", workers=1))
     assert said[0] == DiskError.exit_status
-    assert list((tmp_path / "set").iterdir()) == []
+    assert not (tmp_path / "set").exists()
 
 
 def test_what_is_no_data_set_is_refused(tmp_path, small):

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import csv
 import re
+import shutil
+from pathlib import Path
 
 import pytest
 from commands import command
+from killed import killed_at, shown, whole
 
 from testbench.core.errors import RecordError, ScenarioError
+from testbench.core.store import OWN, entry_of, manifest_of
 from testbench.questions.exercise.answers import write_answers
 from testbench.questions.exercise.ask import reopen
 from testbench.questions.exercise.names import NAMES, load_exercise
@@ -106,3 +110,77 @@ def test_marks_of_a_folder_without_exercises(tmp_path):
     done = command("exercise", "marks", tmp_path)
     assert done.returncode == 2
     assert "without any exercise.toml" in " ".join(done.stderr.split())
+
+
+def handed_out(folder):
+    return {place: shown(folder / "students" / place / EXERCISE) for place in ("student_1", "student_2")}
+
+
+def test_a_class_whose_making_was_killed_is_finished_by_the_same_command(tmp_path):
+    make_roster(students_of("2"), [EXERCISE], tmp_path / "whole", None)
+    complete = handed_out(tmp_path / "whole")
+    assert all("answers.toml" in files for files in complete.values())
+    for step in (1, 3, 6, 15, 25, 40, 50, 60, 75):
+        folder = tmp_path / str(step)
+        assert killed_at(step, lambda folder=folder: make_roster(students_of("2"), [EXERCISE], folder, None))
+        for place in (folder / "students").glob("*/*"):
+            assert shown(place) in (set(), complete[place.parent.name])
+        key = (folder / KEY).read_text() if (folder / KEY).exists() else None
+        found = make_roster(students_of("2"), [EXERCISE], folder, None)
+        assert key in (None, found.key_file.read_text())
+        assert handed_out(folder) == complete
+        assert all(whole(place) for place in (*found.begun, *found.kept, folder))
+        assert not found.restored
+
+
+def test_files_that_are_gone_are_written_again_and_answers_stay(tmp_path):
+    make_roster(["Ada"], [EXERCISE], tmp_path, None)
+    ada = tmp_path / "students" / "Ada" / EXERCISE
+    complete = {p.relative_to(ada): p.read_bytes() for p in ada.rglob("*") if p.is_file()}
+    (ada / "answers.toml").write_text("step_s = 2.0\n")
+    (ada / "README.md").unlink()
+    shutil.rmtree(ada / "records")
+    done = command("exercise", "roster", "Ada.txt", "--exercise", EXERCISE, "-o", tmp_path, cwd=names_of(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert "1 were there already" in done.stdout
+    assert f"Missing, and written again: {ada / 'README.md'}" in done.stdout
+    again = {p.relative_to(ada): p.read_bytes() for p in ada.rglob("*") if p.is_file()}
+    assert {name for name in complete if again[name] != complete[name]} == {Path("answers.toml")}
+    (ada / "README.md").unlink()
+    other = tmp_path / "other"
+    other.write_text("another key of the teacher")
+    with pytest.raises(RecordError, match="started with another key"):
+        make_roster(["Ada"], [EXERCISE], tmp_path, other)
+    assert not (ada / "README.md").exists()
+
+
+def names_of(folder):
+    (folder / "Ada.txt").write_text("Ada\n")
+    return folder
+
+
+def test_what_is_handed_out_tells_neither_key_nor_command(tmp_path):
+    key = tmp_path / "teacher_key"
+    key.write_text("0123456789abcdef0123456789abcdef\n")
+    words = ("exercise", "start", EXERCISE, "--student", "ada", "--key-file", key, "-o", tmp_path / "ada")
+    done = command(*words)
+    assert done.returncode == 0, done.stderr
+    manifest = manifest_of(tmp_path / "ada")
+    assert (manifest.command, manifest.inputs, manifest.packages) == ((), {}, {})
+    hidden = b"".join(p.read_bytes() for p in (tmp_path / "ada" / OWN).iterdir())
+    for secret in (key.read_bytes().strip(), key.name.encode(), entry_of(key)[1].encode()):
+        assert secret not in hidden
+
+
+def test_marks_are_a_file_of_the_class_and_one_that_is_not_ours_is_not_replaced(tmp_path):
+    make_roster(["Ada"], [EXERCISE], tmp_path, None)
+    later = make_roster(["Bo"], [EXERCISE], tmp_path, None)
+    assert [row["student"] for row in table(tmp_path / TABLE)] == ["Ada", "Bo"]
+    assert len(later.begun) == 1
+    assert command("exercise", "marks", tmp_path).returncode == 0
+    assert {*manifest_of(tmp_path).files} == {KEY, TABLE, "marks.csv"}
+    (tmp_path / "mine.csv").write_text("mine")
+    done = command("exercise", "marks", tmp_path, "-o", tmp_path / "mine.csv")
+    assert done.returncode == 2
+    assert "no manifest lists" in done.stderr
+    assert (tmp_path / "mine.csv").read_text() == "mine"

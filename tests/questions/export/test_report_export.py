@@ -220,5 +220,9 @@ def test_records_go_to_the_formats_of_records(tmp_path):
     assert export_record(path, "netcdf", tmp_path / "copy.nc").read_bytes()
     with pytest.raises(RecordError, match="written over itself"):
         export_record(path, "netcdf")
+    (tmp_path / "mine.csv").write_text("mine")
+    with pytest.raises(RecordError, match="no manifest lists"):
+        export_record(path, "csv", tmp_path / "mine.csv")
+    assert (tmp_path / "mine.csv").read_text() == "mine"
     with pytest.raises(RecordError, match="records go to csv"):
         export_record(path, "jsbsim")

@@ -17,6 +17,7 @@ import testbench.questions.gap.workflow as workflow
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.core.record import FlightAborted
+from testbench.core.store import ResultFolder
 from testbench.flight import FlightCondition
 from testbench.page.write import record_keeper
 from testbench.questions.gap.ask import run_flights, run_gap
@@ -247,7 +248,8 @@ def vane(tmp_path_factory):
     file.write_text("[[manoeuvre]]\n".join((head, *flown)), encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(workflow, "name_effect", among(VANE_EFFECTS))
-        result = run_gap(file, keep=record_keeper(folder))
+        with ResultFolder(folder) as place:
+            result = run_gap(file, keep=record_keeper(place))
     return head.split("\n[hidden]")[0] + "\n", result, folder / "records"
 
 

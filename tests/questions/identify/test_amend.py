@@ -186,9 +186,11 @@ def test_the_command_writes_the_aircraft_and_the_next_one_takes_it(file, tmp_pat
     checked = run(app, ["check", "aircraft/mine"])
     assert checked.exit_code == 0, checked.output
     assert "9 laws kept" in checked.output
-    again = run(app, ["identify", str(file), "--amend", "mine"])
-    assert again.exit_code != 0
-    assert "--force" in str(again.exception or again.output)
+    assert "which is amended: give another name" in refused(file, "--amend", "mine", "--aircraft", "aircraft/mine")
+    (tmp_path / "aircraft/own").mkdir()
+    (tmp_path / "aircraft/own/aircraft.toml").write_text("mine")
+    assert "no manifest lists 'aircraft/own/aircraft.toml'" in refused(file, "--amend", "own")
+    assert (tmp_path / "aircraft/own/aircraft.toml").read_text() == "mine"
 
 
 def refused(file, *more):
@@ -204,7 +206,6 @@ def test_each_refusal_says_what_to_do(file, found, tmp_path, monkeypatch):
     assert "give --aircraft" in refused(bare, "--amend", "mine")
     assert "which is packaged" in refused(file, "--amend", "eolo")
     assert "letters, digits" in refused(file, "--amend", "my plane")
-    assert "--force has no use" in refused(file, "--force")
     (tmp_path / "aircraft").write_text("a file where the folder would be")
     with pytest.raises(RecordError, match="can be written to"):
         amend([found], "mine")

@@ -10,7 +10,7 @@ from commands import ends
 
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import SCENARIOS
-from testbench.page.beside import PAGE
+from testbench.core.store import PAGE
 from testbench.questions.modes.answer import modes_answer
 from testbench.questions.modes.ask import find_modes, fly_modes, search_for
 from testbench.questions.modes.page import modes_page

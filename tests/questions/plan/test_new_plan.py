@@ -7,12 +7,14 @@ import re
 import shutil
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from commands import command
 from test_bounds import scenario_of
 
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.paths import SCENARIOS, SUITES
+from testbench.core.record import FlightRecord
 from testbench.flight import load_aircraft
 from testbench.inputs import build
 from testbench.questions.design.ask import run_design
@@ -160,7 +162,7 @@ def test_new_files_do_not_write_over_old_ones_and_say_what_is_missing(tmp_path):
     file = tmp_path / "mine.toml"
     assert command("plan", "new", "taurus", "-o", file).returncode == 0
     for arguments, words in (
-        (("new", "taurus", "-o", file), "must go to a new file"),
+        (("new", "taurus", "-o", file), "must be a new file"),
         (("new",), "give an aircraft, or --from with a design"),
         (("new", "torus", "-o", tmp_path / "x.toml"), "got 'torus'; did you mean 'taurus'?"),
         (("new", "taurus", "--suite", "taurus_9hz", "-o", tmp_path / "x.toml"), "taurus_8hz"),
@@ -213,3 +215,21 @@ def test_a_box_has_laws():
         with pytest.raises(ValueError, match=words):
             Airspace(**{**BOX, **change})
     assert not box_faults(scenario_of(2.0), ())
+
+
+def test_a_rehearsal_with_fewer_flights_leaves_no_log_of_the_longer_one(tmp_path, monkeypatch):
+    from typer.testing import CliRunner
+
+    from testbench.cli import app
+
+    record, flights = FlightRecord(np.arange(5.0), ("q",), np.zeros((5, 1)), "measured"), 2
+    monkeypatch.setattr("testbench.questions.plan.ask.make_plan", lambda *given, **more: None)
+    monkeypatch.setattr(
+        "testbench.questions.plan.rehearse.rehearse", lambda *given: dict.fromkeys(range(1, flights + 1), record)
+    )
+    (tmp_path / "mine_flight_1.csv").write_text("mine")
+    for plan, flights in (("taurus_63", 2), ("eolo_envelope", 1), ("taurus_63", 1)):  # noqa: B007 - read above
+        done = CliRunner().invoke(app, ["plan", "rehearse", plan, "-o", str(tmp_path)])
+        assert done.exit_code == 0, done.output
+    logs = sorted(p.name for p in tmp_path.glob("*.csv"))
+    assert logs == ["eolo_envelope_flight_1.csv", "mine_flight_1.csv", "taurus_63_flight_1.csv"]

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from testbench.core.errors import RecordError, ScenarioError
-from testbench.page.write import check_folder
+from testbench.core.store import LOCK, ResultFolder
 from testbench.questions.reproduce import paper_checks, printed
 from testbench.questions.reproduce.ask import CHAPTERS, reproduce
 from testbench.questions.reproduce.figures import Line, Panel, plate
@@ -87,7 +87,8 @@ def chapter(ours: float) -> Chapter:
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("page")
-    write_reproduction([chapter(10.5)], folder)
+    with ResultFolder(folder) as place:
+        write_reproduction([chapter(10.5)], place)
     return folder
 
 
@@ -121,8 +122,9 @@ def test_page_tables_and_figures_are_written(written):
 
 
 def test_the_same_chapter_gives_the_same_bytes(written, tmp_path):
-    write_reproduction([chapter(10.5)], tmp_path)
-    for file in sorted(p for p in written.rglob("*") if p.is_file()):
+    with ResultFolder(tmp_path) as place:
+        write_reproduction([chapter(10.5)], place)
+    for file in sorted(p for p in written.rglob("*") if p.is_file() and p.name != LOCK):
         assert (tmp_path / file.relative_to(written)).read_bytes() == file.read_bytes(), file.name
 
 
@@ -192,9 +194,7 @@ def test_an_unknown_chapter_is_refused_with_the_nearest_name():
 def test_a_folder_that_cannot_be_written_to_is_refused_before_the_work(tmp_path):
     (tmp_path / "file").write_text("no folder")
     with pytest.raises(RecordError, match=r"results must go to a folder.*file.*give another folder"):
-        check_folder(tmp_path / "file" / "reproduction")
-    check_folder(tmp_path / "new" / "reproduction")
-    assert list((tmp_path / "new" / "reproduction").iterdir()) == []
+        ResultFolder(tmp_path / "file" / "reproduction")
 
 
 def test_the_command_refuses_an_unknown_chapter_in_one_line(tmp_path):

@@ -21,6 +21,7 @@ from rich.console import Console
 from testbench.core.errors import RecordError
 from testbench.core.files import write_file
 from testbench.core.record import load_record
+from testbench.core.store import OWN, ResultFolder
 from testbench.page.html import first_screen, render, svg_uri
 from testbench.page.page import source_of
 from testbench.page.write import record_keeper
@@ -67,7 +68,7 @@ def page(written) -> str:
 def test_all_files_are_written_and_no_part_is_left(written) -> None:
     folder, paths = written
     assert all(path.is_file() for path in paths)
-    assert sorted(paths) == sorted(p for p in folder.rglob("*") if p.is_file())
+    assert sorted(paths) == sorted(p for p in folder.rglob("*") if p.is_file() and OWN not in p.parts)
     names = {p.relative_to(folder).as_posix() for p in paths}
     assert {"report.html", "tables/mrse.csv", "tables/mrse.json", "models/eolo_alpha_dsr_e.json"} <= names
     assert {"figures/input_de.png", "figures/time_histories.png", "figures/bode_de.png", "figures/poles.png"} <= names
@@ -191,7 +192,8 @@ def test_a_file_that_fails_leaves_the_old_one_as_it_was(tmp_path) -> None:
 
 def test_records_are_kept_under_safe_names(result, tmp_path) -> None:
     record = result.flights[0].truth
-    record_keeper(tmp_path)("slow / truth", record)
+    with ResultFolder(tmp_path) as place:
+        record_keeper(place)("slow / truth", record)
     kept = load_record(tmp_path / "records" / "slow_truth.nc")
     assert kept.channels == record.channels
     assert (kept.data == record.data).all()

@@ -9,10 +9,11 @@ from pathlib import Path
 
 from testbench.aircraft.strips.flexible import Flexible, make_flexible
 from testbench.aircraft.strips.reading import GroundTest, read_ground_test
-from testbench.aircraft.strips.writing import MARK, flexible_toml
+from testbench.aircraft.strips.writing import flexible_toml
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, find_scenario, resolve
+from testbench.core.store import OWN, ResultFolder
 from testbench.flight import load_aircraft
 from testbench.flight.adopt import Adopted
 from testbench.flight.load import adopted_at, stock
@@ -56,8 +57,9 @@ def add_ground_test(
 
     Raises:
         ModelError: the aircraft's model cannot take the modes.
-        RecordError: a file cannot be read or written.
-        ScenarioError: the file breaks a law, the aircraft is flexible already, or the folder holds another aircraft.
+        BusyError: another process writes into the folder.
+        RecordError: a file cannot be read or written, or the folder holds another aircraft.
+        ScenarioError: the file breaks a law, the aircraft is flexible already, or the folder is its own.
         TrimError: the aircraft cannot be trimmed.
     """
     folder, found = _source(str(name))
@@ -69,13 +71,16 @@ def add_ground_test(
         )  # fmt: skip
     test = read_ground_test(find_scenario(modes))
     out = Path("aircraft") / f"{aircraft.name}_flexible" if out is None else out
-    _check_place(out, folder)
+    if out.resolve() == folder.resolve():
+        raise ScenarioError([f"the flexible aircraft must go to a folder of its own, got '{out}', the rigid one's"])
     own: dict[str, float] = {}
-    if test.content.strips.own_derivatives:
-        say("read off the aircraft's own derivatives")
-        own = own_derivatives(aircraft)
-    made = make_flexible(aircraft, test, own)
-    _write(made, test, folder, found, out)
+    with ResultFolder(out) as place:
+        place.check(_FILE)
+        if test.content.strips.own_derivatives:
+            say("read off the aircraft's own derivatives")
+            own = own_derivatives(aircraft)
+        made = make_flexible(aircraft, test, own)
+        _write(made, test, folder, found, place)
     say("trim and linearise over speed")
     return FlexibleAnswer(aircraft.name, test, made, out, survey(load_aircraft(out), out.name))
 
@@ -89,22 +94,10 @@ def _source(name: str) -> tuple[Path, Adopted | None]:
     return folder, None if (folder / _FILE).is_file() else adopted_at(folder)
 
 
-def _check_place(out: Path, folder: Path) -> None:
-    """Refuse a folder in which something else lies than what this command wrote."""
-    if out.resolve() == folder.resolve():
-        raise ScenarioError([f"the flexible aircraft must go to a folder of its own, got '{out}', the rigid one's"])
-    if not out.exists():
-        return
-    there = out / _FILE
-    ours = there.is_file() and there.read_text(encoding="utf-8", errors="replace").startswith(MARK)
-    if not ours and (out.is_file() or any(out.iterdir())):
-        raise ScenarioError([f"the flexible aircraft must go to a new folder, got '{out}', which holds other files"])
-
-
-def _write(made: Flexible, test: GroundTest, folder: Path, found: Adopted | None, out: Path) -> None:
+def _write(made: Flexible, test: GroundTest, folder: Path, found: Adopted | None, place: ResultFolder) -> None:
+    out = place.new
     if found is not None:
-        (out / _FILE).unlink(missing_ok=True)  # ours, see _check_place
-        write_adopted(found, out)
+        write_adopted(found, place)
         text = (out / _FILE).read_text(encoding="utf-8")
     else:
         text = (folder / _FILE).read_text(encoding="utf-8")
@@ -112,11 +105,11 @@ def _write(made: Flexible, test: GroundTest, folder: Path, found: Adopted | None
     if found is None:
         try:
             shutil.copytree(
-                folder, out, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.py", "__pycache__", _FILE, _TEST)
+                folder, out, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.py", "__pycache__", _FILE, _TEST, OWN)
             )
         except (OSError, shutil.Error) as error:
             law = "the flexible aircraft must go to a folder that can be written to"
-            raise RecordError(f"{law}, got '{out}': {error}") from error
+            raise RecordError(f"{law}, got '{place.path}': {error}") from error
     names = [test.content.shapes, *(m.csv for m in test.content.mode)]
     for path in [test.path, *(test.path.parent / n for n in dict.fromkeys(names) if n)]:
         write_file(out / _TEST / path.name, path.read_bytes())

@@ -15,6 +15,7 @@ import numpy as np
 from testbench.core.errors import RecordError, ScenarioError, TestbenchError, nearest
 from testbench.core.files import not_written
 from testbench.core.processes import cores, processes, spread
+from testbench.core.store import ResultFolder
 from testbench.estimators import estimate
 from testbench.estimators.cells import contained, need_numbers
 from testbench.estimators.continuous import ContinuousTransferModel
@@ -33,7 +34,7 @@ Report = Callable[[str], None]
 
 
 def benchmark(
-    folder: Path | str,
+    folder: Path | str | ResultFolder,
     *,
     seeds: int = SEEDS,
     sets: Sequence[str] = (),
@@ -46,7 +47,8 @@ def benchmark(
     """Run methods on the packaged data sets; the same call goes on with one that was interrupted.
 
     Args:
-        folder: where finished cells are kept. More seeds, sets or methods later fly only what is missing.
+        folder: where finished cells are kept, or one that is being written. More seeds, sets or methods later fly only
+            what is missing.
         seeds: flights of each simulated data set.
         sets: names of :data:`~.sets.SETS`; all of them if empty. Recorded flights that are absent are left out.
         methods: names of METHODS; all of them if empty.
@@ -64,6 +66,10 @@ def benchmark(
         >>> import testbench as tb
         >>> tb.benchmark("my_benchmark", seeds=2, sets=["clean"], methods=["output_error"]).sha256  # doctest: +SKIP
     """
+    if not isinstance(folder, ResultFolder):
+        given: dict[str, Any] = {"seeds": seeds, "sets": sets, "methods": methods, "own": own, "limit_s": limit_s}
+        with ResultFolder(folder, adds=True) as place:
+            return benchmark(place, workers=workers, progress=progress, **given)
     say = progress or (lambda text: None)
     wrong = [name for name in sets if name not in SETS]
     if wrong:
@@ -79,7 +85,7 @@ def benchmark(
         )
     numbers = tuple(range(FIRST_SEED, FIRST_SEED + seeds))
     name = sha256({"data": [defined[d.name] for d in there], "methods": [e.told for e in run], "seeds": numbers})
-    kept = Kept(Path(folder) / KEPT)
+    kept = Kept(folder.live(KEPT))
     cells: dict[tuple[str, str], dict[int, Cell]] = {(d.name, e.label): {} for d in there for e in run}
     with processes(workers or cores()):
         for i, seed in enumerate(numbers):
@@ -171,7 +177,6 @@ class Kept:
         self.cells[key] = cell
         row = {"key": key, "set": data, "method": method, "seed": seed, **cell._asdict()}
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
             with self.path.open("a", encoding="utf-8") as file:
                 file.write(self._before + json.dumps(row) + "\n")
             self._before = ""

@@ -35,13 +35,14 @@ def benchmark(
     missing. Recorded flights are read from the folder TESTBENCH_FLIGHT_DATA. Examples: `testbench compare benchmark`,
     `testbench compare benchmark --method my_method.py:estimate`.
     """
+    from testbench.core.store import ResultFolder
     from testbench.questions.compare.benchmark.ask import benchmark as run
     from testbench.questions.compare.benchmark.page import benchmark_page
 
     try:
-        with stages() as say:
+        with ResultFolder(out) as place, stages() as say:
             found = run(
-                out,
+                place,
                 seeds=seeds,
                 sets=data or (),
                 methods=only or (),
@@ -51,7 +52,7 @@ def benchmark(
             )
             say("write report")
             page = benchmark_page(found)
-            page.write(out)
+            page.write(place)
     except KeyboardInterrupt:
         print("what is finished is kept; the same command goes on", file=sys.stderr)
         raise

@@ -74,16 +74,13 @@ class _Part:
 
 
 @on_one_thread
-def amend(
-    found: Sequence[Identified], name: str, force: bool = False, progress: Report | None = None
-) -> dict[str, Amended]:
+def amend(found: Sequence[Identified], name: str, progress: Report | None = None) -> dict[str, Amended]:
     """Write the derivatives that were identified into a new aircraft.
 
     Args:
         found: identifications with one and the same aircraft, such as that of the longitudinal and of the lateral
             motion of one log.
         name: of the new aircraft, which goes to ``aircraft/NAME``, or a path.
-        force: write over an aircraft that lies there.
         progress: called with a few words as each stage begins.
 
     Returns:
@@ -92,7 +89,7 @@ def amend(
     Raises:
         ScenarioError: an identification has no aircraft, or they have several.
         EstimationError: no derivative is to be believed, or none is one that an aircraft has.
-        RecordError: the folder has an aircraft already, or cannot be written to.
+        RecordError: the folder has an aircraft that the testbench did not write, or cannot be written to.
         TrimError, ModelError: the aircraft cannot be trimmed there, or cannot take what is to be written.
 
     Example:
@@ -101,8 +98,8 @@ def amend(
         >>> tb.amend([found], "mine")[found.name].written  # doctest: +SKIP
     """
     say = progress or (lambda text: None)
-    folder = folder_of(name, force)
     named = check_aircraft(found)
+    folder = folder_of(name, named)
     parts, refused = _parts(found)
     base = parts[0].known.aircraft
     new, coefficients = base, dict[str, float]()

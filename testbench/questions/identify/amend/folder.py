@@ -8,24 +8,30 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from testbench.aircraft import Aircraft
-from testbench.core.errors import RecordError, ScenarioError
+from testbench.core.errors import ScenarioError
 from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, resolve
+from testbench.core.store import ResultFolder
 from testbench.core.toml_text import quoted, real
 from testbench.flight.load import adopted_at, stock
 from testbench.questions.aircraft.adopt import described
 from testbench.questions.aircraft.new import check_name
 
 SOURCES = "SOURCES.md"
-_LAW = "an amended aircraft must go to a folder that can be written to"
 
 
-def folder_of(name: str, force: bool = False) -> Path:
+def folder_of(name: str, base: str) -> Path:
     """Return the folder that an amended aircraft goes to: ``aircraft/NAME``, or a path as it is.
 
+    Args:
+        name: of the amended aircraft.
+        base: name of the one that is amended.
+
     Raises:
-        ScenarioError: the name is that of a packaged aircraft, or none that a model may have.
-        RecordError: an aircraft lies there already, and ``force`` is not given.
+        ScenarioError: the name is that of a packaged aircraft, of the one that is amended, or none that a model may
+            have.
+        BusyError: another process writes into the folder.
+        RecordError: an aircraft that the testbench did not write lies there, or the folder cannot be written to.
     """
     folder = Path(name) if len(Path(name).parts) > 1 else Path("aircraft") / name
     check_name(folder)
@@ -33,10 +39,15 @@ def folder_of(name: str, force: bool = False) -> Path:
         raise ScenarioError(
             [f"an amended aircraft must have a name of its own, got '{folder.name}', which is packaged: give another"]
         )
-    if (folder / "aircraft.toml").exists() and not force:
-        raise RecordError(
-            f"an amended aircraft must go to a folder without one, got '{folder}': give another name, or --force"
+    if folder.resolve() == Path(resolve(base, AIRCRAFT)).resolve():
+        raise ScenarioError(
+            [f"an amended aircraft must go to a folder of its own, got '{folder}', which is amended: give another name"]
         )
+    place = ResultFolder(folder)
+    try:
+        place.check("aircraft.toml")
+    finally:
+        place.leave()
     return folder
 
 
@@ -120,10 +131,13 @@ def with_key(text: str, table: str, key: str, value: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write_folder(files: Mapping[str, str], folder: Path) -> list[Path]:
+def write_folder(files: Mapping[str, str], folder: Path) -> None:
     """Write the files of an aircraft.
 
     Raises:
-        RecordError: the folder cannot be written to.
+        BusyError: another process writes into the folder.
+        RecordError: the folder cannot be written to, or holds an aircraft that the testbench did not write.
     """
-    return [write_file(folder / name, text, _LAW, "give another name or path") for name, text in files.items()]
+    with ResultFolder(folder) as place:
+        for name, text in files.items():
+            write_file(place.new / name, text)

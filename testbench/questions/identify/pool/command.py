@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 from testbench.core.errors import ScenarioError
+from testbench.core.store import ResultFolder, folder_in
 from testbench.page.labels import file_stem
 from testbench.page.terminal import console, stages
 from testbench.page.write import record_keeper
 from testbench.questions.identify.page import identify_page
-from testbench.questions.identify.pool.ask import agreed, identify_and_pool
+from testbench.questions.identify.pool.ask import agreed, identify_and_pool, parts_of
 from testbench.questions.identify.pool.page import pool_page
 from testbench.questions.identify.scenario import Pooling, RecordDescription
 
@@ -41,21 +43,24 @@ def show_pooled(
     descriptions: Sequence[RecordDescription], out: Path, data: Path | None, settings: Pooling, strict: bool
 ) -> None:
     """Identify and pool, write a page of every log and one of all of them, and show that."""
-    with stages() as say:
+    names = [name for name, _ in parts_of(descriptions, settings.each)]
+    with ExitStack() as ends, stages() as say:
+        places = {name: ends.enter_context(ResultFolder(folder_in(out, name))) for name in names}
+        folder = folder_in(out, file_stem(f"pooled_{'_'.join(names)}"))
+        place = ends.enter_context(ResultFolder(folder))
         flights = identify_and_pool(
             descriptions,
             data,
             settings=settings,
-            keep=lambda name: record_keeper(out / name),
+            keep=lambda name: record_keeper(places[name]),
             progress=say,
             strict=strict,
         )
         say("write reports")
         for name, found in zip(flights.names, flights.found, strict=True):
-            identify_page(found).write(out / name)
+            identify_page(found).write(places[name])
         page = pool_page(flights)
-        folder = out / file_stem(f"pooled_{'_'.join(flights.names)}")
-        page.write(folder)
+        page.write(place)
     page.show(console(), folder)
     for name in flights.names:
         console().print(f"Log {name}: {out / name}/report.html", soft_wrap=True, markup=False, highlight=False)

@@ -12,16 +12,18 @@ from pathlib import Path
 
 import pytest
 
-from testbench.core.errors import CampaignError
+from testbench.core.errors import BusyError, CampaignError, RecordError
+from testbench.core.store import ResultFolder, manifest_of
 from testbench.questions.campaign.flying import Outcome
-from testbench.questions.campaign.store import FILE, LOCK, Counts, Store
+from testbench.questions.campaign.store import FILE, RECORDS, Counts, Store
 
 ROOT = Path(__file__).resolve().parents[3]
 HOLD = """
 import sys, time
 from pathlib import Path
-from testbench.questions.campaign.lock import WriterLock
-lock = WriterLock(Path(sys.argv[1]))
+from testbench.core.store import locked
+from testbench.questions.campaign.store import LOCK
+lock = locked(Path(sys.argv[1]), LOCK)
 print("held", flush=True)
 time.sleep(600)
 """
@@ -90,32 +92,54 @@ def test_a_second_writer_is_refused_until_the_first_is_gone(short, tmp_path):
     Store.create(tmp_path, short()).close()
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     holder = subprocess.Popen(
-        [sys.executable, "-c", HOLD, str(tmp_path / LOCK)], stdout=subprocess.PIPE, text=True, env=environment
+        [sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True, env=environment
     )
     assert holder.stdout is not None
     assert holder.stdout.readline() == "held\n"
-    with pytest.raises(CampaignError, match=f"one writer at a time, but process {holder.pid} on"):
+    with pytest.raises(BusyError, match=f"one writer at a time, but process {holder.pid} is"):
         Store.resume(tmp_path, short())
     with Store.read(tmp_path) as store:  # reading is free
         assert store.counts().total == 24
+    with ResultFolder(tmp_path) as place:  # as a page of the runs so far is written
+        (place.new / "report.html").write_text("page")
+    assert {*manifest_of(tmp_path).files} == {"report.html", FILE}
     holder.send_signal(signal.SIGKILL)
     holder.wait()
     holder.stdout.close()
-    assert (tmp_path / LOCK).read_text()  # it was left behind, and is taken over
     with Store.resume(tmp_path, short()) as store:
         assert store.counts().total == 24
 
 
-def test_a_lock_of_another_machine_is_refused_until_it_is_deleted(short, tmp_path):
-    Store.create(tmp_path, short()).close()
-    (tmp_path / LOCK).write_text('{"pid": 7, "host": "elsewhere"}')
-    with pytest.raises(
-        CampaignError, match="process 7 on elsewhere has not given it back; if that process is gone, del"
-    ):
-        Store.resume(tmp_path, short())
-    (tmp_path / LOCK).unlink()
-    Store.resume(tmp_path, short()).close()
-    assert (tmp_path / LOCK).read_text() == ""
+@pytest.mark.parametrize("name", [FILE, RECORDS])
+def test_what_is_not_the_campaigns_is_not_replaced(short, tmp_path, name):
+    (tmp_path / name).mkdir() if name == RECORDS else (tmp_path / name).write_bytes(b"")
+    with pytest.raises(RecordError, match=f"no manifest lists '.*{name}'"):
+        Store.create(tmp_path, short())
+    assert (tmp_path / name).exists()
+    assert not (tmp_path / name).is_file() or (tmp_path / name).read_bytes() == b""
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from testbench.questions.campaign import store
+from testbench.questions.campaign.load import load_campaign
+def killed(db, first, end):
+    os.kill(os.getpid(), signal.SIGKILL)
+store._add_runs = killed
+store.Store.create(Path(sys.argv[2]), load_campaign(sys.argv[1]))
+"""
+
+
+def test_a_store_whose_making_was_killed_is_made_again(short, tmp_path):
+    """Its file is there, and the manifest says whose it is."""
+    campaign = short()
+    words = [sys.executable, "-c", KILLED, str(campaign.spec.file), str(tmp_path / "s")]
+    done = subprocess.run(words, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert (tmp_path / "s" / FILE).exists()
+    with Store.create(tmp_path / "s", campaign) as store:
+        assert store.counts() == Counts(pending=24)
 
 
 def test_a_full_disk_stops_with_a_clear_error_and_loses_nothing(short, tmp_path):
@@ -129,9 +153,3 @@ def test_a_full_disk_stops_with_a_clear_error_and_loses_nothing(short, tmp_path)
             store.exchange(long)
     with Store.resume(tmp_path, short()) as store:
         assert store.counts() == Counts(pending=19, done=5)
-
-
-def test_a_store_whose_making_was_interrupted_is_made_anew(short, tmp_path):
-    (tmp_path / FILE).touch()
-    with Store.create(tmp_path, short()) as store:
-        assert store.counts().total == 24
