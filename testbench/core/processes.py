@@ -20,7 +20,7 @@ from multiprocessing import connection, current_process, get_context
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
-from testbench.core.interrupts import held_back
+from testbench.core.interrupts import held_back, leave_to_the_system
 from testbench.core.scratch import Scratch
 
 T = TypeVar("T")
@@ -146,6 +146,7 @@ def spread(tasks: Sequence[Callable[[], T]]) -> list[T]:
 
 
 def _work(task: Callable[[], Any], mine: connection.Connection, theirs: connection.Connection, folder: str) -> None:
+    leave_to_the_system()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is the parent's to handle: it ends this one
     mine.close()
     _PROCESSES.set(1)

@@ -10,10 +10,11 @@ import time
 
 import pytest
 from rich.console import Console
+from studies.reliability.process import Around, Running
 
 from testbench.__main__ import main
 from testbench.page import terminal
-from testbench.page.terminal import print_rows, show_all
+from testbench.page.terminal import open_streams, print_rows
 
 pytestmark = pytest.mark.drawn
 
@@ -34,7 +35,7 @@ def test_signs_that_an_encoding_lacks_are_written_in_ascii(monkeypatch, text, sh
     raw = io.BytesIO()
     monkeypatch.setattr(terminal.sys, "stdout", io.TextIOWrapper(raw, encoding="ascii"))
     monkeypatch.setattr(terminal.sys, "stderr", io.StringIO())
-    show_all()
+    open_streams()
     terminal.sys.stdout.write(text)
     terminal.sys.stdout.flush()
     assert raw.getvalue().decode() == shown
@@ -67,6 +68,23 @@ def test_a_pipe_that_is_closed_ends_a_command_quietly():
         process.stdout.close()
         assert process.stderr.read() == b""
     assert process.returncode == 141
+
+
+@pytest.mark.parametrize(
+    ("streams", "status", "said"),
+    [
+        (("<&-",), 0, ""),
+        ((">&-",), 0, ""),
+        (("2>&-",), 0, ""),
+        (("<&-", ">&-", "2>&-"), 0, ""),
+        ((">/dev/full",), 3, "error: cannot read or write a file or standard output: No space left on device\n"),
+        (("2>/dev/full",), 0, ""),
+    ],
+)
+def test_streams_that_are_closed_or_full(tmp_path, streams, status, said):
+    ended = Running(["plan", "new", "taurus", "-o", "mine.toml"], tmp_path, Around(streams, fresh=True)).ended()
+    assert (ended.status, ended.err) == (status, said)
+    assert (tmp_path / "mine.toml").stat().st_size > 1000
 
 
 @pytest.mark.parametrize("after_s", [0.0, *(pytest.param(0.002 * k, marks=pytest.mark.slow) for k in range(1, 40))])
