@@ -64,10 +64,15 @@ def test_in_another_thread_and_where_interrupts_are_ignored_nothing_changes():
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_signals_of_the_system_end_as_an_interrupt_does_once_they_may(number):
     done = []
+
+    @held_back()
+    def block():
+        os.kill(os.getpid(), number)
+        done.append("all of the block")
+
     with ended_by_signals() as came:
-        with pytest.raises(KeyboardInterrupt), held_back():
-            os.kill(os.getpid(), number)
-            done.append("all of the block")
+        with pytest.raises(KeyboardInterrupt):
+            block()
         assert came == [number]
     assert done == ["all of the block"]
     assert signal.getsignal(number) is signal.SIG_DFL
@@ -89,6 +94,7 @@ def test_an_interrupt_that_a_library_loses_comes_again():
         def __del__(self):
             raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt), ended_by_signals():
+    with ended_by_signals():
         Lost()
-        time.sleep(5.0)
+        with pytest.raises(KeyboardInterrupt):
+            time.sleep(5.0)

@@ -82,9 +82,8 @@ def test_a_pipe_that_is_closed_ends_a_command_quietly():
     ],
 )
 def test_streams_that_are_closed_or_full(tmp_path, streams, status, said):
-    ended = Running(["plan", "new", "taurus", "-o", "mine.toml"], tmp_path, Around(streams, fresh=True)).ended()
+    ended = Running(["list", "aircraft"], tmp_path, Around(streams, fresh=True)).ended()
     assert (ended.status, ended.err) == (status, said)
-    assert (tmp_path / "mine.toml").stat().st_size > 1000
 
 
 @pytest.mark.parametrize("after_s", [0.0, *(pytest.param(0.002 * k, marks=pytest.mark.slow) for k in range(1, 40))])

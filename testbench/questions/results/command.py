@@ -54,6 +54,7 @@ def command(
             except KeyboardInterrupt:
                 print("Ended.")
         return
+    written = write_file(folder / INDEX, index_html(found, folder))  # first: who reads what is printed may stop
     rows = [(r.title, r.answer, f"{r.written:%Y-%m-%d %H:%M}") for r in found]
     print_rows(console(), ("result", "answer", "written"), rows)
-    print(f"Written: {write_file(folder / INDEX, index_html(found, folder))}")
+    print(f"Written: {written}")

@@ -46,6 +46,7 @@ _TIMES = {
     "README.md": rb"Processor time of a case: [^;]*;",
 }
 """File -> what of it is processor time, which no two runs have in common."""
+_DATED = (".html", ".csv", ".json")  # an index says when results were written, in the user's time zone
 _LINE = re.compile(r"(\.\.\. |note: |  |error: |interrupted|ended by|finished runs are kept|what is finished is kept)")
 Found = tuple[str, str]
 
@@ -67,6 +68,8 @@ def digests(place: Path) -> dict[str, str]:
         content = _rows(path) if path.suffix == ".sqlite" else path.read_bytes()
         if path.name in _TIMES:
             content = re.sub(_TIMES[path.name], b"", content)
+        if path.suffix in _DATED:
+            content = re.sub(rb"20\d\d-\d\d-\d\d \d\d:\d\d", b"", content)
         if path.name == "rows.jsonl":
             content = b"\n".join(sorted(content.splitlines()))
         found[name] = hashlib.sha256(content).hexdigest()
