@@ -55,8 +55,8 @@ def held_back() -> Generator[None, None, None]:
 
     Only the main thread of a process receives signals; elsewhere nothing changes.
     """
-    before = {n: signal.getsignal(n) for n in (signal.SIGINT, *_ENDING)}
-    before = {n: handler for n, handler in before.items() if callable(handler)}
+    handlers: dict[int, Any] = {n: signal.getsignal(n) for n in (signal.SIGINT, *_ENDING)}
+    before = {n: handler for n, handler in handlers.items() if callable(handler)}
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -69,4 +69,4 @@ def held_back() -> Generator[None, None, None]:
         for number, handler in before.items():
             signal.signal(number, handler)
         if came:
-            before[came[0][0]](*came[0])  # type: ignore[operator]
+            before[came[0][0]](*came[0])

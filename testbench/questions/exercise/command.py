@@ -104,9 +104,7 @@ def exercise_marks(
     own = places[0] / KEY
     key = read_key(key_file or (own if own.is_file() else None))
     results = check_class(folders_of(places), key)
-    table = write_file(
-        out or places[0] / MARKS, marks_text(results)
-    )  # first: who reads what is printed may stop
+    table = write_file(out or places[0] / MARKS, marks_text(results))  # first: who reads what is printed may stop
     print_class(results, console())
     console().print(f"Table: {table}", highlight=False, soft_wrap=True)
 

@@ -37,8 +37,8 @@ SURROUNDINGS = (
     {"PYTHONHASHSEED": "1", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "TZ": "Asia/Kathmandu"},
     {"PYTHONHASHSEED": "2", "LC_ALL": "tr_TR.UTF-8", "PYTHONUTF8": "0", "TZ": "America/St_Johns"},
 )
-_GROWING = (".sqlite", ".jsonl", ".lock", ".part", ".sqlite-wal", ".sqlite-shm", ".sqlite-journal")
-_PAGES = ("report.html", "index.html")
+_GROWING = (".sqlite", ".h5", ".jsonl", ".lock", ".part", ".sqlite-wal", ".sqlite-shm", ".sqlite-journal")
+_PAGES = ("report.html", "index.html", "checksums.sha256")  # written last: with one, a folder looks finished
 _TIMES = {
     "report.html": rb"<dt>cost</dt><dd>[^<]*</dd>",  # of a campaign
     "rows.jsonl": rb'"seconds": [^}]*',
