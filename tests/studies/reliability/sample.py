@@ -9,11 +9,10 @@ from pathlib import Path
 from quick_drawing import quick_drawing
 from studies.reliability.treatments import FAULTS, GONE, LOCKED, Trials
 
-SLOW = ("gap show, with control flights", "blind test", "design", "aircraft show", "aircraft new", "aircraft adopt",
-        "aircraft flexible", "campaign run", "campaign resume", "campaign summarise", "modes", "compare suites",
-        "gap show", "compatibility", "plan show")  # fmt: skip
-"""Cases of more than a second, which are not run to their end here."""
-QUICK = ("stopped 1", "stopped 4", "<&-, >&-, 2>&-", GONE, LOCKED)
+QUICK = ("export", "plan new", "plan rehearse", "compare benchmark", "dataset check", "reproduce", "exercise list",
+         "exercise start", "exercise roster", "exercise marks", "exercise check", "check", "list")  # fmt: skip
+"""Cases of less than a second; the others are not run to their end here."""
+WHOLE = ("stopped 1", "stopped 4", "<&-, >&-, 2>&-", GONE, LOCKED)
 ABRUPT = (GONE, "damaged input 0")
 
 
@@ -24,7 +23,7 @@ def sampled(name: str, told: Path) -> None:
         with quick_drawing():
             trials = Trials(kit)
             faults = []
-            for treatment in ABRUPT if name in SLOW else QUICK:
+            for treatment in WHOLE if name in QUICK else ABRUPT:
                 outcome, said = trials.trial(name, treatment)
                 if outcome in FAULTS:
                     faults.append(f"{name}: {treatment}: {outcome}: {said}")

@@ -256,10 +256,10 @@ class Trials:
 
     def surrounded(self, name: str, treatment: str) -> Found:
         """Close or fill streams, remove the working directory, or take the right to write."""
-        case, wanted = CASES[name], self.undisturbed(name)
+        case = CASES[name]
         streams = tuple(treatment.split(", ")) if treatment in STREAM_TREATMENTS else ()
         with self.room(case) as (place, around):
-            gone, locked = treatment == GONE, treatment == LOCKED
+            gone, locked, before = treatment == GONE, treatment == LOCKED, digests(place)
             if locked:
                 for path in (place, *place.rglob("*")):
                     path.chmod(0o555 if path.is_dir() else 0o444)
@@ -273,8 +273,9 @@ class Trials:
             if fault := unsound(ended, allowed):
                 return fault, f"status {ended.status}: {ended.err[-300:]} {ended.out[-200:]}"
             if ended.status in (2, 3) and ">/dev/full" not in streams:
-                changed = {n for n, digest in digests(place).items() if wanted.before.get(n) != digest}
+                changed = {n for n, digest in digests(place).items() if before.get(n) != digest}
                 return ("half-written", ", ".join(changed)) if changed else ("refused", ended.err[-200:])
+            wanted = self.undisturbed(name)
             if {"2>&-", "2>/dev/full"} & set(streams) and ">&-" not in streams and ended.out != wanted.ended.out:
                 return "other words", ended.out[-200:]
             return self._compared(place, wanted, f"status {ended.status}")
