@@ -48,8 +48,8 @@ mutants: $(VENV)/installed-dev
 surroundings: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/surroundings.py $(ARGS)
 
-# Kills, damage, a full disk, crashes of JSBSim, very many runs: results/reliability.md, from a part on each core; an hour on
-# two that are idle. It goes on where it stopped; one part alone: PYTHONPATH=.:tests python -m studies.reliability --only records (see its --help).
+# Every command stopped, starved and misled, damaged files, crashes of JSBSim, very many runs: results/reliability.md, from a
+# part on each core. It goes on where it stopped; one command alone: PYTHONPATH=.:tests python -m studies.reliability --command run
 reliability: $(VENV)/installed-dev
 	PYTHONPATH=.:tests $(BIN)/python -m studies.reliability
 

@@ -15,7 +15,12 @@ def main() -> None:
     except KeyboardInterrupt:
         print("interrupted; nothing was written", file=sys.stderr)
         sys.exit(130)
-    run()
+    try:
+        run()
+    finally:  # a signal that comes while Python ends would be said by a traceback
+        from testbench.core.interrupts import leave_to_the_system
+
+        leave_to_the_system()
 
 
 if __name__ == "__main__":

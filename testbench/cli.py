@@ -14,9 +14,9 @@ from typing import Annotated, Any
 
 import typer
 
-from testbench.core.errors import ScenarioError, TestbenchError, brief, given
-from testbench.core.interrupts import heed_sigterm
-from testbench.page.terminal import console, print_rows, show_all
+from testbench.core.errors import DiskError, RecordError, ScenarioError, TestbenchError, brief, given
+from testbench.core.interrupts import ended_by_signals
+from testbench.page.terminal import console, open_streams, print_rows
 from testbench.questions import QUESTIONS, Question
 from testbench.questions.options import UsageError
 
@@ -31,7 +31,7 @@ simulation lacks.
 {examples}
 
 Exit status: 0 done, 1 a result is not what was written (results --verify), 2 bad input, 3 the computation cannot be
-carried out (no trim, flight aborted, not identifiable, disk full), 130 interrupted.
+carried out (no trim, flight aborted, not identifiable, disk full), 130 interrupted, 143 ended by the system.
 """
 _UNKNOWN = re.compile("No such command '([^']*)'")
 _INTERRUPTED = 130
@@ -128,6 +128,8 @@ def check(
             if not broken:
                 console().print(f"{thing}: a valid {kind}, {len(laws)} laws kept", highlight=False)
             faults.extend(broken)
+        except DiskError:  # which is no fault of a file
+            raise
         except ScenarioError as error:
             faults.extend(error.faults)
         except TestbenchError as error:
@@ -152,20 +154,25 @@ def main() -> None:
     # Before numpy is imported: for matrices this small, threads cost more than they give.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     warnings.showwarning = _say_warning
-    show_all()
-    heed_sigterm()
+    open_streams()
     given(sys.argv[1:])
-    try:
-        status = _status()
-        sys.stdout.flush()
-    except KeyboardInterrupt:
-        status = _INTERRUPTED
-    except BrokenPipeError:
-        status = _PIPE_CLOSED
-    if status == _PIPE_CLOSED:  # whoever read has read enough; what is still buffered has nowhere to go
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    with ended_by_signals() as signals:
+        try:
+            status = _status()
+        except KeyboardInterrupt:
+            status = _INTERRUPTED
     if status == _INTERRUPTED:
-        print("interrupted; what was finished is kept, and no result is left half written", file=sys.stderr)
+        by = f"ended by signal {signals[0]}" if signals else "interrupted"
+        status = 128 + signals[0] if signals else _INTERRUPTED
+        print(f"{by}; what was finished is kept, and no result is left half written", file=sys.stderr)
+    try:
+        sys.stdout.flush()
+    except OSError as error:  # what is still buffered has nowhere to go
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            status = status or _unwritten(error)
+        elif status == 0:  # whoever read has read enough
+            status = _PIPE_CLOSED
     if status:
         sys.exit(status)
 
@@ -173,6 +180,7 @@ def main() -> None:
 def _status() -> int:
     """Run a command and return its exit status; say what is wrong."""
     try:
+        _need_folder()
         return app(prog_name="testbench", standalone_mode=False) or 0
     except SystemExit as end:  # by click, with 1, if standard output is a pipe that was closed
         from testbench.core.bring import ends_in_brought, said
@@ -193,9 +201,26 @@ def _status() -> int:
     except BrokenPipeError:
         return _PIPE_CLOSED
     except OSError as error:
-        what = brief(f"cannot read or write {error.filename or 'a file'}: {error.strerror or error}")
-        print(f"error: {what}", file=sys.stderr)
+        return _unwritten(error)
+    except UnicodeEncodeError as error:
+        named = f"the names of files must be ones that this system's {error.encoding} can write, got '{error.object}'"
+        print(f"error: {brief(named)}; set PYTHONUTF8=1, or another locale than LC_ALL gives", file=sys.stderr)
         return 3
+
+
+def _need_folder() -> None:
+    """Refuse to work where no working directory is, in which every relative path would lie."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise RecordError("the working directory must exist, but it was removed; go to another folder") from error
+
+
+def _unwritten(error: OSError) -> int:
+    """Say what cannot be read or written; return the exit status."""
+    what = brief(f"cannot read or write {error.filename or 'a file or standard output'}: {error.strerror or error}")
+    print(f"error: {what}", file=sys.stderr)
+    return 3
 
 
 def _say_warning(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:

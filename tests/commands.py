@@ -6,39 +6,27 @@ import multiprocessing
 import os
 import sys
 import tempfile
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
 from quick_drawing import Quick, quick_drawing
+from studies.reliability.warm import modules
 
-import testbench
 import testbench.cli as cli
 
 # Imported once, by the process that those of the commands are forked from: importing takes longer than most commands.
-_ROOT = Path(testbench.__file__).parents[1]
 _SERVER = multiprocessing.get_context("forkserver")
-_SERVER.set_forkserver_preload(
-    [
-        "quick_drawing",
-        *(
-            ".".join(file.relative_to(_ROOT).with_suffix("").parts).removesuffix(".__init__")
-            for file in sorted(Path(testbench.__file__).parent.rglob("*.py"))
-            if file.stem != "__main__" and "envs" not in file.parts
-        ),
-        "matplotlib.figure",
-        "matplotlib.backends.backend_agg",
-        "matplotlib.backends.backend_svg",
-        "jinja2",
-        "h5netcdf",
-        "xarray",
-        "pandas",
-        "scipy.io",
-        "pyarrow.parquet",
-        "rich.table",
-        "typer.rich_utils",
-    ]
-)
+_SERVER.set_forkserver_preload(["quick_drawing", *modules()])
+
+
+def in_warm_process(function: Callable[..., object], *args: object) -> int | None:
+    """Call a function in a process of its own that need import nothing; return its exit status."""
+    process = _SERVER.Process(target=function, args=args)
+    process.start()
+    process.join()
+    return process.exitcode
 
 
 @dataclass(frozen=True)
@@ -54,11 +42,9 @@ def command(*words: object, cwd: Path | None = None) -> Done:
     """Run a command in a process of its own with an output 200 columns wide."""
     with tempfile.TemporaryDirectory() as folder:
         out, err = Path(folder, "out"), Path(folder, "err")
-        process = _SERVER.Process(target=_run, args=([*map(str, words)], cwd or Path.cwd(), out, err, Quick.on))
-        process.start()
-        process.join()
-        assert process.exitcode is not None
-        return Done(process.exitcode, out.read_text(encoding="utf-8"), err.read_text(encoding="utf-8"))
+        status = in_warm_process(_run, [*map(str, words)], cwd or Path.cwd(), out, err, Quick.on)
+        assert status is not None
+        return Done(status, out.read_text(encoding="utf-8"), err.read_text(encoding="utf-8"))
 
 
 def _run(words: list[str], cwd: Path, out: Path, err: Path, quick: bool) -> None:

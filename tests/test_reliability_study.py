@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from short_flight import DE, Q, T
-from studies.reliability.kills import digests
+from studies.reliability.process import Ended
 from studies.reliability.records import differing
+from studies.reliability.treatments import Wanted, digests, half, unsound
 
 from testbench.core.record import FlightRecord
 
@@ -54,3 +55,30 @@ def test_lost_first_rows_are_no_other_flight():
 @pytest.mark.parametrize("at", [0, 25])
 def test_a_channel_in_another_unit_is_seen(at):
     assert [line.split(":")[0] for line in differing(WHOLE, changed(at, 57.3))] == ["q"]
+
+
+@pytest.mark.parametrize(
+    ("err", "status", "fault"),
+    [
+        ("... trim\nerror: a law; do this\n", 3, ""),
+        ("Traceback (most recent call last):\n", 1, "traceback"),
+        ("error: one\nerror: two\n", 3, "more than a line"),
+        ("something else\n", 3, "more than a line"),
+        ("", 1, "wrong status"),
+        ("", None, "hung"),
+    ],
+)
+def test_an_end_that_is_not_sound_is_seen(err, status, fault):
+    assert unsound(Ended(status, "", err, 1.0, 1.0, False), {0, 3}) == fault
+
+
+def test_a_file_that_is_half_and_a_page_without_its_tables_are_seen(tmp_path):
+    (tmp_path / "out").mkdir()
+    for name in ("report.html", "a.csv"):
+        (tmp_path / "out" / name).write_text("whole", encoding="utf-8")
+    wanted = Wanted(Ended(0, "", "", 1.0, 1.0, False), {}, digests(tmp_path), 5)
+    assert half(tmp_path, wanted) == ""
+    (tmp_path / "out" / "a.csv").write_text("who", encoding="utf-8")
+    assert half(tmp_path, wanted) == "half-written"
+    (tmp_path / "out" / "a.csv").unlink()
+    assert half(tmp_path, wanted) == "looked finished"

@@ -21,7 +21,7 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from testbench.core.errors import EstimationError
-from testbench.core.interrupts import held_back
+from testbench.core.interrupts import held_back, leave_to_the_system
 from testbench.core.scratch import Scratch
 
 T = TypeVar("T")
@@ -191,8 +191,8 @@ def spread(tasks: Sequence[Callable[[], T]]) -> list[T]:
 
 
 def _work(task: Callable[[], Any], mine: connection.Connection, theirs: connection.Connection, folder: str) -> None:
+    leave_to_the_system()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is the parent's to handle: it ends this one
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     mine.close()
     _PROCESSES.set(1)
     tempfile.tempdir = folder

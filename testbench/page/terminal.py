@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 import unicodedata
 from collections.abc import Callable, Iterator, Sequence
@@ -29,14 +30,39 @@ _LEAST = 8  # letters of a text that stand side by side at least
 _STYLES = {"lead": "bold", "wrong": "bold red", "doubt": "yellow"}
 
 
-def show_all() -> None:
-    """Let standard output and error take every text: signs that their encoding lacks are written in ASCII."""
+class _Unheard(io.FileIO):
+    """Standard error: what cannot be written is dropped, so that work does not end for want of somebody to tell."""
+
+    def write(self, content: Any) -> int:
+        try:
+            return super().write(content)
+        except OSError:
+            return len(content)
+
+
+def open_streams() -> None:
+    """Let the three standard streams stand for what a command needs of them, however a shell left them.
+
+    A closed one becomes the null device: else the next file that is opened takes its place, and is written into by what
+    prints. Standard error drops what it cannot write. Texts with signs that an encoding lacks are written in ASCII.
+    """
     import codecs
 
     codecs.register_error("in_ascii", _in_ascii)
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        stream = getattr(sys, name)
+        if stream is None:
+            null = os.open(os.devnull, os.O_RDWR)
+            if null != number:
+                os.dup2(null, number)
+                os.close(null)
+            stream = open(number, "w" if number else "r", encoding="utf-8", closefd=False)  # noqa: SIM115
+            setattr(sys, name, stream)
+        if number and isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="in_ascii")
+    if sys.stderr is sys.__stderr__ and isinstance(sys.stderr, io.TextIOWrapper):
+        unheard = io.BufferedWriter(_Unheard(2, "w", closefd=False))
+        sys.stderr = io.TextIOWrapper(unheard, sys.stderr.encoding, "in_ascii", line_buffering=True)
 
 
 def _in_ascii(error: UnicodeError) -> tuple[str, int]:

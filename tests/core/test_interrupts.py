@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import signal
 import threading
+import time
 
 import pytest
 
-from testbench.core.interrupts import held_back
+from testbench.core.interrupts import ended_by_signals, held_back
 
 
 @pytest.fixture(autouse=True)
@@ -58,3 +59,42 @@ def test_in_another_thread_and_where_interrupts_are_ignored_nothing_changes():
             assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_signals_of_the_system_end_as_an_interrupt_does_once_they_may(number):
+    done = []
+
+    @held_back()
+    def block():
+        os.kill(os.getpid(), number)
+        done.append("all of the block")
+
+    with ended_by_signals() as came:
+        with pytest.raises(KeyboardInterrupt):
+            block()
+        assert came == [number]
+    assert done == ["all of the block"]
+    assert signal.getsignal(number) is signal.SIG_DFL
+
+
+def test_a_signal_that_somebody_took_is_left_to_them():
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with ended_by_signals() as came:
+            os.kill(os.getpid(), signal.SIGHUP)
+        assert came == []
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
+def test_an_interrupt_that_a_library_loses_comes_again():
+    class Lost:
+        def __del__(self):
+            raise KeyboardInterrupt
+
+    with ended_by_signals():
+        Lost()
+        with pytest.raises(KeyboardInterrupt):
+            time.sleep(5.0)

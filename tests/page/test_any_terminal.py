@@ -10,10 +10,11 @@ import time
 
 import pytest
 from rich.console import Console
+from studies.reliability.process import Around, Running
 
 from testbench.__main__ import main
 from testbench.page import terminal
-from testbench.page.terminal import print_rows, show_all
+from testbench.page.terminal import open_streams, print_rows
 
 pytestmark = pytest.mark.drawn
 
@@ -34,7 +35,7 @@ def test_signs_that_an_encoding_lacks_are_written_in_ascii(monkeypatch, text, sh
     raw = io.BytesIO()
     monkeypatch.setattr(terminal.sys, "stdout", io.TextIOWrapper(raw, encoding="ascii"))
     monkeypatch.setattr(terminal.sys, "stderr", io.StringIO())
-    show_all()
+    open_streams()
     terminal.sys.stdout.write(text)
     terminal.sys.stdout.flush()
     assert raw.getvalue().decode() == shown
@@ -69,6 +70,22 @@ def test_a_pipe_that_is_closed_ends_a_command_quietly():
     assert process.returncode == 141
 
 
+@pytest.mark.parametrize(
+    ("streams", "status", "said"),
+    [
+        (("<&-",), 0, ""),
+        ((">&-",), 0, ""),
+        (("2>&-",), 0, ""),
+        (("<&-", ">&-", "2>&-"), 0, ""),
+        ((">/dev/full",), 3, "error: cannot read or write a file or standard output: No space left on device\n"),
+        (("2>/dev/full",), 0, ""),
+    ],
+)
+def test_streams_that_are_closed_or_full(tmp_path, streams, status, said):
+    ended = Running(["list", "aircraft"], tmp_path, Around(streams, fresh=True)).ended()
+    assert (ended.status, ended.err) == (status, said)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("after_s", [0.0, *(pytest.param(0.002 * k, marks=pytest.mark.slow) for k in range(1, 40))])
 def test_an_interrupt_of_a_stage_is_one_line_and_leaves_the_folder_as_it_was(tmp_path, after_s, number):
@@ -80,8 +97,9 @@ def test_an_interrupt_of_a_stage_is_one_line_and_leaves_the_folder_as_it_was(tmp
         time.sleep(after_s)
         process.send_signal(number)
         said = [line for line in process.stderr.read().splitlines() if not line.startswith("... ")]
-    assert process.returncode == 130
-    assert said == ["interrupted; what was finished is kept, and no result is left half written"]
+    ended, by = (130, "interrupted") if number == signal.SIGINT else (143, "ended by signal 15")
+    assert process.returncode == ended
+    assert said == [f"{by}; what was finished is kept, and no result is left half written"]
     assert list(tmp_path.iterdir()) == []
 
 

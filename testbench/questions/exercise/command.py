@@ -107,9 +107,9 @@ def exercise_marks(
     own = places[0] / KEY
     key = read_key(key_file or (own if own.is_file() else None))
     results = check_class(folders_of(places), key)
-    print_class(results, console())
     text = marks_text(results)
-    table = write_beside(out or places[0] / MARKS, lambda path: write_file(path, text))
+    table = write_beside(out or places[0] / MARKS, lambda path: write_file(path, text))  # first: a reader may stop
+    print_class(results, console())
     console().print(f"Table: {table}", highlight=False, soft_wrap=True)
 
 

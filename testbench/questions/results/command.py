@@ -76,9 +76,9 @@ def command(
             except KeyboardInterrupt:
                 print("Ended.")
         return
-    rows = [(r.title, r.answer, f"{r.written:%Y-%m-%d %H:%M}") for r in found]
-    print_rows(console(), ("result", "answer", "written"), rows)
-    with ResultFolder(folder, adds=True) as place:
+    with ResultFolder(folder, adds=True) as place:  # first: who reads what is printed may stop
         place.check(INDEX)
         write_file(place.new / INDEX, index_html(found, folder))
+    rows = [(r.title, r.answer, f"{r.written:%Y-%m-%d %H:%M}") for r in found]
+    print_rows(console(), ("result", "answer", "written"), rows)
     print(f"Written: {folder / INDEX}")

@@ -3,6 +3,7 @@
 Parts that do not wait for each other run side by side, one on each core.
 
 python -m studies.reliability --only scenarios --only records   # one part, or some
+python -m studies.reliability --command "gap new" --command run  # some commands alone, treated here and now, row by row
 python -m studies.reliability --share 0.1                        # a tenth of the cases
 python -m studies.reliability --report                           # write results/reliability.md from the rows kept
 
@@ -21,23 +22,30 @@ from functools import partial
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy
 
-from studies.reliability import crashes, disk, kills, records, report, scenarios, sizes
+from studies.reliability import commands, crashes, records, report, scenarios, sizes
+from studies.reliability.small import CASES
 
-LANES = (("blind test",), ("scenarios", "flown"), ("gap --controls",), ("records",), ("campaign",), ("plan",),
-         ("disk", "crashes", "sizes"))  # fmt: skip
+COMMANDS = [commands.part_of(part) for part in range(commands.PARTS)]
+LANES = (*((part,) for part in COMMANDS), ("scenarios", "flown"), ("records",), ("crashes", "sizes"))
 """What runs one after the other, the longest first."""
-KILLED = ("campaign", "plan", "gap --controls", "blind test")
 
 
 def main() -> int:
     """Run the parts that are asked for, and write the table."""
     parser = argparse.ArgumentParser(prog="python -m studies.reliability", description=__doc__)
-    parts = ("scenarios", "flown", "records", *KILLED, "disk", "crashes", "sizes")
+    parts = [part for lane in LANES for part in lane]
     parser.add_argument("--only", action="append", choices=parts, help="part to run; may be given several times")
+    parser.add_argument("--command", action="append", choices=list(CASES), help="show what becomes of one, keep no row")
     parser.add_argument("--share", type=float, default=1.0, help="of the cases of each part")
     parser.add_argument("--lane", action="store_true", help="one after the other in this process, without the table")
     parser.add_argument("--report", action="store_true", help="write the table from the rows that are kept")
     asked = parser.parse_args()
+    if asked.command:
+        faults = 0
+        for case, outcome, said in commands.run(commands.names(asked.command, asked.share)):
+            print(f"{case}: {outcome}: {' '.join(said.split())}", flush=True)
+            faults += outcome in report.FAULTS
+        return min(faults, 1)
 
     def some(count: int) -> int:
         return max(1, round(asked.share * count))
@@ -46,8 +54,7 @@ def main() -> int:
         "scenarios": lambda: scenarios.scenarios(some(scenarios.COUNT)),
         "records": lambda: records.records(some(records.COUNT)),
         "flown": lambda: scenarios.flown(scenarios.scenarios(some(scenarios.COUNT)), some(scenarios.FLOWN)),
-        **{name: partial(kills.kills, [name], some(kills.COUNT)) for name in KILLED},
-        "disk": lambda: disk.disk(some(disk.COUNT)),
+        **{part: partial(commands.commands, number, asked.share) for number, part in enumerate(COMMANDS)},
         "crashes": crashes.crashes,
         "sizes": lambda: sizes.sizes(some(sizes.ROWS), some(sizes.RUNS)),
     }

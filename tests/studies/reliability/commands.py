@@ -1,0 +1,56 @@
+"""Every command, treated in every way: four parts of the study, which run side by side."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from studies.reliability.cases import Row, go_on, rows_of
+from studies.reliability.small import CASES
+from studies.reliability.treatments import Trials, treatments
+from studies.reliability.warm import warm
+
+PARTS = 4  # the same on every machine, so that a study goes on elsewhere
+
+
+def part_of(part: int) -> str:
+    """Return the name of the file that keeps the rows of a part of the commands."""
+    return f"commands_{part}"
+
+
+def names(cases: Sequence[str], share: float = 1.0) -> list[str]:
+    """Return the trials of some cases, "command: treatment"; the first of each kind if a share is asked for."""
+    out = []
+    for name in cases:
+        kinds: dict[str, list[str]] = {}
+        for treatment in treatments(CASES[name]):
+            kinds.setdefault(treatment.rstrip("0123456789"), []).append(treatment)
+        out += [f"{name}: {t}" for some in kinds.values() for t in some[: max(1, round(share * len(some)))]]
+    return out
+
+
+def run(due: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+    """Yield (name, outcome, said) of trials."""
+    warm()
+    kit = Path(tempfile.mkdtemp(prefix="reliability_kit_"))
+    try:
+        trials = Trials(kit)
+        for case in due:
+            try:
+                yield (case, *trials.trial(*case.split(": ")))
+            except AssertionError as error:  # what a trial starts from cannot be made
+                yield case, "not begun", str(error)
+    finally:
+        shutil.rmtree(kit, ignore_errors=True)
+
+
+def commands(part: int, share: float = 1.0) -> list[Row]:
+    """Treat the commands of a part."""
+    return go_on(part_of(part), names(list(CASES)[part::PARTS], share), run)
+
+
+def rows() -> list[Row]:
+    """Return the rows that are kept of all commands."""
+    return [row for part in range(PARTS) for row in rows_of(part_of(part))]
