@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from testbench.core.errors import BusyError, DiskError, RecordError
-from testbench.core.interrupts import heed_sigterm, held_back
+from testbench.core.interrupts import ended_by_signals, held_back
 from testbench.core.paths import SUITES
 from testbench.core.store import (
     COMMIT,
@@ -226,15 +226,11 @@ def test_sigterm_acts_once_the_new_result_is_in_place(tmp_path):
             (place.new / "a.csv").write_text("2")
             os.kill(os.getpid(), signal.SIGTERM)
 
-    before = signal.getsignal(signal.SIGTERM)
-    heed_sigterm()
-    try:
-        for act in (late, within):
-            with pytest.raises(KeyboardInterrupt):
-                act()
-            assert files(tmp_path) == {"a.csv": "1"}
-    finally:
-        signal.signal(signal.SIGTERM, before)
+    for act in (late, within):
+        with ended_by_signals() as came, pytest.raises(KeyboardInterrupt):
+            act()
+        assert came == [signal.SIGTERM]
+        assert files(tmp_path) == {"a.csv": "1"}
 
 
 def test_a_manifest_lists_the_files_that_were_read_by_names_that_hold_elsewhere(tmp_path, monkeypatch):
