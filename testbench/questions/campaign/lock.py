@@ -10,7 +10,8 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from testbench.core.errors import CampaignError
+from testbench.core.door import read_bytes
+from testbench.core.errors import CampaignError, RecordError
 from testbench.core.files import not_written
 
 
@@ -55,8 +56,8 @@ class WriterLock:
 
     def _owner(self) -> dict[str, Any]:
         try:
-            owner = json.loads(self.path.read_bytes() or b"{}")
-        except (OSError, ValueError):  # not to be read while it is locked, or a writer was killed as it wrote its name
+            owner = json.loads(read_bytes(self.path, "text") or b"{}")
+        except (RecordError, ValueError):  # locked, or a writer was killed as it wrote its name
             return {}
         return owner if isinstance(owner, dict) else {}
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from testbench.aircraft.strips.flexible import Flexible, make_flexible
 from testbench.aircraft.strips.reading import GroundTest, read_ground_test
 from testbench.aircraft.strips.writing import MARK, flexible_toml
+from testbench.core.door import read_bytes, read_text
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, find_scenario, resolve
@@ -96,7 +97,7 @@ def _check_place(out: Path, folder: Path) -> None:
     if not out.exists():
         return
     there = out / _FILE
-    ours = there.is_file() and there.read_text(encoding="utf-8", errors="replace").startswith(MARK)
+    ours = there.is_file() and read_text(there, "aircraft", errors="replace").startswith(MARK)
     if not ours and (out.is_file() or any(out.iterdir())):
         raise ScenarioError([f"the flexible aircraft must go to a new folder, got '{out}', which holds other files"])
 
@@ -105,9 +106,9 @@ def _write(made: Flexible, test: GroundTest, folder: Path, found: Adopted | None
     if found is not None:
         (out / _FILE).unlink(missing_ok=True)  # ours, see _check_place
         write_adopted(found, out)
-        text = (out / _FILE).read_text(encoding="utf-8")
+        text = read_text(out / _FILE, "aircraft")
     else:
-        text = (folder / _FILE).read_text(encoding="utf-8")
+        text = read_text(folder / _FILE, "aircraft")
     told = flexible_toml(text, made, test, made.aircraft.name)
     if found is None:
         try:
@@ -119,5 +120,5 @@ def _write(made: Flexible, test: GroundTest, folder: Path, found: Adopted | None
             raise RecordError(f"{law}, got '{out}': {error}") from error
     names = [test.content.shapes, *(m.csv for m in test.content.mode)]
     for path in [test.path, *(test.path.parent / n for n in dict.fromkeys(names) if n)]:
-        write_file(out / _TEST / path.name, path.read_bytes())
+        write_file(out / _TEST / path.name, read_bytes(path, "shapes"))
     write_file(out / _FILE, told)
