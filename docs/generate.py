@@ -96,22 +96,34 @@ def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
 
 def scenarios_page() -> str:
     """Return every key of every kind of scenario, from the schema that checks them."""
-    from testbench.questions.files import WITH_FILES
+    from testbench.questions.files import WITH_FILES, file_classes
 
+    commands = {question.kind: f": `testbench {question.command}`" for question in WITH_FILES}
     out = [
         "# Keys of scenario files",
         "",
         "Scenario files are TOML. A key that is not listed is refused with the nearest one that is; units are in the "
-        "names. `testbench check FILE` says every fault of a file at once.",
+        "names. `testbench check FILE` says every fault of a file at once. Ranges refuse what cannot be, not what is "
+        "unusual; `testbench.questions.files.json_schemas()` returns all of this as JSON schemas.",
     ]
     seen: list[type[BaseModel]] = []
-    for question in WITH_FILES:
+    for kind, file_class in file_classes().items():
         before = len(seen)
-        models(question.file_class, seen)
-        out += ["", f"## {question.kind.capitalize()}: `testbench {question.command}`"]
+        models(file_class, seen)
+        out += ["", f"## {kind[0].upper()}{kind[1:]}{commands.get(kind, '')}"]
         for model in seen[before:]:
-            out += ["", f"### {model.__name__}", "", _summary(model), "", "| key | value | default |", "|---|---|---|"]
-            out += [_row(name, field) for name, field in model.model_fields.items()]
+            out += [
+                "",
+                f"### {model.__name__}",
+                "",
+                _summary(model),
+                "",
+                "| key | value | range | default |",
+                "|---|---|---|---|",
+            ]
+            schema = model.model_json_schema()
+            own = schema.get("properties") or schema["$defs"][model.__name__]["properties"]  # of one that holds itself
+            out += [_row(name, field, own[name]) for name, field in model.model_fields.items()]
     return "\n".join(out) + "\n"
 
 
@@ -140,9 +152,21 @@ def _summary(model: type[BaseModel]) -> str:
     return " ".join((model.__doc__ or "").split("\n\n")[0].split())
 
 
-def _row(name: str, field: FieldInfo) -> str:
+def _row(name: str, field: FieldInfo, schema: dict[str, Any]) -> str:
     default = "required" if field.is_required() else f"`{_default(field)}`"
-    return f"| `{name}` | {_type(field.annotation)} | {default} |"
+    limits = f"{_range(schema)} {schema.get('unit', '1')}".removesuffix(" 1")
+    return f"| `{name}` | {_type(field.annotation)} | {limits} | {default} |"
+
+
+def _range(schema: Any) -> str:
+    """Return the range of the first number in a JSON schema, "" if there is none."""
+    if not isinstance(schema, dict):
+        return next(filter(None, map(_range, schema)), "") if isinstance(schema, list) else ""
+    if schema.get("type") in ("number", "integer"):
+        low = f"above {schema['exclusiveMinimum']:g}" if "exclusiveMinimum" in schema else f"{schema['minimum']:g}"
+        high = f"below {schema['exclusiveMaximum']:g}" if "exclusiveMaximum" in schema else f"to {schema['maximum']:g}"
+        return f"{low} {high}".replace("above 0 to", "above 0, to")
+    return next(filter(None, map(_range, (v for k, v in schema.items() if k != "$defs"))), "")
 
 
 def _default(field: FieldInfo) -> str:

@@ -405,3 +405,53 @@ def test_no_two_test_modules_share_a_name():
         if path.name not in ("__init__.py", "conftest.py") and not (path.parent / "__init__.py").exists()
     )
     assert [name for name in names if names.count(name) > 1 or name in folders] == []
+
+
+# Who reads a file of a user's without the door, and why: what is named here opens files of the package itself or of the
+# system, or writes.
+READS_ITSELF = {
+    "core/door.py": "it is the door",
+    "core/hdf5.py": "what the door has checked",
+    "core/claim.py": "the system's table of locks",
+    "page/html.py": "templates",
+    "page/figure_data.py": "colour maps",
+    "flight/batch/compiled.py": "sources of the package",
+    "questions/studio/page/__init__.py": "parts of its page",
+    "questions/plan/injection/lua.py": "the body of the script",
+    "questions/plan/injection/px4.py": "the body of the script",
+    "questions/exercise/ask.py": "texts of the catalogue",
+    "questions/reproduce/page.py": "a picture in memory",
+    "estimators/aside.py": "the null device",
+    "questions/campaign/flying.py": "a record that it has just written",
+    "questions/campaign/workers.py": "a scheduler, no file",
+}
+_READERS = re.compile(
+    r"(\.read_text|\.read_bytes|\bgenfromtxt|\bnp\.load|\bjson\.load|\btomllib\.load|\bparse|\bloadmat|\bopen)$"
+)
+_BY_LIBRARY = re.compile(
+    r"(read_csv|loadtxt|read_parquet|fromfile|memmap|sqlite3\.connect|open_dataset|ParquetFile|h5py\.File)$"
+)
+
+
+def reads_itself(path: Path) -> Iterator[str]:
+    """Calls that open a file to read it; a module whose library opens one asks the door first."""
+    if path.relative_to(PACKAGE).as_posix() in READS_ITSELF:
+        return
+    asks = any(module == "testbench.core.door" for module, _ in imports(path))
+    for node in ast.walk(tree_of(path)):
+        name = ast.unparse(node.func) if isinstance(node, ast.Call) else ""
+        if not (_READERS.search(name) or (_BY_LIBRARY.search(name) and not asks)):
+            continue
+        modes = [str(a.value) for a in node.args if isinstance(a, ast.Constant)]
+        if name.endswith("open") and (
+            name in ("os.open", "Store.open") or any(m[:1] in ("w", "a") or "+" in m for m in modes)
+        ):
+            continue  # to write
+        if name.endswith("parse") and not name.startswith(("ET.", "ElementTree.", "etree.")):
+            continue
+        yield f"{path.relative_to(ROOT)}:{node.lineno}: {name} reads a file without testbench.core.door"
+
+
+def test_every_file_of_a_user_comes_in_by_the_door():
+    assert [fault for path in SOURCES for fault in reads_itself(path)] == []
+    assert all((PACKAGE / name).is_file() for name in READS_ITSELF)

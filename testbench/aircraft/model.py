@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 import xml.etree.ElementTree as ET
 from collections import OrderedDict
 from collections.abc import Mapping
@@ -11,7 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from testbench.aircraft.adapter import SURFACES, THROTTLE, Adapter, Drive, Link
 from testbench.aircraft.airframe import WingStation
@@ -21,9 +23,11 @@ from testbench.aircraft.outline import Outline
 from testbench.aircraft.source import read_source
 from testbench.core.channels import channel as channel_of
 from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, JSBSIM_AREA_M2, JSBSIM_LENGTH_M, LBF_N, SLUG_KG
+from testbench.core.door import read_toml
 from testbench.core.errors import Faults, ModelError, ScenarioError, nearest
-from testbench.core.schema import NonNegative, Positive, Strict, parse, read_toml
+from testbench.core.schema import NonNegative, Positive, Strict, parse
 
+_MOST = 1e9  # m2, m, kg, kg m2: of a geometry or a mass
 _KEPT = 8
 _ADAPTED: OrderedDict[tuple[str, int], tuple[Adapter | None, ET.Element]] = OrderedDict()
 
@@ -252,22 +256,37 @@ def _written_coefficients(xml: str) -> dict[str, float]:
     return found
 
 
-_Points = dict[str, Annotated[tuple[Annotated[tuple[float, float], Field(strict=False)], ...], Field(strict=False)]]
+def _rising(stations: tuple[float, ...]) -> tuple[float, ...]:
+    if any(b <= a for a, b in pairwise((-1e-9, *stations))):
+        raise ValueError(f"stations along the right wing must rise from 0 or more, got {list(stations)}")
+    return stations
+
+
+def _property(name: str) -> str:
+    """Return a name that reaches JSBSim: its parser takes no other letters."""
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.\-]*(\[[0-9]+\])?(/[A-Za-z0-9_.\-]+(\[[0-9]+\])?)*", name):
+        raise ValueError(f"must be a property of JSBSim, such as fcs/elevator-cmd-norm, in ASCII letters, got '{name}'")
+    return name
+
+
+_Property = Annotated[str, AfterValidator(_property)]
+_Point = Annotated[tuple[float, float], Field(strict=False)]
+_Points = dict[_Property, Annotated[tuple[_Point, ...], Field(strict=False)]]
 
 
 class _Controls(Strict):
-    command: str | None = None
+    command: _Property | None = None
     full_deflection_deg: Positive | None = None
     throw_deg: Annotated[tuple[float, float], Field(strict=False)] | None = None
     drives: _Points = {}
     servo_lag_rad_s: Positive | None = None
     servo_rate_limit_deg_s: Positive | None = None
-    engines: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    engines: Annotated[tuple[_Property, ...], Field(strict=False)] = ()
 
 
 class _Adapter(Strict):
-    set: dict[str, float] = {}
-    declare: dict[str, float] = {}
+    set: dict[_Property, float] = {}
+    declare: dict[_Property, float] = {}
 
 
 class _Shape(Strict):
@@ -291,7 +310,7 @@ class _Mode(Strict):
 
 
 class _Elastic(Strict):
-    stations_m: Annotated[tuple[float, ...], Field(strict=False)] = ()
+    stations_m: Annotated[tuple[float, ...], Field(strict=False), AfterValidator(_rising)] = ()
     mode: Annotated[tuple[_Mode, ...], Field(strict=False)]
 
 
@@ -305,7 +324,9 @@ class _SimulationFile(Strict):
     rate_hz: Positive
 
 
-class _AircraftFile(Strict):
+class AircraftFile(Strict):
+    """An aircraft beside its JSBSim model: what the testbench must know and the model does not say."""
+
     title: str
     model: str
     design_V_m_s: Positive
@@ -335,7 +356,7 @@ def read_aircraft(folder: Path, wings: str = "flexible") -> Aircraft:
         ScenarioError: aircraft.toml breaks its schema.
     """
     path = folder / "aircraft.toml"
-    described, faults = parse(_AircraftFile, read_toml(path), path)
+    described, faults = parse(AircraftFile, read_toml(path, "aircraft"), path)
     if described is None or faults:
         raise ScenarioError(faults)
     xml_path = folder / described.model
@@ -410,7 +431,7 @@ def _mode(m: _Mode) -> ElasticMode:
     )
 
 
-def _controls(described: _AircraftFile, path: Path) -> dict[str, Control]:
+def _controls(described: AircraftFile, path: Path) -> dict[str, Control]:
     """Return the controls, commanded by a property of the model, or through the adapter.
 
     Raises:
@@ -444,7 +465,7 @@ def _controls(described: _AircraftFile, path: Path) -> dict[str, Control]:
     return out
 
 
-def _adapter(described: _AircraftFile) -> Adapter | None:
+def _adapter(described: AircraftFile) -> Adapter | None:
     if described.adapter is None:
         return None
     links = []
@@ -473,7 +494,13 @@ def _quantity(
         raise ModelError(
             f"'{file}' must hold <{path}> in {' or '.join(units)}, got {'nothing' if element is None else repr(unit)}"
         )
-    return float(element.text or "nan") * units[unit]
+    try:
+        value = float(element.text or "nan") * units[unit]
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= _MOST:
+        raise ModelError(f"<{path}> of '{file}' must be a number below {_MOST:g} in SI units, got {element.text!r}")
+    return value
 
 
 def _adapted(xml: str, adapter: Adapter | None) -> ET.Element:

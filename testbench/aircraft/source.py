@@ -6,13 +6,13 @@ is one tree without includes, and the files of engines and thrusters, so that it
 
 from __future__ import annotations
 
-import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from testbench.core.errors import ModelError
+from testbench.core.door import read_text, read_xml
+from testbench.core.errors import ModelError, RecordError
 from testbench.core.paths import holds_jsbsim_model, stock_root
 
 _INCLUDES = (
@@ -28,9 +28,6 @@ _INCLUDES = (
     "aerodynamics",
 )
 _LEFT_OUT = ("input", "output")  # sockets and files: a flight is recorded by whoever flies it
-# An entity that holds another, or a long text, multiplies: ten lines of such a file unfold to gigabytes.
-_BOMB = re.compile(rb"<!ENTITY[^>]*(?:[\"'][^\"'>]*&\w|[\"'][^\"'>]{1000})", re.IGNORECASE)
-_MOST_BYTES = 20_000_000
 
 
 @dataclass(frozen=True)
@@ -105,7 +102,7 @@ def read_source(path: Path) -> Source:
             name = found.name if found.suffix == ".xml" else f"{found.name}.xml"
             element.set("file", name.removesuffix(".xml"))
             _read(found)
-            engines[name] = found.read_text(encoding="utf-8", errors="replace")
+            engines[name] = read_text(found, "JSBSim model", errors="replace")
     for element in tree.iter():
         if not isinstance(element.tag, str):  # pragma: no cover - the parser leaves comments out
             raise ModelError(f"a JSBSim model must consist of elements, got {element.tag!r} in '{path}'")
@@ -142,17 +139,9 @@ def _include(tree: ET.Element, home: Path, main: Path) -> Iterator[str]:
 
 def _read(path: Path) -> ET.Element:
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise ModelError(f"a JSBSim file must be smaller than {_MOST_BYTES:,} bytes, got '{path}'")
-        data = path.read_bytes()
-        if _BOMB.search(data):
-            raise ModelError(
-                f"entities of a JSBSim file must be short texts without other entities, got others in '{path}'; write "
-                "them out"
-            )
-        return ET.fromstring(data)
-    except (OSError, ET.ParseError, ValueError, LookupError) as error:
-        raise ModelError(f"'{path}' must be a JSBSim file in XML, but it cannot be read: {error}") from error
+        return read_xml(path, "JSBSim model")
+    except RecordError as error:
+        raise ModelError(error.message) from error
 
 
 def _system_places(home: Path) -> tuple[Path, ...]:

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from testbench.core.errors import EstimationError, ScenarioError, TestbenchError, nearest
+from testbench.core.door import read_text, sha256
+from testbench.core.errors import EstimationError, RecordError, ScenarioError, TestbenchError, nearest
 from testbench.core.time_limit import TimeUp
 
 MARK = ".py:"
@@ -183,11 +184,10 @@ def declared(path: Path) -> Declared:
         ScenarioError: it cannot be read, or is not Python; with the line.
     """
     try:
-        tree = ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise ScenarioError([f"a readable Python file must lie at '{path}', got: {reason}"]) from error
-    except (SyntaxError, ValueError) as error:
+        tree = ast.parse(read_text(path, "python"), filename=str(path))
+    except RecordError as error:
+        raise ScenarioError([error.message]) from error
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         line = f", line {error.lineno}" if isinstance(error, SyntaxError) and error.lineno else ""
         reason = error.msg if isinstance(error, SyntaxError) else str(error)
         raise ScenarioError([f"{path}{line}: must be Python, got: {reason}"]) from error
@@ -230,21 +230,9 @@ def _at_top(body: list[ast.stmt]) -> list[ast.stmt]:
     return out
 
 
-def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file, which tells exactly whose code has run.
-
-    Raises:
-        ScenarioError: it cannot be read.
-    """
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise ScenarioError([f"a readable file must lie at '{path}', got: {error.strerror}"]) from error
-
-
 def whose(path: Path, attribute: str) -> dict[str, str]:
     """Return what a result says of a user's code: file, name and SHA-256, as JSON values."""
-    return {"file": str(path), "name": attribute, "sha256": sha256(path)}
+    return {"file": str(path), "name": attribute, "sha256": sha256(path, "python")}
 
 
 def load(path: Path, attribute: str) -> Any:
@@ -256,7 +244,7 @@ def load(path: Path, attribute: str) -> Any:
         ScenarioError: it cannot be run, with the line; or it lacks the name.
     """
     path = path.resolve()
-    told = hashlib.sha256(f"{path}\0{sha256(path)}".encode()).hexdigest()[:12]
+    told = hashlib.sha256(f"{path}\0{sha256(path, 'python')}".encode()).hexdigest()[:12]
     name = f"{_MODULE}{path.stem}_{told}"
     module = sys.modules.get(name)
     if module is None:

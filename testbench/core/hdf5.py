@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from testbench.core.door import open_file
 from testbench.core.sizes import NUMBER
 
 _HEAP = b"GCOL\x01"  # a global heap of version 1
@@ -49,7 +50,10 @@ def _check_heaps(path: Path) -> None:
     bytes, a size (8 bytes) and as many bytes, up to a multiple of 8. Index 0 is what is free, its head counted
     (HDF5 File Format Specification, III.E).
     """
-    with path.open("rb") as file, contextlib.closing(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)) as data:
+    with (
+        open_file(path, "record") as file,
+        contextlib.closing(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)) as data,
+    ):
         at = data.find(_HEAP)
         while at >= 0:
             if at + _HEAP_HEAD <= len(data):

@@ -12,7 +12,8 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-from testbench.core.errors import ScenarioError, nearest
+from testbench.core.door import open_file
+from testbench.core.errors import RecordError, ScenarioError, nearest
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -156,9 +157,9 @@ def is_jsbsim_model(path: Path) -> bool:
 def holds_jsbsim_model(path: Path) -> bool:
     """Return whether the first part of a file begins a JSBSim model."""
     try:
-        with path.open("rb") as file:
+        with open_file(path, "JSBSim model") as file:
             return b"<fdm_config" in file.read(100_000)
-    except OSError:
+    except RecordError:
         return False
 
 

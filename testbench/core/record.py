@@ -22,7 +22,6 @@ from testbench.core.errors import RecordError, TestbenchError, located
 from testbench.core.files import mat_bytes, netcdf_bytes, parsed, write_file
 from testbench.core.hdf5 import memory_of, opened
 from testbench.core.sizes import require_room
-from testbench.core.store import note_read
 
 FORMAT = "testbench-record-1"
 Kind = Literal["truth", "measured"]
@@ -351,7 +350,6 @@ def load_record(path: Path | str) -> FlightRecord:
     path = Path(path)
     if not path.is_file():
         raise RecordError(f"a record file must exist, got '{path}'")
-    note_read(path)
     with parsed(path, "a NetCDF record"), opened(path) as file:
         form = file.attrs.get("format")
         if not isinstance(form, str) or form != FORMAT:

@@ -1,19 +1,19 @@
-"""File schemas: TOML read and validated, every fault of a file reported at once in words."""
+"""File schemas: what TOML holds validated, every fault of a file reported at once in words."""
 
 from __future__ import annotations
 
 import copy
-import tomllib
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, Tag, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, Tag, ValidationError
+from pydantic_core import CoreSchema
 
-from testbench.core.errors import RecordError, ScenarioError, nearest
-from testbench.core.store import note_read
+from testbench.core.errors import nearest
+from testbench.core.quantities import bound, quantity
 
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
@@ -21,30 +21,31 @@ Model = TypeVar("Model", bound="Strict")
 
 
 class Strict(BaseModel):
-    """Base of all file schemas: frozen, unknown keys refused, no silent conversion, finite numbers only."""
+    """Base of all file schemas: frozen, unknown keys refused, no silent conversion, finite numbers only.
+
+    Each number has the unit and the range that :mod:`testbench.core.quantities` gives its key.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        made = handler(source)
+        fields: Any = handler.resolve_ref_schema(made)
+        while "fields" not in fields:
+            fields = fields["schema"]
+        for name, field in fields["fields"].items():
+            if (of := quantity(name)) is not None:
+                bound(field["schema"], of)
+        return made
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Raises:
-        RecordError: the file does not exist or cannot be read.
-        ScenarioError: it is not TOML; the message carries line and column.
-    """
-    note_read(path)
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise RecordError(f"a readable TOML file must lie at '{path}', got: {reason}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError([f"{path} must be TOML: {error}"]) from error
-    except RecursionError as error:
-        raise ScenarioError([f"{path} must be TOML of some levels, but its brackets nest without end"]) from error
-    except ValueError as error:  # Python reads no integer of thousands of digits
-        raise ScenarioError([f"{path} must be TOML of numbers that can be read: {error}"]) from error
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        made = handler(core)
+        for name, value in handler.resolve_ref_schema(made).get("properties", {}).items():
+            if (of := quantity(name)) is not None and "imum" in str(value):
+                value["unit"] = of.unit
+        return made
 
 
 def parse(schema: type[Model], content: Mapping[str, Any], file: Path | str | None) -> tuple[Model | None, list[str]]:
@@ -160,6 +161,11 @@ def _fault(schema: type[Strict], content: Mapping[str, Any], item: Any, file: Pa
         return f"{prefix}must be one of {', '.join(valid)}, got {_shown(got)}{hint}"
     if kind == "union_tag_not_found":
         return f"{prefix}the key {context['discriminator'].removesuffix('()')} is required and missing"
+    of = quantity(next((key for key in reversed(shown) if quantity(key.partition("[")[0])), "").partition("[")[0])
+    if of and context.get("ge", context.get("le")) in (of.low, of.high):
+        return f"{prefix}must be {of.low:g} to {of.high:g} {of.unit if of.unit != '1' else ''}".rstrip() + (
+            f", got {_shown(got)}"
+        )
     message = item["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:].replace("Input should be", "must be")
     message = message.replace("input should be", "must be").replace("input should have", "must have")

@@ -30,6 +30,7 @@ from pathlib import Path, PurePath, PurePosixPath
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+from testbench.core.door import READ
 from testbench.core.errors import BusyError, RecordError
 from testbench.core.files import not_written, write_file
 from testbench.core.interrupts import held_back
@@ -51,7 +52,6 @@ _FORMAT = "testbench result 1"
 _DEVICES = frozenset({"con", "prn", "aux", "nul", *(f"{port}{k}" for port in ("com", "lpt") for k in range(1, 10))})
 _CHUNK = 1 << 20
 _LOCKS = Path("/proc/locks")
-_READ: dict[Path, tuple[int, int]] = {}  # what this process has read of a user's files -> size, time of change
 
 Entry = tuple[int, str] | None
 """Bytes and SHA-256 of a file; None for one that goes on changing (a store of runs), or that is not to be had."""
@@ -101,13 +101,6 @@ def folder_in(place: Path, name: str) -> Path:
     if not _is_plain(name):
         raise RecordError(f"a folder of results must have a plain name, got '{name}'; change the name")
     return place / name
-
-
-def note_read(path: Path) -> None:
-    """Note a file that this process reads: the manifest of what it writes lists it as an input."""
-    with contextlib.suppress(OSError):
-        found = path.stat()
-        _READ[path.absolute()] = (found.st_size, found.st_mtime_ns)
 
 
 class KeptAside(UserWarning):
@@ -459,7 +452,7 @@ def packages() -> dict[str, str]:
 def _inputs(folder: Path, files: Mapping[str, Entry]) -> dict[str, Entry]:
     """Return name -> entry of the files that this process has read, but for those of the result itself."""
     own = {(folder.absolute() / name) for name in files}
-    found = {_name_of(path): _entry_then(path, *then) for path, then in _READ.items() if path not in own}
+    found = {_name_of(path): _entry_then(path, *then) for path, then in READ.items() if path not in own}
     return dict(sorted(found.items()))
 
 

@@ -16,8 +16,9 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from testbench.core.channels import CHANNELS, CONTROLS, channel
+from testbench.core.door import read_toml
 from testbench.core.errors import ChannelError, ScenarioError, nearest
-from testbench.core.schema import Positive, Strict, parse, read_toml
+from testbench.core.schema import Positive, Strict, parse
 from testbench.estimators.expressions import FUNCTIONS, ExpressionError, Node, Number, names, where
 from testbench.estimators.expressions import parse as tree
 
@@ -267,7 +268,7 @@ def read_equations(path: Path) -> Equations:
         ScenarioError: it breaks a law; all faults are listed with the file.
         RecordError: it cannot be read.
     """
-    made, faults = parse(Equations, read_toml(path), path)
+    made, faults = parse(Equations, read_toml(path, "structure"), path)
     if made is None or faults:
         raise ScenarioError(faults)
     return made

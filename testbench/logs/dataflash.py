@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.door import read_bytes
 from testbench.core.errors import RecordError
 from testbench.logs import chain
 from testbench.logs.ardupilot import COLUMNS
@@ -81,7 +82,7 @@ def read_dataflash(path: Path | str) -> Log:
         RecordError: the file is no such log or holds nothing that can be read.
     """
     path = Path(path)
-    whole = path.read_bytes()
+    whole = read_bytes(path, "log")
     binary = HEAD in whole[:4096]
     found = binary_messages(whole) if binary else text_messages(whole)
     del whole

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from testbench.core.door import open_file, read_bytes
 from testbench.core.files import parsed
 from testbench.core.hdf5 import memory_of, opened
 from testbench.core.sizes import NUMBER, require_room
@@ -54,7 +55,7 @@ def read_mat(path: Path) -> dict[str, Any]:
         SizeError: it unpacks to more than the limit of :mod:`testbench.core.sizes`.
     """
     with parsed(path, "a complete MAT file"):
-        with path.open("rb") as file:
+        with open_file(path, "log") as file:
             head = file.read(8)
         if head.startswith((b"MATLAB 7", b"\x89HDF")):
             return _variables_of_hdf5(path)
@@ -62,7 +63,7 @@ def read_mat(path: Path) -> dict[str, Any]:
             raise ValueError("it does not begin as a MAT file of version 5 or 7.3")
         room = _Room(path)
         room.take(path.stat().st_size)
-        return mat_variables(path.read_bytes(), room)
+        return mat_variables(read_bytes(path, "log"), room)
 
 
 class _Room:

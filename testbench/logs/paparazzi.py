@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from testbench.core.channels import channel, unit_factor
+from testbench.core.door import read_text, read_xml
 from testbench.core.errors import RecordError
 from testbench.logs.names import stated_unit
 from testbench.logs.signals import Log, Rule, Topic, make_topic, scaled
@@ -62,10 +63,7 @@ def read_paparazzi(path: Path) -> tuple[Log, tuple[Rule, ...]]:
             f"'{path}' is a log of Paparazzi, whose fields are named in the .log file (XML) written with it; put "
             f"'{path.with_suffix('.log').name}' beside it, or export the messages that you need as CSV with a header"
         )
-    try:
-        definitions = ElementTree.parse(beside).getroot()
-    except (ElementTree.ParseError, OSError, ValueError) as error:
-        raise RecordError(f"'{beside}' must hold the message definitions of '{path.name}' (XML): {error}") from error
+    definitions = read_xml(beside, "definitions")
     fields = _fields(definitions)
     commands = [str(axis.get("name", "")).upper() for axis in definitions.iterfind(".//commands/axis")]
     topics, unread, warnings = _topics(path, fields)
@@ -107,7 +105,7 @@ def _field(field: ElementTree.Element) -> _Field:
 def _topics(path: Path, fields: dict[str, list[_Field]]) -> tuple[dict[str, Topic], dict[str, int], list[str]]:
     """Return the messages that a rule may use, the number of the others, and what was left out."""
     used = {source[1] for source in _SOURCES} | {"COMMANDS"}
-    lines = [line.split() for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]
+    lines = [line.split() for line in read_text(path, "log", errors="replace").splitlines()]
     lines = [words for words in lines if len(words) > 2]
     craft = Counter(words[1] for words in lines).most_common(1)
     rows: dict[str, list[list[str]]] = defaultdict(list)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.channels import unit_factor
+from testbench.core.door import sha256
 from testbench.core.errors import RecordError, excerpt, located
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.core.store import note_read
 from testbench.logs.layout import ChannelColumn, Recorded, RecordFile, TimeColumn, find_data_folder
 from testbench.logs.names import LARGEST, MISSING, clock_called, stated_unit, time_unit
 from testbench.logs.tables import Table, read_table
@@ -57,7 +56,6 @@ def read_records(description: Recorded, data_folder: Path | str | None = None) -
 
 
 def _read_file(description: Recorded, spec: RecordFile, path: Path) -> list[tuple[str, str, FlightRecord]]:
-    note_read(path)
     table = read_table(
         path, spec.kind_of_file, spec.variable, spec.header, spec.skip_rows, spec.delimiter, spec.decimal
     )
@@ -66,12 +64,10 @@ def _read_file(description: Recorded, spec: RecordFile, path: Path) -> list[tupl
             f"a recorded flight must be measured, but '{path}' says of itself that it is a simulated truth"
         )
     t = _times(table, description.time)
-    with path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
     provenance: dict[str, Any] = {
         "description": description.name,
         "file": spec.file,
-        "sha256": digest,
+        "sha256": sha256(path, "log"),
         "source": description.source,
         "rights": description.rights,
     }

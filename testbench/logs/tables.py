@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.channels import channel
+from testbench.core.door import open_file
 from testbench.core.errors import RecordError, given, nearest
 from testbench.core.files import parsed
 from testbench.core.hdf5 import memory_of, opened
@@ -150,7 +151,7 @@ def read_table(
         "parquet": lambda: _read_parquet(path),
         "netcdf": lambda: _read_netcdf(path),
     }
-    with path.open("rb") as file:
+    with open_file(path, "log") as file:
         refuse_foreign(path, file.read(HEAD), kind)
     table = readers[kind]()
     if len(table) == 0:
@@ -241,7 +242,7 @@ def _read_netcdf(path: Path) -> Table:
     """Read a record of the testbench, or the variables along the commonest dimension of any NetCDF file."""
     import xarray as xr
 
-    with path.open("rb") as file:
+    with open_file(path, "log") as file:
         classic = file.read(3) == b"CDF"
     with parsed(path, "a complete NetCDF file"):
         size = path.stat().st_size

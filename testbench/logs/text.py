@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from testbench.core.door import read_bytes
 from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
 from testbench.core.sizes import require_room
@@ -180,7 +181,7 @@ def _number(cell: str) -> float:
 
 def _decode(path: Path, lenient: bool) -> tuple[str, str]:
     """Return the text of a file, and its encoding in words if it is none that a reader expects."""
-    content = path.read_bytes()
+    content = read_bytes(path, "log")
     said, text = "", None
     for mark, code in ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
         if content.startswith(mark):

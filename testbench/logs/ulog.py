@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.door import read_bytes
 from testbench.core.errors import RecordError
 from testbench.logs import chain
 from testbench.logs.px4 import COLUMNS
@@ -35,7 +36,7 @@ def read_ulog(path: Path | str) -> Log:
         RecordError: the file is no ULog, asks for what is not known, or holds nothing that can be read.
     """
     path = Path(path)
-    whole = path.read_bytes()
+    whole = read_bytes(path, "log")
     if not whole.startswith(MAGIC):
         raise RecordError(f"'{path}' must be a PX4 log, but it does not begin as one (ULog and its version)")
     walk = Walk(whole)

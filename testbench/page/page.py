@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from testbench.core.door import read_text
 from testbench.core.files import write_file
 from testbench.core.store import PAGE, ResultFolder
 from testbench.page.flown import flown_table, flown_words
@@ -141,7 +142,7 @@ class Page:
 def source_of(asked: Asked) -> tuple[str, str]:
     """Return name and text of the file of a question; if it has no file, all its values as JSON."""
     if asked.file is not None and asked.file.is_file():
-        return asked.file.name, asked.file.read_text(encoding="utf-8")
+        return asked.file.name, read_text(asked.file, "scenario")
     return "as given", str(asked.model_dump_json(indent=1))
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from testbench.core.bring import find, is_brought, load, short
 from testbench.core.contract import Law
+from testbench.core.door import read_toml
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import AIRCRAFT, find_scenario
 from testbench.core.processes import apart
-from testbench.core.schema import read_toml
 
 LIMIT_S = 600.0
 """How long what a Python file holds may take for all of its laws, s."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from testbench.core.door import read_toml
 from testbench.core.paths import AIRCRAFT_MODELS, SCENARIOS, aircraft_names, suite_names
-from testbench.core.schema import read_toml
 from testbench.questions.files import WITH_FILES
 
 Rows = list[tuple[str, ...]]
@@ -17,7 +17,7 @@ def aircraft() -> Rows:
 
 
 def _title(name: str) -> str:
-    return str(read_toml(AIRCRAFT_MODELS / name / "aircraft.toml").get("title", ""))
+    return str(read_toml(AIRCRAFT_MODELS / name / "aircraft.toml", "aircraft").get("title", ""))
 
 
 def inputs() -> Rows:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
+from testbench.core.door import read_toml
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.paths import SCENARIOS, find_scenario, not_found
 from testbench.core.scenario.base import Asked
-from testbench.core.schema import read_toml
+from testbench.core.schema import Strict
 from testbench.questions import BY_COMMAND, QUESTIONS, Question
 
 WITH_FILES = tuple(q for q in QUESTIONS if q.kind)
@@ -84,6 +86,35 @@ def _score(question: Question, given: Collection[str]) -> float:
     strange = set(given) - question.keys
     near = sum(bool(get_close_matches(key, question.keys, 1, _NEAR)) for key in strange)
     return len(given) - len(strange) + 0.5 * near
+
+
+def file_classes() -> dict[str, type[Strict]]:
+    """Return kind of file -> the class of its keys: of every question, and of what a user brings."""
+    from testbench.aircraft.geometry.schema import BesideAvl, GeometryFile
+    from testbench.aircraft.model import AircraftFile
+    from testbench.aircraft.strips.ground_test import GroundTestFile
+    from testbench.estimators.equations import Equations
+    from testbench.questions.identify.pool.prior import PriorFile
+    from testbench.sensors.files import SensorEntry, SuiteFile
+
+    brought: dict[str, type[Strict]] = {
+        "suite": SuiteFile,
+        "sensor of a suite": SensorEntry,
+        "aircraft": AircraftFile,
+        "geometry": GeometryFile,
+    }
+    brought |= {"masses beside AVL": BesideAvl, "ground test": GroundTestFile, "structure": Equations}
+    return {q.kind: q.file_class for q in WITH_FILES} | brought | {"prior": PriorFile}
+
+
+def json_schemas() -> dict[str, dict[str, Any]]:
+    """Return kind of file -> JSON schema of its keys; numbers have "unit", "minimum" and "maximum".
+
+    Example:
+        >>> json_schemas()["design"]["properties"]["duration_s"]["maximum"]
+        36000.0
+    """
+    return {kind: file_class.model_json_schema() for kind, file_class in file_classes().items()}
 
 
 def load(path: Path | str) -> Asked:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from testbench.core.door import checked
 from testbench.core.errors import RecordError
 
 if TYPE_CHECKING:
@@ -156,6 +157,7 @@ def read_results(folder: Path | str) -> pd.DataFrame:
     tables = folder / "tables"
     for name in (PARQUET, CSV):
         if (tables / name).is_file():
+            checked(tables / name, "table")
             try:
                 found = pd.read_parquet(tables / name) if name == PARQUET else pd.read_csv(tables / name)
             except ImportError:

@@ -13,9 +13,10 @@ from typing import Annotated, Any, get_type_hints
 from pydantic import Field, create_model
 
 from testbench.core.channels import channel, unit_factor
+from testbench.core.door import read_toml
 from testbench.core.errors import ChannelError, ScenarioError, nearest
 from testbench.core.paths import SENSOR_SUITES, SUITES, resolve, suite_names
-from testbench.core.schema import NonNegative, Positive, Strict, parse, read_toml
+from testbench.core.schema import NonNegative, Positive, Strict, parse
 from testbench.sensors.kinds import KINDS
 from testbench.sensors.sensor import Sensor
 from testbench.sensors.suite import SensorSuite, suite_faults
@@ -44,14 +45,16 @@ class _Recorder(Strict):
     clock_ppm: float = 0.0
 
 
-class _SuiteFile(Strict):
+class SuiteFile(Strict):
+    """A sensor suite: its rate, the clocks of its recorders, and its ``[[sensor]]`` tables."""
+
     title: Text
     rate_hz: Positive
     recorder: dict[str, _Recorder] = {}
     sensor: Annotated[tuple[dict[str, Any], ...], Field(min_length=1, strict=False)]
 
 
-class _SensorEntry(Strict):
+class SensorEntry(Strict):
     """One ``[[sensor]]``: noise, bias and quantum in ``unit``, noise density in ``unit`` per square root of Hz,
     random walk of the bias in ``unit`` per square root of s, its steady drift per s. ``cutoff_hz`` is another way to
     say ``lag_s``.
@@ -109,8 +112,8 @@ def load_suite(name_or_path: str | Path) -> SensorSuite:
     if path.suffix != ".toml" or path.is_file():
         named = resolve(str(name_or_path), SENSOR_SUITES)
         path = SUITES / f"{named}.toml" if named in suite_names() else Path(named)
-    content = read_toml(path)
-    head, faults = parse(_SuiteFile, content, path)
+    content = read_toml(path, "suite")
+    head, faults = parse(SuiteFile, content, path)
     tables = [item for item in _listed(content.get("sensor")) if isinstance(item, Mapping)]
     sensors: list[Sensor] = []
     for i, table in enumerate(tables):
@@ -178,7 +181,7 @@ def _toml(value: Any) -> str:
 
 
 @cache
-def _schema(name: str) -> type[_SensorEntry]:
+def _schema(name: str) -> type[SensorEntry]:
     """Return the schema of a ``[[sensor]]`` of a kind: the common keys and those that it adds."""
     kind = KINDS.get(name, Sensor)
     names = {field: key for key, (field, _) in kind.IN_FILES.items()}
@@ -188,10 +191,10 @@ def _schema(name: str) -> type[_SensorEntry]:
         for f in fields(kind)
         if f.name not in common
     }
-    return create_model(f"{kind.__name__}Entry", __base__=_SensorEntry, **extra)
+    return create_model(f"{kind.__name__}Entry", __base__=SensorEntry, **extra)
 
 
-def _own_values(kind: type[Sensor], entry: _SensorEntry) -> dict[str, Any]:
+def _own_values(kind: type[Sensor], entry: SensorEntry) -> dict[str, Any]:
     """Return the figures that a kind adds, SI, out of an entry of its schema."""
     names = {field: (key, factor) for key, (field, factor) in kind.IN_FILES.items()}
     common = {f.name for f in fields(Sensor)}
@@ -247,7 +250,7 @@ def _read_sensor(
     return sensor, faults
 
 
-def _entry_faults(entry: _SensorEntry, recorders: Mapping[str, _Recorder]) -> list[str]:
+def _entry_faults(entry: SensorEntry, recorders: Mapping[str, _Recorder]) -> list[str]:
     """Return what keys say against each other."""
     faults = []
     if entry.noise_std is not None and entry.noise_density is not None:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from testbench.core.channels import channel, require
 from testbench.core.errors import ChannelError, ScenarioError
+from testbench.core.quantities import OF_CHANNELS, OF_ITS_CHANNEL, QUANTITIES
 from testbench.core.record import FlightRecord, FloatArray
 
 ACCELEROMETERS = ("ax", "ay", "az")
@@ -26,6 +27,10 @@ ROTATION = ("p", "q", "r", "pdot", "qdot", "rdot")
 _RATE_TOLERANCE = 1e-6  # relative
 _STEP = 1e-5  # of the central differences of `weights`; what instruments feel is smooth on the scale of 1
 _FASTEST_CLOCK_PPM = 1e4
+_RANGED = (
+    "noise_std", "lag_s", "delay_s", "quantum", "bias_walk", "drift_std", "price_eur", "mass_g", "bias", "scale",
+    "bias_rate", "rate_hz", "clock_offset_s",
+)  # fmt: skip
 UNSAID: Mapping[str, Any] = {"said": False}
 """Metadata of a figure that the text of a sensor leaves out at its default. Keys of stored results are made of that
 text, and a sensor without the figure is the one that it was before there was such a figure."""
@@ -115,19 +120,17 @@ class Sensor:
             raise ScenarioError(faults)
 
     def _faults(self) -> Iterator[str]:
+        most = math.inf
         try:
-            channel(self.channel)
+            most = OF_CHANNELS[channel(self.channel).unit]
         except ChannelError as error:
             yield f"channel: {error}"
-        for key in ("noise_std", "lag_s", "delay_s", "quantum", "bias_walk", "drift_std", "price_eur", "mass_g"):
-            value = getattr(self, key)
-            if value is not None and not (math.isfinite(value) and value >= 0.0):
-                yield f"{key}: 0 <= {key} must hold, got {value:g}"
-        for key in ("bias", "scale", "bias_rate"):
-            if not math.isfinite(getattr(self, key)):
-                yield f"{key}: a finite number is needed, got {getattr(self, key):g}"
-        if self.rate_hz is not None and not (math.isfinite(self.rate_hz) and self.rate_hz > 0.0):
-            yield f"rate_hz: 0 < rate_hz must hold, got {self.rate_hz:g}"
+        for key in _RANGED:
+            value, (unit, low, high) = getattr(self, key), QUANTITIES[key]
+            if unit == OF_ITS_CHANNEL:
+                low, high = max(low, -most), min(high, most)
+            if value is not None and not low <= value <= high:
+                yield f"{key}: {low:g} <= {key} <= {high:g} must hold, got {value:g}"
         if not 0.0 <= self.dropout < 1.0:
             yield f"dropout: 0 <= dropout < 1 must hold for a probability, got {self.dropout:g}"
         if len(self.position_m) != 3 or not all(math.isfinite(x) for x in self.position_m):
@@ -145,8 +148,6 @@ class Sensor:
             yield "drift_time_s: drift_std and drift_time_s go together; give both or neither"
         elif self.drift_time_s is not None and not (math.isfinite(self.drift_time_s) and self.drift_time_s > 0.0):
             yield f"drift_time_s: 0 < drift_time_s must hold, got {self.drift_time_s:g}"
-        if not math.isfinite(self.clock_offset_s):
-            yield f"clock_offset_s: a finite number is needed, got {self.clock_offset_s:g}"
         if not abs(self.clock_ppm) <= _FASTEST_CLOCK_PPM:
             yield f"clock_ppm: |clock_ppm| <= {_FASTEST_CLOCK_PPM:g} must hold, got {self.clock_ppm:g}"
         if (self.clock_offset_s or self.clock_ppm) and not self.recorder:

@@ -78,7 +78,7 @@ def test_entities_that_multiply_are_refused_before_they_unfold(tmp_path):
         f'<?xml version="1.0"?><!DOCTYPE l [<!ENTITY a "aaaaaaaaaa">{levels}]><fdm_config>&i;</fdm_config>',
         encoding="utf-8",
     )
-    with pytest.raises(ModelError, match="entities of a JSBSim file must be short texts"):
+    with pytest.raises(ModelError, match="entities of a JSBSim file in XML must be short texts"):
         read_source(file)
 
 

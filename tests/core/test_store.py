@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from testbench.core.door import checked
 from testbench.core.errors import BusyError, DiskError, RecordError
 from testbench.core.interrupts import ended_by_signals, held_back
 from testbench.core.paths import SUITES
@@ -28,7 +29,6 @@ from testbench.core.store import (
     folder_in,
     input_at,
     manifest_of,
-    note_read,
 )
 
 
@@ -237,10 +237,11 @@ def test_a_manifest_lists_the_files_that_were_read_by_names_that_hold_elsewhere(
     monkeypatch.chdir(tmp_path)
     for name in ("mine.toml", "changed.toml"):
         Path(name).write_text(name)
-        note_read(Path(name))
+        checked(Path(name), "scenario")
     Path("changed.toml").write_text("changed")
-    note_read(SUITES / "taurus_8hz.toml")
-    note_read(tmp_path / "absent.toml")
+    checked(SUITES / "taurus_8hz.toml", "scenario")
+    with pytest.raises(RecordError):
+        checked(tmp_path / "absent.toml", "scenario")
     write("results/a", a_csv="1")
     inputs = manifest_of("results/a").inputs
     assert inputs["mine.toml"][0] == len("mine.toml")

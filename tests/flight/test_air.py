@@ -263,7 +263,7 @@ def test_faults_of_a_scenario_s_air_are_reported_together(tmp_path):
         )
     text = str(caught.value)
     assert "air.wind_nort_m_s: unknown key 'wind_nort_m_s'; did you mean 'wind_north_m_s'?" in text
-    assert "air.turbulence_rms_m_s: must be greater than or equal to 0" in text
+    assert "air.turbulence_rms_m_s: must be 0 to 100 m/s, got -1" in text
     assert "air.height_m: must be greater than or equal to 3.048" in text
     assert "air.gust.axis: must be one of north, east, down, got 'up'" in text
     with pytest.raises(ScenarioError, match="either duration_s or length_m"):

@@ -71,7 +71,7 @@ def test_damaged_messages_are_left_out_and_said(tmp_path):
 
 @pytest.mark.parametrize(
     ("definitions", "law"),
-    [("", r"is a log of Paparazzi, .* put 'f\.log' beside it"), ("<a", "must hold the message definitions"),
+    [("", r"is a log of Paparazzi, .* put 'f\.log' beside it"), ("<a", "must be a file of message definitions"),
      ("<configuration/>", "must define the messages of 'f.data', but it defines none")],
 )  # fmt: skip
 def test_without_definitions_the_message_says_what_to_put_beside(definitions, law, tmp_path):

@@ -369,12 +369,12 @@ def test_a_heading_a_rounding_error_west_of_north_is_zero() -> None:
     ("keys", "words"),
     [
         ({"channel": "alfa"}, "channel: .*did you mean 'alpha'"),
-        ({"noise_std": -1.0}, "0 <= noise_std must hold, got -1"),
+        ({"noise_std": -1.0}, "0 <= noise_std <= 1000 must hold, got -1"),
         ({"lag_s": -0.1}, "0 <= lag_s"),
-        ({"delay_s": float("nan")}, "0 <= delay_s must hold, got nan"),
+        ({"delay_s": float("nan")}, "0 <= delay_s <= 60 must hold, got nan"),
         ({"quantum": -0.1}, "0 <= quantum"),
-        ({"bias": float("inf")}, "bias: a finite number"),
-        ({"rate_hz": 0.0}, "0 < rate_hz"),
+        ({"bias": float("inf")}, "bias: -1000 <= bias <= 1000 must hold, got inf"),
+        ({"rate_hz": 0.0}, "1e-05 <= rate_hz <= 20000 must hold, got 0"),
         ({"dropout": 1.0}, "0 <= dropout < 1"),
         ({"position_m": (0.1, 0.0, 0.0)}, "ax, ay, az only, got one for 'q'"),
         ({"position_m": (0.1, 0.0)}, "three finite numbers"),
@@ -397,7 +397,7 @@ def test_suite_refuses_none_and_two_of_a_channel() -> None:
         suite()
     with pytest.raises(ScenarioError, match=r"sensor\[2\]\.channel: .* got 'q' in sensor\[0\] too"):
         suite(Sensor("q"), Sensor("V"), Sensor("q"))
-    with pytest.raises(ScenarioError, match="0 < rate_hz"):
+    with pytest.raises(ScenarioError, match="1e-05 <= rate_hz <= 20000 must hold, got 0"):
         suite(Sensor("q"), rate_hz=0.0)
 
 

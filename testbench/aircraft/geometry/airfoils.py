@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from testbench.core.door import read_text
 from testbench.core.errors import ScenarioError
 from testbench.core.record import FloatArray
 
@@ -118,12 +119,10 @@ def read_coordinates(path: Path) -> FloatArray:
     They are shifted, turned and scaled to run from the nose at 0, 0 to the trailing edge at 1, 0.
 
     Raises:
+        RecordError: it cannot be read.
         ScenarioError: fewer than ten points, or points that are no section.
     """
-    try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError as error:
-        raise ScenarioError([f"{_LAW}, got '{path}': {error.strerror}"]) from error
+    lines = read_text(path, "airfoil", errors="replace").splitlines()
     pairs = []
     for line in lines:
         words = line.replace(",", " ").split()

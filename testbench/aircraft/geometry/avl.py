@@ -13,6 +13,7 @@ from pathlib import Path
 
 from testbench.aircraft.geometry.airfoils import Airfoil, airfoil, naca, normalised
 from testbench.aircraft.geometry.shape import Flap, LiftingSurface, Moved, Role, Station
+from testbench.core.door import read_text
 from testbench.core.errors import ScenarioError, TestbenchError, nearest
 
 _KEYWORDS = {
@@ -75,10 +76,7 @@ class _Lines:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
-            text = path.read_text(encoding="utf-8", errors="replace")
-        except OSError as error:
-            raise ScenarioError([f"a readable AVL file must lie at '{path}', got: {error.strerror}"]) from error
+        text = read_text(path, "AVL", errors="replace")
         self.rows = [
             (i, line.split("!")[0].split("#")[0].strip())
             for i, line in enumerate(text.splitlines(), 1)

@@ -14,6 +14,7 @@ from testbench.aircraft.geometry.model_xml import Polar, engine_files, model_xml
 from testbench.aircraft.geometry.propulsion import Thrust, thrust_law
 from testbench.aircraft.geometry.read import Plan
 from testbench.core.constants import G0_M_S2
+from testbench.core.door import read_bytes
 from testbench.core.errors import ScenarioError, located
 from testbench.core.files import write_file
 
@@ -50,7 +51,7 @@ class Made:
         Raises:
             RecordError: the folder cannot be written to.
         """
-        copied = {name: path.read_bytes() for name, path in self.copies.items()}
+        copied = {name: read_bytes(path, "geometry") for name, path in self.copies.items()}
         out = [write_file(folder / name, content) for name, content in copied.items()]
         return [*out, *(write_file(folder / name, text) for name, text in self.files.items())]
 

@@ -13,8 +13,9 @@ from testbench.aircraft.geometry.avl import read_avl
 from testbench.aircraft.geometry.masses import Balance, balance
 from testbench.aircraft.geometry.schema import BesideAvl, Common, Fin, GeometryFile, Servo, Trapezoid
 from testbench.aircraft.geometry.shape import Flap, Hull, LiftingSurface, Moved, Plane, Role, Station
+from testbench.core.door import read_toml
 from testbench.core.errors import Faults, ScenarioError
-from testbench.core.schema import parse, read_toml
+from testbench.core.schema import parse
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def read_plan(path: Path, mass: Path | None = None) -> Plan:
         return _from_avl(path, mass)
     if mass is not None:
         raise ScenarioError([f"--mass goes with an AVL file, got '{path}': write [mass] into it"])
-    said, problems = parse(GeometryFile, read_toml(path), path)
+    said, problems = parse(GeometryFile, read_toml(path, "geometry"), path)
     faults = Faults(path)
     faults.extend(problems)
     plane = _plane(said, faults) if said is not None else None
@@ -92,7 +93,7 @@ def _nose_down(plane: Plane, cg_x_m: float) -> Plane:
 
 
 def _from_avl(path: Path, beside: Path) -> Plan:
-    said, faults = parse(BesideAvl, read_toml(beside), beside)
+    said, faults = parse(BesideAvl, read_toml(beside, "geometry"), beside)
     if said is None or faults:
         raise ScenarioError(faults)
     avl = read_avl(path, {n: c.avl for n, c in said.control.items()}, said.spare_airfoil, said.length_unit_m)

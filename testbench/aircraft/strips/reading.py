@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from testbench.aircraft.strips.ground_test import GroundTestFile
-from testbench.core.errors import Faults, RecordError, ScenarioError, located, nearest
+from testbench.core.door import read_text, read_toml
+from testbench.core.errors import Faults, ScenarioError, located, nearest
 from testbench.core.record import FloatArray
-from testbench.core.schema import parse, read_toml
+from testbench.core.schema import parse
 
 QUANTITIES = ("bend_m", "twist_rad", "curvature_1_m")
 _OF = {  # which motions of the tail a mode of either symmetry can have
@@ -57,7 +58,7 @@ def read_ground_test(path: Path) -> GroundTest:
         RecordError: a file cannot be read.
         ScenarioError: a law is broken; every fault is told with file and key.
     """
-    content, found = parse(GroundTestFile, read_toml(path), path)
+    content, found = parse(GroundTestFile, read_toml(path, "ground test"), path)
     faults = Faults(path)
     faults += found
     if content is None:
@@ -212,11 +213,7 @@ def _read(path: Path, quantities: tuple[str, ...], modes: int, faults: Faults) -
         faults: where faults are noted.
     """
     own = Faults(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise RecordError(f"a readable CSV file must lie at '{path}', got: {reason}") from error
+    text = read_text(path, "shapes", "utf-8-sig")
     lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
     rows = [
         (k, [cell.strip() for cell in row]) for (k, _), row in zip(lines, csv.reader(x for _, x in lines), strict=False)

@@ -9,11 +9,12 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
+from testbench.core.door import read_toml
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import AIRCRAFT, SENSOR_SUITES, Family, find_scenario, resolve
 from testbench.core.scenario.air import LOWEST_M, AirSpec
 from testbench.core.scenario.inputs import Input
-from testbench.core.schema import NonNegative, Positive, Strict, parse, read_toml
+from testbench.core.schema import NonNegative, Positive, Strict, parse
 
 
 def _resolved(family: Family) -> AfterValidator:

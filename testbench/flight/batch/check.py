@@ -26,6 +26,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
+from testbench.core.door import read_json
 from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.batch.compiled import SOURCES
@@ -180,8 +181,8 @@ def _verdict(model: BatchModel, trimmed: Callable[[], TrimmedFlight]) -> Judged:
     """Return the verdict on a model, from disk if there is one."""
     kept = _place(model)
     if kept is not None and kept.is_file():
-        with suppress(OSError, ValueError, KeyError):
-            known = json.loads(kept.read_text(encoding="utf-8"))
+        with suppress(TestbenchError, ValueError, KeyError, TypeError):
+            known = read_json(kept, "model")
             worst, name = float(known["worst"]), str(known["channel"])
             return _of(model, worst, name)
     worst, name = compared(model, trimmed())

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.core.bring import sha256
+from testbench.core.door import sha256
 from testbench.core.errors import CampaignError, ScenarioError, TestbenchError
 from testbench.core.record import FlightRecord
 from testbench.core.schema import parse
@@ -158,7 +158,7 @@ def _need_same(file: str, wanted: str) -> None:
             f"workers must have the estimator or structure '{file}' of the campaign (SHA-256 {wanted}), but the "
             f"{place} has no such file; put it there, or start workers where it is"
         )
-    have = sha256(Path(file))
+    have = sha256(Path(file), "python")
     if have != wanted:
         raise CampaignError(
             f"workers must have the same '{file}' as the campaign, SHA-256 {wanted}, but that of the {place} has "

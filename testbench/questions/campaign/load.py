@@ -13,10 +13,11 @@ from typing import Any
 
 from testbench import __version__
 from testbench.aircraft import Aircraft
-from testbench.core.bring import is_brought, sha256
+from testbench.core.bring import is_brought
+from testbench.core.door import read_text, read_toml, sha256
 from testbench.core.errors import ScenarioError, TestbenchError, nearest
 from testbench.core.paths import find_scenario
-from testbench.core.schema import parse, read_toml
+from testbench.core.schema import parse
 from testbench.estimators.brought import is_text, place, whole
 from testbench.estimators.identification import estimator_name
 from testbench.flight import load_aircraft
@@ -86,7 +87,9 @@ class Campaign:
         entries = self.content["identification"]["estimators"]
         names = [entry[key] for entry in entries for key in _BROUGHT if is_brought(entry.get(key))]
         texts = [entry["structure"] for entry in entries if is_text(entry.get("structure"))]
-        return tuple((str(path), sha256(path)) for path in (*(place(name)[0] for name in names), *map(Path, texts)))
+        return tuple(
+            (str(path), sha256(path, "python")) for path in (*(place(name)[0] for name in names), *map(Path, texts))
+        )
 
 
 def versions() -> dict[str, str]:
@@ -117,7 +120,7 @@ def load_campaign(path: Path | str) -> Campaign:
     content = _resolved(content, bare, origin)
     full = with_own_laws(spec, load_aircraft(bare.aircraft, bare.wings))
     nominal = Scenario.model_validate(set_keys(content, nominal_inputs(full)))
-    text = spec.file.read_text(encoding="utf-8")
+    text = read_text(spec.file, "scenario")
     return Campaign(full, content, nominal.at(origin), text, own_keys(spec, full))
 
 

@@ -41,18 +41,19 @@ class CampaignResult:
 
 def read_campaign(campaign: Campaign, store: Store) -> CampaignResult:
     """Return what the store of a campaign holds, summarised."""
-    stopped = store.meta("stopped")
     seconds, size = store.seconds()
-    return CampaignResult(
-        campaign,
-        store.counts(),
-        summarise(store.rows()),
-        None if stopped is None else int(stopped),
-        seconds,
-        size,
-        sum(path.stat().st_size for path in store.path.parent.glob("records/*.nc")),
-        store.path.parent,
-    )
+    with store.whole():  # rows are JSON, which may be damaged
+        stopped = store.meta("stopped")
+        return CampaignResult(
+            campaign,
+            store.counts(),
+            summarise(store.rows()),
+            None if stopped is None else int(stopped),
+            seconds,
+            size,
+            sum(path.stat().st_size for path in store.path.parent.glob("records/*.nc")),
+            store.path.parent,
+        )
 
 
 def errors(summary: Summary) -> dict[str, FloatArray]:

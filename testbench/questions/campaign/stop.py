@@ -49,12 +49,13 @@ class Watch:
         while (end := self.seen + self.rule.block) <= finished:
             known: set[str] = set()
             for row in store.rows(self.seen, end):
-                found = json.loads(row.results)["figures"] if row.results else {}
-                known |= {f"{case}: {name}" for case, figures in found.items() for name in figures}
-                case, _, name = self.rule.quantity.partition(": ")
-                value = found.get(case, {}).get(name)
-                if value is not None:
-                    self._take(float(value))
+                with store.whole():
+                    found = json.loads(row.results)["figures"] if row.results else {}
+                    known |= {f"{case}: {name}" for case, figures in found.items() for name in figures}
+                    case, _, name = self.rule.quantity.partition(": ")
+                    value = found.get(case, {}).get(name)
+                    if value is not None:
+                        self._take(float(value))
             self.seen = end
             if end < self.rule.minimum:
                 continue

@@ -10,12 +10,15 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from testbench.core.errors import CampaignError
+from testbench.core.door import checked
+from testbench.core.errors import CampaignError, TestbenchError
+from testbench.core.escape import one_line
+from testbench.core.files import reason_of
 from testbench.core.store import OWN, ResultFolder, locked
 from testbench.questions.campaign.load import versions
 
@@ -190,24 +193,23 @@ class Store:
 
     def close(self) -> None:
         """Close the file and let another process write."""
-        self._db.close()
+        with suppress(sqlite3.Error):  # of a damaged file
+            self._db.close()
         if self._lock is not None:
             self._lock.release()
 
     def _check_version(self) -> None:
-        try:
-            found = self.meta("version")
-        except sqlite3.DatabaseError as error:
-            raise CampaignError(f"'{self.path}' must be a campaign's store, but it is not: {error}") from error
+        found = self.meta("version")
         if found != VERSION:
             raise CampaignError(
-                f"the store '{self.path}' must be of version {VERSION}, which this testbench writes, got {found}; "
+                f"the store '{self.path}' must be of version {VERSION}, which this testbench writes, got "
+                f"{one_line(str(found))}; "
                 "use the testbench that made it, or give another folder with --out"
             )
 
     def _check_campaign(self, campaign: Campaign) -> None:
         other = [
-            f"{name} {self.meta(f'version {name}')} (now {now})"
+            f"{name} {one_line(str(self.meta(f'version {name}')))} (now {now})"
             for name, now in versions().items()
             if self.meta(f"version {name}") != now
         ]
@@ -239,17 +241,41 @@ class Store:
                 f"the store '{self.path}' must be writable, got: {error}; what is finished is kept. Free space, then "
                 "go on with `testbench campaign resume`"
             ) from error
+        except (sqlite3.Error, UnicodeDecodeError) as error:
+            self._roll_back()
+            raise self._damaged(error) from error
         except BaseException:
             self._roll_back()
             raise
 
     def _roll_back(self) -> None:
-        if self._db.in_transaction:
-            self._db.execute("ROLLBACK")
+        with suppress(sqlite3.Error):
+            if self._db.in_transaction:
+                self._db.execute("ROLLBACK")
+
+    def _damaged(self, error: Exception) -> CampaignError:
+        return CampaignError(
+            f"'{self.path}' must be a campaign's store as the testbench wrote it, but it is damaged or none: "
+            f"{one_line(reason_of(error))}; take it from a copy, or begin anew in another folder with --out"
+        )
+
+    @contextmanager
+    def whole(self) -> Iterator[None]:
+        """Turn whatever trips over what the file holds into an error that names it.
+
+        Raises:
+            CampaignError: the file is damaged.
+        """
+        try:
+            yield
+        except TestbenchError:
+            raise
+        except Exception as error:
+            raise self._damaged(error) from error
 
     def meta(self, key: str) -> str | None:
         """Return a note of the store, or None."""
-        row = self._db.execute("SELECT value FROM meta WHERE key = ?", (key,)).fetchone()
+        row = self._first("SELECT value FROM meta WHERE key = ?", key)
         return None if row is None else str(row[0])
 
     def exchange(self, finished: Sequence[Outcome], started: Iterable[int] = (), returned: Iterable[int] = ()) -> None:
@@ -291,7 +317,7 @@ class Store:
 
     def unfinished(self, after: int, most: int) -> list[int]:
         """Return the numbers of up to ``most`` pending runs after run ``after``, in order."""
-        rows = self._db.execute(
+        rows = self.asked(
             "SELECT run FROM runs WHERE run > ? AND state IN ('pending', 'running') AND state = 'pending' "
             "ORDER BY run LIMIT ?",
             (after, most),
@@ -300,27 +326,37 @@ class Store:
 
     def first_unfinished(self) -> int | None:
         """Return the lowest number of a run that is neither done nor failed, or None."""
-        row = self._db.execute("SELECT min(run) FROM runs WHERE state IN ('pending', 'running')").fetchone()
-        return None if row[0] is None else int(row[0])
+        (run,) = self._first("SELECT min(run) FROM runs WHERE state IN ('pending', 'running')")
+        return None if run is None else int(run)
 
     def counts(self) -> Counts:
         """Return how many runs are in which state."""
-        found = dict(self._db.execute("SELECT state, count(*) FROM runs GROUP BY state").fetchall())
-        return Counts(**{str(k): int(v) for k, v in found.items()})
+        with self.whole():
+            return Counts(**{str(k): int(v) for k, v in self.asked("SELECT state, count(*) FROM runs GROUP BY state")})
 
     def seconds(self) -> tuple[float, int]:
         """Return the sum of the processor time of finished runs, s, and the size of the store, bytes."""
-        total = self._db.execute("SELECT coalesce(sum(seconds), 0.0) FROM runs").fetchone()[0]
-        pages = self._db.execute("PRAGMA page_count").fetchone()[0] * self._db.execute("PRAGMA page_size").fetchone()[0]
-        return float(total), int(pages)
+        (total,) = self._first("SELECT coalesce(sum(seconds), 0.0) FROM runs")
+        (pages,), (size,) = self._first("PRAGMA page_count"), self._first("PRAGMA page_size")
+        return float(total), int(pages * size)
 
-    def asked(self, query: str, values: Mapping[str, int]) -> sqlite3.Cursor:
-        """Return what the store answers to a query, row by row."""
-        return self._db.execute(query, values)
+    def asked(self, query: str, values: Mapping[str, int] | Sequence[object] = ()) -> Iterator[tuple[Any, ...]]:
+        """Yield what the store answers to a query, row by row.
+
+        Raises:
+            CampaignError: the file is damaged.
+        """
+        with self.whole():
+            for row in self._db.execute(query, values):  # noqa: UP028 - it would close the cursor after the file
+                yield row
+
+    def _first(self, query: str, *values: object) -> Any:
+        with self.whole():
+            return self._db.execute(query, values).fetchone()
 
     def rows(self, first: int = 0, end: int | None = None) -> Iterator[Row]:
         """Yield the finished runs from ``first`` up to ``end``, in order."""
-        found = self._db.execute(
+        found = self.asked(
             "SELECT run, state, seed, inputs, results, reason FROM runs "
             "WHERE run >= ? AND run < ? AND state IN ('done', 'failed') ORDER BY run",
             (first, 1 << 62 if end is None else end),
@@ -330,15 +366,17 @@ class Store:
 
 
 def _connect(path: Path) -> sqlite3.Connection:
+    if path.exists():
+        checked(path, "campaign store")
     try:
         db = sqlite3.connect(path, timeout=30.0, isolation_level=None)
         db.execute("PRAGMA page_size = 16384")  # of a new file: rows of 2 kB fill pages of 4 kB badly
         db.execute("PRAGMA journal_mode = WAL")
         db.execute("PRAGMA synchronous = FULL")
-    except sqlite3.DatabaseError as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:
         raise CampaignError(
-            f"'{path}' must be a campaign's store that can be opened, got: {error}; free space, or give another folder "
-            "with --out"
+            f"'{path}' must be a campaign's store that can be opened, got: {one_line(str(error))}; free space, or give "
+            "another folder with --out"
         ) from error
     return db
 
@@ -348,7 +386,7 @@ def _is_whole(path: Path) -> bool:
     db = sqlite3.connect(path, timeout=30.0)
     try:
         return db.execute("SELECT value FROM meta WHERE key = 'version'").fetchone() is not None
-    except sqlite3.DatabaseError:
+    except (sqlite3.Error, UnicodeDecodeError):
         return False
     finally:
         db.close()

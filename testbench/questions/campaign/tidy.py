@@ -54,20 +54,21 @@ def tidy_store(folder: Path) -> Iterator[pd.DataFrame]:
         }
         for first in range(0, store.counts().total, _AT_ONCE):
             part = {"first": first, "end": first + _AT_ONCE}
-            long, true, varied = (
-                pd.DataFrame(store.asked(query, part), columns=names)
-                for query, names in (
-                    (_LONG, ["run", "seed", "cell", "figure", "value", "reason"]),
-                    (_TRUE, ["run", "name", "value"]),
-                    (_VARIED, ["run", "name", "value"]),
+            with store.whole():  # figures of a damaged store may be texts
+                long, true, varied = (
+                    pd.DataFrame(store.asked(query, part), columns=names)
+                    for query, names in (
+                        (_LONG, ["run", "seed", "cell", "figure", "value", "reason"]),
+                        (_TRUE, ["run", "name", "value"]),
+                        (_VARIED, ["run", "name", "value"]),
+                    )
                 )
-            )
-            if long.empty:
-                continue
-            out = tidy(long, true, **same).sort_values("run", kind="stable", ignore_index=True)
-            if not varied.empty:
-                wide = varied.pivot_table(index="run", columns="name", values="value", aggfunc="first", sort=False)
-                out = out.merge(wide, how="left", left_on="run", right_index=True)
+                if long.empty:
+                    continue
+                out = tidy(long, true, **same).sort_values("run", kind="stable", ignore_index=True)
+                if not varied.empty:
+                    wide = varied.pivot_table(index="run", columns="name", values="value", aggfunc="first", sort=False)
+                    out = out.merge(wide, how="left", left_on="run", right_index=True)
             yield out
 
 

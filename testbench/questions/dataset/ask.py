@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from testbench.core.blas import on_one_thread
+from testbench.core.door import checked
 from testbench.core.errors import DatasetError, ScenarioError
 from testbench.core.processes import Ahead, cores, processes
 from testbench.core.sizes import require_room
@@ -198,7 +199,7 @@ class _Session:
     def _finish(self, again: Mapping[str, int]) -> None:
         import h5py  # type: ignore[import-untyped]
 
-        with h5py.File(self.store.folder / STORE, "r") as file:
+        with h5py.File(checked(self.store.folder / STORE, "record"), "r") as file:
             split, samples = file["split"][:], file["samples"][:]
         labels = self.store.labels()
         sheet = datasheet(self.scenario, self.layout, split, samples, labels, again)

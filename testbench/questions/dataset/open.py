@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from testbench.core.door import checked
 from testbench.core.errors import DatasetError, RecordError, ScenarioError, nearest
 from testbench.core.files import parsed
 from testbench.core.store import NEW, OWN, settle
@@ -43,7 +44,7 @@ def open_dataset(folder: Path | str, split: str | None = None, truth: Path | str
     """
     import xarray as xr
 
-    path = store_of(folder)
+    path = checked(store_of(folder), "record")
     with parsed(path, "the store of a data set"):
         out = xr.open_dataset(path, engine="h5netcdf", decode_cf=False)
         names = [n for n in ("channel", "figure", "size", "channel_unit", "figure_unit") if n in out]
@@ -83,7 +84,7 @@ class FlightSamples:
     def __init__(self, folder: Path | str, split: str = "train", labels: str = "truth") -> None:
         import h5py  # type: ignore[import-untyped]
 
-        self._path = store_of(folder)
+        self._path = checked(store_of(folder), "record")
         self._readings: Any = None
         with parsed(self._path, "the store of a data set"), h5py.File(self._path, "r") as file:
             if labels not in file:
@@ -149,7 +150,7 @@ def truth_of(folder: Path | str, truth: Path | str | None = None) -> Path:
 def _put_truth(out: xr.Dataset, path: Path) -> None:
     import h5py
 
-    with parsed(truth_of("", path), "the labels of a test split"), h5py.File(path, "r") as file:
+    with parsed(truth_of("", path), "the labels of a test split"), h5py.File(checked(path, "record"), "r") as file:
         rows = file["flight"][:]
         for name in file:
             if name in out.data_vars:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from testbench.core.door import read_bytes
 from testbench.core.errors import RecordError, nearest
 from testbench.core.files import parsed
 from testbench.evaluation.proportion import proportion_interval
@@ -76,10 +77,7 @@ def score_predictions(
 def _table(path: Path, needed: Sequence[str]) -> Any:
     import pandas as pd
 
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise RecordError(f"a table of answers must be a readable file, got '{path}': {error.strerror}") from error
+    content = read_bytes(path, "table")
     with parsed(path, "a table of answers (CSV)"):
         table = pd.read_csv(io.BytesIO(content), dtype=str, keep_default_na=False, skipinitialspace=True)
     missing = [n for n in needed if n not in table]

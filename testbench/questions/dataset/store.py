@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import hashlib
 import io
 import json
 import os
@@ -23,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from testbench.core.door import read_bytes, read_text, sha256
 from testbench.core.errors import DatasetError, DiskError, RecordError
 from testbench.core.files import netcdf_bytes, write_file
 from testbench.core.store import OWN, ResultFolder, settle
@@ -72,7 +72,7 @@ class Store:
             shutil.rmtree(folder)  # of a process that was killed while it laid out, or did something else
             store._lay_out()
             write_file(found, store.about, fix=_FIX)
-        elif found.read_text(encoding="utf-8") != store.about:
+        elif read_text(found, "text") != store.about:
             raise DatasetError(
                 f"a folder holds one data set, but '{place.path}' holds another one ({_differs(found, about)}); give "
                 "another folder with --out, or remove that one"
@@ -116,7 +116,7 @@ class Store:
         """Return part -> what was noted of it; a line that a killed process left half-written does not count."""
         path = self.folder / _WORK / "parts.jsonl"
         out: dict[int, dict[str, Any]] = {}
-        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        text = read_text(path, "journal") if path.exists() else ""
         for line in text.splitlines(keepends=True):
             if line.endswith("\n"):
                 with contextlib.suppress(ValueError):
@@ -155,7 +155,7 @@ class Store:
     def _note(self, line: str) -> None:
         path = self.folder / _WORK / "parts.jsonl"
         with path.open("ab") as journal:
-            if journal.tell() and not path.read_bytes().endswith(b"\n"):
+            if journal.tell() and not read_bytes(path, "journal").endswith(b"\n"):
                 journal.write(b"\n")  # behind half a line that a killed process left
             journal.write(line.encode())
             journal.flush()
@@ -179,7 +179,7 @@ class Store:
         write_file(self.folder / TRUTH, netcdf_bytes(lambda f: _write_truth(f, self.layout, withheld, known)), fix=_FIX)
         write_file(self.folder / SHEET, sheet, fix=_FIX)
         write_file(self.folder / SHEET_PAGE, page, fix=_FIX)
-        sums = "".join(f"{_sha256(self.folder / n)}  {n}\n" for n in (STORE, TRUTH, ABOUT, SHEET, SHEET_PAGE))
+        sums = "".join(f"{sha256(self.folder / n, 'record')}  {n}\n" for n in (STORE, TRUTH, ABOUT, SHEET, SHEET_PAGE))
         write_file(self.folder / SUMS, sums, fix=_FIX)
         shutil.rmtree(self.folder / _WORK, ignore_errors=True)
 
@@ -315,11 +315,6 @@ def _write_truth(out: Any, layout: Layout, withheld: Any, known: Mapping[str, An
             _describe(out.create_variable(v.name, v.dims, np.dtype(v.dtype), data=known[v.name][withheld]), v)
 
 
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def _sorted(value: Any) -> str:
     return json.dumps(value, sort_keys=True)
 
@@ -327,7 +322,7 @@ def _sorted(value: Any) -> str:
 def _differs(found: Path, about: Mapping[str, Any]) -> str:
     """Return which keys of what decides the content differ."""
     try:
-        before = json.loads(found.read_text(encoding="utf-8"))
+        before = json.loads(read_text(found, "text"))
         keys = [k for k in {**before, **about} if _sorted(before.get(k)) != _sorted(about.get(k))]
     except (ValueError, AttributeError):
         return f"its {ABOUT} is damaged"
@@ -344,10 +339,10 @@ def damaged(folder: Path) -> Iterator[str]:
     path = folder / SUMS
     if not path.exists():
         raise RecordError(f"a complete data set has {SUMS}, but '{folder}' has none; draw it to its end first")
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in read_text(path, "text").splitlines():
         digest, _, name = line.partition("  ")
         if not (folder / name).exists():
             if name not in (TRUTH, ABOUT):  # a contest withholds them
                 yield name
-        elif _sha256(folder / name) != digest:
+        elif sha256(folder / name, "record") != digest:
             yield name

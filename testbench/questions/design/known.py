@@ -10,7 +10,6 @@ must not make an odd aircraft: for the values alone, the model counts as known t
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +19,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from testbench.aircraft import Aircraft
+from testbench.core.door import read_json
 from testbench.core.errors import EstimationError, RecordError, TestbenchError
 from testbench.core.files import parsed
 from testbench.core.record import FloatArray
@@ -167,7 +167,7 @@ def _read(file: Path, V_m_s: float) -> Prior:
         EstimationError: the parameters are not derivatives, or of another speed.
     """
     with parsed(file, "a model with parameters (models/*.json)"):
-        content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        content: dict[str, Any] = read_json(file, "model")
         structure = str(content["structure"])
         parameters: dict[str, Any] = content["parameters"]
         values = np.array([float(p["value"]) for p in parameters.values()])

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from testbench.core.door import read_json
 from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
 from testbench.questions.design.answer import air_words
@@ -115,10 +116,10 @@ def promise_of_file(file: Path) -> Promise:
     Raises:
         RecordError: it is not as :func:`promise_text` writes it, or cannot be read.
     """
+    found = read_json(file, "promise")
     try:
-        found = json.loads(file.read_text(encoding="utf-8"))
         return _read(found)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise RecordError(
             f"a promise must be as `testbench design` writes it, got '{file}' ({type(error).__name__}: {error}); "
             "design again, or remove it"

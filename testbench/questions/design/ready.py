@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from testbench.core.door import read_text
 from testbench.core.record import FlightRecord
 from testbench.core.toml_text import quoted
 from testbench.page.labels import file_stem, number
@@ -31,7 +32,7 @@ def ready_to_fly(result: DesignResult) -> Mapping[str, Content]:
     out: dict[str, Content] = {}
     asked = result.scenario.file
     if asked is not None and asked.is_file():
-        out["design.toml"] = asked.read_text(encoding="utf-8")
+        out["design.toml"] = read_text(asked, "scenario")
     ranked = [*enumerate(result.ranking, 1), *([("shortest", result.shortest)] if result.shortest else [])]
     for rank, entry in ranked:
         design = entry.design

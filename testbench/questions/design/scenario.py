@@ -83,7 +83,7 @@ class DesignScenario(FlownInAir):
 
     suites: Annotated[tuple[SuiteName, ...], Field(min_length=1, strict=False)]
     controls: Annotated[tuple[Control, ...], Field(min_length=1, strict=False)]
-    duration_s: Positive
+    duration_s: Annotated[float, Field(gt=0.0, le=600.0)]
     start_s: Positive = 2.0
     by: Literal["pilot", "autopilot"] = "autopilot"
     shortest_step_s: Positive | None = None

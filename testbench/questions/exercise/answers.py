@@ -9,10 +9,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from testbench.core.door import read_text, read_toml
 from testbench.core.errors import RecordError, ScenarioError, nearest
 from testbench.core.escape import one_line
 from testbench.core.files import write_file
-from testbench.core.schema import read_toml
 from testbench.questions.exercise.exercise import Choice, Exercise, Question
 
 ANSWERS = "answers.toml"
@@ -62,7 +62,7 @@ def read_answers(file: Path, questions: Sequence[Question]) -> dict[str, Any]:
     try:
         content = _read(file)
     except ScenarioError as error:
-        text = file.read_text(encoding="utf-8")
+        text = read_text(file, "answers")
         for pattern, hint in _HABITS.items():
             if re.search(pattern, text, re.MULTILINE):
                 raise ScenarioError([f"{error}; {hint}"]) from error
@@ -82,16 +82,16 @@ def read_answers(file: Path, questions: Sequence[Question]) -> dict[str, Any]:
 def _read(file: Path) -> dict[str, Any]:
     """Return the content of a file of answers; where it is not TOML, that with points for decimal commas."""
     try:
-        return read_toml(file)
+        return read_toml(file, "answers")
     except ScenarioError:
-        text = file.read_text(encoding="utf-8")
+        text = read_text(file, "answers")
         points = _COMMA.sub(r"\1.\2", text)
         if points == text:
             raise
     try:
         return tomllib.loads(points)
-    except tomllib.TOMLDecodeError:
-        return read_toml(file)  # for its own words
+    except (ValueError, RecursionError):
+        return read_toml(file, "answers")  # for its own words
 
 
 def _number(value: Any) -> Any:
@@ -112,8 +112,8 @@ def write_answers(folder: Path, answers: Mapping[str, float | str | None]) -> No
         ScenarioError: it has no such key.
     """
     file = folder / ANSWERS
-    keys = list(read_toml(file))
-    text = file.read_text(encoding="utf-8")
+    keys = list(read_toml(file, "answers"))
+    text = read_text(file, "answers")
     for key, value in answers.items():
         if key not in keys:
             raise ScenarioError([f"{file}, {key}: no question has this key{nearest(key, keys)}"])

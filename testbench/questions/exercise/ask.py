@@ -6,9 +6,10 @@ import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from testbench.core.door import read_toml
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.files import write_file
-from testbench.core.schema import Strict, parse, read_toml
+from testbench.core.schema import Strict, parse
 from testbench.core.store import OWN, ResultFolder, entry_of, manifest_of
 from testbench.core.toml_text import quoted
 from testbench.page.text import text_page
@@ -128,7 +129,7 @@ def reopen(folder: Path, key: str) -> Started:
         raise RecordError(
             f"a folder made by `testbench exercise start` holds {CARD}, but '{folder}' does not; name that folder"
         )
-    card, faults = parse(Card, read_toml(file), file)
+    card, faults = parse(Card, read_toml(file, "answers"), file)
     if card is None or faults:
         raise ScenarioError(faults)
     exercise = load_exercise(card.exercise)

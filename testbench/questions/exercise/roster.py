@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from testbench.core.door import read_text
 from testbench.core.errors import RecordError, ScenarioError, TestbenchError
 from testbench.core.files import write_file
 from testbench.core.store import ResultFolder, manifest_of
@@ -56,12 +57,9 @@ def students_of(words: str) -> tuple[str, ...]:
             raise ScenarioError([f"a class must have 1 to {_MOST} students, got {words}"])
         return tuple(f"student {k + 1}" for k in range(count))
     try:
-        lines = Path(words).read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not text"
-        raise RecordError(
-            f"a class must be a number of students or a file with one name a line, got '{words}': {reason}"
-        ) from error
+        lines = read_text(Path(words), "roster", "utf-8-sig").splitlines()
+    except RecordError as error:
+        raise RecordError(f"a class must be a number of students or a file of names; {error.message}") from error
     names = tuple(name for name in (line.strip() for line in lines) if name)
     folders = [_folder(name) for name in names]
     twice = sorted({n for n, f in zip(names, folders, strict=True) if folders.count(f) > 1})
@@ -80,7 +78,7 @@ def exercises_of(folder: Path) -> tuple[str, ...]:
 def _table(folder: Path) -> list[dict[str, str]]:
     """Return the rows of the table of a class; none if there is no table, or it is another one."""
     try:
-        rows = [*csv.DictReader((folder / TABLE).read_text(encoding="utf-8").splitlines())]
+        rows = [*csv.DictReader(read_text(folder / TABLE, "table").splitlines())]
     except (OSError, UnicodeDecodeError):
         return []
     return [row for row in rows if [*row] == [*_HEADS] and all(row.values())]

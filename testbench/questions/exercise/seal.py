@@ -17,7 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from testbench.core.errors import RecordError, ScenarioError
+from testbench.core.door import read_text
+from testbench.core.errors import ScenarioError
 
 PUBLIC_KEY = "flight-testbench, for studying alone"
 VARIABLE = "TESTBENCH_EXERCISE_KEY"
@@ -51,14 +52,7 @@ def read_key(file: Path | None) -> str:
         RecordError: the file cannot be read.
         ScenarioError: the key is too short to protect anything.
     """
-    if file is not None:
-        try:
-            key = file.read_text(encoding="utf-8").strip()
-        except (OSError, UnicodeDecodeError) as error:
-            why = error.strerror if isinstance(error, OSError) else "it is not text"
-            raise RecordError(f"a readable file with the teacher's key must lie at '{file}', got: {why}") from error
-    else:
-        key = os.environ.get(VARIABLE, "").strip() or PUBLIC_KEY
+    key = read_text(file, "key").strip() if file is not None else os.environ.get(VARIABLE, "").strip() or PUBLIC_KEY
     if len(key) < _SHORTEST:
         raise ScenarioError(
             [

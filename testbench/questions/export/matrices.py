@@ -7,7 +7,6 @@ with dead times tau_ij from input j to output i besides.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import factorial
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from testbench.core.advice import Advised, from_json
 from testbench.core.channels import channel
+from testbench.core.door import read_json
 from testbench.core.errors import RecordError, located
 from testbench.core.files import parsed
 from testbench.core.paths import not_found
@@ -62,8 +62,7 @@ def load_matrices(path: Path | str) -> Matrices:
     path = Path(path)
     if not path.is_file():
         raise RecordError(f"a model must be a file that exists, got {not_found(path)}")
-    with parsed(path, "a model's JSON file"):
-        content = json.loads(path.read_text(encoding="utf-8"))
+    content = read_json(path, "model")
     kinds = {"A": _of_state_space, "denominators": _of_transfer_functions}
     kind = next((key for key in kinds if isinstance(content, dict) and key in content), None)
     if kind is None:

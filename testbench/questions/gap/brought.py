@@ -10,6 +10,7 @@ from typing import Any
 
 from testbench.aircraft import Aircraft
 from testbench.core import bring
+from testbench.core.door import sha256
 from testbench.core.errors import ScenarioError, nearest
 from testbench.questions.gap.effects import Effect, catalogue, left_out, library
 from testbench.sensors import SensorSuite
@@ -81,7 +82,9 @@ def choose(
             name_of_its_own = f"an effect that is brought must have a name of its own, got '{effect.name}' of {name}"
             raise ScenarioError([f"{name_of_its_own}, which another effect has"])
         chosen[effect.name] = effect
-        notes.append(f"the effect '{effect.name}' is code of {path}; that file was run (SHA-256 {bring.sha256(path)})")
+        notes.append(
+            f"the effect '{effect.name}' is code of {path}; that file was run (SHA-256 {sha256(path, 'python')})"
+        )
     without = left_out(chosen, aircraft, suite) if aircraft is not None else {}
     by_reason: dict[str, list[str]] = {}
     for name, why in without.items():

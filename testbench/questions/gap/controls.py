@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from testbench import __version__
+from testbench.core.door import read_bytes, read_text
 from testbench.core.errors import LimitError, RecordError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.flight.air import Air, turbulence_rms
@@ -249,11 +250,7 @@ class _Log:
         known: dict[int, Control] = {}
         if self.file is None or not self.file.exists():
             return known
-        try:
-            lines = self.file.read_text(encoding="utf-8").splitlines()
-        except (OSError, UnicodeDecodeError) as error:
-            why = getattr(error, "strerror", None) or "it holds no UTF-8"
-            raise RecordError(f"control flights must be kept in a text file, got '{self.file}': {why}") from error
+        lines = read_text(self.file, "journal").splitlines()
         for line in lines:
             with contextlib.suppress(ValueError, TypeError):
                 row = json.loads(line)
@@ -270,7 +267,7 @@ class _Log:
         if self.file is None:
             return
         try:
-            cut_off = self.file.exists() and not self.file.read_bytes().endswith(b"\n")
+            cut_off = self.file.exists() and not read_bytes(self.file, "journal").endswith(b"\n")
             with self.file.open("a", encoding="utf-8") as out:
                 out.write("\n" * cut_off + json.dumps({"of": self.key, **asdict(control)}) + "\n")
         except OSError as error:

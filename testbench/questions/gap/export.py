@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from testbench.aircraft import Aircraft, ElasticMode
+from testbench.core.door import read_text
 from testbench.core.escape import markdown_cell, one_line
 from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT_MODELS, STOCK
@@ -112,7 +113,7 @@ def aircraft_files(
         out["README.md"] = _how_to_command(aircraft, rate_hz)
         return out | {f"Engines/{file}": text for file, text in aircraft.engine_files.items()}
     out["aircraft.toml"] = _description(
-        (AIRCRAFT_MODELS / (home or name) / "aircraft.toml").read_text(encoding="utf-8"),
+        read_text(AIRCRAFT_MODELS / (home or name) / "aircraft.toml", "aircraft"),
         aircraft,
         AIRFRAME if AIRFRAME in out else f"{name}.xml",
         rate_hz,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from testbench.core.door import read_text
 from testbench.page.page import Page, source_of
 from testbench.questions.compatibility.tables import compatibility_tables
 from testbench.questions.gap.drive import driven_by
@@ -43,7 +44,7 @@ def gap_page(result: GapResult) -> Page:
         },
         flown=finding.tally,
         provenance=[] if result.seed is None else [("seed", str(result.seed))],
-        source=(result.file.name, result.file.read_text(encoding="utf-8")) if result.file else None,
+        source=(result.file.name, read_text(result.file, "scenario")) if result.file else None,
         terminal=[tables[0].only("effect", "gain", "threshold", "share")],
         notes=[f"Assumed: {note}" for note in result.notes],
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -15,6 +14,7 @@ import numpy as np
 
 from testbench.core.channels import CONTROLS, channel
 from testbench.core.constants import DEG_RAD
+from testbench.core.door import open_file, sha256
 from testbench.core.errors import RecordError
 from testbench.core.escape import one_line
 from testbench.core.files import write_file
@@ -166,7 +166,7 @@ def read_log(path: Path | str, part: str | None = None) -> tuple[Log, tuple[Rule
     path = Path(path)
     if not path.is_file():
         raise RecordError(f"a log must be a file that exists, got {not_found(path)}")
-    with path.open("rb") as file:
+    with open_file(path, "log") as file:
         head = file.read(8000)
     suffix = path.suffix.lower()
     if not head:
@@ -266,11 +266,9 @@ def import_log(
             f"fewer than 4 samples or nothing but zeros: {', '.join(name or 'the table' for name in log.topics)}"
         )
     rate = common_rate(channels) if rate_hz is None else rate_hz
-    with log.file.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
     provenance: dict[str, Any] = {
         "file": log.file.name,
-        "sha256": digest,
+        "sha256": sha256(log.file, "log"),
         "format": log.kind,
         "log": dict(log.facts),
         "warnings": list(log.warnings),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
+from testbench.core.door import read_text
 from testbench.logs.layout import SUFFIXES
 from testbench.page.labels import number
 from testbench.page.terminal import print_answer, print_rows
@@ -128,7 +129,7 @@ def next_steps(paths: Sequence[Path]) -> list[str]:
     out = []
     for path in (p for p in paths if p.suffix == ".toml"):
         out.append(f"Next: testbench identify {path}")
-        if f"# {WITHOUT_STRUCTURE}:" in path.read_text(encoding="utf-8"):
+        if f"# {WITHOUT_STRUCTURE}:" in read_text(path, "scenario"):
             out.append(f"      testbench response {path}: no structure fits its channels, but frequency responses do")
     cuts = [p for p in paths if p.suffix == ".nc" and p.stem != WHOLE]
     if len(cuts) > 1:

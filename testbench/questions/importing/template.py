@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from testbench.core.channels import CHANNELS, CONTROLS, UNITS, channel, unit_factor
+from testbench.core.door import open_file
 from testbench.core.errors import RecordError
 from testbench.core.escape import one_line
 from testbench.core.files import write_new
@@ -70,7 +71,7 @@ def description_template(path: Path | str, folder: str = ".") -> str:
     if not path.is_file():
         raise RecordError(f"a table must be a file that exists, got {not_found(path)}")
     kind = SUFFIXES.get(path.suffix.lower())
-    with path.open("rb") as file:
+    with open_file(path, "log") as file:
         refuse_foreign(path, file.read(HEAD), kind or "")
     if kind is None:
         raise RecordError(

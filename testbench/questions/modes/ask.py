@@ -11,6 +11,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.blas import on_one_thread
 from testbench.core.channels import CONTROLS
+from testbench.core.door import read_text
 from testbench.core.errors import ChannelError, RecordError, ScenarioError, located
 from testbench.core.record import FlightRecord, load_record
 from testbench.core.schema import parse
@@ -94,7 +95,7 @@ def read_modes(
     say("find modes")
     with located(described.file, "identification.outputs"):
         search = search if search.channels else search.model_copy(update={"channels": described.outputs})
-        text = described.file.read_text(encoding="utf-8") if described.file else ""
+        text = read_text(described.file, "scenario") if described.file else ""
         return find_modes(records, search, described.name, described.title, text)
 
 
@@ -189,7 +190,7 @@ def fly_modes(
         scenario.question,
         found,
         records,
-        where.read_text(encoding="utf-8") if where else "",
+        read_text(where, "scenario") if where else "",
         tuple(true),
         tuple(match_modes(found, true)),
         tuple(c.V_m_s / (2.0 * np.pi * length) for length in lengths) if turbulent else (),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from testbench.core.door import read_text
 from testbench.core.files import write_file
 from testbench.core.toml_text import table_lines
 from testbench.questions.plan.verdicts import Campaign, JudgedCard
@@ -19,7 +20,7 @@ def keep_errors(campaign: Campaign) -> None:
         errors = _beyond(card)
         if errors and card.flown.file is not None:
             table = {"simulated_errors": {"source": _source(card), "errors": errors}}
-            text = card.flown.file.read_text(encoding="utf-8")
+            text = read_text(card.flown.file, "scenario")
             write_file(card.flown.file, "\n".join([text.rstrip("\n"), "", *table_lines(table), ""]))
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from testbench.core.door import read_text
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.paths import not_found
 from testbench.core.scenario.base import Manoeuvre
@@ -64,7 +65,7 @@ def _taken(path: Path) -> Taken:
     flown = [m for m in scenario.manoeuvre if m.use != "validation"]
     if not flown:
         raise ScenarioError([f"{file}, manoeuvre: a design must have one with use = 'identification'"])
-    lines = file.read_text(encoding="utf-8").splitlines()
+    lines = read_text(file, "scenario").splitlines()
     promised = tuple(line.lstrip("# ") for line in lines[: _comments(lines)] if line.startswith("#  "))
     asked = file.parent.parent / "design.toml"
     return Taken(file, scenario, flown[0], promised, DesignScenario.load(asked) if asked.is_file() else None)

@@ -8,7 +8,6 @@ out.
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import RecordError
+from testbench.core.door import read_toml
+from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord
 from testbench.estimators.structured import Servo
 from testbench.page.words import listed
@@ -88,10 +88,8 @@ def recipe_of(plan: Plan, card: Card, records: Sequence[FlightRecord]) -> FlownR
 
 
 def _designed(plan: Plan, card: Card, design: Path, measured: Sequence[str]) -> FlownRecipe | None:
-    try:
-        asked: dict[str, Any] = tomllib.loads(design.read_text(encoding="utf-8")).get("identification", {})
-    except (OSError, ValueError) as error:
-        raise RecordError(f"the design '{design}' of card {card.number} cannot be read: {error}") from error
+    with located(f"card {card.number}", "design"):
+        asked: dict[str, Any] = read_toml(design).get("identification", {})
     entry = next((e for e in asked.get("estimators", []) if "structure" in e), None)
     if entry is None:
         return None

@@ -192,7 +192,7 @@ def _plain(value: float) -> str:
 def _airspace(V: float, h: float, field: float, longest_s: float) -> list[str]:
     """Return the box: two of the longest runs at the fastest speed fit between its turns."""
     wind = float(round(min(_WIND[0] * V, _WIND[1])))
-    space = Airspace(length_m=1e9, width_m=1e9, lowest_m=0.0, highest_m=1.0, wind_m_s=wind)
+    space = Airspace(length_m=1e5, width_m=1e5, lowest_m=0.0, highest_m=1.0, wind_m_s=wind)
     radius, turn_s = turn_back(V, space)
     length = 2.0 * (V + wind) * longest_s + 2.0 * radius + wind * turn_s
     return [

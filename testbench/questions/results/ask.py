@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from html.parser import HTMLParser
 from pathlib import Path
 
+from testbench.core.door import open_file, read_text
 from testbench.core.errors import RecordError, TestbenchError
 from testbench.core.paths import not_found
 from testbench.core.store import INDEX, OWN, PAGE, settle
@@ -145,10 +146,10 @@ def _pages(folder: Path, depth: int) -> Iterator[Path]:
 
 def _summary(path: Path) -> ResultSummary | None:
     try:
-        with path.open("rb") as file:
+        with open_file(path, "text") as file:
             head = file.read(_HEAD_BYTES).decode("utf-8", errors="replace")
         written = datetime.fromtimestamp(path.stat().st_mtime, UTC).astimezone()
-    except OSError:
+    except (OSError, RecordError):
         return None
     reader = _Reader()
     reader.feed(head)
@@ -194,9 +195,8 @@ class _Reader(HTMLParser):
 def _numbers(path: Path) -> dict[tuple[str, str], float]:
     """Return (row, column) -> number of a table; a row is named by its texts, and by its place among equal ones."""
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            heads, *rows = list(csv.reader(file)) or [[]]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        heads, *rows = list(csv.reader(read_text(path, "table").splitlines(keepends=True))) or [[]]
+    except csv.Error as error:
         raise RecordError(f"a table of results must be CSV, but '{path}' cannot be read: {error}") from None
     out: dict[tuple[str, str], float] = {}
     seen: dict[str, int] = {}

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
+from testbench.core.door import read_bytes
+from testbench.core.errors import RecordError
 from testbench.core.store import INDEX
 from testbench.page.html import render
 from testbench.page.page import Page
@@ -170,8 +172,8 @@ def files_of(folder: Path, index: Callable[[], str]) -> Callable[[str], Served |
             if not file.is_relative_to(root) or not file.is_file() or file.stat().st_size > _LARGEST_BYTES:
                 return None
             kind = mimetypes.guess_type(file.name)[0] or "application/octet-stream"
-            return Served(file.read_bytes(), f"{kind}; charset=utf-8" if kind.startswith("text/") else kind)
-        except (OSError, ValueError):
+            return Served(read_bytes(file, "table"), f"{kind}; charset=utf-8" if kind.startswith("text/") else kind)
+        except (OSError, ValueError, RecordError):
             return None
 
     return answer

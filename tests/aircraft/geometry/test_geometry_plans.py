@@ -47,7 +47,7 @@ def test_a_trapezoid_and_its_sections_are_one_surface(tmp_path):
 
 BROKEN = {
     "misspelt key": ("root_chord_m = 0.30", "root_cord_m = 0.30", r"wing.root_cord_m: unknown key .*'root_chord_m'"),
-    "no span": ("span_m = 2.4", "span_m = 0.0", r"wing.span_m: must be greater than 0, got 0"),
+    "no span": ("span_m = 2.4", "span_m = 0.0", r"wing.span_m: must be 0.001 to 1000 m, got 0"),
     "triangle": (
         "mass_kg = 5.0",
         "mass_kg = 5.0\nIxx_kg_m2 = 0.1\nIyy_kg_m2 = 0.1\nIzz_kg_m2 = 0.5",

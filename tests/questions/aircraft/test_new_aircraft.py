@@ -123,7 +123,7 @@ def test_what_the_geometry_leaves_open_is_drawn_by_campaign_and_design(plan, tmp
     ("old", "new", "words"),
     [
         ("root_chord_m = 0.30", "root_cord_m = 0.30", "wing.root_cord_m: unknown key 'root_cord_m'; did you mean"),
-        ("span_m = 1.6", "span_m = 0", "wing.span_m: must be greater than 0, got 0"),
+        ("span_m = 1.6", "span_m = 0", "wing.span_m: must be 0.001 to 1000 m, got 0"),
         ('surface = "tail"', 'surface = "stabiliser"', "control.de.surface: must be one of wing, tail, fin"),
         ("da = {", "de = {", "must be TOML"),
         ("naca2412", "clark.dat", "no such file lies at"),

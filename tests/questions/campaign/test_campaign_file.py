@@ -46,7 +46,7 @@ def test_every_varied_key_that_is_wrong_is_named_with_the_nearest_right_one(writ
         "did you mean 'bias'?",
         "channel 'q' is measured in rad/s",
         "'manoeuvre.3' must be an entry of a list of 1 (0 to 0), got '3'",
-        "0 <= lag_s must hold, got -0.1",
+        "0 <= lag_s <= 60 must hold, got -0.1",
         "a number must be given, got 'much'",
     ):
         assert said in text

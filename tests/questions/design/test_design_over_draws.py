@@ -206,7 +206,7 @@ def test_drawn_aircraft_that_cannot_be_flown_are_counted_with_the_reason(tmp_pat
         ),
         ({"draws": 5}, r"draws: taurus must state how well its coefficients are known"),
         ({"robust": True, "draws": 0}, r"draws >= 1 must hold, got 0"),
-        ({"draws": -1}, r"draws: must be greater than or equal to 0"),
+        ({"draws": -1}, r"draws: must be 0 to 100000, got -1"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(changes, words):

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from testbench.core.door import read_toml
 from testbench.core.errors import EstimationError, ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.core.scenario.air import AirSpec
-from testbench.core.schema import read_toml
 from testbench.estimators.parametric.structures.written import written
 from testbench.flight import linearise, load_aircraft
 from testbench.flight.batch.jobs import Tally

@@ -9,10 +9,10 @@ import pytest
 from scipy.stats import binom, chi2
 from studies.blind.run import believe
 
+from testbench.core.door import read_toml
 from testbench.core.errors import ModelError
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.air import AirSpec
-from testbench.core.schema import read_toml
 from testbench.flight.air import Gust
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.effects import EFFECTS

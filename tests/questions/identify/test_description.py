@@ -115,7 +115,7 @@ def test_all_faults_are_reported_at_once_with_file_and_key(tmp_path):
     [
         (('column = "t"', ""), "time: give either column"),
         (('column = "t"', 'column = "t"\nrate_hz = 50.0'), "time: give either column"),
-        (('column = "t"', "rate_hz = 0.0"), "time.rate_hz: must be greater than 0"),
+        (('column = "t"', "rate_hz = 0.0"), "time.rate_hz: must be 1e-05 to 20000 Hz, got 0"),
         (
             ('file = "one.csv"', 'file = "one.dat.gz"'),
             "record[0]: the suffix of 'one.dat.gz' must be one of .csv, .tsv, .txt",

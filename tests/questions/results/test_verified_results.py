@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 import testbench.cli as cli
+from testbench.core.door import checked
 from testbench.core.errors import RecordError
-from testbench.core.store import MANIFEST, OWN, ResultFolder, note_read
+from testbench.core.store import MANIFEST, OWN, ResultFolder
 from testbench.page.page import Page
 from testbench.page.tables import Column, Table
 from testbench.questions.results.verify import verify_results
@@ -70,7 +71,7 @@ def test_a_result_says_what_would_change_if_it_were_made_again(tmp_path, monkeyp
     monkeypatch.chdir(tmp_path)
     for name in ("same.toml", "other.toml", "gone.toml"):
         Path(name).write_text("1")
-        note_read(Path(name))
+        checked(Path(name), "scenario")
     page().write("out")
     Path("other.toml").write_text("2")
     Path("gone.toml").unlink()

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from testbench.core.door import read_toml
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.paths import SCENARIOS
-from testbench.core.schema import read_toml
 from testbench.questions.run.scenario import Scenario
 
 GOOD = (SCENARIOS / "eolo_alpha.toml").read_text(encoding="utf-8")

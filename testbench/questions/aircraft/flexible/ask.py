@@ -10,6 +10,7 @@ from pathlib import Path
 from testbench.aircraft.strips.flexible import Flexible, make_flexible
 from testbench.aircraft.strips.reading import GroundTest, read_ground_test
 from testbench.aircraft.strips.writing import flexible_toml
+from testbench.core.door import read_bytes, read_text
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, find_scenario, resolve
@@ -98,9 +99,9 @@ def _write(made: Flexible, test: GroundTest, folder: Path, found: Adopted | None
     out = place.new
     if found is not None:
         write_adopted(found, place)
-        text = (out / _FILE).read_text(encoding="utf-8")
+        text = read_text(out / _FILE, "aircraft")
     else:
-        text = (folder / _FILE).read_text(encoding="utf-8")
+        text = read_text(folder / _FILE, "aircraft")
     told = flexible_toml(text, made, test, made.aircraft.name)
     if found is None:
         try:
@@ -112,5 +113,5 @@ def _write(made: Flexible, test: GroundTest, folder: Path, found: Adopted | None
             raise RecordError(f"{law}, got '{place.path}': {error}") from error
     names = [test.content.shapes, *(m.csv for m in test.content.mode)]
     for path in [test.path, *(test.path.parent / n for n in dict.fromkeys(names) if n)]:
-        write_file(out / _TEST / path.name, path.read_bytes())
+        write_file(out / _TEST / path.name, read_bytes(path, "shapes"))
     write_file(out / _FILE, told)

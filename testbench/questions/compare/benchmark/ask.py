@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from testbench.core.door import read_text
 from testbench.core.errors import RecordError, ScenarioError, TestbenchError, nearest
 from testbench.core.files import not_written
 from testbench.core.processes import cores, processes, spread
@@ -157,10 +158,10 @@ class Kept:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.cells: dict[str, Cell] = {}
-        text = path.read_text(encoding="utf-8") if path.is_file() else ""
+        text = read_text(path, "journal") if path.is_file() else ""
         self._before = "" if text.endswith("\n") or not text else "\n"  # after a line that was cut off
         for line in text.splitlines():
-            with suppress(ValueError, KeyError, TypeError):  # a line that was cut off is flown again
+            with suppress(ValueError, KeyError, TypeError, OverflowError):  # a line that was cut off is flown again
                 row = json.loads(line)
                 pairs = {k: (float(e), float(s)) for k, (e, s) in row["stated"].items()}
                 errors, bound = (tuple(row[k]) if row[k] else None for k in ("errors", "bound"))

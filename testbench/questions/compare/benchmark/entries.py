@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from testbench.core import bring
+from testbench.core.door import sha256
 from testbench.core.errors import EstimationError, nearest
 from testbench.estimators import METHODS, settings_of
 from testbench.estimators.brought import place, whole
@@ -66,5 +67,5 @@ def _own(name: str) -> Entry:
     settings = settings_of(whole(name, None), {})
     assert isinstance(settings, OwnMethod)
     path, attribute = place(settings.method)
-    told = {"file": Path(path).name, "name": attribute, "sha256": bring.sha256(path)}
+    told = {"file": Path(path).name, "name": attribute, "sha256": sha256(path, "python")}
     return Entry(bring.short(settings.method), settings, told)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from testbench.core.door import read_text
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.questions.compare.benchmark import bound as bounds
@@ -111,7 +112,7 @@ def definition(data: DataSet) -> str | None:
             record = _recorded(data).record
         except RecordError:
             return None
-        described = find(Path(data.records), "identify").read_text(encoding="utf-8")
+        described = read_text(find(Path(data.records), "identify"), "scenario")
         told |= {"records": str(record.provenance["sha256"]), "description": described}
     else:
         told |= {"source": inspect.getsource(flights), "bound": inspect.getsource(bounds), "first seed": FIRST_SEED}

@@ -13,6 +13,7 @@ from numpy.random import Generator
 from scipy.optimize import least_squares
 
 from testbench.core.constants import DEG_RAD, FT_M
+from testbench.core.door import checked
 from testbench.core.record import FloatArray
 from testbench.questions.exercise.exercise import Answer, Case, Exercise, Handout, Mistake, Number
 from testbench.questions.exercise.motion import draw_short_period, multistep, respond, short_period_matrices, with_servo
@@ -75,7 +76,7 @@ def answer(case: Case) -> Mapping[str, Answer]:
 
 def solve(folder: Path) -> dict[str, float | str]:
     """Read the log, take trim off, and fit aircraft and servo by output error."""
-    table = np.loadtxt(folder / LOG, delimiter=",", skiprows=1)
+    table = np.loadtxt(checked(folder / LOG, "table"), delimiter=",", skiprows=1)
     dt = float(np.median(np.diff(table[:, 0]))) * 1e-6
     steady = table[:, 0] < table[0, 0] + 1.4e6
     alpha, q, u = ((table[:, k] - table[steady, k].mean()) * DEG_RAD for k in (2, 3, 4))

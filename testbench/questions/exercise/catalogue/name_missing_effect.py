@@ -10,8 +10,8 @@ import numpy as np
 from numpy.random import Generator
 
 from testbench.core.constants import DEG_RAD
+from testbench.core.door import read_toml
 from testbench.core.record import FloatArray, load_record
-from testbench.core.schema import read_toml
 from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
 from testbench.questions.exercise.motion import (
     doublet,
@@ -141,7 +141,7 @@ def solve(folder: Path) -> dict[str, float | str]:
     """Fit the size of each effect on the naming record, and name the one that leaves least."""
     from scipy.optimize import minimize_scalar
 
-    given = read_toml(folder / "given.toml")
+    given = read_toml(folder / "given.toml", "answers")
     naming, held_out = (load_record(folder / "records" / f"{name}.nc") for name in ("naming", "held_out"))
     y = naming.columns(("alpha", "q"))
     found: dict[str, tuple[float, float]] = {}

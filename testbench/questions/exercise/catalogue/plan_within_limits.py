@@ -11,8 +11,8 @@ import numpy as np
 from numpy.random import Generator
 
 from testbench.core.constants import DEG_RAD, G0_M_S2
+from testbench.core.door import read_toml
 from testbench.core.record import FloatArray
-from testbench.core.schema import read_toml
 from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
 from testbench.questions.exercise.motion import doublet, draw_short_period, measured, respond, short_period_matrices
 
@@ -121,7 +121,7 @@ def answer(case: Case) -> Mapping[str, Answer]:
 
 def solve(folder: Path) -> dict[str, float | str]:
     """Compute the motion of the planned doublet from what is given."""
-    given = {name: float(value) for name, value in read_toml(folder / "given.toml").items()}
+    given = {name: float(value) for name, value in read_toml(folder / "given.toml", "answers").items()}
     alpha, n = motion(given, given)
     ratios = used(given, given)
     worst = max(ratios, key=lambda name: ratios[name])

@@ -107,10 +107,10 @@ def answer(case: Case) -> Mapping[str, Answer]:
 
 def solve(folder: Path) -> dict[str, float | str]:
     """Fit straight lines: de over alpha, and de over 1 / V²."""
-    from testbench.core.schema import read_toml
+    from testbench.core.door import checked, read_toml
 
-    table: FloatArray = np.loadtxt(folder / "trims.csv", delimiter=",", skiprows=1)
-    given = read_toml(folder / "given.toml")
+    table: FloatArray = np.loadtxt(checked(folder / "trims.csv", "table"), delimiter=",", skiprows=1)
+    given = read_toml(folder / "given.toml", "answers")
     V, alpha, de = table.T
     slope = float(np.polyfit(alpha, de, 1)[0])
     faster = float(np.polyval(np.polyfit(1.0 / V**2, de, 1), 1.0 / given["faster_m_s"] ** 2))

@@ -14,6 +14,7 @@ from numpy.random import Generator
 
 from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD
+from testbench.core.door import read_text
 from testbench.core.record import FlightRecord
 from testbench.evaluation.modes import frequency_of
 from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
@@ -133,8 +134,8 @@ def solve(folder: Path) -> dict[str, float | str]:
     A stable aircraft that turns as its controls are named has these signs (J. Roskam, Airplane Flight Dynamics and
     Automatic Flight Controls, part I, chapter 4): all of the list negative but Cl_da and Cn_beta.
     """
-    text = (folder / MODEL).read_text(encoding="utf-8")
-    engines = {f"Engines/{p.name}": p.read_text(encoding="utf-8") for p in (folder / "Engines").iterdir()}
+    text = read_text(folder / MODEL, "JSBSim model")
+    engines = {f"Engines/{p.name}": read_text(p, "JSBSim model") for p in (folder / "Engines").iterdir()}
     wrong = ""
     for name in _OPTIONS:
         values: list[float] = []

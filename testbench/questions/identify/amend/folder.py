@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from testbench.aircraft import Aircraft
+from testbench.core.door import read_text
 from testbench.core.errors import ScenarioError
 from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, resolve
@@ -64,9 +65,7 @@ def base_texts(named: str) -> tuple[str, str]:
     if not (home / "aircraft.toml").is_file():
         return described(adopted_at(home), ""), ""
     sources = home / SOURCES
-    return (home / "aircraft.toml").read_text(encoding="utf-8"), (
-        sources.read_text(encoding="utf-8") if sources.is_file() else ""
-    )
+    return read_text(home / "aircraft.toml", "aircraft"), (read_text(sources, "text") if sources.is_file() else "")
 
 
 def aircraft_files(

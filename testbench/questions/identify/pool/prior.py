@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +12,10 @@ from pydantic import Field, model_validator
 
 from testbench.aircraft import Aircraft
 from testbench.aircraft.geometry.coefficients import ROWS
+from testbench.core.door import read_json, read_toml
 from testbench.core.errors import EstimationError, RecordError, ScenarioError, nearest
 from testbench.core.record import FloatArray
-from testbench.core.schema import Positive, Strict, parse, read_toml
+from testbench.core.schema import Positive, Strict, parse
 
 UNSTATED = 2.0
 """How many times less well a coefficient is known of which nobody says how well, than one that two methods agree on;
@@ -165,7 +165,7 @@ def prior_of_file(path: Path, at: Mapping[str, float] | None = None) -> Prior:
     """
     if path.suffix.lower() == ".json":
         return _earlier(path, at or {})
-    said, faults = parse(PriorFile, read_toml(path), path)
+    said, faults = parse(PriorFile, read_toml(path, "prior"), path)
     if said is None or faults:
         raise ScenarioError(faults)
     _check(tuple(said.coefficient), path)
@@ -175,16 +175,14 @@ def prior_of_file(path: Path, at: Mapping[str, float] | None = None) -> Prior:
 
 
 def _earlier(path: Path, at: Mapping[str, float]) -> Prior:
+    content = read_json(path, "pooled")
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
         names = tuple(str(name) for name in content["coefficients"])
         values = np.array([float(v) for v in content["coefficients"].values()])
         slopes = {str(name): float(v) for name, v in content["slopes"].items()}
         covariance = np.array(content["covariance_with_slopes"], float)
         variable, reference = str(content["trend"]["variable"]), float(content["trend"]["reference"])
         logs = [str(log) for log in content["logs"]]
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecordError(f"a prior must be a file that can be read, got '{path}': {error}") from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise RecordError(
             f"a prior in JSON must be the pooled.json of an earlier pooling, but '{path}' is none ({error!r})"
