@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from testbench.flight.batch.jobs import Job
     from testbench.flight.batch.trim import trim_many
     from testbench.flight.tangents import FlightParameter, tangents
+    from testbench.inference.calibrate import calibrate
+    from testbench.inference.compare import Hypothesis, Posterior, compare_hypotheses
+    from testbench.inference.parameters import Noise, Parameter
+    from testbench.inference.unknown import pulses
     from testbench.inputs import InputSignal
     from testbench.line import fly_and_measure
     from testbench.logs.read import read_records
@@ -81,6 +85,13 @@ _HOME = {
     "amend": "testbench.questions.identify.amend.ask",
     "benchmark": "testbench.questions.compare.benchmark.ask",
     "compare": "testbench.questions.compare.ask",
+    "calibrate": "testbench.inference.calibrate",
+    "Hypothesis": "testbench.inference.compare",
+    "Posterior": "testbench.inference.compare",
+    "compare_hypotheses": "testbench.inference.compare",
+    "Noise": "testbench.inference.parameters",
+    "Parameter": "testbench.inference.parameters",
+    "pulses": "testbench.inference.unknown",
     "compare_results": "testbench.questions.results.ask",
     "list_results": "testbench.questions.results.ask",
     "estimate": "testbench.estimators",
@@ -125,15 +136,21 @@ __all__ = [
     "FlightParameter",
     "FlightRecord",
     "FlightSamples",
+    "Hypothesis",
     "InputSignal",
     "Job",
     "LogCoefficients",
     "Manoeuvre",
+    "Noise",
+    "Parameter",
+    "Posterior",
     "Prior",
     "Start",
     "amend",
     "benchmark",
+    "calibrate",
     "compare",
+    "compare_hypotheses",
     "compare_results",
     "draw_dataset",
     "estimate",
@@ -162,6 +179,7 @@ __all__ = [
     "make_plan",
     "open_dataset",
     "pool",
+    "pulses",
     "read_records",
     "read_results",
     "run",

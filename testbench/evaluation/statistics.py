@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.proportion import proportion_interval
 from testbench.core.record import FloatArray
-from testbench.evaluation.proportion import proportion_interval
 
 Test = Literal["wilcoxon", "t"]
 CONFIDENCE = 0.95

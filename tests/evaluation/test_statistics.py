@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from testbench.evaluation.proportion import proportion_interval
+from testbench.core.proportion import proportion_interval
 from testbench.evaluation.statistics import (
     chance_of_scatter,
     holm,

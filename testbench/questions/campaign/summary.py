@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.proportion import proportion_interval
 from testbench.core.record import FloatArray
-from testbench.evaluation.proportion import proportion_interval
 from testbench.questions.campaign.scenario import Entry
 from testbench.questions.campaign.store import Row
 

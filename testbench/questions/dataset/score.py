@@ -12,7 +12,7 @@ import numpy as np
 from testbench.core.door import read_bytes
 from testbench.core.errors import RecordError, nearest
 from testbench.core.files import parsed
-from testbench.evaluation.proportion import proportion_interval
+from testbench.core.proportion import proportion_interval
 from testbench.questions.dataset.open import open_dataset, truth_of
 from testbench.questions.gap.sealed.cases import STRATA
 from testbench.questions.gap.sealed.truths import KINDS

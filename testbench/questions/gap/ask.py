@@ -148,6 +148,7 @@ def run_gap(
             windows=scenario.windows if windows is None else windows,
             drive=scenario.drive,
             further=OTHER_SERVOS if scenario.effects is None else None,
+            noise="simulated" if scenario.hidden is not None else "stated",
         )
     notes += choice.notes
     return GapResult(
@@ -213,6 +214,7 @@ def run_flights(
         windows=windows,
         drive=flights.drive,
         further=OTHER_SERVOS,
+        noise="stated",
     )
     return GapResult(
         name=aircraft,

@@ -20,6 +20,7 @@ from testbench.questions.gap.evidence.control_path import JudgedPath
 from testbench.questions.gap.evidence.forces import EquationErrors
 from testbench.questions.gap.evidence.held_out import HeldOutFlight
 from testbench.questions.gap.evidence.locate import RegionMap, ResidualMap, Structure
+from testbench.questions.gap.evidence.noise_found import NoiseFound
 from testbench.questions.gap.open_set import FirstLook
 from testbench.questions.gap.parameters import WrongParameter, off_parameters
 from testbench.questions.gap.priors import deviations_of
@@ -91,6 +92,7 @@ class GapFinding:
         naming: the outcome.
         shrink: before and after, one per held-out manoeuvre.
         air: what the residuals say of the air.
+        noise: how large the noise of the sensors is, where that was found; None where it is known.
         regions: where in the flight envelope the residual of the believed model sits.
         forces: equation errors of forces and moments, one per manoeuvre that has the channels for it.
         next_flight: the manoeuvre that would tell the rest apart, in words; "" if nothing is left to tell apart.
@@ -128,6 +130,7 @@ class GapFinding:
     windows: tuple[str, ...] = ()
     paths: tuple[JudgedPath, ...] = ()
     held_out: tuple[HeldOutFlight, ...] = ()
+    noise: NoiseFound | None = None
 
     @property
     def changed(self) -> bool:
@@ -168,7 +171,8 @@ class GapFinding:
         controls = () if self.controls is None else (self.controls.sentence,)
         first = () if self.first is None else self.first.sentences
         paths = (p.sentence for p in self.paths if p.outcome in ("as believed", "not judged"))
-        return (*out, *self.windows, *paths, *first, *controls, self.air.sentence, *news)
+        noise = (self.noise.sentence,) if self.noise is not None and self.noise.sentence else ()
+        return (*out, *noise, *self.windows, *paths, *first, *controls, self.air.sentence, *news)
 
     @property
     def immaterial(self) -> bool:

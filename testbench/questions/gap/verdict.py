@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from testbench.evaluation.proportion import proportion_interval
+from testbench.core.proportion import proportion_interval
 from testbench.page.words import listed
 from testbench.questions.gap.called import CALLED
 from testbench.questions.gap.decide import Naming

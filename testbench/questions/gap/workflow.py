@@ -13,6 +13,7 @@ from testbench.core.blas import on_one_thread
 from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord
 from testbench.flight.batch.jobs import Tally
+from testbench.inference.parameters import Source
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.by_surface import borne_out, named_beside
 from testbench.questions.gap.controls import fly_controls, without_false_alarms
@@ -41,6 +42,7 @@ from testbench.questions.gap.evidence.locate import (
     locate,
     locate_regions,
 )
+from testbench.questions.gap.evidence.noise_found import find_noise
 from testbench.questions.gap.evidence.signs import check_signs
 from testbench.questions.gap.evidence.smoothed import smoothed
 from testbench.questions.gap.flights import flights
@@ -75,6 +77,7 @@ def find_gap(
     windows: Windows = "auto",
     drive: Drive = "both",
     further: Mapping[str, Effect] | None = None,
+    noise: Source = "simulated",
 ) -> GapFinding:
     """Find what the believed model lacks.
 
@@ -100,6 +103,8 @@ def find_gap(
             look at them.
         further: servo effects that are sought only where the search points to the path of their control, by name; if
             not given, those that the library lacks, and none if ``effects`` are given.
+        noise: where the noise of the believed sensors comes from. Unless it was simulated here, how large it is in
+            these records is found first, and they are judged by that.
 
     Raises:
         RecordError: a record is not measured, or lacks a channel of the believed suite; or ``control_file`` cannot be
@@ -126,6 +131,11 @@ def find_gap(
             believed.check_commands(record)
             believed.predict(record)  # what cannot be flown, of those held out too, is to be known before the search
     naming_records = list(records.values())
+    noise_found, as_stated = None, believed
+    if noise != "simulated":
+        say("measure the noise")
+        noise_found = find_noise(believed, naming_records, noise)
+        believed = as_believed = replace(believed, suite=noise_found.corrected(believed.suite))
     checked, instruments = None, partial(check_data, believed, list(given.whole.values()), naming_records)
     with Ahead() as ahead:
         if check:
@@ -143,8 +153,17 @@ def find_gap(
         known = restricted(known, [replace(p, outcome="not seen") for p in by.paths])[1]
         # Where starts are fitted once more beside what comes nearest, two effects at once are sought after that alone.
         pairs = not given.notes
-        believed, naming, air, known = _search_beside(paths, known, believed, naming_records, air, say, pairs)
+        library_, still = known, believed
+        believed, naming, air, known = _search_beside(paths, library_, still, naming_records, air, say, pairs)
         near = next((f for f in naming.ranking if f.significant and f.flown), None)
+        if noise_found is not None and near is not None:  # what was missing may have been taken for noise
+            beside_it = find_noise(as_stated, naming_records, noise, near.added_to(as_stated))
+            if noise_found.differs(beside_it):
+                noise_found = beside_it
+                as_believed = replace(as_stated, suite=noise_found.corrected(as_stated.suite))
+                still = replace(still, suite=as_believed.suite)
+                believed, naming, air, known = _search_beside(paths, library_, still, naming_records, air, say, pairs)
+                near = next((f for f in naming.ranking if f.significant and f.flown), None)
         if near is not None and given.notes:  # tangents of a start are those of the model that it was fitted to
             say("fit where windows start beside what comes nearest")
             as_believed = begin_freely(as_believed, {**records, **held_out}, near.added_to(as_believed))
@@ -201,6 +220,7 @@ def find_gap(
         naming=naming,
         shrink=shrink,
         air=air,
+        noise=noise_found,
         regions=regions,
         forces=forces,
         next_flight=next_flight,

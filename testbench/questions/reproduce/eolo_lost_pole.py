@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from testbench.core.errors import EstimationError
+from testbench.core.proportion import proportion_interval
 from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
 from testbench.estimators.identification import Estimator
 from testbench.estimators.prepare import prepare
 from testbench.estimators.settings import OutputError, PredictionError
 from testbench.evaluation.poles import match_poles
-from testbench.evaluation.proportion import proportion_interval
 from testbench.page.labels import number
 from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table

@@ -18,7 +18,7 @@ from studies.blind.report import write_report
 from studies.blind.run import believe, look_again
 from studies.blind.score import judge, rates
 
-from testbench.evaluation.proportion import proportion_interval
+from testbench.core.proportion import proportion_interval
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import EFFECTS, library
 from testbench.questions.gap.hidden import servos

@@ -24,7 +24,7 @@ from studies.blind.score import (
     sizes,
 )
 
-from testbench.evaluation.proportion import proportion_interval
+from testbench.core.proportion import proportion_interval
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import more_than_form
 from testbench.questions.gap.sealed.cases import SHORT, STRATA, WITHOUT, Case

@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from studies.blind.__main__ import _kept, _read, _seal_line
 
-from testbench.evaluation.proportion import proportion_interval
+from testbench.core.proportion import proportion_interval
 from testbench.questions.gap.sealed.cases import Case, seal
 
 C = TypeVar("C", bound=Case)

@@ -3,7 +3,7 @@
 import pytest
 from scipy.stats import binom
 
-from testbench.evaluation.proportion import proportion_interval
+from testbench.core.proportion import proportion_interval
 
 
 def test_wilsons_interval_solves_its_equation():

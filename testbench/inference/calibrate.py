@@ -1,0 +1,145 @@
+"""How far can stated probabilities be trusted? Found by flying the user's own flight again, many times.
+
+Truths are drawn from the priors, flown with the user's inputs, sensors and air, and asked about as the measured records
+were. The curve of stated against found frequencies, and the power for each truth, take the place of numbers that were
+found elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from testbench.core.errors import EstimationError
+from testbench.core.proportion import proportion_interval
+
+EDGES = (0.0, 0.2, 0.5, 0.8, 0.9, 0.99, 1.0)
+"""Of the classes of stated probabilities."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One flight again: the truth that was drawn and the probability that was stated of each hypothesis."""
+
+    truth: str
+    stated: Mapping[str, float]
+
+    @property
+    def called(self) -> str:
+        """The most probable hypothesis."""
+        return max(self.stated, key=lambda name: (self.stated[name], name))
+
+
+@dataclass(frozen=True)
+class Stated:
+    """Of probabilities stated between ``low`` and ``high``: how many, their mean, and how often they were right.
+
+    ``lowest`` and ``highest`` are the 95 % interval of the frequency.
+    """
+
+    low: float
+    high: float
+    count: int
+    mean: float
+    right: float
+    lowest: float
+    highest: float
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """What flights again say of stated probabilities."""
+
+    trials: tuple[Trial, ...]
+
+    def curve(self) -> tuple[Stated, ...]:
+        """Return the classes of stated probabilities that occurred, all hypotheses of all trials together."""
+        stated = np.array([p for t in self.trials for p in t.stated.values()])
+        right = np.array([float(name == t.truth) for t in self.trials for name in t.stated])
+        out = []
+        for low, high in pairwise(EDGES):
+            inside = (stated >= low) & ((stated < high) | ((high == EDGES[-1]) & (stated <= high)))
+            if inside.any():
+                n, share = int(inside.sum()), float(right[inside].mean())
+                out.append(
+                    Stated(low, high, n, float(stated[inside].mean()), share, *proportion_interval(round(share * n), n))
+                )
+        return tuple(out)
+
+    @property
+    def calibration_error(self) -> float:
+        """Expected calibration error of the most probable hypothesis: mean |stated - right| over classes."""
+        stated = np.array([t.stated[t.called] for t in self.trials])
+        right = np.array([float(t.called == t.truth) for t in self.trials])
+        place = np.clip(np.searchsorted(EDGES, stated, side="right") - 1, 0, len(EDGES) - 2)
+        return float(
+            sum(
+                abs(stated[place == k].mean() - right[place == k].mean()) * np.mean(place == k)
+                for k in range(len(EDGES) - 1)
+                if np.any(place == k)
+            )
+        )
+
+    def power(self, sure: float = 0.9) -> dict[str, tuple[float, int]]:
+        """Return truth -> (share of its flights in which it was stated with at least ``sure``, flights)."""
+        out: dict[str, list[bool]] = {}
+        for t in self.trials:
+            out.setdefault(t.truth, []).append(t.stated.get(t.truth, 0.0) >= sure)
+        return {name: (float(np.mean(found)), len(found)) for name, found in out.items()}
+
+    def sentence(self, stated: float) -> str:
+        """Return what a stated probability of the answer is worth, as a sentence."""
+        low, high = next((a, b) for a, b in pairwise(EDGES) if stated < b or b == EDGES[-1])
+        found = [t for t in self.trials if low <= t.stated[t.called] and (t.stated[t.called] < high or high == 1.0)]
+        if not found:
+            return f"of {len(self.trials)} flights again none was answered with {100 * low:g} to {100 * high:g} %"
+        right = sum(t.called == t.truth for t in found)
+        return (
+            f"answers stated with {100 * low:g} to {100 * high:g} % were right in {right} of {len(found)} flights again"
+        )
+
+
+def calibrate(
+    draw: Callable[[np.random.Generator], tuple[str, object]],
+    ask: Callable[[object], Mapping[str, float]],
+    count: int,
+    seed: int,
+    kept: Iterable[Trial] = (),
+) -> Iterator[Reliability]:
+    """Fly again ``count`` times; yield what is known after each flight, so that whoever asks may stop.
+
+    Each trial has a generator of its own, by its number: what was interrupted goes on to the same trials.
+
+    Args:
+        draw: draws a truth from the priors and flies it; returns its name and what the same sensors measured.
+        ask: the question that the measured records were asked: hypothesis -> probability.
+        count: of trials, those kept included.
+        seed: of all draws.
+        kept: trials of an earlier, interrupted call.
+
+    Raises:
+        EstimationError: ``count`` is below 1, or the question names no hypothesis.
+
+    Example:
+        >>> import testbench as tb
+        >>> def ask(record):
+        ...     found = tb.compare_hypotheses([record], hypotheses, noise)
+        ...     return {row.name: row.probability for row in found.rows}
+        >>> for found in tb.calibrate(draw, ask, 100, seed=1):  # doctest: +SKIP
+        ...     print(found.sentence(0.95))
+    """
+    if count < 1:
+        raise EstimationError(f"flights again must be 1 or more, got {count}")
+    trials: Sequence[Trial] = tuple(kept)[:count]
+    if trials:
+        yield Reliability(tuple(trials))
+    for number in range(len(trials), count):
+        truth, measured = draw(np.random.default_rng([seed, number]))
+        stated = dict(ask(measured))
+        if not stated:
+            raise EstimationError("the question must name a hypothesis in every flight again, got none")
+        trials = (*trials, Trial(truth, stated))
+        yield Reliability(tuple(trials))

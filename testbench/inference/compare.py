@@ -1,0 +1,585 @@
+"""Which of several hypotheses do records support? One table, whatever is asked.
+
+Every hypothesis predicts what the sensors read, from parameters with priors. Noise scales and an unknown motion of free
+size belong to all of them, so that no threshold of chi-square decides: a hypothesis that leaves something needs an
+unknown motion beside it, and pays for it.
+
+The evidence of a hypothesis is that of its linearisation at the best point (Laplace's approximation), times the
+probability that lies within the bounds of its parameters. Where flights one standard error away show that the
+posterior is not Gaussian, it is corrected by importance sampling; the effective number of samples stands beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.special import logsumexp
+from scipy.stats import chi2, norm
+
+from testbench.core.errors import EstimationError, RecordError
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.inference.linear import KAPPAS, Grams, Linearised, Sized, reduced, sized
+from testbench.inference.parameters import Noise, Parameter, deviations_of, means_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Predict = Callable[[FlightRecord, Mapping[str, float]], FloatArray]
+"""(record, parameter -> value) -> what the channels would have read, (n, channels), SI, without noise."""
+Unknown = Callable[[FlightRecord], FloatArray]
+"""record -> what pulses of an unknown motion do to the channels, (n, channels, m), SI, see :mod:`.unknown`."""
+
+WHOLE = 1e-3
+"""Size of the unknown motion up to which a hypothesis is the whole story; beyond it is a part."""
+P_WHOLE = 0.5
+"""Prior probability that a hypothesis, if it is true, is the whole story."""
+CREDIBLE = 0.95
+_ROUNDS = 20
+_AT_REST = 0.02  # in ln p: rounds end where another one promises less
+_SKEW = 0.2  # in ln p at one standard error: beyond it the posterior is sampled
+_SAMPLES = 128
+_FAR = 7.0  # in ln p behind the best: beyond it no correction would bring a hypothesis back
+_SEGMENT_S = 1.0  # of records, whose log-likelihoods tell how sure a difference is
+_LAGS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """What may be true of the records.
+
+    Attributes:
+        name: of the row.
+        parameters: all that it does not know, with priors; nuisances as well as what is asked about.
+        predict: see :data:`Predict`.
+        odds: prior odds against the other hypotheses.
+
+    Example:
+        >>> import numpy as np
+        >>> import testbench as tb
+        >>> rise = tb.Parameter("a", "effect", 0.0, 1.0)
+        >>> tb.Hypothesis("rise", (rise,), lambda record, values: values["a"] * record.t_s[:, None]).at(np.array([2.0]))
+        {'a': 2.0}
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    predict: Predict
+    odds: float = 1.0
+
+    def at(self, theta: FloatArray) -> dict[str, float]:
+        """Return parameter -> value."""
+        return dict(zip((p.name for p in self.parameters), theta.tolist(), strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What records say of the parameters of one hypothesis.
+
+    Attributes:
+        parameters: (k,) with their priors.
+        values: (k,).
+        covariance: (k, k).
+        noise: channel -> (true over stated standard deviation, standard error).
+        kappa: size of the unknown motion that is still needed, a share of the motion.
+        log_evidence: ln p(records | hypothesis), whole or in part.
+        p_whole: probability that it is the whole story, if it is true.
+        whiteness: probability that white noise would look as coloured as what is left, in any channel.
+        strain: sum of squares of the parameters' distances from their prior means over those of the priors.
+        effective: share of importance samples that count, 1 where Laplace's approximation holds.
+        doubts: sentences.
+
+    Example:
+        >>> import testbench as tb
+        >>> found = tb.compare_hypotheses(records, hypotheses, noise)  # doctest: +SKIP
+        >>> posterior: tb.Posterior = found.best.posterior  # doctest: +SKIP
+        >>> posterior["delay_s"], posterior.doubts  # doctest: +SKIP
+    """
+
+    parameters: tuple[Parameter, ...]
+    values: FloatArray
+    covariance: FloatArray
+    noise: Mapping[str, tuple[float, float]]
+    kappa: float
+    log_evidence: float
+    p_whole: float
+    whiteness: float
+    strain: float
+    effective: float
+    doubts: tuple[str, ...]
+
+    @property
+    def errors(self) -> FloatArray:
+        """Standard errors (k,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def learned(self) -> FloatArray:
+        """What the records added (k,): 1 less the ratio of posterior and prior variance, from 0 to 1."""
+        return np.clip(1.0 - (self.errors / deviations_of(self.parameters)) ** 2, 0.0, 1.0)
+
+    def __getitem__(self, name: str) -> tuple[float, float]:
+        """Return value and standard error of a parameter."""
+        k = [p.name for p in self.parameters].index(name)
+        return float(self.values[k]), float(self.errors[k])
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One hypothesis of a comparison.
+
+    Attributes:
+        name: of the hypothesis.
+        probability: posterior, all rows together 1.
+        log_evidence: natural logarithm.
+        difference: of ``log_evidence`` to the first row, 0 or less but for prior odds.
+        difference_error: standard error of it, from segments of one second.
+        held_out: ln p of records held out, a sample, less that of the first hypothesis given; None without any.
+        posterior: of its parameters.
+    """
+
+    name: str
+    probability: float
+    log_evidence: float
+    difference: float
+    difference_error: float
+    held_out: float | None
+    posterior: Posterior
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Hypotheses, the most probable first, as ``arviz_stats.compare`` tables them."""
+
+    rows: tuple[Row, ...]
+
+    def __getitem__(self, name: str) -> Row:
+        """Return the row of a hypothesis."""
+        return next(row for row in self.rows if row.name == name)
+
+    @property
+    def best(self) -> Row:
+        """The most probable."""
+        return self.rows[0]
+
+    def credible(self, probability: float = CREDIBLE) -> tuple[str, ...]:
+        """Return the fewest hypotheses that hold so much probability together."""
+        total, names = 0.0, []
+        for row in self.rows:
+            names.append(row.name)
+            total += row.probability
+            if total >= probability:
+                break
+        return tuple(names)
+
+    @cached_property
+    def noise(self) -> dict[str, tuple[float, float]]:
+        """Channel -> (true over stated noise, standard error), over all hypotheses by their probabilities."""
+        out = {}
+        for channel in self.best.posterior.noise:
+            values, errors = np.array([row.posterior.noise[channel] for row in self.rows]).T
+            weights = np.array([row.probability for row in self.rows])
+            mean = float(weights @ values)
+            out[channel] = mean, float(np.sqrt(weights @ (errors**2 + (values - mean) ** 2)))
+        return out
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return the table with one row per hypothesis."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            {
+                "probability": row.probability,
+                "ln evidence": row.log_evidence,
+                "difference": row.difference,
+                "difference error": row.difference_error,
+                "whole": row.posterior.p_whole,
+                "kappa": row.posterior.kappa,
+                "whiteness": row.posterior.whiteness,
+                "strain": row.posterior.strain,
+                "held out": row.held_out,
+                "effective": row.posterior.effective,
+            }
+            for row in self.rows
+        ).set_axis([row.name for row in self.rows])
+
+    def __str__(self) -> str:
+        wide = max(len(row.name) for row in self.rows)
+        lines = [f"{'hypothesis':<{wide}}  probability  difference      whole  kappa"]
+        for row in self.rows:
+            difference = f"{row.difference:.1f} +- {row.difference_error:.1f}"
+            lines.append(
+                f"{row.name:<{wide}}  {row.probability:11.3f}  {difference:<14}  {row.posterior.p_whole:5.2f}  "
+                f"{row.posterior.kappa:.0e}"
+            )
+        return "\n".join(lines)
+
+
+def compare_hypotheses(
+    records: Sequence[FlightRecord],
+    hypotheses: Sequence[Hypothesis],
+    noise: Noise,
+    unknown: Unknown | None = None,
+    held_out: Sequence[FlightRecord] = (),
+) -> Comparison:
+    """Compare hypotheses about measured records by their evidence, noise and unknown motion being uncertain.
+
+    Args:
+        records: measured.
+        hypotheses: at least one; probabilities are relative to those that are given, so that "nothing" is one of them.
+        noise: of the channels that are compared, as stated, and how it is known.
+        unknown: what an unknown motion does, see :func:`testbench.inference.unknown.pulses`; without it every
+            hypothesis must be the whole story.
+        held_out: measured records that judge, and that nothing is fitted to.
+
+    Raises:
+        RecordError: a record is not measured, or lacks a channel that has noise.
+        EstimationError: no hypothesis is given, two have one name, or a prediction has another shape.
+
+    Example:
+        >>> import testbench as tb
+        >>> noise = tb.Noise({"q": 0.003, "theta": 0.002})
+        >>> tb.compare_hypotheses(records, [nothing, lag, delay], noise)  # doctest: +SKIP
+    """
+    names = [h.name for h in hypotheses]
+    if not names or len(set(names)) < len(names):
+        raise EstimationError(f"hypotheses must have names that differ, got {', '.join(names) or 'none'}")
+    for record in (*records, *held_out):
+        if record.kind != "measured":
+            raise RecordError(f"hypotheses are compared on measured records, got one of kind '{record.kind}'")
+        if missing := [c for c in noise.channels if c not in record]:
+            raise RecordError(f"every record must have the channels of the noise, got one without {missing[0]}")
+    found = [_Fit.of(h, records, noise, unknown) for h in hypotheses]
+    odds = np.log([h.odds for h in hypotheses])
+    top = max(np.array([f.log_evidence for f in found]) + odds)
+    found = [f.sampled() if f.log_evidence + o > top - _FAR else f for f, o in zip(found, odds, strict=True)]
+    weights = np.array([f.log_evidence for f in found]) + odds
+    probabilities = np.exp(weights - logsumexp(weights))
+    order = np.argsort(-probabilities, kind="stable")
+    first = found[order[0]]
+    scores = [f.score(held_out) for f in found] if held_out else []
+    rows = []
+    for k in order:
+        difference = found[k].segments() - first.segments()
+        rows.append(
+            Row(
+                names[k],
+                float(probabilities[k]),
+                found[k].log_evidence,
+                found[k].log_evidence - first.log_evidence,
+                float(np.std(difference) * math.sqrt(len(difference))),
+                scores[k] - scores[0] if scores else None,
+                found[k].posterior(),
+            )
+        )
+    return Comparison(tuple(rows))
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A hypothesis at its best point, and the evidence over all sizes of the unknown motion there."""
+
+    hypothesis: Hypothesis
+    records: Sequence[FlightRecord]
+    noise: Noise
+    unknown: Unknown | None
+    theta: FloatArray
+    blocks: Sequence[Linearised]
+    at: Mapping[int, Sized]  # place in KAPPAS -> noise at rest there
+    correction: float = 0.0  # of the evidence, by bounds and by importance samples
+    effective: float = 1.0
+    flown: dict[tuple[int, bytes], FloatArray] = field(default_factory=dict)  # predictions; flights cost most
+
+    @classmethod
+    def of(cls, hypothesis: Hypothesis, records: Sequence[FlightRecord], noise: Noise, unknown: Unknown | None) -> _Fit:
+        """Fit by Gauss and Newton's steps, noise scales and size of the unknown motion at rest in each."""
+        stated = np.array(list(noise.std.values()))
+        pulses = [
+            np.zeros((len(r), len(stated), 0)) if unknown is None else unknown(r) / stated[:, None] for r in records
+        ]
+        every = range(len(KAPPAS) if any(U.shape[2] for U in pulses) else 1)
+        here = cls(hypothesis, records, noise, unknown, means_of(hypothesis.parameters), (), {})
+        here = here._linearised(here.theta, pulses, every)
+        for _ in range(_ROUNDS):
+            k = here.k
+            step, promised = here._step(k)
+            if promised < _AT_REST:
+                break
+            there = None
+            before = here._log_joint(here.theta, k)
+            for share in (1.0, 0.5, 0.25, 0.1, 0.02):
+                theta = np.clip(here.theta + share * step, here._low, here._high)
+                if here._log_joint(theta, k) > before + 1e-3 * promised * share:
+                    there = theta
+                    break
+            if there is None:
+                break
+            here = here._linearised(there, pulses, [j for j in (k - 1, k, k + 1) if j in every])
+        grams = [Grams.made(b) for b in here.blocks]
+        return here._sized(grams, [j for j in every if j not in here.at])._bounded()
+
+    @cached_property
+    def log_weights(self) -> dict[int, float]:
+        """Place in KAPPAS -> ln of the evidence there and of the prior of kappa."""
+        prior = _log_prior(KAPPAS if len(KAPPAS) in (len(self.at), 0) or max(self.at) else KAPPAS[:1])
+        return {j: found.log_density + float(prior[j]) for j, found in self.at.items()}
+
+    @property
+    def k(self) -> int:
+        """Place of the most probable kappa."""
+        return max(self.log_weights, key=lambda j: self.log_weights[j])
+
+    @property
+    def _low(self) -> FloatArray:
+        return np.array([p.low for p in self.hypothesis.parameters])
+
+    @property
+    def _high(self) -> FloatArray:
+        return np.array([p.high for p in self.hypothesis.parameters])
+
+    @property
+    def _std(self) -> FloatArray:
+        return deviations_of(self.hypothesis.parameters)
+
+    @property
+    def _offset(self) -> FloatArray:
+        """Prior means less the point that the columns belong to."""
+        return means_of(self.hypothesis.parameters) - self.theta
+
+    def _predicted(self, record: FlightRecord, theta: FloatArray) -> FloatArray:
+        key = id(record), theta.tobytes()
+        if key not in self.flown:
+            y = np.asarray(self.hypothesis.predict(record, self.hypothesis.at(theta)), dtype=float)
+            wanted = (len(record), len(self.noise.channels))
+            if y.shape != wanted:
+                raise EstimationError(
+                    f"'{self.hypothesis.name}' must predict {wanted} samples and channels, got {y.shape}"
+                )
+            self.flown[key] = y / np.array(list(self.noise.std.values()))
+        return self.flown[key]
+
+    def _measured(self, record: FlightRecord) -> tuple[FloatArray, Any]:
+        columns = [record[c] for c in self.noise.channels]
+        valid = np.column_stack([record.valid[:, record.channels.index(c)] for c in self.noise.channels])
+        return np.column_stack(columns) / np.array(list(self.noise.std.values())), valid
+
+    def _linearised(self, theta: FloatArray, pulses: Sequence[FloatArray], places: Sequence[int]) -> _Fit:
+        blocks = []
+        for record, U in zip(self.records, pulses, strict=True):
+            y, (z, valid) = self._predicted(record, theta), self._measured(record)
+            columns = np.empty((*y.shape, len(theta)))
+            for i, p in enumerate(self.hypothesis.parameters):
+                h = p.difference if theta[i] + p.difference <= p.high else -p.difference
+                there = theta.copy()
+                there[i] += h
+                columns[:, :, i] = (self._predicted(record, there) - y) / h
+            blocks.append(Linearised(np.where(valid, z - y, 0.0), columns, U, valid))
+        begun = replace(self, theta=theta, blocks=blocks, at={})
+        return begun._sized([Grams.made(b) for b in blocks], places, self.at[self.k].scales if self.at else None)
+
+    def _sized(self, grams: Sequence[Grams], places: Sequence[int], begin: FloatArray | None = None) -> _Fit:
+        """Return the fit with the noise at rest at further places of KAPPAS."""
+        at = dict(self.at)
+        for j in places:
+            near = min(at, key=lambda i: abs(i - j)) if at else None
+            scales = begin if near is None else at[near].scales
+            at[j] = sized(grams, self._offset, self._std, self.noise.spread, KAPPAS[j], None, scales)
+        return replace(self, at=at)
+
+    def _step(self, k: int) -> tuple[FloatArray, float]:
+        """Return the step to the best point of the linear model, and what it promises in ln p."""
+        found = self.at[k].reduced
+        mean, _ = found.posterior(self._offset, self._std)
+        mean = np.clip(self.theta + mean, self._low, self._high) - self.theta
+
+        def cost(x: FloatArray) -> float:
+            return float(-2.0 * found.b @ x + x @ found.A @ x + np.sum(((x - self._offset) / self._std) ** 2))
+
+        return mean, 0.5 * (cost(np.zeros_like(mean)) - cost(mean))
+
+    def _log_joint(self, theta: FloatArray, k: int) -> float:
+        """Return ln p(y, theta) but for constants, predicted at theta, at the scales and the kappa of place k."""
+        grams = []
+        for record, block in zip(self.records, self.blocks, strict=True):
+            y, (z, valid) = self._predicted(record, theta), self._measured(record)
+            empty = np.zeros((*y.shape, 0))
+            grams.append(Grams.made(Linearised(np.where(valid, z - y, 0.0), empty, block.unknown, valid)))
+        c = reduced(grams, self.at[k].scales, KAPPAS[k]).c
+        if not math.isfinite(c):
+            return -math.inf
+        return -0.5 * (c + float(np.sum(((theta - means_of(self.hypothesis.parameters)) / self._std) ** 2)))
+
+    def _bounded(self) -> _Fit:
+        """Return the fit with its evidence multiplied by the posterior probability of the bounds over the prior one."""
+        if not self.hypothesis.parameters:
+            return self
+        centre, covariance = self._gaussian()
+        errors, prior = np.sqrt(np.diag(covariance)), means_of(self.hypothesis.parameters)
+        mass = norm.cdf((self._high - centre) / errors) - norm.cdf((self._low - centre) / errors)
+        held = norm.cdf((self._high - prior) / self._std) - norm.cdf((self._low - prior) / self._std)
+        return replace(self, correction=float(np.sum(np.log(np.maximum(mass, 1e-12)) - np.log(held))))
+
+    def _gaussian(self) -> tuple[FloatArray, FloatArray]:
+        """Return centre and covariance of the posterior of the linear model."""
+        mean, covariance = self.at[self.k].reduced.posterior(self._offset, self._std)
+        return self.theta + mean, covariance
+
+    def sampled(self) -> _Fit:
+        """Return the fit with its evidence by importance sampling, where the posterior is far from Gaussian."""
+        if not self.hypothesis.parameters:
+            return self
+        k, (centre, covariance) = self.k, self._gaussian()
+        errors, prior = np.sqrt(np.diag(covariance)), means_of(self.hypothesis.parameters)
+        top = self._log_joint(self.theta, k)
+        worst = 0.0
+        for i in range(len(centre)):
+            for sign in (1.0, -1.0):
+                there = self.theta + sign * covariance[:, i] / errors[i]
+                if np.all((there >= self._low) & (there <= self._high)):
+                    worst = max(worst, abs(self._log_joint(there, k) - top + 0.5))
+        if worst <= _SKEW:
+            return self
+        rng = np.random.default_rng(0)
+        root = np.linalg.cholesky(covariance + 1e-12 * np.diag(errors**2))
+        draws = rng.standard_normal((_SAMPLES, len(centre)))
+        wide = rng.chisquare(5.0, _SAMPLES) / 5.0  # Student's t: no tail of the posterior is without samples
+        logs = np.full(_SAMPLES, -np.inf)
+        d = len(centre)
+        for s in range(_SAMPLES):
+            z = draws[s] / math.sqrt(wide[s])
+            theta = centre + root @ z
+            if np.all((theta >= self._low) & (theta <= self._high)):
+                proposal = -0.5 * (5.0 + d) * math.log1p(z @ z / 5.0)
+                logs[s] = self._log_joint(theta, k) - top - proposal
+        log_t = math.lgamma(0.5 * (5 + d)) - math.lgamma(2.5) - 0.5 * d * math.log(5.0 * math.pi)
+        log_normal = -0.5 * d * math.log(2.0 * math.pi)
+        if not np.any(np.isfinite(logs)):
+            return replace(self, effective=0.0)
+        gain = float(logsumexp(logs) - math.log(_SAMPLES)) - log_t + log_normal
+        weights = np.exp(logs - logsumexp(logs))
+        held = norm.cdf((self._high - prior) / self._std) - norm.cdf((self._low - prior) / self._std)
+        correction = gain - float(np.sum(np.log(held)))
+        return replace(self, correction=correction, effective=float(1.0 / np.sum(weights**2)) / _SAMPLES)
+
+    @property
+    def log_evidence(self) -> float:
+        """ln p(records | hypothesis)."""
+        stated = np.log(list(self.noise.std.values()))
+        taken = sum(float(b.taken.sum(axis=0) @ stated) for b in self.blocks)
+        return float(logsumexp(list(self.log_weights.values()))) - taken + self.correction
+
+    def _left(self) -> list[tuple[FloatArray, Any]]:
+        """Return of each record what is left (n, p), in units of the noise that was found, and what counts."""
+        k = self.k
+        sized_, kappa = self.at[k], KAPPAS[k]
+        mean, _ = sized_.reduced.posterior(self._offset, self._std)
+        out = []
+        for block in self.blocks:
+            left = (block.residual - block.columns @ mean) / sized_.scales
+            if kappa > 0.0:
+                U = np.where(block.taken[:, :, None], block.unknown / sized_.scales[:, None], 0.0)
+                U = U.reshape(-1, U.shape[2])
+                flat = np.where(block.taken, left, 0.0).ravel()
+                d = np.linalg.solve(U.T @ U + np.eye(U.shape[1]) / kappa**2, U.T @ flat)
+                left = left - (U @ d).reshape(left.shape)
+            out.append((np.where(block.taken, left, 0.0), block.taken))
+        return out
+
+    def segments(self) -> FloatArray:
+        """Return ln p of what is left in segments of one second."""
+        k = self.k
+        out = []
+        for (left, taken), record in zip(self._left(), self.records, strict=True):
+            width = max(1, round(_SEGMENT_S / record.dt_s))
+            terms = -0.5 * (left**2) - np.where(taken, np.log(self.at[k].scales), 0.0)
+            out += [float(terms[i : i + width].sum()) for i in range(0, len(terms), width)]
+        return np.array(out)
+
+    def score(self, records: Sequence[FlightRecord]) -> float:
+        """Return ln p of records that were not used, a sample, at the best point."""
+        k = self.k
+        stated = np.array(list(self.noise.std.values()))
+        grams = []
+        for record in records:
+            y, (z, valid) = self._predicted(record, self.theta), self._measured(record)
+            U = np.zeros((*y.shape, 0)) if self.unknown is None else self.unknown(record) / stated[:, None]
+            grams.append(Grams.made(Linearised(np.where(valid, z - y, 0.0), np.zeros((*y.shape, 0)), U, valid)))
+        found = reduced(grams, self.at[k].scales, KAPPAS[k])
+        return -0.5 * (math.log(2.0 * math.pi) + (found.log_det + found.c) / found.samples)
+
+    def posterior(self) -> Posterior:
+        """Return what the records say of the parameters."""
+        k = self.k
+        sized_ = self.at[k]
+        mean, covariance = sized_.reduced.posterior(self._offset, self._std)
+        values = np.clip(self.theta + mean, self._low, self._high)
+        total = logsumexp(list(self.log_weights.values()))
+        whiteness = _whiteness(self._left())
+        whole = sum(math.exp(w - total) for j, w in self.log_weights.items() if KAPPAS[j] <= WHOLE)
+        doubts = []
+        if whiteness < 1e-3:
+            doubts.append(f"what is left is coloured (noise would be so with a probability of {whiteness:.1g})")
+        if self.effective < 0.1:
+            doubts.append(f"only {100 * self.effective:.0f} % of the samples of its posterior count")
+        at_bound = [
+            p.name
+            for p, v, e in zip(self.hypothesis.parameters, values, np.sqrt(np.diag(covariance)), strict=True)
+            if min(v - p.low, p.high - v) < 0.1 * e
+        ]
+        if at_bound:
+            doubts.append(f"{', '.join(at_bound)} rests at the end of what is possible")
+        return Posterior(
+            self.hypothesis.parameters,
+            values,
+            covariance,
+            dict(
+                zip(
+                    self.noise.channels,
+                    zip(sized_.scales.tolist(), (sized_.scales * sized_.log_errors).tolist(), strict=True),
+                    strict=True,
+                )
+            ),
+            KAPPAS[k],
+            self.log_evidence,
+            whole,
+            whiteness,
+            float(np.sum(((values - means_of(self.hypothesis.parameters)) / self._std) ** 2)),
+            self.effective,
+            tuple(doubts),
+        )
+
+
+def _log_prior(kappas: Sequence[float]) -> FloatArray:
+    """Return ln of the prior (kappas,) of the unknown motion: whole or part, all sizes of each alike."""
+    k = np.array(kappas)
+    whole = k <= WHOLE
+    if whole.all():
+        return np.full(len(k), -math.log(len(k)))
+    return np.where(whole, math.log(P_WHOLE / whole.sum()), math.log((1.0 - P_WHOLE) / max((~whole).sum(), 1)))
+
+
+def _whiteness(left: Sequence[tuple[FloatArray, Any]]) -> float:
+    """Return the probability that white noise has autocorrelations as large (G. M. Ljung, G. E. P. Box, 1978).
+
+    The least of all channels is multiplied by their number (Bonferroni).
+    """
+    p = left[0][0].shape[1]
+    least = 1.0
+    for c in range(p):
+        products, squares, count = np.zeros(_LAGS), 0.0, 0
+        for values, taken in left:
+            v = values[:, c] - (values[taken[:, c], c].mean() if taken[:, c].any() else 0.0)
+            v = np.where(taken[:, c], v, 0.0)
+            squares += float(v @ v)
+            count += int(taken[:, c].sum())
+            products += [float(v[lag:] @ v[:-lag]) for lag in range(1, _LAGS + 1)]
+        if count <= 2 * _LAGS or squares == 0.0:
+            continue
+        r = products / squares
+        Q = count * (count + 2) * float(np.sum(r**2 / (count - np.arange(1, _LAGS + 1))))
+        least = min(least, float(chi2.sf(Q, _LAGS)))
+    return min(1.0, p * least)

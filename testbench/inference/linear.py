@@ -1,0 +1,226 @@
+"""Evidence of linear Gaussian models of records whose noise, and whose unknown motion, have sizes that are not known.
+
+A record r is y = f + X (theta - theta0) + U d + e. Parameters theta are shared by all records and have Gaussian priors.
+The pulses d of an unknown motion belong to the record, d ~ N(0, kappa^2). The noise e of channel c has the standard
+deviation s_c, in units of what is stated; ln s_c has a Gaussian prior. Parameters and pulses are integrated; s is at
+the maximum, with Laplace's approximation about it; kappa is summed over a grid.
+
+The sizes come to rest by fixed points of the evidence (D. J. C. MacKay, Bayesian interpolation, Neural Computation 4,
+1992, eqs. 4.10 and 4.11; as REML, D. A. Harville, JASA 72, 1977):
+
+    s_c^2 = |e_c|^2 / (n_c - tr(Sigma X_c' X_c) / s_c^2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from testbench.core.record import FloatArray
+
+KAPPAS = (0.0, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)
+"""Sizes of the unknown motion that are summed over, shares of the motion that is seen."""
+_ROUNDS = 30
+_AT_REST = 1e-3  # of ln s, whose standard error is above 1e-2 for all but the longest records
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """One record about one point, in units of the stated noise.
+
+    Attributes:
+        residual: (n, p) measured less predicted.
+        columns: (n, p, k) change of the prediction for one unit of each shared parameter.
+        unknown: (n, p, m) response to each pulse of the unknown motion at kappa = 1.
+        taken: (n, p) whether a sample counts.
+    """
+
+    residual: FloatArray
+    columns: FloatArray
+    unknown: FloatArray
+    taken: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Grams:
+    """Sums over the samples of each channel of one record, of all that the evidence needs.
+
+    Z holds the columns, then the pulses, then the residual; ``of`` (p, k + m + 1, k + m + 1) is Z'Z by channel.
+    """
+
+    of: FloatArray
+    samples: FloatArray
+    k: int
+
+    @classmethod
+    def made(cls, record: Linearised) -> Grams:
+        """Return the sums of a record."""
+        p = record.residual.shape[1]
+        Z = np.concatenate([record.columns, record.unknown, record.residual[:, :, None]], axis=2)
+        Z = np.where(record.taken[:, :, None], Z, 0.0)
+        out = np.empty((p, Z.shape[2], Z.shape[2]))
+        for c in range(p):
+            out[c] = Z[:, c].T @ Z[:, c]
+        return cls(out, record.taken.sum(axis=0).astype(float), record.columns.shape[2])
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """All records with their pulses integrated, at one kappa and one set of scales.
+
+    -2 ln p(y | theta) = log_det + c - 2 b'(theta - theta0) + (theta - theta0)' A (theta - theta0) + N ln 2 pi.
+    """
+
+    A: FloatArray
+    b: FloatArray
+    c: float
+    log_det: float
+    samples: float
+
+    def log_evidence(self, mean: FloatArray, std: FloatArray, which: Sequence[int] | None = None) -> float:
+        """Return ln p(y) with priors theta - theta0 ~ N(mean, std^2) of the parameters ``which``; others stay at 0."""
+        A, b = self._some(which)
+        v = b - A @ mean
+        q = self.c - 2.0 * mean @ b + mean @ A @ mean
+        M = np.eye(len(mean)) + std[:, None] * A * std
+        factor = cho_factor(M, check_finite=False)
+        log_det = self.log_det + 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
+        q -= (std * v) @ cho_solve(factor, std * v, check_finite=False)
+        return -0.5 * (self.samples * float(np.log(2.0 * np.pi)) + log_det + float(q))
+
+    def posterior(
+        self, mean: FloatArray, std: FloatArray, which: Sequence[int] | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return mean and covariance of theta - theta0 given the records."""
+        A, b = self._some(which)
+        M = np.eye(len(mean)) + std[:, None] * A * std
+        factor = cho_factor(M, check_finite=False)
+        covariance = std[:, None] * cho_solve(factor, np.diag(std), check_finite=False)
+        return mean + covariance @ (b - A @ mean), covariance
+
+    def _some(self, which: Sequence[int] | None) -> tuple[FloatArray, FloatArray]:
+        if which is None:
+            return self.A, self.b
+        rows = np.asarray(which, dtype=int)
+        return self.A[np.ix_(rows, rows)], self.b[rows]
+
+
+def reduced(grams: Sequence[Grams], scales: FloatArray, kappa: float) -> Reduced:
+    """Integrate the pulses of every record at noise scales (p,) and one size of the unknown motion."""
+    k = grams[0].k
+    A, b, c, log_det, samples = np.zeros((k, k)), np.zeros(k), 0.0, 0.0, 0.0
+    for g in grams:
+        G = np.tensordot(scales**-2.0, g.of, 1)
+        samples += float(g.samples.sum())
+        log_det += 2.0 * float(g.samples @ np.log(scales))
+        shared = np.r_[0:k, G.shape[0] - 1]
+        own = slice(k, G.shape[0] - 1)
+        S = G[np.ix_(shared, shared)]
+        if kappa > 0.0 and G.shape[0] - 1 > k:
+            M = np.eye(G.shape[0] - 1 - k) + kappa**2 * G[own, own]
+            factor = cho_factor(M, check_finite=False)
+            log_det += 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
+            B = kappa * G[own][:, shared]
+            S = S - B.T @ cho_solve(factor, B, check_finite=False)
+        A += S[:k, :k]
+        b += S[:k, k]
+        c += float(S[k, k])
+    return Reduced(A, b, c, log_det, samples)
+
+
+@dataclass(frozen=True, eq=False)
+class Sized:
+    """Noise scales at rest for one hypothesis at one kappa.
+
+    Attributes:
+        scales: (p,) s.
+        log_density: ln of the evidence with the prior of s, integrated over s by Laplace's approximation.
+        log_errors: (p,) standard errors of ln s.
+    """
+
+    scales: FloatArray
+    log_density: float
+    log_errors: FloatArray
+    reduced: Reduced
+
+
+def sized(
+    grams: Sequence[Grams],
+    mean: FloatArray,
+    std: FloatArray,
+    spread: FloatArray,
+    kappa: float,
+    which: Sequence[int] | None = None,
+    begin: FloatArray | None = None,
+) -> Sized:
+    """Bring the noise scales of a hypothesis to rest.
+
+    Args:
+        grams: of all records.
+        mean: (k,) prior mean of theta - theta0.
+        std: (k,) of the prior.
+        spread: (p,) prior standard deviation of ln s; 0 for a channel whose noise is known.
+        kappa: size of the unknown motion.
+        which: the parameters of the hypothesis, all if not given.
+        begin: (p,) scales to begin with.
+    """
+    free = spread > 0.0
+    weight = np.where(free, 1.0 / np.where(free, spread, 1.0) ** 2, 0.0)
+    log_s = np.zeros(len(spread)) if begin is None else np.log(begin)
+    effective = np.ones(len(spread))
+    for _ in range(_ROUNDS):
+        squares, effective = _left(grams, np.exp(log_s), kappa, mean, std, which)
+        gradient = squares - effective - weight * log_s
+        step = np.where(free, gradient / (2.0 * np.maximum(effective, 1.0) + weight), 0.0)
+        log_s = log_s + np.clip(step, -0.7, 0.7)
+        if np.max(np.abs(step), initial=0.0) < _AT_REST:
+            break
+    scales = np.exp(log_s)
+    found = reduced(grams, scales, kappa)
+    curvature = 2.0 * np.maximum(effective, 1.0) + weight
+    log_density = found.log_evidence(mean, std, which)
+    log_density += float(np.sum(-0.5 * weight * log_s**2))
+    log_density += 0.5 * float(np.sum(np.log(weight[free] / curvature[free])))
+    return Sized(scales, log_density, np.where(free, curvature**-0.5, 0.0), found)
+
+
+def _left(
+    grams: Sequence[Grams],
+    scales: FloatArray,
+    kappa: float,
+    mean: FloatArray,
+    std: FloatArray,
+    which: Sequence[int] | None,
+) -> tuple[FloatArray, FloatArray]:
+    """Return, by channel, the squares of the noise that is left over s^2, and its effective number of samples (p,)."""
+    k = grams[0].k
+    rows = list(range(k)) if which is None else list(which)
+    base = reduced(grams, scales, kappa)
+    theta, covariance = base.posterior(mean, std, rows)
+    squares, effective = np.zeros(len(scales)), np.zeros(len(scales))
+    for g in grams:
+        m = g.of.shape[1] - 1 - k
+        weights = scales**-2.0
+        some = np.r_[rows, k : k + m]
+        if kappa > 0.0 and m:
+            G = np.tensordot(weights, g.of[:, k:, k:], 1)
+            cross = np.tensordot(weights, g.of[:, k : k + m][:, :, rows], 1)
+            M = np.eye(m) / kappa**2 + G[:m, :m]
+            P = cho_solve(cho_factor(M, check_finite=False), np.eye(m), check_finite=False)
+            T = P @ cross
+            pulses = P @ G[:m, m] - T @ theta
+            Sigma = np.block([[covariance, -covariance @ T.T], [-T @ covariance, P + T @ covariance @ T.T]])
+            found = np.concatenate([theta, pulses])
+        else:
+            some, Sigma, found = rows, covariance, theta
+        for c in range(len(scales)):
+            Gc = g.of[c]
+            XX = Gc[np.ix_(some, some)]
+            xy = Gc[some, -1]
+            squares[c] += weights[c] * (Gc[-1, -1] - 2.0 * found @ xy + found @ XX @ found)
+            effective[c] += g.samples[c] - weights[c] * float(np.sum(Sigma * XX))
+    return squares, np.maximum(effective, 1e-3)

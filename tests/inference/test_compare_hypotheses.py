@@ -1,0 +1,200 @@
+"""Hypotheses about a servo and a pitching aircraft: named, sized and weighed whatever the noise, and calibrated."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.signal import cont2discrete, lfilter, ss2tf
+from scipy.stats import norm
+
+from testbench.core.errors import EstimationError, RecordError
+from testbench.core.record import FlightRecord
+from testbench.flight.linear_model import LinearModel
+from testbench.inference.calibrate import Reliability, Trial, calibrate
+from testbench.inference.compare import Hypothesis, compare_hypotheses
+from testbench.inference.parameters import Noise, Parameter
+from testbench.inference.unknown import pulses
+
+DT = 0.02
+A = np.array([[-2.0, 1.0], [-30.0, -3.0]])
+B = np.array([[-0.2], [-40.0]])
+NOISE = Noise({"alpha": 2e-3, "q": 5e-3})
+T = np.arange(400) * DT
+COMMAND = 0.05 * (((T > 1) & (T < 1.7)) * 1.0 - ((T >= 1.7) & (T < 2.2)) + ((T > 4) & (T < 4.3)))
+
+
+@cache
+def flown(lag_s=0.0, delay_s=0.0, M_q=1.0, M_alpha=1.0, bend=0.0):
+    """Return alpha and q of a short period behind a servo; ``bend`` makes the damping grow with alpha."""
+    u = np.interp(T - delay_s, T, COMMAND, left=0.0)
+    if lag_s > 0.0:
+        a = np.exp(-DT / lag_s)
+        v = np.zeros_like(u)
+        for i in range(1, len(u)):
+            v[i] = a * v[i - 1] + (1.0 - a) * u[i]
+        u = v
+    F = A * [[1.0, 1.0], [M_alpha, M_q]]
+    if bend:
+        x, y = np.zeros(2), np.zeros((len(T), 2))
+        for i in range(len(T)):
+            y[i] = x
+            for _ in range(4):
+                x = x + 0.25 * DT * (F @ x + B[:, 0] * u[i] - [0.0, bend * x[0] * x[1]])
+        return y
+    of_each = [ss2tf(*cont2discrete((F, B, np.eye(2)[[i]], np.zeros((1, 1))), DT)[:4]) for i in range(2)]
+    return np.column_stack([lfilter(num[0], den, u) for num, den in of_each])
+
+
+def record(y, rng, scale=1.0):
+    std = np.array(list(NOISE.std.values()))
+    data = y + scale * std * rng.standard_normal(y.shape)
+    return FlightRecord(T, ("alpha", "q"), data, "measured")
+
+
+KNOWN = (Parameter("M_q", "aircraft", 1.0, 0.1), Parameter("M_alpha", "aircraft", 1.0, 0.1))
+
+
+def hypothesis(name, *more):
+    return Hypothesis(name, (*KNOWN, *more), lambda r, v: flown(**v))
+
+
+NOTHING = hypothesis("nothing")
+LAG = hypothesis("lag", Parameter("lag_s", "effect", 0.05, 0.05, "s", 0.0, 0.5))
+DELAY = hypothesis("delay", Parameter("delay_s", "effect", 0.05, 0.05, "s", 0.0, 0.5))
+MODEL = LinearModel(A, B, np.eye(2), np.zeros((2, 1)), ("alpha", "q"), ("de",), ("alpha", "q"))
+
+
+def unknown(r):
+    return pulses(MODEL, ("alpha", "q"), 20.0, r)
+
+
+def asked(truth, scale, seed, **more):
+    rng = np.random.default_rng(seed)
+    records = [record(flown(**truth), rng, scale) for _ in range(2)]
+    return compare_hypotheses(records, [NOTHING, LAG, DELAY], NOISE, unknown, **more)
+
+
+@pytest.mark.parametrize("scale", [0.7, 1.0, 1.4])
+def test_names_and_sizes_do_not_move_with_the_noise(scale):
+    for truth, name in (
+        ({"lag_s": 0.08, "M_q": 1.1}, "lag"),
+        ({"delay_s": 0.07}, "delay"),
+        ({"M_alpha": 0.93}, "nothing"),
+    ):
+        found = asked(truth, scale, 3)
+        assert found.best.name == name
+        assert found.best.probability > 0.9
+        assert found.best.posterior.p_whole > 0.5
+        assert found.credible()[0] == name
+        for channel in NOISE.channels:
+            value, error = found.noise[channel]
+            assert abs(value - scale) < 4.0 * error
+            assert error < 0.05
+        for parameter, true in truth.items():
+            value, error = found.best.posterior[parameter]
+            assert abs(value - true) < 4.0 * error
+
+
+def test_what_no_hypothesis_describes_is_a_part_and_no_name():
+    found = asked({"bend": 60.0}, 1.0, 4)
+    assert found.best.posterior.p_whole < 0.01
+    assert found.best.posterior.kappa > 1e-3
+    alone = compare_hypotheses(
+        [record(flown(bend=60.0), np.random.default_rng(4)) for _ in range(2)], [NOTHING, LAG, DELAY], NOISE
+    )
+    assert alone.best.posterior.whiteness < 1e-6
+    assert "coloured" in alone.best.posterior.doubts[0]
+    assert asked({}, 1.0, 4).best.posterior.whiteness > 1e-3
+
+
+def test_records_that_are_held_out_judge():
+    held_out = [record(flown(lag_s=0.08), np.random.default_rng(9))]
+    found = asked({"lag_s": 0.08}, 1.0, 3, held_out=held_out)
+    assert found["lag"].held_out > found["delay"].held_out > 0.0
+    assert found["nothing"].held_out == 0.0
+    assert found["delay"].difference < -3.0 * found["delay"].difference_error
+
+
+def test_the_evidence_of_one_parameter_is_that_of_quadrature_also_where_it_is_skewed():
+    """A size that enters by its square: the posterior is far from Gaussian, and importance sampling corrects it."""
+    t = np.arange(50) * DT
+    rng = np.random.default_rng(1)
+    for true in (0.02, 0.4):
+        y = true**2 + 0.05 * rng.standard_normal(50)
+        r = FlightRecord(t, ("q",), y[:, None], "measured")
+        squared = Hypothesis(
+            "squared", (Parameter("x", "effect", 0.3, 0.3, "1", 0.0, 2.0),), lambda _, v: np.full((50, 1), v["x"] ** 2)
+        )
+        found = compare_hypotheses([r], [squared], Noise({"q": 0.05}, "simulated"))
+        top = float(np.sum(norm.logpdf(y, true**2, 0.05)))
+
+        def density(x, y=y, top=top):
+            return np.exp(np.sum(norm.logpdf(y, x**2, 0.05)) - top) * norm.pdf(x, 0.3, 0.3) / norm.sf(-1.0)
+
+        truth = np.log(quad(density, 0.0, 2.0, points=[true], limit=200)[0]) + top
+        assert found.best.log_evidence == pytest.approx(truth, abs=0.15)
+        assert found.best.posterior.effective > 0.2
+
+
+def test_stated_probabilities_are_kept():
+    """Truths from the priors, noise from its prior: 120 flights again.
+
+    Of exact probabilities p, the number of right answers differs from sum p by less than 3.3 sqrt(sum p (1 - p)) but
+    once in a thousand.
+    """
+    small = [
+        Hypothesis("nothing", (), lambda r, v: np.zeros((len(r), 1))),
+        Hypothesis("slope", (Parameter("a", "effect", 0.0, 0.02),), lambda r, v: v["a"] * r.t_s[:, None]),
+        Hypothesis("wave", (Parameter("a", "effect", 0.0, 0.02),), lambda r, v: v["a"] * np.sin(5.0 * r.t_s)[:, None]),
+    ]
+    t = np.arange(60) * DT
+    blank = FlightRecord(t, ("q",), np.zeros((60, 1)), "measured")
+
+    def draw(rng):
+        truth = small[int(rng.integers(3))]
+        y = truth.predict(blank, {p.name: rng.normal(p.value, p.prior_std) for p in truth.parameters})
+        scale = np.exp(0.3 * rng.standard_normal())
+        return truth.name, FlightRecord(t, ("q",), y + scale * 0.01 * rng.standard_normal(y.shape), "measured")
+
+    def ask(measured):
+        return {row.name: row.probability for row in compare_hypotheses([measured], small, Noise({"q": 0.01})).rows}
+
+    *_, found = calibrate(draw, ask, 120, 5)
+    stated = np.array([t.stated[t.called] for t in found.trials])
+    right = np.array([t.called == t.truth for t in found.trials])
+    assert abs(np.sum(right - stated)) < 3.3 * np.sqrt(np.sum(stated * (1.0 - stated)))
+    assert 0.5 < stated.mean() < 0.95
+    assert sum(s.lowest <= s.mean <= s.highest for s in found.curve()) >= len(found.curve()) - 1
+    assert set(found.power()) == {"nothing", "slope", "wave"}
+    *_, again = calibrate(draw, ask, 20, 5, kept=found.trials[:15])
+    assert again.trials == found.trials[:20]
+
+
+def test_reliability_in_words():
+    trials = [Trial("a", {"a": 0.95, "b": 0.05})] * 9 + [Trial("b", {"a": 0.95, "b": 0.05})]
+    found = Reliability(tuple(trials))
+    assert found.sentence(0.93) == "answers stated with 90 to 99 % were right in 9 of 10 flights again"
+    assert found.sentence(0.3).startswith("of 10 flights again none")
+    assert found.power() == {"a": (1.0, 9), "b": (0.0, 1)}
+    assert found.calibration_error == pytest.approx(0.05)
+
+
+def test_bad_questions_are_one_sentence():
+    measured = record(flown(), np.random.default_rng(0))
+    with pytest.raises(EstimationError, match="names that differ, got lag, lag"):
+        compare_hypotheses([measured], [LAG, LAG], NOISE)
+    with pytest.raises(RecordError, match="one without theta"):
+        compare_hypotheses([measured], [LAG], Noise({"theta": 0.1}))
+    truth = FlightRecord(T, ("alpha", "q"), flown(), "truth")
+    with pytest.raises(RecordError, match="of kind 'truth'"):
+        compare_hypotheses([truth], [LAG], NOISE)
+    wrong = Hypothesis("short", (), lambda r, v: np.zeros((3, 2)))
+    with pytest.raises(EstimationError, match=r"'short' must predict \(400, 2\)"):
+        compare_hypotheses([measured], [wrong], NOISE)
+    with pytest.raises(EstimationError, match="prior_std of 'a'"):
+        Parameter("a", "effect", 0.0, 0.0)
+    with pytest.raises(EstimationError, match="above 0 and finite"):
+        Noise({"q": 0.0})

@@ -1,0 +1,92 @@
+"""The evidence of linear models against the density of one large normal distribution, and its sizes against slopes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from testbench.inference.linear import Grams, Linearised, reduced, sized
+
+
+def problem(seed, records=2, n=30, p=2, k=3, m=4, gaps=True):
+    rng = np.random.default_rng(seed)
+    out = []
+    for _ in range(records):
+        taken = rng.random((n, p)) > 0.1 * gaps
+        out.append(
+            Linearised(
+                rng.standard_normal((n, p)), rng.standard_normal((n, p, k)), rng.standard_normal((n, p, m)), taken
+            )
+        )
+    return out
+
+
+def whole_normal(records, scales, kappa, mean, std, which):
+    """Return ln p of all taken samples as one draw of a normal distribution."""
+    rows = [b.taken.ravel() for b in records]
+    y = np.concatenate([b.residual.ravel()[r] for b, r in zip(records, rows, strict=True)])
+    X = np.concatenate([b.columns.reshape(-1, b.columns.shape[2])[r] for b, r in zip(records, rows, strict=True)])
+    noise = np.concatenate([np.tile(scales, len(b.residual))[r] for b, r in zip(records, rows, strict=True)])
+    C = np.diag(noise**2) + (X[:, which] * std**2) @ X[:, which].T
+    at = 0
+    for b, r in zip(records, rows, strict=True):
+        U = b.unknown.reshape(-1, b.unknown.shape[2])[r]
+        C[at : at + len(U), at : at + len(U)] += kappa**2 * U @ U.T
+        at += len(U)
+    return multivariate_normal.logpdf(y, X[:, which] @ mean, C)
+
+
+@pytest.mark.parametrize("kappa", [0.0, 0.3])
+@pytest.mark.parametrize("which", [[0, 1, 2], [1], []])
+def test_the_evidence_is_the_density_of_one_normal_distribution(kappa, which):
+    records, scales = problem(1), np.array([0.8, 1.7])
+    mean, std = np.array([0.3, -0.2, 0.1])[which], np.array([0.5, 2.0, 0.1])[which]
+    found = reduced([Grams.made(b) for b in records], scales, kappa).log_evidence(mean, std, which)
+    assert found == pytest.approx(whole_normal(records, scales, kappa, mean, std, which), abs=1e-9)
+
+
+def test_the_posterior_is_that_of_least_squares_with_priors():
+    records, scales = problem(2, gaps=False), np.array([0.8, 1.7])
+    mean, std = np.array([0.3, -0.2, 0.1]), np.array([0.5, 2.0, 0.1])
+    theta, covariance = reduced([Grams.made(b) for b in records], scales, 0.0).posterior(mean, std)
+    X = np.concatenate([(b.columns / scales[:, None]).reshape(-1, 3) for b in records])
+    y = np.concatenate([(b.residual / scales).ravel() for b in records])
+    H = X.T @ X + np.diag(std**-2)
+    assert np.allclose(covariance, np.linalg.inv(H), rtol=1e-10)
+    assert np.allclose(theta, np.linalg.solve(H, X.T @ y + mean / std**2), rtol=1e-10)
+
+
+@pytest.mark.parametrize("kappa", [0.0, 0.1])
+def test_sizes_rest_where_the_evidence_has_no_slope(kappa):
+    records = [Linearised(b.residual * [1.4, 0.6], b.columns, b.unknown, b.taken) for b in problem(3, records=3, n=100)]
+    grams = [Grams.made(b) for b in records]
+    mean, std, spread = np.zeros(3), np.array([0.5, 1.0, 0.2]), np.array([0.3, 0.3])
+    found = sized(grams, mean, std, spread, kappa)
+    assert found.scales == pytest.approx([1.4, 0.6], rel=0.12)
+
+    def density(log_s):
+        return reduced(grams, np.exp(log_s), kappa).log_evidence(mean, std) - 0.5 * np.sum((log_s / spread) ** 2)
+
+    log_s = np.log(found.scales)
+    for i in range(2):
+        h = 1e-4 * np.eye(2)[i]
+        assert abs(density(log_s + h) - density(log_s - h)) / 2e-4 < 0.05
+        curvature = -(density(log_s + 50 * h) - 2.0 * density(log_s) + density(log_s - 50 * h)) / 25e-6
+        assert found.log_errors[i] == pytest.approx(curvature**-0.5, rel=0.1)
+
+
+def test_noise_that_is_known_stays_as_stated():
+    grams = [Grams.made(b) for b in problem(4)]
+    assert np.array_equal(sized(grams, np.zeros(3), np.ones(3), np.zeros(2), 0.1).scales, np.ones(2))
+
+
+def test_the_integral_over_the_scale_is_that_of_quadrature():
+    block = problem(5, records=1, n=60, p=1, gaps=False)[0]
+    grams, mean, std, spread = [Grams.made(block)], np.zeros(3), np.ones(3), np.array([0.3])
+    log_s = np.linspace(-1.2, 1.2, 4001)
+    logs = np.array([reduced(grams, np.exp([v]), 0.0).log_evidence(mean, std) for v in log_s])
+    logs += -0.5 * (log_s / 0.3) ** 2 - np.log(0.3 * np.sqrt(2.0 * np.pi))
+    top = logs.max()
+    truth = top + np.log(np.sum(np.exp(logs - top)) * (log_s[1] - log_s[0]))
+    assert sized(grams, mean, std, spread, 0.0).log_density == pytest.approx(truth, abs=0.02)
