@@ -133,9 +133,12 @@ def test_the_hidden_truth_and_the_library_of_effects_share_no_code():
     gap, blind = PACKAGE / "questions" / "gap", ROOT / "tests" / "studies" / "blind"
     hidden, sealed = "testbench.questions.gap.hidden", "testbench.questions.gap.sealed"
     # What draws the cases of the blind test imports, of all this, its own modules and the maker of hidden truths only.
-    for path in (*(gap / "hidden").glob("*.py"), *(gap / "sealed").glob("*.py")):
-        found = {m for m, _ in imports(path) if m.startswith(("testbench.questions.gap", "studies"))}
-        allowed = (hidden, sealed) if path.parent.name == "sealed" else (hidden,)
+    drawn = [p for p in blind.glob("*.py") if p.stem.endswith(("_case", "_cases", "_flights", "_truths"))]
+    assert len(drawn) > 10
+    own = tuple(f"studies.blind.{path.stem}" for path in drawn)
+    for path in (*(gap / "hidden").glob("*.py"), *(gap / "sealed").glob("*.py"), *drawn):
+        found = {m for m, _ in imports(path) if m.startswith(("testbench.questions.gap", "studies."))}
+        allowed = {"hidden": (hidden,), "sealed": (hidden, sealed)}.get(path.parent.name, (hidden, sealed, *own))
         assert not {m for m in found if not m.startswith(allowed)}, path.name
     for path in (gap / "effects").glob("*.py"):
         if path.name != "contract.py":  # which tries effects in flight
@@ -145,8 +148,8 @@ def test_the_hidden_truth_and_the_library_of_effects_share_no_code():
             made = () if path.name in ("ask.py", "scenario.py") else (hidden,)  # a case makes its records
             assert not {m for m, _ in imports(path) if m.startswith((*made, sealed, "studies.blind"))}, path.name
     for name in ("run.py", "lateral_run.py", "stock_run.py"):
-        naming = {m for m, _ in imports(blind / name) if m.startswith((hidden, sealed))}
-        seen = {f"{sealed}.{each}" for each in ("flights", "lateral_flights", "stock_flights")}
+        naming = {m for m, _ in imports(blind / name) if m.startswith((hidden, sealed, *own))}
+        seen = {f"{sealed}.flights", *(f"studies.blind.{each}_flights" for each in ("lateral", "stock"))}
         assert naming <= seen, f"{name} sees conditions and sensors only"
 
 

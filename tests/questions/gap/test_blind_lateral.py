@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 from studies.blind.accused import answer
 from studies.blind.lateral import SEED, page
+from studies.blind.lateral_cases import NOTHING, STRATA, TAKEN_OUT, LateralCase, opened
+from studies.blind.lateral_flights import CONTROLS, fly_lateral, suite
 from studies.blind.lateral_run import believe, searched
+from studies.blind.lateral_truths import LATERAL_KINDS, PARAMETER_ERRORS
 from studies.blind.parts import parts_said
 from studies.blind.score import judge
 from studies.blind.strata import flown_factor, in_part, rates, right
@@ -20,9 +23,6 @@ from testbench.questions.gap.hidden.lateral import LATERAL
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
 from testbench.questions.gap.sealed.cases import seal
-from testbench.questions.gap.sealed.lateral_cases import NOTHING, STRATA, TAKEN_OUT, LateralCase, opened
-from testbench.questions.gap.sealed.lateral_flights import CONTROLS, fly_lateral, suite
-from testbench.questions.gap.sealed.lateral_truths import LATERAL_KINDS, PARAMETER_ERRORS
 
 SEALED = Path(__file__).resolve().parents[3] / "results" / "gap" / "lateral"
 # Least sum of squares, in units of the noise, by which a kind must change the six records; noise alone changes none.

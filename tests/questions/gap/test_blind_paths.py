@@ -6,20 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies.blind import over_time, paths
+from studies.blind import over_time, over_time_cases, path_cases, paths
+from studies.blind.lateral_flights import CONTROLS
 from studies.blind.lateral_run import searched
+from studies.blind.over_time_flights import fly_over_time
+from studies.blind.over_time_truths import OVER_TIME_KINDS
 from studies.blind.parts import parts_said
+from studies.blind.path_cases import PATH_KINDS, PATHS
+from studies.blind.path_flights import FLOWN, SURFACES, fly_paths, suite
 from studies.blind.stock_run import told_of
 
 from testbench.questions.gap.hidden.over_time import OVER_TIME
 from testbench.questions.gap.hidden.truth import Truth
-from testbench.questions.gap.sealed import over_time_cases, path_cases
 from testbench.questions.gap.sealed.cases import seal
-from testbench.questions.gap.sealed.lateral_flights import CONTROLS
-from testbench.questions.gap.sealed.over_time_flights import fly_over_time
-from testbench.questions.gap.sealed.over_time_truths import OVER_TIME_KINDS
-from testbench.questions.gap.sealed.path_cases import PATH_KINDS, PATHS
-from testbench.questions.gap.sealed.path_flights import FLOWN, SURFACES, fly_paths, suite
 
 RESULTS = Path(__file__).resolve().parents[3] / "results" / "gap"
 DRAWS = {"paths": (paths, path_cases), "over_time": (over_time, over_time_cases)}

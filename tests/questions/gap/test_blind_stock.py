@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from studies.blind import fighter, stock_again
+from studies.blind.lateral_flights import CONTROLS
 from studies.blind.stock import SEED, page
+from studies.blind.stock_cases import NOTHING, STRATA, TAKEN_OUT, StockCase, opened
+from studies.blind.stock_flights import FIGHTER, FLOWN, fly_stock, suite
 from studies.blind.stock_run import believe, told
+from studies.blind.stock_truths import STOCK_KINDS
 
 from testbench.questions.gap.hidden.flights import Commands, fly_hidden
 from testbench.questions.gap.hidden.stock import STOCK
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.sealed.cases import seal
 from testbench.questions.gap.sealed.flights import RATE_HZ, SETTLE_S
-from testbench.questions.gap.sealed.lateral_flights import CONTROLS
-from testbench.questions.gap.sealed.stock_cases import NOTHING, STRATA, TAKEN_OUT, StockCase, opened
-from testbench.questions.gap.sealed.stock_flights import FIGHTER, FLOWN, fly_stock, suite
-from testbench.questions.gap.sealed.stock_truths import STOCK_KINDS
 from testbench.questions.gap.starts import Start, marked, start_of
 
 RESULTS = Path(__file__).resolve().parents[3] / "results" / "gap"

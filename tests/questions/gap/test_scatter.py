@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+from studies.blind.lateral_flights import fly_lateral, suite
 from studies.blind.lateral_run import believe as believe_lateral
 from studies.blind.run import believe
 
@@ -14,7 +15,6 @@ from testbench.questions.gap.hidden.entries import TRUTHS
 from testbench.questions.gap.hidden.lateral import LATERAL
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.sealed.flights import fly_truth
-from testbench.questions.gap.sealed.lateral_flights import fly_lateral, suite
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect

@@ -13,10 +13,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from studies.blind.sealed_draw import Draw
 from studies.blind.stock import HIDDEN, run_case
+from studies.blind.stock_cases import STRATA, StockCase, draw, opened
+from studies.blind.stock_flights import FIGHTER, manoeuvres
 from studies.blind.strata import page_of, rates
-
-from testbench.questions.gap.sealed.stock_cases import STRATA, StockCase, draw, opened
-from testbench.questions.gap.sealed.stock_flights import FIGHTER, manoeuvres
 
 SEED = 20270614
 COUNTS = dict.fromkeys(STRATA, 12)

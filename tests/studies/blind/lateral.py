@@ -12,13 +12,13 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from studies.blind.lateral_cases import STRATA, LateralCase, draw, opened
+from studies.blind.lateral_flights import manoeuvres
 from studies.blind.lateral_run import believe, named
 from studies.blind.sealed_draw import Draw
 from studies.blind.strata import rates, results
 
 from testbench.questions.gap.sealed.cases import seal
-from testbench.questions.gap.sealed.lateral_cases import STRATA, LateralCase, draw, opened
-from testbench.questions.gap.sealed.lateral_flights import manoeuvres
 
 SEED = 20270217
 

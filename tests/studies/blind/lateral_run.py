@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from studies.blind.found_row import found_row
+from studies.blind.lateral_flights import suite
 
 from testbench.core.record import FlightRecord
 from testbench.flight import load_aircraft
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.effects import OTHER_SERVOS, Effect, library
 from testbench.questions.gap.sealed.flights import RATE_HZ, condition
-from testbench.questions.gap.sealed.lateral_flights import suite
 from testbench.questions.gap.workflow import find_gap
 
 

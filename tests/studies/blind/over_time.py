@@ -11,7 +11,11 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from studies.blind.lateral_flights import suite
 from studies.blind.lateral_run import named
+from studies.blind.over_time_cases import STRATA, TimeCase, draw, opened
+from studies.blind.over_time_flights import manoeuvres
+from studies.blind.path_flights import FLOWN
 from studies.blind.sealed_draw import Draw
 from studies.blind.strata import page_of, rates
 
@@ -19,10 +23,6 @@ from testbench.core.record import FlightRecord
 from testbench.flight import load_aircraft
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.sealed.flights import RATE_HZ
-from testbench.questions.gap.sealed.lateral_flights import suite
-from testbench.questions.gap.sealed.over_time_cases import STRATA, TimeCase, draw, opened
-from testbench.questions.gap.sealed.over_time_flights import manoeuvres
-from testbench.questions.gap.sealed.path_flights import FLOWN
 from testbench.questions.gap.starts import Start, marked
 
 SEED = 20270513

@@ -12,16 +12,16 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from studies.blind.lateral_run import named
+from studies.blind.path_cases import STRATA, PathCase, draw, opened
+from studies.blind.path_flights import FLOWN, suite
 from studies.blind.sealed_draw import Draw
+from studies.blind.stock_flights import manoeuvres
 from studies.blind.stock_run import told_of
 from studies.blind.strata import page_of, rates
 
 from testbench.flight import load_aircraft
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.sealed.flights import RATE_HZ
-from testbench.questions.gap.sealed.path_cases import STRATA, PathCase, draw, opened
-from testbench.questions.gap.sealed.path_flights import FLOWN, suite
-from testbench.questions.gap.sealed.stock_flights import manoeuvres
 
 SEED = 20270412
 

@@ -14,12 +14,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from studies.blind.lateral_run import named
 from studies.blind.sealed_draw import Draw
+from studies.blind.stock_cases import STRATA, StockCase, draw, opened
+from studies.blind.stock_flights import FLOWN, manoeuvres
 from studies.blind.stock_run import believe, told
 from studies.blind.strata import rates, results
 
 from testbench.questions.gap.sealed.cases import seal
-from testbench.questions.gap.sealed.stock_cases import STRATA, StockCase, draw, opened
-from testbench.questions.gap.sealed.stock_flights import FLOWN, manoeuvres
 
 SEED = 20270311
 HIDDEN = (

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from studies.blind.lateral_flights import suite
+from studies.blind.stock_flights import FIGHTER, FLOWN, Flown, manoeuvres
+
 from testbench.core.record import FlightRecord
 from testbench.flight import load_aircraft
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.sealed.flights import RATE_HZ
-from testbench.questions.gap.sealed.lateral_flights import suite
-from testbench.questions.gap.sealed.stock_flights import FIGHTER, FLOWN, Flown, manoeuvres
 from testbench.questions.gap.starts import Start, marked
 
 _FLOWN = FLOWN | FIGHTER

@@ -12,9 +12,9 @@ from studies.blind.accused import accusations, answer, drawn, of_wrong_size
 from studies.blind.parts import parts_said, parts_true
 from studies.blind.score import judge
 from studies.blind.sealed_draw import counted, rated
+from studies.blind.stratum_case import NOTHING, TAKEN_OUT
 
 from testbench.questions.gap.sealed.cases import Case, seal
-from testbench.questions.gap.sealed.strata import NOTHING, TAKEN_OUT
 from testbench.questions.gap.sealed.verdict import NO_GAP
 
 _RATIOS = {"elevator linkage ratio": "_de", "aileron linkage ratio": "_da", "rudder linkage ratio": "_dr"}

@@ -8,11 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from studies.blind import lateral_flights
+from studies.blind.stock_flights import Flown, _three, fly_from_three
+
 from testbench.core.record import FlightRecord
 from testbench.questions.gap.hidden.lateral import STEPS
 from testbench.questions.gap.hidden.truth import Truth
-from testbench.questions.gap.sealed import lateral_flights
-from testbench.questions.gap.sealed.stock_flights import Flown, _three, fly_from_three
 from testbench.sensors import Sensor, SensorSuite
 
 SURFACES = ("de", "da", "dr")

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
+from studies.blind.lateral_truths import parameter_errors
 
 from testbench.questions.gap.hidden.entries import Make
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.sealed.cases import Case, first_that_flies, in_turn
 from testbench.questions.gap.sealed.kinds import Kind
-from testbench.questions.gap.sealed.lateral_truths import parameter_errors
 
 OTHER, TAKEN_OUT, NOTHING = "other form", "the true effect taken out", "nothing"
 """Ends of the names of strata; any other one is of library forms."""

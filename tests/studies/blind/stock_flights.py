@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from studies.blind.lateral_flights import CONTROLS, _held, suite
+
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight import FlightCondition
@@ -16,7 +18,6 @@ from testbench.questions.gap.hidden.aircraft import RATE_HZ
 from testbench.questions.gap.hidden.flights import Commands, fly_hidden
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.sealed.flights import SETTLE_S, _doublet, _half_sine, _joined, _steps, side_by_side
-from testbench.questions.gap.sealed.lateral_flights import CONTROLS, _held, suite
 from testbench.sensors import SensorSuite
 
 

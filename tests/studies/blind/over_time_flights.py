@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from studies.blind.lateral_flights import CONTROLS, suite
+from studies.blind.path_flights import FLOWN
+
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.questions.gap.hidden.aircraft import RATE_HZ
 from testbench.questions.gap.hidden.flights import Commands, fly_hidden
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.sealed.flights import SETTLE_S, _doublet, _half_sine, _joined, side_by_side
-from testbench.questions.gap.sealed.lateral_flights import CONTROLS, suite
-from testbench.questions.gap.sealed.path_flights import FLOWN
 
 _LONG_S = 14.0
 _FROM_S = 6.0  # of the surfaces, when the throttle is back

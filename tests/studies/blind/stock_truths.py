@@ -10,7 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from testbench.questions.gap.sealed import lateral_truths, truths
+from studies.blind import lateral_truths
+
+from testbench.questions.gap.sealed import truths
 from testbench.questions.gap.sealed.kinds import Kind, between, either, kind
 
 _BEFORE = {"elevator": "", "aileron": "aileron_", "rudder": "rudder_"}

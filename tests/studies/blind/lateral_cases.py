@@ -9,13 +9,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from studies.blind.lateral_flights import fly_lateral
+from studies.blind.lateral_truths import LATERAL_KINDS, parameter_errors
+from studies.blind.stratum_case import StratumCase, chosen
 
 from testbench.core.record import FlightRecord
 from testbench.questions.gap.hidden.lateral import LATERAL
 from testbench.questions.gap.sealed.cases import first_that_flies, in_turn, opened_as
-from testbench.questions.gap.sealed.lateral_flights import fly_lateral
-from testbench.questions.gap.sealed.lateral_truths import LATERAL_KINDS, parameter_errors
-from testbench.questions.gap.sealed.strata import StratumCase, chosen
 
 TAKEN_OUT = "lateral with the true effect taken out"
 NOTHING = "lateral nothing"

@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from studies.blind.stock_flights import FLOWN, fly_stock
+from studies.blind.stock_truths import STOCK_KINDS
+from studies.blind.stratum_case import StratumCase, draw_of
+
 from testbench.core.record import FlightRecord
 from testbench.questions.gap.hidden.stock import STOCK
 from testbench.questions.gap.sealed.cases import opened_as
-from testbench.questions.gap.sealed.stock_flights import FLOWN, fly_stock
-from testbench.questions.gap.sealed.stock_truths import STOCK_KINDS
-from testbench.questions.gap.sealed.strata import StratumCase, draw_of
 
 TAKEN_OUT = "stock with the true effect taken out"
 NOTHING = "stock nothing"
@@ -32,7 +33,7 @@ class StockCase(StratumCase):
 def draw(
     seed: int, counts: Mapping[str, int] = STRATA, aircraft: Iterable[str] = tuple(FLOWN)
 ) -> tuple[StockCase, ...]:
-    """Draw the cases: see :func:`testbench.questions.gap.sealed.strata.draw_of`."""
+    """Draw the cases: see :func:`studies.blind.stratum_case.draw_of`."""
     return draw_of(StockCase, STOCK_KINDS, aircraft, seed, counts)
 
 

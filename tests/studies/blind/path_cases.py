@@ -8,14 +8,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from studies.blind.lateral_truths import LATERAL_KINDS
+from studies.blind.path_flights import FLOWN, fly_paths
+from studies.blind.stratum_case import StratumCase, draw_of
+
 from testbench.core.record import FlightRecord
 from testbench.questions.gap.hidden.entries import TRUTHS, Make
 from testbench.questions.gap.hidden.lateral import LATERAL
 from testbench.questions.gap.sealed.cases import opened_as
 from testbench.questions.gap.sealed.kinds import Kind
-from testbench.questions.gap.sealed.lateral_truths import LATERAL_KINDS
-from testbench.questions.gap.sealed.path_flights import FLOWN, fly_paths
-from testbench.questions.gap.sealed.strata import StratumCase, draw_of
 from testbench.questions.gap.sealed.truths import KINDS
 
 TAKEN_OUT = "paths with the true effect taken out"
@@ -47,7 +48,7 @@ class PathCase(StratumCase):
 
 
 def draw(seed: int, counts: Mapping[str, int] = STRATA) -> tuple[PathCase, ...]:
-    """Draw the cases: see :func:`testbench.questions.gap.sealed.strata.draw_of`."""
+    """Draw the cases: see :func:`studies.blind.stratum_case.draw_of`."""
     return draw_of(PathCase, PATH_KINDS, FLOWN, seed, counts)
 
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from studies.blind.over_time_flights import fly_over_time
+from studies.blind.over_time_truths import OVER_TIME_KINDS
+from studies.blind.path_flights import FLOWN
+from studies.blind.stratum_case import StratumCase, draw_of
+
 from testbench.core.record import FlightRecord
 from testbench.questions.gap.hidden.over_time import OVER_TIME
 from testbench.questions.gap.sealed.cases import opened_as
-from testbench.questions.gap.sealed.over_time_flights import fly_over_time
-from testbench.questions.gap.sealed.over_time_truths import OVER_TIME_KINDS
-from testbench.questions.gap.sealed.path_flights import FLOWN
-from testbench.questions.gap.sealed.strata import StratumCase, draw_of
 
 TAKEN_OUT = "time with the true effect taken out"
 NOTHING = "time nothing"
@@ -31,7 +32,7 @@ class TimeCase(StratumCase):
 
 
 def draw(seed: int, counts: Mapping[str, int] = STRATA) -> tuple[TimeCase, ...]:
-    """Draw the cases: see :func:`testbench.questions.gap.sealed.strata.draw_of`."""
+    """Draw the cases: see :func:`studies.blind.stratum_case.draw_of`."""
     return draw_of(TimeCase, OVER_TIME_KINDS, FLOWN, seed, counts)
 
 
