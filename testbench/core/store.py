@@ -30,7 +30,7 @@ from pathlib import Path, PurePath, PurePosixPath
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from testbench.core.door import READ
+from testbench.core.door import READ, read_text
 from testbench.core.errors import BusyError, RecordError
 from testbench.core.files import not_written, write_file
 from testbench.core.interrupts import held_back
@@ -334,7 +334,9 @@ def within(folder: Path, path: Path) -> Path:
 
 
 def entry_of(path: Path) -> Entry:
-    """Return size and SHA-256 of a file; None if it cannot be read."""
+    """Return size and SHA-256 of a file; None if it cannot be read, or is a pipe or a device."""
+    if not path.is_file():
+        return None
     digest, size = hashlib.sha256(), 0
     try:
         with path.open("rb") as file:
@@ -378,8 +380,10 @@ def _read(path: Path) -> tuple[Manifest, dict[str, Any]] | None:
     Raises:
         RecordError: it is damaged.
     """
+    if not os.path.lexists(path):
+        return None
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_text(path, "text"))
         if content.pop("format") != _FORMAT:
             raise ValueError("another format")
         files, inputs = (
@@ -389,10 +393,6 @@ def _read(path: Path) -> tuple[Manifest, dict[str, Any]] | None:
             raise ValueError("a path that leaves the folder")
         command, made_by, others = (content.pop(k) for k in ("command", "version", "packages"))
         return Manifest(tuple(command), made_by, inputs, files, dict(others)), content
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise RecordError(f"the manifest '{path}' must be readable, got: {error.strerror}") from error
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise RecordError(
             f"'{path}' must be the manifest of a folder of results, but it is damaged; remove it: the files beside it "
