@@ -13,7 +13,6 @@ from fuzz.test_mutated_files import rng_of, seeds
 from testbench.core.door import KINDS
 
 FEW = 4  # of each kind in the normal suite
-BINARY = ("campaign store", "record")
 
 
 @pytest.fixture(scope="module")
@@ -30,16 +29,20 @@ def test_every_kind_has_an_example_that_is_read(place, tmp_path):
         assert example.tried(example.content, folder) is not None, example.name
 
 
+def mutant(example, kind, seed):
+    """Return the damaged content of an example: bytes, values of another kind, or text."""
+    rng = rng_of(kind, seed)
+    if kind in ("campaign store", "record"):
+        return damaged(example.content, rng)
+    if example.name.endswith(".toml") and seed % 3:
+        return mistyped(example.content.decode(), rng).encode("utf-8", "surrogateescape")
+    return of_text(example.content, rng)
+
+
 def test_damaged_files_of_every_kind(place):
     def case(kind, seed, folder):
-        example, rng = examples(place)[kind], rng_of(kind, seed)
-        if kind in BINARY:
-            content = damaged(example.content, rng)
-        elif example.name.endswith(".toml") and seed % 3:
-            content = mistyped(example.content.decode(), rng).encode("utf-8", "surrogateescape")
-        else:
-            content = of_text(example.content, rng)
-        example.tried(content, folder)
+        example = examples(place)[kind]
+        example.tried(mutant(example, kind, seed), folder)
 
     examples(place)
     cases = {f"{kind} {seed}": partial(case, kind, seed) for seed in seeds(FEW) for kind in KINDS}

@@ -22,11 +22,11 @@ from functools import partial
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy
 
-from studies.reliability import commands, crashes, records, report, scenarios, sizes
+from studies.reliability import commands, crashes, kinds, records, report, scenarios, sizes
 from studies.reliability.small import CASES
 
 COMMANDS = [commands.part_of(part) for part in range(commands.PARTS)]
-LANES = (*((part,) for part in COMMANDS), ("scenarios", "flown"), ("records",), ("crashes", "sizes"))
+LANES = (*((part,) for part in COMMANDS), ("scenarios", "flown"), ("records",), ("kinds", "crashes", "sizes"))
 """What runs one after the other, the longest first."""
 
 
@@ -52,6 +52,7 @@ def main() -> int:
 
     run: dict[str, Callable[[], object]] = {
         "scenarios": lambda: scenarios.scenarios(some(scenarios.COUNT)),
+        "kinds": lambda: kinds.kinds(some(kinds.COUNT)),
         "records": lambda: records.records(some(records.COUNT)),
         "flown": lambda: scenarios.flown(scenarios.scenarios(some(scenarios.COUNT)), some(scenarios.FLOWN)),
         **{part: partial(commands.commands, number, asked.share) for number, part in enumerate(COMMANDS)},
