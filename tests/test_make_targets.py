@@ -15,6 +15,7 @@ import sys
 import tempfile
 import traceback
 import warnings
+from multiprocessing import forkserver
 from pathlib import Path
 from typing import NamedTuple
 
@@ -154,9 +155,13 @@ def first_second(command: Command, folder: Path) -> int:
     warnings.resetwarnings()
     os.environ |= surroundings(command, folder)
     tempfile.tempdir = None
+    forkserver._forkserver = forkserver.ForkServer()  # the parent's is no child of this process
+    forkserver.ensure_running = forkserver._forkserver.ensure_running
+    forkserver.connect_to_new_process = forkserver._forkserver.connect_to_new_process
     words = placed(command)
     module = words[1] if words[0] == "-m" else ""
-    foreign = [p for p in sys.path if not Path(p or ".").resolve().is_relative_to(ROOT)]
+    there = [Path(p or ".").resolve() for p in sys.path]
+    foreign = [str(p) for p in there if p != ROOT and not p.is_relative_to(ROOT / "tests")]  # .venv lies in ROOT
     sys.path[:] = [*([] if module else [str(Path(words[0]).parent)]), *os.environ["PYTHONPATH"].split(":"), *foreign]
     for key, loaded in list(sys.modules.items()):
         file = getattr(loaded, "__file__", None) or ""
@@ -174,6 +179,7 @@ def first_second(command: Command, folder: Path) -> int:
         return end.code if isinstance(end.code, int) else int(end.code is not None)
     except BaseException:
         traceback.print_exc()
+        sys.stderr.flush()  # the child ends without
         return 1
     return 0
 

@@ -20,7 +20,8 @@ from testbench.aircraft.strips.coupling import at_stations
 from testbench.aircraft.strips.ground_test import GroundTestFile
 from testbench.aircraft.strips.ritz import Modes, Stiffness, symmetric_modes
 from testbench.aircraft.strips.shapes import Shape, Tail, Wing
-from testbench.core.schema import parse, read_toml
+from testbench.core.door import read_toml
+from testbench.core.schema import parse
 
 FOLDER = Path(__file__).resolve().parent
 STIFF = 1e9  # a fuselage that does not bend, N/m

@@ -77,7 +77,9 @@ def write_new(path: Path, content: str, what: str, law: str = _LAW) -> Path:
     there = RecordError(f"{what} must be a new file, got '{path}', which exists; give another name")
     if os.path.lexists(path):
         raise there
-    made = write_file(path.with_name(f"{path.name}.{os.getpid()}"), content, law)
+    made = write_file(
+        path.with_name(f"{path.name}.new"), content, law
+    )  # of one name: what a kill leaves goes next time
     try:
         os.link(made, path)  # unlike a rename, this fails if somebody has just made the file
     except FileExistsError as error:

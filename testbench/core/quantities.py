@@ -84,7 +84,8 @@ _ROWS: dict[tuple[float, float, str], str] = {
     (0.0, 10_000.0, "samples"): "delay_samples",
     (0.0, 10.0, "1"): "CD0 CD0_added zeta least_damping",
     (-100.0, 100.0, "1"): (
-        "CL effectiveness alpha beta kappa static_cp static_cp_alpha upwash cross_axis speed_ratio load_factor noise"
+        "CL effectiveness alpha beta kappa static_cp static_cp_alpha static_cp_beta2 upwash cross_axis speed_ratio "
+        "load_factor noise"
     ),
     (-1e4, 1e4, "1"): "scale",
     (-1e9, 1e9, "1"): "offset gain pattern powers weights share windows stabiliser drives limits half_width",

@@ -7,7 +7,7 @@ import pytest
 from recorded import flight_data
 
 import testbench as tb
-from testbench.core.bring import sha256
+from testbench.core.door import sha256
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.questions.campaign.load import load_campaign
@@ -143,7 +143,7 @@ def test_a_campaign_knows_the_bytes_of_the_file_and_flies(tmp_path):
     )
     campaign = load_campaign(tmp_path / "c.toml")
     before = campaign.digest()
-    assert sha256(tmp_path / "file.toml") in dict(campaign.files).values()
+    assert sha256(tmp_path / "file.toml", "python") in dict(campaign.files).values()
     first, _ = campaign.content["identification"]["estimators"]
     assert first["structure"] == str(tmp_path / "file.toml")
     assert tb.fly_campaign(campaign, tmp_path / "store", workers=1).counts.done == 2

@@ -397,7 +397,7 @@ def test_suite_refuses_none_and_two_of_a_channel() -> None:
         suite()
     with pytest.raises(ScenarioError, match=r"sensor\[2\]\.channel: .* got 'q' in sensor\[0\] too"):
         suite(Sensor("q"), Sensor("V"), Sensor("q"))
-    with pytest.raises(ScenarioError, match="1e-05 <= rate_hz <= 20000 must hold, got 0"):
+    with pytest.raises(ScenarioError, match="0 < rate_hz must hold, got 0"):
         suite(Sensor("q"), rate_hz=0.0)
 
 

@@ -77,10 +77,9 @@ def exercises_of(folder: Path) -> tuple[str, ...]:
 
 def _table(folder: Path) -> list[dict[str, str]]:
     """Return the rows of the table of a class; none if there is no table, or it is another one."""
-    try:
-        rows = [*csv.DictReader(read_text(folder / TABLE, "table").splitlines())]
-    except (OSError, UnicodeDecodeError):
+    if not (folder / TABLE).exists():
         return []
+    rows = [*csv.DictReader(read_text(folder / TABLE, "table").splitlines())]
     return [row for row in rows if [*row] == [*_HEADS] and all(row.values())]
 
 

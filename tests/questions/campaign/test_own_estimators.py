@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from failing_estimators import METHODS, own, write
 
-from testbench.core.bring import sha256
+from testbench.core.door import sha256
 from testbench.core.errors import CampaignError
 from testbench.questions.campaign.answer import campaign_answer
 from testbench.questions.campaign.ask import fly_campaign
@@ -99,12 +99,12 @@ def test_a_worker_in_another_folder_runs_the_file_of_the_campaign(tmp_path, clus
 def test_a_worker_whose_file_differs_refuses_with_both_hashes(tmp_path) -> None:
     loaded = campaign(tmp_path, own("works"))
     method = tmp_path / "methods.py"
-    wanted = sha256(method)
+    wanted = sha256(method, "python")
     packages = tuple(versions().items())
     job = Job(loaded.spec.model_dump_json(), json.dumps(loaded.content), packages, files=loaded.files)
     assert loaded.files == ((str(method), wanted),)
     method.write_text(METHODS + "\n# changed\n", encoding="utf-8")
-    with pytest.raises(CampaignError, match=f"SHA-256 {wanted}, .* has {sha256(method)}"):
+    with pytest.raises(CampaignError, match=f"SHA-256 {wanted}, .* has {sha256(method, 'python')}"):
         fly_batch(job, [0])
     method.unlink()
     with pytest.raises(CampaignError, match=rf"SHA-256 {wanted}\), but the worker at .* has no such file"):

@@ -126,7 +126,7 @@ def test_control_flights_are_searched_once_and_kept(believed, records, tmp_path,
     assert len(asked) == 4
     assert fly(2, file=None).flights == first.flights  # the same without a file, flown anew
     assert len(asked) == 6
-    with pytest.raises(RecordError, match=r"control flights must be kept in a text file, got '.*': Is a directory"):
+    with pytest.raises(RecordError, match=r"a readable journal of finished work must lie at '.*', got: Is a directory"):
         fly(1, file=tmp_path)
 
 

@@ -11,7 +11,7 @@ import pytest
 from flown_campaign import NAMES, SENSORS, flown_campaign, promise_of
 from writers import dataflash_of, ulog_of
 
-from testbench.core.errors import RecordError
+from testbench.core.errors import RecordError, ScenarioError
 from testbench.information.modes import modes_of
 from testbench.questions.design.promised import promise_text, read_promise
 from testbench.questions.design.realise import Errors, Realised
@@ -260,7 +260,7 @@ def test_a_lost_design_and_a_damaged_promise_are_said(flown, tmp_path):
     assert read_promise(tmp_path / "designs" / "none.toml") is None
     for bad in ("{", json.dumps({**json.loads(text), "believed": [1.0]}), "[]"):
         promise.write_text(bad, encoding="utf-8")
-        with pytest.raises(RecordError, match="as `testbench design` writes it"):
+        with pytest.raises(RecordError, match=r"a promise in JSON, but it is damaged|as `testbench design` writes it"):
             read_promise(folder / "designs" / "1_x.toml")
     promise.write_text(text, encoding="utf-8")
     kept = read_promise(folder / "designs" / "1_x.toml")
@@ -273,12 +273,12 @@ def test_a_lost_design_and_a_damaged_promise_are_said(flown, tmp_path):
     broken = folder / "broken.toml"
     card = replace(card, spec=card.spec.model_copy(update={"design": str(broken)}))
     for bad, words in (
-        ("[identification", "cannot be read"),
+        ("[identification", "must be TOML"),
         ('[[identification.estimators]]\nstructure = "longitudinal"', "must be as `testbench design` writes it"),
         ("identification = 3", "must be as `testbench design` writes it"),
     ):
         broken.write_text(bad, encoding="utf-8")
-        with pytest.raises(RecordError, match=words):
+        with pytest.raises((RecordError, ScenarioError), match=words):
             recipe_of(plan, card, [r.record for r in closed.of(plan.cards[0])])
 
 

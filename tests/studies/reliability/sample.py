@@ -7,7 +7,8 @@ import tempfile
 from pathlib import Path
 
 from quick_drawing import quick_drawing
-from studies.reliability.treatments import FAULTS, GONE, LOCKED, Trials
+from studies.reliability.small import CASES
+from studies.reliability.treatments import FAULTS, GONE, LOCKED, Trials, treatments
 
 QUICK = ("export", "plan new", "plan rehearse", "compare benchmark", "dataset check", "reproduce", "exercise list",
          "exercise start", "exercise roster", "exercise marks", "exercise check", "check", "list")  # fmt: skip
@@ -23,7 +24,8 @@ def sampled(name: str, told: Path) -> None:
         with quick_drawing():
             trials = Trials(kit)
             faults = []
-            for treatment in WHOLE if name in QUICK else ABRUPT:
+            meant = treatments(CASES[name])
+            for treatment in (t for t in (WHOLE if name in QUICK else ABRUPT) if t in meant):
                 outcome, said = trials.trial(name, treatment)
                 if outcome in FAULTS:
                     faults.append(f"{name}: {treatment}: {outcome}: {said}")

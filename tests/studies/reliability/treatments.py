@@ -40,14 +40,21 @@ SURROUNDINGS = (
 _GROWING = (".sqlite", ".h5", ".jsonl", ".lock", ".part", ".sqlite-wal", ".sqlite-shm", ".sqlite-journal")
 _PAGES = ("report.html", "index.html", "checksums.sha256")  # written last: with one, a folder looks finished
 _TIMES = {
-    "report.html": rb"<dt>cost</dt><dd>[^<]*</dd>",  # of a campaign
+    # of a campaign, and of a benchmark, whose tables have a column of it: numbers are compared in tables/
+    "report.html": rb"<dt>(cost|processor time)</dt><dd>[^<]*</dd>|<td class=\"number\">[^<]*</td>",
     "rows.jsonl": rb'"seconds": [^}]*',
+    "cells.jsonl": rb'"seconds": [\d.e-]*',
+    "benchmark.json": rb'"seconds": [\d.e-]*',
+    "methods.json": rb'"seconds": [\d.e-]*',
+    "benchmark.csv": rb",[\d.e-]+(?=,[^,\n]*\n)",
+    "methods.csv": rb",[\d.e-]+(?=\n)",
     "cases.csv": rb",[\d.]+(?=\n)",
     "README.md": rb"Processor time of a case: [^;]*;",
 }
 """File -> what of it is processor time, which no two runs have in common."""
 _DATED = (".html", ".csv", ".json")  # an index says when results were written, in the user's time zone
 _LINE = re.compile(r"(\.\.\. |note: |  |error: |interrupted|ended by|finished runs are kept|what is finished is kept)")
+_NUMBER = re.compile(r"[\d.]+ *")  # a terminal shows times, too
 Found = tuple[str, str]
 
 
@@ -276,7 +283,11 @@ class Trials:
                 changed = {n for n, digest in digests(place).items() if before.get(n) != digest}
                 return ("half-written", ", ".join(changed)) if changed else ("refused", ended.err[-200:])
             wanted = self.undisturbed(name)
-            if {"2>&-", "2>/dev/full"} & set(streams) and ">&-" not in streams and ended.out != wanted.ended.out:
+            if (
+                {"2>&-", "2>/dev/full"} & set(streams)
+                and ">&-" not in streams
+                and _NUMBER.sub("", ended.out) != _NUMBER.sub("", wanted.ended.out)
+            ):
                 return "other words", ended.out[-200:]
             return self._compared(place, wanted, f"status {ended.status}")
 
@@ -286,9 +297,11 @@ PLACES = GONE, LOCKED = "no working directory", "no right to write"
 
 
 def treatments(case: Case) -> list[str]:
-    """Return what is done to a case in the whole study."""
+    """Return what is done to a case in the whole study; the blind test, a study itself, is stopped only."""
     counted = {"stopped": (MOST, OTHERS), **EACH}
     out = [f"{kind} {k}" for kind, (most, others) in counted.items() for k in range(most if case.most else others)]
+    if case.module != "testbench":
+        return [name for name in out if name.startswith("stopped")]
     return [*out, *STREAM_TREATMENTS, *PLACES]
 
 
