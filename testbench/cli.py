@@ -14,6 +14,7 @@ from typing import Annotated, Any
 
 import typer
 
+from testbench.core.door import READ
 from testbench.core.errors import DiskError, RecordError, ScenarioError, TestbenchError, brief, given
 from testbench.core.interrupts import ended_by_signals
 from testbench.page.terminal import console, open_streams, print_rows
@@ -155,6 +156,7 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     warnings.showwarning = _say_warning
     open_streams()
+    READ.clear()  # manifests list what this command reads
     given(sys.argv[1:])
     with ended_by_signals() as signals:
         try:

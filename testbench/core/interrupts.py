@@ -21,14 +21,19 @@ def ended_by_signals() -> Generator[list[int], None, None]:
     is not shown; an interrupt among that comes again.
     """
     came: list[int] = []
+    over = threading.Event()
 
     def end(number: int, frame: Any) -> None:
         came.append(number)
         raise KeyboardInterrupt
 
+    def again() -> None:
+        if not over.is_set():
+            signal.raise_signal(signal.SIGINT)
+
     def unheard(said: Any) -> None:
         if isinstance(said.exc_value, KeyboardInterrupt):
-            threading.Timer(0.02, signal.raise_signal, [signal.SIGINT]).start()
+            threading.Timer(0.02, again).start()
 
     here = threading.current_thread() is threading.main_thread()
     ours = [n for n in _ENDING if here and signal.getsignal(n) is signal.SIG_DFL]
@@ -38,6 +43,7 @@ def ended_by_signals() -> Generator[list[int], None, None]:
     try:
         yield came
     finally:
+        over.set()  # what came once more, too, ends nothing twice
         sys.unraisablehook = before
         for number in ours:
             signal.signal(number, signal.SIG_DFL)

@@ -135,6 +135,7 @@ class ResultFolder:
         self.new = self.path / OWN / NEW
         self._resume, self._adds, self._sealed = resume, adds, sealed
         self._lock: FileLock | None = None
+        self._before = {} if _command() else dict(READ)  # a program may have read much for other results
         folder_in(self.path.parent, self.path.name or "root")
         self._made = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
         try:
@@ -242,10 +243,16 @@ class ResultFolder:
 
         if self._sealed:
             return Manifest((), __version__, {}, files)
-        given, inputs = _command(), _inputs(self.path, files)
+        given, inputs = _command(), self._inputs(files)
         if self._adds and self._old.files:  # what the folder is, its first command says
             given, inputs = self._old.command, {**self._old.inputs, **inputs}
         return Manifest(given, __version__, inputs, files, packages())
+
+    def _inputs(self, files: Mapping[str, Entry]) -> dict[str, Entry]:
+        """Return name -> entry of the files that were read for this result, but for its own."""
+        own = {self.path.absolute() / name for name in files}
+        read = {path: then for path, then in READ.items() if path not in own and self._before.get(path) != then}
+        return dict(sorted((_name_of(path), _entry_then(path, *then)) for path, then in read.items()))
 
     def _saved(self, manifest: Manifest) -> Path:
         """Move a result that cannot take its place into a folder of its own below, so that it is not lost."""
@@ -441,19 +448,14 @@ def _holder(lock: Path) -> str:
 
 def _command() -> tuple[str, ...]:
     """Return the command that runs, if it is the testbench's command line."""
-    return ("testbench", *sys.argv[1:]) if Path(sys.argv[0]).name in ("testbench", "__main__.py") else ()
+    program = Path(sys.argv[0])
+    ours = program.name == "testbench" or program.parts[-2:] == ("testbench", "__main__.py")
+    return ("testbench", *sys.argv[1:]) if ours else ()
 
 
 def packages() -> dict[str, str]:
     """Return the version of each package that decides figures."""
     return {name: version(name) for name in ("numpy", "scipy", "jsbsim")}
-
-
-def _inputs(folder: Path, files: Mapping[str, Entry]) -> dict[str, Entry]:
-    """Return name -> entry of the files that this process has read, but for those of the result itself."""
-    own = {(folder.absolute() / name) for name in files}
-    found = {_name_of(path): _entry_then(path, *then) for path, then in READ.items() if path not in own}
-    return dict(sorted(found.items()))
 
 
 @lru_cache(maxsize=1000)

@@ -13,7 +13,10 @@ def test_every_command_has_a_small_case():
     assert {name.partition(",")[0] for name in CASES} - {"blind test"} == set(leaves())
 
 
-@pytest.mark.parametrize("name", CASES)
+SLOW = ("run", "campaign resume", "campaign status", "campaign summarise")  # what they begin with takes long to make
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in CASES])
 def test_a_command_bears_a_sample(name, tmp_path):
     told = tmp_path / "told"
     assert in_warm_process(sampled, name, told) == 0

@@ -234,6 +234,7 @@ def test_sigterm_acts_once_the_new_result_is_in_place(tmp_path):
 
 
 def test_a_manifest_lists_the_files_that_were_read_by_names_that_hold_elsewhere(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["testbench", "run"])
     monkeypatch.chdir(tmp_path)
     for name in ("mine.toml", "changed.toml"):
         Path(name).write_text(name)
@@ -284,3 +285,15 @@ def test_a_damaged_manifest_is_one_sentence(tmp_path, text):
         ResultFolder(tmp_path)
     assert {p.name for p in (tmp_path / OWN).iterdir()} == {LOCK, MANIFEST}
     assert not (tmp_path / OWN / COMMIT).exists()
+
+
+def test_a_program_that_writes_many_results_lists_what_it_read_for_each(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["notebook.py"])
+    for name in ("earlier.toml", "own.toml"):
+        (tmp_path / name).write_text(name)
+    checked(tmp_path / "earlier.toml", "scenario")
+    with ResultFolder(tmp_path / "a"):
+        checked(tmp_path / "own.toml", "scenario")
+    found = manifest_of(tmp_path / "a")
+    assert found.command == ()
+    assert [Path(name).name for name in found.inputs] == ["own.toml"]

@@ -68,6 +68,7 @@ def test_a_result_says_which_files_are_changed_missing_or_the_users(tmp_path):
 
 
 def test_a_result_says_what_would_change_if_it_were_made_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["testbench", "run"])
     monkeypatch.chdir(tmp_path)
     for name in ("same.toml", "other.toml", "gone.toml"):
         Path(name).write_text("1")
