@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import re
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -13,10 +15,12 @@ from commands import command, ends
 from gap_flights import ELEVATOR, THROTTLE, believe, measure
 
 from testbench.core.constants import DEG_RAD
+from testbench.core.errors import DiskError
 from testbench.core.scenario.inputs import Doublet
 from testbench.flight import load_aircraft
 from testbench.questions.brought import laws_of
 from testbench.questions.files import check_file
+from testbench.questions.gap import new
 from testbench.questions.gap.new import most_different, shared_with
 from testbench.questions.gap.new_suite import suite_of_records
 from testbench.questions.gap.records import flights_of
@@ -158,6 +162,21 @@ def test_degrees_read_as_radians_are_asked_about(flown, monkeypatch, capsys, tmp
     assert f"in record 'one' (and in two), {channel}:" in done.stdout + done.stderr
     assert "is it in deg" in done.stdout + done.stderr
     assert "other way" not in done.stderr
+
+
+def test_a_full_disk_is_not_taken_for_what_is_asked_about(flown, monkeypatch, tmp_path):
+    """Of values that are asked about, what fails is told as theirs; a disk without room is its own cause."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("one", "two"):
+        frozen = np.full(len(flown[name]), 16.0)
+        replace(flown[name].with_columns({"V": frozen}), provenance={"file": f"{name}.log"}).save(f"{name}.nc")
+
+    def full(*_, **__):
+        raise DiskError(tmp_path, OSError(errno.ENOSPC, "No space left on device"), "free space")
+
+    monkeypatch.setattr(new, "load_aircraft", full)
+    with pytest.raises(DiskError):
+        new.new_case(tmp_path / "mine.toml", "eolo", [Path("one.nc"), Path("two.nc")])
 
 
 def test_noise_that_a_filter_took_is_a_guess_and_says_so(flown, monkeypatch, capsys, tmp_path):

@@ -66,7 +66,7 @@ def digests(place: Path) -> dict[str, str]:
     found = {}
     for path in sorted(place.rglob("*")):
         name = path.relative_to(place).as_posix()
-        if HIDDEN in name.split("/") or path.suffix == ".lock":
+        if HIDDEN in name.split("/") or path.suffix in (".lock", ".sqlite-shm", ".sqlite-wal"):  # come and go
             continue
         if path.is_dir():
             if not any(path.iterdir()):
