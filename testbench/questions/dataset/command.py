@@ -78,14 +78,14 @@ def score(
     from testbench.questions.dataset.score import score_predictions
 
     heads, rows, right = score_predictions(folder, predictions, truth)
-    print_rows(console(), heads, rows, right)
-    if out is not None:
+    if out is not None:  # first: who reads what is printed may stop
         import csv
         import io
 
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows([heads, *rows])
         write_beside(out, lambda path: write_file(path, text.getvalue()))
+    print_rows(console(), heads, rows, right)
 
 
 @command.command("check")
