@@ -80,6 +80,8 @@ def naca(digits: str) -> FloatArray:
     Raises:
         ScenarioError: the series is another one, or the section has no thickness.
     """
+    if not (digits.isascii() and digits.isdigit()):
+        raise ScenarioError([f"{_LAW}, got naca{digits}: its digits must be digits"])
     c = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, _POINTS)))
     if len(digits) == 4:
         m, p = int(digits[0]) / 100.0, int(digits[1]) / 10.0

@@ -68,3 +68,9 @@ def test_what_is_no_section_is_refused(tmp_path, name, words):
     (tmp_path / "line.dat").write_text("\n".join(f"{i / 20} 0.0" for i in range(20)))
     with pytest.raises(ScenarioError, match=words):
         airfoil(name, tmp_path)
+
+
+def test_digits_that_are_none_are_refused():
+    """An AVL file's NACA line may say anything."""
+    with pytest.raises(ScenarioError, match="digits must be digits"):
+        naca("24q2")

@@ -106,7 +106,8 @@ title = "Two suites"
 aircraft = "taurus"
 seed = 1
 seeds = 3
-suites = ["eolo_gap", "eolo_alpha"]
+suites = ["taurus_8hz", "eolo_gap"]
+simulation = { rate_hz = 400.0, log_rate_hz = 200.0 }
 condition = { V_m_s = 13.0, h_m = 100.0 }
 targets = { parameters = ["M_alpha", "M_q", "M_de"] }
 identification = { inputs = ["de_cmd"], best_case = true }
