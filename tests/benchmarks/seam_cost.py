@@ -69,7 +69,7 @@ def compare(title: str, models: dict[str, Aircraft], trimmed_as: Aircraft) -> No
     first = next(iter(models))
     print(f"{title}: {1e6 * statistics.median(times[first]) / (TURNS * FRAMES):.1f} us a frame, {first}")
     for name in list(models)[1:]:
-        ratios = [a / b for a, b in zip(times[name], times[first], strict=True)]
+        ratios = [a / max(b, 1e-9) for a, b in zip(times[name], times[first], strict=True)]  # a coarse clock
         low, middle, high = statistics.quantiles(ratios, n=4)
         print(f"  {name}: {middle:.3f} times as long (half of the rounds from {low:.3f} to {high:.3f})")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from commands import in_warm_process
-from studies.reliability.sample import sampled
+from studies.reliability.sample import QUICK, sampled
 from studies.reliability.small import CASES, leaves
 
 
@@ -13,10 +13,11 @@ def test_every_command_has_a_small_case():
     assert {name.partition(",")[0] for name in CASES} - {"blind test"} == set(leaves())
 
 
-SLOW = ("run", "campaign resume", "campaign status", "campaign summarise")  # what they begin with takes long to make
+# What takes more than a second to begin with is tried by the slow suite, and by `make reliability`.
+SAMPLED = [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in CASES]
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in CASES])
+@pytest.mark.parametrize("name", SAMPLED)
 def test_a_command_bears_a_sample(name, tmp_path):
     told = tmp_path / "told"
     assert in_warm_process(sampled, name, told) == 0
