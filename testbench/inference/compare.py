@@ -346,6 +346,13 @@ class _Fit:
         return deviations_of(self.hypothesis.parameters)
 
     @property
+    def _log_held(self) -> float:
+        """Ln of the prior probability that the parameters lie within their bounds."""
+        prior = means_of(self.hypothesis.parameters)
+        held = norm.cdf((self._high - prior) / self._std) - norm.cdf((self._low - prior) / self._std)
+        return float(np.sum(np.log(held)))
+
+    @property
     def _offset(self) -> FloatArray:
         """Prior means less the point that the columns belong to."""
         return means_of(self.hypothesis.parameters) - self.theta
@@ -418,10 +425,9 @@ class _Fit:
         if not self.hypothesis.parameters:
             return self
         centre, covariance = self._gaussian()
-        errors, prior = np.sqrt(np.diag(covariance)), means_of(self.hypothesis.parameters)
+        errors = np.sqrt(np.diag(covariance))
         mass = norm.cdf((self._high - centre) / errors) - norm.cdf((self._low - centre) / errors)
-        held = norm.cdf((self._high - prior) / self._std) - norm.cdf((self._low - prior) / self._std)
-        return replace(self, correction=float(np.sum(np.log(np.maximum(mass, 1e-12)) - np.log(held))))
+        return replace(self, correction=float(np.sum(np.log(np.maximum(mass, 1e-12)))) - self._log_held)
 
     def _gaussian(self) -> tuple[FloatArray, FloatArray]:
         """Return centre and covariance of the posterior of the linear model."""
@@ -433,7 +439,7 @@ class _Fit:
         if not self.hypothesis.parameters:
             return self
         k, (centre, covariance) = self.k, self._gaussian()
-        errors, prior = np.sqrt(np.diag(covariance)), means_of(self.hypothesis.parameters)
+        errors = np.sqrt(np.diag(covariance))
         top = self._log_joint(self.theta, k)
         worst = 0.0
         for i in range(len(centre)):
@@ -461,8 +467,7 @@ class _Fit:
             return replace(self, effective=0.0)
         gain = float(logsumexp(logs) - math.log(_SAMPLES)) - log_t + log_normal
         weights = np.exp(logs - logsumexp(logs))
-        held = norm.cdf((self._high - prior) / self._std) - norm.cdf((self._low - prior) / self._std)
-        correction = gain - float(np.sum(np.log(held)))
+        correction = gain - self._log_held
         return replace(self, correction=correction, effective=float(1.0 / np.sum(weights**2)) / _SAMPLES)
 
     @property
