@@ -22,6 +22,7 @@ RANKS = (
     {"core"},
     {"aircraft", "inputs", "sensors", "estimators", "logs"},
     {"flight"},
+    {"effects"},
     {"inference"},
     {"evaluation"},
     {"information"},

@@ -57,10 +57,10 @@ def _keys(path: Path) -> set[str]:
 
 def _in_python(name: str) -> tuple[str, list[Law]]:
     """Return the kind of what a Python file holds under a name, and its laws."""
+    from testbench.effects.base import Effect
     from testbench.estimators import contract as methods
+    from testbench.questions.gap import effect_contract as effects
     from testbench.questions.gap.brought import FOLDER
-    from testbench.questions.gap.effects import contract as effects
-    from testbench.questions.gap.effects.base import Effect
 
     try:
         path, attribute = find(name, None, FOLDER)

@@ -74,8 +74,8 @@ def scenarios() -> Rows:
 
 def effects() -> Rows:
     """Return the effects that the gap workflow can name."""
-    from testbench.questions.gap.effects import EFFECTS, OTHER_SERVOS
-    from testbench.questions.gap.effects.servo import PLACES
+    from testbench.effects import EFFECTS, OTHER_SERVOS
+    from testbench.effects.servo import PLACES
     from testbench.questions.gap.further import CONTROLS
 
     beside = "searched where the search points to its path, or by name"

@@ -14,9 +14,9 @@ import pytest
 from testbench.aircraft import Aircraft
 from testbench.core.errors import ModelError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.effects import EFFECTS, ON_REQUEST, Effect, library
 from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, fly, linearise, load_aircraft, trim
 from testbench.inputs.signal import InputSignal
-from testbench.questions.gap.effects import EFFECTS, ON_REQUEST, Effect, library
 from testbench.sensors import load_suite
 
 AIRCRAFT = ("taurus", "jsbsim:c172p", "jsbsim:f16")

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from testbench.core.paths import find_scenario
-from testbench.questions.gap.effects import EFFECTS
+from testbench.effects import EFFECTS
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"

@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 
 import testbench as tb
+from testbench.effects import SERVOS
 from testbench.flight.trim import FrameRateWarning
-from testbench.questions.gap.effects import SERVOS
 from testbench.sensors import load_suite
 
 CONDITION = tb.FlightCondition(V_m_s=14.0, h_m=100.0)

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 from testbench.aircraft import Aircraft
 from testbench.core.record import FloatArray
+from testbench.effects import Effect
 from testbench.flight import FlightCondition
-from testbench.questions.gap.effects import Effect
 from testbench.sensors import SensorSuite
 
 

@@ -10,12 +10,12 @@ from testbench.core.blas import on_one_thread
 from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord, load_record
 from testbench.core.scenario.base import Condition
+from testbench.effects import OTHER_SERVOS
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.flight.batch.jobs import Simulator
 from testbench.line import Keep, condition_of
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.brought import choose
-from testbench.questions.gap.effects import OTHER_SERVOS
 from testbench.questions.gap.evidence.compared import not_compared
 from testbench.questions.gap.hidden.kinds import measure_hidden
 from testbench.questions.gap.records import Flights, at_its_own, check_records, check_speeds

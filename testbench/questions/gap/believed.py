@@ -14,6 +14,8 @@ from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import LimitError, ModelError, RecordError, ScenarioError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
+from testbench.effects import Effect
+from testbench.effects.base import MetGust
 from testbench.estimators.trajectories import driven
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight
 from testbench.flight.air import Air, Gust
@@ -25,8 +27,6 @@ from testbench.inputs.signal import InputSignal
 from testbench.line import flown_already
 from testbench.questions.gap.added import grown_by, in_place, moved_by, raised, shaped_by
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.effects import Effect
-from testbench.questions.gap.effects.base import MetGust
 from testbench.questions.gap.evidence.commanded import (
     commands,
     held,

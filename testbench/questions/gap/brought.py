@@ -12,7 +12,7 @@ from testbench.aircraft import Aircraft
 from testbench.core import bring
 from testbench.core.door import sha256
 from testbench.core.errors import ScenarioError, nearest
-from testbench.questions.gap.effects import Effect, catalogue, left_out, library
+from testbench.effects import Effect, catalogue, left_out, library
 from testbench.sensors import SensorSuite
 
 FOLDER = "effects"

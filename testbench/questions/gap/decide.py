@@ -16,11 +16,11 @@ from scipy.stats import chi2
 
 from testbench.core.errors import LimitError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord
+from testbench.effects import Effect
 from testbench.flight.air import Gust
 from testbench.questions.gap import tell
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.evidence.commanded import MOVED, commands
 from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.evidence.locate import left_by

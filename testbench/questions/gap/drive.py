@@ -20,11 +20,11 @@ from testbench.aircraft.seams import control_path, with_servo
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import LimitError, RecordError, located
 from testbench.core.record import FlightAborted, FlightRecord
+from testbench.effects.servo import WORDS
 from testbench.estimators.regression.smoothing import LEAST, noise_level
 from testbench.page.words import listed
 from testbench.questions.gap.believed import NO_SERVO_RAD_S, Believed
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.effects.servo import WORDS
 from testbench.questions.gap.evidence.commanded import (
     BETWEEN,
     begins_quietly,

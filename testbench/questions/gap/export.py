@@ -20,10 +20,10 @@ from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT_MODELS, STOCK
 from testbench.core.store import ResultFolder
 from testbench.core.toml_text import real
+from testbench.effects.base import MetGust
 from testbench.flight import FlightCondition
 from testbench.page.labels import file_stem
 from testbench.questions.gap.drive import as_it_is
-from testbench.questions.gap.effects.base import MetGust
 from testbench.questions.gap.starts import times_of
 from testbench.sensors import suite_toml
 

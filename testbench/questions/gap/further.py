@@ -11,10 +11,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from testbench.core.record import FlightRecord
+from testbench.effects import Effect, left_out
+from testbench.effects.servo import PLACES, WORDS
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.decide import Naming, Rest, judged, score
-from testbench.questions.gap.effects import Effect, left_out
-from testbench.questions.gap.effects.servo import PLACES, WORDS
 from testbench.questions.gap.open_set import FirstLook
 from testbench.questions.gap.search.name import name_effect
 

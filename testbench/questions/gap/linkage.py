@@ -14,11 +14,11 @@ import numpy as np
 
 from testbench.core.errors import LimitError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord
+from testbench.effects import SERVOS
+from testbench.effects.servo import COEFFICIENTS
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, sum_of_squares
-from testbench.questions.gap.effects import SERVOS
-from testbench.questions.gap.effects.servo import COEFFICIENTS
 from testbench.questions.gap.evidence.commanded import starts_freely
 from testbench.questions.gap.priors import deviations_of
 from testbench.questions.gap.search.fit import EffectFit, fitted

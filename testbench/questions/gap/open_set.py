@@ -21,11 +21,11 @@ from testbench.core.constants import FT_M
 from testbench.core.errors import ModelError, TestbenchError
 from testbench.core.record import FlightRecord
 from testbench.core.words import with_error
+from testbench.effects import left_out
+from testbench.effects.aero import followed
+from testbench.effects.base import Effect, Parameter, Values
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.decide import Naming, confirmed
-from testbench.questions.gap.effects import left_out
-from testbench.questions.gap.effects.aero import followed
-from testbench.questions.gap.effects.base import Effect, Parameter, Values
 from testbench.questions.gap.evidence.felt import Felt, felt
 from testbench.questions.gap.evidence.stepwise import COPIES, FoundTerm, Regression, regress
 from testbench.questions.gap.evidence.vocabulary import CONTROLS, TIME, Factor, Term

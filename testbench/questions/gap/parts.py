@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from testbench.questions.gap.effects import Effect
+from testbench.effects import Effect
 
 
 @dataclass(frozen=True)

@@ -23,12 +23,12 @@ from testbench.core.errors import LimitError, TrimError, located
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, Input, Pulse, StandardMultistep, Sweep
+from testbench.effects import Effect, library
 from testbench.flight import load_aircraft
 from testbench.inputs import build
 from testbench.line import condition_of
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.effects import Effect, library
 from testbench.questions.gap.evidence.commanded import commands, quiet_samples, starts_freely
 from testbench.questions.gap.evidence.compared import not_compared
 from testbench.questions.gap.search.fit import EffectFit

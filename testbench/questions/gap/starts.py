@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass, replace
 from testbench.aircraft import Aircraft
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord
+from testbench.effects.payload import with_load
 from testbench.flight import FlightCondition
-from testbench.questions.gap.effects.payload import with_load
 from testbench.sensors import SensorSuite
 
 CUT = "cut_from_record_s"

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from testbench.questions.gap.effects.servo import WORDS
+from testbench.effects.servo import WORDS
 from testbench.questions.gap.evidence.control_path import JudgedPath
 from testbench.questions.gap.evidence.locate import Structure
 from testbench.questions.gap.priors import deviations_of

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from testbench.core.proportion import proportion_interval
+from testbench.effects import SERVOS
 from testbench.page.words import listed
 from testbench.questions.gap.called import CALLED
 from testbench.questions.gap.decide import Naming
-from testbench.questions.gap.effects import SERVOS
 from testbench.questions.gap.evidence.control_path import JudgedPath
 from testbench.questions.gap.parts import Part, parts_of
 

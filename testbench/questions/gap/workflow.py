@@ -12,6 +12,7 @@ import numpy as np
 from testbench.core.blas import on_one_thread
 from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord
+from testbench.effects import OTHER_SERVOS, Effect, library
 from testbench.flight.batch.jobs import Tally
 from testbench.inference.parameters import Source
 from testbench.questions.gap.believed import Believed
@@ -20,7 +21,6 @@ from testbench.questions.gap.controls import fly_controls, without_false_alarms
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, judged, noise_limit
 from testbench.questions.gap.drive import driven
-from testbench.questions.gap.effects import OTHER_SERVOS, Effect, library
 from testbench.questions.gap.evidence.air import (
     AirFound,
     in_air,

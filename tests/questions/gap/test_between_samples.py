@@ -9,10 +9,10 @@ import pytest
 from axes import believe
 
 from testbench.core.record import FlightRecord
+from testbench.effects import EFFECTS
 from testbench.flight import Manoeuvre, fly, trim
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.drive import drive_records
-from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence.commanded import BETWEEN, between_samples, held, moves_on
 from testbench.questions.gap.evidence.path_models import Path
 from testbench.questions.gap.workflow import find_gap

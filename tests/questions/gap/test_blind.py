@@ -19,8 +19,8 @@ from studies.blind.run import believe, look_again
 from studies.blind.score import judge, rates
 
 from testbench.core.proportion import proportion_interval
+from testbench.effects import EFFECTS, library
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.effects import EFFECTS, library
 from testbench.questions.gap.hidden import servos
 from testbench.questions.gap.hidden.aircraft import SERVO_LAG
 from testbench.questions.gap.hidden.entries import TRUTHS

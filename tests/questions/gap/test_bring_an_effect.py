@@ -12,9 +12,9 @@ from commands import command
 
 from testbench.core.bring import BroughtCodeError
 from testbench.core.errors import ScenarioError
+from testbench.effects import library
 from testbench.questions.gap.brought import choose, faults, load_effect
-from testbench.questions.gap.effects import library
-from testbench.questions.gap.effects.contract import LAWS, tried
+from testbench.questions.gap.effect_contract import LAWS, tried
 from testbench.questions.gap.scenario import GapScenario
 from testbench.sensors import load_suite
 

@@ -10,10 +10,10 @@ from axes import believe as believe_axes
 from axes import commands
 from gap_flights import ELEVATOR, believe, measure
 
+from testbench.effects import EFFECTS
 from testbench.questions.gap.coefficients import gain_of, rivals
 from testbench.questions.gap.decide import Naming
-from testbench.questions.gap.effects import EFFECTS
-from testbench.questions.gap.effects.contract import recorded
+from testbench.questions.gap.effect_contract import recorded
 from testbench.questions.gap.linkage import linkage_instead
 from testbench.questions.gap.parameters import off_parameters, wrong_parameters
 from testbench.questions.gap.search.fit import EffectFit

@@ -16,10 +16,10 @@ from gap.gap_flights import among
 import testbench.questions.gap.workflow as workflow
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
+from testbench.effects import EFFECTS, library
+from testbench.effects.servo import WORDS
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.effects import EFFECTS, library
-from testbench.questions.gap.effects.servo import WORDS
 from testbench.questions.gap.evidence.control_path import JudgedPath, judge_paths, restricted
 from testbench.questions.gap.hidden.kinds import (
     Ballast,

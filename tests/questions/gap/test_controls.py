@@ -14,10 +14,10 @@ from gap_flights import believe, measure
 import testbench.questions.gap.controls as controls_module
 from testbench.core.errors import LimitError, RecordError
 from testbench.core.record import FlightRecord
+from testbench.effects import EFFECTS
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.controls import Control, Controls, fly_control, fly_controls, without_false_alarms
 from testbench.questions.gap.decide import Naming
-from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen
 from testbench.questions.gap.evidence.air import measure as measure_air
 from testbench.questions.gap.priors import PRIORS

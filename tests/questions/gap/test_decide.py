@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from gap_flights import ELEVATOR, believe, measure
 
+from testbench.effects import EFFECTS
 from testbench.questions.gap.decide import Naming, confirmed, judged, rest, without_structure
-from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence.air import AirFound
 from testbench.questions.gap.evidence.locate import largest_errors, left_by
 from testbench.questions.gap.parameters import off_parameters, wrong_parameters

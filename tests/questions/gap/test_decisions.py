@@ -10,6 +10,8 @@ import pytest
 from scipy.stats import chi2
 
 import testbench.questions.gap.search.fit as fit_module
+from testbench.effects import EFFECTS
+from testbench.effects.base import together
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import (
     decide,
@@ -20,8 +22,6 @@ from testbench.questions.gap.decide import (
     score,
     worth_of_form,
 )
-from testbench.questions.gap.effects import EFFECTS
-from testbench.questions.gap.effects.base import together
 from testbench.questions.gap.priors import PRIORS
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import Descent

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from testbench.core.errors import TestbenchError
+from testbench.effects import library
 from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, linearise_along, load_aircraft, trim
 from testbench.flight.batch.check import TOLERANCE, difference
 from testbench.flight.batch.fly import Job, Tally, fly_block
@@ -15,7 +16,6 @@ from testbench.flight.batch.linear import linearise_flight, linearise_many
 from testbench.flight.batch.model import batch_model
 from testbench.flight.batch.trim import trim_many
 from testbench.inputs.signal import InputSignal
-from testbench.questions.gap.effects import library
 from testbench.sensors import load_suite
 
 CONDITIONS = {

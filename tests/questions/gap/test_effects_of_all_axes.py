@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from axes import believe, commands
 
-from testbench.flight import FlightCondition, linearise, trim
-from testbench.questions.gap.effects import (
+from testbench.effects import (
     EFFECTS,
     ON_REQUEST,
     asymmetry,
@@ -17,7 +16,8 @@ from testbench.questions.gap.effects import (
     propeller,
     stall_moment,
 )
-from testbench.questions.gap.effects.contract import recorded
+from testbench.flight import FlightCondition, linearise, trim
+from testbench.questions.gap.effect_contract import recorded
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis

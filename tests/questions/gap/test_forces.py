@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gap_flights import believe, measure
 
-from testbench.questions.gap.effects import EFFECTS
+from testbench.effects import EFFECTS
 from testbench.questions.gap.evidence.forces import equation_errors, follows
 
 

@@ -7,10 +7,10 @@ import pytest
 from axes import believe, commands
 
 from testbench.core.record import FlightRecord
+from testbench.effects import EFFECTS, OTHER_SERVOS, Effect
+from testbench.effects.base import together
 from testbench.questions.gap.decide import Naming
-from testbench.questions.gap.effects import EFFECTS, OTHER_SERVOS, Effect
-from testbench.questions.gap.effects.base import together
-from testbench.questions.gap.effects.contract import recorded
+from testbench.questions.gap.effect_contract import recorded
 from testbench.questions.gap.evidence.stepwise import FoundTerm, Regression
 from testbench.questions.gap.evidence.vocabulary import Factor, Term
 from testbench.questions.gap.further import named_in_path, pointed_to

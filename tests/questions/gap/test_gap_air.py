@@ -12,9 +12,9 @@ import pytest
 from gap_flights import ELEVATOR, THROTTLE, believe, measure
 from scipy.linalg import solve_discrete_are
 
+from testbench.effects import EFFECTS
 from testbench.flight.air import scale_lengths
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence import air
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen, listen_again
 from testbench.questions.gap.evidence.gust_filter import GustFilter

@@ -11,8 +11,8 @@ import pytest
 from gap_flights import CONDITION, believe
 
 from testbench.core.paths import AIRCRAFT_MODELS
+from testbench.effects import EFFECTS
 from testbench.flight import linearise, load_aircraft, trim
-from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.export import aircraft_files, write_amended
 
 

@@ -11,11 +11,11 @@ from scipy.linalg import expm
 
 from testbench.core.constants import LBF_N
 from testbench.core.record import FlightRecord
+from testbench.effects import EFFECTS
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.flight.air import turbulence_rms
 from testbench.flight.executive import Executive
 from testbench.questions.gap import figures, windows
-from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence import felt
 from testbench.questions.gap.evidence.gust_model import _felt
 from testbench.questions.gap.evidence.stepwise import _Moments, _Slow

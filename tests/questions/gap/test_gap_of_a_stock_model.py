@@ -15,13 +15,13 @@ from testbench.core.errors import ModelError
 from testbench.core.paths import stock_root
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
+from testbench.effects import EFFECTS, OTHER_SERVOS, library
 from testbench.flight import FlightCondition, Manoeuvre, fly, load_aircraft, trim
 from testbench.inputs import build
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.ask import GapResult
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.brought import choose
-from testbench.questions.gap.effects import EFFECTS, OTHER_SERVOS, library
 from testbench.questions.gap.export import amended_files, write_amended
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
 from testbench.questions.gap.workflow import find_gap

@@ -13,10 +13,10 @@ from testbench.core.door import read_toml
 from testbench.core.errors import ModelError
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.air import AirSpec
+from testbench.effects import EFFECTS
+from testbench.effects.base import MetGust
 from testbench.flight.air import Gust
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.effects import EFFECTS
-from testbench.questions.gap.effects.base import MetGust
 from testbench.questions.gap.evidence.gusts import called, manoeuvre_of, record_key
 from testbench.questions.gap.export import air_text
 from testbench.questions.gap.hidden.entries import TRUTHS

@@ -14,7 +14,7 @@ from testbench.core.scenario.inputs import StandardMultistep
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.inputs import build
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.effects.contract import recorded
+from testbench.questions.gap.effect_contract import recorded
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.priors import PRIORS
 from testbench.questions.gap.sealed.flights import fly_truth

@@ -19,11 +19,11 @@ from testbench.core.paths import SCENARIOS
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
+from testbench.effects import EFFECTS, library
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.questions.gap.ask import run_gap
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.decide import Naming
-from testbench.questions.gap.effects import EFFECTS, library
 from testbench.questions.gap.evidence.air import listen
 from testbench.questions.gap.evidence.check import check_data
 from testbench.questions.gap.evidence.commanded import moves_laterally

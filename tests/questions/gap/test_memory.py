@@ -11,9 +11,9 @@ from scipy.linalg import expm
 from scipy.stats import chi2
 
 from testbench.core.constants import DEG_RAD
+from testbench.effects import EFFECTS
 from testbench.flight import Manoeuvre, fly
 from testbench.inputs.signal import InputSignal
-from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence.air import AirFound, in_air
 from testbench.questions.gap.evidence.gust_model import GustModel
 

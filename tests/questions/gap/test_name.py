@@ -10,8 +10,8 @@ import pytest
 from studies.blind.run import believe
 from studies.blind.stock_again import DRAW
 
+from testbench.effects import EFFECTS
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.hidden.entries import TRUTHS
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.sealed.flights import fly_truth

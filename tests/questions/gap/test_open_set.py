@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from open_flights import believe, lacking, measured, prop, truths
 
+from testbench.effects import EFFECTS
 from testbench.questions.gap import open_set, workflow
 from testbench.questions.gap.decide import Naming
-from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence.check import DataCheck
 from testbench.questions.gap.evidence.felt import felt
 from testbench.questions.gap.evidence.stepwise import FoundTerm, Regression

@@ -11,10 +11,10 @@ from gap_flights import CONDITION, ELEVATOR, THROTTLE, believe, measure
 
 from testbench.core.atmosphere import air_density, height_of_density
 from testbench.core.scenario.inputs import Doublet
+from testbench.effects import EFFECTS
 from testbench.questions.gap.ask import GapResult
-from testbench.questions.gap.effects import EFFECTS
-from testbench.questions.gap.effects.contract import CONDITION as AT
-from testbench.questions.gap.effects.contract import believed, commands, recorded
+from testbench.questions.gap.effect_contract import CONDITION as AT
+from testbench.questions.gap.effect_contract import believed, commands, recorded
 from testbench.questions.gap.export import amended_files
 from testbench.questions.gap.priors import PRIORS
 from testbench.questions.gap.search.fit import fit

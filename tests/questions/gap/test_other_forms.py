@@ -10,7 +10,7 @@ import pytest
 from studies.blind.lateral_cases import LateralCase
 from studies.blind.lateral_run import believe
 
-from testbench.questions.gap.effects import OTHER_SERVOS, library
+from testbench.effects import OTHER_SERVOS, library
 from testbench.questions.gap.workflow import find_gap
 
 # Standard deviations of their priors by which coefficients are off, and the sizes of what was drawn.

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from testbench.core.record import FlightRecord
+from testbench.effects import EFFECTS, SERVOS
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.effects import EFFECTS, SERVOS
-from testbench.questions.gap.effects.contract import recorded
+from testbench.questions.gap.effect_contract import recorded
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis

@@ -11,11 +11,11 @@ from gap_flights import CONDITION, believe, measure
 
 from testbench.core.errors import ModelError, ScenarioError
 from testbench.core.paths import SCENARIOS
+from testbench.effects import EFFECTS
+from testbench.effects.over_time import left
 from testbench.questions.gap.ask import run_gap
-from testbench.questions.gap.effects import EFFECTS
-from testbench.questions.gap.effects.contract import CONDITION as AT
-from testbench.questions.gap.effects.contract import believed, commands, recorded
-from testbench.questions.gap.effects.over_time import left
+from testbench.questions.gap.effect_contract import CONDITION as AT
+from testbench.questions.gap.effect_contract import believed, commands, recorded
 from testbench.questions.gap.export import amended_files
 from testbench.questions.gap.new import new_case
 from testbench.questions.gap.priors import PRIORS

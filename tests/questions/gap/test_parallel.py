@@ -13,8 +13,8 @@ import pytest
 from studies.blind.run import believe
 
 from testbench.core.scratch import Scratch
+from testbench.effects import EFFECTS
 from testbench.flight.executive import Executive
-from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.hidden.entries import TRUTHS
 from testbench.questions.gap.sealed.flights import fly_truth
 from testbench.questions.gap.search.name import name_effect

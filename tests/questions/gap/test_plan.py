@@ -11,7 +11,7 @@ from gap_flights import believe, measure
 import testbench.questions.gap.plan as plan_module
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
-from testbench.questions.gap.effects import EFFECTS
+from testbench.effects import EFFECTS
 from testbench.questions.gap.plan import NEEDED, Grams, as_record, candidates, family, plan_gap, separate, sum_of
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from studies.blind.run import believe
 
-from testbench.questions.gap.effects import EFFECTS
+from testbench.effects import EFFECTS
 from testbench.questions.gap.hidden.entries import TRUTHS
 from testbench.questions.gap.sealed.flights import fly_truth
 from testbench.questions.gap.search.fit import fit

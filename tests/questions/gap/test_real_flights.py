@@ -25,8 +25,8 @@ from real_aircraft import (
 )
 from recorded import flight_data
 
+from testbench.effects import library
 from testbench.flight import FlightCondition, linearise, trim
-from testbench.questions.gap.effects import library
 from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.questions.gap.parameters import off_parameters
 from testbench.questions.gap.priors import deviations_of

@@ -12,10 +12,10 @@ from rich.console import Console
 
 import testbench.questions.gap.plan as plan_module
 import testbench.questions.gap.workflow as workflow
+from testbench.effects import EFFECTS
 from testbench.flight import load_aircraft
 from testbench.questions.gap.ask import run_flights
 from testbench.questions.gap.controls import Control, Controls
-from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.figures import gap_plates
 from testbench.questions.gap.page import gap_page, gap_plan_page
 from testbench.questions.gap.records import Flights

@@ -10,7 +10,7 @@ from studies.blind.lateral_run import believe as believe_lateral
 from studies.blind.run import believe
 
 from testbench.core.record import FlightRecord
-from testbench.questions.gap.effects import EFFECTS, catalogue
+from testbench.effects import EFFECTS, catalogue
 from testbench.questions.gap.hidden.entries import TRUTHS
 from testbench.questions.gap.hidden.lateral import LATERAL
 from testbench.questions.gap.hidden.truth import Truth

@@ -9,8 +9,8 @@ import pytest
 from axes import believe, commands
 
 from testbench.core.constants import DEG_RAD
-from testbench.questions.gap.effects import EFFECTS, library
-from testbench.questions.gap.effects.contract import recorded
+from testbench.effects import EFFECTS, library
+from testbench.questions.gap.effect_contract import recorded
 from testbench.questions.gap.evidence.check import _corrected
 from testbench.questions.gap.evidence.motion import motion_of
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS

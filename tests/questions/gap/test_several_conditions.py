@@ -16,12 +16,12 @@ from testbench.core.errors import RecordError, TrimError
 from testbench.core.paths import SCENARIOS
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import StandardMultistep
+from testbench.effects import library
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.flight.air import Air, turbulence_rms
 from testbench.questions.gap import ask
 from testbench.questions.gap.ask import run_gap
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.effects import library
 from testbench.questions.gap.evidence.air import in_air, listen
 from testbench.questions.gap.evidence.felt import felt
 from testbench.questions.gap.hidden.kinds import Nothing, RateFeedback, measure_hidden

@@ -19,6 +19,8 @@ from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
+from testbench.effects import EFFECTS
+from testbench.effects.servo import corner_of
 from testbench.flight import FlightCondition, fly, load_aircraft, trim
 from testbench.flight import Manoeuvre as Flown
 from testbench.inputs import build
@@ -26,8 +28,6 @@ from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.ask import GapResult
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.drive import BYPASS, drive_records, driven, driven_by
-from testbench.questions.gap.effects import EFFECTS
-from testbench.questions.gap.effects.servo import corner_of
 from testbench.questions.gap.evidence.air import AirFound, in_air
 from testbench.questions.gap.evidence.commanded import (
     begins_quietly,

@@ -8,12 +8,12 @@ from functools import cache
 import pytest
 from gap.test_control_path import ELEVATOR, NOISE_RAD, believe, measure
 
+from testbench.effects import EFFECTS
+from testbench.effects.base import together
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.by_surface import borne_out, named_beside
 from testbench.questions.gap.coefficients import gain_of, led_by_surfaces
 from testbench.questions.gap.decide import Naming
-from testbench.questions.gap.effects import EFFECTS
-from testbench.questions.gap.effects.base import together
 from testbench.questions.gap.evidence.air import AirFound
 from testbench.questions.gap.evidence.control_path import JudgedPath, PathTerm, judge_paths
 from testbench.questions.gap.hidden.kinds import CommandGain, LateCommand, RateFeedback, Roughness

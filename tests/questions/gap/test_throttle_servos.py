@@ -12,14 +12,14 @@ from axes import believe, commands
 
 from testbench.aircraft import Aircraft
 from testbench.core.record import FlightRecord
+from testbench.effects import EFFECTS, OTHER_SERVOS, SERVOS, left_out, library
 from testbench.flight import FlightCondition, Manoeuvre, fly, load_aircraft, trim
 from testbench.flight.batch.check import TOLERANCE, difference
 from testbench.flight.batch.fly import Job, Tally, fly_block
 from testbench.flight.batch.model import batch_model
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.effects import EFFECTS, OTHER_SERVOS, SERVOS, left_out, library
-from testbench.questions.gap.effects.contract import OF_AIRCRAFT, OF_WORDS, Trial, recorded
+from testbench.questions.gap.effect_contract import OF_AIRCRAFT, OF_WORDS, Trial, recorded
 from testbench.questions.gap.hidden.servos import backlash
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
 from testbench.questions.gap.search.fit import fit

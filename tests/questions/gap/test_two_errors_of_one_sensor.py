@@ -6,7 +6,7 @@ import numpy as np
 from axes import believe, commands
 
 from testbench.core.record import FlightRecord
-from testbench.questions.gap.effects import library
+from testbench.effects import library
 from testbench.questions.gap.workflow import find_gap
 
 

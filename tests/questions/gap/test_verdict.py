@@ -9,11 +9,11 @@ import pytest
 from studies.blind.__main__ import RESULTS, SEED, _sealed
 from studies.blind.parts import UNSEEN, called, called_text
 
+from testbench.effects import library
+from testbench.effects.base import together
 from testbench.flight import load_aircraft
 from testbench.questions.gap import called as module
 from testbench.questions.gap.called import CALLED
-from testbench.questions.gap.effects import library
-from testbench.questions.gap.effects.base import together
 from testbench.questions.gap.part_figure import _REGIONS, _region, part_plate
 from testbench.questions.gap.parts import part_names, parts_of
 from testbench.questions.gap.verdict import Verdict, call_of

@@ -31,11 +31,11 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import LimitError, RecordError
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.inputs import StandardMultistep, Sweep
+from testbench.effects import EFFECTS, library
 from testbench.flight import Manoeuvre, fly, trim
 from testbench.inputs import build
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.effects import EFFECTS, library
 from testbench.questions.gap.evidence.air import listen
 from testbench.questions.gap.evidence.commanded import (
     begins_quietly,

@@ -18,12 +18,12 @@ from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.core.record import FlightAborted
 from testbench.core.store import ResultFolder
+from testbench.effects import EFFECTS, library
 from testbench.flight import FlightCondition
 from testbench.page.write import record_keeper
 from testbench.questions.gap.ask import run_flights, run_gap
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.decide import Naming
-from testbench.questions.gap.effects import EFFECTS, library
 from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.questions.gap.evidence.locate import left_by, locate, structure
 from testbench.questions.gap.hidden.kinds import Nothing, measure_hidden

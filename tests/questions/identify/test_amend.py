@@ -13,10 +13,10 @@ from typer.testing import CliRunner
 import testbench as tb
 from testbench.cli import app
 from testbench.core.errors import EstimationError, RecordError, ScenarioError
+from testbench.effects import SERVOS
 from testbench.estimators.structured import Servo
 from testbench.evaluation.parameters import true_parameters
 from testbench.questions.aircraft.contract import aircraft_laws
-from testbench.questions.gap.effects import SERVOS
 from testbench.questions.identify.amend.answer import amended_answer
 from testbench.questions.identify.amend.ask import amend
 from testbench.questions.identify.amend.choose import aims_of, chosen_case, servo_aims
@@ -377,7 +377,7 @@ def test_a_delay_is_not_written_but_said_and_what_is_said_delays_the_amended_air
     late = case.estimator.model_copy(update={"servo": {"de_cmd": Servo(lag_s=1.0 / 33.0, delay_s=0.1)}})
     _, notes = servo_aims(replace(found, cases=(replace(case, estimator=late),)), 0)
     (note,) = (text for text in notes if text.startswith("the delay of de, 100 ms, is not written"))
-    assert "SERVOS['delay', 'de'] of testbench.questions.gap.effects" in note
+    assert "SERVOS['delay', 'de'] of testbench.effects" in note
     suite = tb.load_suite("taurus_8hz")
     delayed, _ = SERVOS["delay", "de"].amend(made.new, suite, {"delay_s": 0.1})
     t = np.arange(round(3.0 * made.new.rate_hz)) / made.new.rate_hz

@@ -9,9 +9,9 @@ from studies.blind.found_row import found_row
 from studies.blind.lateral_flights import suite
 
 from testbench.core.record import FlightRecord
+from testbench.effects import OTHER_SERVOS, Effect, library
 from testbench.flight import load_aircraft
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.effects import OTHER_SERVOS, Effect, library
 from testbench.questions.gap.sealed.flights import RATE_HZ, condition
 from testbench.questions.gap.workflow import find_gap
 

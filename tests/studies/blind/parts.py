@@ -10,8 +10,8 @@ from typing import Any
 
 from studies.blind.score import judge
 
+from testbench.effects import catalogue, library
 from testbench.flight import load_aircraft
-from testbench.questions.gap.effects import catalogue, library
 from testbench.questions.gap.parts import part_names
 from testbench.questions.gap.sealed.cases import Case
 from testbench.questions.gap.verdict import call_of

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from testbench.core.record import FlightRecord
+from testbench.effects import Effect, library
+from testbench.effects.base import together
 from testbench.flight import load_aircraft
 from testbench.flight.batch.jobs import Simulator
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, Rest, judged, rest
-from testbench.questions.gap.effects import Effect, library
-from testbench.questions.gap.effects.base import together
 from testbench.questions.gap.evidence.air import listen
 from testbench.questions.gap.sealed.flights import RATE_HZ, condition, suite
 from testbench.questions.gap.search.fit import EffectFit

@@ -23,10 +23,10 @@ from testbench.aircraft.seams import control_path
 from testbench.core.errors import ModelError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.words import with_error
+from testbench.effects import SERVOS, Effect
+from testbench.effects.servo import WORDS, corner_of, declared
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.effects import SERVOS, Effect
-from testbench.questions.gap.effects.servo import WORDS, corner_of, declared
 from testbench.questions.gap.evidence.commanded import commands, moves_on, quiet_samples, surface_noise
 from testbench.questions.gap.evidence.path_models import INSTANT, Kind, Path, kinds
 

@@ -14,10 +14,10 @@ import numpy as np
 
 from testbench.core.errors import RecordError, TestbenchError
 from testbench.core.record import FlightRecord
+from testbench.effects.servo import WORDS
 from testbench.logs.plausible import questions_of, refusal
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.effects.servo import WORDS
 from testbench.questions.gap.evidence.felt import Felt, felt
 from testbench.questions.gap.evidence.motion import smooth
 

@@ -10,9 +10,9 @@ from scipy.stats import chi2
 
 from testbench.core.record import FloatArray
 from testbench.core.words import with_error
+from testbench.effects import Effect
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.search.gauss_newton import Descent, descend, within_priors
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.screening import Screened

@@ -10,7 +10,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from scipy.stats import chi2, norm
 
 from testbench.core.record import FloatArray
-from testbench.questions.gap.effects import Effect
+from testbench.effects import Effect
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 
 FRESH_TANGENTS = (2, 5)  # rounds before which tangents of the nuisances are taken anew, at the point reached

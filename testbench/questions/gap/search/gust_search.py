@@ -23,11 +23,11 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.stats import chi2
 
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.effects.base import Effect, MetGust
+from testbench.effects.gust import LARGEST_M_S, Axis, placed
 from testbench.flight.air import Gust
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.effects.base import Effect, MetGust
-from testbench.questions.gap.effects.gust import LARGEST_M_S, Axis, placed
 from testbench.questions.gap.evidence.commanded import starts_freely
 from testbench.questions.gap.evidence.gusts import manoeuvre_of, record_key
 from testbench.questions.gap.search.hypothesis import Hypothesis

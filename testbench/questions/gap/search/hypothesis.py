@@ -14,9 +14,9 @@ from scipy.linalg import cho_factor, cho_solve
 from testbench.core.differences import ends, slope
 from testbench.core.errors import LimitError, ModelError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
+from testbench.effects import Effect
 from testbench.estimators.residuals import coloured_information
 from testbench.questions.gap.believed import STEPS, Believed
-from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.evidence.commanded import starts_freely
 from testbench.questions.gap.flights import AT_ONCE, Wanted, flights, linear_models
 from testbench.questions.gap.priors import LATERAL_PRIORS

@@ -8,6 +8,7 @@ from functools import partial
 from typing import NamedTuple
 
 from testbench.core.record import FlightRecord
+from testbench.effects import Effect, library
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import (
@@ -20,7 +21,6 @@ from testbench.questions.gap.decide import (
     score,
     without_structure,
 )
-from testbench.questions.gap.effects import Effect, library
 from testbench.questions.gap.priors import deviations_of
 from testbench.questions.gap.search.fit import HOPELESS, HOPELESS_AT_FIRST, HOPELESS_BESIDE_NOISE, EffectFit, fit
 from testbench.questions.gap.search.gauss_newton import MAX_ROUNDS, retune, within_priors

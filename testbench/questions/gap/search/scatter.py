@@ -11,10 +11,10 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.effects.servos import CONTROLS, SERVOS
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import noise_floor
-from testbench.questions.gap.effects.servos import CONTROLS, SERVOS
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import AT_REST, SHORTENED
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature

@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 
 from testbench.core.record import FloatArray
-from testbench.questions.gap.effects import Effect, Parameter
+from testbench.effects import Effect, Parameter
 from testbench.questions.gap.flights import trims
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.parallel import spread

@@ -10,6 +10,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from testbench.core.record import FloatArray
+from testbench.effects import Effect
+from testbench.effects.base import together
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import (
     does_without,
@@ -20,8 +22,6 @@ from testbench.questions.gap.decide import (
     noise_limit,
     worth_of_form,
 )
-from testbench.questions.gap.effects import Effect
-from testbench.questions.gap.effects.base import together
 from testbench.questions.gap.search.fit import EffectFit, summarise
 from testbench.questions.gap.search.gauss_newton import MAX_ROUNDS, descend
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature

@@ -230,7 +230,7 @@ def servo_aims(found: Identified, index: int) -> tuple[tuple[ServoAim, ...], tup
             notes.append(
                 f"the delay of {control}, {1e3 * late:.3g} ms, is not written, since aircraft.toml has no key for one: "
                 "the flights of the records are given their commands that much later, and in Python "
-                f"SERVOS['delay', '{control}'] of testbench.questions.gap.effects adds it to the loaded aircraft, "
+                f"SERVOS['delay', '{control}'] of testbench.effects adds it to the loaded aircraft, "
                 "to be flown at its own rate (another is warned of)"
             )
     return tuple(out), tuple(notes)

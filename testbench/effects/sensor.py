@@ -1,0 +1,219 @@
+"""Errors of a sensor: bias, drift, scale, lag, delay, place and leaning, one effect per kind of error and channel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import partial
+
+from testbench.aircraft import Aircraft
+from testbench.core.channels import channel
+from testbench.effects.base import Effect, Parameter, Values
+from testbench.sensors import Sensor, SensorSuite
+from testbench.sensors.kinds.pitot import Pitot
+from testbench.sensors.triad import Triad
+
+# Bounds and starts of a bias are for angles and rates in rad and rad/s and for speeds and accelerations in SI alike.
+_KINDS = {
+    "bias": (
+        "bias",
+        Parameter("bias", "SI", -50.0, 50.0, (0.05,), none=0.0),
+        "The sensor reads a constant too much or too little. All other channels agree with the model.",
+        "an error of the trim; it does not show where every channel is compared about its own mean",
+        "a static check on the ground, or a kinematic compatibility check of the channels among each other",
+    ),
+    "drift": (
+        "steady drift",
+        Parameter("drift_per_s", "SI", -5.0, 5.0, (0.002, -0.002), none=0.0),
+        "Electronics that warm up, or a port that ices or fills with water, let the reading run away in proportion to "
+        "time. It agrees with the model but for a straight line, which counts from the first sample of each record.",
+        "a motion far slower than the record, such as an error of drag or thrust in an airspeed or a lean to one side "
+        "in a gyro; a bias that walks at random",
+        "minutes on the ground, where the true reading stands still; a record of twice the length, and other channels, "
+        "which no drift of this one moves",
+    ),
+    "scale": (
+        "scale error",
+        Parameter("scale", "1", 0.5, 2.0, (1.02,), none=1.0),
+        "A wrong calibration, or for a vane the upwash, makes the sensor read a multiple of the truth. "
+        "Only its channel disagrees, in proportion to the value at every frequency.",
+        "a bias if the quantity hardly moves; an error of coefficients that no other channel shows",
+        "a wider range of the quantity, and another sensor that is tied to it by kinematics",
+    ),
+    "lag": (
+        "lag beyond the believed one",
+        Parameter("lag_s", "s", 0.0, 1.0, (0.03, 0.15), none=0.0),
+        "Inertia, tubing or a filter makes the sensor follow its quantity as a first-order lag. "
+        "Only its channel disagrees, by phase and then by amplitude as the frequency rises.",
+        "a delay of the same sensor while the quantity moves slowly against the lag",
+        "inputs with frequencies beyond 1/lag, where the lag takes amplitude and the delay does not",
+    ),
+    "delay": (
+        "delay beyond the believed one",
+        Parameter("delay_s", "s", 0.0, 1.0, (0.02, 0.1), none=0.0),
+        "Filters, buses or time stamps make the sensor's samples late. "
+        "Only its channel disagrees, by a phase in proportion to frequency and no amplitude.",
+        "a lag of the same sensor while the quantity moves slowly; a delay of the command if all sensors share it",
+        "inputs of high frequency, and a second sensor of another recorder",
+    ),
+    "position": (
+        "place further forward than believed",
+        Parameter("ahead_m", "m", -2.0, 2.0, (0.1, -0.1), none=0.0, of_span=0.5),
+        "The sensor sits ahead of or behind the place that its readings are taken for. "
+        "It feels the rotation beside what it measures: an accelerometer qdot or rdot, a vane the motion of its boom.",
+        "a lag or a lead of the same sensor at one frequency; a shift of the centre of gravity, for accelerometers",
+        "a tape measure; inputs over a band of frequencies",
+    ),
+    "cross": (
+        "cross sensitivity",
+        Parameter("share", "1", -0.5, 0.5, (0.05, -0.05), none=0.0),
+        "The sensor is not quite aligned, or its port feels more than it should: a share of another quantity leaks in "
+        "(that along another axis into an accelerometer or gyro, alpha into an airspeed). "
+        "Its channel disagrees whenever that other one moves.",
+        "an error of drag or thrust for an accelerometer, a cross derivative for a gyro; a scale error where both "
+        "quantities move together",
+        "a tilt table; thrust steps, or aileron and rudder in turn, which move one quantity and not the other",
+    ),
+}
+# The axis whose quantity leaks into an inertial sensor that leans: of the two others the one that moves more.
+_LEANS_TO = {"ax": "az", "ay": "az", "az": "ax", "p": "r", "q": "r", "r": "p"}
+# kind of error -> the channels that the motion shows it in
+_SHOWN = {"position": ("ay", "az", "alpha", "beta"), "cross": (*_LEANS_TO, "V"), "drift": ("p", "q", "r", "V")}
+# Errors of a pitot tube in lateral motion, in the same order; other instruments of airspeed do not have them.
+_OF_PITOT = {
+    "sideslip": (
+        "error in sideslip",
+        Parameter("cp_beta2", "1/rad^2", -3.0, 3.0, (0.5, -0.5), none=0.0),
+        "The flow across the fuselage lowers or raises the pressure at the static ports, to either side alike. "
+        "The airspeed is off by half this multiple of the square of the sideslip.",
+        "an error of the drag in sideslip, where no other channel shows that the aircraft slows down",
+        "steady sideslips to both sides at one speed by GPS; a trailing cone or another static port",
+    ),
+    "position": (
+        "place further to the right than believed",
+        Parameter("right_m", "m", -20.0, 20.0, (0.3, -0.3), none=0.0),
+        "The tube sits beside the centre of gravity, on a wing or at its tip. "
+        "In a turn it moves slower on the inner wing and faster on the outer one, by the yaw rate times its distance.",
+        "a share of the yaw rate, or of the sideslip that goes with it, in the airspeed; asymmetric thrust or drag",
+        "a tape measure; turns to both sides, whose errors are opposite",
+    ),
+}
+# Parameters of one channel, where those of most are far from what is met: an airspeed drifts in m/s and not in rad/s,
+# and follows through metres of narrow tube, seconds late at height or where water stands in it, as a lag and no delay.
+_OF_CHANNEL = {
+    ("V", "drift"): replace(_KINDS["drift"][1], starts=(0.05, -0.05)),
+    ("V", "lag"): replace(_KINDS["lag"][1], high=5.0, starts=(0.03, 0.15, 0.8)),
+    ("V", "delay"): replace(_KINDS["delay"][1], high=0.5),
+}
+# Where the check of the sensor does not show the error
+_GROUND = {
+    "drift": "let the sensor run at rest, from a cold start, for as long as a record lasts: a drift shows",
+    "sideslip": "look whether the static ports on both sides are clean, open and joined; blow at them from the side",
+    "position": "measure how far beside the middle of the aircraft the tube sits",
+}
+_LATERAL = ("ay", "p", "q", "r")  # what leaks into these, or what they are, moves with aileron and rudder only
+
+
+def amend(name: str, kind: str, aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    """Add the error to what is believed of the sensor; a suite without that channel stays as it is."""
+    sensors = []
+    for s in suite.sensors:
+        if s.channel == name:
+            if kind == "bias":
+                s = replace(s, bias=s.bias + values["bias"])
+            elif kind == "drift":
+                s = replace(s, bias_rate=s.bias_rate + values["drift_per_s"])
+            elif kind == "scale":
+                s = replace(s, scale=s.scale * values["scale"])
+            elif kind == "lag":
+                s = replace(s, lag_s=s.lag_s + values["lag_s"])
+            elif kind == "position":
+                ahead, right, down = s.position_m
+                if name in s.PLACED:  # an angle of attack that is corrected to the CG already has no place
+                    s = replace(s, position_m=(ahead + values["ahead_m"], right, down))
+            elif kind == "cross":
+                s = _leaning(s, values["share"])
+            else:
+                s = replace(s, delay_s=s.delay_s + values["delay_s"])
+        sensors.append(s)
+    return aircraft, replace(suite, sensors=tuple(sensors))
+
+
+def _leaning(sensor: Sensor, share: float) -> Sensor:
+    """Return the inertial sensor that feels a share of another axis too, or the pitot tube whose port feels alpha."""
+    if isinstance(sensor, Triad) and sensor.channel in _LEANS_TO:
+        of = sensor.AXES.index(_LEANS_TO[sensor.channel])
+        x, y, z = (c + (share if i == of else 0.0) for i, c in enumerate(sensor.cross_axis))
+        return replace(sensor, cross_axis=(x, y, z))
+    if isinstance(sensor, Pitot):
+        return replace(sensor, static_cp_alpha=sensor.static_cp_alpha + share)
+    return sensor
+
+
+def amend_pitot(
+    name: str, kind: str, aircraft: Aircraft, suite: SensorSuite, values: Values
+) -> tuple[Aircraft, SensorSuite]:
+    """Add the error to what is believed of the pitot tube; a suite without one stays as it is."""
+
+    def changed(s: Pitot) -> Pitot:
+        if kind == "sideslip":
+            return replace(s, static_cp_beta2=s.static_cp_beta2 + values["cp_beta2"])
+        ahead, right, down = s.position_m
+        return replace(s, position_m=(ahead, right + values["right_m"], down))
+
+    sensors = (changed(s) if s.channel == name and isinstance(s, Pitot) else s for s in suite.sensors)
+    return aircraft, replace(suite, sensors=tuple(sensors))
+
+
+def sensor_effects(channels: Iterable[str], pitot: bool = False) -> dict[str, Effect]:
+    """Return the errors of the sensors of ``channels``, by name (alpha_scale, q_lag, ...); a heading has no scale.
+
+    With ``pitot``, those of an airspeed that a pitot tube reads are among them.
+    """
+    out = {}
+    for name in channels:
+        for kind, (words, usual, physics, mistaken_for, separated_by) in _KINDS.items():
+            if (name, kind) == ("psi", "scale") or name not in _SHOWN.get(kind, (name,)):
+                continue
+            parameter = _OF_CHANNEL.get((name, kind), usual)
+            unit = {"bias": channel(name).unit, "drift": _per_second(name)}.get(kind, parameter.unit)
+            out[f"{name}_{kind}"] = Effect(
+                name=f"{name}_{kind}",
+                title=f"{words} of the {name} sensor",
+                place=f"{name} sensor",
+                physics=physics,
+                parameters=(replace(parameter, unit=unit),),
+                amend=partial(amend, name, kind),
+                lateral=kind == "cross" and name in _LATERAL,
+                ground_check=_GROUND["drift"] if kind == "drift" else "",
+                mistaken_for=mistaken_for,
+                separated_by=separated_by,
+                flown=True,  # flights do not depend on sensors: those of the model without the error are read again
+            )
+        for kind, (words, parameter, physics, mistaken_for, separated_by) in _OF_PITOT.items():
+            if pitot and name == "V":
+                out[f"{name}_{kind}"] = Effect(
+                    name=f"{name}_{kind}",
+                    title=f"{words} of the {name} sensor",
+                    place=f"{name} sensor",
+                    physics=physics,
+                    parameters=(parameter,),
+                    amend=partial(amend_pitot, name, kind),
+                    lateral=True,
+                    ground_check=_GROUND[kind],
+                    mistaken_for=mistaken_for,
+                    separated_by=separated_by,
+                    flown=True,
+                )
+    return out
+
+
+def has_pitot(suite: SensorSuite) -> bool:
+    """Return whether a pitot tube reads the airspeed."""
+    return any(s.channel == "V" and isinstance(s, Pitot) for s in suite.sensors)
+
+
+def _per_second(name: str) -> str:
+    """Return the unit of how fast a channel drifts."""
+    unit = channel(name).unit
+    return f"{unit}2" if unit.endswith("/s") else f"{unit}/s"
