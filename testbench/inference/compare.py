@@ -23,7 +23,7 @@ from scipy.stats import chi2, norm
 
 from testbench.core.errors import EstimationError, RecordError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.inference.linear import KAPPAS, Grams, Linearised, Sized, reduced, sized
+from testbench.inference.linear import KAPPAS, Grams, Linearised, Reduced, Sized, fewer, reduced, sized
 from testbench.inference.parameters import Noise, Parameter, deviations_of, means_of
 
 if TYPE_CHECKING:
@@ -33,6 +33,8 @@ Predict = Callable[[FlightRecord, Mapping[str, float]], FloatArray]
 """(record, parameter -> value) -> what the channels would have read, (n, channels), SI, without noise."""
 Unknown = Callable[[FlightRecord], FloatArray]
 """record -> what pulses of an unknown motion do to the channels, (n, channels, m), SI, see :mod:`.unknown`."""
+Slopes = Callable[[FlightRecord], Mapping[str, FloatArray]]
+"""record -> parameter -> change of the prediction by one unit of it, (n, channels), SI."""
 
 WHOLE = 1e-3
 """Size of the unknown motion up to which a hypothesis is the whole story; beyond it is a part."""
@@ -40,9 +42,12 @@ P_WHOLE = 0.5
 """Prior probability that a hypothesis, if it is true, is the whole story."""
 CREDIBLE = 0.95
 _ROUNDS = 20
+_REST = 4  # rounds of noise scales and point in turn
+_SAME = 0.01  # change of ln s below which they are at rest
+_SHARES = (1.0, 0.5, 0.25, 0.1, 0.02)  # of a step, tried in turn
+_FORM_S = 2.0  # between the knots of what modulates a form error: slower than the motion, quicker than a record
 _AT_REST = 0.02  # in ln p: rounds end where another one promises less
 _SKEW = 0.2  # in ln p at one standard error: beyond it the posterior is sampled
-_SAMPLES = 128
 _FAR = 7.0  # in ln p behind the best: beyond it no correction would bring a hypothesis back
 _SEGMENT_S = 1.0  # of records, whose log-likelihoods tell how sure a difference is
 _LAGS = 10
@@ -55,8 +60,13 @@ class Hypothesis:
     Attributes:
         name: of the row.
         parameters: all that it does not know, with priors; nuisances as well as what is asked about.
-        predict: see :data:`Predict`.
+        predict: see :data:`Predict`; NaN where it cannot be flown.
         odds: prior odds against the other hypotheses.
+        begin: parameter -> value that the fit begins at, where that is not the mean of its prior.
+        slopes: see :data:`Slopes`, of those parameters whose tangents are known without differences.
+        ahead: called with all values that are predicted next, so that they can be flown together.
+        form: as ``predict``: how far what is true may depart from what the hypothesis says, as no law has quite the
+            form of the real thing; its signature times the relative error of its form.
 
     Example:
         >>> import numpy as np
@@ -70,6 +80,10 @@ class Hypothesis:
     parameters: tuple[Parameter, ...]
     predict: Predict
     odds: float = 1.0
+    begin: Mapping[str, float] = field(default_factory=dict)
+    slopes: Slopes | None = None
+    ahead: Callable[[Sequence[Mapping[str, float]]], None] | None = None
+    form: Predict | None = None
 
     def at(self, theta: FloatArray) -> dict[str, float]:
         """Return parameter -> value."""
@@ -87,6 +101,7 @@ class Posterior:
         noise: channel -> (true over stated standard deviation, standard error).
         kappa: size of the unknown motion that is still needed, a share of the motion.
         log_evidence: ln p(records | hypothesis), whole or in part.
+        log_whole, log_part: the same if it is the whole story, and if an unknown motion is beside it.
         p_whole: probability that it is the whole story, if it is true.
         whiteness: probability that white noise would look as coloured as what is left, in any channel.
         strain: sum of squares of the parameters' distances from their prior means over those of the priors.
@@ -106,6 +121,8 @@ class Posterior:
     noise: Mapping[str, tuple[float, float]]
     kappa: float
     log_evidence: float
+    log_whole: float
+    log_part: float
     p_whole: float
     whiteness: float
     strain: float
@@ -225,6 +242,8 @@ def compare_hypotheses(
     noise: Noise,
     unknown: Unknown | None = None,
     held_out: Sequence[FlightRecord] = (),
+    air: Unknown | None = None,
+    samples: int = 128,
 ) -> Comparison:
     """Compare hypotheses about measured records by their evidence, noise and unknown motion being uncertain.
 
@@ -235,6 +254,8 @@ def compare_hypotheses(
         unknown: what an unknown motion does, see :func:`testbench.inference.unknown.pulses`; without it every
             hypothesis must be the whole story.
         held_out: measured records that judge, and that nothing is fitted to.
+        air: what each standard deviation of the gusts of a record does to the channels, likewise.
+        samples: of importance sampling, where a posterior is not Gaussian; with 0 nothing is sampled.
 
     Raises:
         RecordError: a record is not measured, or lacks a channel that has noise.
@@ -253,10 +274,14 @@ def compare_hypotheses(
             raise RecordError(f"hypotheses are compared on measured records, got one of kind '{record.kind}'")
         if missing := [c for c in noise.channels if c not in record]:
             raise RecordError(f"every record must have the channels of the noise, got one without {missing[0]}")
-    found = [_Fit.of(h, records, noise, unknown) for h in hypotheses]
+    found = [first := _Fit.of(hypotheses[0], records, noise, unknown, air)]
+    found += [_Fit.of(h, records, noise, unknown, air, first.scales) for h in hypotheses[1:]]
     odds = np.log([h.odds for h in hypotheses])
     top = max(np.array([f.log_evidence for f in found]) + odds)
-    found = [f.sampled() if f.log_evidence + o > top - _FAR else f for f, o in zip(found, odds, strict=True)]
+    found = [
+        f.sampled(samples) if samples and f.log_evidence + o > top - _FAR else f
+        for f, o in zip(found, odds, strict=True)
+    ]
     weights = np.array([f.log_evidence for f in found]) + odds
     probabilities = np.exp(weights - logsumexp(weights))
     order = np.argsort(-probabilities, kind="stable")
@@ -287,51 +312,107 @@ class _Fit:
     records: Sequence[FlightRecord]
     noise: Noise
     unknown: Unknown | None
+    air: Unknown | None
     theta: FloatArray
     blocks: Sequence[Linearised]
-    at: Mapping[int, Sized]  # place in KAPPAS -> noise at rest there
+    grams: Sequence[Grams]
+    scales: FloatArray
+    k: int = 0  # place in KAPPAS
+    sized: Sized | None = None
+    at: Mapping[int, float] = field(default_factory=dict)  # place in KAPPAS -> ln of the evidence there
     correction: float = 0.0  # of the evidence, by bounds and by importance samples
     effective: float = 1.0
     flown: dict[tuple[int, bytes], FloatArray] = field(default_factory=dict)  # predictions; flights cost most
+    pulsed: dict[int, int] = field(default_factory=dict)  # number of a record -> gusts among its own columns
 
     @classmethod
-    def of(cls, hypothesis: Hypothesis, records: Sequence[FlightRecord], noise: Noise, unknown: Unknown | None) -> _Fit:
-        """Fit by Gauss and Newton's steps, noise scales and size of the unknown motion at rest in each."""
-        stated = np.array(list(noise.std.values()))
-        pulses = [
-            np.zeros((len(r), len(stated), 0)) if unknown is None else unknown(r) / stated[:, None] for r in records
-        ]
-        every = range(len(KAPPAS) if any(U.shape[2] for U in pulses) else 1)
-        here = cls(hypothesis, records, noise, unknown, means_of(hypothesis.parameters), (), {})
-        here = here._linearised(here.theta, pulses, every)
+    def of(
+        cls,
+        hypothesis: Hypothesis,
+        records: Sequence[FlightRecord],
+        noise: Noise,
+        unknown: Unknown | None,
+        air: Unknown | None = None,
+        scales: FloatArray | None = None,
+    ) -> _Fit:
+        """Fit by Gauss and Newton's steps; noise scales come to rest where these do, from ``scales`` if they are given.
+
+        Beside an unknown motion the noise hardly depends on what the model lacks, so that few rounds of either do.
+        """
+        begin = np.array([hypothesis.begin.get(p.name, p.value) for p in hypothesis.parameters])
+        here = cls(hypothesis, records, noise, unknown, air, begin, (), (), np.ones(len(noise.std)))
+        here = here._linearised(begin)
+        here = here._at_rest() if scales is None else replace(here, scales=scales, k=here._best_of(scales))
+        for _ in range(_REST):
+            here = here._descended()
+            before, here = here.scales, here._at_rest()
+            if np.max(np.abs(np.log(here.scales / before)), initial=0.0) < _SAME:
+                break
+        sized_ = here.sized
+        assert sized_ is not None
+        densities = {j: here._reduced(here.scales, j) for j in here._every}
+        at = {j: f.log_evidence(here._offset, here._std) + sized_.price for j, f in densities.items()}
+        return replace(here, at=at)._bounded()
+
+    @property
+    def _every(self) -> range:
+        return range(len(KAPPAS) if self.unknown is not None else 1)
+
+    def _reduced(self, scales: FloatArray, k: int) -> Reduced:
+        return reduced(self.grams, scales, KAPPAS[k])
+
+    def _best_of(self, scales: FloatArray, places: Sequence[int] | None = None) -> int:
+        """Return the most probable place of kappa at these scales."""
+        prior = _log_prior([KAPPAS[j] for j in self._every])
+
+        def density(j: int) -> float:
+            return self._reduced(scales, j).log_evidence(self._offset, self._std) + float(prior[j])
+
+        return max(self._every if places is None else places, key=density)
+
+    def _at_rest(self) -> _Fit:
+        """Return the fit with noise scales at rest at the most probable kappa."""
+        k, scales, found = self.k, self.scales, self.sized
+        for _ in range(_REST):
+            found = sized(self.grams, self._offset, self._std, self.noise.spread, KAPPAS[k], scales)
+            scales, before = found.scales, k
+            k = self._best_of(scales)
+            if k == before:
+                break
+        assert found is not None
+        return replace(self, k=k, scales=scales, sized=found)
+
+    def _descended(self) -> _Fit:
+        """Return the fit at the best point for its noise scales."""
+        here = self
         for _ in range(_ROUNDS):
-            k = here.k
-            step, promised = here._step(k)
+            step, promised = here._step()
             if promised < _AT_REST:
                 break
-            there = None
-            before = here._log_joint(here.theta, k)
-            for share in (1.0, 0.5, 0.25, 0.1, 0.02):
+            there, before = None, here._log_joint(here.theta)
+            for share in _SHARES:
                 theta = np.clip(here.theta + share * step, here._low, here._high)
-                if here._log_joint(theta, k) > before + 1e-3 * promised * share:
+                here._fly([theta])
+                if here._log_joint(theta) > before + 1e-3 * promised * share:
                     there = theta
                     break
             if there is None:
                 break
-            here = here._linearised(there, pulses, [j for j in (k - 1, k, k + 1) if j in every])
-        grams = [Grams.made(b) for b in here.blocks]
-        return here._sized(grams, [j for j in every if j not in here.at])._bounded()
+            here = here._linearised(there)
+            near = [j for j in (here.k - 1, here.k, here.k + 1) if j in here._every]
+            here = replace(here, k=here._best_of(here.scales, near))
+        return here
+
+    def _fly(self, points: Sequence[FloatArray]) -> None:
+        """Let the hypothesis fly several points together."""
+        if self.hypothesis.ahead is not None:
+            self.hypothesis.ahead([self.hypothesis.at(x) for x in points])
 
     @cached_property
     def log_weights(self) -> dict[int, float]:
         """Place in KAPPAS -> ln of the evidence there and of the prior of kappa."""
-        prior = _log_prior(KAPPAS if len(KAPPAS) in (len(self.at), 0) or max(self.at) else KAPPAS[:1])
-        return {j: found.log_density + float(prior[j]) for j, found in self.at.items()}
-
-    @property
-    def k(self) -> int:
-        """Place of the most probable kappa."""
-        return max(self.log_weights, key=lambda j: self.log_weights[j])
+        prior = _log_prior([KAPPAS[j] for j in self._every])
+        return {j: density + float(prior[j]) for j, density in self.at.items()}
 
     @property
     def _low(self) -> FloatArray:
@@ -374,32 +455,58 @@ class _Fit:
         valid = np.column_stack([record.valid[:, record.channels.index(c)] for c in self.noise.channels])
         return np.column_stack(columns) / np.array(list(self.noise.std.values())), valid
 
-    def _linearised(self, theta: FloatArray, pulses: Sequence[FloatArray], places: Sequence[int]) -> _Fit:
+    def _linearised(self, theta: FloatArray) -> _Fit:
+        """Return the fit about a point."""
+        steps = [
+            p.difference if t + p.difference <= p.high else -p.difference
+            for t, p in zip(theta, self.hypothesis.parameters, strict=True)
+        ]
+        known = [{} if self.hypothesis.slopes is None else self.hypothesis.slopes(r) for r in self.records]
+        wanted = [i for i, p in enumerate(self.hypothesis.parameters) if any(p.name not in k for k in known)]
+        beside = {i: theta + steps[i] * (np.arange(len(theta)) == i) for i in wanted}
+        self._fly([theta, *beside.values()])
         blocks = []
-        for record, U in zip(self.records, pulses, strict=True):
+        stated = np.array(list(self.noise.std.values()))
+        for number, (record, slopes) in enumerate(zip(self.records, known, strict=True)):
             y, (z, valid) = self._predicted(record, theta), self._measured(record)
             columns = np.empty((*y.shape, len(theta)))
             for i, p in enumerate(self.hypothesis.parameters):
-                h = p.difference if theta[i] + p.difference <= p.high else -p.difference
-                there = theta.copy()
-                there[i] += h
-                columns[:, :, i] = (self._predicted(record, there) - y) / h
-            blocks.append(Linearised(np.where(valid, z - y, 0.0), columns, U, valid))
-        begun = replace(self, theta=theta, blocks=blocks, at={})
-        return begun._sized([Grams.made(b) for b in blocks], places, self.at[self.k].scales if self.at else None)
+                if i in beside:
+                    columns[:, :, i] = np.nan_to_num((self._predicted(record, beside[i]) - y) / steps[i])
+                else:
+                    columns[:, :, i] = slopes[p.name] / stated
+            U, own = self._of_record(record, number)
+            form = self.hypothesis.form
+            if form is not None:
+                t = record.t_s - record.t_s[0]
+                knots = np.arange(0.0, t[-1] + _FORM_S, _FORM_S)
+                hats = np.maximum(0.0, 1.0 - np.abs(t[:, None] - knots) / _FORM_S)
+                signature = form(record, self.hypothesis.at(theta)) / stated
+                own = np.concatenate([own, signature[:, :, None] * hats[:, None, :]], axis=2)
+            blocks.append(Linearised(np.where(valid, z - y, 0.0), columns, U, valid, own))
+        return replace(self, theta=theta, blocks=blocks, grams=[Grams.made(b) for b in blocks])
 
-    def _sized(self, grams: Sequence[Grams], places: Sequence[int], begin: FloatArray | None = None) -> _Fit:
-        """Return the fit with the noise at rest at further places of KAPPAS."""
-        at = dict(self.at)
-        for j in places:
-            near = min(at, key=lambda i: abs(i - j)) if at else None
-            scales = begin if near is None else at[near].scales
-            at[j] = sized(grams, self._offset, self._std, self.noise.spread, KAPPAS[j], None, scales)
-        return replace(self, at=at)
+    def _of_record(self, record: FlightRecord, number: int | None = None) -> tuple[FloatArray, FloatArray]:
+        """Return pulses and gusts of a record, (n, p, m) and (n, p, q), in units of the noise, made once a number."""
+        if number is not None and self.blocks:
+            block, q = self.blocks[number], self.pulsed.get(number, 0)
+            assert block.own is not None
+            return block.unknown, block.own[:, :, :q]
+        stated = np.array(list(self.noise.std.values()))
+        nothing = np.zeros((len(record), len(stated), 0))
+        U = (
+            nothing
+            if self.unknown is None
+            else fewer(self.unknown(record) / stated[:, None], self._measured(record)[1])
+        )
+        own = nothing if self.air is None else self.air(record) / stated[:, None]
+        if number is not None:
+            self.pulsed[number] = own.shape[2]
+        return U, own
 
-    def _step(self, k: int) -> tuple[FloatArray, float]:
+    def _step(self) -> tuple[FloatArray, float]:
         """Return the step to the best point of the linear model, and what it promises in ln p."""
-        found = self.at[k].reduced
+        found = self._reduced(self.scales, self.k)
         mean, _ = found.posterior(self._offset, self._std)
         mean = np.clip(self.theta + mean, self._low, self._high) - self.theta
 
@@ -408,16 +515,15 @@ class _Fit:
 
         return mean, 0.5 * (cost(np.zeros_like(mean)) - cost(mean))
 
-    def _log_joint(self, theta: FloatArray, k: int) -> float:
-        """Return ln p(y, theta) but for constants, predicted at theta, at the scales and the kappa of place k."""
+    def _log_joint(self, theta: FloatArray) -> float:
+        """Return ln p(y, theta) but for constants, predicted at theta, at the scales and the kappa of the fit."""
         grams = []
-        for record, block in zip(self.records, self.blocks, strict=True):
+        for record, block, sums in zip(self.records, self.blocks, self.grams, strict=True):
             y, (z, valid) = self._predicted(record, theta), self._measured(record)
-            empty = np.zeros((*y.shape, 0))
-            grams.append(Grams.made(Linearised(np.where(valid, z - y, 0.0), empty, block.unknown, valid)))
-        c = reduced(grams, self.at[k].scales, KAPPAS[k]).c
-        if not math.isfinite(c):
-            return -math.inf
+            if not np.all(np.isfinite(y[valid])):
+                return -math.inf
+            grams.append(sums.left_by(block, z - y))
+        c = reduced(grams, self.scales, KAPPAS[self.k]).c
         return -0.5 * (c + float(np.sum(((theta - means_of(self.hypothesis.parameters)) / self._std) ** 2)))
 
     def _bounded(self) -> _Fit:
@@ -431,44 +537,44 @@ class _Fit:
 
     def _gaussian(self) -> tuple[FloatArray, FloatArray]:
         """Return centre and covariance of the posterior of the linear model."""
-        mean, covariance = self.at[self.k].reduced.posterior(self._offset, self._std)
+        mean, covariance = self._reduced(self.scales, self.k).posterior(self._offset, self._std)
         return self.theta + mean, covariance
 
-    def sampled(self) -> _Fit:
+    def sampled(self, samples: int) -> _Fit:
         """Return the fit with its evidence by importance sampling, where the posterior is far from Gaussian."""
         if not self.hypothesis.parameters:
             return self
-        k, (centre, covariance) = self.k, self._gaussian()
+        centre, covariance = self._gaussian()
         errors = np.sqrt(np.diag(covariance))
-        top = self._log_joint(self.theta, k)
-        worst = 0.0
-        for i in range(len(centre)):
-            for sign in (1.0, -1.0):
-                there = self.theta + sign * covariance[:, i] / errors[i]
-                if np.all((there >= self._low) & (there <= self._high)):
-                    worst = max(worst, abs(self._log_joint(there, k) - top + 0.5))
+        top = self._log_joint(self.theta)
+        ends = [self.theta + sign * covariance[:, i] / errors[i] for i in range(len(centre)) for sign in (1.0, -1.0)]
+        ends = [x for x in ends if np.all((x >= self._low) & (x <= self._high))]
+        self._fly(ends)
+        worst = max((abs(self._log_joint(x) - top + 0.5) for x in ends), default=0.0)
         if worst <= _SKEW:
             return self
         rng = np.random.default_rng(0)
         root = np.linalg.cholesky(covariance + 1e-12 * np.diag(errors**2))
-        draws = rng.standard_normal((_SAMPLES, len(centre)))
-        wide = rng.chisquare(5.0, _SAMPLES) / 5.0  # Student's t: no tail of the posterior is without samples
-        logs = np.full(_SAMPLES, -np.inf)
+        draws = rng.standard_normal((samples, len(centre)))
+        wide = rng.chisquare(5.0, samples) / 5.0  # Student's t: no tail of the posterior is without samples
+        logs = np.full(samples, -np.inf)
         d = len(centre)
-        for s in range(_SAMPLES):
-            z = draws[s] / math.sqrt(wide[s])
-            theta = centre + root @ z
-            if np.all((theta >= self._low) & (theta <= self._high)):
+        scaled = draws / np.sqrt(wide)[:, None]
+        points = centre + scaled @ root.T
+        held = np.all((points >= self._low) & (points <= self._high), axis=1)
+        self._fly(list(points[held]))
+        for s, (z, theta) in enumerate(zip(scaled, points, strict=True)):
+            if held[s]:
                 proposal = -0.5 * (5.0 + d) * math.log1p(z @ z / 5.0)
-                logs[s] = self._log_joint(theta, k) - top - proposal
+                logs[s] = self._log_joint(theta) - top - proposal
         log_t = math.lgamma(0.5 * (5 + d)) - math.lgamma(2.5) - 0.5 * d * math.log(5.0 * math.pi)
         log_normal = -0.5 * d * math.log(2.0 * math.pi)
         if not np.any(np.isfinite(logs)):
             return replace(self, effective=0.0)
-        gain = float(logsumexp(logs) - math.log(_SAMPLES)) - log_t + log_normal
+        gain = float(logsumexp(logs) - math.log(samples)) - log_t + log_normal
         weights = np.exp(logs - logsumexp(logs))
         correction = gain - self._log_held
-        return replace(self, correction=correction, effective=float(1.0 / np.sum(weights**2)) / _SAMPLES)
+        return replace(self, correction=correction, effective=float(1.0 / np.sum(weights**2)) / samples)
 
     @property
     def log_evidence(self) -> float:
@@ -477,54 +583,56 @@ class _Fit:
         taken = sum(float(b.taken.sum(axis=0) @ stated) for b in self.blocks)
         return float(logsumexp(list(self.log_weights.values()))) - taken + self.correction
 
+    def _log_if(self, whole: bool) -> float:
+        """Return ln p(records | hypothesis, and it is the whole story, or a part of it)."""
+        some = [density for j, density in self.at.items() if (KAPPAS[j] <= WHOLE) == whole]
+        rest = self.log_evidence - float(logsumexp(list(self.log_weights.values())))
+        return float(logsumexp(some)) - math.log(len(some)) + rest if some else -math.inf
+
     def _left(self) -> list[tuple[FloatArray, Any]]:
         """Return of each record what is left (n, p), in units of the noise that was found, and what counts."""
-        k = self.k
-        sized_, kappa = self.at[k], KAPPAS[k]
-        mean, _ = sized_.reduced.posterior(self._offset, self._std)
+        kappa, scales = KAPPAS[self.k], self.scales
+        mean, _ = self._reduced(scales, self.k).posterior(self._offset, self._std)
         out = []
         for block in self.blocks:
-            left = (block.residual - block.columns @ mean) / sized_.scales
-            if kappa > 0.0:
-                U = np.where(block.taken[:, :, None], block.unknown / sized_.scales[:, None], 0.0)
-                U = U.reshape(-1, U.shape[2])
-                flat = np.where(block.taken, left, 0.0).ravel()
-                d = np.linalg.solve(U.T @ U + np.eye(U.shape[1]) / kappa**2, U.T @ flat)
-                left = left - (U @ d).reshape(left.shape)
+            left = (block.residual - block.columns @ mean) / scales
+            own = block.unknown[:, :, :0] if block.own is None else block.own
+            U = np.concatenate([own, kappa * block.unknown[:, :, : None if kappa > 0.0 else 0]], axis=2)
+            U = np.where(block.taken[:, :, None], U / scales[:, None], 0.0).reshape(block.taken.size, U.shape[2])
+            flat = np.where(block.taken, left, 0.0).ravel()
+            d = np.linalg.solve(U.T @ U + np.eye(U.shape[1]), U.T @ flat)
+            left = left - (U @ d).reshape(left.shape)
             out.append((np.where(block.taken, left, 0.0), block.taken))
         return out
 
     def segments(self) -> FloatArray:
         """Return ln p of what is left in segments of one second."""
-        k = self.k
         out = []
         for (left, taken), record in zip(self._left(), self.records, strict=True):
             width = max(1, round(_SEGMENT_S / record.dt_s))
-            terms = -0.5 * (left**2) - np.where(taken, np.log(self.at[k].scales), 0.0)
+            terms = -0.5 * (left**2) - np.where(taken, np.log(self.scales), 0.0)
             out += [float(terms[i : i + width].sum()) for i in range(0, len(terms), width)]
         return np.array(out)
 
     def score(self, records: Sequence[FlightRecord]) -> float:
         """Return ln p of records that were not used, a sample, at the best point."""
-        k = self.k
-        stated = np.array(list(self.noise.std.values()))
         grams = []
         for record in records:
             y, (z, valid) = self._predicted(record, self.theta), self._measured(record)
-            U = np.zeros((*y.shape, 0)) if self.unknown is None else self.unknown(record) / stated[:, None]
-            grams.append(Grams.made(Linearised(np.where(valid, z - y, 0.0), np.zeros((*y.shape, 0)), U, valid)))
-        found = reduced(grams, self.at[k].scales, KAPPAS[k])
+            U, own = self._of_record(record)
+            grams.append(Grams.made(Linearised(np.where(valid, z - y, 0.0), np.zeros((*y.shape, 0)), U, valid, own)))
+        found = reduced(grams, self.scales, KAPPAS[self.k])
         return -0.5 * (math.log(2.0 * math.pi) + (found.log_det + found.c) / found.samples)
 
     def posterior(self) -> Posterior:
         """Return what the records say of the parameters."""
-        k = self.k
-        sized_ = self.at[k]
-        mean, covariance = sized_.reduced.posterior(self._offset, self._std)
+        assert self.sized is not None
+        mean, covariance = self._reduced(self.scales, self.k).posterior(self._offset, self._std)
         values = np.clip(self.theta + mean, self._low, self._high)
         total = logsumexp(list(self.log_weights.values()))
         whiteness = _whiteness(self._left())
         whole = sum(math.exp(w - total) for j, w in self.log_weights.items() if KAPPAS[j] <= WHOLE)
+        log_whole, log_part = self._log_if(whole=True), self._log_if(whole=False)
         doubts = []
         if whiteness < 1e-3:
             doubts.append(f"what is left is coloured (noise would be so with a probability of {whiteness:.1g})")
@@ -544,12 +652,14 @@ class _Fit:
             dict(
                 zip(
                     self.noise.channels,
-                    zip(sized_.scales.tolist(), (sized_.scales * sized_.log_errors).tolist(), strict=True),
+                    zip(self.scales.tolist(), (self.scales * self.sized.log_errors).tolist(), strict=True),
                     strict=True,
                 )
             ),
-            KAPPAS[k],
+            KAPPAS[self.k],
             self.log_evidence,
+            log_whole,
+            log_part,
             whole,
             whiteness,
             float(np.sum(((values - means_of(self.hypothesis.parameters)) / self._std) ** 2)),

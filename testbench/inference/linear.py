@@ -24,6 +24,7 @@ from testbench.core.record import FloatArray
 
 KAPPAS = (0.0, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)
 """Sizes of the unknown motion that are summed over, shares of the motion that is seen."""
+_UNSEEN = 0.01
 _ROUNDS = 30
 _AT_REST = 1e-3  # of ln s, whose standard error is above 1e-2 for all but the longest records
 
@@ -37,35 +38,69 @@ class Linearised:
         columns: (n, p, k) change of the prediction for one unit of each shared parameter.
         unknown: (n, p, m) response to each pulse of the unknown motion at kappa = 1.
         taken: (n, p) whether a sample counts.
+        own: (n, p, q) change by one standard deviation of each parameter that is the record's own, such as the form of
+            an effect or the gusts that it met.
     """
 
     residual: FloatArray
     columns: FloatArray
     unknown: FloatArray
     taken: NDArray[np.bool_]
+    own: FloatArray | None = None
+
+
+def fewer(unknown: FloatArray, taken: NDArray[np.bool_]) -> FloatArray:
+    """Return the same unknown motion (n, p, m) by its principal directions (n, p, r), r <= m, in units of the noise.
+
+    Pulses that are independent and of one size are so in any rotation of them. Directions that a motion as large as
+    all that is seen (kappa = 1) moves by less than a hundredth of the noise in all samples together are left out.
+    """
+    U = np.where(taken[:, :, None], unknown, 0.0).reshape(taken.size, unknown.shape[2])
+    values, turn = np.linalg.eigh(U.T @ U)
+    return (U @ turn[:, values > _UNSEEN**2]).reshape(*taken.shape, -1)
 
 
 @dataclass(frozen=True, eq=False)
 class Grams:
     """Sums over the samples of each channel of one record, of all that the evidence needs.
 
-    Z holds the columns, then the pulses, then the residual; ``of`` (p, k + m + 1, k + m + 1) is Z'Z by channel.
+    Z holds the k columns, then the q of the record's own, then the m pulses, then the residual; ``of``
+    (p, k + q + m + 1, k + q + m + 1) is Z'Z by channel.
     """
 
     of: FloatArray
     samples: FloatArray
     k: int
+    q: int = 0
 
     @classmethod
     def made(cls, record: Linearised) -> Grams:
         """Return the sums of a record."""
         p = record.residual.shape[1]
-        Z = np.concatenate([record.columns, record.unknown, record.residual[:, :, None]], axis=2)
+        own = record.columns[:, :, :0] if record.own is None else record.own
+        Z = np.concatenate([record.columns, own, record.unknown, record.residual[:, :, None]], axis=2)
         Z = np.where(record.taken[:, :, None], Z, 0.0)
         out = np.empty((p, Z.shape[2], Z.shape[2]))
         for c in range(p):
             out[c] = Z[:, c].T @ Z[:, c]
-        return cls(out, record.taken.sum(axis=0).astype(float), record.columns.shape[2])
+        return cls(out, record.taken.sum(axis=0).astype(float), record.columns.shape[2], own.shape[2])
+
+    def left_by(self, record: Linearised, residual: FloatArray) -> Grams:
+        """Return the sums without columns for another residual (n, p) of the same record."""
+        own = record.columns[:, :, :0] if record.own is None else record.own
+        r = np.where(record.taken, residual, 0.0)
+        of = self.of[:, self.k :, self.k :].copy()
+        for c in range(r.shape[1]):
+            of[c, : self.q, -1] = own[:, c].T @ r[:, c]
+            of[c, self.q : -1, -1] = record.unknown[:, c].T @ r[:, c]
+            of[c, -1, -1] = r[:, c] @ r[:, c]
+            of[c, -1, :-1] = of[c, :-1, -1]
+        return Grams(of, self.samples, 0, self.q)
+
+    def deviations(self, kappa: float) -> FloatArray:
+        """Return the prior deviations of what is the record's own, its pulses last; none of them at kappa 0."""
+        m = self.of.shape[1] - 1 - self.k - self.q
+        return np.concatenate([np.ones(self.q), np.full(m if kappa > 0.0 else 0, kappa)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,21 +145,21 @@ class Reduced:
 
 
 def reduced(grams: Sequence[Grams], scales: FloatArray, kappa: float) -> Reduced:
-    """Integrate the pulses of every record at noise scales (p,) and one size of the unknown motion."""
+    """Integrate what is each record's own at noise scales (p,) and one size of the unknown motion."""
     k = grams[0].k
     A, b, c, log_det, samples = np.zeros((k, k)), np.zeros(k), 0.0, 0.0, 0.0
     for g in grams:
         G = np.tensordot(scales**-2.0, g.of, 1)
         samples += float(g.samples.sum())
         log_det += 2.0 * float(g.samples @ np.log(scales))
-        shared = np.r_[0:k, G.shape[0] - 1]
-        own = slice(k, G.shape[0] - 1)
+        shared, D = np.r_[0:k, G.shape[0] - 1], g.deviations(kappa)
+        own = slice(k, k + len(D))
         S = G[np.ix_(shared, shared)]
-        if kappa > 0.0 and G.shape[0] - 1 > k:
-            M = np.eye(G.shape[0] - 1 - k) + kappa**2 * G[own, own]
+        if len(D):
+            M = np.eye(len(D)) + D[:, None] * G[own, own] * D
             factor = cho_factor(M, check_finite=False)
             log_det += 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
-            B = kappa * G[own][:, shared]
+            B = D[:, None] * G[own][:, shared]
             S = S - B.T @ cho_solve(factor, B, check_finite=False)
         A += S[:k, :k]
         b += S[:k, k]
@@ -138,14 +173,17 @@ class Sized:
 
     Attributes:
         scales: (p,) s.
-        log_density: ln of the evidence with the prior of s, integrated over s by Laplace's approximation.
+        price: ln of the prior of s and of its integral about the rest (Laplace's approximation).
         log_errors: (p,) standard errors of ln s.
+        reduced: at these scales.
+        log_density: ln of the evidence, s integrated.
     """
 
     scales: FloatArray
-    log_density: float
+    price: float
     log_errors: FloatArray
     reduced: Reduced
+    log_density: float
 
 
 def sized(
@@ -154,7 +192,6 @@ def sized(
     std: FloatArray,
     spread: FloatArray,
     kappa: float,
-    which: Sequence[int] | None = None,
     begin: FloatArray | None = None,
 ) -> Sized:
     """Bring the noise scales of a hypothesis to rest.
@@ -165,7 +202,6 @@ def sized(
         std: (k,) of the prior.
         spread: (p,) prior standard deviation of ln s; 0 for a channel whose noise is known.
         kappa: size of the unknown motion.
-        which: the parameters of the hypothesis, all if not given.
         begin: (p,) scales to begin with.
     """
     free = spread > 0.0
@@ -173,7 +209,7 @@ def sized(
     log_s = np.zeros(len(spread)) if begin is None else np.log(begin)
     effective = np.ones(len(spread))
     for _ in range(_ROUNDS):
-        squares, effective = _left(grams, np.exp(log_s), kappa, mean, std, which)
+        squares, effective = _left(grams, np.exp(log_s), kappa, mean, std)
         gradient = squares - effective - weight * log_s
         step = np.where(free, gradient / (2.0 * np.maximum(effective, 1.0) + weight), 0.0)
         log_s = log_s + np.clip(step, -0.7, 0.7)
@@ -182,45 +218,30 @@ def sized(
     scales = np.exp(log_s)
     found = reduced(grams, scales, kappa)
     curvature = 2.0 * np.maximum(effective, 1.0) + weight
-    log_density = found.log_evidence(mean, std, which)
-    log_density += float(np.sum(-0.5 * weight * log_s**2))
-    log_density += 0.5 * float(np.sum(np.log(weight[free] / curvature[free])))
-    return Sized(scales, log_density, np.where(free, curvature**-0.5, 0.0), found)
+    price = float(np.sum(-0.5 * weight * log_s**2)) + 0.5 * float(np.sum(np.log(weight[free] / curvature[free])))
+    return Sized(scales, price, np.where(free, curvature**-0.5, 0.0), found, found.log_evidence(mean, std) + price)
 
 
 def _left(
-    grams: Sequence[Grams],
-    scales: FloatArray,
-    kappa: float,
-    mean: FloatArray,
-    std: FloatArray,
-    which: Sequence[int] | None,
+    grams: Sequence[Grams], scales: FloatArray, kappa: float, mean: FloatArray, std: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return, by channel, the squares of the noise that is left over s^2, and its effective number of samples (p,)."""
-    k = grams[0].k
-    rows = list(range(k)) if which is None else list(which)
-    base = reduced(grams, scales, kappa)
-    theta, covariance = base.posterior(mean, std, rows)
-    squares, effective = np.zeros(len(scales)), np.zeros(len(scales))
+    theta, covariance = reduced(grams, scales, kappa).posterior(mean, std)
+    squares, effective, weights = np.zeros(len(scales)), np.zeros(len(scales)), scales**-2.0
     for g in grams:
-        m = g.of.shape[1] - 1 - k
-        weights = scales**-2.0
-        some = np.r_[rows, k : k + m]
-        if kappa > 0.0 and m:
-            G = np.tensordot(weights, g.of[:, k:, k:], 1)
-            cross = np.tensordot(weights, g.of[:, k : k + m][:, :, rows], 1)
-            M = np.eye(m) / kappa**2 + G[:m, :m]
-            P = cho_solve(cho_factor(M, check_finite=False), np.eye(m), check_finite=False)
-            T = P @ cross
-            pulses = P @ G[:m, m] - T @ theta
+        k, D = g.k, g.deviations(kappa)
+        K = k + len(D)
+        G = np.tensordot(weights, g.of, 1)
+        found, Sigma = theta, covariance
+        if len(D):
+            M = np.diag(D**-2.0) + G[k:K, k:K]
+            P = cho_solve(cho_factor(M, check_finite=False), np.eye(len(D)), check_finite=False)
+            T = P @ G[k:K, :k]
+            found = np.concatenate([theta, P @ G[k:K, -1] - T @ theta])
             Sigma = np.block([[covariance, -covariance @ T.T], [-T @ covariance, P + T @ covariance @ T.T]])
-            found = np.concatenate([theta, pulses])
-        else:
-            some, Sigma, found = rows, covariance, theta
-        for c in range(len(scales)):
-            Gc = g.of[c]
-            XX = Gc[np.ix_(some, some)]
-            xy = Gc[some, -1]
-            squares[c] += weights[c] * (Gc[-1, -1] - 2.0 * found @ xy + found @ XX @ found)
-            effective[c] += g.samples[c] - weights[c] * float(np.sum(Sigma * XX))
+        XX, xy = g.of[:, :K, :K], g.of[:, :K, -1]
+        squares += weights * (
+            g.of[:, -1, -1] - 2.0 * xy @ found + np.einsum("i,cij,j->c", found, XX, found, optimize=True)
+        )
+        effective += g.samples - weights * np.tensordot(XX, Sigma, 2)
     return squares, np.maximum(effective, 1e-3)

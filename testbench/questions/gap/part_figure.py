@@ -9,7 +9,8 @@ import numpy as np
 
 from testbench.core.record import FloatArray
 from testbench.page.plot import COLOURS, FAINT, QUIET, Plate, new_figure
-from testbench.questions.gap.verdict import SHOWN, Verdict
+from testbench.questions.gap.verdict import Verdict
+from testbench.questions.gap.weighed import percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,12 +80,11 @@ def part_plate(verdict: Verdict) -> Plate | None:
                     _wind(axes)
         return figure
 
-    part, _, cases = verdict.right
-    words = " or ".join(p.name for p in verdict.parts)
-    why = f"Calls like this had the right part in {part} of {cases} cases of the blind test"
-    if verdict.call == SHOWN:
-        why = "The recorded surface shows that its path differs from what is believed"
-    caption = f"A sketch, not this aircraft. Filled: {words}. {why}."
+    why = "The recorded surface shows that its path differs from what is believed"
+    if not verdict.shown:
+        sure = verdict.probability
+        why = "How probable that is was not weighed" if sure is None else f"Probability: {percent(sure)}"
+    caption = f"A sketch, not this aircraft. Filled: {verdict.where}. {why}."
     return Plate("part", "Where to look", caption, make)
 
 

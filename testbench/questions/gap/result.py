@@ -25,6 +25,7 @@ from testbench.questions.gap.open_set import FirstLook
 from testbench.questions.gap.parameters import WrongParameter, off_parameters
 from testbench.questions.gap.priors import deviations_of
 from testbench.questions.gap.verdict import Verdict, verdict_of
+from testbench.questions.gap.weighed import Weighed
 
 # By so much a simulator may err in the short period and after a power change, in roll and yaw response and in a steady
 # sideslip, 14 CFR 60, appendix A, table A2A; the pitch angle's tolerance is taken for the angle of attack.
@@ -93,6 +94,7 @@ class GapFinding:
         shrink: before and after, one per held-out manoeuvre.
         air: what the residuals say of the air.
         noise: how large the noise of the sensors is, where that was found; None where it is known.
+        weighed: probabilities of all explanations; None if no effect came near.
         regions: where in the flight envelope the residual of the believed model sits.
         forces: equation errors of forces and moments, one per manoeuvre that has the channels for it.
         next_flight: the manoeuvre that would tell the rest apart, in words; "" if nothing is left to tell apart.
@@ -131,6 +133,7 @@ class GapFinding:
     paths: tuple[JudgedPath, ...] = ()
     held_out: tuple[HeldOutFlight, ...] = ()
     noise: NoiseFound | None = None
+    weighed: Weighed | None = None
 
     @property
     def changed(self) -> bool:
@@ -139,8 +142,8 @@ class GapFinding:
 
     @property
     def verdict(self) -> Verdict | None:
-        """Where the cause sits, with how often such a call was right; None where there is no gap."""
-        return verdict_of(self.naming, self.paths)
+        """Where the cause sits, and how probable that is; None where there is no gap."""
+        return verdict_of(self.naming, self.paths, self.weighed)
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -150,6 +153,7 @@ class GapFinding:
         out += [p.sentence for p in self.paths if p.outcome in ("differs", "unexplained", "not seen")]
         verdict = self.verdict
         out += [] if verdict is None else verdict.sentences
+        out += [] if self.weighed is None else [self.weighed.sentence]
         out += [*self._evidence(), *([self.next_flight] if self.next_flight else [])]
         for s in self.shrink if self.changed else ():
             k = int(np.argmax(s.energy_before))

@@ -17,6 +17,7 @@ from testbench.questions.gap.open_set import FirstLook, title_of
 from testbench.questions.gap.plan import ALIKE, NEEDED
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.hypothesis import FLOWN_STEP, LINEAR_STEP
+from testbench.questions.gap.weighed import Weighed
 
 if TYPE_CHECKING:
     from testbench.questions.gap.ask import GapResult
@@ -56,6 +57,48 @@ def _path_table(paths: Sequence[JudgedPath]) -> Table:
             )
             for p in paths
         ),
+        wide=True,
+    )
+
+
+def _weighed_table(weighed: Weighed) -> Table:
+    """Return the explanations by their probabilities."""
+    rows = []
+    for row in weighed.table.rows:
+        found, effect = row.posterior, weighed.effects.get(row.name)
+        rows.append(
+            (
+                "nothing" if effect is None else effect.title,
+                100.0 * (weighed.nothing if effect is None else weighed[row.name]),
+                100.0 * weighed.imitates(row.name),
+                "" if effect is None else weighed.size(row.name),
+                found.log_evidence - weighed.table.best.log_evidence,
+                row.difference_error,
+                found.kappa,
+                found.whiteness,
+                found.strain,
+            )
+        )
+    return Table(
+        "explanations",
+        "Explanations by their probabilities",
+        "Nothing, and the effects that come nearest, by one likelihood in which noise, coefficients and sizes are "
+        "unknown. Whole: probability that this is all. Imitates: that something which the library lacks does nearly "
+        "this. Left: share of the motion that an unknown motion still needs; a thousandth or less beside the whole "
+        "story. White: probability that noise would look as coloured as what is left. Strain: squares of the "
+        "distances from the priors, one a parameter if they hold.",
+        (
+            Column("explanation", "explanation"),
+            Column("whole", "whole", "%", decimals=1),
+            Column("imitates", "imitates", "%", decimals=1),
+            Column("size", "size, with standard error"),
+            Column("evidence", "ln evidence, less the best", decimals=1),
+            Column("error", "its error", decimals=1),
+            Column("kappa", "left", decimals=4),
+            Column("whiteness", "white", decimals=3),
+            Column("strain", "strain", decimals=1),
+        ),
+        tuple(rows),
         wide=True,
     )
 
@@ -103,6 +146,8 @@ def gap_tables(result: GapResult) -> list[Table]:
         wide=True,
     )
     out = [ranking]
+    if result.finding.weighed is not None:
+        out.append(_weighed_table(result.finding.weighed))
     if result.finding.paths:
         out.append(_path_table(result.finding.paths))
     if result.finding.forces:

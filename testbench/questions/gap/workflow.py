@@ -58,6 +58,7 @@ from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.parallel import Ahead
 from testbench.questions.gap.surface_evidence import with_surfaces
+from testbench.questions.gap.weighed import weigh
 from testbench.questions.gap.window_length import Windows
 from testbench.questions.gap.windows import as_they_start, begin_freely
 
@@ -197,6 +198,8 @@ def find_gap(
         amended = naming.best.added_to(believed)
     else:
         amended = believed.with_nuisances(naming.nuisances) if parameters else believed
+    say("weigh what came nearest")
+    weighed = weigh(believed, naming_records, naming, known, noise if noise == "simulated" else "measured")
     say("locate the residual")
     maps = tuple(_map(believed, name, record) for name, record in records.items())
     left, taken = zip(*((believed.residuals(r), believed.taken(r)) for r in naming_records), strict=True)
@@ -221,6 +224,7 @@ def find_gap(
         shrink=shrink,
         air=air,
         noise=noise_found,
+        weighed=weighed,
         regions=regions,
         forces=forces,
         next_flight=next_flight,

@@ -1,37 +1,25 @@
-"""The verdict of two levels: every effect has a part and a check, and what is said of calls is what the rows say."""
+"""Where to look: every effect has a part and a check, and the verdict says how probable its parts are."""
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
-from studies.blind.__main__ import RESULTS, SEED, _sealed
-from studies.blind.parts import UNSEEN, called, called_text
+from studies.blind.parts import UNSEEN
 
 from testbench.effects import library
 from testbench.effects.base import together
 from testbench.flight import load_aircraft
-from testbench.questions.gap import called as module
-from testbench.questions.gap.called import CALLED
 from testbench.questions.gap.part_figure import _REGIONS, _region, part_plate
 from testbench.questions.gap.parts import part_names, parts_of
-from testbench.questions.gap.verdict import Verdict, call_of
+from testbench.questions.gap.verdict import Verdict
+from testbench.questions.gap.weighed import P_IN_PART, Weighed, percent
 from testbench.sensors import load_suite
 
 EFFECTS = {
     **library(load_suite("eolo_gap"), load_aircraft("taurus")),
     **library(load_suite("eolo_gap_lateral"), load_aircraft("eolo", "rigid")),
 }
-
-
-def test_what_is_said_of_calls_is_what_the_blind_test_found():
-    cases, _ = _sealed(RESULTS, SEED)
-    lines = (RESULTS / "rows.jsonl").read_text(encoding="utf-8").splitlines()
-    found = called(cases, {row["case"]: row for row in map(json.loads, lines)})
-    assert found == CALLED
-    assert called_text(found) == Path(module.__file__).read_text(encoding="utf-8")
-    assert all(effect <= part <= cases for part, effect, cases in found.values())
 
 
 @pytest.mark.parametrize("effect", EFFECTS.values(), ids=EFFECTS)
@@ -51,15 +39,46 @@ def test_unseen_kinds_act_in_parts_that_effects_have():
 def test_two_effects_of_one_part_call_it_once_and_a_set_says_or():
     lag, limit, scale = EFFECTS["actuator_lag"], EFFECTS["rate_limit"], EFFECTS["alpha_scale"]
     assert [p.name for p in parts_of([together(lag, limit)])] == ["elevator path"]
-    assert call_of([together(lag, scale).name]) == "two effects"
-    both = Verdict("set", parts_of([lag, scale]))
-    assert both.sentences[0].startswith("where to look: elevator path or alpha sensor; ")
+    both = Verdict(parts_of([lag, scale]), 0.973, any=True)
+    assert both.sentences[0] == ("where to look: elevator path or alpha sensor; probability that it sits there: 97.3 %")
     assert len(both.sentences) == 3
-    assert "elevator path or alpha sensor" in part_plate(both).caption
+    assert "elevator path or alpha sensor. Probability: 97.3 %" in part_plate(both).caption
 
 
 def test_where_nothing_is_named_no_part_is_called():
-    verdict = Verdict("unexplained", (), "the lift")
-    part, _, cases = CALLED["unexplained"]
-    assert f"in only {part} of {cases} cases" in verdict.sentences[0]
+    verdict = Verdict((), 0.41, nearest="the lift")
+    assert "the right part with 41 %" in verdict.sentences[0]
     assert part_plate(verdict) is None
+
+
+def weighed(**evidence):
+    """Return explanations of these (whole, in part) evidences."""
+    rows = tuple(
+        SimpleNamespace(name=name, posterior=SimpleNamespace(log_whole=whole, log_part=part))
+        for name, (whole, part) in evidence.items()
+    )
+    return Weighed(SimpleNamespace(rows=rows), {n: EFFECTS[n] for n in evidence if n != "nothing"}, 50)
+
+
+def test_probabilities_are_prior_times_evidence_and_add_up():
+    found = weighed(
+        nothing=(-10.0, -14.0), actuator_lag=(-2.0, -6.0), rate_limit=(-4.0, -5.0), alpha_scale=(-30, -20.0)
+    )
+    named = sum(found[n] for n in found.effects)
+    assert found.nothing + named + found.unknown == pytest.approx(1.0, abs=1e-12)
+    assert found["actuator_lag"] / found["rate_limit"] == pytest.approx(7.389, rel=1e-3)  # both are one of 50
+    assert found.credible()[:2] == ("actuator_lag", "rate_limit")
+    inside = sum(found[n] + P_IN_PART * found.imitates(n) for n in ("actuator_lag", "rate_limit"))
+    assert found.part(["elevator path"]) == pytest.approx(inside, rel=1e-12)
+    assert found.part(["alpha sensor"]) < 1e-6
+
+
+def test_an_effect_that_needs_an_unknown_motion_imitates_what_the_library_lacks():
+    found = weighed(nothing=(-900.0, -400.0), actuator_lag=(-300.0, -20.0))
+    assert found["actuator_lag"] < 1e-100
+    assert found.unknown == pytest.approx(1.0)
+    assert found.credible() == ("unknown",)
+
+
+def test_no_probability_is_said_to_be_certain():
+    assert [percent(p) for p in (1.0, 0.9456, 0.00434, 1e-9)] == ["above 99.9 %", "94.6 %", "0.434 %", "below 0.1 %"]

@@ -16,7 +16,6 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: two workers with two threads each are far slower
 
 from smallest import results, sized
-from studies.blind.parts import CALLED_TABLE, called_text
 from studies.blind.report import write_report
 from studies.blind.rows import leave_with, look_at_rest, run_case
 
@@ -73,9 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
             done[row["case"]] = row
             print(f"{len(done)} {row['case']}: {row['outcome']} {' | '.join(row['names'])}", flush=True)
     rows = {n: {**r, **left.get(n, {})} for n, r in done.items()}
-    calls = write_report(asked.out, cases, rows, digest, asked.seed)
-    if asked.out.resolve() == RESULTS:
-        CALLED_TABLE.write_text(called_text(calls), encoding="utf-8")
+    write_report(asked.out, cases, rows, digest, asked.seed)
     print(f"summary: {asked.out / 'README.md'}")
     return 0
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
-from pathlib import Path
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from studies.blind.score import judge
@@ -14,10 +13,8 @@ from testbench.effects import catalogue, library
 from testbench.flight import load_aircraft
 from testbench.questions.gap.parts import part_names
 from testbench.questions.gap.sealed.cases import Case
-from testbench.questions.gap.verdict import call_of
 from testbench.sensors import load_suite
 
-CALLED_TABLE = Path(__file__).resolve().parents[3] / "testbench" / "questions" / "gap" / "called.py"
 CALLS = ("one effect", "two effects", "set", "unexplained")
 NO_PART = ("nothing", "nothing in turbulence")
 # Where kinds act that the library does not hold.
@@ -58,16 +55,6 @@ def called(cases: Iterable[Case], rows: Mapping[str, Mapping[str, Any]]) -> dict
     return {call: (count["part"], count["effect"], count["all"]) for call, count in found.items()}
 
 
-def called_text(found: Mapping[str, tuple[int, int, int]]) -> str:
-    """Return the module that holds the counts."""
-    rows = "".join(f'    "{call}": {counts},\n' for call, counts in found.items())
-    return (
-        '"""Written by `python -m studies.blind --report` from results/gap/parts.csv."""\n\n'
-        f"CALLED: dict[str, tuple[int, int, int]] = {{\n{rows}}}\n"
-        '"""Kind of call -> cases of the blind test with the right part, with the right effect, and all."""\n'
-    )
-
-
 def parts_true(case: Case) -> set[str]:
     """Return the parts in which what a case hides acts."""
     return {p for kind, right in zip(case.kinds, case.right, strict=True) for p in _true_parts(kind, right)}
@@ -103,3 +90,10 @@ _LIBRARY = (
     | library(load_suite("eolo_alpha"), load_aircraft("eolo", "rigid"))
     | library(load_suite("eolo_gap"), load_aircraft("taurus"))
 )
+
+
+def call_of(names: Sequence[str]) -> str:
+    """Return the kind of call by what is named; several effects at once are one name, "A + B"."""
+    if not names:
+        return "unexplained"
+    return "set" if len(names) > 1 else "two effects" if " + " in names[0] else "one effect"

@@ -101,7 +101,7 @@ def find_noise(
     mean, begin = -point.deviations * point.prior_std, None
     best = None
     for kappa in _KAPPAS:
-        found = sized(grams, mean, point.prior_std, spread, kappa, None, begin)
+        found = sized(grams, mean, point.prior_std, spread, kappa, begin)
         begin = found.scales
         if best is None or found.log_density > best.log_density:
             best = found

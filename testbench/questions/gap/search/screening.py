@@ -59,10 +59,10 @@ def screen(base: Hypothesis, effect: Effect, share: float = 1.0, far: bool = Fal
     the signature of one sign is not minus that of the other.
     """
     signature, size = Signature(base, effect), _size(effect)
-    why = _not_sought(base, effect)
+    why = not_sought(base, effect)
     if why:
         return Screened(effect, signature, (), 0.0, why)
-    starts = _starts(effect)
+    starts = starts_of(effect)
     if size is not None:
         if not (far and effect.flown):  # the other sign changes the residuals by minus as much
             starts = [s for s in starts if s[size] == effect.parameters[size].starts[0]]
@@ -97,7 +97,7 @@ def screen(base: Hypothesis, effect: Effect, share: float = 1.0, far: bool = Fal
     return Screened(effect, signature, best, max(f[1] for f in found), "", alone, found[0][3])
 
 
-def _not_sought(base: Hypothesis, effect: Effect) -> str:
+def not_sought(base: Hypothesis, effect: Effect) -> str:
     """Return why an effect is not sought in these records, or ""."""
     if effect.lateral and not base.lateral:
         return "these records cannot show it: neither aileron nor rudder moves"
@@ -111,8 +111,8 @@ def screen_all(tasks: Sequence[tuple[Hypothesis, Effect]], share: float = 1.0, f
     for base in {id(base): base for base, _ in tasks}.values():
         base.prepare()
     if share == 1.0:  # trimmed here, so that what other processes fly in batches is known to this one afterwards
-        sought = [(base, e) for base, e in tasks if not _not_sought(base, e)]
-        models = [(Signature(base, e).tuned_model(_starts(e)[0]), base.records) for base, e in sought]
+        sought = [(base, e) for base, e in tasks if not not_sought(base, e)]
+        models = [(Signature(base, e).tuned_model(starts_of(e)[0]), base.records) for base, e in sought]
         trims([there.flyer for model, records in models for there in model.at_each(records)])
     parts = spread([partial(_parts, base, effect, share, far) for base, effect in tasks])
     both = zip(tasks, parts, strict=True)
@@ -149,13 +149,13 @@ def screen_closely(base: Hypothesis, screened: Sequence[Screened]) -> list[Scree
 
 def flown_best(base: Hypothesis, screened: Screened) -> Screened:
     """Return ``screened`` with the one start of the effect, of either sign, that leaves least when it is flown."""
-    starts = _starts(screened.effect)
+    starts = starts_of(screened.effect)
     ends = base.moved_all([screened.signature.model(s) for s in starts], [base.nuisances] * len(starts))
     flown = [(there.chi2, k) for k, there in enumerate(ends) if there]
     return replace(screened, starts=(starts[min(flown)[1]],)) if flown else screened
 
 
-def _starts(effect: Effect) -> list[FloatArray]:
+def starts_of(effect: Effect) -> list[FloatArray]:
     """Return every combination of the parameters' starts, each (p,)."""
     return [np.array(s) for s in product(*(p.starts for p in effect.parameters))]
 
