@@ -1,4 +1,7 @@
-"""What an effect of the library is: physics in words, bounded parameters, and how it changes aircraft or sensors."""
+"""What an effect is: physics in words, bounded parameters, and how it changes aircraft or sensors.
+
+A law says what an effect adds to an aircraft; the rows of the tables beside it say all else.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +11,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from testbench.aircraft import Aircraft
+from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.paths import ControlPath
+from testbench.aircraft.seams import opened
 from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
 from testbench.flight import FlightCondition
 from testbench.flight.air import Gust
 from testbench.sensors import SensorSuite
 
-# Least gain, s, of a rate feedback: one of the wrong sign takes damping away, and whoever flies feels it before it is
-# larger. Where a fit asks for more, the feedback only stands for something slow that the library does not hold.
-URGED = -0.02
 # Where an effect acts, from the forces up to the pilot's command; what acts farther up passes through all below it.
 FORCES, LINKAGE, SERVO, GEARING, AUTOPILOT, LINK = range(6)
 
@@ -64,6 +66,9 @@ class MetGust:
 Values = Mapping[str, float]
 Amend = Callable[[Aircraft, SensorSuite, Values], tuple[Aircraft, SensorSuite]]
 Shape = Callable[[Sequence[str], FloatArray, float, Aircraft, Values], FloatArray]
+Law = Callable[[Aircraft, Values], Amendment]
+PathLaw = Callable[[Aircraft, ControlPath, Values], Amendment]
+OverTime = Callable[[Aircraft, SensorSuite, Values, float], tuple[Aircraft, SensorSuite]]
 
 
 @dataclass(frozen=True)
@@ -102,6 +107,8 @@ class Effect:
         own_form: the effect that does the same in models of the testbench's own form, where this one is left out.
         elsewhere: (believed condition of a record, values) -> the one that it was really flown from, for an effect that
             moves it.
+        form_error: how far the real thing departs from this form, relative to its own signature (judged). The residual
+            that it leaves may be as large as form_error times its own signature.
     """
 
     name: str
@@ -122,9 +129,10 @@ class Effect:
     upstream: int = FORCES
     part: str = ""
     ground_check: str = ""
-    over_time: Callable[[Aircraft, SensorSuite, Values, float], tuple[Aircraft, SensorSuite]] | None = None
+    over_time: OverTime | None = None
     own_form: str = ""
     elsewhere: Callable[[FlightCondition, Values], FlightCondition] | None = None
+    form_error: float = 0.03
 
     @property
     def singles(self) -> tuple[Effect, ...]:
@@ -169,6 +177,48 @@ def unchanged(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[A
     return aircraft, suite
 
 
+def added(law: Law, aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    """Return the aircraft with the amendment that ``law`` makes of it, and the sensors as they are."""
+    return aircraft.amended(law(aircraft, values)), suite
+
+
+def on_path(
+    law: PathLaw, control: str, aircraft: Aircraft, suite: SensorSuite, values: Values
+) -> tuple[Aircraft, SensorSuite]:
+    """Return the aircraft with the amendment that ``law`` makes on the way of a control, and the sensors as they are.
+
+    Raises:
+        ModelError: the aircraft has no such control.
+    """
+    aircraft, path = opened(aircraft, control)
+    return aircraft.amended(law(aircraft, path, values)), suite
+
+
+_AFTER_S = 600.0  # time after take-off of an aircraft that is amended without a record
+_EVEN_S = 600.0  # after take-off, when as much is gone as at the mean rate, whatever the power
+_LEAST = 0.05  # of what there was, which is left at any time
+POWER = Parameter("power", "1", 0.3, 4.0, (0.6, 1.8))
+"""Of time by which more is gone, where an effect grows unevenly, see :func:`left`."""
+
+
+def left(values: Values, at_s: float) -> float:
+    """Return the share that is left so many s after take-off, of what falls by "per_min" a minute.
+
+    Where a "power" is given, the rate is the mean one of the first ten minutes, and what is gone grows as that power of
+    time.
+    """
+    even = at_s / _EVEN_S
+    gone = values["per_min"] * _EVEN_S / 60.0 * math.copysign(abs(even) ** values.get("power", 1.0), even)
+    return max(1.0 - gone, _LEAST)
+
+
+def ten_minutes_after(
+    grown: OverTime, aircraft: Aircraft, suite: SensorSuite, values: Values
+) -> tuple[Aircraft, SensorSuite]:
+    """Return what an effect that grows during the flight has made of both ten minutes after take-off."""
+    return grown(aircraft, suite, values, _AFTER_S)
+
+
 def together(*effects: Effect) -> Effect:
     """Return the effect that consists of ``effects``, each with parameters of its own."""
     return Effect(
@@ -184,6 +234,7 @@ def together(*effects: Effect) -> Effect:
         lateral=any(e.lateral for e in effects),
         parts=effects,
         looks=math.prod(e.looks for e in effects),
+        form_error=max(e.form_error for e in effects),
     )
 
 

@@ -1,4 +1,4 @@
-"""Errors of a sensor: bias, drift, scale, lag, delay, place and leaning, one effect per kind of error and channel."""
+"""Errors of sensors: bias, drift, scale, lag, delay, place and leaning of each channel, and a clock of their own."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 from testbench.aircraft import Aircraft
-from testbench.core.channels import channel
+from testbench.core.channels import CONTROLS, channel
 from testbench.effects.base import Effect, Parameter, Values
 from testbench.sensors import Sensor, SensorSuite
 from testbench.sensors.kinds.pitot import Pitot
@@ -112,57 +112,59 @@ _GROUND = {
     "position": "measure how far beside the middle of the aircraft the tube sits",
 }
 _LATERAL = ("ay", "p", "q", "r")  # what leaks into these, or what they are, moves with aileron and rudder only
+# kind of error -> form error; calibration and mounting have hardly another form
+_FORM = {"bias": 0.01, "scale": 0.01, "lag": 0.01, "position": 0.01, "delay": 0.02, "sideslip": 0.1}
 
 
 def amend(name: str, kind: str, aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Add the error to what is believed of the sensor; a suite without that channel stays as it is."""
-    sensors = []
-    for s in suite.sensors:
-        if s.channel == name:
-            if kind == "bias":
-                s = replace(s, bias=s.bias + values["bias"])
-            elif kind == "drift":
-                s = replace(s, bias_rate=s.bias_rate + values["drift_per_s"])
-            elif kind == "scale":
-                s = replace(s, scale=s.scale * values["scale"])
-            elif kind == "lag":
-                s = replace(s, lag_s=s.lag_s + values["lag_s"])
-            elif kind == "position":
-                ahead, right, down = s.position_m
-                if name in s.PLACED:  # an angle of attack that is corrected to the CG already has no place
-                    s = replace(s, position_m=(ahead + values["ahead_m"], right, down))
-            elif kind == "cross":
-                s = _leaning(s, values["share"])
-            else:
-                s = replace(s, delay_s=s.delay_s + values["delay_s"])
-        sensors.append(s)
+    sensors = (_wrong(s, kind, values) if s.channel == name else s for s in suite.sensors)
     return aircraft, replace(suite, sensors=tuple(sensors))
 
 
-def _leaning(sensor: Sensor, share: float) -> Sensor:
-    """Return the inertial sensor that feels a share of another axis too, or the pitot tube whose port feels alpha."""
-    if isinstance(sensor, Triad) and sensor.channel in _LEANS_TO:
-        of = sensor.AXES.index(_LEANS_TO[sensor.channel])
-        x, y, z = (c + (share if i == of else 0.0) for i, c in enumerate(sensor.cross_axis))
-        return replace(sensor, cross_axis=(x, y, z))
-    if isinstance(sensor, Pitot):
-        return replace(sensor, static_cp_alpha=sensor.static_cp_alpha + share)
-    return sensor
+def _wrong(s: Sensor, kind: str, values: Values) -> Sensor:
+    """Return the sensor with an error of that kind beside those that are believed.
+
+    An inertial sensor that leans feels a share of another axis too, and the port of a pitot tube that of alpha.
+    """
+    ahead, right, down = s.position_m
+    if kind == "bias":
+        return replace(s, bias=s.bias + values["bias"])
+    if kind == "drift":
+        return replace(s, bias_rate=s.bias_rate + values["drift_per_s"])
+    if kind == "scale":
+        return replace(s, scale=s.scale * values["scale"])
+    if kind == "lag":
+        return replace(s, lag_s=s.lag_s + values["lag_s"])
+    if kind == "delay":
+        return replace(s, delay_s=s.delay_s + values["delay_s"])
+    if "ahead_m" in values and s.channel in s.PLACED:  # an alpha that is corrected to the CG already has no place
+        return replace(s, position_m=(ahead + values["ahead_m"], right, down))
+    if kind == "cross" and isinstance(s, Triad) and s.channel in _LEANS_TO:
+        of = s.AXES.index(_LEANS_TO[s.channel])
+        x, y, z = (c + (values["share"] if i == of else 0.0) for i, c in enumerate(s.cross_axis))
+        return replace(s, cross_axis=(x, y, z))
+    if not isinstance(s, Pitot):
+        return s
+    if kind == "cross":
+        return replace(s, static_cp_alpha=s.static_cp_alpha + values["share"])
+    if kind == "sideslip":
+        return replace(s, static_cp_beta2=s.static_cp_beta2 + values["cp_beta2"])
+    return replace(s, position_m=(ahead, right + values["right_m"], down)) if "right_m" in values else s
 
 
-def amend_pitot(
-    name: str, kind: str, aircraft: Aircraft, suite: SensorSuite, values: Values
-) -> tuple[Aircraft, SensorSuite]:
-    """Add the error to what is believed of the pitot tube; a suite without one stays as it is."""
-
-    def changed(s: Pitot) -> Pitot:
-        if kind == "sideslip":
-            return replace(s, static_cp_beta2=s.static_cp_beta2 + values["cp_beta2"])
-        ahead, right, down = s.position_m
-        return replace(s, position_m=(ahead, right + values["right_m"], down))
-
-    sensors = (changed(s) if s.channel == name and isinstance(s, Pitot) else s for s in suite.sensors)
-    return aircraft, replace(suite, sensors=tuple(sensors))
+def clock_offset(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    """Stamp all sensors but the command log by a clock that is ahead by ``offset_s``, so that they seem late."""
+    offset = values["offset_s"]
+    if offset == 0.0:
+        return aircraft, suite
+    sensors = tuple(
+        s
+        if s.channel.removesuffix("_cmd") in CONTROLS
+        else replace(s, clock_offset_s=s.clock_offset_s + offset, recorder=s.recorder or "second recorder")
+        for s in suite.sensors
+    )
+    return aircraft, replace(suite, sensors=sensors)
 
 
 def sensor_effects(channels: Iterable[str], pitot: bool = False) -> dict[str, Effect]:
@@ -172,11 +174,14 @@ def sensor_effects(channels: Iterable[str], pitot: bool = False) -> dict[str, Ef
     """
     out = {}
     for name in channels:
-        for kind, (words, usual, physics, mistaken_for, separated_by) in _KINDS.items():
-            if (name, kind) == ("psi", "scale") or name not in _SHOWN.get(kind, (name,)):
-                continue
+        shown = {
+            k: row for k, row in _KINDS.items() if name in _SHOWN.get(k, (name,)) and (name, k) != ("psi", "scale")
+        }
+        for kind, row in (shown | (_OF_PITOT if pitot and name == "V" else {})).items():
+            words, usual, physics, mistaken_for, separated_by = row
             parameter = _OF_CHANNEL.get((name, kind), usual)
             unit = {"bias": channel(name).unit, "drift": _per_second(name)}.get(kind, parameter.unit)
+            of_pitot = row is _OF_PITOT.get(kind)
             out[f"{name}_{kind}"] = Effect(
                 name=f"{name}_{kind}",
                 title=f"{words} of the {name} sensor",
@@ -184,27 +189,13 @@ def sensor_effects(channels: Iterable[str], pitot: bool = False) -> dict[str, Ef
                 physics=physics,
                 parameters=(replace(parameter, unit=unit),),
                 amend=partial(amend, name, kind),
-                lateral=kind == "cross" and name in _LATERAL,
-                ground_check=_GROUND["drift"] if kind == "drift" else "",
+                lateral=of_pitot or (kind == "cross" and name in _LATERAL),
+                ground_check=_GROUND[kind] if of_pitot or kind == "drift" else "",
                 mistaken_for=mistaken_for,
                 separated_by=separated_by,
                 flown=True,  # flights do not depend on sensors: those of the model without the error are read again
+                form_error=_FORM.get(kind, 0.03),
             )
-        for kind, (words, parameter, physics, mistaken_for, separated_by) in _OF_PITOT.items():
-            if pitot and name == "V":
-                out[f"{name}_{kind}"] = Effect(
-                    name=f"{name}_{kind}",
-                    title=f"{words} of the {name} sensor",
-                    place=f"{name} sensor",
-                    physics=physics,
-                    parameters=(parameter,),
-                    amend=partial(amend_pitot, name, kind),
-                    lateral=True,
-                    ground_check=_GROUND[kind],
-                    mistaken_for=mistaken_for,
-                    separated_by=separated_by,
-                    flown=True,
-                )
     return out
 
 
@@ -217,3 +208,21 @@ def _per_second(name: str) -> str:
     """Return the unit of how fast a channel drifts."""
     unit = channel(name).unit
     return f"{unit}2" if unit.endswith("/s") else f"{unit}/s"
+
+
+EFFECTS = (
+    Effect(
+        name="clock_offset",
+        title="clock of the sensors apart from that of the commands",
+        place="elevator",
+        physics="Sensors and commands are logged by two recorders whose clocks differ by a constant. All sensors seem "
+        "late or early by the same time against the commands, whatever moves the aircraft.",
+        parameters=(Parameter("offset_s", "s", -0.3, 0.3, (0.02, -0.02), none=0.0),),
+        amend=clock_offset,
+        mistaken_for="a delay of the elevator command, exactly, where the elevator alone moves and the clock is ahead",
+        separated_by="throttle steps, which a delay of the elevator's command leaves in time; a common event on both "
+        "logs",
+        flown=True,
+        form_error=0.02,
+    ),
+)

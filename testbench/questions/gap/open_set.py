@@ -22,7 +22,7 @@ from testbench.core.errors import ModelError, TestbenchError
 from testbench.core.record import FlightRecord
 from testbench.core.words import with_error
 from testbench.effects import left_out
-from testbench.effects.aero import followed
+from testbench.effects.aerodynamics import followed
 from testbench.effects.base import Effect, Parameter, Values
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.decide import Naming, confirmed

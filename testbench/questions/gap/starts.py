@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from testbench.aircraft import Aircraft
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord
-from testbench.effects.payload import with_load
+from testbench.effects.mass import with_load
 from testbench.flight import FlightCondition
 from testbench.sensors import SensorSuite
 

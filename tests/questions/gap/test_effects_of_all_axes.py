@@ -6,16 +6,7 @@ import numpy as np
 import pytest
 from axes import believe, commands
 
-from testbench.effects import (
-    EFFECTS,
-    ON_REQUEST,
-    asymmetry,
-    lateral_feedback,
-    lateral_terms,
-    lost_surface,
-    propeller,
-    stall_moment,
-)
+from testbench.effects import EFFECTS, ON_REQUEST, aerodynamics, feedback, mass, stall, structure, thrust
 from testbench.flight import FlightCondition, linearise, trim
 from testbench.questions.gap.effect_contract import recorded
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
@@ -24,10 +15,11 @@ from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.screening import screen
 
 NEW = {
-    e.name: e
-    for module in (lateral_feedback, propeller, asymmetry, lateral_terms, lost_surface, stall_moment)
-    for e in module.EFFECTS
+    e.name: e for table in (aerodynamics, feedback, mass, stall, structure, thrust) for e in table.EFFECTS if e.lateral
 }
+NEW |= {e.name: e for table in (stall, structure) for e in table.ON_REQUEST}
+for of_yaw_rate in ("yaw_damper", "filtered_yaw_damper"):
+    del NEW[of_yaw_rate]  # tried in test_lateral_gap.py
 # What is trimmed out shows nowhere else.
 TRIMMED_OUT = {"wing_twist", "asymmetric_drag"}
 TRUE = {
@@ -136,7 +128,7 @@ def test_what_is_trimmed_out_shows_in_the_control_at_trim_alone(name, control):
 
 def test_accelerometers_stay_in_the_airframe_when_its_centre_of_gravity_moves():
     b = believe()
-    moved, suite = asymmetry.amend_centre(b.aircraft, b.suite, {"right_spans": 0.1})
+    moved, suite = EFFECTS["lateral_cg"].amend(b.aircraft, b.suite, {"right_spans": 0.1})
     shift = 0.1 * b.aircraft.geometry.b_m
     places = {
         one.channel: (one.position_m, other.position_m)

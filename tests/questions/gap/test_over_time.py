@@ -12,7 +12,7 @@ from gap_flights import CONDITION, believe, measure
 from testbench.core.errors import ModelError, ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.effects import EFFECTS
-from testbench.effects.over_time import left
+from testbench.effects.base import left
 from testbench.questions.gap.ask import run_gap
 from testbench.questions.gap.effect_contract import CONDITION as AT
 from testbench.questions.gap.effect_contract import believed, commands, recorded

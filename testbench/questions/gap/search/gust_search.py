@@ -23,8 +23,8 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.stats import chi2
 
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.effects.air import LARGEST_M_S, Axis, placed
 from testbench.effects.base import Effect, MetGust
-from testbench.effects.gust import LARGEST_M_S, Axis, placed
 from testbench.flight.air import Gust
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA

@@ -11,7 +11,8 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.effects.servos import CONTROLS, SERVOS
+from testbench.effects import SERVOS
+from testbench.effects.servo import CONTROLS
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import noise_floor

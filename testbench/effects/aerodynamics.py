@@ -1,0 +1,308 @@
+"""Terms that the six coefficients may lack: of alpha, of speed, of sideslip and deflections, of wings that differ."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+
+from testbench.aircraft import Aircraft, Amendment, Increment, Insert, Memory
+from testbench.aircraft.reroute import component, corner, moving, product, prop, value
+from testbench.aircraft.seams import control_path
+from testbench.core.constants import FT_M
+from testbench.effects.base import Effect, Parameter, Values, added
+
+ALPHA = "aero/alpha-rad"
+_SYMBOLS = {
+    "alpha": ALPHA,
+    "beta": "aero/beta-rad",
+    "alphadot": "aero/alphadot-rad_sec",
+    "cbar/2V": "aero/ci2vel",
+}
+CURVED = 0.1  # form error of what is no straight line in a state
+
+# --- XML of terms -----------------------------------------------------------------------------------------------------
+
+
+def force(coefficient: str, label: str, *terms: str) -> Increment:
+    """Return the edit that adds the product of ``terms`` (XML) to a coefficient (CL, CD, CY, Cl, Cm, Cn)."""
+    return Increment(coefficient, f"gap/{label}", terms)
+
+
+def excess(term: str, least: float) -> str:
+    """Return the XML of ``term`` minus ``least``."""
+    return f"<difference> {term} {value(least)} </difference>"
+
+
+def over_design_speed(aircraft: Aircraft) -> str:
+    """Return the XML of V / V0 - 1, V0 the design speed."""
+    return excess(product(value(FT_M / aircraft.design_V_m_s), prop("velocities/vt-fps")), 1.0)
+
+
+def followed(label: str, term: str, time_s: float, rate_hz: float) -> tuple[tuple[Insert, ...], Memory]:
+    """Return the edits that make ``gap/LABEL`` follow ``term`` with a first-order lag, and the state that it is.
+
+    It takes the value of the frame before, one frame later than the aerodynamics do. While time stands still it is
+    ``term`` plus ``gap/LABEL-ic``, with which a flight may begin away from rest.
+    """
+    a = math.exp(-1.0 / (rate_hz * time_s)) if time_s > 0.0 else 0.0
+    name, start = f"gap/{label}", f"gap/{label}-ic"
+    follow = f"<sum> {product(value(a), prop(name))} {product(value(1.0 - a), term)} </sum>"
+    body = moving(follow, f"<sum> {term} {prop(start)} </sum>")
+    declarations = (Insert("flight_control", f'<property value="0">{p}</property>', 0) for p in (name, start))
+    channel = Insert("flight_control", f'<channel name="{name}-channel"> {component(name, body)} </channel>')
+    return (*declarations, channel), Memory(label, name, start, corner(time_s), settles=True)
+
+
+def _factor(symbols: str, x: float, aircraft: Aircraft) -> str:
+    """Return the XML of a factor: "x", the size; "alpha"; "|dr|"; or "beta beta", their product."""
+    out = []
+    for symbol in symbols.split():
+        if symbol == "x":
+            out.append(value(x))
+        elif symbol in _SYMBOLS:
+            out.append(prop(_SYMBOLS[symbol]))
+        else:
+            deflection = prop(control_path(aircraft, symbol.strip("|")).servo)
+            out.append(f"<abs> {deflection} </abs>" if "|" in symbol else deflection)
+    return product(*out) if len(out) > 1 else out[0]
+
+
+# --- laws -------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Term:
+    """The law that adds x times a product of states and deflections to a coefficient.
+
+    It is a term of the Taylor series that a linear model breaks off (B. Etkin, L. D. Reid, Dynamics of Flight, 1996,
+    section 4.11, from memory).
+
+    Attributes:
+        name: of the effect.
+        coefficient: CL, CD, CY, Cl, Cm or Cn.
+        size: name of the parameter x.
+        factors: "x", "alpha", "beta", "|dr|", ...; several in one are multiplied first.
+        text: what it does, with a place for x.
+        label: of the function in a model of the testbench's own form, if not gap/NAME.
+    """
+
+    name: str
+    coefficient: str
+    size: str
+    factors: tuple[str, ...]
+    text: str
+    label: str = ""
+
+    def __call__(self, aircraft: Aircraft, values: Values) -> Amendment:
+        """Return the amendment; ModelError if the aircraft lacks a control of it."""
+        x = values[self.size]
+        terms = tuple(_factor(f, x, aircraft) for f in self.factors)
+        edit = Increment(self.coefficient, self.label or f"gap/{self.name.replace('_', '-')}", terms)
+        return Amendment(self.name, self.text.format(x), (edit,))
+
+
+def speed_effectiveness(aircraft: Aircraft, values: Values) -> Amendment:
+    """Multiply the elevator's moment by 1 + k s + curve s^2 with s = V / V0 - 1, V0 the design speed."""
+    over = over_design_speed(aircraft)
+    factor = f"<sum> {value(values['k'])} {product(value(values['curve']), over)} </sum>"
+    moment = product(value(aircraft.coefficient("Cm_de")), prop(control_path(aircraft, "de").servo))
+    text = (
+        f"elevator effectiveness changes by {values['k']:+.3g} times the relative change of speed, "
+        f"{values['curve']:+.3g} times its square"
+    )
+    return Amendment("speed_effectiveness", text, (force("Cm", "speed-effectiveness", factor, over, moment),))
+
+
+def wake_lag(aircraft: Aircraft, values: Values) -> Amendment:
+    """Add Cm_wake (alpha lagged - alpha): the downwash at the tail is that of an earlier alpha."""
+    edits, wake = followed("wake", prop(ALPHA), values["time_s"], aircraft.rate_hz)
+    late = f"<difference> {prop('gap/wake')} {prop(ALPHA)} </difference>"
+    edit = force("Cm", "wake-lag", value(values["Cm_wake"]), late)
+    text = f"downwash at the tail late by {values['time_s']:.3g} s"
+    return Amendment("wake_lag", text, (*edits, edit), memories=(wake,), rate_hz=aircraft.rate_hz)
+
+
+def _row(
+    title: str, place: str, term: Term, size: Parameter, physics: str, mistaken_for: str, separated_by: str,
+    flown: bool = False, lateral: bool = False, form_error: float = 0.03,
+) -> Effect:  # fmt: skip
+    return Effect(
+        term.name, title, place, physics, (size,), partial(added, term), mistaken_for, separated_by,
+        flown=flown, lateral=lateral, form_error=form_error,
+    )  # fmt: skip
+
+
+# --- the table --------------------------------------------------------------------------------------------------------
+# fmt: off
+
+EFFECTS = (
+    _row(
+        "drag increment", "drag",
+        Term("drag_increment", "CD", "CD", ("x",), "drag coefficient {:+.4g}", "aero/coefficient/CD_increment"),
+        Parameter("CD", "1", -0.03, 0.3, (0.02, -0.01), none=0.0),
+        "Something in the flow, such as an open door, a probe or a rough surface, adds drag at every angle of attack. "
+        "Trim needs more throttle, and speed settles faster after a disturbance.",
+        "an error of the drag polar, within its prior, or of thrust at trim",
+        "glides or coast-downs at two speeds, where no thrust hides it"),
+    _row(
+        "pitching moment due to alpha-dot", "pitching moment",
+        Term("alpha_dot", "Cm", "Cm_alphadot", ("alphadot", "cbar/2V", "x"),
+             "Cm_alphadot {:+.4g} more", "gap/Cm_alphadot"),
+        Parameter("Cm_alphadot", "1", -40.0, 20.0, (-4.0, 4.0), none=0.0),
+        "The downwash of the wing takes time to reach the tail, so that the tail's moment lags behind alpha. To first "
+        "order this is a moment in proportion to alpha-dot, which damps the short period like pitch rate.",
+        "an error of Cm_q: in the short period q and alpha-dot are nearly the same",
+        "manoeuvres in which pitch rate and alpha-dot part: throttle with elevator, or pull-ups held for long"),
+    Effect(
+        name="wake_lag", title="wake that reaches the tail late", place="pitching moment",
+        physics="The downwash at the tail follows alpha with a lag, that of the wake's way to the tail or of its "
+        "build-up. Slow motion feels the damping of an alpha-dot term, fast motion does not.",
+        parameters=(Parameter("time_s", "s", 0.005, 2.0, (0.3,)),
+                    Parameter("Cm_wake", "1/rad", -4.0, 4.0, (0.3, -0.3), none=0.0)),
+        amend=partial(added, wake_lag),
+        mistaken_for="an alpha-dot term, where all motion is slow against the lag",
+        separated_by="inputs beyond the lag's corner frequency",
+        flown=True, contains=("alpha_dot",)),
+    _row(
+        "curved lift line", "lift",
+        Term("nonlinear_lift", "CL", "CL_alpha2", ("x", "alpha", "alpha"), "lift with {:+.3g} alpha^2 more"),
+        Parameter("CL_alpha2", "1", -40.0, 40.0, (-5.0, 5.0), none=0.0),
+        "The lift line is not straight: camber, low Reynolds numbers or the fuselage bend it well below the stall. To "
+        "first order lift gets a term in the square of alpha.",
+        "another CL_alpha in a narrow band of alpha; the beginning of a stall",
+        "a wide range of alpha on both sides of trim",
+        flown=True, form_error=CURVED),
+    _row(
+        "pitching moment curved over alpha", "pitching moment",
+        Term("curved_moment", "Cm", "Cm_alpha2", ("x", "alpha", "alpha"), "pitching moment with {:+.3g} alpha^2 more"),
+        Parameter("Cm_alpha2", "1", -10.0, 10.0, (-1.0, 1.0), none=0.0),
+        "The tail leaves the wing's downwash, or fuselage and wing lose their linear moment, as alpha grows. To first "
+        "order the moment gets a term in the square of alpha: stability changes with alpha.",
+        "another Cm_alpha in a narrow band of alpha; a stall of the tail",
+        "a wide range of alpha on both sides of trim",
+        flown=True, form_error=CURVED),
+    Effect(
+        name="speed_effectiveness", title="elevator effectiveness that depends on speed", place="pitching moment",
+        physics="Compressibility, Reynolds number or a tail that twists under load changes the elevator's "
+        "effectiveness with speed. Its moment then follows speed otherwise than the dynamic pressure does, along a "
+        "line or a curve.",
+        parameters=(Parameter("k", "1", -5.0, 5.0, (0.5, -0.5), none=0.0),
+                    Parameter("curve", "1", -10.0, 10.0, (0.0,))),
+        amend=partial(added, speed_effectiveness),
+        mistaken_for="an error of Cm_de at one speed; slipstream, since thrust falls with speed",
+        separated_by="the same elevator input at two speeds with the same throttle",
+        flown=True, form_error=CURVED),
+    _row(
+        "one wing with more lift slope", "wing",
+        Term("asymmetric_lift", "Cl", "Cl_alpha", ("x", "alpha"), "Cl {:+.3g} alpha more, since the wings differ"),
+        Parameter("Cl_alpha", "1", -2.0, 2.0, (0.05, -0.05), none=0.0),
+        "One wing lifts more per angle of attack than the other: another section, dirt, damage. The aircraft rolls in "
+        "proportion to alpha.",
+        "a centre of gravity off the middle; a twisted wing at one alpha",
+        "weighing on both main wheels; pull-ups at two speeds",
+        flown=True, lateral=True),
+    _row(
+        "twisted wing", "wing",
+        Term("wing_twist", "Cl", "Cl0", ("x",), "Cl {:+.3g} more, since the wings differ"),
+        Parameter("Cl0", "1", -0.1, 0.1, (0.003, -0.003), none=0.0),
+        "One wing is rigged or warped to a larger angle than the other. A rolling moment that grows with dynamic "
+        "pressure alone is trimmed out by the aileron.",
+        "an offset of the aileron, exactly; it does not show where commands are deviations from trim",
+        "a straight edge and a level on the ground; the absolute aileron at trim",
+        lateral=True),
+    _row(
+        "one wing with more drag", "wing",
+        Term("asymmetric_drag", "Cn", "Cn0", ("x",), "Cn {:+.3g} more, since the wings differ"),
+        Parameter("Cn0", "1", -0.05, 0.05, (0.001, -0.001), none=0.0),
+        "Something hangs on one wing, or a part of it is open. A yawing moment that grows with dynamic pressure alone "
+        "is trimmed out by the rudder.",
+        "an offset of the rudder, exactly; it does not show where commands are deviations from trim",
+        "looking at the wings; the absolute rudder at trim",
+        lateral=True),
+    _row(
+        "weathercock stability that changes with sideslip", "fin",
+        Term("cubic_weathercock", "Cn", "Cn_beta3", ("x", "beta beta beta"),
+             "{:+.3g} beta^3 in the yawing moment more"),
+        Parameter("Cn_beta3", "1", -30.0, 30.0, (1.0, -1.0), none=0.0),
+        "The fin stalls, or comes out of the fuselage's wake, as sideslip grows. To first order of what is odd in "
+        "sideslip, the yawing moment gets a term in its cube.",
+        "another Cn_beta where all sideslips are of one size",
+        "rudder inputs of two sizes, the larger one beyond 10 degrees of sideslip",
+        flown=True, lateral=True, form_error=CURVED),
+    _row(
+        "dihedral effect that changes with sideslip", "wing",
+        Term("cubic_dihedral", "Cl", "Cl_beta3", ("x", "beta beta beta"), "{:+.3g} beta^3 in the rolling moment more"),
+        Parameter("Cl_beta3", "1", -30.0, 30.0, (1.0, -1.0), none=0.0),
+        "The windward wing stalls, or the fuselage shades the leeward one, as sideslip grows. To first order of what "
+        "is odd in sideslip, the rolling moment gets a term in its cube.",
+        "another Cl_beta where all sideslips are of one size",
+        "rudder inputs of two sizes, the larger one beyond 10 degrees of sideslip",
+        flown=True, lateral=True, form_error=CURVED),
+    _row(
+        "dihedral effect that changes with alpha", "wing",
+        Term("dihedral_over_alpha", "Cl", "Cl_beta_alpha", ("x", "alpha beta"),
+             "{:+.3g} alpha beta in the rolling moment more"),
+        Parameter("Cl_beta_alpha", "1", -10.0, 10.0, (0.5, -0.5), none=0.0),
+        "A swept wing rolls away from sideslip in proportion to its lift, so that its dihedral effect grows with "
+        "alpha. The rolling moment gets a term in alpha times sideslip.",
+        "another Cl_beta at one speed",
+        "the same rudder input at two speeds, or in a pull-up",
+        flown=True, lateral=True),
+    _row(
+        "weathercock stability that changes with alpha", "fin",
+        Term("weathercock_over_alpha", "Cn", "Cn_beta_alpha", ("x", "alpha beta"),
+             "{:+.3g} alpha beta in the yawing moment more"),
+        Parameter("Cn_beta_alpha", "1", -10.0, 10.0, (0.5, -0.5), none=0.0),
+        "The wake of wing and fuselage reaches the fin as alpha grows. The yawing moment gets a term in alpha times "
+        "sideslip.",
+        "another Cn_beta at one speed",
+        "the same rudder input at two speeds, or in a pull-up",
+        flown=True, lateral=True),
+    _row(
+        "adverse yaw that changes with alpha", "aileron",
+        Term("adverse_yaw_over_alpha", "Cn", "Cn_da_alpha", ("x", "alpha da"),
+             "{:+.3g} alpha times aileron in the yawing moment more"),
+        Parameter("Cn_da_alpha", "1", -5.0, 5.0, (0.3, -0.3), none=0.0),
+        "The aileron that goes down adds induced drag in proportion to the lift that the wing carries. The yawing "
+        "moment gets a term in alpha times aileron.",
+        "another Cn_da at one speed; an aileron-rudder interconnect",
+        "the same aileron input at two speeds; a measured rudder deflection",
+        flown=True, lateral=True),
+    _row(
+        "pitching moment of the rudder", "rudder",
+        Term("rudder_pitch", "Cm", "Cm_dr", ("x", "|dr|"), "{:+.3g} |rudder| in the pitching moment more"),
+        Parameter("Cm_dr", "1", -3.0, 3.0, (0.1, -0.1), none=0.0),
+        "A rudder above or below the tail's plane changes the load on it, and one of a V tail pitches by itself, "
+        "whichever way it turns. The pitching moment gets a term in the size of its deflection.",
+        "a pitching moment due to sideslip; the square of the deflection where all inputs are of one size",
+        "rudder inputs of two sizes and of both signs, with the pitch rate recorded",
+        flown=True, lateral=True, form_error=CURVED),
+    _row(
+        "pitching moment of the rudder's square", "rudder",
+        Term("rudder_pitch_square", "Cm", "Cm_dr2", ("x", "dr dr"), "{:+.3g} rudder^2 in the pitching moment more"),
+        Parameter("Cm_dr2", "1", -60.0, 60.0, (2.0, -2.0), none=0.0),
+        "The deflected rudder slows the air at the tail, and its drag acts above the centre of gravity. Both grow with "
+        "the square of its deflection.",
+        "a pitching moment in the size of the deflection where all inputs are of one size",
+        "rudder inputs of two sizes and of both signs, with the pitch rate recorded",
+        flown=True, lateral=True, form_error=CURVED),
+    _row(
+        "pitching moment of the ailerons", "aileron",
+        Term("aileron_pitch", "Cm", "Cm_da", ("x", "|da|"), "{:+.3g} |aileron| in the pitching moment more"),
+        Parameter("Cm_da", "1", -3.0, 3.0, (0.1, -0.1), none=0.0),
+        "One aileron goes up further than the other goes down, or acts in another flow, so that their pitching moments "
+        "do not cancel. The pitching moment gets a term in the size of the deflection.",
+        "the square of the deflection where all inputs are of one size; spoilers that help in roll",
+        "aileron inputs of two sizes and of both signs, with the pitch rate recorded",
+        flown=True, lateral=True, form_error=CURVED),
+    _row(
+        "pitching moment of the ailerons' square", "aileron",
+        Term("aileron_pitch_square", "Cm", "Cm_da2", ("x", "da da"), "{:+.3g} aileron^2 in the pitching moment more"),
+        Parameter("Cm_da2", "1", -60.0, 60.0, (2.0, -2.0), none=0.0),
+        "Deflected ailerons cost lift and add drag on both sides, which pitches the aircraft. Both grow with the "
+        "square of the deflection.",
+        "a pitching moment in the size of the deflection where all inputs are of one size",
+        "aileron inputs of two sizes and of both signs, with the pitch rate recorded",
+        flown=True, lateral=True, form_error=CURVED),
+)
