@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -108,6 +109,43 @@ def test_what_no_hypothesis_describes_is_a_part_and_no_name():
     assert alone.best.posterior.whiteness < 1e-6
     assert "coloured" in alone.best.posterior.doubts[0]
     assert asked({}, 1.0, 4).best.posterior.whiteness > 1e-3
+
+
+def test_a_law_whose_form_is_not_quite_right_may_leave_as_much_as_its_form_error_allows():
+    """A servo of two lags is called one of one lag: partial if its form is taken for exact, the whole story if not."""
+    u = COMMAND
+    for lag_s in (0.08, 0.03):
+        a = np.exp(-DT / lag_s)
+        u = lfilter([1.0 - a], [1.0, -a], u)
+    of_each = [ss2tf(*cont2discrete((A, B, np.eye(2)[[i]], np.zeros((1, 1))), DT)[:4]) for i in range(2)]
+    two = np.column_stack([lfilter(num[0], den, u) for num, den in of_each])
+    rng = np.random.default_rng(12)
+    records = [record(two, rng) for _ in range(3)]
+    exact = compare_hypotheses(records, [NOTHING, LAG], NOISE, unknown)["lag"].posterior
+
+    def form(r, v):
+        return 0.2 * (flown(**v) - flown(**{**v, "lag_s": 0.0}))
+
+    loose = compare_hypotheses(records, [NOTHING, replace(LAG, form=form)], NOISE, unknown)["lag"].posterior
+    assert exact.p_whole < 0.01
+    assert loose.p_whole > 0.5
+    assert loose.errors[-1] > exact.errors[-1]
+
+
+def test_tangents_that_are_known_and_flights_together_change_nothing():
+    """Slopes in place of differences, and a caller who flies ahead, give the same posterior."""
+    records = [record(flown(lag_s=0.08), np.random.default_rng(3))]
+    ahead = []
+
+    def slopes(r):
+        return {"M_q": (flown(M_q=1.001) - flown(M_q=0.999)) / 2e-3}
+
+    quick = replace(LAG, slopes=slopes, ahead=ahead.append, begin={"lag_s": 0.07})
+    plain, other = (compare_hypotheses(records, [h], NOISE, unknown).best.posterior for h in (LAG, quick))
+    assert np.allclose(plain.values, other.values, atol=0.1 * plain.errors)
+    assert plain.log_evidence == pytest.approx(other.log_evidence, abs=0.1)
+    assert ahead[0][0]["lag_s"] == 0.07
+    assert all("M_alpha" in values for some in ahead for values in some)
 
 
 def test_records_that_are_held_out_judge():

@@ -6,17 +6,21 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from testbench.inference.linear import Grams, Linearised, reduced, sized
+from testbench.inference.linear import Grams, Linearised, fewer, reduced, sized
 
 
-def problem(seed, records=2, n=30, p=2, k=3, m=4, gaps=True):
+def problem(seed, records=2, n=30, p=2, k=3, m=4, q=0, gaps=True):
     rng = np.random.default_rng(seed)
     out = []
     for _ in range(records):
         taken = rng.random((n, p)) > 0.1 * gaps
         out.append(
             Linearised(
-                rng.standard_normal((n, p)), rng.standard_normal((n, p, k)), rng.standard_normal((n, p, m)), taken
+                rng.standard_normal((n, p)),
+                rng.standard_normal((n, p, k)),
+                rng.standard_normal((n, p, m)),
+                taken,
+                rng.standard_normal((n, p, q)) if q else None,
             )
         )
     return out
@@ -33,17 +37,47 @@ def whole_normal(records, scales, kappa, mean, std, which):
     for b, r in zip(records, rows, strict=True):
         U = b.unknown.reshape(-1, b.unknown.shape[2])[r]
         C[at : at + len(U), at : at + len(U)] += kappa**2 * U @ U.T
+        if b.own is not None:
+            V = b.own.reshape(-1, b.own.shape[2])[r]
+            C[at : at + len(U), at : at + len(U)] += V @ V.T
         at += len(U)
     return multivariate_normal.logpdf(y, X[:, which] @ mean, C)
 
 
 @pytest.mark.parametrize("kappa", [0.0, 0.3])
 @pytest.mark.parametrize("which", [[0, 1, 2], [1], []])
-def test_the_evidence_is_the_density_of_one_normal_distribution(kappa, which):
-    records, scales = problem(1), np.array([0.8, 1.7])
+@pytest.mark.parametrize("own", [0, 3])
+def test_the_evidence_is_the_density_of_one_normal_distribution(kappa, which, own):
+    records, scales = problem(1, q=own), np.array([0.8, 1.7])
     mean, std = np.array([0.3, -0.2, 0.1])[which], np.array([0.5, 2.0, 0.1])[which]
     found = reduced([Grams.made(b) for b in records], scales, kappa).log_evidence(mean, std, which)
     assert found == pytest.approx(whole_normal(records, scales, kappa, mean, std, which), abs=1e-9)
+
+
+def test_sums_without_columns_are_those_of_another_residual():
+    """A record whose residual is another one, and nothing else, needs only the sums with the residual anew."""
+    block = problem(6, records=1, q=2)[0]
+    other = np.random.default_rng(7).standard_normal(block.residual.shape)
+    found = Grams.made(block).left_by(block, other)
+    alone = Linearised(other, block.columns[:, :, :0], block.unknown, block.taken, block.own)
+    assert np.allclose(found.of, Grams.made(alone).of, rtol=1e-12, atol=1e-12)
+    assert (found.k, found.q) == (0, 2)
+
+
+def test_fewer_directions_of_an_unknown_motion_have_the_evidence_of_all_pulses():
+    """Pulses that are sums of others, and pulses too faint to see, add nothing."""
+    block = problem(8, records=1, n=60, m=4)[0]
+    rng = np.random.default_rng(9)
+    U = np.concatenate([block.unknown, block.unknown @ rng.standard_normal((4, 3)), 1e-5 * block.unknown[:, :, :1]], 2)
+    few = fewer(U, block.taken)
+    assert few.shape == (60, 2, 4)
+    both = [
+        reduced([Grams.made(Linearised(block.residual, block.columns, V, block.taken))], np.ones(2), 0.5)
+        for V in (U, few)
+    ]
+    assert both[0].log_evidence(np.zeros(3), np.ones(3)) == pytest.approx(
+        both[1].log_evidence(np.zeros(3), np.ones(3)), abs=1e-6
+    )
 
 
 def test_the_posterior_is_that_of_least_squares_with_priors():
