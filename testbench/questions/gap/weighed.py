@@ -40,6 +40,7 @@ P_IN_PART = 0.41  # that it then acts in the same part: 35 of 86 calls of the bl
 SIZE = 2.0  # prior standard deviation of a size, in multiples of its usual start
 MOST = 6  # effects that are weighed: those that the search brought nearest
 SAID = 0.01  # probability from which an effect is spoken of
+IMITATES = 0.1  # share of what the library lacks from which an effect is said to imitate it
 _NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
 
 
@@ -135,11 +136,17 @@ class Weighed:
         """The probabilities in words."""
         order = sorted(self.effects, key=lambda n: -self[n])
         said = [f"{self.effects[n].title} {percent(self[n])} ({self.size(n)})" for n in order if self[n] >= SAID]
+        near = [self.effects[n].title for n in sorted(self.effects, key=lambda n: -self.imitates(n)) if self._near(n)]
         return (
-            "by the likelihood of all that was sought, noise and coefficients unknown: "
+            "probabilities, noise and coefficients being unknown: "
             + "; ".join([*said, f"nothing {percent(self.nothing)}"])
             + f"; something that the library lacks {percent(self.unknown)}"
+            + (f", which {' or '.join(near)} imitates" if near else "")
         )
+
+    def _near(self, name: str) -> bool:
+        """Return whether an effect is spoken of as what imitates an effect that the library lacks."""
+        return self.unknown >= SAID and self.imitates(name) >= IMITATES * self.unknown
 
 
 def percent(p: float) -> str:

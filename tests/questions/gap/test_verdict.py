@@ -78,6 +78,9 @@ def test_an_effect_that_needs_an_unknown_motion_imitates_what_the_library_lacks(
     assert found["actuator_lag"] < 1e-100
     assert found.unknown == pytest.approx(1.0)
     assert found.credible() == ("unknown",)
+    assert found.sentence.endswith(
+        "something that the library lacks above 99.9 %, which lag of the elevator servo imitates"
+    )
 
 
 def test_no_probability_is_said_to_be_certain():
