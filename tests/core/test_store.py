@@ -142,24 +142,28 @@ def test_a_live_file_is_listed_and_survives_the_next_result(tmp_path):
         place.live("mine.sqlite")
 
 
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-import testbench.core.store as store
-count, limit = 0, int(sys.argv[2])
-for name in ("replace", "unlink", "mkdir", "rmdir"):
-    def counting(self, *rest, _old=getattr(Path, name), **more):
-        global count
-        count += 1
-        if count == limit:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return _old(self, *rest, **more)
-    setattr(Path, name, counting)
-with store.ResultFolder(Path(sys.argv[1])) as place:
-    for name in ("report.html", "tables/new.csv", "tables/same.csv"):
-        (place.new / name).parent.mkdir(exist_ok=True)
-        (place.new / name).write_text("2")
-"""
+def killed(folder, limit):
+    """Write a result in a process of its own, killed at its ``limit``-th step; return its exit status."""
+    child = os.fork()
+    if child == 0:
+        steps = iter(range(1, limit))
+
+        def counted(step):
+            def counting(self, *given, **more):
+                if next(steps, None) is None:
+                    os.kill(os.getpid(), signal.SIGKILL)
+                return step(self, *given, **more)
+
+            return counting
+
+        try:
+            for name in ("replace", "unlink", "mkdir", "rmdir"):
+                setattr(Path, name, counted(getattr(Path, name)))
+            write(folder, report_html="2", tables__new_csv="2", tables__same_csv="2")
+            os._exit(0)
+        finally:
+            os._exit(1)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
 def test_a_process_killed_at_any_step_leaves_one_result_or_the_other(tmp_path):
@@ -170,11 +174,11 @@ def test_a_process_killed_at_any_step_leaves_one_result_or_the_other(tmp_path):
         folder = tmp_path / str(step)
         write(folder, report_html="1", tables__old_csv="1", tables__same_csv="1")
         (folder / "mine.txt").write_text("mine")
-        done = subprocess.run([sys.executable, "-c", KILLED, str(folder), str(step)], check=False)
-        if PAGE in (there := files(folder)) and done.returncode == 0:
+        ended = killed(folder, step)
+        if PAGE in (there := files(folder)) and ended == 0:
             assert there == new
             break
-        assert done.returncode == -signal.SIGKILL
+        assert ended == -signal.SIGKILL
         page = there.get(PAGE)
         assert page is None or there == (old if page == "1" else new)
         manifest_of(folder)
