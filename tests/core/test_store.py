@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from killed import killed_at
 
 from testbench.core.door import checked
 from testbench.core.errors import BusyError, DiskError, RecordError
@@ -142,30 +143,6 @@ def test_a_live_file_is_listed_and_survives_the_next_result(tmp_path):
         place.live("mine.sqlite")
 
 
-def killed(folder, limit):
-    """Write a result in a process of its own, killed at its ``limit``-th step; return its exit status."""
-    child = os.fork()
-    if child == 0:
-        steps = iter(range(1, limit))
-
-        def counted(step):
-            def counting(self, *given, **more):
-                if next(steps, None) is None:
-                    os.kill(os.getpid(), signal.SIGKILL)
-                return step(self, *given, **more)
-
-            return counting
-
-        try:
-            for name in ("replace", "unlink", "mkdir", "rmdir"):
-                setattr(Path, name, counted(getattr(Path, name)))
-            write(folder, report_html="2", tables__new_csv="2", tables__same_csv="2")
-            os._exit(0)
-        finally:
-            os._exit(1)
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-
-
 def test_a_process_killed_at_any_step_leaves_one_result_or_the_other(tmp_path):
     old = {"report.html": "1", "tables/old.csv": "1", "tables/same.csv": "1", "mine.txt": "mine"}
     new = {"report.html": "2", "tables/new.csv": "2", "tables/same.csv": "2", "mine.txt": "mine"}
@@ -174,11 +151,11 @@ def test_a_process_killed_at_any_step_leaves_one_result_or_the_other(tmp_path):
         folder = tmp_path / str(step)
         write(folder, report_html="1", tables__old_csv="1", tables__same_csv="1")
         (folder / "mine.txt").write_text("mine")
-        ended = killed(folder, step)
-        if PAGE in (there := files(folder)) and ended == 0:
-            assert there == new
+        again = {"report_html": "2", "tables__new_csv": "2", "tables__same_csv": "2"}
+        if not killed_at(step, lambda folder=folder, again=again: write(folder, **again)):
+            assert files(folder) == new
             break
-        assert ended == -signal.SIGKILL
+        there = files(folder)
         page = there.get(PAGE)
         assert page is None or there == (old if page == "1" else new)
         manifest_of(folder)

@@ -12,8 +12,8 @@ from testbench.core.contract import LawError
 from testbench.core.record import FlightRecord
 from testbench.effects import EFFECTS
 from testbench.flight import FlightCondition, linearise, load_aircraft, trim
-from testbench.questions.gap.believed import Believed
 from testbench.questions.gap import effect_contract as contract
+from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.effect_contract import CONDITION, RATE_HZ
 from testbench.questions.gap.priors import PRIORS
 from testbench.questions.gap.search.fit import fit
