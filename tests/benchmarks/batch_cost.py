@@ -28,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 import psutil
+from clock import since
 from smallest import results, sized
 
 import testbench as tb
@@ -94,7 +95,7 @@ def turns(work: Mapping[float, Callable[[], object]]) -> dict[float, float]:
         for x, call in work.items():
             start = time.process_time()
             call()
-            taken[x].append(time.process_time() - start)
+            taken[x].append(since(start))
     return {x: median(of[1:]) for x, of in taken.items()}
 
 

@@ -18,6 +18,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+from clock import since
 from smallest import results, sized
 
 import testbench as tb
@@ -53,7 +54,7 @@ def seconds(work: Callable[[], object]) -> float:
     """Return the processor time of a call."""
     start = time.process_time()
     work()
-    return time.process_time() - start
+    return since(start)
 
 
 def measured(name: str, V_m_s: float, h_m: float) -> dict[str, float]:
@@ -72,7 +73,7 @@ def measured(name: str, V_m_s: float, h_m: float) -> dict[str, float]:
 
     started = time.perf_counter()
     model = batch_model(aircraft, trimmed.rate_hz, condition)
-    translated = time.perf_counter() - started
+    translated = since(started, time.perf_counter)
     together()
     compared(model, trimmed)  # compiled by now
     judge = seconds(lambda: compared(model, trimmed))

@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import psutil
 from campaign_speed import AIRCRAFT, campaign
+from clock import since
 from smallest import results, sized
 
 from testbench.questions.campaign.ask import MOST_PER_BATCH, Progress, fly_campaign
@@ -88,7 +89,7 @@ def surround(folder: Path, results: str) -> tuple[float, float, int, int, Path]:
     fly_campaign(campaign(folder, 1, True, AIRCRAFT), folder / "start", workers=1, task=task)
     begun = time.process_time()
     ending = fly_campaign(loaded, folder / "all", workers=1, task=task, progress=look)
-    return (time.process_time() - begun) / RUNS, ending.elapsed_s / RUNS, memory[0], memory[-1], folder / "all"
+    return since(begun) / RUNS, ending.elapsed_s / RUNS, memory[0], memory[-1], folder / "all"
 
 
 def of_dask(results: str) -> float:
@@ -103,7 +104,7 @@ def of_dask(results: str) -> float:
                 for future in workers.wait(0.5):
                     workers.collect(future)
                     waiting -= 1
-        return (time.process_time() - begun) / (BATCHES * MOST_PER_BATCH)
+        return since(begun) / (BATCHES * MOST_PER_BATCH)
 
 
 def of_store(folder: Path, results: str) -> tuple[float, float]:
@@ -115,7 +116,7 @@ def of_store(folder: Path, results: str) -> tuple[float, float]:
         for k in range(BATCHES):
             runs = store.unfinished(MOST_PER_BATCH * k - 1, MOST_PER_BATCH)
             store.exchange(task(None, runs), runs)
-        return (time.process_time() - begun) / total, (time.perf_counter() - wall) / total
+        return since(begun) / total, since(wall, time.perf_counter) / total
 
 
 def of_summary(folder: Path) -> tuple[float, int, float]:
@@ -126,7 +127,7 @@ def of_summary(folder: Path) -> tuple[float, int, float]:
         found = summarise(store.rows())
         size = store.seconds()[1]
     assert found.runs.size == RUNS
-    return time.process_time() - begun, process.memory_info().rss - before, size / RUNS
+    return since(begun), process.memory_info().rss - before, size / RUNS
 
 
 def lines(m: Measured) -> list[tuple[str, float, str]]:

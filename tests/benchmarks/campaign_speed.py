@@ -24,6 +24,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from clock import since, some
 from smallest import sized
 
 from testbench.estimators import estimate
@@ -101,7 +102,7 @@ def bare(folder: Path, runs: int) -> float:
             step()
         for spec in scenario.identification.estimators:
             estimate(spec, case.identification, ("de_cmd",), case.model.outputs, case.validation)
-    return (time.process_time() - start) / runs
+    return since(start) / runs
 
 
 def in_campaign(folder: Path, first: int, runs: int, truth: bool, vary: str) -> float:
@@ -111,7 +112,7 @@ def in_campaign(folder: Path, first: int, runs: int, truth: bool, vary: str) -> 
     start = time.process_time()
     out = fly_batch(job, range(first, first + runs))
     assert not any(o.reason for o in out)
-    return (time.process_time() - start) / runs
+    return since(start) / runs
 
 
 def of_client(folder: Path, runs: int) -> tuple[float, float]:
@@ -128,10 +129,10 @@ def of_client(folder: Path, runs: int) -> tuple[float, float]:
         fly_campaign(small, Path(place) / "start", workers=1, task=task)  # imports and their like
         begun = time.process_time()
         fly_campaign(small, Path(place) / "again", workers=1, task=task)
-        start_up = time.process_time() - begun
+        start_up = since(begun)
         begun = time.process_time()
         fly_campaign(loaded, Path(place) / "all", workers=1, task=task)
-        spent = time.process_time() - begun - start_up
+        spent = some(since(begun) - start_up)
         with Store.read(Path(place) / "all") as store:
             return spent / runs, store.seconds()[1] / runs
 
@@ -158,14 +159,14 @@ def flown(folder: Path, runs: int, workers: int, truth: bool, vary: str) -> tupl
         notes.mkdir()
         spent = time.process_time()
         ending = fly_campaign(loaded, Path(place) / "store", workers=workers, task=watched(notes))
-        spent = (time.process_time() - spent) / runs
+        spent = since(spent) / runs
         lines = [[list(map(float, x.split())) for x in f.read_text().splitlines()] for f in notes.iterdir()]
     assert ending.counts.done == runs
     every = [x for found in lines for x in found]
     inside = sum(end - begun for begun, end, _, _ in every)
-    lasted = max(x[1] for x in every) - min(x[0] for x in every)
+    lasted = some(max(x[1] for x in every) - min(x[0] for x in every))
     of_workers = sum(found[-1][3] - found[0][2] for found in lines) / runs
-    return runs / ending.elapsed_s, inside / (workers * lasted), of_workers, spent
+    return runs / some(ending.elapsed_s), inside / (workers * lasted), of_workers, spent
 
 
 def main() -> None:

@@ -17,6 +17,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from clock import since
 from smallest import results, sized
 
 import testbench as tb
@@ -65,7 +66,7 @@ def main() -> None:
         tb.draw_dataset(file, Path(folder, "warm"), runs=16, workers=1)  # loads the kernels
         before, began = processor_s(), time.perf_counter()
         drawn = tb.draw_dataset(file, Path(folder, "set"), runs=FLIGHTS, workers=WORKERS)
-        wall, used = time.perf_counter() - began, processor_s() - before
+        wall, used = since(began, time.perf_counter), processor_s() - before
         row = {
             "flights": FLIGHTS,
             "workers": WORKERS,

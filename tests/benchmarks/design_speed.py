@@ -13,6 +13,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from clock import since, some
 from smallest import sized
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "questions" / "design"))
@@ -32,11 +33,11 @@ if __name__ == "__main__":
         scenario = DesignScenario.load(path).changed(realise=0)  # the search alone
         start = time.process_time()
         result = run_design(scenario)
-        whole = time.process_time() - start
+        whole = since(start)
         start = time.process_time()
         count = len(screen(result.problem))  # phases of multisines are known by now
-        seconds = time.process_time() - start
-        first = 60.0 * result.screened[0] / result.screened[1]
+        seconds = since(start)
+        first = 60.0 * result.screened[0] / some(result.screened[1])
         print(
             f"{path.stem}: whole design {whole:.1f} s of processor time; {60.0 * count / seconds:.0f} candidates "
             f"screened per minute of it, {first:.0f} per minute of the clock while multisines still get their phases"
@@ -45,7 +46,7 @@ if __name__ == "__main__":
     ranked = screen(p)
     start = time.process_time()
     design = designed_multisine(p, best_of_families(ranked)["multisine"])[0]
-    seconds = time.process_time() - start
+    seconds = since(start)
     print(f"multisine of 10 s: designed in {seconds:.2f} s, {AEROID_S / seconds:.0f} times faster than {AEROID_S:g} s")
     if find_spec("aeroid") is None:
         print("aeroid is not installed: not timed beside it")

@@ -17,6 +17,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+from clock import since
 from smallest import sized
 
 from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
@@ -30,7 +31,7 @@ ROUNDS, DURATION_S = sized((25, 25.0), (1, 2.0))
 def seconds(action, clock=time.process_time) -> float:
     start = clock()
     action()
-    return clock() - start
+    return since(start, clock)
 
 
 def compare(name: str, wings: str, condition: FlightCondition, log_rate_hz: float) -> None:

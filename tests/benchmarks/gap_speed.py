@@ -15,6 +15,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from clock import since
 from smallest import sized
 from studies.blind.rows import run_case
 
@@ -31,7 +32,7 @@ if __name__ == "__main__":
             start = time.perf_counter()
             with processes(count):
                 row = run_case(case)
-            clock.append(time.perf_counter() - start)
+            clock.append(since(start, time.perf_counter))
             said.append({k: v for k, v in row.items() if k != "seconds"})
         alike = "the same answer" if all(s == said[0] for s in said) else "DIFFERENT ANSWERS"
         times = " and ".join(f"{clock[-1]:.1f} s in {count}" for count, clock in clocks.items())

@@ -24,6 +24,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+from clock import since
 from smallest import results, sized
 
 OUT = results("benchmarks", "logs.csv")
@@ -217,7 +218,7 @@ def one(reader: str, path: str) -> None:
         import testbench.questions.importing.ask  # noqa: F401
     before, start = peak_mb(), time.process_time()
     held = READERS[reader](path)
-    print(json.dumps([time.process_time() - start, peak_mb(), before, held]))
+    print(json.dumps([since(start), peak_mb(), before, held]))
 
 
 def measured(reader: str, path: Path) -> list[float]:

@@ -17,6 +17,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+from clock import since
 from scipy.io import loadmat
 from smallest import sized
 
@@ -45,7 +46,7 @@ def records() -> list[FlightRecord]:
 def seconds(action) -> float:
     start = time.process_time()
     action()
-    return time.process_time() - start
+    return since(start)
 
 
 def by_aeroid(record: FlightRecord) -> dict[str, float]:
@@ -87,7 +88,7 @@ def main() -> None:
         return
     start = time.process_time()
     found = by_aeroid(runs[0])
-    theirs = time.process_time() - start
+    theirs = since(start)
     print(f"aeroid finds {', '.join(f'{name} {value:.4g}' for name, value in found.items())}")
     ratio = theirs / statistics.median(one)
     print(f"aeroid on one run: {theirs:.1f} s, {ratio:.0f} times as long")

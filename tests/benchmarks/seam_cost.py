@@ -15,6 +15,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from clock import since
 from smallest import sized
 
 from testbench.aircraft import Aircraft, Amendment, Increment, ScaleCoefficient
@@ -63,13 +64,13 @@ def compare(title: str, models: dict[str, Aircraft], trimmed_as: Aircraft) -> No
                 start = time.process_time()
                 for _ in range(FRAMES):
                     run()
-                total[name] += time.process_time() - start
+                total[name] += since(start)
         for name, seconds in total.items():
             times[name].append(seconds)
     first = next(iter(models))
     print(f"{title}: {1e6 * statistics.median(times[first]) / (TURNS * FRAMES):.1f} us a frame, {first}")
     for name in list(models)[1:]:
-        ratios = [a / max(b, 1e-9) for a, b in zip(times[name], times[first], strict=True)]  # a coarse clock
+        ratios = [a / b for a, b in zip(times[name], times[first], strict=True)]
         low, middle, high = statistics.quantiles(ratios, n=4)
         print(f"  {name}: {middle:.3f} times as long (half of the rounds from {low:.3f} to {high:.3f})")
 

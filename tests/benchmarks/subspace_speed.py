@@ -30,6 +30,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+from clock import since, some
 from smallest import sized
 
 from testbench.core.record import FlightRecord
@@ -71,7 +72,7 @@ def median_seconds(action: Callable[[], object], rounds: int = ROUNDS) -> float:
     for _ in range(rounds):
         start = time.process_time()
         action()
-        times.append(time.process_time() - start)
+        times.append(since(start))
     return statistics.median(times)
 
 
@@ -114,7 +115,7 @@ def octave(z: np.ndarray) -> list[float]:
         np.savetxt(file, z, delimiter=",")
         code = OCTAVE.format(file=file, rounds=ROUNDS, order=ORDER, horizon=HORIZON)
         done = subprocess.run(["octave-cli", "--eval", code], capture_output=True, text=True, check=False)
-    return [float(line) for line in done.stdout.split()]
+    return [some(float(line)) for line in done.stdout.split()]
 
 
 def python_peers(z: np.ndarray) -> dict[str, float | None]:

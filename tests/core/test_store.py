@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from killed import killed_at
 
 from testbench.core.door import checked
 from testbench.core.errors import BusyError, DiskError, RecordError
@@ -142,26 +143,6 @@ def test_a_live_file_is_listed_and_survives_the_next_result(tmp_path):
         place.live("mine.sqlite")
 
 
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-import testbench.core.store as store
-count, limit = 0, int(sys.argv[2])
-for name in ("replace", "unlink", "mkdir", "rmdir"):
-    def counting(self, *rest, _old=getattr(Path, name), **more):
-        global count
-        count += 1
-        if count == limit:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return _old(self, *rest, **more)
-    setattr(Path, name, counting)
-with store.ResultFolder(Path(sys.argv[1])) as place:
-    for name in ("report.html", "tables/new.csv", "tables/same.csv"):
-        (place.new / name).parent.mkdir(exist_ok=True)
-        (place.new / name).write_text("2")
-"""
-
-
 def test_a_process_killed_at_any_step_leaves_one_result_or_the_other(tmp_path):
     old = {"report.html": "1", "tables/old.csv": "1", "tables/same.csv": "1", "mine.txt": "mine"}
     new = {"report.html": "2", "tables/new.csv": "2", "tables/same.csv": "2", "mine.txt": "mine"}
@@ -170,11 +151,11 @@ def test_a_process_killed_at_any_step_leaves_one_result_or_the_other(tmp_path):
         folder = tmp_path / str(step)
         write(folder, report_html="1", tables__old_csv="1", tables__same_csv="1")
         (folder / "mine.txt").write_text("mine")
-        done = subprocess.run([sys.executable, "-c", KILLED, str(folder), str(step)], check=False)
-        if PAGE in (there := files(folder)) and done.returncode == 0:
-            assert there == new
+        again = {"report_html": "2", "tables__new_csv": "2", "tables__same_csv": "2"}
+        if not killed_at(step, lambda folder=folder, again=again: write(folder, **again)):
+            assert files(folder) == new
             break
-        assert done.returncode == -signal.SIGKILL
+        there = files(folder)
         page = there.get(PAGE)
         assert page is None or there == (old if page == "1" else new)
         manifest_of(folder)

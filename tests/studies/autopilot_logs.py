@@ -18,6 +18,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from clock import since
 from flown_logs import LOGS, THROWS, fly, truth
 from smallest import results, sized
 
@@ -129,7 +130,7 @@ def main() -> None:
                 writer.writeheader()
             writer.writerows(new)
         rows += [{key: str(value) for key, value in row.items()} for row in new]
-        print(f"seed {seed} of {seeds}: {time.monotonic() - began:.1f} s", flush=True)
+        print(f"seed {seed} of {seeds}: {since(began, time.monotonic):.1f} s", flush=True)
         write(table(rows))
     print("\n".join(pooled(rows)))
 

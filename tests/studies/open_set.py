@@ -17,6 +17,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+from clock import since
 from smallest import sized
 from studies.blind.run import believe
 
@@ -41,7 +42,7 @@ def main(count: int) -> None:
         naming = named_openly(unexplained, first, believed, list(records.values()), held, lambda stage: None)
         doubt = bool(naming.names) and bool(check_data(believed, list(records.values())).news)
         said = "unexplained, the instruments disagree" if doubt else " | ".join(naming.names) or naming.outcome
-        print(f"{name} ({case.aircraft}): {', '.join(case.kinds)} -> {said} ({time.process_time() - began:.0f} s)")
+        print(f"{name} ({case.aircraft}): {', '.join(case.kinds)} -> {said} ({since(began):.0f} s)")
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from clock import since
 
 LONGEST_TEST_S = 60  # of one test; a test that takes longer takes no part
 _REPORTER = """
@@ -168,7 +169,7 @@ class _Watch:
             return (yield)
         finally:
             os.environ["TESTBENCH_REACHING"] = before
-            self.made_in[name] = time.monotonic() - begun
+            self.made_in[name] = since(begun, time.monotonic)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.when == "call":

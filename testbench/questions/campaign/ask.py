@@ -64,7 +64,7 @@ class Progress:
     @property
     def left_s(self) -> float | None:
         """Seconds until the last run is finished, if the rate stays; None before the first."""
-        return (self.counts.total - self.counts.finished) / self.rate if self.flown else None
+        return (self.counts.total - self.counts.finished) * self.elapsed_s / self.flown if self.flown else None
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ def test_a_worker_whose_file_differs_refuses_with_both_hashes(tmp_path) -> None:
 
 def test_a_campaign_does_not_go_on_with_another_file(tmp_path) -> None:
     loaded = campaign(tmp_path, own("works"))
-    fly_campaign(loaded, tmp_path / "s", workers=1)
+    Store.create(tmp_path / "s", loaded).close()
     (tmp_path / "methods.py").write_text(METHODS + "\n# changed\n", encoding="utf-8")
     with pytest.raises(CampaignError, match="belongs to another campaign"):
         fly_campaign(loaded, tmp_path / "s", resume=True, workers=1)

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from clock import since
+
 from testbench.core.errors import TestbenchError
 from testbench.questions.gap.result import GapFinding
 
@@ -28,5 +30,5 @@ def found_row(find: Callable[[], GapFinding]) -> dict[str, Any]:
         "accused": [
             [p.name, float(p.factor), float(p.error), [f.effect.name for f in p.rivals]] for p in found.parameters
         ],
-        "seconds": time.process_time() - began,
+        "seconds": since(began),
     }

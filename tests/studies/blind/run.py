@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from clock import since
 
 from testbench.core.record import FlightRecord
 from testbench.effects import Effect, library
@@ -59,7 +60,7 @@ def name_case(
         "rest": _rest(left),
         "turbulence_rms_m_s": heard.rms_m_s if heard.moves else 0.0,
         "removed": _removed(believed, naming, list(held_out.values())),
-        "seconds": time.process_time() - began,
+        "seconds": since(began),
     }
 
 

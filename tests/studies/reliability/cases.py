@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 
+from clock import since
 from studies.kept_rows import read_rows
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -50,7 +51,8 @@ def go_on(part: str, names: Sequence[str], run: Callable[[Sequence[str]], Iterab
             rows.append(row)
             if k == len(due) or k % 20 == 0:
                 found = ", ".join(f"{n} {o}" for o, n in sorted(Counter(r["outcome"] for r in rows).items()))
-                print(f"{part}: {len(rows)} of {len(names)} in {time.monotonic() - begun:.0f} s: {found}", flush=True)
+                took_s = since(begun, time.monotonic)
+                print(f"{part}: {len(rows)} of {len(names)} in {took_s:.0f} s: {found}", flush=True)
     return rows
 
 

@@ -26,6 +26,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from clock import since
+
 import testbench
 
 ROOT = Path(testbench.__file__).parents[1]
@@ -133,7 +135,7 @@ class Running:
         if hung:
             self.send(signal.SIGKILL, "everything")
         _, status, used = os.wait4(self.pid, 0)
-        took, code = time.monotonic() - self.start, os.waitstatus_to_exitcode(status)
+        took, code = since(self.start, time.monotonic), os.waitstatus_to_exitcode(status)
         os.close(self._end)
         orphans = not _gone(self.pid, 5.0)
         if orphans:

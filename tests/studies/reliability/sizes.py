@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from clock import since
 from questions.campaign.short_campaigns import SHORT
 from studies.reliability.cases import Row, go_on
 
@@ -44,7 +45,7 @@ def summarised(rows: int) -> tuple[str, str]:
                      for run, c in zip(some, copies, strict=True)], ())  # fmt: skip
             start, wall = time.process_time(), time.monotonic()
             summarise(store.rows())
-            took, waited = time.process_time() - start, time.monotonic() - wall
+            took, waited = since(start), since(wall, time.monotonic)
     said = f"{rows} rows: {took:.1f} s of processor, {waited:.1f} s by the clock"
     return ("in time" if took < LONGEST_S else "too slow"), said
 
