@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 
 from testbench.core.door import READ
-from testbench.core.errors import DiskError, RecordError, ScenarioError, TestbenchError, brief, given
+from testbench.core.errors import RecordError, Refusal, ScenarioError, TestbenchError, brief, given
 from testbench.core.interrupts import ended_by_signals
 from testbench.page.terminal import console, open_streams, print_rows
 from testbench.questions import QUESTIONS, Question
@@ -129,11 +129,9 @@ def check(
             if not broken:
                 console().print(f"{thing}: a valid {kind}, {len(laws)} laws kept", highlight=False)
             faults.extend(broken)
-        except DiskError:  # which is no fault of a file
-            raise
         except ScenarioError as error:
             faults.extend(error.faults)
-        except TestbenchError as error:
+        except Refusal as error:
             faults.append(str(error))
     if faults:
         raise ScenarioError(faults)

@@ -20,7 +20,7 @@ from scipy.stats import chi2
 
 from testbench.aircraft import Aircraft
 from testbench.core.door import read_json
-from testbench.core.errors import EstimationError, RecordError, TestbenchError
+from testbench.core.errors import EstimationError, RecordError, Refusal
 from testbench.core.files import parsed
 from testbench.core.record import FloatArray
 from testbench.estimators.structured import per_speed
@@ -289,7 +289,7 @@ def with_values(
         if key in stated:
             try:
                 value = abs(new.coefficient(key))
-            except TestbenchError:
+            except Refusal:
                 continue
             if value > 0.0:
                 stated[key] = max(min(stated[key], std * errors[name] / value), 1e-6)

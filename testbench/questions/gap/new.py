@@ -13,7 +13,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.channels import CONTROLS
-from testbench.core.errors import DiskError, RecordError, TestbenchError, located
+from testbench.core.errors import RecordError, Refusal, located
 from testbench.core.escape import one_line
 from testbench.core.paths import AIRCRAFT, STOCK, aircraft_names, not_found, resolve, suite_names
 from testbench.core.record import FlightRecord
@@ -95,8 +95,8 @@ def new_case(
         suite, left, made = _suite(case, meant, records, sensors)
         flights = flights_of(load_aircraft(meant, wings), records, {}, suite, V_m_s, h_m, left)
         check_signs(flights.believed, as_they_start(flights.naming))
-    except TestbenchError as error:  # of values in another unit, what they lead to is not the cause
-        if not asked or isinstance(error, DiskError):
+    except Refusal as error:  # of values in another unit, what they lead to is not the cause
+        if not asked:
             raise
         raise RecordError(refusal("the records", asked)) from error
     judge = most_different(flights)

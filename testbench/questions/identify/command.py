@@ -160,7 +160,7 @@ def _check_amend(asked: Sequence[RecordDescription], name: str) -> None:
 
     Raises:
         ScenarioError: a description names no aircraft, or the name may not be taken.
-        RecordError: an aircraft that the testbench did not write lies there.
+        WriteError: an aircraft that the testbench did not write lies there.
     """
     from testbench.core.errors import ScenarioError
     from testbench.questions.identify.amend.ask import no_aircraft

@@ -12,7 +12,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 from testbench.core.door import open_file, read_text
-from testbench.core.errors import RecordError, TestbenchError
+from testbench.core.errors import RecordError, Refusal
 from testbench.core.paths import not_found
 from testbench.core.store import INDEX, OWN, PAGE, settle
 
@@ -128,7 +128,7 @@ def compare_results(first: Path | str, second: Path | str) -> ResultsCompared:
 
 def _pages(folder: Path, depth: int) -> Iterator[Path]:
     """Yield pages of results below a folder, without following links."""
-    with contextlib.suppress(TestbenchError):  # a folder that cannot be written to is shown as it is
+    with contextlib.suppress(Refusal):  # a folder that cannot be written to is shown as it is
         settle(folder)
     try:
         entries = sorted(os.scandir(folder), key=lambda e: e.name)

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.questions.gap.result import GapFinding
 
 
@@ -15,7 +15,7 @@ def found_row(find: Callable[[], GapFinding]) -> dict[str, Any]:
     began = time.process_time()
     try:
         found = find()
-    except TestbenchError as error:
+    except Refusal as error:
         return {"outcome": "failed", "names": [], "accused": [], "why": str(error)}
     naming = found.naming
     first = naming.best or next(iter(naming.ranking), None)
