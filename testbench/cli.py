@@ -181,6 +181,7 @@ def _status() -> int:
     """Run a command and return its exit status; say what is wrong."""
     try:
         _need_folder()
+        _settle_arguments()
         return app(prog_name="testbench", standalone_mode=False) or 0
     except SystemExit as end:  # by click, with 1, if standard output is a pipe that was closed
         from testbench.core.bring import ends_in_brought, said
@@ -206,6 +207,15 @@ def _status() -> int:
         named = f"the names of files must be ones that this system's {error.encoding} can write, got '{error.object}'"
         print(f"error: {brief(named)}; set PYTHONUTF8=1, or another locale than LC_ALL gives", file=sys.stderr)
         return 3
+
+
+def _settle_arguments() -> None:
+    """Put in place what a killed command left in a folder of results that this one names, before it looks there."""
+    for word in sys.argv[1:]:
+        if "=" in word or not word.startswith("-"):
+            from testbench.core.store import settle  # takes longer to import than help alone
+
+            settle(Path(word.partition("=")[2] or word))
 
 
 def _need_folder() -> None:

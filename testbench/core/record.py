@@ -349,8 +349,6 @@ def load_record(path: Path | str) -> FlightRecord:
         >>> record.channels, record.dt_s  # doctest: +SKIP
     """
     path = Path(path)
-    if not path.is_file():
-        raise RecordError(f"a record file must exist, got '{path}'")
     with parsed(path, "a NetCDF record"), opened(path) as file:
         form = file.attrs.get("format")
         if not isinstance(form, str) or form != FORMAT:

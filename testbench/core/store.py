@@ -25,7 +25,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import lru_cache
-from importlib.metadata import version
 from pathlib import Path, PurePath, PurePosixPath
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -279,20 +278,35 @@ def write_beside(path: Path, write: Callable[[Path], Any]) -> Path:
     return path
 
 
-def settle(folder: Path) -> None:
-    """End the moves of a result that was finished and whose process was killed before all files were in place.
+class Unsettled(UserWarning):
+    """A result was read whose files are not all in place; commands print this as a note."""
+
+
+def settle(path: Path) -> Path:
+    """Return ``path``, once the result that it is, or lies in, has all its files in place.
+
+    A process that was killed while it moved them left that to whoever reads: the door of files settles what each lies
+    in, the command line what its arguments name, and who lists a folder does so first. What cannot be written to is
+    read as it is, with a warning.
 
     Raises:
-        WriteError: the folder cannot be written to.
+        RecordError: a commit is damaged.
     """
-    if not (folder / OWN / COMMIT).exists():
-        return
-    with contextlib.suppress(BusyError):  # its writer is at it
-        lock = locked(folder)
-        try:
-            _settle(folder)
-        finally:
-            lock.release()
+    whole = path.absolute()
+    for folder in () if OWN in whole.parts else (whole, *whole.parents):
+        if not os.path.exists(folder / OWN / COMMIT):
+            continue
+        with contextlib.suppress(BusyError):  # its writer is at it
+            try:
+                lock = locked(folder)
+                try:
+                    _settle(folder)
+                finally:
+                    lock.release()
+            except (OSError, WriteError) as error:
+                why = f"the result in '{folder}' is not all in place, which a folder that can be written to would mend"
+                warnings.warn(f"{why}; it is read as it is: {error}", Unsettled, stacklevel=2)
+    return path
 
 
 def _settle(folder: Path) -> None:
@@ -455,6 +469,8 @@ def _command() -> tuple[str, ...]:
 
 def packages() -> dict[str, str]:
     """Return the version of each package that decides figures."""
+    from importlib.metadata import version  # which a command that only reads does not need
+
     return {name: version(name) for name in ("numpy", "scipy", "jsbsim")}
 
 

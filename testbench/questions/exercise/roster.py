@@ -12,7 +12,7 @@ from pathlib import Path
 from testbench.core.door import read_text
 from testbench.core.errors import RecordError, Refusal, ScenarioError
 from testbench.core.files import write_file
-from testbench.core.store import ResultFolder, manifest_of
+from testbench.core.store import ResultFolder, manifest_of, settle
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.exercise.ask import CARD, restore, start
 from testbench.questions.exercise.check import Result
@@ -126,7 +126,7 @@ def folders_of(places: Sequence[Path]) -> list[Path]:
     Raises:
         RecordError: there is none.
     """
-    found = sorted({card.parent for place in places for card in place.rglob(CARD)})
+    found = sorted({card.parent for place in places for card in settle(place).rglob(CARD)})
     if not found:
         raise RecordError(
             f"marks are made of folders that `testbench exercise roster` or `start` wrote, got "

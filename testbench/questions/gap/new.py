@@ -17,6 +17,7 @@ from testbench.core.errors import RecordError, Refusal, located
 from testbench.core.escape import one_line
 from testbench.core.paths import AIRCRAFT, STOCK, aircraft_names, not_found, resolve, suite_names
 from testbench.core.record import FlightRecord
+from testbench.core.store import settle
 from testbench.core.toml_text import quoted, real
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.logs.plausible import questions_of, refusal
@@ -121,7 +122,7 @@ def record_files(given: Sequence[Path]) -> list[Path]:
         raise RecordError("a gap case must have measured records (.nc), or folders of testbench import, got none")
     out: list[Path] = []
     for path in given:
-        if path.is_dir():
+        if settle(path).is_dir():
             found = [p for p in sorted(path.glob("*.nc")) if not p.stem.endswith("_truth")]
             if not found:
                 raise RecordError(
