@@ -163,8 +163,9 @@ def main() -> None:
             status = _INTERRUPTED
     if status == _INTERRUPTED:
         by = f"ended by signal {signals[0]}" if signals else "interrupted"
-        status = 128 + signals[0] if signals else _INTERRUPTED
         print(f"{by}; what was finished is kept, and no result is left half written", file=sys.stderr)
+    if signals and status in (0, _INTERRUPTED):  # 0: by a server, which says so itself
+        status = 128 + signals[0]
     try:
         sys.stdout.flush()
     except OSError as error:  # what is still buffered has nowhere to go

@@ -49,7 +49,6 @@ WAIT_S = 10.0
 """Who adds a file to a folder waits this long for another writer, as one command for each file may run at once."""
 _FORMAT = "testbench result 1"
 _DEVICES = frozenset({"con", "prn", "aux", "nul", *(f"{port}{k}" for port in ("com", "lpt") for k in range(1, 10))})
-_CHUNK = 1 << 20
 _LOCKS = Path("/proc/locks")
 
 Entry = tuple[int, str] | None
@@ -358,15 +357,12 @@ def entry_of(path: Path) -> Entry:
     """Return size and SHA-256 of a file; None if it cannot be read, or is a pipe or a device."""
     if not path.is_file():
         return None
-    digest, size = hashlib.sha256(), 0
     try:
         with path.open("rb") as file:
-            while part := file.read(_CHUNK):
-                digest.update(part)
-                size += len(part)
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            return file.tell(), digest
     except OSError:
         return None
-    return size, digest.hexdigest()
 
 
 def _changed(path: Path, entry: Entry) -> bool:

@@ -292,7 +292,8 @@ class _Fit:
     at: Mapping[int, Sized]  # place in KAPPAS -> noise at rest there
     correction: float = 0.0  # of the evidence, by bounds and by importance samples
     effective: float = 1.0
-    flown: dict[tuple[int, bytes], FloatArray] = field(default_factory=dict)  # predictions; flights cost most
+    flown: dict[tuple[FlightRecord, bytes], FloatArray] = field(default_factory=dict)  # predictions; they cost most
+    measured: dict[FlightRecord, tuple[FloatArray, Any]] = field(default_factory=dict)  # per standard deviation
 
     @classmethod
     def of(cls, hypothesis: Hypothesis, records: Sequence[FlightRecord], noise: Noise, unknown: Unknown | None) -> _Fit:
@@ -358,7 +359,7 @@ class _Fit:
         return means_of(self.hypothesis.parameters) - self.theta
 
     def _predicted(self, record: FlightRecord, theta: FloatArray) -> FloatArray:
-        key = id(record), theta.tobytes()
+        key = record, theta.tobytes()
         if key not in self.flown:
             y = np.asarray(self.hypothesis.predict(record, self.hypothesis.at(theta)), dtype=float)
             wanted = (len(record), len(self.noise.channels))
@@ -370,9 +371,11 @@ class _Fit:
         return self.flown[key]
 
     def _measured(self, record: FlightRecord) -> tuple[FloatArray, Any]:
-        columns = [record[c] for c in self.noise.channels]
-        valid = np.column_stack([record.valid[:, record.channels.index(c)] for c in self.noise.channels])
-        return np.column_stack(columns) / np.array(list(self.noise.std.values())), valid
+        if record not in self.measured:
+            at = [record.channels.index(c) for c in self.noise.channels]
+            z = np.column_stack([record[c] for c in self.noise.channels]) / np.array(list(self.noise.std.values()))
+            self.measured[record] = z, record.valid[:, at]
+        return self.measured[record]
 
     def _linearised(self, theta: FloatArray, pulses: Sequence[FloatArray], places: Sequence[int]) -> _Fit:
         blocks = []
