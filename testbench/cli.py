@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 
 from testbench.core.door import READ
-from testbench.core.errors import DiskError, RecordError, ScenarioError, TestbenchError, brief, given
+from testbench.core.errors import RecordError, Refusal, ScenarioError, TestbenchError, brief, given
 from testbench.core.interrupts import ended_by_signals
 from testbench.page.terminal import console, open_streams, print_rows
 from testbench.questions import QUESTIONS, Question
@@ -129,11 +129,9 @@ def check(
             if not broken:
                 console().print(f"{thing}: a valid {kind}, {len(laws)} laws kept", highlight=False)
             faults.extend(broken)
-        except DiskError:  # which is no fault of a file
-            raise
         except ScenarioError as error:
             faults.extend(error.faults)
-        except TestbenchError as error:
+        except Refusal as error:
             faults.append(str(error))
     if faults:
         raise ScenarioError(faults)
@@ -165,8 +163,9 @@ def main() -> None:
             status = _INTERRUPTED
     if status == _INTERRUPTED:
         by = f"ended by signal {signals[0]}" if signals else "interrupted"
-        status = 128 + signals[0] if signals else _INTERRUPTED
         print(f"{by}; what was finished is kept, and no result is left half written", file=sys.stderr)
+    if signals and status in (0, _INTERRUPTED):  # 0: by a server, which says so itself
+        status = 128 + signals[0]
     try:
         sys.stdout.flush()
     except OSError as error:  # what is still buffered has nowhere to go
@@ -183,6 +182,7 @@ def _status() -> int:
     """Run a command and return its exit status; say what is wrong."""
     try:
         _need_folder()
+        _settle_arguments()
         return app(prog_name="testbench", standalone_mode=False) or 0
     except SystemExit as end:  # by click, with 1, if standard output is a pipe that was closed
         from testbench.core.bring import ends_in_brought, said
@@ -208,6 +208,15 @@ def _status() -> int:
         named = f"the names of files must be ones that this system's {error.encoding} can write, got '{error.object}'"
         print(f"error: {brief(named)}; set PYTHONUTF8=1, or another locale than LC_ALL gives", file=sys.stderr)
         return 3
+
+
+def _settle_arguments() -> None:
+    """Put in place what a killed command left in a folder of results that this one names, before it looks there."""
+    for word in sys.argv[1:]:
+        if "=" in word or not word.startswith("-"):
+            from testbench.core.store import settle  # takes longer to import than help alone
+
+            settle(Path(word.partition("=")[2] or word))
 
 
 def _need_folder() -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.bring import short
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import EstimationError, TestbenchError, located
+from testbench.core.errors import EstimationError, Refusal, located
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.base import Condition, FlownAt, FlownInAir, Preparation, Simulation
 from testbench.core.scenario.inputs import Input
@@ -174,7 +174,7 @@ def fly_and_measure(
 
 
 def flown_already(
-    aircraft: Aircraft, trimmed: TrimmedFlight, name: str, log_rate_hz: float, flown: FlightRecord | TestbenchError
+    aircraft: Aircraft, trimmed: TrimmedFlight, name: str, log_rate_hz: float, flown: FlightRecord | Refusal
 ) -> FlightRecord:
     """Return the record of a flight of many that was completed.
 
@@ -182,7 +182,7 @@ def flown_already(
         FlightAborted: it left the limits of the aircraft; with the time to double if that is unstable.
         TestbenchError: why it was not flown.
     """
-    if isinstance(flown, TestbenchError):
+    if isinstance(flown, Refusal):
         raise flown
     if flown.outcome == "aborted":
         raise _with_instability(aborted(flown, aircraft.name, name, log_rate_hz), aircraft, trimmed, name)
@@ -252,7 +252,7 @@ def identify_and_judge(
     say, noise = progress or (lambda text: None), noise or {}
     limit_s = identification.limit_s
     cases: list[Case] = []
-    first: TestbenchError | None = None
+    first: Refusal | None = None
     for suite in suites:
         with located(where, "preparation"):
             parts = [(f.use, prepared(f.measured[suite], f.trim_s, preparation)) for f in flights]
@@ -276,7 +276,7 @@ def identify_and_judge(
                     scores = evaluate(model, fit, judge, noise_std=noise.get(suite), **told_of(truth, model, fit))
                     if np.isnan(scores.identification.mrse_percent).all():
                         raise EstimationError(f"{model.method} must predict numbers, got NaN for every output")
-            except TestbenchError as error:
+            except Refusal as error:
                 if failed is None:
                     raise
                 first = first or error
@@ -288,7 +288,7 @@ def identify_and_judge(
     return tuple(cases)
 
 
-def _nothing_works(failed: Sequence[FailedCell], first: TestbenchError) -> EstimationError:
+def _nothing_works(failed: Sequence[FailedCell], first: Refusal) -> EstimationError:
     """Return the error of a run without any model: every reason, with those that it holds for."""
     of: dict[str, list[str]] = {}
     for cell in failed:

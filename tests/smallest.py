@@ -2,17 +2,29 @@
 
 ``TESTBENCH_SMALLEST=build/smallest make benchmarks`` shows in seconds for each that all of them still run. What they
 write goes to FOLDER, so that no committed table is written over, and no law of speed is judged: it holds at full size.
+
+What a study wrote into a folder of results/ is listed in that folder's manifest as it ends, so that `testbench results
+FOLDER --verify` says whether it is still what was written. `python tests/smallest.py` lists what git keeps there as it
+is. Several studies share a folder, so that the manifest tells sums alone; results/README.md tells the command of each.
 """
 
 from __future__ import annotations
 
+import atexit
 import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
 T = TypeVar("T")
 ROOT = Path(__file__).resolve().parents[1]
 SMALLEST = os.environ.get("TESTBENCH_SMALLEST", "")
+BEGAN_S = time.time()
+BY_HAND = "README.md"
 
 
 def sized(full: T, smallest: T) -> T:
@@ -21,8 +33,31 @@ def sized(full: T, smallest: T) -> T:
 
 
 def results(*parts: str) -> Path:
-    """Return the place of a result below results/, its folder made."""
-    return _place("results", *parts)
+    """Return the place of a result below results/, its folder made; what is written there will be listed."""
+    path = _place("results", *parts)
+    folder = path.parent if path.suffix else path
+    if folder.name != "results":  # which is a folder of results, and none itself
+        _listed_at_the_end(folder)
+    return path
+
+
+@cache
+def _listed_at_the_end(folder: Path) -> None:
+    def end() -> None:
+        if not hasattr(sys, "last_type"):  # of a study that failed nothing is a result
+            written(folder, (p for p in folder.iterdir() if p.is_file() and p.stat().st_mtime >= BEGAN_S))
+
+    atexit.register(end)
+
+
+def written(folder: Path, files: Iterable[Path]) -> None:
+    """List files in the manifest of their folder as they are, beside those that are listed."""
+    from testbench.core.store import ResultFolder
+
+    if found := [path for path in files if path.name != BY_HAND]:
+        with ResultFolder(folder, adds=True, sealed=True) as place:
+            for path in found:
+                (place.new / path.name).write_bytes(path.read_bytes())
 
 
 def build(*parts: str) -> Path:
@@ -34,3 +69,13 @@ def _place(*parts: str) -> Path:
     path = ROOT.joinpath(SMALLEST, *parts)
     (path.parent if path.suffix else path).mkdir(parents=True, exist_ok=True)
     return path
+
+
+if __name__ == "__main__":
+    kept = subprocess.run(
+        ["git", "ls-files", "-z", "results/*/*"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    paths = [ROOT / name for name in kept.stdout.split("\0") if name]
+    for each in sorted({path.parent for path in paths} - {ROOT / "results" / "figures"}):
+        if "reproduction" not in each.parts and ".testbench" not in each.parts:
+            written(each, (path for path in paths if path.parent == each))

@@ -6,6 +6,7 @@ The largest file that a process may write stands for the disk: writing beyond it
 from __future__ import annotations
 
 import os
+import pickle
 import resource
 import signal
 import sys
@@ -14,9 +15,11 @@ import numpy as np
 import pytest
 from short_flight import DE, Q, T
 
+import testbench as tb
 import testbench.cli as cli
-from testbench.core.errors import DiskError
+from testbench.core.errors import BusyError, DiskError, WriteError
 from testbench.core.record import FlightRecord
+from testbench.flight.batch.fly import fly_jobs
 
 RECORD = FlightRecord(T, ("de", "q"), np.radians(np.column_stack([DE, Q])), "measured")
 
@@ -73,6 +76,20 @@ def test_a_command_says_so_in_one_line_and_ends_with_3(tmp_path, size, monkeypat
         "give another folder or free space"
     ]
     assert not (tmp_path / "out").exists()
+
+
+def test_a_flight_that_finds_no_room_is_no_flight_that_failed():
+    aircraft = tb.load_aircraft("taurus")
+    trimmed = tb.trim(aircraft, tb.FlightCondition(12.0, 100.0))
+    step = tb.InputSignal([0.0, 1.0 / trimmed.rate_hz], [[0.0], [0.0]], ("de",))
+    job = tb.Job(aircraft, trimmed, tb.Manoeuvre("step", step), log_rate_hz=60.0)
+    assert with_room(0, lambda: fly_jobs([job], "jsbsim")) == (3, "")
+
+
+@pytest.mark.parametrize("kind", [WriteError, DiskError, BusyError])
+def test_what_a_process_cannot_write_another_can_say(kind):
+    error = pickle.loads(pickle.dumps(kind("the disk must have room")))
+    assert (str(error), type(error)) == ("the disk must have room", kind)
 
 
 def test_memory_that_does_not_suffice_is_one_line(monkeypatch, capsys):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from testbench.core.bring import running
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 
 
 class Law(NamedTuple):
@@ -50,6 +50,6 @@ def tried_on(case: Any, laws: Sequence[Callable[[Any], None]], path: Path) -> It
                     law(case)
                 except LawError as error:
                     why = str(error)
-        except TestbenchError as error:
+        except Refusal as error:
             why = str(error)
         yield Law(words, not why, why)

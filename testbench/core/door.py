@@ -78,8 +78,10 @@ def checked(path: Path, kind: str) -> Path:
     Raises:
         RecordError: there is none, it is no regular file, or it is larger than its kind may be.
     """
+    from testbench.core.store import settle
+
     try:
-        found = os.stat(path)
+        found = os.stat(settle(path))
     except (OSError, ValueError) as error:  # a name with a zero in it is a ValueError
         raise _refused(path, kind, getattr(error, "strerror", None) or str(error)) from error
     if not stat.S_ISREG(found.st_mode):

@@ -93,7 +93,34 @@ class TestbenchError(Exception):
         return f"{self.message} ({brief(self.place)})" if self.place else self.message
 
 
-class ScenarioError(TestbenchError):
+class Refusal(TestbenchError):
+    """What was asked for or read is at fault.
+
+    Where many are tried, flights, estimators, records, only this is caught and becomes a row of the result.
+    """
+
+
+class WriteError(TestbenchError):
+    """A file or folder cannot be written, which ends a command: no flight, estimator or record is at fault."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message)
+        self.place = ""  # no key of a file is at fault
+
+
+class DiskError(WriteError):
+    """A file cannot be written for want of space, or because its disk fails; nothing new stands under its name."""
+
+    exit_status = 3
+
+
+class BusyError(WriteError):
+    """Another process writes into the same folder of results."""
+
+    exit_status = 3
+
+
+class ScenarioError(Refusal):
     """A scenario or description file breaks a law; ``faults`` lists every one of them."""
 
     def __init__(self, faults: Iterable[str]) -> None:
@@ -104,67 +131,51 @@ class ScenarioError(TestbenchError):
         super().__init__(head + "\n  ".join((*self.faults[:_FAULTS], *more)))
 
 
-class ChannelError(TestbenchError):
+class ChannelError(Refusal):
     """A channel name is unknown, or a record lacks a channel that is needed."""
 
 
-class RecordError(TestbenchError):
+class RecordError(Refusal):
     """A record file cannot be read, or a record breaks its own rules."""
-
-
-class DiskError(RecordError):
-    """A file cannot be written for want of space, or because its disk fails; nothing new stands under its name."""
-
-    exit_status = 3
-
-    def __init__(self, path: Path, error: OSError, fix: str) -> None:
-        super().__init__(f"the disk must have room for '{path}', got: {error.strerror or error}; {fix}")
-        self.place = ""  # no key of a file is at fault
-
-
-class BusyError(RecordError):
-    """Another process writes into the same folder of results."""
-
-    exit_status = 3
 
 
 class SizeError(RecordError):
     """What is asked for or read takes more memory than the limit of :mod:`testbench.core.sizes`."""
 
 
-class LimitError(TestbenchError):
+class LimitError(Refusal):
     """An input exceeds a limit of the aircraft; inputs are never clipped in silence."""
 
 
-class ModelError(TestbenchError):
+class ModelError(Refusal):
     """An aircraft folder, or the model generated from it, is not usable."""
 
 
-class EstimationError(TestbenchError):
+class EstimationError(Refusal):
     """The data cannot support the estimate that was asked for."""
 
     exit_status = 3
 
 
-class TrimError(TestbenchError):
+class TrimError(Refusal):
     """No equilibrium exists at the flight condition within the limits of the controls."""
 
     exit_status = 3
 
 
-class CampaignError(TestbenchError):
+class CampaignError(Refusal):
     """A campaign cannot go on: its store is in use, full or of another version, or its workers are gone."""
 
     exit_status = 3
 
 
-class DatasetError(TestbenchError):
+class DatasetError(Refusal):
     """A data set cannot be drawn, gone on with, or scored: most draws cannot fly, or its folder holds another one."""
 
     exit_status = 3
 
 
-class MissingPackage(TestbenchError, ImportError):
+class MissingPackage(Refusal, ImportError):
     """An optional package is not installed; the message names the extra that brings it."""
 
 
@@ -203,9 +214,7 @@ class Faults(list[str]):
         """Return what the action returns; if it fails, note why under the key and return None."""
         try:
             return action(*arguments)
-        except DiskError:
-            raise  # no fault of the file
-        except TestbenchError as error:
+        except Refusal as error:
             for fault in error.faults if isinstance(error, ScenarioError) else (error.message,):
                 self.note(key, fault)
             return None

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from testbench.core.errors import DiskError, RecordError, TestbenchError
+from testbench.core.errors import DiskError, RecordError, TestbenchError, WriteError
 
 _OF_THE_DISK = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 """What the system says if the disk and not the path is at fault."""
@@ -20,11 +20,11 @@ _LONGEST = 200  # letters of a reason
 _LAW, _FIX = "results must go to a folder that can be written to", "give another folder or free space"
 
 
-def not_written(path: Path, error: OSError, law: str = _LAW, fix: str = _FIX) -> RecordError:
+def not_written(path: Path, error: OSError, law: str = _LAW, fix: str = _FIX) -> WriteError:
     """Return what to raise where a file or folder cannot be written; a :class:`DiskError` if for want of space."""
     if error.errno in _OF_THE_DISK:
-        return DiskError(path, error, fix)
-    return RecordError(f"{law}, got '{path}': {error.strerror or error}; {fix}")
+        return DiskError(f"the disk must have room for '{path}', got: {error.strerror or error}; {fix}")
+    return WriteError(f"{law}, got '{path}': {error.strerror or error}; {fix}")
 
 
 def write_file(path: Path, content: str | bytes | Callable[[Path], object], law: str = _LAW, fix: str = _FIX) -> Path:
@@ -41,7 +41,7 @@ def write_file(path: Path, content: str | bytes | Callable[[Path], object], law:
         fix: what to do, as the error says it.
 
     Raises:
-        RecordError: the file cannot be written; a :class:`DiskError` if that is for want of space.
+        WriteError: the file cannot be written; a :class:`DiskError` if that is for want of space.
     """
     part = path.with_name(path.name + ".part")
     try:
@@ -72,7 +72,8 @@ def write_new(path: Path, content: str, what: str, law: str = _LAW) -> Path:
         law: what must hold, as the error says it where the file cannot be written.
 
     Raises:
-        RecordError: the file is there, or it cannot be written.
+        RecordError: the file is there.
+        WriteError: it cannot be written.
     """
     there = RecordError(f"{what} must be a new file, got '{path}', which exists; give another name")
     if os.path.lexists(path):

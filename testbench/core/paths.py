@@ -128,8 +128,10 @@ class Family:
 
     def at(self, path: Path) -> Path | None:
         """Return the member that lies at a path, or None."""
+        from testbench.core.store import settle
+
         if self.inside:
-            path = path.parent if path.name == self.inside else path
+            path = settle(path.parent if path.name == self.inside else path)
             return path if (path / self.inside).is_file() or self.others(path) else None
         return path if path.suffix == ".toml" and path.is_file() else None
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.channels import channel, require
-from testbench.core.errors import RecordError, TestbenchError, located
+from testbench.core.errors import RecordError, Refusal, located
 from testbench.core.files import mat_bytes, netcdf_bytes, parsed, write_file
 from testbench.core.hdf5 import memory_of, opened
 from testbench.core.sizes import require_room
@@ -270,7 +270,7 @@ class FlightRecord:
         """Write the record as NetCDF-4 (readable by xarray, with units), without loss, and return the path.
 
         Raises:
-            RecordError: the file cannot be written.
+            WriteError: the file cannot be written.
         """
 
         def fill(file: Any) -> None:
@@ -286,7 +286,7 @@ class FlightRecord:
         """Write time and channels as CSV, units in the header (``q [rad/s]``), 17 significant digits; return the path.
 
         Raises:
-            RecordError: the file cannot be written.
+            WriteError: the file cannot be written.
         """
         header = ",".join(["t [s]", *(f"{n} [{channel(n).unit}]" for n in self.channels)])
         table = np.column_stack([self.t_s, self._with_gaps()])
@@ -301,7 +301,7 @@ class FlightRecord:
         provenance as JSON text.
 
         Raises:
-            RecordError: the file cannot be written.
+            WriteError: the file cannot be written.
         """
 
         columns = dict(zip(self.channels, self._with_gaps().T, strict=True))
@@ -313,7 +313,8 @@ class FlightRecord:
         """Write time ``t`` and channels as Parquet, unit in each field's metadata (``unit``), and return the path.
 
         Raises:
-            RecordError: the file cannot be written, or pyarrow is not installed.
+            WriteError: the file cannot be written.
+            RecordError: pyarrow is not installed.
         """
         try:
             import pyarrow as pa
@@ -348,8 +349,6 @@ def load_record(path: Path | str) -> FlightRecord:
         >>> record.channels, record.dt_s  # doctest: +SKIP
     """
     path = Path(path)
-    if not path.is_file():
-        raise RecordError(f"a record file must exist, got '{path}'")
     with parsed(path, "a NetCDF record"), opened(path) as file:
         form = file.attrs.get("format")
         if not isinstance(form, str) or form != FORMAT:
@@ -386,7 +385,7 @@ def load_record(path: Path | str) -> FlightRecord:
         )
 
 
-class FlightAborted(TestbenchError):
+class FlightAborted(Refusal):
     """A simulated flight ended before its manoeuvre did; ``record`` holds what was flown until then."""
 
     exit_status = 3

@@ -34,7 +34,9 @@ def temporary() -> str:
     try:
         return tempfile.gettempdir()
     except FileNotFoundError as error:  # Python writes a file into each that it knows, and found no room
-        raise DiskError(Path(os.environ.get("TMPDIR", "/tmp")), error, _FIX) from error
+        raise DiskError(
+            f"the disk must have room for '{os.environ.get('TMPDIR', '/tmp')}', got: {error}; {_FIX}"
+        ) from error
 
 
 class Scratch:

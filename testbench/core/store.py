@@ -25,13 +25,12 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import lru_cache
-from importlib.metadata import version
 from pathlib import Path, PurePath, PurePosixPath
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from testbench.core.door import READ, read_text
-from testbench.core.errors import BusyError, RecordError
+from testbench.core.errors import BusyError, RecordError, WriteError
 from testbench.core.files import not_written, write_file
 from testbench.core.interrupts import held_back
 from testbench.core.paths import AIRCRAFT_MODELS, SCENARIOS, SUITES, stock_root
@@ -50,7 +49,6 @@ WAIT_S = 10.0
 """Who adds a file to a folder waits this long for another writer, as one command for each file may run at once."""
 _FORMAT = "testbench result 1"
 _DEVICES = frozenset({"con", "prn", "aux", "nul", *(f"{port}{k}" for port in ("com", "lpt") for k in range(1, 10))})
-_CHUNK = 1 << 20
 _LOCKS = Path("/proc/locks")
 
 Entry = tuple[int, str] | None
@@ -126,7 +124,7 @@ class ResultFolder:
 
     Raises:
         BusyError: another process writes into it, or this one already does.
-        RecordError: it cannot be written to, is no folder, or has a page that no manifest lists.
+        WriteError: it cannot be written to, is no folder, or has a page that no manifest lists.
     """
 
     def __init__(self, path: Path | str, resume: bool = False, adds: bool | str = False, sealed: bool = False) -> None:
@@ -174,16 +172,16 @@ class ResultFolder:
         """Refuse, before anything is computed, a folder in which a file of this name is not ours to replace.
 
         Raises:
-            RecordError: the file is there and no manifest lists it.
+            WriteError: the file is there and no manifest lists it.
         """
         if name not in self._old.files and os.path.lexists(self.path / name):
-            raise RecordError(_not_ours(self.path / name))
+            raise _not_ours(self.path / name)
 
     def live(self, name: str) -> Path:
         """Return the place of a file or folder that is written where it lies, as a store of runs is, and list it.
 
         Raises:
-            RecordError: something of this name is there that no manifest lists.
+            WriteError: something of this name is there that no manifest lists.
         """
         path = self.path / name
         if name not in self._old.files:
@@ -217,7 +215,7 @@ class ResultFolder:
         """Make the new result the one that counts, and move it into place.
 
         Raises:
-            RecordError: a file would replace one that no manifest lists, or leave the folder by a link.
+            WriteError: a file would replace one that no manifest lists, or leave the folder by a link.
         """
         made = sorted(p.relative_to(self.new).as_posix() for p in self.new.rglob("*") if not p.is_dir())
         files = {name: entry_of(self.new / name) for name in made}
@@ -229,7 +227,7 @@ class ResultFolder:
                 aside.append((name, _free(self.path, name)))
                 self.notes.append(f"'{there}' had been changed by hand; that one is kept as '{aside[-1][1]}'")
             elif name not in old and _changed(there, files[name]):
-                raise RecordError(_not_ours(there, self._saved(self._manifest(files))))
+                raise _not_ours(there, self._saved(self._manifest(files)))
         pattern = self._adds if isinstance(self._adds, str) else "" if self._adds else "*"
         gone = {n for n, entry in old.items() if entry is not None and n not in files and fnmatchcase(n, pattern)}
         stale = sorted(n for n in gone if not _changed(self.path / n, old[n]))
@@ -271,7 +269,7 @@ def write_beside(path: Path, write: Callable[[Path], Any]) -> Path:
 
     Raises:
         BusyError: another process goes on writing into the folder.
-        RecordError: the file is there and no manifest lists it, or it cannot be written.
+        WriteError: the file is there and no manifest lists it, or it cannot be written.
     """
     with ResultFolder(path.parent, adds=True) as place:
         place.check(path.name)
@@ -279,20 +277,35 @@ def write_beside(path: Path, write: Callable[[Path], Any]) -> Path:
     return path
 
 
-def settle(folder: Path) -> None:
-    """End the moves of a result that was finished and whose process was killed before all files were in place.
+class Unsettled(UserWarning):
+    """A result was read whose files are not all in place; commands print this as a note."""
+
+
+def settle(path: Path) -> Path:
+    """Return ``path``, once the result that it is, or lies in, has all its files in place.
+
+    A process that was killed while it moved them left that to whoever reads: the door of files settles what each lies
+    in, the command line what its arguments name, and who lists a folder does so first. What cannot be written to is
+    read as it is, with a warning.
 
     Raises:
-        RecordError: the folder cannot be written to.
+        RecordError: a commit is damaged.
     """
-    if not (folder / OWN / COMMIT).exists():
-        return
-    with contextlib.suppress(BusyError):  # its writer is at it
-        lock = locked(folder)
-        try:
-            _settle(folder)
-        finally:
-            lock.release()
+    whole = path.absolute()
+    for folder in () if OWN in whole.parts else (whole, *whole.parents):
+        if not os.path.exists(folder / OWN / COMMIT):
+            continue
+        with contextlib.suppress(BusyError):  # its writer is at it
+            try:
+                lock = locked(folder)
+                try:
+                    _settle(folder)
+                finally:
+                    lock.release()
+            except (OSError, WriteError) as error:
+                why = f"the result in '{folder}' is not all in place, which a folder that can be written to would mend"
+                warnings.warn(f"{why}; it is read as it is: {error}", Unsettled, stacklevel=2)
+    return path
 
 
 def _settle(folder: Path) -> None:
@@ -329,11 +342,11 @@ def within(folder: Path, path: Path) -> Path:
     """Return ``path``, whose folder must lie in ``folder`` once links are followed.
 
     Raises:
-        RecordError: a symbolic link leads out of the folder.
+        WriteError: a symbolic link leads out of the folder.
     """
     parent = path.parent.resolve()
     if not parent.is_relative_to(folder.resolve()):
-        raise RecordError(
+        raise WriteError(
             f"results must stay in their folder '{folder}', got '{path.parent}', a symbolic link to '{parent}'; remove "
             "the link, or give another folder with --out"
         )
@@ -344,15 +357,12 @@ def entry_of(path: Path) -> Entry:
     """Return size and SHA-256 of a file; None if it cannot be read, or is a pipe or a device."""
     if not path.is_file():
         return None
-    digest, size = hashlib.sha256(), 0
     try:
         with path.open("rb") as file:
-            while part := file.read(_CHUNK):
-                digest.update(part)
-                size += len(part)
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            return file.tell(), digest
     except OSError:
         return None
-    return size, digest.hexdigest()
 
 
 def _changed(path: Path, entry: Entry) -> bool:
@@ -368,9 +378,9 @@ def _free(folder: Path, name: str, end: str = KEPT) -> str:
     return found
 
 
-def _not_ours(path: Path, saved: Path | None = None) -> str:
+def _not_ours(path: Path, saved: Path | None = None) -> WriteError:
     where = "" if saved is None else f"the new result is in '{saved}'; "
-    return (
+    return WriteError(
         f"only files that the testbench wrote are replaced, but no manifest lists '{path}'; {where}move it away, or "
         "give another folder"
     )
@@ -455,6 +465,8 @@ def _command() -> tuple[str, ...]:
 
 def packages() -> dict[str, str]:
     """Return the version of each package that decides figures."""
+    from importlib.metadata import version  # which a command that only reads does not need
+
     return {name: version(name) for name in ("numpy", "scipy", "jsbsim")}
 
 

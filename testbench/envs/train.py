@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from testbench.core.errors import LimitError, MissingPackage, RecordError, TestbenchError
-from testbench.core.files import parsed, reason_of
+from testbench.core.files import not_written, parsed, reason_of
 from testbench.core.record import FloatArray
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def train(task: str, steps: int, seed: int, out: Path, hold: int = 6, **settings
 
     Raises:
         MissingPackage: stable-baselines3 or Gymnasium is not installed.
-        RecordError: the file cannot be written.
+        WriteError: the file cannot be written.
         LimitError: there is no step, the seed is below 0, or a choice is held for less than one decision or longer
             than the flight.
     """
@@ -84,9 +84,7 @@ def train(task: str, steps: int, seed: int, out: Path, hold: int = 6, **settings
         out.parent.mkdir(parents=True, exist_ok=True)
         agent.save(out)
     except OSError as error:
-        raise RecordError(
-            f"an agent must be written to a folder that can be written to, got '{out}': {error}"
-        ) from error
+        raise not_written(out, error, "an agent must be written to a folder that can be written to") from error
     return out
 
 

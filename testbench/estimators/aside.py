@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from typing import IO, TYPE_CHECKING, Any
 
 from testbench.core.bring import is_brought, short
-from testbench.core.errors import EstimationError, TestbenchError
+from testbench.core.errors import EstimationError, Refusal, WriteError
 
 if TYPE_CHECKING:
     from testbench.core.record import FlightRecord
@@ -72,6 +72,7 @@ class Aside:
 
         Raises:
             EstimationError: the time is up, the process died, or whatever went wrong in it, in its words.
+            WriteError: a file could not be written in it.
         """
         from testbench.estimators import estimate
 
@@ -103,6 +104,8 @@ class Aside:
             )
         if kind == "error":
             raise EstimationError(found)
+        if kind == "unwritten":
+            raise found
         model: IdentifiedModel = found
         return model
 
@@ -160,8 +163,10 @@ def serve() -> None:
             try:
                 with contained(entry.method, limit_s):
                     answer = "model", estimate(entry, records, inputs, outputs, validation)
-            except TestbenchError as error:
+            except Refusal as error:
                 answer = "error", error.message
+            except WriteError as error:  # no estimator is at fault
+                answer = "unwritten", error
             faulthandler.cancel_dump_traceback_later()
             try:
                 _send(answers, (*answer, time.process_time() - began))

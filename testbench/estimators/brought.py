@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationInfo
 
 from testbench.core import bring
-from testbench.core.errors import ScenarioError, TestbenchError, nearest
+from testbench.core.errors import Refusal, ScenarioError, nearest
 from testbench.core.paths import find_scenario
 from testbench.estimators.equations import read_equations
 
@@ -82,7 +82,7 @@ def written(name: str, info: ValidationInfo) -> str:
     try:
         path = text_file(name, (info.context or {}).get("file"))
         read_equations(path)
-    except TestbenchError as error:
+    except Refusal as error:
         raise ValueError("; ".join(getattr(error, "faults", (str(error),)))) from error
     return str(path)
 

@@ -23,7 +23,7 @@ from testbench.core.advice import status_of
 from testbench.core.channels import CHANNELS
 from testbench.core.constants import DEG_RAD
 from testbench.core.contract import Law, LawError, need, tried_on
-from testbench.core.errors import ChannelError, EstimationError, TestbenchError, nearest
+from testbench.core.errors import ChannelError, EstimationError, Refusal, nearest
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators import estimate
 from testbench.estimators.brought import FOLDER, is_text, text_file
@@ -245,14 +245,14 @@ def missing_channels_are_refused(t: Trial) -> None:
     _refused(t, [flight(1), flight(2).decimate(2)], EstimationError, "records of two sample times")
 
 
-def _refused(t: Trial, records: Sequence[FlightRecord], kind: type[TestbenchError], what: str) -> None:
+def _refused(t: Trial, records: Sequence[FlightRecord], kind: type[Refusal], what: str) -> None:
     try:
         t.run(records)
     except bring.BroughtCodeError as error:
         _in_words(error)
     except kind:
         return
-    except TestbenchError as error:
+    except Refusal as error:
         raise LawError(f"{what} must be refused by {kind.__name__}, got {type(error).__name__}: {error}") from error
     raise LawError(f"{what} must be refused by {kind.__name__}, got a model; check_records does it")
 

@@ -27,7 +27,7 @@ from testbench.aircraft.vary import AIRCRAFT_KEYS, varied
 from testbench.core.blas import on_one_thread
 from testbench.core.channels import channel
 from testbench.core.differences import Ends, ends, slope
-from testbench.core.errors import LimitError, ModelError, TestbenchError, nearest
+from testbench.core.errors import LimitError, ModelError, Refusal, nearest
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.air import Air
 from testbench.flight.batch.check import least_range
@@ -202,7 +202,7 @@ class _Points:
     channels: tuple[str, ...] | None
     air: Air | None
     simulator: Simulator
-    trims: dict[tuple[bytes, Simulator], tuple[Aircraft, TrimmedFlight | TestbenchError]]
+    trims: dict[tuple[bytes, Simulator], tuple[Aircraft, TrimmedFlight | Refusal]]
 
     @classmethod
     def of(
@@ -232,7 +232,7 @@ class _Points:
 
     def started(
         self, points: Sequence[FloatArray], simulator: Simulator
-    ) -> list[tuple[Aircraft, TrimmedFlight | TestbenchError]]:
+    ) -> list[tuple[Aircraft, TrimmedFlight | Refusal]]:
         """Return aircraft and trim of each point (p,); the trims that are new are found together."""
         new: dict[tuple[bytes, Simulator], tuple[Aircraft, FlightCondition]] = {}
         for x in points:
@@ -267,9 +267,7 @@ class _Points:
                 aircraft = p.change(aircraft, values[p.name])
         return aircraft
 
-    def fly(
-        self, asked: Sequence[tuple[Manoeuvre, FloatArray]]
-    ) -> tuple[list[FlightRecord | TestbenchError], str, str]:
+    def fly(self, asked: Sequence[tuple[Manoeuvre, FloatArray]]) -> tuple[list[FlightRecord | Refusal], str, str]:
         """Fly each manoeuvre at its point; return what came of each, what flew all of them, and why not a batch.
 
         Where one of them is left to JSBSim, it flies all: what it and a batch differ by, 1e-10 of a range, is as large
@@ -286,12 +284,12 @@ class _Points:
 
     def _fly(
         self, asked: Sequence[tuple[Manoeuvre, FloatArray]], simulator: Simulator, told: Tally
-    ) -> list[FlightRecord | TestbenchError]:
+    ) -> list[FlightRecord | Refusal]:
         starts = self.started([x for _, x in asked], simulator)
-        out: list[FlightRecord | TestbenchError | None] = [None] * len(asked)
+        out: list[FlightRecord | Refusal | None] = [None] * len(asked)
         jobs, places = [], []
         for i, ((manoeuvre, _), (aircraft, trimmed)) in enumerate(zip(asked, starts, strict=True)):
-            if isinstance(trimmed, TestbenchError):
+            if isinstance(trimmed, Refusal):
                 out[i] = trimmed
             else:
                 jobs.append(Job(aircraft, trimmed, manoeuvre, self.log_rate_hz, self.channels, self.air))
@@ -300,13 +298,13 @@ class _Points:
             out[i] = record
         return [x for x in out if x is not None]
 
-    def centre(self, flown: FlightRecord | TestbenchError, manoeuvre: Manoeuvre) -> FlightRecord:
+    def centre(self, flown: FlightRecord | Refusal, manoeuvre: Manoeuvre) -> FlightRecord:
         """Return the flight that is differentiated.
 
         Raises:
             TestbenchError: it could not begin, or ended before its time.
         """
-        if isinstance(flown, TestbenchError):
+        if isinstance(flown, Refusal):
             raise flown
         if flown.outcome == "aborted":
             raise aborted(flown, self.aircraft.name, manoeuvre.name, self.log_rate_hz)
@@ -365,9 +363,9 @@ class _Rungs:
     errors: FloatArray
 
 
-def _aligned(found: FlightRecord | TestbenchError, centre: FlightRecord) -> FloatArray | None:
+def _aligned(found: FlightRecord | Refusal, centre: FlightRecord) -> FloatArray | None:
     """Return the samples (n, m) of a flight beside the centre, angles without a full turn between; None if it ended."""
-    if isinstance(found, TestbenchError) or len(found) != len(centre):
+    if isinstance(found, Refusal) or len(found) != len(centre):
         return None
     turns = np.round((found.data - centre.data) / (2.0 * np.pi))
     angles = np.array([channel(n).unit == "rad" for n in centre.channels])
@@ -392,7 +390,7 @@ def _checked(points: _Points, manoeuvre: Manoeuvre) -> tuple[Tangents, _Rungs]:
     found = [_Ladder.of(points.parameters[k], centre, [rung[k] for rung in ladder]) for k in range(p)]
     for one, k in zip(found, range(p), strict=True):
         if one is None:
-            first = next((f for f in flown[1 + 2 * k :: 2 * p] if isinstance(f, TestbenchError)), None)
+            first = next((f for f in flown[1 + 2 * k :: 2 * p] if isinstance(f, Refusal)), None)
             why = f": {first}" if first is not None else ", as its flights end before their time"
             raise LimitError(f"{points.parameters[k].name} cannot be moved from {x[k]:g} to either side{why}")
     good = [one for one in found if one is not None]
@@ -561,7 +559,7 @@ def _forward(points: _Points, manoeuvres: Sequence[Manoeuvre], known: Sequence[_
         for k, found in enumerate(mine[1:]):
             end = _aligned(found, centre)
             if end is None:
-                why = f": {found}" if isinstance(found, TestbenchError) else ""
+                why = f": {found}" if isinstance(found, Refusal) else ""
                 raise LimitError(
                     f"{manoeuvre.name} cannot be flown with {points.parameters[k].name} at {x[k] + steps[k]:g}{why}; "
                     "check all flights"

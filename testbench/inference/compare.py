@@ -322,7 +322,8 @@ class _Fit:
     at: Mapping[int, float] = field(default_factory=dict)  # place in KAPPAS -> ln of the evidence there
     correction: float = 0.0  # of the evidence, by bounds and by importance samples
     effective: float = 1.0
-    flown: dict[tuple[int, bytes], FloatArray] = field(default_factory=dict)  # predictions; flights cost most
+    flown: dict[tuple[FlightRecord, bytes], FloatArray] = field(default_factory=dict)  # predictions; they cost most
+    measured: dict[FlightRecord, tuple[FloatArray, Any]] = field(default_factory=dict)  # per standard deviation
     pulsed: dict[int, int] = field(default_factory=dict)  # number of a record -> gusts among its own columns
 
     @classmethod
@@ -439,7 +440,7 @@ class _Fit:
         return means_of(self.hypothesis.parameters) - self.theta
 
     def _predicted(self, record: FlightRecord, theta: FloatArray) -> FloatArray:
-        key = id(record), theta.tobytes()
+        key = record, theta.tobytes()
         if key not in self.flown:
             y = np.asarray(self.hypothesis.predict(record, self.hypothesis.at(theta)), dtype=float)
             wanted = (len(record), len(self.noise.channels))
@@ -451,9 +452,11 @@ class _Fit:
         return self.flown[key]
 
     def _measured(self, record: FlightRecord) -> tuple[FloatArray, Any]:
-        columns = [record[c] for c in self.noise.channels]
-        valid = np.column_stack([record.valid[:, record.channels.index(c)] for c in self.noise.channels])
-        return np.column_stack(columns) / np.array(list(self.noise.std.values())), valid
+        if record not in self.measured:
+            at = [record.channels.index(c) for c in self.noise.channels]
+            z = np.column_stack([record[c] for c in self.noise.channels]) / np.array(list(self.noise.std.values()))
+            self.measured[record] = z, record.valid[:, at]
+        return self.measured[record]
 
     def _linearised(self, theta: FloatArray) -> _Fit:
         """Return the fit about a point."""

@@ -87,7 +87,7 @@ class Page:
                 which the page becomes a part.
 
         Raises:
-            RecordError: the folder cannot be written to.
+            WriteError: the folder cannot be written to.
         """
         if isinstance(folder, ResultFolder):
             made = [path.relative_to(folder.new) for path in self._write_into(folder.new)]

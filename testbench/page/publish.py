@@ -158,7 +158,7 @@ def publish(plate: Plate, folder: Path, how: Publication) -> list[Path]:
     """Write a figure in each format, its data as NAME.csv and NAME.py, which draws it from them; return the paths.
 
     Raises:
-        RecordError: the folder cannot be written to.
+        WriteError: the folder cannot be written to.
         EstimationError: LaTeX fails at a text.
     """
     from matplotlib import rc_context

@@ -74,6 +74,14 @@ class Server(ThreadingHTTPServer):
         names = (HOST, "localhost", "[::1]")
         return tuple(f"{n}:{self.server_port}" for n in names) + (names if self.server_port == 80 else ())
 
+    def until_ended(self) -> None:
+        """Say where it is to be found, and serve until Ctrl-C or a signal of the system."""
+        print(f"Open http://{HOST}:{self.server_port}/ in a browser; Ctrl-C ends.", flush=True)
+        try:
+            self.serve_forever()
+        except KeyboardInterrupt:
+            print("Ended.")
+
     def process_request(self, request: Any, client_address: Any) -> None:
         """Serve a connection in a thread of its own, if there is room for one."""
         if not self._room.acquire(blocking=False):

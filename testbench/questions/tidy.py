@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from testbench.core.door import checked
 from testbench.core.errors import RecordError
+from testbench.core.store import settle
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -150,7 +151,7 @@ def read_results(folder: Path | str) -> pd.DataFrame:
     from testbench.questions.campaign.store import FILE
     from testbench.questions.campaign.tidy import tidy_store
 
-    folder = Path(folder)
+    folder = settle(Path(folder))
     if (folder / FILE).is_file():
         parts = list(tidy_store(folder))
         return _joined(parts) if parts else pd.DataFrame(columns=list(COLUMNS))

@@ -62,7 +62,7 @@ DOUBLET = 0.1  # of the elevator's throw
 def study(name: str) -> dict[str, str]:
     """Return the row of one model."""
     from testbench.aircraft.source import find_model, read_source
-    from testbench.core.errors import TestbenchError
+    from testbench.core.errors import Refusal
     from testbench.core.paths import stock_root
     from testbench.flight import trim
     from testbench.flight.adopt import adopt
@@ -76,7 +76,7 @@ def study(name: str) -> dict[str, str]:
         if path is None:
             return row | {"status": "the folder holds no JSBSim model"}
         adopted = adopt(read_source(path))
-    except TestbenchError as error:
+    except Refusal as error:
         return row | {"status": str(error).replace("\n", " ").replace(str(root), "JSBSim")}
     trimmed = adopted.trimmed
     condition = trimmed.condition
@@ -157,19 +157,19 @@ def beside_jsbsim(adopted, root: Path) -> str:
 
 def doubling(adopted) -> str:
     """Return the time to double of the fastest unstable motion, s."""
-    from testbench.core.errors import TestbenchError
+    from testbench.core.errors import Refusal
     from testbench.flight import linearise
 
     try:
         worst = float(np.max(linearise(adopted.aircraft, adopted.trimmed).poles().real))
-    except TestbenchError as error:
+    except Refusal as error:
         return f"not linearised: {type(error).__name__}"
     return "stable" if worst <= 1e-4 else f"{np.log(2.0) / worst:.3g}"
 
 
 def flown(adopted) -> str:
     """Return how a flight with a doublet in the elevator ended."""
-    from testbench.core.errors import TestbenchError
+    from testbench.core.errors import Refusal
     from testbench.flight import Manoeuvre, fly
     from testbench.flight.simulate import FlightAborted
     from testbench.inputs.signal import InputSignal
@@ -187,7 +187,7 @@ def flown(adopted) -> str:
         fly(aircraft, trimmed, Manoeuvre("doublet", InputSignal(t, u[:, None], (name,)), settle_s=0.0), 50.0)
     except FlightAborted as error:
         return f"ended after {error.time_s:.1f} s: {error.reason}"
-    except TestbenchError as error:
+    except Refusal as error:
         return str(error)
     return "completed"
 
@@ -196,7 +196,7 @@ def in_batch(name: str) -> str:
     """Return how a translation of the model departs from JSBSim in 20 s, of a channel's range, or why it has none."""
     import warnings
 
-    from testbench.core.errors import TestbenchError
+    from testbench.core.errors import Refusal
     from testbench.flight import FlightCondition, load_aircraft, trim
     from testbench.flight.batch.check import judged
 
@@ -205,7 +205,7 @@ def in_batch(name: str) -> str:
             warnings.simplefilter("ignore")
             aircraft = load_aircraft(f"jsbsim:{name}")
         found = judged(aircraft, trim(aircraft, FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m)))
-    except TestbenchError as error:
+    except Refusal as error:
         return str(error)
     return found.reason if found.model is None else f"{found.worst:.0e}"
 

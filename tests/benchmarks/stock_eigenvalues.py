@@ -26,7 +26,7 @@ import numpy as np
 from smallest import sized
 
 import testbench as tb
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.paths import stock_names, stock_root
 from testbench.flight.executive import Executive
 from testbench.flight.trim import place_at_trim
@@ -220,7 +220,7 @@ def compare(name: str) -> dict[str, str]:
         aircraft = tb.load_aircraft(f"jsbsim:{name}")
         trimmed = tb.trim(aircraft, tb.FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m))
         ours = our_matrix(tb.linearise(aircraft, trimmed))
-    except TestbenchError as error:
+    except Refusal as error:
         return row | {"note": str(error)}
     theirs, notes = stock_matrix(name, aircraft, trimmed)
     for plane, states in _PLANES.items():

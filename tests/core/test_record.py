@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from testbench.core.channels import modal_channels
-from testbench.core.errors import ChannelError, RecordError
+from testbench.core.errors import ChannelError, RecordError, WriteError
 from testbench.core.record import FORMAT, FlightRecord, load_record
 
 
@@ -183,7 +183,7 @@ def test_parquet_holds_columns_units_and_nulls(tmp_path):
 def test_a_path_that_cannot_be_written_is_one_clear_error(save, tmp_path):
     needs(save)
     (tmp_path / "file").write_text("")
-    with pytest.raises(RecordError, match="folder that can be written to"):
+    with pytest.raises(WriteError, match="folder that can be written to"):
         getattr(make(), save)(tmp_path / "file" / "record")
 
 

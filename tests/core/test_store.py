@@ -14,7 +14,7 @@ import pytest
 from killed import killed_at
 
 from testbench.core.door import checked
-from testbench.core.errors import BusyError, DiskError, RecordError
+from testbench.core.errors import BusyError, DiskError, RecordError, WriteError
 from testbench.core.interrupts import ended_by_signals, held_back
 from testbench.core.paths import SUITES
 from testbench.core.store import (
@@ -63,7 +63,7 @@ def test_a_result_replaces_what_its_manifest_lists_and_nothing_else(tmp_path):
 
 def test_a_file_that_no_manifest_lists_is_not_replaced_and_the_new_result_is_kept(tmp_path):
     (tmp_path / "whole.nc").write_text("mine")
-    with pytest.raises(RecordError, match=r"no manifest lists '.*whole.nc'; the new result is in '.*result'"):
+    with pytest.raises(WriteError, match=r"no manifest lists '.*whole.nc'; the new result is in '.*result'"):
         write(tmp_path, whole_nc="theirs", a_toml="1")
     assert files(tmp_path) == {"whole.nc": "mine", "result/whole.nc": "theirs", "result/a.toml": "1"}
     assert set(manifest_of(tmp_path / "result").files) == {"whole.nc", "a.toml"}
@@ -71,7 +71,7 @@ def test_a_file_that_no_manifest_lists_is_not_replaced_and_the_new_result_is_kep
 
 def test_a_page_that_no_manifest_lists_is_refused_before_anything_is_computed(tmp_path):
     (tmp_path / PAGE).write_text("mine")
-    with pytest.raises(RecordError, match="no manifest lists"):
+    with pytest.raises(WriteError, match="no manifest lists"):
         ResultFolder(tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == [PAGE]
 
@@ -139,7 +139,7 @@ def test_a_live_file_is_listed_and_survives_the_next_result(tmp_path):
         assert place.live("runs.sqlite").read_text() == "run 2"
     assert files(tmp_path) == {"runs.sqlite": "run 2"}
     (tmp_path / "mine.sqlite").write_text("mine")
-    with ResultFolder(tmp_path) as place, pytest.raises(RecordError, match="no manifest lists"):
+    with ResultFolder(tmp_path) as place, pytest.raises(WriteError, match="no manifest lists"):
         place.live("mine.sqlite")
 
 
@@ -250,10 +250,10 @@ def test_links_do_not_lead_results_out_of_their_folder(tmp_path):
     (outside / NEW / "mine.txt").write_text("mine")
     folder.mkdir()
     os.symlink(outside, folder / "tables")
-    with pytest.raises(RecordError, match="a symbolic link to"):
+    with pytest.raises(WriteError, match="a symbolic link to"):
         write(folder, tables__a_csv="1")
     os.symlink(outside, folder / OWN)
-    with pytest.raises(RecordError, match="a symbolic link to"):
+    with pytest.raises(WriteError, match="a symbolic link to"):
         ResultFolder(folder)
     assert files(outside) == {f"{NEW}/mine.txt": "mine"}
 

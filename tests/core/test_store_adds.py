@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from testbench.core import store
-from testbench.core.errors import BusyError, RecordError
+from testbench.core.errors import BusyError, WriteError
 from testbench.core.store import NEW, OWN, ResultFolder, locked, manifest_of, write_beside
 
 
@@ -38,7 +38,7 @@ def test_one_file_beside_a_users_own(tmp_path):
     (tmp_path / "mine.csv").write_text("mine")
     for text in ("1", "2"):
         assert write_beside(tmp_path / "r.csv", lambda path, text=text: path.write_text(text)) == tmp_path / "r.csv"
-    with pytest.raises(RecordError, match=r"no manifest lists '.*mine\.csv'"):
+    with pytest.raises(WriteError, match=r"no manifest lists '.*mine\.csv'"):
         write_beside(tmp_path / "mine.csv", lambda path: path.write_text("3"))
     assert {p.name: p.read_text() for p in tmp_path.iterdir() if p.is_file()} == {
         "report.html": "mine", "mine.csv": "mine", "r.csv": "2",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from testbench.core.errors import DiskError, RecordError
+from testbench.core.errors import DiskError, WriteError
 from testbench.core.files import mat_bytes, write_file
 
 
@@ -38,7 +38,7 @@ def test_what_fails_half_way_leaves_the_file_as_it_was(tmp_path):
 
 def test_a_file_where_a_folder_should_be_is_said(tmp_path):
     write_file(tmp_path / "a", "")
-    with pytest.raises(RecordError, match=r"results must go to a folder .*a/b': .*; give another folder"):
+    with pytest.raises(WriteError, match=r"results must go to a folder .*a/b': .*; give another folder"):
         write_file(tmp_path / "a" / "b", "")
 
 

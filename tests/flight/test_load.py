@@ -10,7 +10,7 @@ import pytest
 from killed import killed_at, shown, whole
 
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import ModelError, RecordError, ScenarioError
+from testbench.core.errors import ModelError, ScenarioError, WriteError
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, resolve, stock_root
 from testbench.flight import FlightCondition, load_aircraft, trim
 from testbench.flight.load import AircraftNote, adopted_at
@@ -164,7 +164,7 @@ def test_adopting_twice_keeps_what_was_edited_and_an_aircraft_of_the_users_own_i
     own = tmp_path / "own" / "aircraft.toml"
     own.parent.mkdir()
     own.write_text("mine")
-    with pytest.raises(RecordError, match=r"no manifest lists '.*aircraft\.toml'"):
+    with pytest.raises(WriteError, match=r"no manifest lists '.*aircraft\.toml'"):
         write_adopted(adopted, own.parent)
     assert [p.read_text() for p in own.parent.iterdir()] == ["mine"]
 

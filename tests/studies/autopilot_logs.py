@@ -22,7 +22,7 @@ from clock import since
 from flown_logs import LOGS, THROWS, fly, truth
 from smallest import results, sized
 
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.ask import import_log, write_import
@@ -44,7 +44,7 @@ def of_seed(seed: int, axes: tuple[str, ...] = ("longitudinal", "lateral")) -> l
                 head = {"format": kind, "axis": axis, "seed": seed}
                 try:
                     result = identify(RecordDescription.load(found))
-                except TestbenchError as error:
+                except Refusal as error:
                     rows.append({**head, "derivative": "", "advice": str(error)})
                     continue
                 for d in result.derivatives:

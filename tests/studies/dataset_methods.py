@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import testbench as tb
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
 from testbench.estimators.prepare import prepare
 from testbench.estimators.regression.data import Recipe, RegressionData, polynomial_terms
@@ -66,7 +66,7 @@ def by_output_error(flights: Any, draw: int) -> Iterator[Answer]:
     """Yield what output error finds; nothing where it fails or says itself that its model must not be used."""
     try:
         model = tb.estimate("output_error", records_of(flights, draw), ["de"], list(OUTPUTS), structure="longitudinal")
-    except TestbenchError:
+    except Refusal:
         return
     if model.status == "wrong":
         return
@@ -85,7 +85,7 @@ def by_stepwise(flights: Any, draw: int) -> Iterator[Answer]:
         data.append(RegressionData(record.t_s, names, values, valid, {}, Recipe()))
     try:
         found = stepwise(data, "qdot", polynomial_terms(("alpha", "q", "de", "V"), 2)).result
-    except TestbenchError:
+    except Refusal:
         return
     known = dict(zip(found.terms, zip(found.params, found.std_corrected, strict=True), strict=True))
     for name in FIGURES:

@@ -30,6 +30,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from smallest import build, sized
 
+from testbench.core.store import OWN
+
 ROOT = Path(__file__).resolve().parents[2]
 KEPT = build("same_bytes")
 NUMBERS = {".nc": "records", ".csv": "tables", ".json": "tables and models", ".jsonl": "rows", ".toml": "scenarios"}
@@ -111,7 +113,7 @@ def hashes(folder: Path) -> dict[str, str]:
     return {
         p.relative_to(folder).as_posix(): hashlib.sha256(_numbers(p)).hexdigest()
         for p in sorted(folder.rglob("*"))
-        if p.is_file() and p.suffix != ".done"
+        if p.is_file() and p.suffix != ".done" and OWN not in p.parts  # a manifest tells command and version
     }
 
 

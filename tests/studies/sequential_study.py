@@ -27,7 +27,7 @@ from studies.kept_rows import read_rows, write_rows
 from studies.promise_study import DESIGNS
 from studies.robust_study import STATED
 
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.scenario.base import Preparation
 from testbench.core.schema import parse
 from testbench.estimators.prepare import prepared
@@ -107,7 +107,7 @@ def flown(truth: Range, envelope: Envelope, designed: Design, by: Range, number:
     channels = (*(n for s in truth.suite.sensors for n in s.needs), *envelope.channels)
     ((record,),) = truth.fly_each([designed], truth.airs(number, 1), channels)
     if isinstance(record, str):
-        raise TestbenchError(record)
+        raise Refusal(record)
     met = bool(np.max(envelope.shares(record)) > 1.0)
     measured = prepared(truth.suite.measure(record, truth.seed + number), by.problem.start_s, Preparation())
     with np.errstate(all="ignore"):
@@ -189,7 +189,7 @@ def main() -> None:
                 continue
             try:
                 rows += rows_of(name, trial)
-            except TestbenchError as error:  # no flight, or no estimate: the trial is lost for all ways
+            except Refusal as error:  # no flight, or no estimate: the trial is lost for all ways
                 rows.append({**dict.fromkeys(COLUMNS, ""), "design": name, "trial": trial, "way": f"lost: {error}"})
             print(name, trial, rows[-1]["way"], flush=True)
             write_rows(asked.out, COLUMNS, rows)

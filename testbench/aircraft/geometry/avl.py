@@ -14,7 +14,7 @@ from pathlib import Path
 from testbench.aircraft.geometry.airfoils import Airfoil, airfoil, naca, normalised
 from testbench.aircraft.geometry.shape import Flap, LiftingSurface, Moved, Role, Station
 from testbench.core.door import read_text
-from testbench.core.errors import ScenarioError, TestbenchError, nearest
+from testbench.core.errors import Refusal, ScenarioError, nearest
 
 _KEYWORDS = {
     "SURF": "SURFACE", "COMP": "COMPONENT", "INDE": "COMPONENT", "YDUP": "YDUPLICATE", "SCAL": "SCALE",
@@ -271,7 +271,7 @@ def _of_section(lines: _Lines, key: str, words: list[str], surface: _Surface, no
     else:
         try:
             section.airfoil = _coordinates(lines, key)
-        except TestbenchError as error:
+        except Refusal as error:
             if lines.path.name in error.message:
                 raise
             raise lines.fault(error.message) from error

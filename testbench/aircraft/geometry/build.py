@@ -49,7 +49,7 @@ class Made:
         """Write the folder and return the paths; aircraft.toml, which makes it an aircraft, comes last.
 
         Raises:
-            RecordError: the folder cannot be written to.
+            WriteError: the folder cannot be written to.
         """
         copied = {name: read_bytes(path, "geometry") for name, path in self.copies.items()}
         out = [write_file(folder / name, content) for name, content in copied.items()]

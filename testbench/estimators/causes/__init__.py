@@ -33,7 +33,7 @@ import numpy as np
 
 from testbench.core.advice import Advice, ranked
 from testbench.core.blas import on_one_thread
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
 from testbench.estimators.causes.found import Found, in_words
 from testbench.estimators.causes.leavings import busiest, gather
@@ -68,7 +68,7 @@ def with_causes(model: IdentifiedModel, records: Sequence[FlightRecord]) -> Iden
         return model
     try:
         advice, causes = _named(model, list(records), found)
-    except TestbenchError:  # it diverges over its records, as its own advice says, or too few samples follow each other
+    except Refusal:  # it diverges over its records, as its own advice says, or too few samples follow each other
         return model
     if not advice:
         return model

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from testbench.core.advice import ranked
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.record import FloatArray
 from testbench.estimators.causes import feedback
 from testbench.estimators.causes.board import (
@@ -207,7 +207,7 @@ def _tried(model: IdentifiedModel, from_: _Best, nuisances: list[FloatArray]) ->
             return None
         reached = regress_from(data.parts, nuisances, [s.v for s in data.parts]).criterion
         return _Best(model, found, data, _stepped(data, nuisances)), reached
-    except (TestbenchError, np.linalg.LinAlgError):
+    except (Refusal, np.linalg.LinAlgError):
         return None
 
 
@@ -410,7 +410,7 @@ def _in_white(model: IdentifiedModel, first: _Best) -> _Best | None:
             return None
         b, left = regress_plainly(data.parts, data.slopes)
         return _Best(model, found, data, first.fit._replace(b=b, std=np.zeros(len(b)), left=left))
-    except (TestbenchError, np.linalg.LinAlgError):
+    except (Refusal, np.linalg.LinAlgError):
         return None
 
 

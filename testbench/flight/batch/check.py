@@ -27,7 +27,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
 from testbench.core.door import read_json
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.batch.compiled import SOURCES
 from testbench.flight.batch.jobs import BATCH, Job, Tally
@@ -181,7 +181,7 @@ def _verdict(model: BatchModel, trimmed: Callable[[], TrimmedFlight]) -> Judged:
     """Return the verdict on a model, from disk if there is one."""
     kept = _place(model)
     if kept is not None and kept.is_file():
-        with suppress(TestbenchError, ValueError, KeyError, TypeError):
+        with suppress(Refusal, ValueError, KeyError, TypeError):
             known = read_json(kept, "model")
             worst, name = float(known["worst"]), str(known["channel"])
             return _of(model, worst, name)
@@ -245,10 +245,10 @@ def compared(model: BatchModel, trimmed: TrimmedFlight) -> tuple[float, str]:
             if error.record is None or len(error.record) * 4 < _DURATION_S * job.log_rate_hz:
                 continue
             truth = error.record
-        except TestbenchError as error:
+        except Refusal as error:
             return math.nan, str(error)
         record = fly_block([job], [model], Tally())[0]
-        if isinstance(record, TestbenchError):
+        if isinstance(record, Refusal):
             return math.nan, str(record)
         if record.provenance.get("simulator") != BATCH:
             return math.nan, "the flight that compares it with JSBSim comes near the ground"

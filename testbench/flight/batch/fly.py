@@ -15,7 +15,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.constants import FT_M
-from testbench.core.errors import LimitError, TestbenchError, nearest
+from testbench.core.errors import LimitError, Refusal, nearest
 from testbench.core.processes import spread
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.air import Air
@@ -94,7 +94,7 @@ def fly_many(
     jobs = [Job(a, t, m, log_rate_hz, wanted, blowing, begun) for a, t, m, blowing, begun in of]
     out = []
     for record in fly_jobs(jobs, simulator):
-        if isinstance(record, TestbenchError):
+        if isinstance(record, Refusal):
             raise record
         out.append(record)
     return out
@@ -106,7 +106,7 @@ def _each(x: T | Sequence[T], n: int) -> Sequence[T]:
 
 def fly_jobs(
     jobs: Sequence[Job], simulator: Simulator = "auto", flown: Tally | None = None, fewest: int = FEWEST
-) -> list[FlightRecord | TestbenchError]:
+) -> list[FlightRecord | Refusal]:
     """Fly every job; one that breaks a law is its error.
 
     What JSBSim must fly is dealt to the processes that may be used (:func:`testbench.core.processes.processes`).
@@ -123,7 +123,7 @@ def fly_jobs(
             f"{nearest(simulator, get_args(Simulator))}"
         )
     flown = flown or Tally()
-    out: list[FlightRecord | TestbenchError | None] = [None] * len(jobs)
+    out: list[FlightRecord | Refusal | None] = [None] * len(jobs)
     groups: dict[object, list[tuple[int, _Ready]]] = {}
     verdicts: dict[tuple[int, int], Judged] = {}  # one for all flights of an aircraft from a trim
     one_by_one: dict[int, tuple[Job, str]] = {}
@@ -136,7 +136,7 @@ def fly_jobs(
             if key not in verdicts:
                 try:
                     verdicts[key] = judged(job.aircraft, job.trimmed)
-                except TestbenchError as error:
+                except Refusal as error:
                     out[i] = error
                     continue
             found = verdicts[key]
@@ -148,7 +148,7 @@ def fly_jobs(
             continue
         try:
             ready = _Ready.of(job, model)
-        except TestbenchError as error:
+        except Refusal as error:
             out[i] = error
             continue
         groups.setdefault(ready.group, []).append((i, ready))
@@ -159,7 +159,7 @@ def fly_jobs(
             block = group[k : k + LANES]
             try:
                 records = _fly_block([x for _, x in block], flown)
-            except TestbenchError as error:  # JSBSim, which knows how engines begin, refuses to begin one of them
+            except Refusal as error:  # JSBSim, which knows how engines begin, refuses to begin one of them
                 _fly_one_by_one({i: (x.job, f"a flight beside it cannot begin: {error}") for i, x in block}, flown, out)
                 continue
             for (i, _), record in zip(block, records, strict=True):
@@ -179,7 +179,7 @@ def fly_jobs(
 
 def fly_stream(
     jobs: Iterable[Job], simulator: Simulator = "auto", flown: Tally | None = None, at_once: int = AT_ONCE
-) -> Iterator[FlightRecord | TestbenchError]:
+) -> Iterator[FlightRecord | Refusal]:
     """Fly jobs one block after the other and yield what came of each, in their order.
 
     Jobs are taken as they are flown and records given away as they are made: memory does not grow with the number of
@@ -214,12 +214,12 @@ def fly_stream(
         fewest = 1  # of the last block: how many flights there are decides once
 
 
-def _by_batch(record: FlightRecord | TestbenchError | None) -> bool:
+def _by_batch(record: FlightRecord | Refusal | None) -> bool:
     return isinstance(record, FlightRecord) and record.provenance.get("simulator") == BATCH
 
 
 def _fly_one_by_one(
-    jobs: Mapping[int, tuple[Job, str]], flown: Tally, out: list[FlightRecord | TestbenchError | None]
+    jobs: Mapping[int, tuple[Job, str]], flown: Tally, out: list[FlightRecord | Refusal | None]
 ) -> None:
     """Let JSBSim fly jobs, each beside why it must; adds what comes of each to ``out``, at its place."""
     for i, record in zip(jobs, spread([partial(_by_jsbsim, *job) for job in jobs.values()]), strict=True):
@@ -228,14 +228,14 @@ def _fly_one_by_one(
         flown.by_jsbsim(reason)
 
 
-def _by_jsbsim(job: Job, reason: str) -> FlightRecord | TestbenchError:
+def _by_jsbsim(job: Job, reason: str) -> FlightRecord | Refusal:
     try:
         record = job.flown_by_jsbsim()
     except FlightAborted as error:
         if error.record is None:
             return error
         record = error.record
-    except TestbenchError as error:
+    except Refusal as error:
         return error
     return replace(record, provenance={**record.provenance, "simulator": f"{JSBSIM}{reason}"})
 
@@ -281,12 +281,12 @@ class _Ready:
         return id(self.model.program), self.step, self.logged, self.job.log_rate_hz
 
 
-def fly_block(jobs: Sequence[Job], models: Sequence[BatchModel], flown: Tally) -> list[FlightRecord | TestbenchError]:
+def fly_block(jobs: Sequence[Job], models: Sequence[BatchModel], flown: Tally) -> list[FlightRecord | Refusal]:
     """Fly up to LANES flights of one program, each by the model given for it, whether judged or not."""
     return _fly_block([_Ready.of(job, model) for job, model in zip(jobs, models, strict=True)], flown)
 
 
-def _fly_block(lanes: Sequence[_Ready], flown: Tally) -> list[FlightRecord | TestbenchError]:
+def _fly_block(lanes: Sequence[_Ready], flown: Tally) -> list[FlightRecord | Refusal]:
     model, step, names = lanes[0].model, lanes[0].step, lanes[0].logged
     R = placed([x.model for x in lanes], [x.job.beginning for x in lanes])
     controls = tuple(dict.fromkeys(n for x in lanes for n in x.job.manoeuvre.signal.channels))
@@ -308,7 +308,7 @@ def _fly_block(lanes: Sequence[_Ready], flown: Tally) -> list[FlightRecord | Tes
         np.array([x.register for x in limits], np.int64), np.stack([x.low for x in limits]),
         np.stack([x.high for x in limits]), left, broken, value, 1,
     )  # fmt: skip
-    out: list[FlightRecord | TestbenchError | None] = [None] * len(lanes)
+    out: list[FlightRecord | Refusal | None] = [None] * len(lanes)
     beyond: dict[int, tuple[Job, str]] = {}
     for lane, ready in enumerate(lanes):
         count = (ready.u.shape[0] - 1) // step + 1
@@ -410,7 +410,7 @@ def _scratch(use: str, shape: tuple[int, ...]) -> FloatArray:
     return _ARRAYS[key][:size].reshape(shape)
 
 
-def _record(ready: _Ready, data: FloatArray, reason: str) -> FlightRecord | TestbenchError:
+def _record(ready: _Ready, data: FloatArray, reason: str) -> FlightRecord | Refusal:
     job = ready.job
     provenance = provenance_of(job.aircraft, job.trimmed, job.manoeuvre, job.air, job.start) | {"simulator": BATCH}
     try:

@@ -10,7 +10,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.channels import CONTROLS
 from testbench.core.constants import FT_M
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.processes import spread
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.batch import registers as r
@@ -30,7 +30,7 @@ _ACCELERATIONS = np.array([FT_M, FT_M, FT_M, 1.0, 1.0, 1.0])
 
 def linearise_many(
     aircraft: Sequence[Aircraft], trimmed: Sequence[TrimmedFlight], simulator: Simulator = "auto"
-) -> list[LinearModel | TestbenchError]:
+) -> list[LinearModel | Refusal]:
     """Linearise every aircraft about its trim, as :func:`testbench.flight.linearise` would.
 
     JSBSim's values at one point remember those at the one before in the last of nine digits, where lift depends on
@@ -44,12 +44,12 @@ def linearise_many(
     Returns:
         For each flight its linear model, or why there is none.
     """
-    out: list[LinearModel | TestbenchError | None] = []
+    out: list[LinearModel | Refusal | None] = []
     for each, at in zip(aircraft, trimmed, strict=True):
         try:
             found = None if simulator == "jsbsim" else _model(each, at)
             out.append(None if found is None else _in_blocks(*found, at))
-        except TestbenchError as error:
+        except Refusal as error:
             out.append(error)
     rest = [i for i, result in enumerate(out) if result is None]
     by_jsbsim = spread([partial(_by_jsbsim, aircraft[i], trimmed[i]) for i in rest])
@@ -61,10 +61,10 @@ def _in_blocks(model: BatchModel, layout: Layout, trimmed: TrimmedFlight) -> Lin
     return layout.model(_values(model, layout, layout.points(layout.trim_of(trimmed))))
 
 
-def _by_jsbsim(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel | TestbenchError:
+def _by_jsbsim(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel | Refusal:
     try:
         return linearise(aircraft, trimmed)
-    except TestbenchError as error:
+    except Refusal as error:
         return error
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.constants import FT_M
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.processes import spread
 from testbench.core.record import FloatArray
 from testbench.flight.air import Air
@@ -45,7 +45,7 @@ def trim_many(
     airs: Sequence[Air | None] | None = None,
     simulator: Simulator = "auto",
     near: Callable[[int], Near | None] | None = None,
-) -> list[TrimmedFlight | TestbenchError]:
+) -> list[TrimmedFlight | Refusal]:
     """Trim every aircraft at its condition, as :func:`testbench.flight.trim` would.
 
     What does not come to an equilibrium in the batch is trimmed by JSBSim, which says why there is none; by all
@@ -70,7 +70,7 @@ def trim_many(
         >>> trims[0].alpha > trims[1].alpha
         True
     """
-    out: list[TrimmedFlight | TestbenchError | None] = [None] * len(aircraft)
+    out: list[TrimmedFlight | Refusal | None] = [None] * len(aircraft)
     blowing = airs or [None] * len(aircraft)
     groups: dict[int, list[tuple[int, BatchModel]]] = {}
     for i, (each, condition) in enumerate(zip(aircraft, conditions, strict=True)):
@@ -80,7 +80,7 @@ def trim_many(
                 at_rest = partial(trim, each, condition, rate_hz, blowing[i])
                 model = judged_at(each, rate_hz or each.rate_hz, condition, at_rest).model
                 model = None if model is None or model.settles else model  # JSBSim brings propellers to rest
-        except TestbenchError as error:
+        except Refusal as error:
             out[i] = error
             continue
         if model is not None:
@@ -99,22 +99,22 @@ def trim_many(
 
 def _by_jsbsim(
     aircraft: Aircraft, condition: FlightCondition, rate_hz: float | None, air: Air | None, near: Near | None
-) -> TrimmedFlight | TestbenchError:
+) -> TrimmedFlight | Refusal:
     begin, slopes = near or (None, None)
     try:
         return trim(aircraft, condition, rate_hz, air, begin, slopes=slopes)
-    except TestbenchError as error:
+    except Refusal as error:
         return error
 
 
 def _trimmed(
     models: Sequence[BatchModel], conditions: Sequence[FlightCondition], airs: Sequence[Air | None]
-) -> list[TrimmedFlight | TestbenchError | None]:
+) -> list[TrimmedFlight | Refusal | None]:
     """Trim flights of one program; None for one that does not come to rest."""
     problem = _Problem(models, conditions, airs)
     x, done = problem.newton()
     residual, state = problem.at_rest(x)
-    out: list[TrimmedFlight | TestbenchError | None] = []
+    out: list[TrimmedFlight | Refusal | None] = []
     for i, (model, condition) in enumerate(zip(models, conditions, strict=True)):
         if not (done[i] and np.max(np.abs(residual[:, i])) < TOLERANCE):
             out.append(None)
@@ -127,7 +127,7 @@ def _trimmed(
                     dict(zip(model.channels, map(float, state[:, i] * model.factors), strict=True)),
                 )
             )  # fmt: skip
-        except TestbenchError as error:
+        except Refusal as error:
             out.append(error)
     return out
 

@@ -33,7 +33,7 @@ def write_adopted(adopted: Adopted, folder: Path | ResultFolder) -> list[Path]:
 
     Raises:
         BusyError: another process writes into the folder.
-        RecordError: it has an aircraft.toml that the testbench did not write, or cannot be written to.
+        WriteError: it has an aircraft.toml that the testbench did not write, or cannot be written to.
     """
     if not isinstance(folder, ResultFolder):
         with ResultFolder(folder) as place:

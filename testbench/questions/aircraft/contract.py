@@ -10,7 +10,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD, PERCENT
 from testbench.core.contract import Law
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
 from testbench.flight import FlightCondition, TrimmedFlight, linearise, trim
 from testbench.flight.check import DEPARTED
@@ -51,7 +51,7 @@ def aircraft_laws(aircraft: Aircraft) -> list[Law]:
 def _tried(action: Callable[[], Made]) -> tuple[Made | None, str]:
     try:
         return action(), ""
-    except TestbenchError as error:
+    except Refusal as error:
         return None, error.message
 
 

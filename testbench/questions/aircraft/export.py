@@ -21,7 +21,7 @@ def export_aircraft(aircraft: Aircraft, name: str, folder: Path | str) -> list[P
 
     Raises:
         BusyError: another process writes into the folder.
-        RecordError: the folder cannot be written to, or has such a file that the testbench did not write.
+        WriteError: the folder cannot be written to, or has such a file that the testbench did not write.
     """
     condition = FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m)
     rate = aircraft.rate_hz

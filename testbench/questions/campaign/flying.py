@@ -19,7 +19,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.door import sha256
-from testbench.core.errors import CampaignError, ScenarioError, TestbenchError
+from testbench.core.errors import CampaignError, Refusal, ScenarioError, WriteError
 from testbench.core.record import FlightRecord
 from testbench.core.schema import parse
 from testbench.core.scratch import Scratch
@@ -193,8 +193,10 @@ class _Run:
         started = processor_s()
         try:
             yield
-        except TestbenchError as error:
+        except Refusal as error:
             self.reason = f"{type(error).__name__}: {error.message}"
+        except WriteError:  # no run is at fault
+            raise
         except (
             Exception
         ) as error:  # a fault of the program in one run of a million is a row of the table, with its place
@@ -299,7 +301,7 @@ def _prepare(
     """Make what a run needs before it flies, and the flights that it wants."""
     assert run_.scenario is not None
     trimmed = _TRIMS.known(key)  # of this batch at the latest, which is smaller than what is remembered
-    if isinstance(trimmed, TestbenchError):
+    if isinstance(trimmed, Refusal):
         raise trimmed
     truth: Truth | None = None
     if spec.truth:

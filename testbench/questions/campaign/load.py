@@ -15,7 +15,7 @@ from testbench import __version__
 from testbench.aircraft import Aircraft
 from testbench.core.bring import is_brought
 from testbench.core.door import read_text, read_toml, sha256
-from testbench.core.errors import ScenarioError, TestbenchError, nearest
+from testbench.core.errors import Refusal, ScenarioError, nearest
 from testbench.core.paths import find_scenario
 from testbench.core.schema import parse
 from testbench.estimators.brought import is_text, place, whole
@@ -219,7 +219,7 @@ def _check_grid(spec: CampaignSpec, content: Mapping[str, Any], file: Path) -> l
 def _attempt(action: Callable[[], Any], file: Path) -> list[str]:
     try:
         action()
-    except TestbenchError as error:
+    except Refusal as error:
         return [f"{file}: {error}"]
     return []
 

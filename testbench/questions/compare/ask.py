@@ -10,7 +10,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.blas import on_one_thread
-from testbench.core.errors import EstimationError, TestbenchError, located
+from testbench.core.errors import EstimationError, Refusal, located
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators import estimate
 from testbench.estimators.cells import contained, need_numbers
@@ -230,7 +230,7 @@ def _repeat(
             try:
                 with contained(method, scenario.identification.limit_s):
                     found = errors_of(known, need_numbers(make()), judge, list(clean.values()))
-            except TestbenchError as failure:  # a suite may lack a channel that a structure needs: a finding too
+            except Refusal as failure:  # a suite may lack a channel that a structure needs: a finding too
                 failures.append(Failure(case, repetition, failure.message))
                 continue
             for quantity, error in found.items():
@@ -252,7 +252,7 @@ def _flight_errors(
             structure = lagged_structure(known, sensors_of(suite, identification.outputs), identification.inputs)
             try:
                 out[spec.name, suite.name] = model_errors(known, best_estimate(record, structure, suite))
-            except TestbenchError:
+            except Refusal:
                 continue  # the repetitions say why
     return out
 

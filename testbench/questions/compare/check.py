@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft
-from testbench.core.errors import TestbenchError, nearest
+from testbench.core.errors import Refusal, nearest
 from testbench.flight import load_aircraft
 from testbench.information.aircraft_structure import parameter_names
 from testbench.information.modes import RIGID_MODES, elastic_modes
@@ -65,7 +65,7 @@ def _placement_faults(scenario: CompareScenario, aircraft: Aircraft) -> list[str
     assert asked is not None
     try:
         templates(asked)
-    except TestbenchError as error:
+    except Refusal as error:
         return [f"{scenario.file}, placement: {error}"]
     if aircraft.flown_modes() is None or not aircraft.flown_stations():
         return [f"{scenario.file}, placement: {aircraft.name} must have flexible wings with stations, it has none"]

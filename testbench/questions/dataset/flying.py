@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.core.errors import DatasetError, TestbenchError
+from testbench.core.errors import DatasetError, Refusal
 from testbench.core.record import FlightRecord
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight
 from testbench.flight.air import Air
@@ -89,7 +89,7 @@ def _fly(
     for i, drawn in enumerate(draws):
         try:
             ready.append((i, _prepared(scenario, drawn)))
-        except TestbenchError as error:
+        except Refusal as error:
             out[i] = _reason(error)
     rate = scenario.simulation.rate_hz
     trims = trim_many(
@@ -101,7 +101,7 @@ def _fly(
     )
     able: list[tuple[int, _Ready, TrimmedFlight]] = []
     for (i, x), at in zip(ready, trims, strict=True):
-        if isinstance(at, TestbenchError):
+        if isinstance(at, Refusal):
             out[i] = _reason(at)
         else:
             able.append((i, x, at))
@@ -166,16 +166,16 @@ def _rows(
     layout: Layout,
     x: _Ready,
     at: TrimmedFlight,
-    model: LinearModel | TestbenchError,
-    records: Sequence[FlightRecord | TestbenchError],
+    model: LinearModel | Refusal,
+    records: Sequence[FlightRecord | Refusal],
     commands: Sequence[Any],
 ) -> dict[str, Any] | str:
     """Return the rows of a draw, or why it does not count."""
-    if isinstance(model, TestbenchError):
+    if isinstance(model, Refusal):
         return _reason(model)
     out, d = layout.empty(len(records)), x.drawn
     for k, (record, u) in enumerate(zip(records, commands, strict=True)):
-        if isinstance(record, TestbenchError):
+        if isinstance(record, Refusal):
             return _reason(record)
         if record.outcome == "aborted":
             return "the flight left the limits of the aircraft"
@@ -188,7 +188,7 @@ def _rows(
         out["samples"][k] = n
     try:
         figures = true_figures(x.aircraft, model, at)
-    except TestbenchError as error:
+    except Refusal as error:
         return _reason(error)
     # Nine figures: the last bits hang on how memory happens to lie, and the same set must have the same bytes.
     out["truth"][:] = [float(f"{figures.get(name, (np.nan, ''))[0]:.9g}") for name in layout.figures]
@@ -228,6 +228,6 @@ def _measured(
     return measured if x.truth.spoil is None else spoiled(measured, x.truth)
 
 
-def _reason(error: TestbenchError) -> str:
+def _reason(error: Refusal) -> str:
     """Return why a draw cannot fly, without the numbers of the draw, so that reasons can be counted."""
     return f"{type(error).__name__}: {error.message.split(', got')[0]}"

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 from testbench.core.door import read_bytes, read_text, sha256
-from testbench.core.errors import DatasetError, DiskError, RecordError
-from testbench.core.files import netcdf_bytes, write_file
+from testbench.core.errors import DatasetError, RecordError
+from testbench.core.files import netcdf_bytes, not_written, write_file
 from testbench.core.store import OWN, ResultFolder, settle
 from testbench.questions.dataset.flying import Part
 from testbench.questions.dataset.layout import WITHHELD, Layout, Variable
@@ -101,7 +101,7 @@ class Store:
         except BaseException as error:
             shutil.rmtree(work, ignore_errors=True)
             if isinstance(error, OSError):
-                raise DiskError(self.folder / STORE, error, _FIX) from error
+                raise not_written(self.folder / STORE, error, fix=_FIX) from error
             raise
 
     @property
@@ -150,7 +150,7 @@ class Store:
             line = json.dumps({"part": number, "draws": part.draws, "again": part.again}) + "\n"
             self._note(line)
         except OSError as error:
-            raise DiskError(self.folder / STORE, error, _FIX) from error
+            raise not_written(self.folder / STORE, error, fix=_FIX) from error
 
     def _note(self, line: str) -> None:
         path = self.folder / _WORK / "parts.jsonl"

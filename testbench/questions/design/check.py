@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from testbench.aircraft.believed import stated_deviations
 from testbench.core.constants import DEG_RAD, PERCENT
-from testbench.core.errors import DiskError, Faults, ScenarioError, TestbenchError, nearest
+from testbench.core.errors import Faults, Refusal, ScenarioError, nearest
 from testbench.flight import load_aircraft
 from testbench.flight.simulate import stride
 from testbench.information.aircraft_structure import parameter_names
@@ -21,9 +21,7 @@ def check(scenario: DesignScenario) -> list[str]:
     note = faults.note
     try:
         aircraft = load_aircraft(scenario.aircraft, scenario.wings)
-    except DiskError:  # no fault of the file
-        raise
-    except TestbenchError as error:
+    except Refusal as error:
         note("aircraft", error.message)
         return faults
     if draws_of(scenario, aircraft):
@@ -72,8 +70,6 @@ def check(scenario: DesignScenario) -> list[str]:
             stride(rate, suite.rate_hz)
         except ScenarioError as error:
             faults += [f"{scenario.file}, suites[{i}]: {fault}" for fault in error.faults]
-        except DiskError:  # no fault of the file
-            raise
-        except TestbenchError as error:
+        except Refusal as error:
             note(f"suites[{i}]", error.message)
     return faults

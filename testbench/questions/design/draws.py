@@ -15,7 +15,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.aircraft.believed import drawn, stated_deviations
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.record import FloatArray
 from testbench.evaluation.envelope import Onset
 from testbench.flight import TrimmedFlight, linearise
@@ -172,12 +172,12 @@ def draw_aircraft(
         one = drawn(aircraft, scenario.seed, index)
         try:
             made.append(_draw(scenario, index, one, suite, onsets, problem))
-        except TestbenchError as error:
+        except Refusal as error:
             lost.append(Lost(index, error.message))
     models, trims, limits = [d.aircraft for d in made], [d.trimmed for d in made], [d.envelope for d in made]
     flights = fly_each(models, trims, [still] * len(made), limits, simulator, tally)
     for draw, flight in zip(made, flights, strict=True):
-        if isinstance(flight, TestbenchError):
+        if isinstance(flight, Refusal):
             lost.append(Lost(draw.index, flight.message))
         elif flight.broken:
             lost.append(Lost(draw.index, f"without any input {flight.broken[0]}"))
@@ -236,7 +236,7 @@ def flown_in(design: Design, draws: Draws, simulator: Simulator, tally: Tally) -
     models, trims, limits = [d.aircraft for d in of], [d.trimmed for d in of], [d.envelope for d in of]
     out = []
     for flight in fly_each(models, trims, [design] * len(of), limits, simulator, tally):
-        if isinstance(flight, TestbenchError):
+        if isinstance(flight, Refusal):
             out.append(InDraw(Tightest("", 1.0 / ABORTED, 0.0), flight.message))
         else:
             out.append(InDraw(flight.tightest, flight.broken[0] if flight.broken else ""))

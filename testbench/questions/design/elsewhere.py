@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from testbench.aircraft import Aircraft
 from testbench.aircraft.amend import Amendment, Increment
-from testbench.core.errors import EstimationError, TestbenchError
+from testbench.core.errors import EstimationError, Refusal
 from testbench.core.record import FloatArray
 from testbench.evaluation.modes import roots_of
 from testbench.flight import LinearModel, TrimmedFlight, linearise
@@ -88,7 +88,7 @@ def elsewhere(
             aircraft, more = _with_mode(scenario, range_, factor)
             one = _flown(scenario, range_, envelope_limits, design, n, aircraft, factor)
             out.append(replace(one, what=f"{what}, {coefficient}_{angle} {more:+.3g}"))
-        except TestbenchError as error:
+        except Refusal as error:
             out.append(Elsewhere(factor, what, why_not=error.message))
     return tuple(out)
 
@@ -140,7 +140,7 @@ def softer_and_stiffer(scenario: DesignScenario, range_: Range) -> list[tuple[Ai
         for factor in FACTORS if slope != 0.0 else ():
             aircraft = _with_more(scenario, range_, (factor - 1.0) * now / slope)
             out.append((aircraft, trim_for(scenario, aircraft)))
-    except TestbenchError:  # a model that cannot be amended has no margin of this kind
+    except Refusal:  # a model that cannot be amended has no margin of this kind
         return []
     return out
 

@@ -11,7 +11,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD, G0_M_S2
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight import TrimmedFlight
 from testbench.flight.batch.jobs import Job, Simulator, Tally
@@ -264,7 +264,7 @@ def fly_each(
     limits: Sequence[Envelope],
     simulator: Simulator,
     tally: Tally,
-) -> list[Flight | TestbenchError]:
+) -> list[Flight | Refusal]:
     """Fly designs once, each with its aircraft, all at once where they can be; one that cannot be flown is its error.
 
     A flight that ends before its time uses up more than all of a limit without a name.
@@ -275,7 +275,7 @@ def fly_each(
     fewest = 1 if tally.batch else FEWEST  # a model that has been judged is worth it for few flights, too
     found = fly_jobs(jobs, simulator, tally, fewest)
     return [
-        record if isinstance(record, TestbenchError) else _judged(record, job, envelope)
+        record if isinstance(record, Refusal) else _judged(record, job, envelope)
         for record, job, envelope in zip(found, jobs, limits, strict=True)
     ]
 
@@ -296,7 +296,7 @@ def fly_all(
     out = []
     n = len(designs)
     for flight in fly_each([aircraft] * n, [trimmed] * n, designs, [limits] * n, simulator, tally):
-        if isinstance(flight, TestbenchError):
+        if isinstance(flight, Refusal):
             raise flight
         out.append(flight)
     return out

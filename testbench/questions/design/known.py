@@ -20,9 +20,10 @@ from scipy.stats import chi2
 
 from testbench.aircraft import Aircraft
 from testbench.core.door import read_json
-from testbench.core.errors import EstimationError, RecordError, TestbenchError
+from testbench.core.errors import EstimationError, RecordError, Refusal
 from testbench.core.files import parsed
 from testbench.core.record import FloatArray
+from testbench.core.store import settle
 from testbench.estimators.structured import per_speed
 from testbench.flight import TrimmedFlight
 from testbench.information.aircraft_structure import AircraftStructure
@@ -147,7 +148,7 @@ def together(parts: Sequence[Prior]) -> Prior:
 
 
 def _files(path: Path) -> list[Path]:
-    if not path.is_dir():
+    if not settle(path).is_dir():
         return [path]
     folder = path / "models" if (path / "models").is_dir() else path
     files = sorted(folder.glob("*.json"))
@@ -289,7 +290,7 @@ def with_values(
         if key in stated:
             try:
                 value = abs(new.coefficient(key))
-            except TestbenchError:
+            except Refusal:
                 continue
             if value > 0.0:
                 stated[key] = max(min(stated[key], std * errors[name] / value), 1e-6)

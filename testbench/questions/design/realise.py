@@ -19,7 +19,7 @@ import numpy as np
 from scipy.stats import chi2, t
 
 from testbench.aircraft import Aircraft
-from testbench.core.errors import EstimationError, TestbenchError
+from testbench.core.errors import EstimationError, Refusal
 from testbench.core.processes import cores, processes, spread
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.air import AirSpec
@@ -267,7 +267,7 @@ class Range:
         fewest = (1 if self.tally.batch else FEWEST) if fewest is None else fewest
         out: list[FlightRecord | str] = []
         for found in fly_jobs(jobs, self.simulator, self.tally, fewest):
-            if isinstance(found, TestbenchError):
+            if isinstance(found, Refusal):
                 out.append(found.message)
             elif found.outcome == "aborted":
                 out.append(f"the flight ends early: {found.reason}")
@@ -284,7 +284,7 @@ class Range:
         def one(i: int) -> tuple[FloatArray, FloatArray] | str:
             try:
                 return self._estimated(truths[i], suite, first + i)
-            except TestbenchError as error:
+            except Refusal as error:
                 return error.message
 
         found: list[tuple[FloatArray, FloatArray] | str] = []
@@ -377,7 +377,7 @@ class Range:
         try:
             record = prepared(without_noise(self.suite).measure(truth, self.seed), problem.start_s, Preparation())
             difference = record.columns(problem.experiment.structure.outputs) - self.identified.modelled(record)
-        except TestbenchError:
+        except Refusal:
             return None
         whole = np.zeros((problem.experiment.samples, difference.shape[1]))
         n = min(len(whole), len(difference))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from testbench.core.errors import TestbenchError, nearest
+from testbench.core.errors import Refusal, nearest
 from testbench.questions.exercise.answers import ANSWERS, read_answers
 from testbench.questions.exercise.ask import Started, reopen
 from testbench.questions.exercise.exercise import Answer, Choice, Mistake, Number, Question
@@ -65,13 +65,13 @@ def check(folder: Path, key: str) -> Result:
     return judge(started, given)
 
 
-def check_class(folders: Sequence[Path], key: str) -> dict[Path, Result | TestbenchError]:
+def check_class(folders: Sequence[Path], key: str) -> dict[Path, Result | Refusal]:
     """Check many folders; one that cannot be judged keeps its error and does not stop the others."""
-    results: dict[Path, Result | TestbenchError] = {}
+    results: dict[Path, Result | Refusal] = {}
     for folder in folders:
         try:
             results[folder] = check(folder, key)
-        except TestbenchError as error:
+        except Refusal as error:
             results[folder] = error
     return results
 

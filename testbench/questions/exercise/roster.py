@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from testbench.core.door import read_text
-from testbench.core.errors import RecordError, ScenarioError, TestbenchError
+from testbench.core.errors import RecordError, Refusal, ScenarioError
 from testbench.core.files import write_file
-from testbench.core.store import ResultFolder, manifest_of
+from testbench.core.store import ResultFolder, manifest_of, settle
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.exercise.ask import CARD, restore, start
 from testbench.questions.exercise.check import Result
@@ -90,7 +90,8 @@ def make_roster(students: Sequence[str], exercises: Sequence[str], folder: Path,
 
     Raises:
         BusyError: another process writes into the folder.
-        RecordError: there is no such exercise, or the folder cannot be written to.
+        RecordError: there is no such exercise.
+        WriteError: the folder cannot be written to.
         ScenarioError: a name or the key breaks a law.
     """
     for name in exercises:
@@ -125,7 +126,7 @@ def folders_of(places: Sequence[Path]) -> list[Path]:
     Raises:
         RecordError: there is none.
     """
-    found = sorted({card.parent for place in places for card in place.rglob(CARD)})
+    found = sorted({card.parent for place in places for card in settle(place).rglob(CARD)})
     if not found:
         raise RecordError(
             f"marks are made of folders that `testbench exercise roster` or `start` wrote, got "
@@ -134,11 +135,11 @@ def folders_of(places: Sequence[Path]) -> list[Path]:
     return found
 
 
-def marks_text(results: Mapping[Path, Result | TestbenchError]) -> str:
+def marks_text(results: Mapping[Path, Result | Refusal]) -> str:
     """Return the marks as CSV: one row a folder, with what was not right and why."""
     rows: list[tuple[Value, ...]] = []
     for folder, result in results.items():
-        if isinstance(result, TestbenchError):
+        if isinstance(result, Refusal):
             rows.append((folder.parent.name, folder.name, None, None, None, str(result)))
             continue
         missed = [v for v in result.verdicts if v.outcome != "right"]

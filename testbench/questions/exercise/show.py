@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.page.terminal import print_rows
 from testbench.questions.exercise.exercise import Number
 from testbench.questions.exercise.names import NAMES, load_exercise
@@ -45,13 +45,13 @@ def print_started(started: Started, console: Console) -> None:
         console.print(Text(line), soft_wrap=True)
 
 
-def print_class(results: Mapping[Path, Result | TestbenchError], console: Console) -> None:
+def print_class(results: Mapping[Path, Result | Refusal], console: Console) -> None:
     """Print one line per folder: student, exercise, how many answers are right and which are not, or the error."""
     from rich.text import Text
 
     rows: list[tuple[str | Text, ...]] = []
     for folder, result in results.items():
-        if isinstance(result, TestbenchError):
+        if isinstance(result, Refusal):
             rows.append((folder.name, "", Text("–", style="red"), str(result)))
             continue
         wrong = ", ".join(v.question.key for v in result.verdicts if v.outcome != "right")

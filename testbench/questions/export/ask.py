@@ -38,8 +38,9 @@ def export_record(path: Path, to: str, out: Path | None = None) -> Path:
         out: the file; beside the record if not given.
 
     Raises:
-        RecordError: the record is missing or damaged, the format is one of models, or the file cannot be written, is
-            the record itself, or is there and was not written by the testbench.
+        RecordError: the record is missing or damaged, the format is one of models, or the file is the record
+            itself.
+        WriteError: the file cannot be written, or is there and was not written by the testbench.
     """
     if to not in ("csv", "mat", "netcdf", "parquet"):
         raise RecordError(
@@ -64,8 +65,9 @@ def export_model(model: Matrices, to: str, path: Path) -> Path:
         path: the file.
 
     Raises:
-        RecordError: the file cannot be written, pyarrow is missing, or, for JSBSim, the model has a pole that no model
-            in continuous time has, or poles that cannot be told apart.
+        RecordError: pyarrow is missing, or, for JSBSim, the model has a pole that no model in continuous time has, or
+            poles that cannot be told apart.
+        WriteError: the file cannot be written.
     """
     if to == "control":
         return write_file(path, control_text(model))

@@ -22,7 +22,8 @@ import numpy as np
 
 from testbench import __version__
 from testbench.core.door import read_bytes, read_text
-from testbench.core.errors import LimitError, RecordError, TrimError
+from testbench.core.errors import LimitError, TrimError
+from testbench.core.files import not_written
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.flight.air import Air, turbulence_rms
 from testbench.questions.gap.believed import Believed
@@ -179,7 +180,8 @@ def fly_controls(
         file: keeps each as it ends, so that none is flown twice; those of other records or beliefs in it do no harm.
 
     Raises:
-        RecordError: the file cannot be read or written.
+        RecordError: the file cannot be read.
+        WriteError: it cannot be written.
     """
     log = _Log(file, _fingerprint(believed, records, air))
     known = log.read()
@@ -262,7 +264,7 @@ class _Log:
         """Write one more line.
 
         Raises:
-            RecordError: the file cannot be written.
+            WriteError: the file cannot be written.
         """
         if self.file is None:
             return
@@ -271,5 +273,5 @@ class _Log:
             with self.file.open("a", encoding="utf-8") as out:
                 out.write("\n" * cut_off + json.dumps({"of": self.key, **asdict(control)}) + "\n")
         except OSError as error:
-            why = error.strerror or error
-            raise RecordError(f"control flights must be kept in a writable file, got '{self.file}': {why}") from error
+            law = "control flights must be kept in a file that can be written to"
+            raise not_written(self.file, error, law) from error

@@ -15,7 +15,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, Start, TrimmedFlight
 from testbench.flight.air import Air
@@ -127,12 +127,12 @@ class Wanted:
         return Job(self.flyer.beyond_limits, trimmed, manoeuvre, self.log_rate_hz, self.channels, self.air, self.start)
 
 
-def trims(flyers: Sequence[Flyer]) -> list[TrimmedFlight | TestbenchError]:
+def trims(flyers: Sequence[Flyer]) -> list[TrimmedFlight | Refusal]:
     """Return the trim of each, or why it has none."""
     return _TRIMS.of(flyers, _trim)
 
 
-def linear_models(flyers: Sequence[Flyer]) -> list[LinearModel | TestbenchError]:
+def linear_models(flyers: Sequence[Flyer]) -> list[LinearModel | Refusal]:
     """Return the linear model of each about its trim, or why it has none."""
     return _LINEAR.of(flyers, _linearise)
 
@@ -148,18 +148,18 @@ def linear_along(
     return linearise_flight(flyer.aircraft, made(trims([flyer])[0]), flown, states, flyer.simulator)
 
 
-def flights(wanted: Sequence[Wanted]) -> list[FlightRecord | TestbenchError]:
+def flights(wanted: Sequence[Wanted]) -> list[FlightRecord | Refusal]:
     """Return the truth of each flight, one that ended early as aborted, or why it could not begin."""
     return _FLOWN.of(wanted, _fly)
 
 
-def made(found: T | TestbenchError) -> T:
+def made(found: T | Refusal) -> T:
     """Return what was made.
 
     Raises:
         TestbenchError: it could not be made.
     """
-    if isinstance(found, TestbenchError):
+    if isinstance(found, Refusal):
         raise found.with_traceback(None)
     return found
 
@@ -185,14 +185,14 @@ class _Kept(Generic[K, T]):
         return out
 
 
-_TRIMS: _Kept[Flyer, TrimmedFlight | TestbenchError] = _Kept(_MODELS)
+_TRIMS: _Kept[Flyer, TrimmedFlight | Refusal] = _Kept(_MODELS)
 _NEAR: _Kept[Flyer, Near | None] = _Kept(_MODELS)
-_LINEAR: _Kept[Flyer, LinearModel | TestbenchError] = _Kept(_MODELS)
-_FLOWN: _Kept[Wanted, FlightRecord | TestbenchError] = _Kept(AT_ONCE)
+_LINEAR: _Kept[Flyer, LinearModel | Refusal] = _Kept(_MODELS)
+_FLOWN: _Kept[Wanted, FlightRecord | Refusal] = _Kept(AT_ONCE)
 
 
-def _trim(flyers: Sequence[Flyer]) -> list[TrimmedFlight | TestbenchError]:
-    def by(some: Sequence[Flyer]) -> list[TrimmedFlight | TestbenchError]:
+def _trim(flyers: Sequence[Flyer]) -> list[TrimmedFlight | Refusal]:
+    def by(some: Sequence[Flyer]) -> list[TrimmedFlight | Refusal]:
         conditions = [f.condition for f in some]
         near = lambda i: _near(some[i])  # noqa: E731
         return trim_many([f.aircraft for f in some], conditions, some[0].rate_hz, None, some[0].simulator, near)
@@ -214,20 +214,19 @@ def _near(flyer: Flyer) -> Near | None:
 def _trimmed_with_slopes(flyers: Sequence[Flyer]) -> list[Near | None]:
     found = trims(flyers)
     return [
-        None if isinstance(x, TestbenchError) else (x, slopes_at(f.aircraft, x))
-        for f, x in zip(flyers, found, strict=True)
+        None if isinstance(x, Refusal) else (x, slopes_at(f.aircraft, x)) for f, x in zip(flyers, found, strict=True)
     ]
 
 
-def _linearise(flyers: Sequence[Flyer]) -> list[LinearModel | TestbenchError]:
-    def by(some: Sequence[tuple[Flyer, TrimmedFlight]]) -> list[LinearModel | TestbenchError]:
+def _linearise(flyers: Sequence[Flyer]) -> list[LinearModel | Refusal]:
+    def by(some: Sequence[tuple[Flyer, TrimmedFlight]]) -> list[LinearModel | Refusal]:
         return linearise_many([f.aircraft for f, _ in some], [at for _, at in some], some[0][0].simulator)
 
     return _from_trims(flyers, flyers, by)
 
 
-def _fly(wanted: Sequence[Wanted]) -> list[FlightRecord | TestbenchError]:
-    def by(some: Sequence[tuple[Wanted, TrimmedFlight]]) -> list[FlightRecord | TestbenchError]:
+def _fly(wanted: Sequence[Wanted]) -> list[FlightRecord | Refusal]:
+    def by(some: Sequence[tuple[Wanted, TrimmedFlight]]) -> list[FlightRecord | Refusal]:
         jobs, simulator = [w.job(at) for w, at in some], some[0][0].flyer.simulator
         return fly_jobs(jobs, simulator, fewest=1)
 
@@ -236,13 +235,13 @@ def _fly(wanted: Sequence[Wanted]) -> list[FlightRecord | TestbenchError]:
 
 def _from_trims(
     keys: Sequence[K], flyers: Sequence[Flyer], make: Callable[[Sequence[tuple[K, TrimmedFlight]]], Sequence[T]]
-) -> list[T | TestbenchError]:
+) -> list[T | Refusal]:
     """Return what is made of each key from the trim of its flyer, or why that has none."""
     found = trims(flyers)
-    able = [(k, f, x) for k, f, x in zip(keys, flyers, found, strict=True) if not isinstance(x, TestbenchError)]
+    able = [(k, f, x) for k, f, x in zip(keys, flyers, found, strict=True) if not isinstance(x, Refusal)]
     of = _grouped([(k, x) for k, _, x in able], [f for _, f, _ in able], make)
     made_of = dict(zip((k for k, _, _ in able), of, strict=True))
-    return [x if isinstance(x, TestbenchError) else made_of[k] for k, x in zip(keys, found, strict=True)]
+    return [x if isinstance(x, Refusal) else made_of[k] for k, x in zip(keys, found, strict=True)]
 
 
 def _grouped(items: Sequence[S], flyers: Sequence[Flyer], make: Callable[[Sequence[S]], Sequence[T]]) -> list[T]:

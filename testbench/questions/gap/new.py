@@ -13,10 +13,11 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.channels import CONTROLS
-from testbench.core.errors import DiskError, RecordError, TestbenchError, located
+from testbench.core.errors import RecordError, Refusal, located
 from testbench.core.escape import one_line
 from testbench.core.paths import AIRCRAFT, STOCK, aircraft_names, not_found, resolve, suite_names
 from testbench.core.record import FlightRecord
+from testbench.core.store import settle
 from testbench.core.toml_text import quoted, real
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.logs.plausible import questions_of, refusal
@@ -95,8 +96,8 @@ def new_case(
         suite, left, made = _suite(case, meant, records, sensors)
         flights = flights_of(load_aircraft(meant, wings), records, {}, suite, V_m_s, h_m, left)
         check_signs(flights.believed, as_they_start(flights.naming))
-    except TestbenchError as error:  # of values in another unit, what they lead to is not the cause
-        if not asked or isinstance(error, DiskError):
+    except Refusal as error:  # of values in another unit, what they lead to is not the cause
+        if not asked:
             raise
         raise RecordError(refusal("the records", asked)) from error
     judge = most_different(flights)
@@ -121,7 +122,7 @@ def record_files(given: Sequence[Path]) -> list[Path]:
         raise RecordError("a gap case must have measured records (.nc), or folders of testbench import, got none")
     out: list[Path] = []
     for path in given:
-        if path.is_dir():
+        if settle(path).is_dir():
             found = [p for p in sorted(path.glob("*.nc")) if not p.stem.endswith("_truth")]
             if not found:
                 raise RecordError(

@@ -18,7 +18,7 @@ from testbench.aircraft.reactions import MOTIONS
 from testbench.aircraft.reroute import product, prop, value
 from testbench.core.blas import on_one_thread
 from testbench.core.constants import FT_M
-from testbench.core.errors import ModelError, TestbenchError
+from testbench.core.errors import ModelError, Refusal
 from testbench.core.record import FlightRecord
 from testbench.core.words import with_error
 from testbench.effects import left_out
@@ -125,7 +125,7 @@ def first_look(believed: Believed, records: Mapping[str, FlightRecord]) -> First
         if len({f.coefficients for f in flights}) > 1:
             return FirstLook((), None, "not all records hold the same channels")
         return FirstLook(tuple(flights), regress(believed, flights))
-    except TestbenchError as error:
+    except Refusal as error:
         return FirstLook((), None, error.message)
 
 

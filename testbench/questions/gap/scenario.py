@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.scenario.base import Condition, FlownAt, Manoeuvre, SuiteName
 from testbench.core.schema import NonNegative, Strict
 from testbench.questions.gap.hidden.kinds import Hidden
@@ -84,7 +84,7 @@ class GapScenario(FlownAt):
 
         try:
             suite = load_suite(self.suite)
-        except TestbenchError:
+        except Refusal:
             suite = None  # which is said where the suite is needed
         keys = {"effects": self.effects or (), "more_effects": self.more_effects}
         found = [(key, fault) for key, names in keys.items() for fault in faults(names, suite, self.file)]

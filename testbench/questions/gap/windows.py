@@ -21,7 +21,7 @@ from scipy.stats import chi2
 
 from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import LimitError, RecordError, TestbenchError, TrimError, located
+from testbench.core.errors import LimitError, RecordError, Refusal, TrimError, located
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.questions.gap.believed import NEAR, Believed
 from testbench.questions.gap.evidence.commanded import (
@@ -195,7 +195,7 @@ def untrimmed(believed: Believed, record: FlightRecord, waited: bool = True, dri
         return "cannot be flown from trim to its end"
     except LimitError:
         return "" if waited else "commands more than a control has, if counted from trim"
-    except TestbenchError:
+    except Refusal:
         return ""
     if at_trim < (_FORETOLD if drifted else _UNTRIMMED if waited else _UNTRIMMED_BESIDE) * left:
         return ""
@@ -225,7 +225,7 @@ def drifting(believed: Believed, record: FlightRecord) -> str:
         if gain < chi2.isf(_DRIFTS, guess.origin.size) or rest > n + _STILL * math.sqrt(2.0 * n):
             return ""
         left = there.cost_of_start(free, told[key].origin)
-    except TestbenchError:
+    except Refusal:
         return ""
     if at_trim < _FORETOLD * left or left > _FEW_TIMES * samples:
         return ""
@@ -449,7 +449,7 @@ def _linearised(
                 try:
                     column = sign * (with_starts.read_from(record, free.origin + sign * step) - here) / _STEP
                     break
-                except TestbenchError:
+                except Refusal:
                     continue
             columns.append(column)
         out[key] = replace(free, columns=np.stack(columns, axis=-1), known={})

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from testbench.aircraft import Aircraft
 from testbench.aircraft.adapter import SURFACES
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.estimators.structured import Servo
 from testbench.evaluation.derivatives import Derivative, dimensional_derivatives
 from testbench.flight import FlightCondition, linearise, trim
@@ -52,7 +52,7 @@ def before(aircraft: Aircraft, flown: FlownCondition) -> Before:
     try:
         trimmed = trim(aircraft, condition)
         found = tuple(dimensional_derivatives(linearise(aircraft, trimmed), trimmed))
-    except TestbenchError as error:
+    except Refusal as error:
         found = ()
         notes.append(
             f"what {aircraft.name} said before is not known: it does not trim at {V:.3g} m/s, {h:.4g} m ({error})"

@@ -130,11 +130,12 @@ def _in_folder(folder: Path) -> list[Path]:
     """
     from testbench.core.paths import find_scenario
     from testbench.core.record import load_record
+    from testbench.core.store import settle
     from testbench.questions import BY_COMMAND
     from testbench.questions.files import kinds_of
     from testbench.questions.importing.ask import UNUSABLE, WHOLE
 
-    found = [p for p in sorted(folder.glob("*.toml")) if BY_COMMAND["identify"] in kinds_of(p)]
+    found = [p for p in sorted(settle(folder).glob("*.toml")) if BY_COMMAND["identify"] in kinds_of(p)]
     if found:
         return found
     whole = folder / f"{WHOLE}.nc"
@@ -160,7 +161,7 @@ def _check_amend(asked: Sequence[RecordDescription], name: str) -> None:
 
     Raises:
         ScenarioError: a description names no aircraft, or the name may not be taken.
-        RecordError: an aircraft that the testbench did not write lies there.
+        WriteError: an aircraft that the testbench did not write lies there.
     """
     from testbench.core.errors import ScenarioError
     from testbench.questions.identify.amend.ask import no_aircraft

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.estimators import estimate
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.structured import Servo, Structured
@@ -48,7 +48,7 @@ def cost_in_words(case: Case, inputs: Sequence[str]) -> str | None:
         other: Any = estimate(
             entry.model_copy(update={"servo": servos}), case.identification, inputs, case.model.outputs
         )
-    except TestbenchError:
+    except Refusal:
         return f"{which}; what that costs cannot be told, since no estimate was found with one; {fix}"
     model: Any = case.model
     moved = [

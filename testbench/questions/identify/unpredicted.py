@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.relative import percent_in_words
 from testbench.estimators import estimate
@@ -126,7 +126,7 @@ def _refitted(case: Case, bad: Sequence[str], inputs: Sequence[str]) -> str:
     try:
         other: Any = estimate(case.estimator, case.validation, inputs, case.model.outputs)
         scores = evaluate(other, case.validation, []).identification
-    except TestbenchError:
+    except Refusal:
         return (
             "the same estimator finds no model in them alone: they hold too little motion, or move by what the "
             "structure lacks"

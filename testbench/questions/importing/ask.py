@@ -342,7 +342,7 @@ def write_import(imported: Imported, folder: Path | str | ResultFolder) -> list[
 
     Raises:
         BusyError: another process writes into the folder.
-        RecordError: the folder cannot be written to, or has a file of such a name that no import wrote.
+        WriteError: the folder cannot be written to, or has a file of such a name that no import wrote.
     """
     from testbench.questions.importing.report import import_page
 

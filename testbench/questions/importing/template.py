@@ -51,7 +51,8 @@ def write_template(path: Path | str, out: Path | str) -> Path:
     """Write the template for the table ``path`` to ``out`` and return that.
 
     Raises:
-        RecordError: the table cannot be read, or ``out`` exists or cannot be written.
+        RecordError: the table cannot be read, or ``out`` exists.
+        WriteError: ``out`` cannot be written.
     """
     path, out = Path(path), Path(out)
     if out.suffix.lower() != ".toml":

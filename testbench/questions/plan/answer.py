@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.page.words import counted, listed, some
 from testbench.questions.plan.card_text import beyond_limits
 from testbench.questions.plan.flown_recipe import design_file
@@ -66,7 +66,7 @@ def _calm_lines(plan: Plan) -> list[tuple[str, str]]:
     rms, calm = plan.scenario.turbulence_rms_m_s, []
     for card in plan.cards if rms else ():
         file = design_file(plan, card)
-        with suppress(TestbenchError):  # a design that is damaged is told where it is needed
+        with suppress(Refusal):  # a design that is damaged is told where it is needed
             if file is not None and Scenario.load(file).identification.estimators[0].method == "output_error":
                 calm.append(str(card.number))
     if not calm:

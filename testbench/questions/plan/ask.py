@@ -12,7 +12,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.blas import on_one_thread
 from testbench.core.channels import CONTROLS
-from testbench.core.errors import LimitError, ScenarioError, TestbenchError, located
+from testbench.core.errors import LimitError, Refusal, ScenarioError, located
 from testbench.evaluation.envelope import Envelope, Onset, fly_envelope
 from testbench.flight import load_aircraft
 from testbench.flight.batch.jobs import Simulator
@@ -96,9 +96,9 @@ def make_plan(
     for task, key, flown, air in zip(tasks, keys, within, rough, strict=True):
         say(f"expect the response to {task.spec.name} at {task.point.label}")
         with located(scenario.file, key):
-            if isinstance(flown, TestbenchError):
+            if isinstance(flown, Refusal):
                 raise flown
-            if isinstance(air, TestbenchError):
+            if isinstance(air, Refusal):
                 raise air
             cards.append(_card(scenario, aircraft, suite, task, flown, air, len(cards) + 1))
     fits(scenario, cards)

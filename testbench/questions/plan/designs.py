@@ -10,6 +10,7 @@ from testbench.core.door import read_text
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.paths import not_found
 from testbench.core.scenario.base import Manoeuvre
+from testbench.core.store import settle
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.plan.scenario import PlanLimits, PlannedManoeuvre
 from testbench.questions.run.scenario import Scenario
@@ -50,7 +51,7 @@ def take(paths: Sequence[Path]) -> list[Taken]:
 
 
 def _taken(path: Path) -> Taken:
-    file = path
+    file = settle(path)
     if path.is_dir():
         folder = path / "designs" if (path / "designs").is_dir() else path
         ranked = sorted((p for p in folder.glob("*.toml") if p.stem[:1].isdigit()), key=lambda p: (_rank(p), p.name))

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from testbench.core.channels import channel
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.escape import one_line
 from testbench.core.files import write_file
 from testbench.core.record import FlightRecord, FloatArray
@@ -164,7 +164,7 @@ def _flown(closed: Closed, card: Card, folder: Path) -> FlownCard:
         names = [run_stem(card, k) for k, run in enumerate(closed.of(card), 1) if not run.faults]
         write_file(file, description_text(plan, card, runs, names, recipe))
         found = identify(RecordDescription.load(file), data_folder=folder / RECORDS)
-    except TestbenchError as error:
+    except Refusal as error:
         notes = (*notes, *(recipe.notes if recipe else ()))
         return replace(flown, reason=one_line(error.message), recipe=recipe, file=file, notes=notes)
     case = found.cases[0]
@@ -241,7 +241,7 @@ def _promised_by_plan(plan: Plan, card: Card) -> Promise | None:
     try:
         inputs, held = scaled(spec.input, card.factor), plan.scenario.held_ms
         _, reached = reach(card.point, asked, inputs, plan.suite, modes, held)
-    except TestbenchError:
+    except Refusal:
         return None
     believed = _read(card.point.model, card.point.trimmed, plan, card)
     rows = [r for r in reached if believed.get(r.name)]
@@ -265,7 +265,7 @@ def _recorded(plan: Plan, card: Card, V: float | None, h: float | None) -> tuple
         return {}, ("no airspeed was logged: values are compared with those believed at the speed of the card",)
     try:
         there = _believed(plan, card, V, card.point.h_m if h is None else h)
-    except TestbenchError as error:
+    except Refusal as error:
         return {}, (f"{plan.aircraft.name} does not trim at the recorded {V:.3g} m/s ({one_line(error.message)})",)
     return _ratios(there, _read(card.point.model, card.point.trimmed, plan, card)), ()
 
@@ -278,7 +278,7 @@ def _at_card(plan: Plan, card: Card, promise: Promise) -> tuple[Promise, tuple[s
     told = f"its design is for {V:g} m/s and {h:g} m: what it promises is taken in proportion"
     try:
         ratios = _ratios(_read(card.point.model, card.point.trimmed, plan, card), _believed(plan, card, V, h))
-    except TestbenchError:
+    except Refusal:
         return promise, (told,)
     by = np.array([ratios.get(name, 1.0) for name in promise.names])
     size, realised = np.abs(by), promise.realised
@@ -379,7 +379,7 @@ def _bends(card: Card, case: Case, promise: Promise) -> dict[str, float]:
         model = estimate(
             case.estimator, [prepared(record, still, Preparation())], case.model.inputs, case.model.outputs
         )
-    except TestbenchError:
+    except Refusal:
         return {}
     assert isinstance(model, ParametricModel)
     believed = dict(zip(promise.names, promise.values.tolist(), strict=True))
@@ -392,7 +392,7 @@ def _scatter(case: Case, read: _Reading, values: FloatArray) -> FloatArray:
     for record in case.identification:
         try:
             model = estimate(case.estimator, [record], case.model.inputs, case.model.outputs)
-        except TestbenchError:
+        except Refusal:
             continue
         assert isinstance(model, ParametricModel)
         one, std = read.of(model)

@@ -12,7 +12,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import EstimationError, LimitError, TestbenchError
+from testbench.core.errors import EstimationError, LimitError, Refusal
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.inputs import Input
 from testbench.estimators.parametric.response import respond
@@ -136,7 +136,7 @@ class Together:
         spec = task.spec
         return commanded(scaled(spec.input, factor), spec.duration_s, task.point.trimmed.rate_hz, self.period_ms)
 
-    def fly(self, jobs: Sequence[Job]) -> list[FlightRecord | TestbenchError]:
+    def fly(self, jobs: Sequence[Job]) -> list[FlightRecord | Refusal]:
         """Return the truth of each flight, or why there is none."""
         from testbench.flight.batch.fly import FEWEST, fly_jobs
 
@@ -155,14 +155,14 @@ class Together:
         return Job(self.aircraft, trimmed, manoeuvre, log_rate_of(trimmed.rate_hz), logged, air)
 
 
-def fly_at(together: Together, tasks: Sequence[Task], factors: Sequence[float]) -> list[Flown | TestbenchError]:
+def fly_at(together: Together, tasks: Sequence[Task], factors: Sequence[float]) -> list[Flown | Refusal]:
     """Fly manoeuvres at factors on their amplitudes in still air; times of limits count from the input's start.
 
     Returns:
         For each the flight, or why there is none: a LimitError if trim lies outside the limits or the commands cannot
         be given.
     """
-    out: list[Flown | TestbenchError | None] = [None] * len(tasks)
+    out: list[Flown | Refusal | None] = [None] * len(tasks)
     ready: list[tuple[int, InputSignal, Bands, Job]] = []
     for i, (task, factor) in enumerate(zip(tasks, factors, strict=True)):
         try:
@@ -171,7 +171,7 @@ def fly_at(together: Together, tasks: Sequence[Task], factors: Sequence[float]) 
         except LimitError as error:
             out[i] = error
     for (i, signal, bands, job), found in zip(ready, together.fly([job for *_, job in ready]), strict=True):
-        out[i] = found if isinstance(found, TestbenchError) else _judged(tasks[i], signal, bands, job, found)
+        out[i] = found if isinstance(found, Refusal) else _judged(tasks[i], signal, bands, job, found)
     return [x for x in out if x is not None]
 
 
@@ -207,7 +207,7 @@ class Within(NamedTuple):
     met: tuple[str, ...]
 
 
-def fly_within(together: Together, tasks: Sequence[Task], scale: bool) -> list[Within | TestbenchError]:
+def fly_within(together: Together, tasks: Sequence[Task], scale: bool) -> list[Within | Refusal]:
     """Return for each manoeuvre at which factor on its amplitude it keeps all limits, or why it cannot be flown.
 
     Bisection finds the factor to 1/64, that of all manoeuvres in rounds. It is 0 if the manoeuvre is refused, because
@@ -228,9 +228,9 @@ def fly_within(together: Together, tasks: Sequence[Task], scale: bool) -> list[W
                 span[i] = low, factor
             else:
                 first[i] = found
-    out: list[Within | TestbenchError] = []
+    out: list[Within | Refusal] = []
     for i, (task, found) in enumerate(zip(tasks, first, strict=True)):
-        if isinstance(found, TestbenchError) and not isinstance(found, LimitError):
+        if isinstance(found, Refusal) and not isinstance(found, LimitError):
             out.append(found)
         elif i not in failed:
             assert isinstance(found, Flown)
@@ -244,10 +244,10 @@ def fly_within(together: Together, tasks: Sequence[Task], scale: bool) -> list[W
     return out
 
 
-def _still(together: Together, task: Task, met: tuple[str, ...]) -> Within | TestbenchError:
+def _still(together: Together, task: Task, met: tuple[str, ...]) -> Within | Refusal:
     """Return a manoeuvre whose commands cannot be given, with the flight without any."""
     (record,) = together.fly([together.job(task, together.signal(task, 0.0))])
-    if isinstance(record, TestbenchError):
+    if isinstance(record, Refusal):
         return record
     return Within(0.0, Flown(together.signal(task, 1.0), record, met), met)
 
@@ -309,9 +309,7 @@ def relative_spread(names: Sequence[str], aircraft: Aircraft, general: float) ->
     return np.array(out)
 
 
-def roughness(
-    together: Together, scenario: PlanScenario, tasks: Sequence[Task]
-) -> list[dict[str, float] | TestbenchError]:
+def roughness(together: Together, scenario: PlanScenario, tasks: Sequence[Task]) -> list[dict[str, float] | Refusal]:
     """Return channel -> rms deviation from trim of flights without input through the turbulence of the plan."""
     if scenario.turbulence_rms_m_s == 0.0:
         return [{} for _ in tasks]
@@ -322,11 +320,11 @@ def roughness(
         rms = turbulence_rms(scenario.turbulence_rms_m_s, above)
         air = Air(turbulence_rms_m_s=rms, height_m=above, seed=seed)
         jobs.append(together.job(task, together.signal(task, 0.0), SHOWN[task.spec.plane], air))
-    out: list[dict[str, float] | TestbenchError] = []
+    out: list[dict[str, float] | Refusal] = []
     for task, record in zip(tasks, together.fly(jobs), strict=True):
         if isinstance(record, FlightRecord) and len(record) < 2:
             record = aborted(record, together.aircraft.name, task.spec.name, log_rate_of(task.point.trimmed.rate_hz))
-        if isinstance(record, TestbenchError):
+        if isinstance(record, Refusal):
             out.append(record)
             continue
         state = task.point.trimmed.state

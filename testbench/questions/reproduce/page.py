@@ -45,7 +45,7 @@ def write_reproduction(chapters: Sequence[Chapter], place: ResultFolder) -> list
     """Write tables/*.csv, figures/*.png, README.md and index.html; return where they are made, the page last.
 
     Raises:
-        RecordError: the folder cannot be written to.
+        WriteError: the folder cannot be written to.
     """
     folder = place.new
     out: list[Path] = []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import os
 from collections.abc import Iterator
@@ -12,7 +11,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 from testbench.core.door import open_file, read_text
-from testbench.core.errors import RecordError, TestbenchError
+from testbench.core.errors import RecordError
 from testbench.core.paths import not_found
 from testbench.core.store import INDEX, OWN, PAGE, settle
 
@@ -104,7 +103,7 @@ def compare_results(first: Path | str, second: Path | str) -> ResultsCompared:
         >>> import testbench as tb
         >>> tb.compare_results("results/eolo_alpha", "results/eolo_alpha_2").differences  # doctest: +SKIP
     """
-    folders = [Path(first), Path(second)]
+    folders = [settle(Path(first)), settle(Path(second))]
     summaries = [_summary(folder / PAGE) for folder in folders]
     for folder, summary in zip(folders, summaries, strict=True):
         if summary is None:
@@ -128,10 +127,8 @@ def compare_results(first: Path | str, second: Path | str) -> ResultsCompared:
 
 def _pages(folder: Path, depth: int) -> Iterator[Path]:
     """Yield pages of results below a folder, without following links."""
-    with contextlib.suppress(TestbenchError):  # a folder that cannot be written to is shown as it is
-        settle(folder)
     try:
-        entries = sorted(os.scandir(folder), key=lambda e: e.name)
+        entries = sorted(os.scandir(settle(folder)), key=lambda e: e.name)
     except OSError:
         return
     page = PAGE if any(entry.name == PAGE for entry in entries) else INDEX

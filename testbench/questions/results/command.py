@@ -37,7 +37,7 @@ def command(
     """
     from testbench.core.files import write_file
     from testbench.core.store import INDEX, ResultFolder, manifest_of
-    from testbench.page.serve import HOST, serving
+    from testbench.page.serve import serving
     from testbench.page.terminal import print_rows
     from testbench.page.words import sentence
     from testbench.questions.results.ask import compare_results, list_results
@@ -70,11 +70,7 @@ def command(
     found = list_results(folder)
     if serve:
         with serving(files_of(folder, lambda: index_html(list_results(folder), folder)), port) as server:
-            print(f"Open http://{HOST}:{server.server_port}/ in a browser; Ctrl-C ends.", flush=True)
-            try:
-                server.serve_forever()
-            except KeyboardInterrupt:
-                print("Ended.")
+            server.until_ended()
         return
     with ResultFolder(folder, adds=True) as place:  # first: who reads what is printed may stop
         place.check(INDEX)

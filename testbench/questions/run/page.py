@@ -98,7 +98,7 @@ def write_results(result: RunResult, folder: Path | str) -> list[Path]:
     """Write tables, models, figures and report.html of a run into a folder; return the paths, the page last.
 
     Raises:
-        RecordError: the folder cannot be written to.
+        WriteError: the folder cannot be written to.
 
     Example:
         >>> import testbench as tb

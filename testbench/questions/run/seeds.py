@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.processes import cores, processes, spread
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.cells import FailedCell
@@ -176,7 +176,7 @@ def _one(scenario: Scenario, ready: Prepared, seed: int, outputs: Sequence[str])
         cases = identify_and_judge(
             flights, names, scenario.preparation, scenario.identification, truth=ready.truth, failed=failed
         )
-    except TestbenchError:
+    except Refusal:
         return {}
     return _errors(cases, outputs)
 

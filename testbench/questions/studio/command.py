@@ -28,7 +28,7 @@ def command(
     from testbench.core.files import write_file
     from testbench.questions.studio.ask import studio_models
     from testbench.questions.studio.page import studio_page
-    from testbench.questions.studio.serve import HOST, serving
+    from testbench.questions.studio.serve import serving
 
     if write is not None and write.is_dir():
         raise RecordError(f"the page must be written to a file, got the folder '{write}'; name a file in it")
@@ -39,8 +39,4 @@ def command(
         print(f"Written: {write}")
         return
     with serving(page, port) as server:
-        print(f"Open http://{HOST}:{server.server_port}/ in a browser; Ctrl-C ends.", flush=True)
-        try:
-            server.serve_forever()
-        except KeyboardInterrupt:
-            print("Ended.")
+        server.until_ended()

@@ -13,7 +13,7 @@ import pytest
 import testbench as tb
 from testbench.aircraft import Aircraft
 from testbench.aircraft.amend import Amendment, Insert
-from testbench.core.errors import ChannelError, LimitError, TestbenchError
+from testbench.core.errors import ChannelError, LimitError, Refusal
 from testbench.core.processes import processes
 from testbench.core.record import FlightAborted
 from testbench.flight.air import Air, Gust
@@ -337,5 +337,5 @@ def test_a_flight_that_begins_where_a_function_has_no_number_fails_alone(
         first, second = fly_jobs(jobs, simulator)
         assert isinstance(first, tb.FlightRecord)
         assert first.outcome == "completed"
-        assert isinstance(second, TestbenchError)
+        assert isinstance(second, Refusal)
         assert {"batch": "finite", "jsbsim": "conditional"}[simulator] in str(second)

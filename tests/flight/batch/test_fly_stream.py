@@ -12,7 +12,7 @@ import pytest
 
 import testbench as tb
 from testbench.aircraft import Aircraft
-from testbench.core.errors import LimitError, TestbenchError
+from testbench.core.errors import LimitError, Refusal
 from testbench.flight.batch.jobs import BATCH, Tally
 from testbench.flight.condition import TrimmedFlight
 
@@ -72,12 +72,12 @@ def test_a_flight_that_breaks_a_law_is_its_error_and_the_others_fly(taurus: Airc
     jobs[4] = replace(jobs[4], log_rate_hz=100.0)
     found = list(tb.fly_stream(jobs))
     assert isinstance(found[4], LimitError)
-    assert sum(isinstance(x, TestbenchError) for x in found) == 1
+    assert sum(isinstance(x, Refusal) for x in found) == 1
     with pytest.raises(LimitError, match="at_once >= 1"):
         next(tb.fly_stream(jobs, at_once=0))
 
 
-def most_memory(stream: Iterator[tb.FlightRecord | TestbenchError], flights: int) -> float:
+def most_memory(stream: Iterator[tb.FlightRecord | Refusal], flights: int) -> float:
     """Consume flights; return the most memory that the process was seen to have meanwhile, MB."""
     process, most, greatest = psutil.Process(), 0, 0.0
     for k, record in enumerate(islice(stream, flights)):

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from testbench.core.errors import BusyError, CampaignError, RecordError
+from testbench.core.errors import BusyError, CampaignError, WriteError
 from testbench.core.store import ResultFolder, manifest_of
 from testbench.questions.campaign.flying import Outcome
 from testbench.questions.campaign.result import read_campaign
@@ -116,7 +116,7 @@ def test_a_second_writer_is_refused_until_the_first_is_gone(short, tmp_path):
 @pytest.mark.parametrize("name", [FILE, RECORDS])
 def test_what_is_not_the_campaigns_is_not_replaced(short, tmp_path, name):
     (tmp_path / name).mkdir() if name == RECORDS else (tmp_path / name).write_bytes(b"")
-    with pytest.raises(RecordError, match=f"no manifest lists '.*{name}'"):
+    with pytest.raises(WriteError, match=f"no manifest lists '.*{name}'"):
         Store.create(tmp_path, short())
     assert (tmp_path / name).exists()
     assert not (tmp_path / name).is_file() or (tmp_path / name).read_bytes() == b""

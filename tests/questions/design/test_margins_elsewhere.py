@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.questions.design import margins as module
 from testbench.questions.design import realise
 from testbench.questions.design.flown import Flight, Tightest
@@ -35,8 +35,8 @@ class Flown:
 def flying(monkeypatch):
     """An aircraft is the share of a limit that it uses per amplitude; a text cannot be flown."""
 
-    def flight(aircraft: Any, size: float) -> Flight | TestbenchError:
-        if isinstance(aircraft, TestbenchError):
+    def flight(aircraft: Any, size: float) -> Flight | Refusal:
+        if isinstance(aircraft, Refusal):
             return aircraft
         return Flight("again", [], Tightest("bank", {"believed": 0.99}.get(aircraft, aircraft) * size, 1.0))  # type: ignore[arg-type]
 
@@ -67,7 +67,7 @@ def test_the_amplitude_is_what_the_most_sensitive_aircraft_allows(flying):
 
 def test_nothing_is_lowered_without_an_aircraft_that_breaks_a_limit(flying):
     assert [f.record for f in lowered()] == ["first", "first"]
-    assert [f.record for f in lowered(0.9, TestbenchError("it does not trim"))] == ["first", "first"]
+    assert [f.record for f in lowered(0.9, Refusal("it does not trim"))] == ["first", "first"]
 
 
 def test_an_aircraft_that_no_amplitude_suits_takes_no_more_than_three_quarters(flying):

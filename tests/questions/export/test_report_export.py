@@ -8,7 +8,7 @@ import runpy
 import numpy as np
 import pytest
 
-from testbench.core.errors import RecordError
+from testbench.core.errors import RecordError, WriteError
 from testbench.core.record import FlightRecord
 from testbench.estimators.continuous import ContinuousTransferModel
 from testbench.estimators.discrete_transfer import TransferFunctionModel
@@ -221,7 +221,7 @@ def test_records_go_to_the_formats_of_records(tmp_path):
     with pytest.raises(RecordError, match="written over itself"):
         export_record(path, "netcdf")
     (tmp_path / "mine.csv").write_text("mine")
-    with pytest.raises(RecordError, match="no manifest lists"):
+    with pytest.raises(WriteError, match="no manifest lists"):
         export_record(path, "csv", tmp_path / "mine.csv")
     assert (tmp_path / "mine.csv").read_text() == "mine"
     with pytest.raises(RecordError, match="records go to csv"):

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.effects import library
 from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, linearise_along, load_aircraft, trim
 from testbench.flight.batch.check import TOLERANCE, difference
@@ -35,7 +35,7 @@ def flyable(aircraft, effect, suite, condition):
         try:
             amended = effect.amend(aircraft, suite, values)[0]
             return amended, trim(amended, condition)
-        except TestbenchError:
+        except Refusal:
             continue
     return None
 

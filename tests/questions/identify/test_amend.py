@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import testbench as tb
 from testbench.cli import app
-from testbench.core.errors import EstimationError, RecordError, ScenarioError
+from testbench.core.errors import EstimationError, ScenarioError, WriteError
 from testbench.effects import SERVOS
 from testbench.estimators.structured import Servo
 from testbench.evaluation.parameters import true_parameters
@@ -207,7 +207,7 @@ def test_each_refusal_says_what_to_do(file, found, tmp_path, monkeypatch):
     assert "which is packaged" in refused(file, "--amend", "eolo")
     assert "letters, digits" in refused(file, "--amend", "my plane")
     (tmp_path / "aircraft").write_text("a file where the folder would be")
-    with pytest.raises(RecordError, match="can be written to"):
+    with pytest.raises(WriteError, match="can be written to"):
         amend([found], "mine")
     other = replace(found, source=found.source.changed(aircraft="eolo"))
     with pytest.raises(ScenarioError, match="one aircraft"):

@@ -125,7 +125,7 @@ def test_wrong_words_are_answered_in_one_line(flown, record, tmp_path, monkeypat
     true_file, bare = truth.save(tmp_path / "truth.nc"), tmp_path / "bare.nc"
     kept["turbulence 1_eolo_ten_accelerometers"].select(["q", "V"]).save(bare)
     for words, status, part in (
-        ((tmp_path / "none.nc",), 2, "a record file must exist"),
+        ((tmp_path / "none.nc",), 2, "a readable record file must lie at"),
         (("eolo_turbulnce",), 2, "did you mean 'eolo_turbulence'?"),
         (("eolo_alpha",), 2, "is a scenario: use testbench run"),
         ((record, FILE), 2, "either records (.nc) or one description"),

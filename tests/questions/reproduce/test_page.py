@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from testbench.core.errors import RecordError, ScenarioError
+from testbench.core.errors import ScenarioError, WriteError
 from testbench.core.store import LOCK, ResultFolder
 from testbench.questions.reproduce import paper_checks, printed
 from testbench.questions.reproduce.ask import CHAPTERS, reproduce
@@ -193,7 +193,7 @@ def test_an_unknown_chapter_is_refused_with_the_nearest_name():
 
 def test_a_folder_that_cannot_be_written_to_is_refused_before_the_work(tmp_path):
     (tmp_path / "file").write_text("no folder")
-    with pytest.raises(RecordError, match=r"results must go to a folder.*file.*give another folder"):
+    with pytest.raises(WriteError, match=r"results must go to a folder.*file.*give another folder"):
         ResultFolder(tmp_path / "file" / "reproduction")
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import testbench.cli as cli
 from testbench.core.door import checked
-from testbench.core.errors import RecordError
+from testbench.core.errors import RecordError, WriteError
 from testbench.core.store import MANIFEST, OWN, ResultFolder
 from testbench.page.page import Page
 from testbench.page.tables import Column, Table
@@ -137,7 +137,7 @@ def test_an_index_and_a_table_of_the_users_are_not_replaced(tmp_path, monkeypatc
     assert Path("index.html").read_text() == "mine"
     Path("tables").mkdir()
     Path("tables/sizes.csv").write_text("mine")
-    with pytest.raises(RecordError, match=r"no manifest lists 'tables/sizes.csv'; the new result is in 'result'"):
+    with pytest.raises(WriteError, match=r"no manifest lists 'tables/sizes.csv'; the new result is in 'result'"):
         page().write(".")
     assert Path("tables/sizes.csv").read_text() == "mine"
     assert verify_results("result").whole

@@ -18,7 +18,7 @@ import pytest
 from jinja2 import UndefinedError
 from rich.console import Console
 
-from testbench.core.errors import RecordError
+from testbench.core.errors import WriteError
 from testbench.core.files import write_file
 from testbench.core.record import load_record
 from testbench.core.store import OWN, ResultFolder
@@ -178,14 +178,14 @@ def test_two_cases_of_one_name_do_not_overwrite_each_other(make_result, tmp_path
 
 def test_a_folder_that_cannot_be_written_to_is_named(result, tmp_path) -> None:
     (tmp_path / "taken").write_text("a file")
-    with pytest.raises(RecordError, match="folder that can be written to, got"):
+    with pytest.raises(WriteError, match="folder that can be written to, got"):
         write_results(result, tmp_path / "taken")
 
 
 def test_a_file_that_fails_leaves_the_old_one_as_it_was(tmp_path) -> None:
     path = write_file(tmp_path / "a.txt", "old")
     (tmp_path / "a.txt.part").mkdir()
-    with pytest.raises(RecordError):
+    with pytest.raises(WriteError):
         write_file(path, "new")
     assert path.read_text() == "old"
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from clock import since
 
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.questions.gap.result import GapFinding
 
 
@@ -17,7 +17,7 @@ def found_row(find: Callable[[], GapFinding]) -> dict[str, Any]:
     began = time.process_time()
     try:
         found = find()
-    except TestbenchError as error:
+    except Refusal as error:
         return {"outcome": "failed", "names": [], "accused": [], "why": str(error)}
     naming = found.naming
     first = naming.best or next(iter(naming.ranking), None)

@@ -13,7 +13,7 @@ from typing import Any
 
 from studies.blind.run import look_again, name_case
 
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
 from testbench.flight.batch.jobs import Simulator
 from testbench.questions.gap.sealed.cases import SHORT, WITHOUT, Case
@@ -27,7 +27,7 @@ def run_case(case: Case, variant: str = "", simulator: Simulator = "auto", only:
     try:
         records, held_out, out = _records(case, variant), case.fly("held_out"), _taken_out(case, variant)
         row = name_case(case.aircraft, records, held_out, out, simulator, only)
-    except TestbenchError as error:
+    except Refusal as error:
         row = {"outcome": "failed", "names": [], "why": str(error)}
     return {"case": case.name + variant, **row}
 

@@ -11,7 +11,7 @@ from studies.reliability.cases import Row, go_on
 from studies.reliability.scenarios import LONGEST_S, run_cases
 
 from testbench.core.door import KINDS
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 
 COUNT = 3000
 
@@ -26,7 +26,7 @@ def kinds(count: int = COUNT) -> list[Row]:
             kind, _, seed = name.rpartition(" ")
             try:
                 valid[kind].tried(mutant(valid[kind], kind, int(seed)), folder)
-            except TestbenchError as error:
+            except Refusal as error:
                 return "refused", str(error)
             return "read", ""
 

@@ -14,7 +14,7 @@ from fuzz.test_mutated_files import TEXTS, rng_of
 from studies.reliability.cases import Row, go_on, quiet_main
 from studies.reliability.scenarios import LONGEST_S, run_cases
 
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
 from testbench.questions.importing.ask import Imported, import_log
 
@@ -44,7 +44,7 @@ def judged(case: str, folder: Path) -> tuple[str, str]:
     commands(path, folder, int(seed))
     try:
         found = import_log(path)
-    except TestbenchError as error:
+    except Refusal as error:
         return "refused", str(error)
     wrong = differing(whole.record, found.record)
     if not wrong:

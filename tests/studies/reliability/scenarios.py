@@ -17,7 +17,7 @@ from fuzz.mutations import mistyped, nudged
 from fuzz.test_mutated_files import rng_of
 from studies.reliability.cases import Row, go_on, in_batches, quiet_main
 
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.paths import SCENARIOS
 
 COUNT, FLOWN, FLIGHT_S, BATCH = 3000, 150, 20, 200
@@ -45,7 +45,7 @@ def judged(name: str, folder: Path) -> tuple[str, str]:
     """Return what became of a mutant: refused, the same as the original, or read with another value."""
     try:
         asked = inputs.read_scenario(name.rpartition(" ")[0], mutant(name), folder)
-    except TestbenchError as error:
+    except Refusal as error:
         return "refused", str(error)
     written = tomllib.loads(mutant(name))
     if hasattr(asked, "model_dump"):

@@ -59,7 +59,8 @@ def add_ground_test(
     Raises:
         ModelError: the aircraft's model cannot take the modes.
         BusyError: another process writes into the folder.
-        RecordError: a file cannot be read or written, or the folder holds another aircraft.
+        RecordError: a file cannot be read.
+        WriteError: one cannot be written, or the folder holds another aircraft.
         ScenarioError: the file breaks a law, the aircraft is flexible already, or the folder is its own.
         TrimError: the aircraft cannot be trimmed.
     """

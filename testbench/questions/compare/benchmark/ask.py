@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from testbench.core.door import read_text
-from testbench.core.errors import RecordError, ScenarioError, TestbenchError, nearest
+from testbench.core.errors import RecordError, Refusal, ScenarioError, nearest
 from testbench.core.files import not_written
 from testbench.core.processes import cores, processes, spread
 from testbench.core.store import ResultFolder
@@ -61,7 +61,8 @@ def benchmark(
     Raises:
         ScenarioError: a data set that there is not, or an own estimator that breaks a law.
         EstimationError: a method that there is not.
-        RecordError: no data set is there, or the folder cannot be written to.
+        RecordError: no data set is there.
+        WriteError: the folder cannot be written to.
 
     Example:
         >>> import testbench as tb
@@ -116,7 +117,7 @@ def _cell(flight: Flown, entry: Entry, limit_s: float) -> Cell:
             model = estimate(entry.settings, [flight.record], INPUTS, OUTPUTS, [flight.unseen])
             pole = _nearest(need_numbers(model).poles(), truth)
             stated = _stated(model, flight, pole)
-    except TestbenchError as error:
+    except Refusal as error:
         return Cell(None, limit, truth, {}, time.process_time() - began, error.message)
     if pole is None:
         none = "it must give a pole, got none that has a continuous counterpart"
@@ -173,7 +174,7 @@ class Kept:
         """Keep one more.
 
         Raises:
-            RecordError: the file cannot be written to.
+            WriteError: the file cannot be written to.
         """
         self.cells[key] = cell
         row = {"key": key, "set": data, "method": method, "seed": seed, **cell._asdict()}

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from testbench.core.errors import RecordError, TestbenchError
+from testbench.core.errors import RecordError, Refusal
 from testbench.core.record import FlightRecord
 from testbench.effects.servo import WORDS
 from testbench.logs.plausible import questions_of, refusal
@@ -57,7 +57,7 @@ def check_signs(believed: Believed, records: Mapping[str, FlightRecord]) -> None
     """
     try:
         found = turned(felt(believed, records, copies=0))
-    except TestbenchError:  # without forces and moments nothing is known of signs
+    except Refusal:  # without forces and moments nothing is known of signs
         return
     asked = questions_of(records.items()) if any(t.reversed for t in found) else ()
     if asked:  # values in another unit are the cause

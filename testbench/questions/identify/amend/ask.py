@@ -12,7 +12,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.blas import on_one_thread
-from testbench.core.errors import EstimationError, ScenarioError, TestbenchError
+from testbench.core.errors import EstimationError, Refusal, ScenarioError
 from testbench.core.escape import markdown_cell, markdown_table
 from testbench.core.words import with_error
 from testbench.estimators.identification import estimator_name
@@ -89,7 +89,7 @@ def amend(found: Sequence[Identified], name: str, progress: Report | None = None
     Raises:
         ScenarioError: an identification has no aircraft, or they have several.
         EstimationError: no derivative is to be believed, or none is one that an aircraft has.
-        RecordError: the folder has an aircraft that the testbench did not write, or cannot be written to.
+        WriteError: the folder has an aircraft that the testbench did not write, or cannot be written to.
         TrimError, ModelError: the aircraft cannot be trimmed there, or cannot take what is to be written.
 
     Example:
@@ -254,7 +254,7 @@ def _trim_note(part: _Part, trimmed: TrimmedFlight) -> str:
 def _number(aircraft: Aircraft, name: str) -> float | None:
     try:
         return aircraft.coefficient(name)
-    except TestbenchError:
+    except Refusal:
         return None
 
 

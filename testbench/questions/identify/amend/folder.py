@@ -32,7 +32,7 @@ def folder_of(name: str, base: str) -> Path:
         ScenarioError: the name is that of a packaged aircraft, of the one that is amended, or none that a model may
             have.
         BusyError: another process writes into the folder.
-        RecordError: an aircraft that the testbench did not write lies there, or the folder cannot be written to.
+        WriteError: an aircraft that the testbench did not write lies there, or the folder cannot be written to.
     """
     folder = Path(name) if len(Path(name).parts) > 1 else Path("aircraft") / name
     check_name(folder)
@@ -135,7 +135,7 @@ def write_folder(files: Mapping[str, str], folder: Path) -> None:
 
     Raises:
         BusyError: another process writes into the folder.
-        RecordError: the folder cannot be written to, or holds an aircraft that the testbench did not write.
+        WriteError: the folder cannot be written to, or holds an aircraft that the testbench did not write.
     """
     with ResultFolder(folder) as place:
         for name, text in files.items():

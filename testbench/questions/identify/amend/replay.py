@@ -20,7 +20,7 @@ import numpy as np
 from testbench.aircraft import Aircraft, SetProperty
 from testbench.aircraft.seams import changed, control_path
 from testbench.core.channels import CONTROLS
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.parametric.response import delayed
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, fly, linearise, trim
@@ -125,7 +125,7 @@ class _Flyer:
                 1.0 / record.dt_s,
                 list(dict.fromkeys(needed)),
             )
-        except TestbenchError as error:
+        except Refusal as error:
             return f"does not fly it to the end: {error.message}"
         y = np.column_stack([self._read(c, lambda n: flown[n] - self._trimmed.state[n]) for c in self._outputs])
         taken = record.valid[:, [record.channels.index(n) for n in self._outputs]]
@@ -183,7 +183,7 @@ class _Flyer:
 def _flyer(case: Case, aircraft: Aircraft, condition: FlightCondition, dt_s: float) -> _Flyer | str:
     try:
         return _Flyer(case, aircraft, condition, dt_s)
-    except TestbenchError as error:
+    except Refusal as error:
         return f"cannot be flown there: {error.message}"
 
 
