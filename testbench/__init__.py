@@ -23,11 +23,13 @@ if TYPE_CHECKING:
     from testbench.estimators.causes import with_causes
     from testbench.estimators.parametric.structures.written import structure_from_equations
     from testbench.evaluation import evaluate
-    from testbench.flight import FlightCondition, Manoeuvre, Start, fly, linearise, load_aircraft, trim
+    from testbench.flight import FlightCondition, Manoeuvre, Start, fly, load_aircraft
     from testbench.flight.batch.fly import fly_many, fly_stream
     from testbench.flight.batch.jobs import Job
     from testbench.flight.batch.trim import trim_many
+    from testbench.flight.linearise import linearise
     from testbench.flight.tangents import FlightParameter, tangents
+    from testbench.flight.trim import trim
     from testbench.inference.calibrate import calibrate
     from testbench.inference.compare import Hypothesis, Posterior, compare_hypotheses
     from testbench.inference.parameters import Noise, Parameter
