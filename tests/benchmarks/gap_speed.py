@@ -16,9 +16,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from smallest import sized
+from studies.blind.cases import draw
 from studies.blind.rows import run_case
 
-from testbench.questions.gap.sealed.cases import draw
 from testbench.questions.gap.search.parallel import cores, processes
 
 if __name__ == "__main__":

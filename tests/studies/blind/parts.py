@@ -8,12 +8,12 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from studies.blind.cases import Case
 from studies.blind.score import judge
 
 from testbench.effects import catalogue, library
 from testbench.flight import load_aircraft
 from testbench.questions.gap.parts import part_names
-from testbench.questions.gap.sealed.cases import Case
 from testbench.questions.gap.verdict import call_of
 from testbench.sensors import load_suite
 
