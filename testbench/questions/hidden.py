@@ -17,7 +17,7 @@ from pydantic import ConfigDict, Discriminator, Field, Tag
 
 from testbench.aircraft import Aircraft
 from testbench.core import bring
-from testbench.core.errors import ModelError, ScenarioError, nearest
+from testbench.core.errors import ModelError, ScenarioError, TestbenchError, nearest
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.base import AircraftName, FlownAt, Manoeuvre
 from testbench.core.schema import Positive, Strict
@@ -102,7 +102,11 @@ class Hidden(Strict):
             suite: as believed.
             names: of the manoeuvres.
         """
-        file, flown = asked.file, load_aircraft(self.aircraft or asked.aircraft, self.wings or asked.wings)
+        file = asked.file
+        try:
+            flown = load_aircraft(self.aircraft or asked.aircraft, self.wings or asked.wings)
+        except TestbenchError as error:
+            return [f"{'hidden.aircraft' if self.aircraft else 'aircraft'}: {error.message}"]
         out = _made(self, suite, flown, file, run=False)[1]
         for i, entry in enumerate(self.effects):
             if entry.manoeuvre is not None and entry.manoeuvre not in names:
