@@ -228,7 +228,9 @@ def test_measured_records_of_a_case_must_hold_what_its_suite_says(case, tmp_path
 def test_faults_of_a_gap_scenario_come_at_once(tmp_path):
     text = (SCENARIOS / "gap" / "nothing.toml").read_text(encoding="utf-8")
     file = tmp_path / "g.toml"
-    file.write_text(text.replace("[hidden]", '[hidden]\nwings = "rigd"').replace("seed", "sed"), encoding="utf-8")
+    file.write_text(
+        text.replace("\n[hidden]\n", '\n[hidden]\nwings = "rigd"\n').replace("seed", "sed"), encoding="utf-8"
+    )
     with pytest.raises(ScenarioError) as caught:
         GapScenario.load(file)
     assert len(caught.value.faults) == 2
