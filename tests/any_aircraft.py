@@ -98,7 +98,8 @@ class Visitor:
             "seed = 1\n", "", 1
         )
         suite = "eolo_gap" if self.throttle else "glider"
-        gap = f'{head}suite = "{suite}"\n{condition}[hidden]\nkind = "slow_servo"\ncorner_rad_s = 5.0\n{flown}'
+        hidden = '[hidden]\neffects = [{ effect = "actuator_lag", lag_rad_s = 5.0 }]\n'
+        gap = f'{head}suite = "{suite}"\n{condition}{hidden}{flown}'
         return {
             "run": run, "compare": compare, "design": design, "plan": plan, "campaign": campaign, "gap": gap,
         }  # fmt: skip

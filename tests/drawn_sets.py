@@ -40,7 +40,7 @@ aircraft = ["taurus", "eolo"]
 speed_ratio = [1.05, 1.2]
 h_m = [300.0, 500.0]
 turbulence_rms_m_s = [0.1, 0.2]
-hidden = ["late link", "slow servo", "gyro gain"]
+hidden = ["transport_delay", "actuator_lag", "q_scale"]
 
 [level.vary]
 "coefficient.Cm_alpha" = { kind = "normal", mean = 1.0, std = 0.05 }

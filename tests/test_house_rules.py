@@ -144,31 +144,23 @@ def test_a_question_imports_another_only_if_it_asks_it():
 
 
 def test_the_hidden_truth_and_the_library_of_effects_share_no_code():
-    """What makes hidden truths and what names them import nothing of each other, in both directions."""
+    """What the blind test hides is made by code of its own; what names an effect does not see how it was made."""
     gap, blind = PACKAGE / "questions" / "gap", ROOT / "tests" / "studies" / "blind"
-    hidden, sealed = "testbench.questions.gap.hidden", "testbench.questions.gap.sealed"
-    # What draws the cases of the blind test imports, of all this, its own modules and the maker of hidden truths only.
-    drawn = [p for p in blind.glob("*.py") if p.stem.endswith(("_case", "_cases", "_flights", "_truths"))]
-    assert len(drawn) > 10
-    own = tuple(f"studies.blind.{path.stem}" for path in drawn)
-    for path in (*(gap / "hidden").glob("*.py"), *(gap / "sealed").glob("*.py"), *drawn):
-        found = {m for m, _ in imports(path) if m.startswith(("testbench.questions.gap", "studies."))} - {
-            "studies.blind"
-        }
-        allowed = {"hidden": (hidden,), "sealed": (hidden, sealed)}.get(path.parent.name, (hidden, sealed, *own))
-        assert not {m for m in found if not m.startswith(allowed)}, path.name
-    effects = list((PACKAGE / "effects").glob("*.py"))
-    assert len(effects) > 10
-    for path in effects:
-        assert not {m for m, _ in imports(path) if m.startswith("testbench.questions.gap")}
-    for path in gap.rglob("*.py"):
-        if path.parent.name not in ("hidden", "sealed"):
-            made = () if path.name in ("ask.py", "scenario.py") else (hidden,)  # a case makes its records
-            assert not {m for m, _ in imports(path) if m.startswith((*made, sealed, "studies.blind"))}, path.name
-    for name in ("run.py", "lateral_run.py", "stock_run.py"):
-        naming = {m for m, _ in imports(blind / name) if m.startswith((hidden, sealed, *own))}
-        seen = {f"{sealed}.flights", *(f"studies.blind.{each}_flights" for each in ("lateral", "stock"))}
-        assert naming <= seen, f"{name} sees conditions and sensors only"
+    # What makes and draws the cases imports, of all this, its own modules and what flies a hidden truth.
+    making = {"servos", "truth", "truths", "lateral_truths", "kinds", "flights", "cases"}
+    own = {"studies.blind", *(f"studies.blind.{name}" for name in making)}
+    flies = {"testbench.questions", "testbench.questions.hidden", "testbench.questions.gap.starts"}
+    for name in making:
+        found = {m for m, _ in imports(blind / f"{name}.py") if m.startswith(("testbench.", "studies."))}
+        beyond = {m for m in found if m.startswith(("testbench.effects", "testbench.questions", "studies."))}
+        assert beyond <= own | flies, name
+    # In the package, a case makes its records; nothing else of the workflow knows what is hidden, or any test.
+    for path in SOURCES:
+        assert not {m for m, _ in imports(path) if m.split(".")[0] in ("tests", "studies")}, path.name
+        if path.is_relative_to(gap) and path.name not in ("ask.py", "scenario.py"):
+            assert "testbench.questions.hidden" not in {m for m, _ in imports(path)}, path.name
+    naming = {m for m, _ in imports(blind / "run.py") if m.startswith("studies.") or m == "testbench.questions.hidden"}
+    assert naming == {"studies.blind.flights"}, "what names a case sees conditions and sensors only"
 
 
 def public(node: ast.AST) -> Iterator[ast.FunctionDef | ast.ClassDef]:

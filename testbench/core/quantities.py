@@ -138,5 +138,7 @@ def bound(schema: Any, of: Quantity) -> None:
     inner = [schema[part] for part in ("schema", "values_schema", "lax_schema", "strict_schema") if part in schema]
     if schema["type"] in ("tuple", "union"):
         inner += schema["items_schema" if schema["type"] == "tuple" else "choices"]
+    if schema["type"] == "tagged-union":
+        inner += schema["choices"].values()
     for part in inner:
         bound(part, of)

@@ -137,7 +137,7 @@ def _fault(schema: type[Strict], content: Mapping[str, Any], item: Any, file: Pa
         if isinstance(key, int):
             shown[-1] += f"[{key}]"
             place = place[key] if isinstance(place, (list, tuple)) and key < len(place) else None
-        elif isinstance(place, Mapping) and key not in place and _variants(model) and key in _variants(model):
+        elif not (isinstance(place, Mapping) and key in place) and key in _variants(model):
             model = _variants(model)[key]  # a union's tag: not a key of the file
             continue
         else:

@@ -17,9 +17,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from clock import since
 from smallest import sized
+from studies.blind.cases import draw
 from studies.blind.rows import run_case
 
-from testbench.questions.gap.sealed.cases import draw
 from testbench.questions.gap.search.parallel import cores, processes
 
 if __name__ == "__main__":

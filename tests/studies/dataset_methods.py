@@ -23,9 +23,9 @@ from testbench.estimators.prepare import prepare
 from testbench.estimators.regression.data import Recipe, RegressionData, polynomial_terms
 from testbench.estimators.regression.smoothing import fourier_smooth
 from testbench.estimators.regression.stepwise import stepwise
-from testbench.questions.gap.hidden.aircraft import SERVO_LAG
 from testbench.sensors.sensor import first_order_lag
 
+SERVO_LAG = {"eolo": 50.0, "taurus": 33.0}  # corner of the believed elevator servo, rad/s
 OUTPUTS = ("V", "alpha", "q", "theta")
 LAGS = {s.channel: s.lag_s for s in tb.load_suite("eolo_gap").sensors if s.channel in OUTPUTS}
 FINE = 20  # steps within a sample

@@ -18,9 +18,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 from smallest import sized
+from studies.blind.cases import opened
 from studies.blind.rows import run_case
-
-from testbench.questions.gap.sealed.cases import opened
 
 ALIKE = 0.05  # of a standard error: sizes are printed to two digits of it
 _RESULTS = Path(__file__).resolve().parents[2] / "results" / "gap"

@@ -19,12 +19,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 from clock import since
 from smallest import sized
+from studies.blind.cases import SHORT, opened
 from studies.blind.run import believe
 
 from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.evidence.check import check_data
 from testbench.questions.gap.open_set import first_look, named_openly
-from testbench.questions.gap.sealed.cases import SHORT, opened
 
 FOLDER = Path(__file__).parents[2] / "results" / "gap"
 

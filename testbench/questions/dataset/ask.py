@@ -23,7 +23,6 @@ from testbench.page.text import text_page
 from testbench.questions.campaign.ask import Progress
 from testbench.questions.campaign.load import versions
 from testbench.questions.campaign.store import Counts
-from testbench.questions.dataset.cases import fly_case_part
 from testbench.questions.dataset.datasheet import datasheet
 from testbench.questions.dataset.draws import aircraft_of
 from testbench.questions.dataset.flying import Part, fly_part
@@ -120,9 +119,8 @@ def _about(scenario: DatasetScenario, layout: Layout, simulator: Simulator) -> d
             content = [aircraft.xml, repr(aircraft.elastic), sorted(aircraft.engine_files.items())]
             models[f"{label(name)}, {level.wings}"] = _hash(content)
         given["aircraft"] = [label(name) for name in level.aircraft]
-    if scenario.suite is not None:
-        asked["suite"] = label(scenario.suite)
-        models[asked["suite"]] = _hash(repr(load_suite(scenario.suite)))
+    asked["suite"] = label(scenario.suite)
+    models[asked["suite"]] = _hash(repr(load_suite(scenario.suite)))
     return {
         "scenario": asked,
         "models": models,
@@ -172,13 +170,9 @@ class _Session:
 
     @property
     def _draws_per_part(self) -> int:
-        if self.layout.task == "naming":
-            return 4
         return max(1, min(_MOST_PER_PART, int(_PART_BYTES / (self.layout.row_bytes * self.layout.per_draw))))
 
     def _part(self, numbers: range) -> Part:
-        if self.layout.task == "naming":
-            return fly_case_part(self.scenario, self.layout, numbers.start, numbers.stop)
         return fly_part(self.scenario, self.layout, numbers.start, numbers.stop, self.simulator)
 
     def _tell(self, done: Mapping[int, Any], parts: list[range], flown: int, elapsed_s: float) -> None:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from testbench.core.errors import Faults, LimitError, nearest
+from testbench.effects import Effect, catalogue, left_out
 from testbench.flight import load_aircraft
 from testbench.inputs import build
 from testbench.questions.campaign.draws import middle
 from testbench.questions.campaign.scenario import Uncertainty
 from testbench.questions.campaign.targets import check_target, is_scenario_key
+from testbench.questions.dataset.draws import MOST_HIDDEN
 from testbench.questions.dataset.scenario import DatasetScenario, Level
-from testbench.questions.gap.hidden.aircraft import SPEEDS_M_S
-from testbench.questions.gap.sealed.cases import STRATA
-from testbench.questions.gap.sealed.truths import KINDS
 from testbench.sensors import SensorSuite, load_suite
 from testbench.sensors.sensor import whole_ratio
 
@@ -21,24 +21,10 @@ from testbench.sensors.sensor import whole_ratio
 def dataset_faults(scenario: DatasetScenario) -> list[str]:
     """Return every law that the file of a data set breaks beyond its schema."""
     faults = Faults(scenario.file)
-    if scenario.strata is not None:
-        for stratum in scenario.strata.sealed or {}:
-            if stratum not in STRATA:
-                faults.note("strata.sealed", f"unknown stratum '{stratum}'{nearest(stratum, STRATA)}")
-        if scenario.seed == scenario.strata.sealed_seed:
-            faults.note(
-                "seed", f"seed must differ from strata.sealed_seed, or cases leak; got {scenario.seed} for both"
-            )
-        if scenario.split.train + scenario.split.validation == 0.0:
-            faults.note("split", "train + validation > 0 must hold: the sealed cases are the test split")
-        return faults
-    suite = faults.attempt("suite", load_suite, str(scenario.suite))
+    suite = faults.attempt("suite", load_suite, scenario.suite)
     if suite is None:
         return faults
     for i, level in enumerate(scenario.level):
-        for kind in level.hidden:
-            if kind not in KINDS:
-                faults.note(f"level[{i}].hidden", f"unknown kind of hidden effect '{kind}'{nearest(kind, KINDS)}")
         _check_level(faults, f"level[{i}]", scenario, level, suite)
     places: dict[str, str] = {}
     for i, level in enumerate(scenario.level):
@@ -54,15 +40,18 @@ def dataset_faults(scenario: DatasetScenario) -> list[str]:
 
 
 def _check_level(faults: Faults, key: str, scenario: DatasetScenario, level: Level, suite: SensorSuite) -> None:
-    commanded = {s.control for m in scenario.manoeuvre for s in m.input}
+    commanded, known = {s.control for m in scenario.manoeuvre for s in m.input}, catalogue(suite)
+    for fault in _hidden_faults(level, known):
+        faults.note(f"{key}.hidden", fault)
     for name in level.aircraft:
         aircraft = faults.attempt(f"{key}.aircraft", load_aircraft, name, level.wings)
         if aircraft is None:
             continue
         for control in sorted(commanded - set(aircraft.controls)):
             faults.note(f"{key}.aircraft", f"{name} must have every control that is moved, but it has no '{control}'")
-        if level.hidden and name not in SPEEDS_M_S:
-            faults.note(f"{key}.hidden", f"hidden effects are known for {' and '.join(SPEEDS_M_S)}, got '{name}'")
+        effects = {n: known[n] for entry in level.hidden for n in entry.split(" + ") if n in known}
+        for effect, why in left_out(effects, aircraft, suite).items():
+            faults.note(f"{key}.hidden", f"{name} cannot have {effect}: {why}")
         rate = scenario.simulation.rate_hz or aircraft.rate_hz
         faults.attempt(f"{key}.aircraft", _check_rates, scenario, name, rate, suite)
         for target, law in level.vary.items():
@@ -78,6 +67,19 @@ def _check_level(faults: Faults, key: str, scenario: DatasetScenario, level: Lev
             else:
                 for fault in check_target(target, middle(law), aircraft, (suite,)):
                     faults.note(where, fault)
+
+
+def _hidden_faults(level: Level, known: Mapping[str, Effect]) -> Iterator[str]:
+    """Yield every law that the effects of a level break on any aircraft."""
+    for entry in level.hidden:
+        names = entry.split(" + ")
+        if len(names) > MOST_HIDDEN:
+            yield f"at most {MOST_HIDDEN} effects can act together, got {len(names)} in '{entry}'"
+        for name in names:
+            if name not in known:
+                yield f"unknown effect '{name}'{nearest(name, known)}"
+            elif known[name].over_time is not None:
+                yield f"{name} grows over hours of a flight, and flights of a data set have no time after take-off"
 
 
 def _check_rates(scenario: DatasetScenario, name: str, rate_hz: float, suite: SensorSuite) -> None:

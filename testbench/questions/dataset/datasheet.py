@@ -17,15 +17,11 @@ from testbench.core.paths import SCENARIOS
 from testbench.questions.campaign.load import versions
 from testbench.questions.dataset.layout import Layout, label
 from testbench.questions.dataset.scenario import SPLITS, DatasetScenario, Level
-from testbench.questions.gap.sealed.flights import suite
 from testbench.sensors import load_suite
 
 _TASKS = {
     "identification": "Estimate the derivatives and modes of the aircraft (`truth`) from the flights of each draw.",
-    "naming": (
-        "Name the effect that the believed model of the aircraft lacks (`effect`) from the six first flights of each "
-        "draw; the last two are held out, to judge by."
-    ),
+    "naming": "Name what the believed model of the aircraft lacks (`effect`), if anything, from the flights of a draw.",
 }
 
 
@@ -52,7 +48,6 @@ def datasheet(
     file = scenario.file.name if scenario.file else "scenario.toml"
     packaged = scenario.file is not None and scenario.file.is_relative_to(SCENARIOS)
     file = file.removesuffix(".toml") if packaged else file
-    drawn_only = layout.flights - layout.sealed * layout.per_draw
     parts = [
         f"# {markdown_cell(scenario.title)}\n",
         f"{scenario.question}\n" if scenario.question else "",
@@ -67,8 +62,8 @@ def datasheet(
         f"{layout.samples * len(layout.channels) * 4}: {layout.samples} samples at {layout.rate_hz:g} Hz of "
         f"{len(layout.channels)} channels of 4 bytes. Nothing is compressed.\n",
         "## How it was drawn\n",
-        _how(scenario, layout),
-        _again(layout, again),
+        _how(scenario),
+        _again(again),
         "The flights of a draw share aircraft, condition and hidden effects, and lie in one split: the SHA-256 of what "
         "was drawn decides which. A larger data set of the same seed begins with the same draws.\n",
         "## Channels\n",
@@ -90,7 +85,7 @@ def datasheet(
         "## Licence, version, command\n",
         f"Licence: {markdown_cell(scenario.licence)}. The seed stands in `dataset.json`, as the whole scenario does. "
         f"Versions: {', '.join(f'{k} {v}' for k, v in versions().items())}.\n",
-        f"```sh\ntestbench dataset {shell_word(file)} --runs {drawn_only} --out FOLDER\n```\n",
+        f"```sh\ntestbench dataset {shell_word(file)} --runs {layout.flights} --out FOLDER\n```\n",
         "`testbench dataset check FOLDER`, or `sha256sum -c checksums.sha256` in it, checks the files.\n",
         "```python\nimport testbench as tb\n\nflights = tb.open_dataset(\"FOLDER\")\n```\n",
     ]  # fmt: skip
@@ -99,7 +94,7 @@ def datasheet(
 
 def _channels(scenario: DatasetScenario) -> str:
     """Return the channels with what their sensors are believed to be, before levels and hidden effects."""
-    sensed = suite() if scenario.suite is None else load_suite(scenario.suite)
+    sensed = load_suite(scenario.suite)
     rows = [
         (
             s.channel,
@@ -112,14 +107,7 @@ def _channels(scenario: DatasetScenario) -> str:
     return _table(heads, rows)
 
 
-def _how(scenario: DatasetScenario, layout: Layout) -> str:
-    if scenario.strata is not None:
-        return (
-            f"By the laws of the testbench's blind test of naming: {layout.sealed} sealed cases (seed "
-            f"{scenario.strata.sealed_seed}, whose answers are public) are the test split, "
-            f"{layout.draws - layout.sealed} cases of another seed the others. In every case the coefficients differ "
-            "from the believed ones by the factors in `truth`.\n"
-        )
+def _how(scenario: DatasetScenario) -> str:
     inputs = [
         (m.name, ", ".join(s.signal + " on " + s.control for s in m.input), m.duration_s) for m in scenario.manoeuvre
     ]
@@ -152,9 +140,7 @@ def _words(level: Level) -> str:
     return "; ".join(out)
 
 
-def _again(layout: Layout, again: Mapping[str, int]) -> str:
-    if layout.task == "naming":
-        return "A case whose flights leave the limits of the aircraft is drawn again, ten times at most.\n"
+def _again(again: Mapping[str, int]) -> str:
     if not again:
         return "Every draw flew at its first attempt.\n"
     reasons = _table(("times", "drawn again because"), [(n, why) for why, n in again.items()])
@@ -164,10 +150,8 @@ def _again(layout: Layout, again: Mapping[str, int]) -> str:
 def _effects(layout: Layout) -> str:
     if not layout.effects:
         return ""
-    rows = list(zip(layout.effects, (r or "none" for r in layout.right), strict=True))
-    return "## Hidden effects\n\n" + _table(
-        ("kind", "right names in the library"), [(k, r.replace("|", "or")) for k, r in rows]
-    )
+    rows = [(k, p, r.replace("|", "or")) for k, p, r in zip(layout.effects, layout.parts, layout.right, strict=True)]
+    return "## Hidden effects\n\n" + _table(("effect", "part", "right names"), rows)
 
 
 def _table(heads: tuple[str, ...], rows: list[tuple[Any, ...]]) -> str:

@@ -13,10 +13,15 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.generators import keyed_generator
+from testbench.effects import catalogue
 from testbench.flight import load_aircraft
 from testbench.questions.campaign.draws import draw_value
+from testbench.questions.dataset.kinds import draw_sizes
 from testbench.questions.dataset.scenario import DatasetScenario, Level
-from testbench.questions.gap.sealed.truths import KINDS
+from testbench.sensors import load_suite
+
+MOST_HIDDEN = 2
+"""Effects that act together at most."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +37,8 @@ class Draw:
         turbulence_rms_m_s: of the air.
         scale: of the inputs.
         values: key of a campaign -> what was drawn for it.
-        kinds, sizes: of the hidden effects.
+        kinds: names of the hidden effects.
+        sizes: parameter -> value (SI), of each.
         seed: of noise and air; flight k has ``seed + k``.
     """
 
@@ -84,7 +90,8 @@ def draw(scenario: DatasetScenario, number: int, attempt: int) -> Draw:
         for key in ("speed_ratio", "h_m", "scale", "turbulence_rms_m_s")
     )
     hidden = generator("hidden")
-    kinds = (str(hidden.choice(list(level.hidden))),) if level.hidden else ()
+    kinds = tuple(str(hidden.choice(list(level.hidden))).split(" + ")) if level.hidden else ()
+    known = catalogue(load_suite(scenario.suite)) if kinds else {}
     return Draw(
         number=number,
         attempt=attempt,
@@ -96,6 +103,6 @@ def draw(scenario: DatasetScenario, number: int, attempt: int) -> Draw:
         scale=scale,
         values={key: draw_value(law, scenario.seed, number, f"{key}/{attempt}") for key, law in level.vary.items()},
         kinds=kinds,
-        sizes=tuple(KINDS[kind].draw(hidden) for kind in kinds),
+        sizes=tuple(draw_sizes(known[kind], hidden) for kind in kinds),
         seed=int(generator("seed").integers(1, 2**31 - 10**6)),
     )

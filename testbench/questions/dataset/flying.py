@@ -11,6 +11,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.errors import DatasetError, Refusal
 from testbench.core.record import FlightRecord
+from testbench.effects import catalogue
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight
 from testbench.flight.air import Air
 from testbench.flight.batch.fly import fly_jobs
@@ -23,9 +24,8 @@ from testbench.questions.dataset.draws import Draw, aircraft_of, draw
 from testbench.questions.dataset.layout import Layout, label
 from testbench.questions.dataset.scenario import SPLITS, DatasetScenario
 from testbench.questions.dataset.truths import true_figures
-from testbench.questions.gap.hidden.entries import TRUTHS
-from testbench.questions.gap.hidden.flights import as_issued_in, read_through, real_aircraft, sent, spoiled
-from testbench.questions.gap.hidden.truth import Truth
+from testbench.questions.gap.starts import Start
+from testbench.questions.hidden import Acting, Real
 from testbench.sensors import SensorSuite, load_suite
 
 MOST_ATTEMPTS = 20
@@ -46,9 +46,10 @@ class _Ready:
     """A draw with what flies and what measures."""
 
     drawn: Draw
-    truth: Truth
+    real: Real
     aircraft: Aircraft
     suite: SensorSuite
+    condition: FlightCondition
 
 
 def fly_part(scenario: DatasetScenario, layout: Layout, first: int, last: int, simulator: Simulator = "auto") -> Part:
@@ -94,7 +95,7 @@ def _fly(
     rate = scenario.simulation.rate_hz
     trims = trim_many(
         [x.aircraft for _, x in ready],
-        [FlightCondition(x.drawn.V_m_s, x.drawn.h_m) for _, x in ready],
+        [x.condition for _, x in ready],
         rate,
         None,
         simulator,
@@ -106,21 +107,20 @@ def _fly(
         else:
             able.append((i, x, at))
     models = linearise_many([x.aircraft for _, x, _ in able], [at for _, _, at in able], simulator)
-    commands = [_commands(scenario, layout, x, at) for _, x, at in able]
-    jobs = [job for of in commands for job, _ in of]
+    jobs = [job for _, x, at in able for job in _jobs(scenario, layout, x, at)]
     flown = iter(fly_jobs(jobs, simulator, fewest=1))
-    for (i, x, at), model, of in zip(able, models, commands, strict=True):
-        records = [next(flown) for _ in of]
-        out[i] = _rows(scenario, layout, x, at, model, records, [u for _, u in of])
+    for (i, x, at), model in zip(able, models, strict=True):
+        out[i] = _rows(scenario, layout, x, at, model, [next(flown) for _ in scenario.manoeuvre])
     return out
 
 
 def _prepared(scenario: DatasetScenario, drawn: Draw) -> _Ready:
     believed = change_aircraft(aircraft_of(drawn.aircraft, drawn.level.wings), drawn.values)
-    truth = Truth()
-    for kind, sizes in zip(drawn.kinds, drawn.sizes, strict=True):
-        truth = truth.with_(TRUTHS[kind](sizes, drawn.aircraft))
-    sensed = load_suite(str(scenario.suite))
+    believed = replace(believed, rate_hz=scenario.simulation.rate_hz or believed.rate_hz)
+    sensed = load_suite(scenario.suite)
+    known = catalogue(sensed) if drawn.kinds else {}
+    acting = (Acting(known[kind], sizes) for kind, sizes in zip(drawn.kinds, drawn.sizes, strict=True))
+    real = Real(believed, tuple(acting))
     f = drawn.level.noise
     sensors = tuple(
         replace(
@@ -137,27 +137,26 @@ def _prepared(scenario: DatasetScenario, drawn: Draw) -> _Ready:
     )
     sensed = replace(sensed, sensors=sensors, rate_hz=scenario.samples_hz or sensed.rate_hz)
     (changed,) = change_suites((sensed,), drawn.values)
-    return _Ready(drawn, truth, real_aircraft(believed, truth), read_through(changed, truth))
+    return _Ready(drawn, real, *real.from_(Start(FlightCondition(drawn.V_m_s, drawn.h_m)), changed))
 
 
-def _commands(scenario: DatasetScenario, layout: Layout, x: _Ready, at: TrimmedFlight) -> list[tuple[Job, Any]]:
-    """Return the flights of a draw, each with its commands per frame as they are issued, deviations from trim."""
+def _jobs(scenario: DatasetScenario, layout: Layout, x: _Ready, at: TrimmedFlight) -> list[Job]:
+    """Return the flights of a draw; each command is held to the next sample."""
     needed = tuple(dict.fromkeys(n for s in x.suite.sensors for n in s.needs))
     out = []
     for k, manoeuvre in enumerate(scenario.manoeuvre):
         issued = build(manoeuvre.input, manoeuvre.duration_s, layout.rate_hz)
         u = x.drawn.scale * np.repeat(issued.u, round(at.rate_hz / layout.rate_hz), axis=0)
-        real = sent(x.truth, u, issued.channels, 1.0 / at.rate_hz)
-        signal = InputSignal(np.arange(len(u)) / at.rate_hz, real, issued.channels)
+        signal = InputSignal(np.arange(len(u)) / at.rate_hz, u, issued.channels)
         air = _air(x, k)
         flight = Manoeuvre(manoeuvre.name, signal, manoeuvre.settle_s)
-        out.append((Job(x.aircraft, at, flight, layout.rate_hz, needed, air), u))
+        out.append(Job(x.aircraft, at, flight, layout.rate_hz, needed, air))
     return out
 
 
 def _air(x: _Ready, k: int) -> Air | None:
     """Return the air of flight ``k`` of a draw; a hidden gust belongs to its first flight."""
-    rms, gust = x.drawn.turbulence_rms_m_s, x.truth.gust if k == 0 else None
+    rms, gust = x.drawn.turbulence_rms_m_s, x.real.gust_in("", k == 0)
     return Air(turbulence_rms_m_s=(rms,) * 3, gust=gust, seed=x.drawn.seed + k) if rms or gust else None
 
 
@@ -168,18 +167,17 @@ def _rows(
     at: TrimmedFlight,
     model: LinearModel | Refusal,
     records: Sequence[FlightRecord | Refusal],
-    commands: Sequence[Any],
 ) -> dict[str, Any] | str:
     """Return the rows of a draw, or why it does not count."""
     if isinstance(model, Refusal):
         return _reason(model)
     out, d = layout.empty(len(records)), x.drawn
-    for k, (record, u) in enumerate(zip(records, commands, strict=True)):
+    for k, record in enumerate(records):
         if isinstance(record, Refusal):
             return _reason(record)
         if record.outcome == "aborted":
             return "the flight left the limits of the aircraft"
-        measured = _measured(scenario, x, at, record, u, k)
+        measured = x.suite.measure(record, d.seed + k)
         n = len(measured)
         out["readings"][k, :n] = measured.data
         if layout.validity:
@@ -192,40 +190,15 @@ def _rows(
         return _reason(error)
     # Nine figures: the last bits hang on how memory happens to lie, and the same set must have the same bytes.
     out["truth"][:] = [float(f"{figures.get(name, (np.nan, ''))[0]:.9g}") for name in layout.figures]
-    fill(out, layout, d.number, d.level.name, label(d.aircraft), scenario.split.of(d.share))
+    out["draw"][:], out["split"][:] = d.number, SPLITS.index(scenario.split.of(d.share))
+    out["level"][:], out["aircraft"][:] = layout.levels.index(d.level.name), layout.aircraft.index(label(d.aircraft))
     out["manoeuvre"][:] = np.arange(len(records))
     out["V_m_s"][:], out["h_m"][:], out["turbulence_rms_m_s"][:] = d.V_m_s, d.h_m, d.turbulence_rms_m_s
-    hide(out, layout, d.kinds, d.sizes)
-    return out
-
-
-def fill(out: dict[str, Any], layout: Layout, number: int, level: str, aircraft: str, split: str) -> None:
-    """Write into rows what all flights of a draw share."""
-    out["draw"][:], out["split"][:] = number, SPLITS.index(split)
-    out["level"][:], out["aircraft"][:] = layout.levels.index(level), layout.aircraft.index(aircraft)
-
-
-def hide(out: dict[str, Any], layout: Layout, kinds: Sequence[str], sizes: Sequence[Any]) -> None:
-    """Write into rows the hidden effects and their sizes."""
-    for j, (kind, of) in enumerate(zip(kinds, sizes, strict=True)):
+    for j, (kind, sizes) in enumerate(zip(d.kinds, d.sizes, strict=True)):
         out["effect"][:, j] = layout.effects.index(kind)
-        for name, value in of.items():
+        for name, value in sizes.items():
             out["effect_size"][:, layout.sizes.index(f"{kind}: {name}")] = value
-
-
-def _measured(
-    scenario: DatasetScenario, x: _Ready, at: TrimmedFlight, record: FlightRecord, u: Any, k: int
-) -> FlightRecord:
-    measured = x.suite.measure(record, x.drawn.seed + k)
-    manoeuvre = scenario.manoeuvre[k]
-    controls = tuple(
-        dict.fromkeys(n for n in ("de", "da", "dr", "thr") if any(s.control == n for s in manoeuvre.input))
-    )
-    controls_logged = [n for n in controls if f"{n}_cmd" in measured]
-    if (x.truth.elevator is not None or x.truth.throttle is not None or x.truth.fed_back) and controls_logged:
-        columns = [controls.index(n) for n in controls_logged]
-        measured = as_issued_in(measured, u[:, columns], controls_logged, at, manoeuvre.settle_s)
-    return measured if x.truth.spoil is None else spoiled(measured, x.truth)
+    return out
 
 
 def _reason(error: Refusal) -> str:

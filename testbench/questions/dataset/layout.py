@@ -11,21 +11,19 @@ import numpy as np
 
 from testbench.core.channels import channel
 from testbench.core.errors import located
+from testbench.effects import catalogue
 from testbench.flight import FlightCondition, linearise, trim
-from testbench.questions.dataset.draws import aircraft_of
+from testbench.questions.dataset.draws import MOST_HIDDEN, aircraft_of
+from testbench.questions.dataset.kinds import right_names
 from testbench.questions.dataset.scenario import SPLITS, DatasetScenario
 from testbench.questions.dataset.truths import true_figures
-from testbench.questions.gap.sealed.cases import STRATA
-from testbench.questions.gap.sealed.flights import LOG_HZ, SETTLE_S, manoeuvres, suite
-from testbench.questions.gap.sealed.truths import KINDS, PARAMETER_ERRORS
+from testbench.questions.gap.parts import part_names
 from testbench.sensors import load_suite
 
 WITHHELD = -2
 """An integer label of the test split, as the store has it; a number is NaN."""
 NONE = -1
 """No hidden effect."""
-MOST_HIDDEN = 2
-NAMING_SETS = ("rich", "held_out")
 
 
 @dataclass(frozen=True)
@@ -52,13 +50,13 @@ class Layout:
         rate_hz, samples: of every record; shorter ones end in NaN.
         channels, units: that are recorded.
         validity: whether samples can be missing or held.
-        levels: of difficulty, or strata.
+        levels: of difficulty.
         aircraft, manoeuvres: names.
         figures, figure_units: of the truth.
-        effects: kinds of hidden effects that may be drawn.
-        right: for each kind, the names of the library that are right, " | " between them.
-        sizes: "kind: size" of every kind.
-        sealed: number of draws that are sealed cases of the blind test.
+        effects: that may be hidden, by their names in the library.
+        parts: for each of them, the part of the aircraft that it acts in.
+        right: for each of them, the names that are right, " | " between them.
+        sizes: "effect: parameter" of every one.
     """
 
     task: str
@@ -75,9 +73,9 @@ class Layout:
     figures: tuple[str, ...]
     figure_units: tuple[str, ...]
     effects: tuple[str, ...]
+    parts: tuple[str, ...]
     right: tuple[str, ...]
     sizes: tuple[str, ...]
-    sealed: int = 0
 
     @property
     def dims(self) -> dict[str, int]:
@@ -99,12 +97,11 @@ class Layout:
     def variables(self) -> tuple[Variable, ...]:
         """Every array of the store, the order in which they lie in it."""
         naming = self.task == "naming"
-        level = "stratum of the blind test" if naming else "level of difficulty"
         out = [
             Variable("readings", ("flight", "time", "channel"), "<f4", "what the sensors show, SI; NaN behind the end"),
             Variable("draw", ("flight",), "<i4", "number of the draw: its flights share all but input, noise and air"),
             Variable("split", ("flight",), "<i1", "split of the draw", codes=SPLITS),
-            Variable("level", ("flight",), "<i1", level, label=naming, codes=self.levels),
+            Variable("level", ("flight",), "<i1", "level of difficulty", label=naming, codes=self.levels),
             Variable("aircraft", ("flight",), "<i1", "aircraft that is believed to fly", codes=self.aircraft),
             Variable("manoeuvre", ("flight",), "<i1", "manoeuvre that was commanded", codes=self.manoeuvres),
             Variable("samples", ("flight",), "<i4", "number of samples of the record"),
@@ -114,7 +111,7 @@ class Layout:
             Variable("truth", ("flight", "figure"), "<f8", "true figures of the aircraft that flew", label=True),
         ]
         if self.effects:
-            words = f"kinds of the hidden effects, {NONE} for none"
+            words = f"hidden effects, {NONE} for none"
             out += [
                 Variable("effect", ("flight", "hidden"), "<i2", words, "", True, self.effects),
                 Variable("effect_size", ("flight", "size"), "<f4", "sizes of hidden effects, NaN if none", "", True),
@@ -153,11 +150,7 @@ def layout_of(scenario: DatasetScenario, flights: int) -> Layout:
     Raises:
         TrimError: an aircraft has no trim in the middle of its conditions.
     """
-    return _identification(scenario, flights) if scenario.strata is None else _naming(scenario, flights)
-
-
-def _identification(scenario: DatasetScenario, flights: int) -> Layout:
-    sensed = load_suite(str(scenario.suite))
+    sensed = load_suite(scenario.suite)
     rate = scenario.samples_hz or sensed.rate_hz
     figures: dict[str, str] = {}
     for i, level in enumerate(scenario.level):
@@ -168,10 +161,11 @@ def _identification(scenario: DatasetScenario, flights: int) -> Layout:
                 at = trim(aircraft, FlightCondition(V, 0.5 * sum(level.h_m)), scenario.simulation.rate_hz)
             found = true_figures(aircraft, linearise(aircraft, at), at)
             figures |= {name: unit for name, (_, unit) in found.items()}
-    kinds = tuple(dict.fromkeys(k for level in scenario.level for k in level.hidden))
+    hidden = dict.fromkeys(k for level in scenario.level for entry in level.hidden for k in entry.split(" + "))
+    known = catalogue(sensed) if hidden else {}
     longest = max(m.duration_s + m.settle_s for m in scenario.manoeuvre)
     return Layout(
-        task="identification",
+        task=scenario.task,
         flights=flights,
         per_draw=len(scenario.manoeuvre),
         rate_hz=rate,
@@ -184,50 +178,16 @@ def _identification(scenario: DatasetScenario, flights: int) -> Layout:
         manoeuvres=tuple(m.name for m in scenario.manoeuvre),
         figures=tuple(figures),
         figure_units=tuple(figures.values()),
-        **_of_kinds(kinds),
+        effects=tuple(hidden),
+        parts=tuple(part_names(known[k])[0] for k in hidden),
+        right=tuple(" | ".join(right_names(k)) for k in hidden),
+        sizes=tuple(f"{k}: {p.name}" for k in hidden for p in known[k].parameters),
     )
 
 
 def _drops(scenario: DatasetScenario) -> bool:
     """Say whether a level makes a sensor lose samples."""
     return any(key.endswith(".dropout") for level in scenario.level for key in level.vary)
-
-
-def _naming(scenario: DatasetScenario, flights: int) -> Layout:
-    assert scenario.strata is not None
-    sets = [manoeuvres("taurus", which) for which in NAMING_SETS]
-    names = tuple(n for _, each in sets for n in each)
-    counts = STRATA if scenario.strata.sealed is None else scenario.strata.sealed
-    sealed = sum(counts.values())
-    longest = max(len(next(iter(signal.values()))) for signals, _ in sets for signal in signals)
-    sensed = suite()
-    return Layout(
-        task="naming",
-        flights=(sealed + -(-flights // len(names))) * len(names),  # of whole cases
-        per_draw=len(names),
-        rate_hz=LOG_HZ,
-        samples=longest + round(SETTLE_S * LOG_HZ) + 1,
-        channels=sensed.channels,
-        units=tuple(channel(n).unit for n in sensed.channels),
-        validity=False,
-        levels=tuple(STRATA),
-        aircraft=("eolo", "taurus"),
-        manoeuvres=names,
-        figures=tuple(PARAMETER_ERRORS),
-        figure_units=("",) * len(PARAMETER_ERRORS),
-        sealed=sealed,
-        **_of_kinds(tuple(KINDS)),
-    )
-
-
-def _of_kinds(kinds: tuple[str, ...]) -> dict[str, Any]:
-    """Return the names of kinds, of what is right for each, and of their sizes."""
-    rng = np.random.default_rng(0)
-    return {
-        "effects": kinds,
-        "right": tuple(" | ".join(KINDS[k].names) for k in kinds),
-        "sizes": tuple(f"{k}: {size}" for k in kinds for size in KINDS[k].draw(rng)),
-    }
 
 
 def label(aircraft: str) -> str:

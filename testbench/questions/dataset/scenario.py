@@ -1,4 +1,4 @@
-"""The file of a data set: levels of flights to identify from, or the strata of the blind test to name effects in."""
+"""The file of a data set: levels of flights to identify from, or to name effects in."""
 
 from __future__ import annotations
 
@@ -52,7 +52,8 @@ class Level(Strict):
     ``share`` is its weight among the levels. ``speed_ratio`` is the airspeed over the aircraft's design airspeed,
     ``scale`` a factor on all inputs of a draw, ``noise`` one on noise, bias, drift and quantum of the sensors. A pair
     is the range of a uniform draw. ``vary`` takes the keys of a campaign that change the aircraft or a sensor.
-    ``hidden`` lists kinds of hidden effects, of which each draw has one.
+    ``hidden`` lists effects of the library, of which each draw has one; "a + b" hides both. Their sizes are drawn from
+    the ranges of :mod:`.kinds`.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -77,23 +78,12 @@ class Level(Strict):
         return self
 
 
-class Strata(Strict):
-    """The strata of the blind test. Its sealed cases are the test split; train and validation are drawn by its laws.
-
-    ``sealed_seed`` is the seed of the sealed cases, ``sealed`` their number by stratum; all of the blind test if not
-    given.
-    """
-
-    sealed_seed: Annotated[int, Field(ge=0)] = 20261210
-    sealed: dict[str, Annotated[int, Field(ge=0)]] | None = None
-
-
 class DatasetScenario(Asked):
     """A data set of flights whose truth is known.
 
-    ``level`` with ``manoeuvre`` and ``suite`` makes flights to identify from: each draw flies every manoeuvre.
-    ``strata`` makes cases in which an effect is to be named, each with the manoeuvres of the blind test. ``flights``
-    are drawn; of ``strata``, the sealed cases come on top.
+    Each draw belongs to a ``level`` and flies every ``manoeuvre``, measured by the ``suite``. ``task`` "naming" asks
+    for the hidden effect: levels and turbulence are then labels, too, which the test split withholds. ``flights`` are
+    drawn in all.
     """
 
     unnamed: ClassVar[str] = "dataset"
@@ -103,32 +93,17 @@ class DatasetScenario(Asked):
     flights: Annotated[int, Field(ge=1)]
     licence: Annotated[str, Field(min_length=1)] = "not stated"
     split: Split = Split()
-    suite: SuiteName | None = None
+    task: Literal["identification", "naming"] = "identification"
+    suite: SuiteName
     samples_hz: Positive | None = None
     simulation: Simulation = Simulation()
-    manoeuvre: Annotated[tuple[Flown, ...], Field(strict=False)] = ()
-    level: Annotated[tuple[Level, ...], Field(strict=False)] = ()
-    strata: Strata | None = None
+    manoeuvre: Annotated[tuple[Flown, ...], Field(min_length=1, strict=False)]
+    level: Annotated[tuple[Level, ...], Field(min_length=1, strict=False)]
 
     @model_validator(mode="after")
-    def _one_task(self) -> DatasetScenario:
-        made = [name for name in ("level", "manoeuvre", "suite") if getattr(self, name)]
-        if self.strata is None and len(made) < 3:
-            raise ValueError(
-                "either 'strata' must be given, or 'level', 'manoeuvre' and 'suite'; got "
-                + (", ".join(made) or "none of them")
-            )
-        if self.strata is not None and made:
-            raise ValueError(
-                f"'strata' brings its own {', '.join(made)}: leave {'it' if len(made) == 1 else 'them'} out"
-            )
+    def _names_differ(self) -> DatasetScenario:
         for key in ("level", "manoeuvre"):
             names = [x.name for x in getattr(self, key)]
             if len(set(names)) != len(names):
                 raise ValueError(f"names of {key} must differ, got {', '.join(names)}")
         return self
-
-    @property
-    def task(self) -> str:
-        """What is asked of whoever takes the data: "identification" or "naming"."""
-        return "identification" if self.strata is None else "naming"

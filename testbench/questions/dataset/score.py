@@ -1,4 +1,4 @@
-"""Score answers about the test split: figures against the truth and their stated errors, names by stratum."""
+"""Score answers about the test split: figures against the truth and their stated errors, names by level."""
 
 from __future__ import annotations
 
@@ -13,10 +13,8 @@ from testbench.core.door import read_bytes
 from testbench.core.errors import RecordError, nearest
 from testbench.core.files import parsed
 from testbench.core.proportion import proportion_interval
+from testbench.questions.dataset.kinds import right_names
 from testbench.questions.dataset.open import open_dataset, truth_of
-from testbench.questions.gap.sealed.cases import STRATA
-from testbench.questions.gap.sealed.truths import KINDS
-from testbench.questions.gap.sealed.verdict import NO_GAP, UNEXPLAINED, verdict
 
 Rows = list[tuple[str, ...]]
 _Z = 1.959963984540054  # of 95 %
@@ -26,9 +24,14 @@ _OF_FIGURES = (
     "truth within 95 %", "interval, %",
 )  # fmt: skip
 _OF_NAMES = (
-    "stratum", "cases", "answered", "right", "interval, %", "in set", "one of two", "wrong", "interval, %", "no gap",
+    "level", "cases", "answered", "right", "interval, %", "in set", "one of two", "wrong", "interval, %", "no gap",
     "unexplained",
 )  # fmt: skip
+
+
+VERDICTS = ("right", "in set", "one of two", "wrong", "wrong set", "none", "unexplained")
+NO_GAP, UNEXPLAINED = "no gap", "unexplained"
+"""Outcomes without a name: nothing is missing; something is, and no effect explains it."""
 
 
 def score_predictions(
@@ -50,8 +53,9 @@ def score_predictions(
     """
     flights = open_dataset(folder, "test", truth_of(folder, truth))
     path = Path(predictions)
-    naming = "names" in flights.level.attrs and "effect" in flights and set(STRATA) == set(flights.level.attrs["names"])
-    table = _table(path, ("draw", "said") if naming else ("draw", "figure", "value"))
+    table = _table(path, ("draw",))
+    naming = "said" in table and "effect" in flights
+    _need(path, table, ("draw", "said") if naming else ("draw", "figure", "value"))
     draws = {int(d): i for i, d in reversed(list(enumerate(flights.draw.values)))}
     faults = _faults(table, draws)
     if naming:
@@ -80,15 +84,19 @@ def _table(path: Path, needed: Sequence[str]) -> Any:
     content = read_bytes(path, "table")
     with parsed(path, "a table of answers (CSV)"):
         table = pd.read_csv(io.BytesIO(content), dtype=str, keep_default_na=False, skipinitialspace=True)
+    _need(path, table, needed)
+    if not len(table):
+        raise RecordError(f"'{path}' must hold answers, but it has no line below its heads")
+    return table
+
+
+def _need(path: Path, table: Any, needed: Sequence[str]) -> None:
     missing = [n for n in needed if n not in table]
     if missing:
         raise RecordError(
             f"'{path}' must have the columns {', '.join(needed)}, but it lacks {', '.join(missing)}; "
             f"got {', '.join(map(str, table.columns)) or 'none'}"
         )
-    if not len(table):
-        raise RecordError(f"'{path}' must hold answers, but it has no line below its heads")
-    return table
 
 
 def _lines(table: Any, column: str) -> list[tuple[int, str]]:
@@ -157,7 +165,7 @@ def _errors(answered: list[tuple[float, float, float]], rms: float, stated: bool
 
 
 def _names(table: Any, flights: Any, draws: dict[int, int]) -> Any:
-    """Score names: one row per stratum, with Wilson's intervals of right and of wrong names; a set counts by itself."""
+    """Score names: one row per level, with Wilson's intervals of right and of wrong names; a set counts by itself."""
     said = {int(d): s.strip() for d, s in zip(table["draw"], table["said"], strict=True)}
     levels, effect = flights.level.values, flights.effect.values
     kinds = flights.effect.attrs["names"]
@@ -167,7 +175,7 @@ def _names(table: Any, flights: Any, draws: dict[int, int]) -> Any:
         verdicts = []
         for d, i in of.items():
             if d in said:
-                right = [KINDS[kinds[k]].names for k in effect[i] if k >= 0]
+                right = [right_names(kinds[k]) for k in effect[i] if k >= 0]
                 verdicts.append(_verdict(right, said[d]))
         if not of:
             continue
@@ -192,3 +200,39 @@ def _verdict(right: list[tuple[str, ...]], said: str) -> str:
 def _interval(k: int, n: int) -> str:
     low, high = proportion_interval(k, n)
     return f"{100.0 * low:.0f} to {100.0 * high:.0f}"
+
+
+def verdict(right: Sequence[Sequence[str]], outcome: str, names: Sequence[str]) -> str:
+    """Return the verdict on one answer, one of :data:`VERDICTS`.
+
+    Of two effects at once both must be named for "right". Where nothing is hidden, or nothing that the library holds,
+    any name is wrong, and so is a set. Where one effect has several right names, several of them together are right,
+    too: a vane of second order is a lag and a delay.
+
+    Args:
+        right: for each hidden effect, the names that are right; none for an effect that the library does not hold.
+        outcome: "no gap", "unexplained", or anything else if names are given.
+        names: that were said; effects that act together are joined by " + ".
+    """
+    if outcome in (NO_GAP, UNEXPLAINED):
+        return "none" if outcome == NO_GAP else "unexplained"
+    known = [r for r in right if r]
+    fits = [_fitting(name, known) for name in names]
+    if not known or not any(fits):
+        return "wrong" if len(names) == 1 else "wrong set"
+    if len(names) > 1:
+        return "in set" if max(fits) == len(known) else "wrong set"
+    if not set(names[0].split(" + ")) <= set().union(*known):
+        return "wrong"
+    return "right" if fits[0] == len(known) else "one of two"
+
+
+def _fitting(name: str, right: Sequence[Sequence[str]]) -> int:
+    """Return how many of the hidden effects the parts of a name stand for."""
+    parts, found = name.split(" + "), 0
+    for names in right:
+        match = next((p for p in parts if p in names), None)
+        if match is not None:
+            parts.remove(match)
+            found += 1
+    return found

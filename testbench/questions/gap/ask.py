@@ -17,13 +17,13 @@ from testbench.line import Keep, condition_of
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.brought import choose
 from testbench.questions.gap.evidence.compared import not_compared
-from testbench.questions.gap.hidden.kinds import measure_hidden
 from testbench.questions.gap.records import Flights, at_its_own, check_records, check_speeds
 from testbench.questions.gap.result import GapFinding
 from testbench.questions.gap.scenario import GapScenario, Loaded
 from testbench.questions.gap.starts import Start, marked
 from testbench.questions.gap.window_length import Windows
 from testbench.questions.gap.workflow import find_gap
+from testbench.questions.hidden import measure_hidden
 from testbench.sensors import SensorSuite, load_suite
 
 
@@ -109,19 +109,11 @@ def run_gap(
             for m in scenario.manoeuvre
             if (s := _start(m, m.condition, condition, m.settle_s + m.duration_s)) is not None
         }
+        with located(file, "hidden"):
+            real = scenario.hidden.real(scenario, suite)
         with located(file, "manoeuvre"):
-            records = measure_hidden(
-                scenario.aircraft,
-                scenario.wings,
-                scenario.hidden,
-                suite,
-                condition,
-                scenario.manoeuvre,
-                seed,
-                scenario.simulation.rate_hz,
-                progress,
-                {n: (s.condition, s.load_kg, s.load_aft_m, s.at_s) for n, s in starts.items()},
-            )
+            own = scenario.simulation.rate_hz
+            records = measure_hidden(real, suite, condition, scenario.manoeuvre, seed, own, progress, starts)
             records = {n: marked(r, starts[n]) if n in starts else r for n, r in records.items()}
         held = {m.name for m in scenario.manoeuvre if m.use == "validation"}
     else:
@@ -148,7 +140,7 @@ def run_gap(
             windows=scenario.windows if windows is None else windows,
             drive=scenario.drive,
             further=OTHER_SERVOS if scenario.effects is None else None,
-            noise="simulated" if scenario.hidden is not None else "stated",
+            noise="simulated" if scenario.hidden is not None and scenario.hidden.noise == 1.0 else "stated",
         )
     notes += choice.notes
     return GapResult(

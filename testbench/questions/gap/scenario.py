@@ -9,8 +9,8 @@ from pydantic import Field, model_validator
 from testbench.core.errors import Refusal
 from testbench.core.scenario.base import Condition, FlownAt, Manoeuvre, SuiteName
 from testbench.core.schema import NonNegative, Strict
-from testbench.questions.gap.hidden.kinds import Hidden
 from testbench.questions.gap.window_length import SHORTEST_S
+from testbench.questions.hidden import Hidden
 from testbench.sensors import load_suite
 
 Drive = Literal["command", "surface", "both"]
@@ -50,6 +50,8 @@ class GapManoeuvre(Manoeuvre, Loaded):
 class GapScenario(FlownAt):
     """A gap case. Either ``measured`` lists records, or ``manoeuvre`` and ``hidden`` make them.
 
+    ``hidden`` says what really flies; the search is not told.
+
     Of the manoeuvres, those for "identification" are used to name the effect, those for "validation" are held out.
 
     ``effects`` are searched in place of the whole library, ``more_effects`` beside it, or beside those: names of the
@@ -77,8 +79,8 @@ class GapScenario(FlownAt):
     drive: Drive = "both"
 
     def faults(self) -> list[str]:
-        """Return what is wrong with the effects that are searched, as far as texts tell; no code of theirs is run."""
-        if not (self.effects or self.more_effects):
+        """Return what is wrong with effects that are searched or hidden, as far as texts tell; none of them is run."""
+        if not (self.effects or self.more_effects or self.hidden):
             return []
         from testbench.questions.gap.brought import faults
 
@@ -87,8 +89,10 @@ class GapScenario(FlownAt):
         except Refusal:
             suite = None  # which is said where the suite is needed
         keys = {"effects": self.effects or (), "more_effects": self.more_effects}
-        found = [(key, fault) for key, names in keys.items() for fault in faults(names, suite, self.file)]
-        return [f"{self.file}, {key}: {fault}" if self.file else f"{key}: {fault}" for key, fault in found]
+        found = [f"{key}: {fault}" for key, names in keys.items() for fault in faults(names, suite, self.file)]
+        if self.hidden is not None and suite is not None:
+            found += self.hidden.faults(self, suite, [m.name for m in self.manoeuvre])
+        return [f"{self.file}, {fault}" if self.file else fault for fault in found]
 
     @model_validator(mode="after")
     def _one_source_with_both_uses(self) -> GapScenario:

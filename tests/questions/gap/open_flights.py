@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from studies.blind.truth import coefficient
 
 from testbench.aircraft import Aircraft, Amendment, Increment
 from testbench.core.constants import DEG_RAD
@@ -16,7 +17,6 @@ from testbench.core.record import FlightRecord
 from testbench.flight import FlightCondition, Manoeuvre, fly, load_aircraft, trim
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.hidden.terms import coefficient
 from testbench.sensors import Sensor, SensorSuite
 
 _AXES = {"Cl": "ROLL", "Cm": "PITCH", "Cn": "YAW", "CL": "LIFT", "CD": "DRAG", "CY": "SIDE"}

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from studies.blind.flights import fly_truth
 from studies.blind.run import believe
+from studies.blind.truth import Truth
 
 from testbench.core.errors import LimitError
 from testbench.core.record import FlightAborted
-from testbench.questions.gap.hidden.truth import Truth
-from testbench.questions.gap.sealed.flights import fly_truth
 from testbench.questions.gap.search.name import name_effect
 
 

@@ -13,21 +13,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from studies.blind import __main__ as command
-from studies.blind import rows
+from studies.blind import rows, servos
+from studies.blind.cases import Case, draw, opened, seal
+from studies.blind.flights import fly_truth
+from studies.blind.kinds import KINDS, parameter_errors
 from studies.blind.report import write_report
 from studies.blind.run import believe, look_again
 from studies.blind.score import judge, rates
+from studies.blind.truth import Truth
+from studies.blind.truths import SERVO_LAG, TRUTHS
 
 from testbench.core.proportion import proportion_interval
 from testbench.effects import EFFECTS, library
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.hidden import servos
-from testbench.questions.gap.hidden.aircraft import SERVO_LAG
-from testbench.questions.gap.hidden.entries import TRUTHS
-from testbench.questions.gap.hidden.truth import Truth
-from testbench.questions.gap.sealed.cases import Case, draw, opened, seal
-from testbench.questions.gap.sealed.flights import fly_truth
-from testbench.questions.gap.sealed.truths import KINDS, parameter_errors
 
 TESTS = Path(__file__).resolve().parents[2]
 
@@ -198,7 +196,7 @@ def test_a_hidden_servo_that_changes_nothing_shows_nothing(aircraft):
 
 
 def test_a_run_resumes_and_a_changed_seal_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(command, "STRATA", {"nothing": 2})
+    monkeypatch.setattr(command, "COUNTS", {"nothing": 2})
     ran: list[str] = []
 
     def name_case(aircraft, records, held_out, without=(), simulator="auto", only=()):

@@ -8,22 +8,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies.blind.accused import answer
+from studies.blind.cases import Case, counts_of, opened, seal
+from studies.blind.flights import CONTROLS, fly_lateral, suite
+from studies.blind.kinds import LATERAL_ERRORS, LATERAL_KINDS
 from studies.blind.lateral import SEED, page
-from studies.blind.lateral_cases import NOTHING, STRATA, TAKEN_OUT, LateralCase, opened
-from studies.blind.lateral_flights import CONTROLS, fly_lateral, suite
-from studies.blind.lateral_run import believe, searched
-from studies.blind.lateral_truths import LATERAL_KINDS, PARAMETER_ERRORS
+from studies.blind.lateral_truths import LATERAL
 from studies.blind.parts import parts_said
-from studies.blind.score import judge
-from studies.blind.strata import flown_factor, in_part, rates, right
+from studies.blind.rates import flown_factor, in_part, rates, right
+from studies.blind.run import believe, searched
+from studies.blind.score import answer, judge
+from studies.blind.truth import Truth
 
 from testbench.core.record import FlightRecord
-from testbench.questions.gap.hidden.lateral import LATERAL
-from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
-from testbench.questions.gap.sealed.cases import seal
 
+STRATA = counts_of("lateral")
+TAKEN_OUT, NOTHING = "lateral with the true effect taken out", "lateral nothing"
 SEALED = Path(__file__).resolve().parents[3] / "results" / "gap" / "lateral"
 # Least sum of squares, in units of the noise, by which a kind must change the six records; noise alone changes none.
 SEEN = 200.0
@@ -38,7 +38,7 @@ def flown(kind: str, which: str = "rich") -> dict[str, FlightRecord]:
 
 
 def difference(a: FlightRecord, b: FlightRecord) -> float:
-    noise = suite().noise_std
+    noise = suite("lateral").noise_std
     names = [n for n in a.channels if noise.get(n, 0.0) > 0.0]
     d = (a.columns(names) - b.columns(names)) / np.array([noise[n] for n in names])
     return float(np.sum((d - d.mean(axis=0)) ** 2))
@@ -57,16 +57,16 @@ def test_a_kind_flies_shows_in_the_readings_and_not_in_the_commands(kind):
 
 def test_kinds_have_right_names_and_coefficients_are_off_by_the_priors_of_the_workflow():
     assert set(LATERAL_KINDS) == set(LATERAL)
-    known, further = searched(believe("eolo"))
+    known, further = searched(believe("eolo", draw="lateral"))
     assert {n for k in LATERAL_KINDS.values() for n in k.names} <= {*known, *further}
     assert {k.names[0] for k in LATERAL_KINDS.values() if k.form == "library"} <= set(known)
-    assert PARAMETER_ERRORS == {**PRIORS, **LATERAL_PRIORS}
+    assert LATERAL_ERRORS == {**PRIORS, **LATERAL_PRIORS}
 
 
 def test_what_is_taken_out_is_not_searched():
-    case = LateralCase("x 1", TAKEN_OUT, "taurus", ("slow aileron servo",), ({},), {}, (("aileron_lag",),))
+    case = Case("x 1", TAKEN_OUT, "taurus", ("slow aileron servo",), ({},), {}, (("aileron_lag",),))
     assert case.without == ("aileron_lag",)
-    left, further = searched(believe("taurus"), case.without)
+    left, further = searched(believe("taurus", draw="lateral"), case.without)
     assert "aileron_lag" not in left
     assert not any("aileron_lag" in e.contains for e in (*left.values(), *further.values()))
     assert "rudder_lag" in left
@@ -95,14 +95,14 @@ def test_the_answers_are_those_that_were_sealed():
 
 def test_a_linkage_s_ratio_is_one_of_the_coefficients_of_its_control():
     kind = ("aileron linkage ratio",), ({"gain": 1.5},), {"Cl_da": 0.9, "Cn_dr": 1.1}
-    case = LateralCase("x 1", TAKEN_OUT, "taurus", *kind, (("aileron_surface_scale",),))
+    case = Case("x 1", TAKEN_OUT, "taurus", *kind, (("aileron_surface_scale",),))
     flown = [flown_factor(case, n) for n in ("Cl_da", "Cn_da", "Cn_dr", "Cl_p")]
     assert flown == pytest.approx([1.35, 1.5, 1.1, 1.0])
 
 
 def test_a_wrong_coefficient_and_what_is_not_told_from_it_are_a_set():
     ratio = ("aileron linkage ratio",), ({"gain": 1.5},), {"Cl_da": 0.9}, (("aileron_surface_scale",),)
-    case = LateralCase("lateral library form 1", "lateral library form", "taurus", *ratio)
+    case = Case("lateral library form 1", "lateral library form", "taurus", *ratio)
     row = {"outcome": "no gap", "names": [], "accused": [["Cl_da", 1.35, 0.01, ["aileron_surface_scale"]]]}
     assert answer(case, row) == ("set", ["Cl_da", "aileron_surface_scale"])
     assert judge(case, row).verdict == "in set"
@@ -117,9 +117,9 @@ def test_a_wrong_coefficient_and_what_is_not_told_from_it_are_a_set():
 
 def test_rows_become_rates():
     lag = ("slow aileron servo",), ({"lag_rad_s": 8.0},), {"Cl_p": 1.2}, (("aileron_lag",),)
-    cases = [LateralCase(f"lateral library form {i}", "lateral library form", "eolo", *lag) for i in (1, 2, 3)]
-    cases += [LateralCase(f"{TAKEN_OUT} {i}", TAKEN_OUT, "taurus", *lag) for i in range(1, 7)]
-    cases.append(LateralCase(f"{NOTHING} 1", NOTHING, "eolo", (), (), {}, ()))
+    cases = [Case(f"lateral library form {i}", "lateral library form", "eolo", *lag) for i in (1, 2, 3)]
+    cases += [Case(f"{TAKEN_OUT} {i}", TAKEN_OUT, "taurus", *lag) for i in range(1, 7)]
+    cases.append(Case(f"{NOTHING} 1", NOTHING, "eolo", (), (), {}, ()))
     said = {
         "lateral library form 1": ("named", ["aileron_lag"], []),
         "lateral library form 2": ("named", ["beta_scale"], [["Cl_p", 1.21, 0.01]]),  # the coefficient is right

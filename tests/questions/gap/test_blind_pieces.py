@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from studies.blind.cases import Case, opened, seal
+from studies.blind.flights import fly_truth
 from studies.blind.pieces import SEED, STRATA, page, piece, rates
+from studies.blind.truth import Truth
 
 from testbench.questions.gap.evidence.commanded import begins_quietly
-from testbench.questions.gap.hidden.truth import Truth
-from testbench.questions.gap.sealed.cases import Case, opened, seal
-from testbench.questions.gap.sealed.flights import fly_truth
 
 SEALED = Path(__file__).resolve().parents[3] / "results" / "gap" / "pieces"
 

@@ -12,6 +12,16 @@ from functools import cache
 
 import pytest
 from gap.gap_flights import among
+from gap.hidden_truths import (
+    command_gain,
+    late_command,
+    measure_truth,
+    rate_feedback,
+    slewed_command,
+    slow_servo,
+    yaw_damper,
+)
+from studies.blind.truths import load
 
 import testbench.questions.gap.workflow as workflow
 from testbench.core.scenario.base import Manoeuvre
@@ -21,16 +31,6 @@ from testbench.effects.servo import WORDS
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.control_path import JudgedPath, judge_paths, restricted
-from testbench.questions.gap.hidden.kinds import (
-    Ballast,
-    CommandGain,
-    LateCommand,
-    RateFeedback,
-    SlewedCommand,
-    SlowServo,
-    YawFeedback,
-    measure_hidden,
-)
 from testbench.questions.gap.workflow import find_gap
 from testbench.sensors import load_suite
 from testbench.sensors.sensor import Sensor
@@ -40,15 +40,15 @@ STEP = StandardMultistep(signal="3211", control="de", amplitude_deg=2.0, step_s=
 RUDDER = Doublet(signal="doublet", control="dr", amplitude_deg=4.0, period_s=1.6)
 ELEVATOR = Manoeuvre(name="elevator", use="identification", duration_s=6.0, input=(STEP,))
 YAW = Manoeuvre(name="rudder", use="identification", duration_s=8.0, input=(RUDDER,))
-DAMPER = RateFeedback(kind="rate_feedback", gain_s=0.1)
-WASHED = YawFeedback(kind="yaw_feedback", gain_s=0.3, washout_s=2.0)
+DAMPER = rate_feedback(0.1)
+WASHED = yaw_damper(0.3, 2.0)
 TRUTHS = {
     "feedback": (DAMPER, "de", "fed q", (0.1,), "pitch_damper"),
     "washed feedback": (WASHED, "dr", "fed r washed", (0.3, 0.5), "yaw_damper"),
-    "slow servo": (SlowServo(kind="slow_servo", corner_rad_s=12.0), "de", "lag", (12.0,), "actuator_lag"),
-    "late command": (LateCommand(kind="late_command", delay_s=0.06), "de", "delay", (0.06,), "transport_delay"),
-    "gain": (CommandGain(kind="command_gain", gain=0.8), "de", "gain", (0.8,), "surface_scale"),
-    "slow slew": (SlewedCommand(kind="slewed_command", rate_rad_s=0.3), "de", "rate limit", (0.3,), "rate_limit"),
+    "slow servo": (slow_servo(12.0), "de", "lag", (12.0,), "actuator_lag"),
+    "late command": (late_command(0.06), "de", "delay", (0.06,), "transport_delay"),
+    "gain": (command_gain(0.8), "de", "gain", (0.8,), "surface_scale"),
+    "slow slew": (slewed_command(0.3), "de", "rate limit", (0.3,), "rate_limit"),
 }
 
 
@@ -59,7 +59,7 @@ def believe(noise_rad: float, control: str = "de") -> Believed:
 
 
 def measure(b: Believed, hidden, *specs: Manoeuvre, seed: int = 3):
-    return measure_hidden("eolo", "rigid", hidden, b.suite, b.condition, specs, seed, b.rate_hz)
+    return measure_truth("eolo", hidden, b.suite, b.condition, specs, seed, b.rate_hz)
 
 
 @cache
@@ -95,7 +95,7 @@ def test_a_clean_surface_tells_the_same(case):
 def test_a_path_as_believed_is_cleared_whatever_else_is_wrong(noise_rad):
     """The aircraft is a sixth heavier than believed, which its surfaces do not know."""
     b = believe(noise_rad)
-    (path,) = judge_paths(b, list(measure(b, Ballast(kind="ballast", mass_kg=0.5), ELEVATOR).values()))
+    (path,) = judge_paths(b, list(measure(b, load(0.5, 0.0), ELEVATOR).values()))
     assert (path.outcome, path.terms) == ("as believed", ()), path.sentence
     assert "no effect of that path is sought" in path.sentence
     some = {n: EFFECTS[n] for n in ("actuator_lag", "pitch_damper", "mass_error", "free_play", "surface_scale")}
@@ -106,7 +106,7 @@ def test_a_path_as_believed_is_cleared_whatever_else_is_wrong(noise_rad):
 
 def test_a_surface_off_from_its_command_is_told_and_named_nothing():
     b = believe(NOISE_RAD)
-    (record,) = measure(b, Ballast(kind="ballast", mass_kg=0.1), ELEVATOR).values()
+    (record,) = measure(b, load(0.1, 0.0), ELEVATOR).values()
     off = record.with_columns({"de": record["de"] + 0.02})
     (path,) = judge_paths(b, [off])
     assert path.outcome == "as believed"

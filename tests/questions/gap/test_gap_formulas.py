@@ -8,6 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from studies.blind import truths as boom_module
+from studies.blind.servos import backlash, reluctant
+from studies.blind.truths import RATE_HZ, boom
 
 from testbench.core.constants import LBF_N
 from testbench.core.record import FlightRecord
@@ -20,9 +23,6 @@ from testbench.questions.gap.evidence import felt
 from testbench.questions.gap.evidence.gust_model import _felt
 from testbench.questions.gap.evidence.stepwise import _Moments, _Slow
 from testbench.questions.gap.free_start import Directions
-from testbench.questions.gap.hidden import boom as boom_module
-from testbench.questions.gap.hidden.boom import RATE_HZ, boom
-from testbench.questions.gap.hidden.servos import backlash, reluctant
 from testbench.questions.gap.new import shared_with
 from testbench.questions.gap.search import gauss_newton
 from testbench.questions.gap.tell import strained

@@ -7,7 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2
+from studies.blind.flights import fly_truth
 from studies.blind.run import believe
+from studies.blind.truth import Truth
+from studies.blind.truths import TRUTHS
 
 from testbench.core.door import read_toml
 from testbench.core.errors import ModelError
@@ -19,9 +22,6 @@ from testbench.flight.air import Gust
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.gusts import called, manoeuvre_of, record_key
 from testbench.questions.gap.export import air_text
-from testbench.questions.gap.hidden.entries import TRUTHS
-from testbench.questions.gap.hidden.truth import Truth
-from testbench.questions.gap.sealed.flights import fly_truth
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.gust_search import GustSearch, sought
 from testbench.questions.gap.search.hypothesis import Hypothesis

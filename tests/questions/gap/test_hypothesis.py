@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from studies.blind.flights import fly_truth
 from studies.blind.run import believe
+from studies.blind.truth import Truth
 
 from testbench.core.errors import TrimError
 from testbench.core.record import FlightRecord
@@ -15,9 +17,7 @@ from testbench.flight import FlightCondition, load_aircraft
 from testbench.inputs import build
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.effect_contract import recorded
-from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.priors import PRIORS
-from testbench.questions.gap.sealed.flights import fly_truth
 from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.sensors import load_suite

@@ -11,8 +11,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from gap.hidden_truths import NOTHING, measure_truth, scaled_sensor, yaw_damper
 from gap_flights import believe as believe_longitudinal
 from gap_flights import measure as measure_longitudinal
+from studies.blind.truth import Truth
 
 import testbench.questions.gap.plan as plan_module
 from testbench.core.paths import SCENARIOS
@@ -28,7 +30,6 @@ from testbench.questions.gap.evidence.air import listen
 from testbench.questions.gap.evidence.check import check_data
 from testbench.questions.gap.evidence.commanded import moves_laterally
 from testbench.questions.gap.evidence.locate import locate_regions
-from testbench.questions.gap.hidden.kinds import Hidden, Nothing, SensorError, YawFeedback, measure_hidden
 from testbench.questions.gap.plan import Grams, as_record, family
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS, priors_of
 from testbench.questions.gap.records import load_flights
@@ -73,19 +74,19 @@ def believe(aircraft: str) -> Believed:
     return Believed(load_aircraft(aircraft, "rigid"), suite, CONDITIONS[aircraft], RATE_HZ)
 
 
-def hidden(aircraft: str, truth: Hidden, seed: int = 3, spec=None) -> list[FlightRecord]:
+def hidden(aircraft: str, truth: Truth, seed: int = 3, spec=None) -> list[FlightRecord]:
     b, spec = believe(aircraft), spec or (RUDDER[aircraft], AILERON)
-    return list(measure_hidden(aircraft, "rigid", truth, b.suite, b.condition, spec, seed, RATE_HZ).values())
+    return list(measure_truth(aircraft, truth, b.suite, b.condition, spec, seed, RATE_HZ).values())
 
 
 @cache
-def named(aircraft: str, truth: Hidden) -> Naming:
+def named(aircraft: str, truth: Truth) -> Naming:
     b = believe(aircraft)
     lib = library(b.suite)
     return name_effect(b, hidden(aircraft, truth), effects={n: lib[n] for n in FEW}, pairs=False)
 
 
-DAMPER = YawFeedback(kind="yaw_feedback", gain_s=0.3, washout_s=2.0)
+DAMPER = yaw_damper(0.3, 2.0)
 
 
 @pytest.mark.parametrize("aircraft", [pytest.param("taurus", marks=pytest.mark.slow), "eolo"])
@@ -102,7 +103,7 @@ def test_a_hidden_yaw_damper_is_named_with_its_gain(aircraft):
 
 @pytest.mark.parametrize(("channel", "gain"), [("beta", 1.2), pytest.param("r", 1.1, marks=pytest.mark.slow)])
 def test_a_scale_error_of_a_lateral_sensor_is_named(channel, gain):
-    naming = named("taurus", SensorError(kind="sensor_error", channel=channel, gain=gain))
+    naming = named("taurus", scaled_sensor(channel, gain))
     assert (naming.outcome, naming.names) == ("named", (f"{channel}_scale",)), naming.sentence
     assert abs(naming.best.values["scale"] - gain) < 4.0 * naming.best.errors["scale"]
 
@@ -113,7 +114,7 @@ def test_lateral_coefficients_off_by_their_priors_are_no_gap():
     b = believe("eolo")
     signs = [(-1.0) ** i for i in range(len(LATERAL_PRIORS))]
     off = {n: 1.0 + s * d for s, (n, d) in zip(signs, LATERAL_PRIORS.items(), strict=True)}
-    records = recorded(b.with_nuisances(off), hidden("eolo", Nothing(kind="nothing")))
+    records = recorded(b.with_nuisances(off), hidden("eolo", NOTHING))
     naming = name_effect(b, records, effects={n: library(b.suite)[n] for n in FEW})
     assert (naming.outcome, naming.best) == ("no gap", None), naming.sentence
     assert naming.chi2_believed > 1.2 * naming.chi2_tuned
@@ -123,7 +124,7 @@ def test_re_tuning_rests_at_the_noise_where_cross_derivatives_are_far_off():
     """Tangents bend over tens of degrees: with those of the believed values alone, ten rounds end far above noise."""
     b = believe("taurus")
     off = b.with_nuisances({"Cn_da": 0.5, "Cl_beta": 1.2, "Cn_dr": 1.1, "Cn_beta": 0.85})
-    records = tuple(recorded(off, hidden("taurus", Nothing(kind="nothing"))))
+    records = tuple(recorded(off, hidden("taurus", NOTHING)))
     start = Hypothesis.at(b, b, records)
     tuned = retune(start)
     assert start.chi2 > 10.0 * start.exact.size
@@ -147,7 +148,7 @@ def recorded(model: Believed, commands: list[FlightRecord], noise: int = 5) -> l
 @pytest.fixture(scope="module")
 def base() -> Hypothesis:
     b = believe("taurus")
-    return retune(Hypothesis.at(b, b, tuple(hidden("taurus", Nothing(kind="nothing")))))
+    return retune(Hypothesis.at(b, b, tuple(hidden("taurus", NOTHING))))
 
 
 def test_lateral_records_screen_out_what_they_cannot_show(base):
@@ -196,7 +197,7 @@ def test_a_lateral_effect_is_recovered_from_data_without_noise_that_it_made(name
 
 
 def test_a_yaw_damper_without_gain_changes_nothing_and_damps_with_the_sign_of_its_words():
-    b, record = believe("taurus"), hidden("taurus", Nothing(kind="nothing"))[0]
+    b, record = believe("taurus"), hidden("taurus", NOTHING)[0]
     effect = EFFECTS["yaw_damper"]
     plain, r = b.predict(record), b.outputs.index("r")
     same = b.with_effect(effect, {"gain_s": 0.0, "washout_rad_s": 1.0}).predict(record)
@@ -220,7 +221,7 @@ def test_longitudinal_records_are_re_tuned_as_ever_and_not_asked_for_lateral_eff
         assert (found.seen, found.signature.known) == (False, {}), "not even tried"
         assert "neither aileron nor rudder" in found.why
     still = replace(believe("eolo"), condition=b.condition)
-    assert priors_of(hidden("eolo", Nothing(kind="nothing"), spec=(ELEVATOR,))) is PRIORS, "commands held count not"
+    assert priors_of(hidden("eolo", NOTHING, spec=(ELEVATOR,))) is PRIORS, "commands held count not"
     assert still.outputs != b.outputs
 
 
@@ -248,7 +249,7 @@ def test_lateral_tangents_are_those_of_flights(base):
 def test_the_check_of_the_instruments_takes_lateral_kinematics():
     """With the wings level believed, a turn would be blamed on the alpha vane."""
     b = believe("taurus")
-    vane = check_data(b, hidden("taurus", SensorError(kind="sensor_error", channel="beta", gain=1.2)))
+    vane = check_data(b, hidden("taurus", scaled_sensor("beta", 1.2)))
     assert vane.result.structure.motion == "lateral"
     assert [e.name for e, _ in vane.news] == ["beta_scale"], vane.sentences
 
@@ -277,7 +278,7 @@ def test_residuals_are_located_over_sideslip_and_rudder_where_they_move(base):
     residuals = [base.believed.residuals(r) for r in base.records]
     quantities = {m.quantity for m in locate_regions(base.records, residuals, base.believed.outputs)}
     assert {"beta", "p", "r", "da_cmd", "dr_cmd"} <= quantities
-    only = hidden("taurus", Nothing(kind="nothing"), spec=(ELEVATOR,))
+    only = hidden("taurus", NOTHING, spec=(ELEVATOR,))
     quantities = {m.quantity for m in locate_regions(only, [np.ones((len(only[0]), 10))], base.believed.outputs)}
     assert not quantities & {"beta", "p", "r", "da_cmd", "dr_cmd"}
 
@@ -293,7 +294,7 @@ def test_records_of_rudder_and_aileron_are_read_from_files_and_named(tmp_path):
     few = {n: library(suite)[n] for n in FEW[:2]}
     specs = [m.model_copy(update={"duration_s": 6.0}) for m in (RUDDER["taurus"], AILERON, RUDDER["taurus"])]
     specs[2] = specs[2].model_copy(update={"name": "again"})
-    records = measure_hidden("taurus", "rigid", DAMPER, suite, CONDITIONS["taurus"], specs, 7, 300.0)
+    records = measure_truth("taurus", DAMPER, suite, CONDITIONS["taurus"], specs, 7, 300.0)
     files = [r.save(tmp_path / f"{i}.nc") for i, r in enumerate(records.values())]
     flights = load_flights("taurus", files, sensors="eolo_gap_lateral", wings="rigid")
     assert list(flights.held_out) == ["again"]

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from studies.blind.flights import fly_truth
 from studies.blind.run import believe
 from studies.blind.stock_again import DRAW
+from studies.blind.truth import Truth
+from studies.blind.truths import TRUTHS
 
 from testbench.effects import EFFECTS
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.hidden.entries import TRUTHS
-from testbench.questions.gap.hidden.truth import Truth
-from testbench.questions.gap.sealed.flights import fly_truth
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis

@@ -7,8 +7,8 @@ sought are the right one and those that came near it.
 from __future__ import annotations
 
 import pytest
-from studies.blind.lateral_cases import LateralCase
-from studies.blind.lateral_run import believe
+from studies.blind.cases import Case
+from studies.blind.run import believe
 
 from testbench.effects import OTHER_SERVOS, library
 from testbench.questions.gap.workflow import find_gap
@@ -22,8 +22,8 @@ NEAR = ("r_cross", "r_lag", "r_delay", "p_factor", "yaw_damper", "rudder_lag", "
 
 def answer(kind: str, aircraft: str, sizes: dict[str, float], factors: dict[str, float], own: tuple[str, ...]):
     """Return what is found among ``own`` effects, those that came near, and what a path is pointed to for."""
-    case = LateralCase(f"{kind} 1", "lateral other form", aircraft, (kind,), (sizes,), factors, (own,))
-    b = believe(aircraft)
+    case = Case(f"{kind} 1", "lateral other form", aircraft, (kind,), (sizes,), factors, (own,))
+    b = believe(aircraft, draw="lateral")
     known = {n: e for n, e in library(b.suite, b.aircraft).items() if n in (*NEAR, *own)}
     return find_gap(b, case.fly("rich"), case.fly("held_out"), effects=known, further=OTHER_SERVOS)
 

@@ -10,13 +10,13 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from studies.blind.flights import fly_truth
 from studies.blind.run import believe
+from studies.blind.truths import TRUTHS
 
 from testbench.core.scratch import Scratch
 from testbench.effects import EFFECTS
 from testbench.flight.executive import Executive
-from testbench.questions.gap.hidden.entries import TRUTHS
-from testbench.questions.gap.sealed.flights import fly_truth
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.parallel import Ahead, processes, spread
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from studies.blind.flights import fly_truth
 from studies.blind.run import believe
+from studies.blind.truths import TRUTHS
 
 from testbench.effects import EFFECTS
-from testbench.questions.gap.hidden.entries import TRUTHS
-from testbench.questions.gap.sealed.flights import fly_truth
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.polish import polished

@@ -5,16 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
-from studies.blind.lateral_flights import fly_lateral, suite
-from studies.blind.lateral_run import believe as believe_lateral
+from studies.blind.flights import fly_lateral, fly_truth, suite
+from studies.blind.lateral_truths import LATERAL
 from studies.blind.run import believe
+from studies.blind.truth import Truth
+from studies.blind.truths import TRUTHS
 
 from testbench.core.record import FlightRecord
 from testbench.effects import EFFECTS, catalogue
-from testbench.questions.gap.hidden.entries import TRUTHS
-from testbench.questions.gap.hidden.lateral import LATERAL
-from testbench.questions.gap.hidden.truth import Truth
-from testbench.questions.gap.sealed.flights import fly_truth
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect
@@ -43,7 +41,7 @@ def jittery(delay_s: float, scatter_s: float, drawn: list[float]):
 
 @pytest.mark.parametrize("control", ["de", "da", "dr", "thr"])
 def test_commands_that_are_all_late_by_a_sample_change_what_their_responses_say(control):
-    believed = believe_lateral("taurus")
+    believed = believe("taurus", draw="lateral")
     t = np.arange(200) / 50.0
     u = 0.05 * ((t > 1.0) & (t < 1.6)) - 0.03 * ((t >= 1.6) & (t < 2.0)) + 0.02 * (t >= 3.0)
     late, early = np.concatenate([u[:1], u[:-1]]), np.concatenate([u[1:], u[-1:]])
@@ -79,9 +77,9 @@ def test_a_delay_is_named_with_its_scatter_where_each_command_arrives_at_a_time_
 def test_a_rudder_s_delay_is_named_with_its_scatter():
     truth = LATERAL["rudder link with jitter"]({"delay_s": 0.085}, "taurus")
     records = list(fly_lateral("taurus", truth, "rich", 5).values())
-    known = catalogue(suite())
+    known = catalogue(suite("lateral"))
     names = ("rudder_transport_delay", "rudder_lag", "rudder_second_order_actuator", "r_delay")
-    naming = name_effect(believe_lateral("taurus"), records, effects={n: known[n] for n in names})
+    naming = name_effect(believe("taurus", draw="lateral"), records, effects={n: known[n] for n in names})
     assert naming.names == ("rudder_transport_delay",), naming.sentence
     assert naming.best.scatter_s > 0.01
     assert abs(naming.best.values["delay_s"] - 0.085) < 4.0 * naming.best.errors["delay_s"]  # false alarm 6e-5

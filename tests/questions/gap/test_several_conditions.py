@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gap.hidden_truths import NOTHING, measure_truth, rate_feedback
 
 import testbench.questions.gap.flights as flights_module
 from testbench.core.errors import RecordError, TrimError
@@ -24,7 +25,6 @@ from testbench.questions.gap.ask import run_gap
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.air import in_air, listen
 from testbench.questions.gap.evidence.felt import felt
-from testbench.questions.gap.hidden.kinds import Nothing, RateFeedback, measure_hidden
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.search.gust_search import GustSearch
 from testbench.questions.gap.search.hypothesis import Hypothesis
@@ -36,7 +36,8 @@ from testbench.sensors import load_suite, suite_toml
 H_M = 547.0
 SUITE = replace(load_suite("eolo_gap"), rate_hz=50.0)
 FEW = {n: library(SUITE)[n] for n in ("pitch_damper", "actuator_lag", "alpha_scale")}
-NOTHING, DAMPER = Nothing(kind="nothing"), RateFeedback(kind="rate_feedback", gain_s=0.02)
+GAIN_S = 0.02
+DAMPER = rate_feedback(GAIN_S)
 SLOW, FAST = Start(FlightCondition(14.0, H_M)), Start(FlightCondition(20.0, H_M))
 HEAVY = Start(FlightCondition(16.0, H_M), load_kg=0.4, load_aft_m=0.02)
 
@@ -49,9 +50,9 @@ def measure(hidden, *starts: Start, seed: int = 3):
     """Return one elevator 3-2-1-1 from each start, which it says."""
     step = StandardMultistep(signal="3211", control="de", amplitude_deg=2.0, step_s=0.4)
     specs = [Manoeuvre(name=f"m{i}", use="identification", duration_s=8.0, input=(step,)) for i, _ in enumerate(starts)]
-    from_ = {m.name: (s.condition, s.load_kg, s.load_aft_m) for m, s in zip(specs, starts, strict=True)}
+    from_ = {m.name: s for m, s in zip(specs, starts, strict=True)}
     b = believe()
-    found = measure_hidden("eolo", "rigid", hidden, SUITE, b.condition, specs, seed, b.rate_hz, None, from_)
+    found = measure_truth("eolo", hidden, SUITE, b.condition, specs, seed, b.rate_hz, from_)
     return [marked(r, s) for r, s in zip(found.values(), starts, strict=True)]
 
 
@@ -65,7 +66,7 @@ def test_two_speeds_separate_a_damper_from_the_coefficient_that_hides_it_at_one(
     naming = name_effect(believe(), measure(DAMPER, SLOW, FAST), effects=FEW, pairs=False)
     assert (naming.outcome, naming.names) == ("named", ("pitch_damper",)), naming.sentence
     best = naming.best
-    assert abs(best.values["gain_s"] - DAMPER.gain_s) < 4.0 * best.errors["gain_s"] < 0.5 * DAMPER.gain_s
+    assert abs(best.values["gain_s"] - GAIN_S) < 4.0 * best.errors["gain_s"] < 0.5 * GAIN_S
     assert best.gain > 400.0
     assert best.nuisances["Cm_q"] == pytest.approx(1.0, abs=0.06)
 

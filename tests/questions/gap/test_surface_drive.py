@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 import pytest
 from commands import ends
+from gap.hidden_truths import NOTHING, late_command, measure_truth, rate_feedback, roughness, slow_servo
 
 from testbench.aircraft.seams import control_path
 from testbench.core.constants import DEG_RAD
@@ -38,14 +39,6 @@ from testbench.questions.gap.evidence.commanded import (
     surface_noise,
 )
 from testbench.questions.gap.export import amended_files
-from testbench.questions.gap.hidden.kinds import (
-    LateCommand,
-    Nothing,
-    RateFeedback,
-    Roughness,
-    SlowServo,
-    measure_hidden,
-)
 from testbench.questions.gap.workflow import find_gap
 from testbench.sensors import load_suite
 from testbench.sensors.sensor import Sensor
@@ -54,8 +47,8 @@ from testbench.sensors.suite import SensorSuite
 NOISE_RAD = 0.1 * DEG_RAD
 STILL_AIR = AirFound(False, 0.0, 547.0, 0.0, 10.0, 1.0)
 FEW = {n: EFFECTS[n] for n in ("actuator_lag", "pitch_damper", "transport_delay", "drag_increment", "q_lag")}
-NOTHING, LATE = Nothing(kind="nothing"), LateCommand(kind="late_command", delay_s=0.06)
-SLOW = SlowServo(kind="slow_servo", corner_rad_s=8.0)
+LATE = late_command(0.06)
+SLOW = slow_servo(8.0)
 STOCK = "jsbsim:c172p"
 CONDITIONS = {"eolo": FlightCondition(16.0, 547.0), STOCK: FlightCondition(50.0, 1000.0)}
 
@@ -77,7 +70,7 @@ def measure(b: Believed, hidden, seed: int = 3, amplitudes=(2.0, 3.0)) -> dict[s
         for i, step in enumerate(inputs)
     ]
     name = "eolo" if b.aircraft.adapter is None else STOCK
-    return measure_hidden(name, "rigid", hidden, b.suite, b.condition, specs, seed, b.rate_hz)
+    return measure_truth(name, hidden, b.suite, b.condition, specs, seed, b.rate_hz)
 
 
 @cache
@@ -236,7 +229,7 @@ def test_a_model_that_turns_the_surface_itself_cannot_be_driven_by_it():
 
 @pytest.mark.parametrize(
     "hidden",
-    [SLOW, RateFeedback(kind="rate_feedback", gain_s=0.1)],
+    [SLOW, rate_feedback(0.1)],
     ids=["slow servo", "feedback"],
 )
 def test_what_is_wrong_with_a_servo_is_not_seen_and_names_nothing(hidden):
@@ -262,7 +255,7 @@ def test_pieces_of_flights_are_cut_and_searched_by_their_surface_alone(hidden):
 
 def test_what_the_air_feels_is_named_by_surfaces_alone_and_the_servo_stays_in_its_files():
     b = believe()
-    finding = find_gap(b, measure(b, Roughness(kind="roughness", CD0=0.04), amplitudes=(3.0,)), {}, effects=FEW)
+    finding = find_gap(b, measure(b, roughness(0.04), amplitudes=(3.0,)), {}, effects=FEW)
     best = finding.naming.best
     assert best is not None, finding.sentences
     assert finding.naming.names == ("drag_increment",)
@@ -312,7 +305,7 @@ def test_records_that_hold_surfaces_alone_become_a_case_that_names_what_is_missi
     """By the command line: a case is made of the records, checked, and asked; commands alone would not do."""
     monkeypatch.chdir(tmp_path)
     b = believe()
-    records = measure(b, Roughness(kind="roughness", CD0=0.05))
+    records = measure(b, roughness(0.05))
     for i, given in enumerate(records.values()):
         given.select([n for n in given.channels if not n.endswith("_cmd")]).save(f"flight_{i}.nc")
     flown = [f"flight_{i}.nc" for i in range(len(records))]

@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 import pytest
+from gap.hidden_truths import command_gain, late_command, rate_feedback, roughness
 from gap.test_control_path import ELEVATOR, NOISE_RAD, believe, measure
 
 from testbench.effects import EFFECTS
@@ -16,7 +17,6 @@ from testbench.questions.gap.coefficients import gain_of, led_by_surfaces
 from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.evidence.air import AirFound
 from testbench.questions.gap.evidence.control_path import JudgedPath, PathTerm, judge_paths
-from testbench.questions.gap.hidden.kinds import CommandGain, LateCommand, RateFeedback, Roughness
 from testbench.questions.gap.parameters import wrong_parameters
 from testbench.questions.gap.part_figure import part_plate
 from testbench.questions.gap.search.fit import EffectFit
@@ -34,8 +34,8 @@ DAMPERS = ("pitch_damper", "alpha_dot")
 def searched(hidden: str) -> tuple[Believed, tuple, Naming, tuple[JudgedPath, ...]]:
     """Return belief, records, what the motion alone names, and the judged path."""
     truths = {
-        "late": (LateCommand(kind="late_command", delay_s=0.02), LAGS),
-        "fed back": (RateFeedback(kind="rate_feedback", gain_s=0.04), DAMPERS),
+        "late": (late_command(0.02), LAGS),
+        "fed back": (rate_feedback(0.04), DAMPERS),
     }
     truth, names = truths[hidden]
     b = believe(NOISE_RAD)
@@ -142,7 +142,7 @@ def test_a_coefficient_is_not_accused_of_what_a_surface_shows():
 def test_a_coefficient_is_accused_only_if_it_is_wrong_where_the_surface_drives_too(recorded):
     """The linkage turns the elevator 0.65 of its command, and Cm_alpha is 1.5 times the believed one."""
     b = believe(NOISE_RAD).with_nuisances({"Cm_alpha": 1.0 / 1.5})
-    records = measure(b, CommandGain(kind="command_gain", gain=0.65), ELEVATOR)
+    records = measure(b, command_gain(0.65), ELEVATOR)
     naming = name_effect(b, tuple(records.values()), effects={"drag_increment": EFFECTS["drag_increment"]}, pairs=False)
     assert (naming.outcome, naming.names) == ("no gap", ()), naming.sentence
     wrong = wrong_parameters(naming, b)
@@ -158,7 +158,7 @@ def test_a_coefficient_is_accused_only_if_it_is_wrong_where_the_surface_drives_t
 def test_what_imitates_a_path_that_differs_explains_nothing_where_the_surface_drives():
     """The command comes 0.1 s late, and no delay is in the library: a lag of the wake stands in for it."""
     b = believe(NOISE_RAD)
-    records = measure(b, LateCommand(kind="late_command", delay_s=0.1), ELEVATOR)
+    records = measure(b, late_command(0.1), ELEVATOR)
     flown = tuple(records.values())
     imitating = name_effect(b, flown, effects={"wake_lag": EFFECTS["wake_lag"]}, pairs=False)
     best = next(f for f in imitating.ranking if f.significant)
@@ -181,7 +181,7 @@ def test_what_imitates_a_path_that_differs_explains_nothing_where_the_surface_dr
 
 def test_a_name_that_holds_where_surfaces_drive_stays_beside_a_path_that_differs():
     b = believe(NOISE_RAD)
-    records = measure(b, Roughness(kind="roughness", CD0=0.05), ELEVATOR)
+    records = measure(b, roughness(0.05), ELEVATOR)
     flown = tuple(records.values())
     naming = name_effect(b, flown, effects={"drag_increment": EFFECTS["drag_increment"]}, pairs=False)
     assert naming.names == ("drag_increment",)
@@ -191,7 +191,7 @@ def test_a_name_that_holds_where_surfaces_drive_stays_beside_a_path_that_differs
 def test_a_path_that_coefficients_imitate_is_what_is_not_explained():
     """The linkage turns the elevator 0.65 of its command, which is a Cm_de; no linkage is in the library."""
     b = believe(NOISE_RAD)
-    records = measure(b, CommandGain(kind="command_gain", gain=0.65), ELEVATOR)
+    records = measure(b, command_gain(0.65), ELEVATOR)
     flown = tuple(records.values())
     naming = name_effect(b, flown, effects={"drag_increment": EFFECTS["drag_increment"]}, pairs=False)
     assert naming.outcome == "no gap"
@@ -209,9 +209,9 @@ def test_a_path_that_coefficients_imitate_is_what_is_not_explained():
 @pytest.mark.slow
 def test_the_whole_library_names_a_small_feedback_by_its_surface_and_drag_beside_a_right_path():
     b = believe(NOISE_RAD)
-    fed = find_gap(b, measure(b, RateFeedback(kind="rate_feedback", gain_s=0.04), ELEVATOR), {})
+    fed = find_gap(b, measure(b, rate_feedback(0.04), ELEVATOR), {})
     assert (fed.naming.outcome, fed.naming.names) == ("named", ("pitch_damper",))
     assert any("of that is in the recorded surface" in s for s in fed.sentences)
-    rough = find_gap(b, measure(b, Roughness(kind="roughness", CD0=0.06), ELEVATOR), {})
+    rough = find_gap(b, measure(b, roughness(0.06), ELEVATOR), {})
     assert rough.naming.best is None or "drag_increment" in rough.naming.names
     assert not any("is in the recorded surface" in s for s in rough.sentences)

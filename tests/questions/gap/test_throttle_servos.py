@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from axes import believe, commands
+from studies.blind.servos import backlash
 
 from testbench.aircraft import Aircraft
 from testbench.core.record import FlightRecord
@@ -20,7 +21,6 @@ from testbench.flight.batch.model import batch_model
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.effect_contract import OF_AIRCRAFT, OF_WORDS, Trial, recorded
-from testbench.questions.gap.hidden.servos import backlash
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis

@@ -11,6 +11,7 @@ from functools import cache
 import numpy as np
 import pytest
 from gap.gap_flights import among
+from gap.hidden_truths import NOTHING, measure_truth
 from scipy.stats import chi2
 
 import testbench.questions.gap.workflow as workflow
@@ -26,7 +27,6 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.questions.gap.evidence.locate import left_by, locate, structure
-from testbench.questions.gap.hidden.kinds import Nothing, measure_hidden
 from testbench.questions.gap.priors import PRIORS
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.scenario import GapScenario
@@ -109,7 +109,7 @@ def case():
 
     aircraft = load_aircraft("eolo", "rigid")
     believed = Believed(aircraft, suite, condition, aircraft.rate_hz)
-    records = measure_hidden("eolo", "rigid", Nothing(kind="nothing"), suite, condition, scenario.manoeuvre[:1], 5)
+    records = measure_truth("eolo", NOTHING, suite, condition, scenario.manoeuvre[:1], 5)
     return believed, next(iter(records.values()))
 
 
@@ -220,7 +220,7 @@ def test_measured_records_of_a_case_must_hold_what_its_suite_says(case, tmp_path
     with pytest.raises(RecordError, match=r"rate of the sensors believed, 100 Hz .*, got 50 Hz") as caught:
         run_gap(file)
     assert "record 'half'" in str(caught.value)
-    file.write_text(head + tables + '[hidden]\nkind = "nothing"\n', encoding="utf-8")
+    file.write_text(head + tables + "[hidden]\n", encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"either 'measured' must list records, .* got measured, hidden"):
         GapScenario.load(file)
 
@@ -228,11 +228,13 @@ def test_measured_records_of_a_case_must_hold_what_its_suite_says(case, tmp_path
 def test_faults_of_a_gap_scenario_come_at_once(tmp_path):
     text = (SCENARIOS / "gap" / "nothing.toml").read_text(encoding="utf-8")
     file = tmp_path / "g.toml"
-    file.write_text(text.replace('kind = "nothing"', 'kind = "nothin"').replace("seed", "sed"), encoding="utf-8")
+    file.write_text(
+        text.replace("\n[hidden]\n", '\n[hidden]\nwings = "rigd"\n').replace("seed", "sed"), encoding="utf-8"
+    )
     with pytest.raises(ScenarioError) as caught:
         GapScenario.load(file)
     assert len(caught.value.faults) == 2
-    assert any("did you mean 'nothing'" in f for f in caught.value.faults)
+    assert any("did you mean 'rigid'" in f for f in caught.value.faults)
 
 
 VANE_MANOEUVRES = ("elevator 3211", "doublets and throttle")  # one to name from, one held out

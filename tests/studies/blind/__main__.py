@@ -16,12 +16,12 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: two workers with two threads each are far slower
 
 from smallest import results, sized
+from studies.blind.cases import SHORT, WITHOUT, Case, counts_of, draw, opened, seal
 from studies.blind.report import write_report
 from studies.blind.rows import leave_with, look_at_rest, run_case
 
-from testbench.questions.gap.sealed.cases import SHORT, STRATA, WITHOUT, Case, draw, opened, seal
-
 SEED = 20261210
+COUNTS = counts_of("main")
 RESULTS = Path(__file__).resolve().parents[3] / "results" / "gap"
 """Where the committed rows are; the verdict of a case reads what they say of parts."""
 
@@ -37,7 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--strata",
         type=_strata,
-        default=sized(STRATA, {"nothing": 1}),
+        default=sized(COUNTS, {"nothing": 1}),
         metavar="NAME=COUNT,...",
         help="cases of each stratum, in place of all",
     )
@@ -138,8 +138,8 @@ def _in_turn(cases: tuple[Case, ...]) -> list[tuple[Case, str]]:
 def _strata(text: str) -> dict[str, int]:
     """Return stratum -> number of cases of a text "nothing=2,turbulence=1"."""
     counts = {name: int(count) for name, _, count in (part.partition("=") for part in text.split(","))}
-    if unknown := counts.keys() - STRATA.keys():
-        raise argparse.ArgumentTypeError(f"strata must be of {', '.join(STRATA)}, got {', '.join(sorted(unknown))}")
+    if unknown := counts.keys() - COUNTS.keys():
+        raise argparse.ArgumentTypeError(f"strata must be of {', '.join(COUNTS)}, got {', '.join(sorted(unknown))}")
     return counts
 
 
@@ -155,7 +155,7 @@ def _sealed(folder: Path, seed: int, strata: Mapping[str, int] | None = None) ->
                 "seed; give another --out, or remove that folder to begin anew"
             )
         return cases, digest
-    cases = draw(seed, STRATA if strata is None else strata)
+    cases = draw(seed, COUNTS if strata is None else strata)
     text, digest = seal(cases)
     seal_file.write_text(_seal_line(digest, seed), encoding="utf-8")
     answers_file.write_text(text + "\n", encoding="utf-8")

@@ -11,20 +11,20 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from studies.blind.cases import Case, counts_of, draw
+from studies.blind.flights import FIGHTER, manoeuvres
+from studies.blind.rates import page_of, rates
 from studies.blind.sealed_draw import Draw
-from studies.blind.stock import HIDDEN, run_case
-from studies.blind.stock_cases import STRATA, StockCase, draw, opened
-from studies.blind.stock_flights import FIGHTER, manoeuvres
-from studies.blind.strata import page_of, rates
+from studies.blind.stock import HIDDEN
 
 SEED = 20270614
-COUNTS = dict.fromkeys(STRATA, 12)
+COUNTS = dict.fromkeys(counts_of("stock"), 12)
 
 
-def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> str:
+def page(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> str:
     """Return what the rows say, in words and tables: how many of the planned cases were run comes first."""
     (plane,) = FIGHTER
-    flown, held = (", ".join(manoeuvres(FIGHTER[plane], which)) for which in ("rich", "held_out"))
+    flown, held = (", ".join(manoeuvres("stock", plane, which)) for which in ("rich", "held_out"))
     words = [
         "# Blind test of the F-16 at three conditions",
         "",
@@ -43,7 +43,7 @@ def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> s
     return page_of(words, SEED, cases, rows)
 
 
-DRAW = Draw("fighter", SEED, lambda: draw(SEED, COUNTS, FIGHTER), opened, run_case, rates, page)
+DRAW = Draw("fighter", SEED, lambda: draw(SEED, COUNTS, FIGHTER), rates, page)
 
 if __name__ == "__main__":
     raise SystemExit(DRAW.run())

@@ -12,34 +12,23 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from studies.blind.lateral_cases import STRATA, LateralCase, draw, opened
-from studies.blind.lateral_flights import manoeuvres
-from studies.blind.lateral_run import believe, named
+from studies.blind.cases import Case, counts_of, draw, seal
+from studies.blind.flights import manoeuvres
+from studies.blind.rates import rates, results
 from studies.blind.sealed_draw import Draw
-from studies.blind.strata import rates, results
-
-from testbench.questions.gap.sealed.cases import seal
 
 SEED = 20270217
 
 
-def run_case(case: LateralCase) -> dict[str, Any]:
-    """Return what the workflow says of one case, as JSON values."""
-    return {
-        "case": case.name,
-        **named(believe(case.aircraft), case.fly("rich"), case.fly("held_out"), case.without),
-    }
-
-
-def page(cases: Sequence[LateralCase], rows: Mapping[str, Mapping[str, Any]]) -> str:
+def page(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> str:
     """Return what the rows say, in words and tables: how many of the planned cases were run comes first."""
-    flown, held = (", ".join(manoeuvres("eolo", which)[1]) for which in ("rich", "held_out"))
+    flown, held = (", ".join(manoeuvres("lateral", "eolo", which)) for which in ("rich", "held_out"))
     out = [
         "# Blind test in roll and yaw",
         "",
         "Made by `python -m studies.blind.lateral`, which resumes where it stopped; `--minutes 0` writes this page "
         "anew. Hidden truths are drawn from one seed and flown by code of their own "
-        "(`testbench/questions/gap/hidden/lateral.py`), with every longitudinal and lateral coefficient of the belief "
+        "(`tests/studies/blind/lateral_truths.py`), with every longitudinal and lateral coefficient of the belief "
         "off by its prior. Eolo and taurus fly rigid; the suite is that of all axes at 50 Hz, with commands and no "
         "surfaces. The hash of the answers was written before the first case was named.",
         "",
@@ -91,7 +80,7 @@ def page(cases: Sequence[LateralCase], rows: Mapping[str, Mapping[str, Any]]) ->
     return "\n".join([*out, *results(cases, rows)]) + "\n"
 
 
-DRAW = Draw("lateral", SEED, lambda: draw(SEED, STRATA), opened, run_case, rates, page)
+DRAW = Draw("lateral", SEED, lambda: draw(SEED, counts_of("lateral")), rates, page)
 
 if __name__ == "__main__":
     raise SystemExit(DRAW.run())

@@ -7,12 +7,12 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from studies.blind.cases import Case
 from studies.blind.score import judge
 
 from testbench.effects import catalogue, library
 from testbench.flight import load_aircraft
 from testbench.questions.gap.parts import part_names
-from testbench.questions.gap.sealed.cases import Case
 from testbench.sensors import load_suite
 
 CALLS = ("one effect", "two effects", "set", "unexplained")

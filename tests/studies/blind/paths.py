@@ -11,35 +11,17 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from studies.blind.lateral_run import named
-from studies.blind.path_cases import STRATA, PathCase, draw, opened
-from studies.blind.path_flights import FLOWN, suite
+from studies.blind.cases import Case, counts_of, draw
+from studies.blind.flights import manoeuvres
+from studies.blind.rates import page_of, rates
 from studies.blind.sealed_draw import Draw
-from studies.blind.stock_flights import manoeuvres
-from studies.blind.stock_run import told_of
-from studies.blind.strata import page_of, rates
-
-from testbench.flight import load_aircraft
-from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.sealed.flights import RATE_HZ
 
 SEED = 20270412
 
 
-def believe(aircraft: str) -> Believed:
-    """Return what is believed: rigid wings, the suite with surfaces, the first of three conditions."""
-    return Believed(load_aircraft(aircraft, "rigid"), suite(), FLOWN[aircraft].conditions[0], RATE_HZ)
-
-
-def run_case(case: PathCase) -> dict[str, Any]:
-    """Return what the workflow says of one case, as JSON values."""
-    records, held_out = (told_of(FLOWN[case.aircraft], which, case.fly(which)) for which in ("rich", "held_out"))
-    return {"case": case.name, **named(believe(case.aircraft), records, held_out, case.without)}
-
-
-def page(cases: Sequence[PathCase], rows: Mapping[str, Mapping[str, Any]]) -> str:
+def page(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> str:
     """Return what the rows say, in words and tables: how many of the planned cases were run comes first."""
-    flown, held = (", ".join(manoeuvres(FLOWN["eolo"], which)) for which in ("rich", "held_out"))
+    flown, held = (", ".join(manoeuvres("paths", "eolo", which)) for which in ("rich", "held_out"))
     words = [
         "# Blind test of control paths with recorded surfaces",
         "",
@@ -62,7 +44,7 @@ def page(cases: Sequence[PathCase], rows: Mapping[str, Mapping[str, Any]]) -> st
     return page_of(words, SEED, cases, rows)
 
 
-DRAW = Draw("paths", SEED, lambda: draw(SEED, STRATA), opened, run_case, rates, page)
+DRAW = Draw("paths", SEED, lambda: draw(SEED, counts_of("paths")), rates, page)
 
 if __name__ == "__main__":
     raise SystemExit(DRAW.run())

@@ -13,16 +13,14 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from studies.blind.accused import answer, drawn, of_wrong_size
-from studies.blind.found_row import found_row
+from studies.blind.cases import Case, draw, seal
 from studies.blind.parts import parts_said, parts_true
-from studies.blind.run import believe
-from studies.blind.score import judge
+from studies.blind.run import believe, found_row
+from studies.blind.score import answer, drawn, judge, of_wrong_size
 from studies.blind.sealed_draw import Draw, counted, rated
 
 from testbench.core.record import FlightRecord
 from testbench.questions.gap.evidence.commanded import MOVED, commands
-from testbench.questions.gap.sealed.cases import Case, draw, opened, seal
 from testbench.questions.gap.workflow import find_gap
 
 SEED = 20270127
@@ -111,7 +109,7 @@ def _missed(case: Case, row: Mapping[str, Any]) -> bool:
     return row["outcome"] != "no gap" if not case.kinds else judge(case, row).verdict != "right"
 
 
-DRAW = Draw("pieces", SEED, lambda: draw(SEED, STRATA), opened, run_case, rates, page)
+DRAW = Draw("pieces", SEED, lambda: draw(SEED, STRATA), rates, page, run_case)
 
 if __name__ == "__main__":
     raise SystemExit(DRAW.run())

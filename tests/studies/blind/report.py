@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from scipy.stats import chi2
+from studies.blind.cases import SHORT, WITHOUT, Case, counts_of
 from studies.blind.parts import called
 from studies.blind.score import (
     FEWEST,
@@ -27,7 +28,6 @@ from studies.blind.score import (
 from testbench.core.proportion import proportion_interval
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import more_than_form
-from testbench.questions.gap.sealed.cases import SHORT, STRATA, WITHOUT, Case
 
 _CASES = (
     "case", "manoeuvres", "aircraft", "hidden", "right", "verdict", "said", "best", "share", "runner_up", "removed",
@@ -131,7 +131,7 @@ def _page(
         "",
         "Made by `make blind-test` (`python -m studies.blind`, which resumes where it stopped; `--report` writes "
         "this page anew). Hidden truths are drawn from one seed and flown by code of their own "
-        "(`testbench/questions/gap/hidden/`), with every coefficient of the belief off by its prior; the workflow "
+        "(`tests/studies/blind/truths.py`), with every coefficient of the belief off by its prior; the workflow "
         "gets records of six manoeuvres, the believed aircraft and the believed sensors. The hash of the answers was "
         "written before the first case was named.",
         "",
@@ -144,7 +144,7 @@ def _page(
         "",
         "| stratum | run | planned |",
         "|---|---|---|",
-        *(f"| {name} | {counts.get(name, 0)} | {n} |" for name, n in STRATA.items()),
+        *(f"| {name} | {counts.get(name, 0)} | {n} |" for name, n in counts_of("main").items()),
         "",
         "| rate | cases | value | interval | bar | met |",
         "|---|---|---|---|---|---|",

@@ -11,12 +11,12 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from studies.blind.cases import SHORT, WITHOUT, Case
 from studies.blind.run import look_again, name_case
 
 from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
 from testbench.flight.batch.jobs import Simulator
-from testbench.questions.gap.sealed.cases import SHORT, WITHOUT, Case
 
 
 def run_case(case: Case, variant: str = "", simulator: Simulator = "auto", only: Sequence[str] = ()) -> dict[str, Any]:

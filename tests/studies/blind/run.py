@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from clock import since
+from studies.blind.flights import RATE_HZ, condition, suite
 
+from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
-from testbench.effects import Effect, library
+from testbench.effects import OTHER_SERVOS, Effect, library
 from testbench.effects.base import together
 from testbench.flight import load_aircraft
 from testbench.flight.batch.jobs import Simulator
@@ -18,16 +20,17 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, Rest, judged, rest
 from testbench.questions.gap.evidence.air import listen
-from testbench.questions.gap.sealed.flights import RATE_HZ, condition, suite
+from testbench.questions.gap.result import GapFinding
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.workflow import search
+from testbench.questions.gap.workflow import find_gap, search
 
 
-def believe(aircraft: str, simulator: Simulator = "auto") -> Believed:
-    """Return what is believed of an aircraft of the blind test: rigid wings, the suite, the condition."""
-    return Believed(load_aircraft(aircraft, "rigid"), suite(), condition(aircraft), RATE_HZ, simulator=simulator)
+def believe(aircraft: str, simulator: Simulator = "auto", draw: str = "main") -> Believed:
+    """Return what is believed of an aircraft of a draw: rigid wings, the suite, the condition."""
+    flown = load_aircraft(aircraft, "rigid")
+    return Believed(flown, suite(draw), condition(draw, aircraft), RATE_HZ, simulator=simulator)
 
 
 def name_case(
@@ -126,3 +129,52 @@ def _removed(believed: Believed, naming: Naming, records: Sequence[FlightRecord]
     amended = best.added_to(believed)
     energy = [sum(float(np.sum(m.residuals(r) ** 2 - 1.0)) for r in records) for m in (believed, amended)]
     return 1.0 - energy[1] / energy[0] if energy[0] > 0.0 else None
+
+
+# --- the other draws --------------------------------------------------------------------------------------------------
+
+
+def searched(believed: Believed, without: Sequence[str] = ()) -> tuple[dict[str, Effect], dict[str, Effect]]:
+    """Return the library, and what is sought beside it where a path is pointed to, less some effects.
+
+    Those of which these are special cases are left out, too.
+    """
+    gone = set(without)
+
+    def left(known: Mapping[str, Effect]) -> dict[str, Effect]:
+        return {n: e for n, e in known.items() if n not in gone and gone.isdisjoint(e.contains)}
+
+    return left(library(believed.suite, believed.aircraft)), left(OTHER_SERVOS)
+
+
+def named(
+    believed: Believed,
+    records: Mapping[str, FlightRecord],
+    held_out: Mapping[str, FlightRecord],
+    without: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Return what the workflow says of the records of one case, as JSON values."""
+    known, further = searched(believed, without)
+    return found_row(lambda: find_gap(believed, records, held_out, effects=known, further=further))
+
+
+def found_row(find: Callable[[], GapFinding]) -> dict[str, Any]:
+    """Return what the workflow says, as JSON values, and the processor time that it took."""
+    began = time.process_time()
+    try:
+        found = find()
+    except Refusal as error:
+        return {"outcome": "failed", "names": [], "accused": [], "why": str(error)}
+    naming = found.naming
+    first = naming.best or next(iter(naming.ranking), None)
+    return {
+        "outcome": naming.outcome,
+        "names": list(naming.names),
+        "best": first.effect.name if first else "",
+        "values": {k: float(v) for k, v in first.values.items()} if first else {},
+        "gain": float(first.gain) if first else 0.0,
+        "accused": [
+            [p.name, float(p.factor), float(p.error), [f.effect.name for f in p.rivals]] for p in found.parameters
+        ],
+        "seconds": since(began),
+    }

@@ -8,40 +8,46 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 from studies.blind.__main__ import _kept, _read, _seal_line
+from studies.blind.cases import Case, opened, seal
+from studies.blind.flights import told
+from studies.blind.run import believe, named
 
 from testbench.core.proportion import proportion_interval
-from testbench.questions.gap.sealed.cases import Case, seal
 
-C = TypeVar("C", bound=Case)
 Rates = Sequence[tuple[str, str, int, int]]
 """Stratum, rate, count, of."""
 
 
+def run_case(case: Case) -> dict[str, Any]:
+    """Return what the workflow says of one case of another draw than the main one, as JSON values."""
+    draw = case.row.draw
+    records, held_out = (told(draw, case.aircraft, which, case.fly(which)) for which in ("rich", "held_out"))
+    return {"case": case.name, **named(believe(case.aircraft, draw=draw), records, held_out, case.without)}
+
+
 @dataclass(frozen=True)
-class Draw(Generic[C]):
+class Draw:
     """A sealed draw.
 
     Attributes:
         name: of the module that runs it, and of the folder of its rows in results/gap.
         seed: of its cases.
         drawn: makes them.
-        opened: reads them from a sealed text.
-        run_case: returns the row of one.
         rates: of cases and rows.
         page: likewise, as text.
+        run_case: returns the row of one.
     """
 
     name: str
     seed: int
-    drawn: Callable[[], tuple[C, ...]]
-    opened: Callable[[str], tuple[C, ...]]
-    run_case: Callable[[C], dict[str, Any]]
-    rates: Callable[[Sequence[C], Mapping[str, Any]], Rates]
-    page: Callable[[Sequence[C], Mapping[str, Any]], str]
+    drawn: Callable[[], tuple[Case, ...]]
+    rates: Callable[[Sequence[Case], Mapping[str, Any]], Rates]
+    page: Callable[[Sequence[Case], Mapping[str, Any]], str]
+    run_case: Callable[[Case], dict[str, Any]] = run_case
 
     def run(self, arguments: list[str] | None = None) -> int:
         """Seal the answers, run the cases that have no row yet, and write rates and page."""
@@ -68,7 +74,7 @@ class Draw(Generic[C]):
         (asked.out / "README.md").write_text(self.page(cases, rows), encoding="utf-8")
         return 0
 
-    def _sealed(self, out: Path) -> tuple[C, ...]:
+    def _sealed(self, out: Path) -> tuple[Case, ...]:
         """Return the cases, sealed before any is run.
 
         Raises:
@@ -79,7 +85,7 @@ class Draw(Generic[C]):
             text, digest = seal(self.drawn())
             sealed.write_text(_seal_line(digest, self.seed), encoding="utf-8")
             answers.write_text(text + "\n", encoding="utf-8")
-        cases = self.opened(answers.read_text(encoding="utf-8").removesuffix("\n"))
+        cases = opened(answers.read_text(encoding="utf-8").removesuffix("\n"))
         if sealed.read_text(encoding="utf-8") != _seal_line(seal(cases)[1], self.seed):
             raise SystemExit(f"the answers must be those that were sealed, {sealed} holds another hash")
         return cases

@@ -12,18 +12,14 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from studies.blind.lateral_run import named
+from studies.blind.cases import Case, counts_of, draw, seal
+from studies.blind.flights import STOCK, manoeuvres
+from studies.blind.rates import rates, results
 from studies.blind.sealed_draw import Draw
-from studies.blind.stock_cases import STRATA, StockCase, draw, opened
-from studies.blind.stock_flights import FLOWN, manoeuvres
-from studies.blind.stock_run import believe, told
-from studies.blind.strata import rates, results
-
-from testbench.questions.gap.sealed.cases import seal
 
 SEED = 20270311
 HIDDEN = (
-    "Hidden truths act on commands and readings (`testbench/questions/gap/hidden/stock.py`), with every longitudinal "
+    "Hidden truths act on commands and readings (`tests/studies/blind/lateral_truths.py`), with every longitudinal "
     "and lateral coefficient of the belief off by its prior. Each record starts from one of three conditions, slow, "
     "fast and high, which it tells. The suite is that of all axes at 50 Hz, with commands and no surfaces. The hash of "
     "the answers was written before the first case was named."
@@ -31,16 +27,10 @@ HIDDEN = (
 """What pages say of what is hidden, and of what is told."""
 
 
-def run_case(case: StockCase) -> dict[str, Any]:
-    """Return what the workflow says of one case, as JSON values."""
-    records, held_out = (told(case.aircraft, which, case.fly(which)) for which in ("rich", "held_out"))
-    return {"case": case.name, **named(believe(case.aircraft), records, held_out, case.without)}
-
-
-def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> str:
+def page(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> str:
     """Return what the rows say, in words and tables: how many of the planned cases were run comes first."""
-    flown, held = (", ".join(manoeuvres(FLOWN["jsbsim:c172p"], which)) for which in ("rich", "held_out"))
-    models = ", ".join(name.removeprefix("jsbsim:") for name in FLOWN)
+    flown, held = (", ".join(manoeuvres("stock", "jsbsim:c172p", which)) for which in ("rich", "held_out"))
+    models = ", ".join(name.removeprefix("jsbsim:") for name in STOCK)
     out = [
         "# Blind test of stock aircraft at three conditions",
         "",
@@ -71,7 +61,7 @@ def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> s
     return "\n".join([*out, *results(cases, rows)]) + "\n"
 
 
-DRAW = Draw("stock", SEED, lambda: draw(SEED, STRATA), opened, run_case, rates, page)
+DRAW = Draw("stock", SEED, lambda: draw(SEED, counts_of("stock")), rates, page)
 
 if __name__ == "__main__":
     raise SystemExit(DRAW.run())

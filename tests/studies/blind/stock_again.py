@@ -11,19 +11,19 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from studies.blind.cases import Case, counts_of, draw
+from studies.blind.flights import STOCK, manoeuvres
+from studies.blind.rates import page_of, rates
 from studies.blind.sealed_draw import Draw
-from studies.blind.stock import HIDDEN, run_case
-from studies.blind.stock_cases import StockCase, draw, opened
-from studies.blind.stock_flights import FLOWN, manoeuvres
-from studies.blind.strata import page_of, rates
+from studies.blind.stock import HIDDEN
 
 SEED = 20271128
 
 
-def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> str:
+def page(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> str:
     """Return what the rows say, in words and tables: how many of the planned cases were run comes first."""
-    flown, held = (", ".join(manoeuvres(FLOWN["jsbsim:c172p"], which)) for which in ("rich", "held_out"))
-    models = ", ".join(name.removeprefix("jsbsim:") for name in FLOWN)
+    flown, held = (", ".join(manoeuvres("stock", "jsbsim:c172p", which)) for which in ("rich", "held_out"))
+    models = ", ".join(name.removeprefix("jsbsim:") for name in STOCK)
     words = [
         "# Blind test of stock aircraft at three conditions, drawn anew",
         "",
@@ -42,7 +42,7 @@ def page(cases: Sequence[StockCase], rows: Mapping[str, Mapping[str, Any]]) -> s
     return page_of(words, SEED, cases, rows)
 
 
-DRAW = Draw("stock_again", SEED, lambda: draw(SEED), opened, run_case, rates, page)
+DRAW = Draw("stock_again", SEED, lambda: draw(SEED, counts_of("stock")), rates, page)
 
 if __name__ == "__main__":
     raise SystemExit(DRAW.run())

@@ -48,7 +48,7 @@ suite = "taurus_8hz"
 seed = 1
 effects = ["thrust_line"]
 condition = { V_m_s = 13.0, h_m = 100.0 }
-hidden = { kind = "high_thrust", offset_m = 0.05 }
+hidden = { effects = [{ effect = "thrust_line", z_m = 0.05 }] }
 
 [[manoeuvre]]
 name = "throttle doublet"

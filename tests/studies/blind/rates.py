@@ -1,21 +1,14 @@
-"""What draws with library forms, other forms, the true effect taken out and nothing have in common: rates and tables.
-
-A stratum is told by the end of its name.
-"""
+"""Rates and tables of the draws with library forms, other forms, the true effect taken out, and nothing."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from studies.blind.accused import accusations, answer, drawn, of_wrong_size
+from studies.blind.cases import STRATA, Case, seal
 from studies.blind.parts import parts_said, parts_true
-from studies.blind.score import judge
+from studies.blind.score import NO_GAP, accusations, answer, drawn, judge, of_wrong_size
 from studies.blind.sealed_draw import counted, rated
-from studies.blind.stratum_case import NOTHING, TAKEN_OUT
-
-from testbench.questions.gap.sealed.cases import Case, seal
-from testbench.questions.gap.sealed.verdict import NO_GAP
 
 _RATIOS = {"elevator linkage ratio": "_de", "aileron linkage ratio": "_da", "rudder linkage ratio": "_dr"}
 
@@ -28,9 +21,9 @@ def in_part(case: Case, row: Mapping[str, Any]) -> bool:
 
 def right(case: Case, row: Mapping[str, Any]) -> bool:
     """Return whether the answer is right: of a library without the true effect, silence or the part it acts in."""
-    if case.stratum.endswith(NOTHING):
+    if not case.row.hides:
         return bool(row["outcome"] == "no gap")
-    if case.stratum.endswith(TAKEN_OUT):
+    if case.row.taken_out:
         return row["outcome"] == "unexplained" or in_part(case, row)
     return judge(case, row).verdict == "right"
 
@@ -56,9 +49,9 @@ def rates(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> list[
 
         parts, named = sum(in_part(c, r) for c, r in of), sum(bool(answer(c, r)[1]) for c, r in of)
         silent = sum(answer(c, r)[0] == NO_GAP for c, r in of)
-        if stratum.endswith(NOTHING):
+        if not STRATA[stratum].hides:
             out.append((stratum, "false gap", n - said("no gap", "failed"), n))
-        elif stratum.endswith(TAKEN_OUT):
+        elif STRATA[stratum].taken_out:
             out.append((stratum, "unexplained or right part", sum(right(c, r) for c, r in of), n))
             out.append((stratum, "unexplained", said("unexplained"), n))
             out.append((stratum, "wrong part", named - parts, n))

@@ -1,4 +1,4 @@
-"""The cases of the blind test: drawn from one seed, by stratum, and sealed before anything is named.
+"""THE table of strata, and the cases that are drawn by it from one seed, sealed before anything is named.
 
 Shares no code with the library of effects; neither imports the other (tests/test_house_rules.py).
 """
@@ -8,35 +8,93 @@ from __future__ import annotations
 import hashlib
 import json
 import zlib
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, replace
-from typing import TypeVar
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
+from studies.blind.flights import SMALL, STOCK, fly, suite
+from studies.blind.kinds import (
+    KINDS,
+    LATERAL_ERRORS,
+    LATERAL_KINDS,
+    OVER_TIME_KINDS,
+    PARAMETER_ERRORS,
+    PATH_KINDS,
+    STOCK_KINDS,
+    Kind,
+    parameter_errors,
+)
+from studies.blind.lateral_truths import LATERAL
+from studies.blind.lateral_truths import STOCK as STOCK_TRUTHS
+from studies.blind.truth import Truth
+from studies.blind.truths import OVER_TIME, TRUTHS, Make
 
 from testbench.core.errors import LimitError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord
-from testbench.questions.gap.hidden.entries import TRUTHS
-from testbench.questions.gap.hidden.truth import Truth
-from testbench.questions.gap.sealed.flights import fly_truth, suite
-from testbench.questions.gap.sealed.kinds import Kind
-from testbench.questions.gap.sealed.truths import KINDS, parameter_errors
 
-STRATA: Mapping[str, int] = {
-    "library form": 36,
-    "other form": 36,
-    "unseen": 30,
-    "nothing": 30,
-    "nothing in turbulence": 30,
-    "turbulence": 30,
-    "two at once": 30,
-    "below detectability": 30,
-    "inseparable": 30,
+TURBULENCE_RMS_M_S = 0.25
+
+
+@dataclass(frozen=True)
+class Stratum:
+    """One row of the table.
+
+    Attributes:
+        draw: whose aircraft, manoeuvres and kinds these are.
+        hides: "library" or "other" forms, "unseen" ones, a "pair", "small" or "inseparable" library forms, or "" for
+            nothing.
+        count: of cases.
+        taken_out: what is hidden is taken out of the library before it is named.
+        rms_m_s: of the turbulence.
+    """
+
+    draw: str
+    hides: str
+    count: int = 36
+    taken_out: bool = False
+    rms_m_s: float = 0.0
+
+
+STRATA: Mapping[str, Stratum] = {
+    "library form": Stratum("main", "library"),
+    "other form": Stratum("main", "other"),
+    "unseen": Stratum("main", "unseen", 30),
+    "nothing": Stratum("main", "", 30),
+    "nothing in turbulence": Stratum("main", "", 30, rms_m_s=TURBULENCE_RMS_M_S),
+    "turbulence": Stratum("main", "library", 30, rms_m_s=TURBULENCE_RMS_M_S),
+    "two at once": Stratum("main", "pair", 30),
+    "below detectability": Stratum("main", "small", 30),
+    "inseparable": Stratum("main", "inseparable", 30),
+    **{
+        f"{draw} {name}": Stratum(draw, hides, taken_out="taken out" in name)
+        for draw in ("lateral", "stock", "paths", "time")
+        for name, hides in (
+            ("library form", "library"),
+            ("other form", "other"),
+            ("with the true effect taken out", "library"),
+            ("nothing", ""),
+        )
+    },
 }
+_BOTH = {**TRUTHS, **LATERAL}
+_DRAWS: Mapping[str, tuple[Mapping[str, Make], Mapping[str, Kind], Mapping[str, float], tuple[str, ...]]] = {
+    "main": (TRUTHS, KINDS, PARAMETER_ERRORS, ("eolo", "taurus")),
+    "lateral": (LATERAL, LATERAL_KINDS, LATERAL_ERRORS, ("eolo", "taurus")),
+    "stock": (STOCK_TRUTHS, STOCK_KINDS, LATERAL_ERRORS, tuple(STOCK)),
+    "paths": (_BOTH, PATH_KINDS, LATERAL_ERRORS, tuple(SMALL)),
+    "time": (OVER_TIME, OVER_TIME_KINDS, LATERAL_ERRORS, tuple(SMALL)),
+}
+"""Draw -> what makes its truths, its kinds, what is believed of coefficients, and its aircraft."""
+
+
+def counts_of(*draws: str) -> dict[str, int]:
+    """Return stratum -> number of cases, of some draws."""
+    return {name: s.count for name, s in STRATA.items() if s.draw in draws}
+
+
 # What is also run of some cases, by the end of the row's name: without the true effect in the library, and naming on
 # the set "short" alone.
 WITHOUT, SHORT = ", true effect taken out", ", two manoeuvres"
-TURBULENCE_RMS_M_S = 0.25
 # Sizes below detectability are so much of the drawn ones, counted from no effect, and halved further until they change
 # the readings, in units of the noise and summed in squares over all records, by no more than this: so little that who
 # knew all else would miss it, as the least that a test of 38 effects at 1e-3 finds is 18.
@@ -67,13 +125,14 @@ class Case:
     Attributes:
         name: stratum and number.
         stratum: one of STRATA.
-        aircraft: "eolo" or "taurus".
+        aircraft: its name.
         kinds: kinds of hidden truth; none for "nothing".
         sizes: sizes of each kind.
         factors: what the true coefficients are times the believed ones.
         right: for each kind, the names that are right.
         turbulence_rms_m_s: of the air.
         seed: of noise and turbulence.
+        near: whether a kind that the library does not hold resembles one that it does.
     """
 
     name: str
@@ -85,28 +144,39 @@ class Case:
     right: tuple[tuple[str, ...], ...]
     turbulence_rms_m_s: float = 0.0
     seed: int = 0
-    near: bool = field(default=False)
+    near: bool = False
+
+    @property
+    def truth(self) -> Truth:
+        """What flies."""
+        truth, made = Truth(factors=self.factors), _DRAWS[self.row.draw][0]
+        for kind, sizes in zip(self.kinds, self.sizes, strict=True):
+            truth = truth.with_(made[kind](sizes, self.aircraft))
+        return truth
 
     def fly(self, which: str) -> dict[str, FlightRecord]:
         """Fly the truth through a set of manoeuvres ("rich", "short", "held_out")."""
-        truth = Truth(factors=self.factors)
-        for kind, sizes in zip(self.kinds, self.sizes, strict=True):
-            truth = truth.with_(TRUTHS[kind](sizes, self.aircraft))
         offset = {"rich": 0, "short": 500_000, "held_out": 1_000_000}[which]
-        return fly_truth(self.aircraft, truth, which, self.seed + offset, self.turbulence_rms_m_s)
+        return fly(self.row.draw, self.aircraft, self.truth, which, self.seed + offset, self.turbulence_rms_m_s)
+
+    @property
+    def row(self) -> Stratum:
+        """Its row of the table."""
+        return STRATA[self.stratum]
+
+    @property
+    def without(self) -> tuple[str, ...]:
+        """The names that are taken out of the library before this case is named."""
+        return tuple(n for names in self.right for n in names) if self.row.taken_out else ()
 
 
-C = TypeVar("C", bound=Case)
+def draw(seed: int, counts: Mapping[str, int], aircraft: Iterable[str] = ()) -> tuple[Case, ...]:
+    """Draw so many cases of every stratum, in an order that begins with the first of each.
 
-
-def draw(seed: int, counts: Mapping[str, int] = STRATA) -> tuple[Case, ...]:
-    """Draw the cases of every stratum, in an order that begins with the first of each."""
-    return in_turn(counts, lambda stratum, i: draw_case(stratum, i, seed))
-
-
-def in_turn(counts: Mapping[str, int], made: Callable[[str, int], C]) -> tuple[C, ...]:
-    """Return the cases that are made of every stratum, by its name and their number: the first of each, and so on."""
-    drawn = {stratum: [made(stratum, i) for i in range(n)] for stratum, n in counts.items()}
+    ``aircraft`` are flown in place of those of the draw.
+    """
+    planes = tuple(aircraft)
+    drawn = {stratum: [draw_case(stratum, i, seed, planes=planes) for i in range(n)] for stratum, n in counts.items()}
     most = max(counts.values())
     return tuple(cases[i] for i in range(most) for cases in drawn.values() if i < len(cases))
 
@@ -119,33 +189,14 @@ def seal(cases: tuple[Case, ...]) -> tuple[str, str]:
 
 def opened(text: str) -> tuple[Case, ...]:
     """Return the cases of a sealed text."""
-    return opened_as(Case, text)
-
-
-def opened_as(kind: type[C], text: str) -> tuple[C, ...]:
-    """Return the cases of a sealed text, which are of one class."""
     return tuple(
-        kind(**{**c, "kinds": tuple(c["kinds"]), "sizes": tuple(c["sizes"]), "right": tuple(map(tuple, c["right"]))})
+        Case(**{**c, "kinds": tuple(c["kinds"]), "sizes": tuple(c["sizes"]), "right": tuple(map(tuple, c["right"]))})
         for c in json.loads(text)
     )
 
 
-def draw_case(stratum: str, i: int, seed: int) -> Case:
-    """Return case ``i`` of a stratum: the first of at most ten draws that flies all its manoeuvres.
-
-    Raises:
-        LimitError: none of them does.
-    """
-
-    def drawn(rng: np.random.Generator) -> Case:
-        case = _case(stratum, i, rng)
-        return _undetectable(case) if stratum == "below detectability" else case
-
-    return first_that_flies(stratum, i, seed, drawn)
-
-
-def first_that_flies(stratum: str, i: int, seed: int, drawn: Callable[[np.random.Generator], C]) -> C:
-    """Return the first of at most ten draws of case ``i`` of a stratum that flies all its manoeuvres.
+def draw_case(stratum: str, i: int, seed: int, kind: str = "", planes: tuple[str, ...] = ()) -> Case:
+    """Return case ``i`` of a stratum, or one of a given kind: the first of at most ten draws that flies all it must.
 
     Raises:
         LimitError: none of them does.
@@ -153,7 +204,8 @@ def first_that_flies(stratum: str, i: int, seed: int, drawn: Callable[[np.random
     for attempt in range(10):
         rng = np.random.default_rng(np.random.SeedSequence([seed, zlib.crc32(stratum.encode()), i, attempt]))
         try:
-            case = drawn(rng)
+            case = _case(stratum, i, rng, kind, planes)
+            case = _undetectable(case) if STRATA[stratum].hides == "small" else case
             case.fly("rich")
             case.fly("held_out")
         except (FlightAborted, LimitError, TrimError):
@@ -182,44 +234,47 @@ def _energy(a: FlightRecord, b: FlightRecord) -> float:
     return float(np.sum((d - d.mean(axis=0)) ** 2))
 
 
-def _case(stratum: str, i: int, rng: np.random.Generator) -> Case:
-    aircraft = "eolo" if rng.random() < 0.5 else "taurus"
-    kinds = _chosen(stratum, i, rng)
+def _case(stratum: str, i: int, rng: np.random.Generator, kind: str, planes: tuple[str, ...]) -> Case:
+    row = STRATA[stratum]
+    _, known, deviations, own = _DRAWS[row.draw]
+    one_way = row.draw in ("main", "lateral")  # in the order, and by the law, that the first draws had
+    aircraft = ("eolo" if rng.random() < 0.5 else "taurus") if one_way else ""
+    kinds = (kind,) if kind else _chosen(stratum, known, i, rng)
+    aircraft = aircraft or str(rng.choice(planes or own))
     if "flexible wings" in kinds:
         aircraft = "eolo"
-    sizes: list[Mapping[str, float]] = [KINDS[k].draw(rng) for k in kinds]
-    right = [KINDS[k].names for k in kinds]
-    if stratum == "inseparable":
-        (low, high), own, names = _INSEPARABLE[kinds[0]]
-        sizes, right = [{**sizes[0], own: float(rng.uniform(low, high))}], [names]
+    sizes: list[Mapping[str, float]] = [known[k].draw(rng) for k in kinds]
+    right = [known[k].names for k in kinds]
+    if row.hides == "inseparable":
+        (low, high), size, names = _INSEPARABLE[kinds[0]]
+        sizes, right = [{**sizes[0], size: float(rng.uniform(low, high))}], [names]
     return Case(
         name=f"{stratum} {i + 1}",
         stratum=stratum,
         aircraft=aircraft,
         kinds=kinds,
         sizes=tuple(sizes),
-        factors=parameter_errors(rng),
+        factors=parameter_errors(rng, deviations),
         right=tuple(right),
-        turbulence_rms_m_s=TURBULENCE_RMS_M_S if "turbulence" in stratum else 0.0,
+        turbulence_rms_m_s=row.rms_m_s,
         seed=int(rng.integers(1, 2**31 - 10**7)),
-        near=any(KINDS[k].near for k in kinds),
+        near=any(known[k].near for k in kinds),
     )
 
 
-def _chosen(stratum: str, i: int, rng: np.random.Generator) -> tuple[str, ...]:
-    """Return the kinds of case ``i`` of a stratum: all kinds in turn, in an order of its own."""
-    if stratum.startswith("nothing"):
+def _chosen(stratum: str, known: Mapping[str, Kind], i: int, rng: np.random.Generator) -> tuple[str, ...]:
+    """Return the kinds of case ``i`` of a stratum: all that suit it in turn, in an order of its own."""
+    hides = STRATA[stratum].hides
+    if not hides:
         return ()
-    if stratum == "two at once":
+    if hides == "pair":
         return _PAIRS[i % len(_PAIRS)]
-    if stratum == "inseparable":
+    if hides == "inseparable":
         return (tuple(_INSEPARABLE)[i % len(_INSEPARABLE)],)
-    form = {"other form": "other", "unseen": "unseen"}.get(stratum, "library")
-    names = [n for n, k in KINDS.items() if k.form == form]
-    if stratum == "below detectability":
-        names = [n for n in names if _can_shrink(KINDS[n])]
+    form = "library" if hides == "small" else hides
     if stratum == "turbulence" and rng.random() < 0.5:
-        names = [n for n, k in KINDS.items() if k.form == "other"]
+        form = "other"
+    names = [n for n, k in known.items() if k.form == form and (hides != "small" or _can_shrink(k))]
     order = np.random.default_rng(zlib.crc32(stratum.encode())).permutation(len(names))
     return (names[order[i % len(names)]],)
 

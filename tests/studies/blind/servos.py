@@ -11,9 +11,9 @@ import math
 
 import numpy as np
 from scipy.signal import lfilter
+from studies.blind.truth import Law
 
 from testbench.core.record import FloatArray
-from testbench.questions.gap.hidden.truth import Law
 
 _PARTS = 20  # of a frame, in which laws that have no closed form are stepped
 
