@@ -85,6 +85,11 @@ class Hypothesis:
     ahead: Callable[[Sequence[Mapping[str, float]]], None] | None = None
     form: Predict | None = None
 
+    @property
+    def first(self) -> dict[str, float]:
+        """Parameter -> value that the fit begins at."""
+        return {p.name: self.begin.get(p.name, p.value) for p in self.parameters}
+
     def at(self, theta: FloatArray) -> dict[str, float]:
         """Return parameter -> value."""
         return dict(zip((p.name for p in self.parameters), theta.tolist(), strict=True))
@@ -340,7 +345,7 @@ class _Fit:
 
         Beside an unknown motion the noise hardly depends on what the model lacks, so that few rounds of either do.
         """
-        begin = np.array([hypothesis.begin.get(p.name, p.value) for p in hypothesis.parameters])
+        begin = np.array(list(hypothesis.first.values()))
         here = cls(hypothesis, records, noise, unknown, air, begin, (), (), np.ones(len(noise.std)))
         here = here._linearised(begin)
         here = here._at_rest() if scales is None else replace(here, scales=scales, k=here._best_of(scales))

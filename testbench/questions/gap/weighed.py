@@ -186,11 +186,11 @@ def weigh(
     if naming.outcome == "unexplained":
         for effect, start in asker.near(known)[:MOST]:
             found.setdefault(effect.name, (effect, start, naming.nuisances))
-    if not found:
+    asked = [asked for one in found.values() if (asked := asker.effect(*one)) is not None]
+    if not asked:
         return None
-    asked = [asker.nothing(), *(asker.effect(*one) for one in found.values())]
-    table = compare_hypotheses(records, asked, asker.noise, asker.unknown, samples=0)
-    return Weighed(table, {name: effect for name, (effect, *_) in found.items()}, seen)
+    table = compare_hypotheses(records, [asker.nothing(), *asked], asker.noise, asker.unknown, samples=0)
+    return Weighed(table, {h.name: found[h.name][0] for h in asked}, seen)
 
 
 @dataclass(eq=False)
@@ -280,8 +280,8 @@ class _Asker:
         """Return the hypothesis that coefficients within their priors are all."""
         return self._asked("nothing", (), self.nuisances, lambda values: self.believed)
 
-    def effect(self, effect: Effect, start: Mapping[str, float], nuisances: Mapping[str, float]) -> Hypothesis:
-        """Return the hypothesis that an effect is what the model lacks; its fit begins at ``start``."""
+    def effect(self, effect: Effect, start: Mapping[str, float], nuisances: Mapping[str, float]) -> Hypothesis | None:
+        """Return the hypothesis that an effect is what the model lacks, None if it cannot fly ``start``, its first."""
         own = {p.name: f"{effect.name}.{p.name}" for p in effect.parameters}
         sizes = tuple(size_of(own[p.name], p, start[p.name]) for p in effect.parameters)
         begin = {**nuisances, **{own[n]: v for n, v in start.items()}}
@@ -289,7 +289,12 @@ class _Asker:
         def flown(values: Mapping[str, float]) -> Believed:
             return self.believed.with_effect(effect, {n: values[name] for n, name in own.items()})
 
-        return self._asked(effect.name, sizes, begin, flown, effect.form_error)
+        try:
+            asked = self._asked(effect.name, sizes, begin, flown, effect.form_error)
+        except _NOT_FLOWN:
+            return None
+        flies = all(np.any(np.isfinite(asked.predict(record, asked.first))) for record in self.records)
+        return asked if flies else None
 
     def _asked(
         self,
@@ -305,7 +310,7 @@ class _Asker:
         def tuned(model: Believed, values: Mapping[str, float]) -> Believed:
             return model.with_nuisances({n: values[n] for n in priors})
 
-        first = {**{p.name: p.value for p in (*self.coefficients, *sizes)}, **begin}
+        first = {p.name: begin.get(p.name, p.value) for p in (*self.coefficients, *sizes)}
         starts = tuned(flown(first), first).begun_at(self.records)
 
         def model(values: Mapping[str, float], with_effect: bool = True) -> Believed:
