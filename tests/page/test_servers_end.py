@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import signal
@@ -20,20 +21,31 @@ from testbench.core.store import PAGE, ResultFolder
 SERVERS = {"studio": ("studio", "eolo", "--port", "0"), "results": ("results", "out", "--serve", "--port", "0")}
 
 
+def heeding():
+    """Heed the signals that whoever runs the tests ignores, as a shell does in the background."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+
+
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 0), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 @pytest.mark.parametrize("words", SERVERS.values(), ids=SERVERS)
 def test_a_signal_ends_it_at_once(tmp_path, words, number, status):
     with ResultFolder(tmp_path / "out") as place:
         write_file(place.new / PAGE, '<p class="kicker">flight-testbench: run</p><h1>a</h1>')
     before = {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*") if p.is_file()}
-    with subprocess.Popen(
-        [sys.executable, "-m", "testbench", *words],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    ) as server:
+    with (
+        subprocess.Popen(
+            [sys.executable, "-m", "testbench", *words],
+            cwd=tmp_path,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            preexec_fn=heeding,  # noqa: PLW1509 (the tests have one thread)
+        ) as server,
+        contextlib.ExitStack() as after,
+    ):
+        after.callback(server.kill)  # whatever fails below
         port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
         with urlopen(f"http://127.0.0.1:{port}/", timeout=20) as answer:
             assert answer.status == 200
