@@ -24,6 +24,8 @@ _EXTRA = (
 )
 _CONNECT_S = 15.0
 _THREADS = dict.fromkeys(SETTINGS, "1")
+_UNSAID = "ignore::UserWarning:multiprocessing.resource_tracker"
+"""What Python takes away after a process that was killed is no news for who killed it."""
 
 
 class Died(Exception):
@@ -282,8 +284,10 @@ def _start_method() -> str:
         return "spawn"
     from multiprocessing import forkserver
 
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(_THREADS)  # read by the libraries when the server loads them
+    unsaid = ",".join(filter(None, (os.environ.get("PYTHONWARNINGS"), _UNSAID)))
+    settings = {**_THREADS, "PYTHONWARNINGS": unsaid}
+    before = {name: os.environ.get(name) for name in settings}
+    os.environ.update(settings)  # read by the libraries when the server loads them
     try:
         forkserver.set_forkserver_preload(["distributed", FLYING])
         forkserver.ensure_running()

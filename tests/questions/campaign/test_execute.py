@@ -346,3 +346,14 @@ def test_workers_of_other_versions_are_refused(short):
     job = Job(loaded.spec.model_dump_json(), json.dumps(loaded.content), (("jsbsim", "0.0"),))
     with pytest.raises(CampaignError, match=r"got jsbsim \d.* \(campaign: 0\.0\)"):
         fly_batch(job, [0])
+
+
+def test_a_process_that_is_killed_leaves_no_warning_of_what_python_takes_away():
+    code = (
+        "import multiprocessing, os, signal\n"
+        "from testbench.questions.campaign.workers import _start_method\n"
+        "held = multiprocessing.get_context(_start_method()).Semaphore()\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, text=True, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (-signal.SIGKILL, "")
