@@ -289,7 +289,7 @@ def _start_method() -> str:
     before = {name: os.environ.get(name) for name in settings}
     os.environ.update(settings)  # read by the libraries when the server loads them
     try:
-        forkserver.set_forkserver_preload(["distributed", FLYING])
+        forkserver.set_forkserver_preload(["testbench.questions.campaign.served", "distributed", FLYING])
         forkserver.ensure_running()
     finally:
         for name, value in before.items():

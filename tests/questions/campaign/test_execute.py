@@ -348,12 +348,24 @@ def test_workers_of_other_versions_are_refused(short):
         fly_batch(job, [0])
 
 
-def test_a_process_that_is_killed_leaves_no_warning_of_what_python_takes_away():
+@pytest.mark.parametrize(
+    ("then", "status"),
+    [
+        ("os.kill(os.getpid(), signal.SIGKILL)", -signal.SIGKILL),
+        # as where the campaign ends, which takes its semaphores away, before a worker has been handed them
+        ("synchronize.sem_unlink(held._semlock.name); worker.start(); worker.join(); os._exit(0)", 0),
+    ],
+    ids=["killed", "ended as a worker begins"],
+)
+def test_a_campaign_that_ends_leaves_no_word_of_python(then, status):
     code = (
         "import multiprocessing, os, signal\n"
+        "from multiprocessing import synchronize\n"
         "from testbench.questions.campaign.workers import _start_method\n"
-        "held = multiprocessing.get_context(_start_method()).Semaphore()\n"
-        "os.kill(os.getpid(), signal.SIGKILL)\n"
+        "made_by = multiprocessing.get_context(_start_method())\n"
+        "held = made_by.Semaphore()\n"
+        "worker = made_by.Process(target=print, args=(held,))\n"
+        f"{then}\n"
     )
     done = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, text=True, capture_output=True, check=False)
-    assert (done.returncode, done.stderr) == (-signal.SIGKILL, "")
+    assert (done.returncode, done.stdout, done.stderr) == (status, "", "")
