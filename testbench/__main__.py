@@ -9,18 +9,19 @@ import sys
 
 
 def main() -> None:
-    """Run the command line; an interrupt while it is imported ends it in one line, too."""
+    """Run the command line; an interrupt before it listens for one, or when it no longer does, is one line, too."""
     try:
-        from testbench.cli import main as run
-    except KeyboardInterrupt:
-        print("interrupted; nothing was written", file=sys.stderr)
-        sys.exit(130)
-    try:
-        run()
-    finally:  # a signal that comes while Python ends would be said by a traceback
-        from testbench.core.interrupts import leave_to_the_system
+        try:
+            from testbench.cli import main as run
 
-        leave_to_the_system()
+            run()
+        finally:  # a signal that comes while Python ends would be said by a traceback
+            from testbench.core.interrupts import leave_to_the_system
+
+            leave_to_the_system()
+    except KeyboardInterrupt:
+        print("interrupted; no result is left half written", file=sys.stderr)
+        sys.exit(130)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,9 @@ import pytest
 from rich.console import Console
 from studies.reliability.process import Around, Running
 
+from testbench import cli
 from testbench.__main__ import main
+from testbench.core import interrupts
 from testbench.page import terminal
 from testbench.page.terminal import open_streams, print_rows
 
@@ -103,13 +105,24 @@ def test_an_interrupt_of_a_stage_is_one_line_and_leaves_the_folder_as_it_was(tmp
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_interrupt_of_the_imports_is_one_line_and_130(monkeypatch, capsys):
-    class Interrupted:
-        def __getattr__(self, name):
-            raise KeyboardInterrupt
+class _Interrupted:
+    def __getattr__(self, name):
+        raise KeyboardInterrupt
 
-    monkeypatch.setitem(sys.modules, "testbench.cli", Interrupted())
+
+def _interrupt(*_):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize(
+    ("where", "what"),
+    [((sys.modules, "testbench.cli"), _Interrupted()), ((vars(cli), "open_streams"), _interrupt)],
+    ids=["imports", "before it listens"],
+)
+def test_an_interrupt_of_what_does_not_listen_for_one_is_one_line_and_130(monkeypatch, capsys, where, what):
+    monkeypatch.setattr(interrupts, "leave_to_the_system", lambda: None)  # the tests' own process goes on
+    monkeypatch.setitem(*where, what)
     with pytest.raises(SystemExit) as end:
         main()
     assert end.value.code == 130
-    assert capsys.readouterr().err == "interrupted; nothing was written\n"
+    assert capsys.readouterr().err == "interrupted; no result is left half written\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from testbench.core.blas import SETTINGS
 from testbench.core.errors import CampaignError
+from testbench.core.interrupts import held_back
 from testbench.questions.campaign.no_workers import FLYING, why_none
 
 if TYPE_CHECKING:
@@ -24,6 +26,8 @@ _EXTRA = (
 )
 _CONNECT_S = 15.0
 _THREADS = dict.fromkeys(SETTINGS, "1")
+_UNSAID = "ignore::UserWarning:multiprocessing.resource_tracker"
+"""What Python takes away after a process that was killed is no news for who killed it."""
 
 
 class Died(Exception):
@@ -214,14 +218,15 @@ class _Embedded:
 
         _start_method()  # whatever the processes are forked from may have been killed
         try:
-            self._cluster = LocalCluster(
-                n_workers=self.count,
-                threads_per_worker=1,
-                processes=True,
-                dashboard_address="127.0.0.1:0",  # any free port; without an address dask insists on one of its own
-                memory_limit=0,
-                silence_logs=logging.CRITICAL,
-            )
+            with held_back():  # half-made, it cannot be closed
+                self._cluster = LocalCluster(
+                    n_workers=self.count,
+                    threads_per_worker=1,
+                    processes=True,
+                    dashboard_address="127.0.0.1:0",  # any free port; without one dask insists on one of its own
+                    memory_limit=0,
+                    silence_logs=logging.CRITICAL,
+                )
         except (RuntimeError, OSError, TimeoutError) as error:
             raise CampaignError(
                 f"a campaign needs worker processes, but none could be started: {why_none()}"
@@ -280,13 +285,20 @@ def _start_method() -> str:
 
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return "spawn"
-    from multiprocessing import forkserver
+    from multiprocessing import forkserver, resource_tracker
 
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(_THREADS)  # read by the libraries when the server loads them
+    unsaid = ",".join(filter(None, (os.environ.get("PYTHONWARNINGS"), _UNSAID)))
+    settings = {**_THREADS, "PYTHONWARNINGS": unsaid}
+    before = {name: os.environ.get(name) for name in settings}
+    os.environ.update(settings)  # read by the libraries when the server loads them
     try:
-        forkserver.set_forkserver_preload(["distributed", FLYING])
-        forkserver.ensure_running()
+        forkserver.set_forkserver_preload(["testbench.questions.campaign.served", "distributed", FLYING])
+        resource_tracker.ensure_running()  # which hears interrupts again afterwards
+        heard = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # a terminal sends it to all of a group
+        try:
+            forkserver.ensure_running()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, heard)
     finally:
         for name, value in before.items():
             if value is None:

@@ -346,3 +346,26 @@ def test_workers_of_other_versions_are_refused(short):
     job = Job(loaded.spec.model_dump_json(), json.dumps(loaded.content), (("jsbsim", "0.0"),))
     with pytest.raises(CampaignError, match=r"got jsbsim \d.* \(campaign: 0\.0\)"):
         fly_batch(job, [0])
+
+
+@pytest.mark.parametrize(
+    ("then", "status"),
+    [
+        ("os.kill(os.getpid(), signal.SIGKILL)", -signal.SIGKILL),
+        # as where the campaign ends, which takes its semaphores away, before a worker has been handed them
+        ("synchronize.sem_unlink(held._semlock.name); worker.start(); worker.join(); os._exit(0)", 0),
+    ],
+    ids=["killed", "ended as a worker begins"],
+)
+def test_a_campaign_that_ends_leaves_no_word_of_python(then, status):
+    code = (
+        "import multiprocessing, os, signal\n"
+        "from multiprocessing import synchronize\n"
+        "from testbench.questions.campaign.workers import _start_method\n"
+        "made_by = multiprocessing.get_context(_start_method())\n"
+        "held = made_by.Semaphore()\n"
+        "worker = made_by.Process(target=print, args=(held,))\n"
+        f"{then}\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, text=True, capture_output=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (status, "", "")

@@ -7,7 +7,7 @@ python -m studies.reliability --command "gap new" --command run  # some commands
 python -m studies.reliability --share 0.1                        # a tenth of the cases
 python -m studies.reliability --report                           # write results/reliability.md from the rows kept
 
-Rows are kept in build/reliability; results/reliability.md says how many cases ran.
+Rows are kept in results/reliability; results/reliability.md says how many cases ran.
 """
 
 from __future__ import annotations
@@ -26,7 +26,12 @@ from studies.reliability import commands, crashes, kinds, records, report, scena
 from studies.reliability.small import CASES
 
 COMMANDS = [commands.part_of(part) for part in range(commands.PARTS)]
-LANES = (*((part,) for part in COMMANDS), ("scenarios", "flown"), ("records",), ("kinds", "crashes", "sizes"))
+LANES = (
+    *((part,) for part in COMMANDS),
+    ("scenarios", "flown"),
+    ("records",),
+    ("kinds", "nonsense", "crashes", "sizes"),
+)
 """What runs one after the other, the longest first."""
 
 
@@ -53,6 +58,7 @@ def main() -> int:
     run: dict[str, Callable[[], object]] = {
         "scenarios": lambda: scenarios.scenarios(some(scenarios.COUNT)),
         "kinds": lambda: kinds.kinds(some(kinds.COUNT)),
+        "nonsense": kinds.nonsense,
         "records": lambda: records.records(some(records.COUNT)),
         "flown": lambda: scenarios.flown(scenarios.scenarios(some(scenarios.COUNT)), some(scenarios.FLOWN)),
         **{part: partial(commands.commands, number, asked.share) for number, part in enumerate(COMMANDS)},

@@ -1,9 +1,10 @@
-"""Cases of the study that go on where they stopped: one row for each in build/reliability/PART.csv."""
+"""Cases of the study that go on where they stopped: one row for each in results/reliability/PART.csv."""
 
 from __future__ import annotations
 
 import csv
 import os
+import re
 import sys
 import time
 from collections import Counter
@@ -15,7 +16,7 @@ from clock import since
 from studies.kept_rows import read_rows
 
 ROOT = Path(__file__).resolve().parents[3]
-KEPT = ROOT / "build" / "reliability"
+KEPT = ROOT / "results" / "reliability"
 COLUMNS = ("case", "outcome", "said", "load")
 Row = dict[str, str]
 
@@ -44,7 +45,10 @@ def go_on(part: str, names: Sequence[str], run: Callable[[Sequence[str]], Iterab
         if not file.tell():
             writer.writeheader()
         for k, (name, outcome, said) in enumerate(run(due) if due else (), 1):
-            row = {"case": name, "outcome": outcome, "said": " ".join(said.split())[:300],
+            said = re.sub(
+                r"/\S*/reliability_\w+/", "", " ".join(said.split())
+            )  # rows are the same wherever they are made
+            row = {"case": name, "outcome": outcome, "said": said[:300],
                    "load": f"{os.getloadavg()[0]:.1f}"}  # fmt: skip
             writer.writerow(row)
             file.flush()

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from quick_drawing import quick_drawing
 from studies.reliability.cases import Row, go_on, rows_of
 from studies.reliability.small import CASES
 from studies.reliability.treatments import Trials, treatments
@@ -31,19 +33,31 @@ def names(cases: Sequence[str], share: float = 1.0) -> list[str]:
     return out
 
 
-def run(due: Sequence[str]) -> Iterator[tuple[str, str, str]]:
-    """Yield (name, outcome, said) of trials."""
+@contextlib.contextmanager
+def begun() -> Iterator[Trials]:
+    """Import what commands import, and give trials, which keep what their cases read until the block's end."""
     warm()
     kit = Path(tempfile.mkdtemp(prefix="reliability_kit_"))
     try:
-        trials = Trials(kit)
-        for case in due:
-            try:
-                yield (case, *trials.trial(*case.split(": ")))
-            except AssertionError as error:  # what a trial starts from cannot be made
-                yield case, "not begun", str(error)
+        with quick_drawing():  # a Python of its own renders figures
+            yield Trials(kit)
     finally:
         shutil.rmtree(kit, ignore_errors=True)
+
+
+def treated(trials: Trials, due: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+    """Yield (name, outcome, said) of trials."""
+    for case in due:
+        try:
+            yield (case, *trials.trial(*case.split(": ")))
+        except AssertionError as error:  # what a trial starts from cannot be made
+            yield case, "not begun", str(error)
+
+
+def run(due: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+    """Yield (name, outcome, said) of trials that begin here and now."""
+    with begun() as trials:
+        yield from treated(trials, due)
 
 
 def commands(part: int, share: float = 1.0) -> list[Row]:

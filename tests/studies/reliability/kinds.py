@@ -1,4 +1,4 @@
-"""Damaged files of every kind that the door knows: each is read, or refused in words."""
+"""Damaged files of every kind that the door knows: each is read, or refused in words; nonsense is refused."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 from fuzz.kinds import examples
+from fuzz.nonsense import cases
 from fuzz.test_kinds_of_the_door import mutant
 from studies.reliability.cases import Row, go_on
 from studies.reliability.scenarios import LONGEST_S, run_cases
@@ -31,3 +32,18 @@ def kinds(count: int = COUNT) -> list[Row]:
             return "read", ""
 
         return go_on("kinds", names, lambda due: run_cases(due, judged, LONGEST_S))
+
+
+def nonsense() -> list[Row]:
+    """Give each of the nonsensical values and files that the tests know."""
+    with tempfile.TemporaryDirectory(prefix="reliability_") as place:
+        meant = cases(Path(place))
+
+        def judged(name: str, folder: Path) -> tuple[str, str]:
+            try:
+                meant[name](folder)
+            except Refusal as error:
+                return "refused", str(error)
+            return "accepted", ""
+
+        return go_on("nonsense", list(meant), lambda due: run_cases(due, judged, LONGEST_S))

@@ -31,7 +31,8 @@ from clock import since
 import testbench
 
 ROOT = Path(testbench.__file__).parents[1]
-LONGEST_S = 300.0  # by the clock, of what takes seconds: other work may have the machine
+LONGEST_S = 300.0  # of processor, of what takes seconds
+IDLE_S, WORK_S = 60.0, 0.2  # by the clock, and of processor: who does less in that time waits for what never comes
 STREAMS = ("<&-", ">&-", "2>&-", ">/dev/full", "2>/dev/full", "| true")
 """What a shell does to a stream of a command."""
 _LIBC, _CAPABILITIES, _SUBREAPER = ctypes.CDLL(None), 0x20080522, 36  # version 3 of capset; an option of prctl
@@ -70,7 +71,7 @@ class Ended:
         out, err: what it wrote.
         took_s: by the clock.
         cpu_s: of processor, its own and that of processes it waited for.
-        orphans: processes below it that lived on for five seconds.
+        orphans: processes below it that lived on.
     """
 
     status: int | None
@@ -129,25 +130,48 @@ class Running:
             below = _below(self.pid) if whom == "worker" else []
             os.kill(below[len(below) // 2] if below else self.pid, number)
 
-    def ended(self) -> Ended:
-        """Wait for its end, ending it if it hangs, and return how it ended."""
-        hung = not self.wait(LONGEST_S)
+    def ended(self, patience_s: float = 5.0) -> Ended:
+        """Wait for its end, ending it if it hangs, and return how it ended.
+
+        It hangs if it works without end, or not at all: how long it takes by the clock says nothing where other work
+        has the machine.
+
+        Args:
+            patience_s: that processes below it may live on.
+        """
+        used = 0.0
+        while not (over := self.wait(IDLE_S)):
+            before, used = used, _processor_s(self.pid)
+            if used - before < WORK_S or used > LONGEST_S:
+                break
+        hung = not over
         if hung:
             self.send(signal.SIGKILL, "everything")
-        _, status, used = os.wait4(self.pid, 0)
+        _, status, usage = os.wait4(self.pid, 0)
         took, code = since(self.start, time.monotonic), os.waitstatus_to_exitcode(status)
         os.close(self._end)
-        orphans = not _gone(self.pid, 5.0)
+        orphans = not _gone(self.pid, patience_s)
         if orphans:
             self.send(signal.SIGKILL, "everything")
             _gone(self.pid, 5.0)
         texts = [_drained(pipe) for pipe in self._pipes]
         shell = None if hung else code if code >= 0 else 128 - code
-        return Ended(shell, *texts, took, used.ru_utime + used.ru_stime, orphans)
+        return Ended(shell, *texts, took, usage.ru_utime + usage.ru_stime, orphans)
 
 
 def _files(folder: Path) -> int:
     return sum(len(files) for _, _, files in os.walk(folder))
+
+
+def _processor_s(group: int) -> float:
+    """Return the processor time of the processes of a group, and of those that they have waited for."""
+    ticks = 0
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            words = stat.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+            if int(words[2]) == group:
+                ticks += sum(map(int, words[11:15]))
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 def _below(process: int) -> list[int]:

@@ -17,19 +17,25 @@ from testbench.core.files import write_file
 PAGE = ROOT / "results" / "reliability.md"
 _HEAD = """# What it bears: every command stopped, starved and misled; damaged files, crashes, very many runs
 
-Made by `make reliability` from the rows in `build/reliability`. Where fewer cases ran than asked for, it says so.
+Made by `make reliability` from the rows in `results/reliability`. Where fewer cases ran than asked for, it says so.
 Python {python}; the load of the machine while the cases ran was {load} (median), on {cores} cores.
-"A fault" is what no case may come to: a traceback, a hang (300 s), more than 1 GB, a value read wrongly without a word,
-lost or doubled runs, other bytes, a file half-written.
+"A fault" is what no case may come to: a traceback, a hang (no work in a minute, or 300 s of processor), more than 1 GB,
+a value read wrongly without a word, lost or doubled runs, other bytes, a file half-written.
 
 ## Every command
 
-Each has a small case of a second or so (`small.py` beside the study; a command without one fails a test). Its folder at
-the end is held against an undisturbed run's, byte by byte. Columns give trials that ran, of those asked for:
+Each has a small case of a second of processor or so (`small.py` beside the study; a command without one fails a test).
+Its folder at the end is held against an undisturbed run's, byte by byte. Columns give trials that ran, of those asked
+for:
 
 - stopped: SIGKILL (half of them), SIGTERM, Ctrl-C; a third in the first 50 ms, a third as a drawn file appears, a third
-  at any moment; one in ten a Python of its own, the others forked from one that has imported all. Then the command
-  again. Where several processes work, SIGKILL strikes the first, a worker or all.
+  at any moment. Where several processes work, SIGKILL strikes the first, a worker or all. No file may be half-written,
+  and no page stand without its tables. One in four ({again} of 100, {again_others} of 30, always the same) is then run
+  again or gone on with to the end, and compared. Of the others the folder is settled, as the next command would, and
+  held against its manifest: it is as before, the new result, or a part that is whole (of several folders, or of a
+  store that grows).
+- {fresh} of 100 and {fresh_others} of 30 stops, and the surroundings, begin a Python of its own that renders its
+  figures; the others are forked from one that has imported all, and make their figures without rendering them.
 - full disk: no file may grow beyond a size between nothing and the largest that is written; then again with room.
 - two at once: into the same folder. damaged: a file that is read, by {damages}.
 - streams: `<&-`, `>&-`, `2>&-`, all three, `>/dev/full`, `2>/dev/full`, `| true`. places: the working directory
@@ -47,7 +53,7 @@ Not sampled: Windows and macOS, a machine that loses power, network file systems
 | --- | ---: | ---: | ---: | --- |
 """
 FAULTS = (*treatments.FAULTS, "above 1 GB", "read wrongly", "lost", "crashed", "otherwise", "too slow", "growing",
-          "not begun")  # fmt: skip
+          "accepted", "not begun")  # fmt: skip
 _COLUMNS = {
     "stopped": ("stopped",), "full disk": ("full disk",), "two at once": ("two at once",),
     "damaged": ("damaged input",),
@@ -59,6 +65,7 @@ _MEANT = (
         "mutated files of every kind that is read: TOML, XML, geometry, modes, models, stores, keys",
         3000,
     ),
+    ("nonsense", "nonsensical values and files, none of which may be accepted", 60),
     ("scenarios", "mutated scenarios, suites, structures and ground tests of every kind, read", 3000),
     ("flown", "of these, changed scenarios that were accepted, flown for 20 s of processor at most", 150),
     ("records", "mutated records of every format, 600 each, by one command that reads them, then read again", 7800),
@@ -75,7 +82,7 @@ def write() -> Path:
     load = f"{loads[len(loads) // 2]:.0f}" if loads else "not known"
     text = _HEAD.format(
         python=platform.python_version(), load=load, cores=os.cpu_count(), damages="bits, bytes, numbers and lines",
-        commands=_of_commands(found), found=_faults_of(found),
+        commands=_of_commands(found), found=_faults_of(found), **_shares(),
     )  # fmt: skip
     text += "".join(_line(words, meant, kept[part]) for part, words, meant in _MEANT)
     said = [f"- {row['case']}: {row['said']}" for part in ("crashes", "sizes") for row in kept[part]]
@@ -83,6 +90,15 @@ def write() -> Path:
     text += "\n## Figures\n\n" + "\n".join(said or ["Not measured yet."]) + "\n"
     text += _of_records(looked)
     return write_file(PAGE, text)
+
+
+def _shares() -> dict[str, int]:
+    """Return how many stops of a command are run again, and how many begin a Python of their own."""
+    return {
+        f"{what}{of}": sum(map(chosen, range(count)))
+        for what, chosen in (("again", treatments.run_again), ("fresh", treatments.FRESH.__contains__))
+        for of, count in (("", treatments.MOST), ("_others", treatments.OTHERS))
+    }
 
 
 def _of_commands(rows: Sequence[Row]) -> str:

@@ -1,4 +1,4 @@
-"""Small cases of every command: seconds each, through the code that large ones go through.
+"""Small cases of every command: a second of processor or so each, through the code that large ones go through.
 
 A case is found by the command that it is of, "gap new", and a further one of a command by what follows a comma. What a
 command reads is made once, by :func:`made`, and copied for each trial.
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from studies.reliability.process import Running
+from studies.reliability.shorter import few_designs, few_sections, few_speeds, one_height
 
 from testbench.core.paths import SCENARIOS
 
@@ -46,6 +47,7 @@ aircraft = "taurus"
 wings = "rigid"
 suite = "taurus_8hz"
 seed = 1
+simulation = { rate_hz = 64.0 }
 effects = ["thrust_line"]
 condition = { V_m_s = 13.0, h_m = 100.0 }
 hidden = { effects = [{ effect = "thrust_line", z_m = 0.05 }] }
@@ -53,7 +55,7 @@ hidden = { effects = [{ effect = "thrust_line", z_m = 0.05 }] }
 [[manoeuvre]]
 name = "throttle doublet"
 use = "identification"
-duration_s = 5.0
+duration_s = 4.0
 input = [{ signal = "doublet", control = "thr", amplitude_percent = 15.0, period_s = 3.0 }]
 
 [[manoeuvre]]
@@ -75,7 +77,7 @@ simulation = { log_rate_hz = 40.0 }
 [[manoeuvre]]
 name = "doublet"
 use = "split"
-duration_s = 8.0
+duration_s = 6.0
 settle_s = 1.0
 input = [{ signal = "doublet", control = "de", amplitude_deg = 1.5, period_s = 1.5, repeats = 2, spacing_s = 3.0 }]
 [identification]
@@ -129,7 +131,7 @@ seed = 1
 suite = "eolo_ten_accelerometers"
 condition = { V_m_s = 16.0, h_m = 547.0 }
 air = { turbulence_rms_m_s = 1.0 }
-flight = [{ name = "one", duration_s = 20.0 }, { name = "two", duration_s = 20.0 }]
+flight = [{ name = "one", duration_s = 9.0 }, { name = "two", duration_s = 9.0 }]
 modes = { band_hz = [5.0, 40.0] }
 """
 FLIGHT = """
@@ -153,9 +155,9 @@ estimators = [{ method = "dsr_e", order = 2, past_horizon = 4, future_horizon = 
 def log() -> str:
     """Return a table of a short period at 20 Hz, with two doublets."""
     lines, alpha, q, theta = ["t [s],de [deg],q [deg/s],alpha [deg],theta [deg],V [m/s],az [m/s2]"], 0.0, 0.0, 0.0
-    for k in range(600):
+    for k in range(360):
         t = 0.05 * k
-        de = 2.0 * sum((s <= t < s + 0.5) - (s + 0.5 <= t < s + 1.0) for s in (5.0, 15.0))
+        de = 2.0 * sum((s <= t < s + 0.5) - (s + 0.5 <= t < s + 1.0) for s in (3.0, 12.0))
         lines.append(f"{t:.2f},{de},{q:.6f},{2 + alpha:.6f},{2 + theta:.6f},18.0,{-9.81 - 0.6 * alpha:.6f}")
         rates = q - 2.0 * alpha, -8.0 * alpha - 2.0 * q - 10.0 * de, q
         alpha, q, theta = (x + 0.05 * d for x, d in zip((alpha, q, theta), rates, strict=True))
@@ -174,7 +176,7 @@ class Case:
         most: it is one of the ten that write most.
         workers: it works in several processes.
         module: what is run.
-        prepare: called in the process before the command.
+        prepare: called in the process before the command, see :mod:`studies.reliability.shorter`.
     """
 
     words: str
@@ -187,14 +189,7 @@ class Case:
     prepare: Callable[[], object] | None = None
 
 
-def few_sections() -> None:
-    """Leave of the reproductions one section, which takes a second."""
-    from testbench.questions.reproduce import ask, paper_checks
-
-    title, rests_on, _ = ask.CHAPTERS["b1"]
-    ask.CHAPTERS["b1"] = (title, rests_on, (paper_checks.eolo,))
-
-
+_GAP = "gap {at}gap.toml -o {at}out --windows off"
 _CAMPAIGN = "campaign {} {{at}}short.toml -o {{at}}out --workers 1"
 CASES = {
     "run": Case("run {at}run.toml -o {at}out", ("run.toml",), most=True),
@@ -204,12 +199,11 @@ CASES = {
     "compatibility": Case("compatibility {at}log.toml -o {at}out", ("log.csv", "log.toml")),
     "response": Case("response {at}log.toml --window 5 -o {at}out", ("log.csv", "log.toml")),
     "modes": Case("modes {at}modes.toml -o {at}out", ("modes.toml",)),
-    "gap show": Case("gap {at}gap.toml -o {at}out --workers 1", ("gap.toml",), most=True),
-    "gap show, with control flights": Case(
-        "gap {at}gap.toml -o {at}out --workers 2 --controls 2", ("gap.toml",), workers=True
-    ),
+    "gap show": Case(f"{_GAP} --workers 1", ("gap.toml",), most=True, prepare=one_height),
+    "gap show, with control flights": Case(f"{_GAP} --workers 2 --controls 2", ("gap.toml",), workers=True,
+                                           prepare=one_height),
     "gap new": Case("gap new {at}mine.toml {at}flown --aircraft taurus", ("flown",)),
-    "design": Case("design {at}design.toml -o {at}out", ("design.toml",), most=True),
+    "design": Case("design {at}design.toml -o {at}out", ("design.toml",), most=True, prepare=few_designs),
     "compare suites": Case("compare {at}compare.toml -o {at}out", ("compare.toml",)),
     "compare benchmark": Case("compare benchmark -o {at}out --seeds 1 --only dsr_e --data clean --workers 1"),
     "plan show": Case("plan {at}plan.toml -o {at}out", ("plan.toml",), most=True),
@@ -227,11 +221,11 @@ CASES = {
     "dataset draw": Case("dataset {at}set.toml -o {at}out --workers 1", ("set.toml",), most=True, workers=True),
     "dataset score": Case("dataset score {at}set {at}answers.csv -o {at}out/scores.csv", ("answers.csv", "set")),
     "dataset check": Case("dataset check {at}set", ("set",)),
-    "aircraft show": Case("aircraft taurus --wings rigid -o {at}out", ()),
+    "aircraft show": Case("aircraft taurus --wings rigid -o {at}out", prepare=few_speeds),
     "aircraft new": Case("aircraft new {at}plan_form.toml -o {at}out", ("plan_form.toml",)),
-    "aircraft adopt": Case("aircraft adopt jsbsim:SGS -o {at}mine --report {at}out", ()),
+    "aircraft adopt": Case("aircraft adopt jsbsim:SGS -o {at}mine --report {at}out", prepare=few_speeds),
     "aircraft flexible": Case("aircraft flexible taurus {at}taurus.toml -o {at}out",
-                              ("taurus.toml", "taurus_shapes.csv")),
+                              ("taurus.toml", "taurus_shapes.csv"), prepare=few_speeds),
     "studio": Case("studio taurus --write {at}out/studio.html"),
     "results": Case("results {at}found", ("found",)),
     "results, two side by side": Case("results {at}found/one/run {at}found/two/run -o {at}out", ("found",)),
@@ -322,7 +316,8 @@ def _set() -> str:
 def _plan_form() -> str:
     from any_aircraft import geometry_of_the_guide
 
-    return geometry_of_the_guide()
+    lines = geometry_of_the_guide().splitlines()
+    return "\n".join(line for line in lines if not line.startswith(("da =", "dr =")))  # each control takes a second
 
 
 def _example(name: str) -> Callable[[], str]:

@@ -25,13 +25,18 @@ from fuzz.mutations import mistyped, nudged, of_text
 from studies.reliability.process import STREAMS, Around, Ended, Running
 from studies.reliability.small import CASES, Case, place_of, words_of
 
+from testbench.core.errors import RecordError
+from testbench.core.store import COMMIT, entry_of, manifest_of
+
 SEED = 57
 MOST, OTHERS = 100, 30  # times that a command is stopped
 SIGNALS = {signal.SIGKILL: 137, signal.SIGTERM: 143, signal.SIGINT: 130}
+FRESH = frozenset({5, 18, 43, 68, 88})
+"""Stops of a Python of its own, which renders figures; the others are of forks that make them and do not."""
 EACH = {"full disk": (10, 5), "two at once": (3, 2), "damaged input": (10, 10), "surroundings": (2, 2)}
 """Treatment -> trials of each command that writes most, and of each other one."""
 FAULTS = ("traceback", "hung", "wrong status", "more than a line", "left processes", "other bytes", "not gone on",
-          "half-written", "looked finished", "neither", "other words")  # fmt: skip
+          "half-written", "looked finished", "mixed", "neither", "other words")  # fmt: skip
 HIDDEN = ".testbench"
 SURROUNDINGS = (
     {"PYTHONHASHSEED": "1", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "TZ": "Asia/Kathmandu"},
@@ -150,17 +155,21 @@ class Trials:
         return act(name, rest if act != self.surrounded else treatment)
 
     def stopped(self, name: str, number: str) -> Found:
-        """Stop a command at a drawn moment, then run it again or go on: all is as if nothing had happened."""
+        """Stop a command at a drawn moment: what lies there is a result, or none; one in four is then gone on with.
+
+        Where it is gone on with, or run again, all is as if nothing had happened.
+        """
         case, k = CASES[name], int(number)
         rng = np.random.default_rng([SEED, zlib.crc32(name.encode()), k])
-        fresh, sent = k % 10 == 9, (signal.SIGKILL, signal.SIGTERM, signal.SIGKILL, signal.SIGINT)[k % 4]
-        wanted = self.undisturbed(name)
+        fresh, sent = k in FRESH, (signal.SIGKILL, signal.SIGTERM, signal.SIGKILL, signal.SIGINT)[k % 4]
         whom = "everything" if sent == signal.SIGINT else "it"  # a terminal sends to all that run in it
         if sent == signal.SIGKILL and case.workers:
             whom = ("it", "worker", "everything")[k // 4 % 3]
-        lasts = (self.undisturbed(name, True) if fresh and k % 3 else wanted).ended.took_s
+        wanted = self.undisturbed(name, fresh)
+        lasts = wanted.ended.took_s
         with self.room(case) as (place, around):
-            running = Running(words_of(case.words), place, replace(around, fresh=fresh), case.module)
+            around = replace(around, fresh=fresh)
+            running = Running(words_of(case.words), place, around, case.module)
             if k % 3 == 0:
                 moment = f"after {1e3 * (at := float(rng.uniform(0.0, 0.05))):.0f} ms"
                 over = running.wait(at)
@@ -173,7 +182,7 @@ class Trials:
                 over = running.wait(at)
             if not over:
                 running.send(sent, whom)
-            ended = running.ended()
+            ended = running.ended(5.0 if sent == signal.SIGKILL else 30.0)
             said = f"{sent.name} to {whom} {moment}{', fresh' * fresh}{', it had ended' * over}"
             allowed = {case.status} if over else {case.status, SIGNALS[sent]} | ({3} if whom == "worker" else set())
             fault = unsound(ended, allowed, fresh) or half(place, wanted)
@@ -181,9 +190,15 @@ class Trials:
                 fault = "left processes"
             if fault:
                 return fault, f"{said}: status {ended.status}: {ended.err[-200:]}"
-            if ended.status != case.status and (fault := self._again(case, place, around, wanted)):
-                return fault[0], f"{said}; {fault[1]}"
-            return self._compared(place, wanted, said)
+            if ended.status == case.status:
+                return self._compared(place, wanted, said)
+            if run_again(k):
+                fault_again = self._again(case, place, around, wanted)
+                if fault_again:
+                    return fault_again[0], f"{said}; {fault_again[1]}"
+                return self._compared(place, wanted, said)
+            fault, left = whole(place, wanted)
+            return (fault, f"{said}: {left}") if fault else (left, said)
 
     def _again(self, case: Case, place: Path, around: Around, wanted: Wanted) -> Found | None:
         """Go on with a command, by the first words that do; to be refused is right where all is there already."""
@@ -251,10 +266,11 @@ class Trials:
 
     def surroundings(self, name: str, number: str) -> Found:
         """Begin a Python of another hash seed, locale and time zone: the same bytes."""
-        case, wanted = CASES[name], self.undisturbed(name)
+        case = CASES[name]
         with self.room(case) as (place, around):
             environment = {**around.environment, **SURROUNDINGS[int(number)]}
             ended = _done(case.words, place, replace(around, fresh=True, environment=environment), case)
+            wanted = self.undisturbed(name, True)
             if fault := unsound(ended, {case.status, 3}):
                 return fault, f"status {ended.status}: {ended.err[-300:]}"
             if ended.status != case.status and "the names of files must be ones" in ended.err:
@@ -305,6 +321,11 @@ def treatments(case: Case) -> list[str]:
     return [*out, *STREAM_TREATMENTS, *PLACES]
 
 
+def run_again(number: int) -> bool:
+    """Say whether a stop is one of the fourth, of all signals and moments alike, after which a command is run again."""
+    return number // 4 % 4 == 0
+
+
 def unsound(ended: Ended, allowed: Collection[int], fresh: bool = False) -> str:
     """Return the fault of how a process ended; "" if there is none."""
     if ended.status is None:
@@ -333,6 +354,41 @@ def half(place: Path, wanted: Wanted) -> str:
         if any(name.startswith(folder) and name not in found for name in written):
             return "looked finished"
     return ""
+
+
+def whole(place: Path, wanted: Wanted) -> Found:
+    """Settle what a stopped command left, and return the fault of it, or how much of it is there.
+
+    In each folder of results the manifest is whole, no move is left to be made, every file that it lists has the bytes
+    that it gives, and nothing that was written lies beside them that it does not list.
+    """
+    owns = sorted(place.rglob(HIDDEN))
+    homes = {own.parent for own in owns}
+    for own in owns:
+        folder = own.parent
+        try:
+            manifest = manifest_of(folder)
+        except RecordError as error:
+            return "half-written", str(error)
+        if (own / COMMIT).exists():
+            return "mixed", f"{folder.name}: moves are left to be made"
+        listed = manifest.files if manifest else {}
+        for name, entry in listed.items():
+            if entry is not None and entry_of(folder / name) != entry:
+                return "half-written", f"{folder.name}/{name} is not what its manifest says"
+        for name in set(wanted.written) - set(wanted.before):
+            path = place / name
+            mine = next((above for above in path.parents if above in homes), None) == folder
+            if mine and path.exists() and path.relative_to(folder).as_posix() not in listed:
+                return "mixed", f"{name} lies there, and no manifest lists it"
+    if fault := half(place, wanted):
+        return fault, "once it was settled"
+    found = digests(place)
+    if found == dict(wanted.after):
+        return "", "the new result"
+    if found == dict(wanted.before):
+        return "", "as before"
+    return "", "a part that is whole"
 
 
 def other(place: Path, wanted: Wanted) -> list[str]:
