@@ -127,7 +127,7 @@ def test_a_damaged_file_never_gives_another_exception(tmp_path):
 
 
 def test_load_refuses_what_is_no_record(tmp_path):
-    with pytest.raises(RecordError, match=r"must exist, got '.*none\.nc'"):
+    with pytest.raises(RecordError, match=r"must lie at '.*none\.nc', got: No such file"):
         load_record(tmp_path / "none.nc")
     dataset = make().to_xarray()
     dataset.attrs["format"] = "other-2"

@@ -36,7 +36,7 @@ VALUES: tuple[tuple[str, str, str], ...] = (
     ("compare/eolo_alpha", "seeds", "1000000000"),
     ("campaign/taurus_scatter", "runs", "10000000000"),
     ("gap/nothing", "h_m", "1e308"),
-    ("gap/slow_servo", "corner_rad_s", "1e12"),
+    ("gap/slow_servo", "lag_rad_s", "1e12"),
     ("plan/taurus_63", "speeds_m_s", "[1e30]"),
     ("plan/taurus_63", "heights_m", "[1e308]"),
     ("plan/taurus_63", "capacity_Wh", "1e30"),

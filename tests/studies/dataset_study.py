@@ -24,7 +24,7 @@ from dataset_methods import Classifier, by_output_error, by_stepwise
 from smallest import build, results, sized
 
 import testbench as tb
-from testbench.core.errors import TestbenchError
+from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
 from testbench.questions.dataset.score import UNEXPLAINED, score_predictions
 from testbench.questions.gap.believed import Believed
@@ -108,7 +108,7 @@ def by_workflow(folder: Path, cases: int = CASES) -> dict[int, str]:
         last = list(records)[-1]
         try:
             naming = find_gap(believed, {n: r for n, r in records.items() if n != last}, {last: records[last]}).naming
-        except TestbenchError:
+        except Refusal:
             continue  # it is not answered
         out[draw] = " | ".join(naming.names) or naming.outcome
         print(f"workflow, draw {draw}: {out[draw]}", flush=True)
