@@ -1,9 +1,16 @@
 from __future__ import annotations
 
 import os
+import signal
 
 # Before numpy is imported: several test processes with several BLAS threads each stand in each other's way.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# A shell's background ignores these, and whatever a test starts would, too: what is tried with them would never end.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+if hasattr(signal, "SIGHUP"):
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 import pytest
 from browsers import chromium

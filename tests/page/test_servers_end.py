@@ -21,12 +21,6 @@ from testbench.core.store import PAGE, ResultFolder
 SERVERS = {"studio": ("studio", "eolo", "--port", "0"), "results": ("results", "out", "--serve", "--port", "0")}
 
 
-def heeding():
-    """Heed the signals that whoever runs the tests ignores, as a shell does in the background."""
-    for number in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_DFL)
-
-
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 0), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 @pytest.mark.parametrize("words", SERVERS.values(), ids=SERVERS)
 def test_a_signal_ends_it_at_once(tmp_path, words, number, status):
@@ -41,7 +35,6 @@ def test_a_signal_ends_it_at_once(tmp_path, words, number, status):
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
-            preexec_fn=heeding,  # noqa: PLW1509 (the tests have one thread)
         ) as server,
         contextlib.ExitStack() as after,
     ):
