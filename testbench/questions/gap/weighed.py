@@ -180,7 +180,7 @@ def weigh(
         FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the commands.
     """
     seen = len({f.effect.name for f in naming.ranking if not f.effect.parts}) + len(naming.rejected)
-    fits = sorted((f for f in naming.ranking if f.flown), key=lambda f: f.chi2)[:MOST]
+    fits = sorted((f for f in naming.ranking if f.gain > 0.0), key=lambda f: (not f.flown, f.chi2))[:MOST]
     found = {f.effect.name: (f.effect, f.values, f.nuisances) for f in fits}
     asker = _Asker(believed, tuple(records), naming.nuisances, source)
     if naming.outcome == "unexplained":

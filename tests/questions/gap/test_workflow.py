@@ -91,6 +91,28 @@ def test_the_right_effect_is_named_and_the_gap_shrinks(solved):
         assert abs(best.values[name] - true) < 4.0 * best.errors[name]  # false alarm 6e-5
 
 
+def test_noise_that_is_a_third_more_than_stated_moves_neither_the_name_nor_its_probability(tmp_path):
+    file = tmp_path / "noisy.toml"
+    text = (
+        (SCENARIOS / "gap" / "alpha_vane.toml")
+        .read_text(encoding="utf-8")
+        .replace("[hidden]\n", "[hidden]\nnoise = 1.3\n")
+    )
+    file.write_text('effects = ["alpha_scale", "actuator_lag", "theta_lag"]\n' + text, encoding="utf-8")
+    finding = run_gap(file).finding
+    assert finding.naming.names == ("alpha_scale",)
+    for scale, error in finding.noise.scales.values():
+        assert abs(scale - 1.3) < 4.0 * error < 0.2  # false alarm 6e-5 a channel
+    assert "times what is stated" in finding.noise.sentence
+    weighed = finding.weighed
+    assert weighed["alpha_scale"] > 0.99
+    value, error = weighed.table["alpha_scale"].posterior["alpha_scale.scale"]
+    assert abs(value - 1.10) < 4.0 * error
+    assert finding.verdict.probability > 0.99
+    assert weighed.sentence in finding.sentences
+    assert weighed.nothing < 1e-6
+
+
 @pytest.mark.slow
 def test_nothing_hidden_is_no_gap():
     finding = solve("nothing", SMALL).finding
