@@ -31,7 +31,7 @@ from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.parts import part_names
 from testbench.questions.gap.search.hypothesis import Hypothesis as Point
 from testbench.questions.gap.search.hypothesis import Signature, fly_together
-from testbench.questions.gap.search.screening import INVISIBLE, not_sought, starts_of
+from testbench.questions.gap.search.screening import INVISIBLE, ends_of, not_sought, starts_of
 
 # Prior probabilities before any flight; judged. Of the library's effects all are alike, and so are all pairs of them.
 P_NOTHING, P_EFFECT, P_PAIR, P_STRANGER = 0.45, 0.35, 0.05, 0.15
@@ -206,17 +206,17 @@ class _Asker:
     @cached_property
     def tuned(self) -> Point:
         """The believed model re-tuned, without any effect."""
-        point = Point.at(self.believed, self.believed, self.records)
-        return Point.at(self.believed, self.believed, self.records, point.vector(self.nuisances), point.priors)
+        priors = self.believed.priors_of(self.records)
+        there = np.array([self.nuisances[n] for n in priors])
+        return Point.at(self.believed, self.believed, self.records, there, priors)
 
     @cached_property
     def tangents(self) -> dict[int, dict[str, FloatArray]]:
         """By record: coefficient -> change of the prediction (n, p)."""
-        out, at, b = {}, 0, self.believed
-        for record in self.records:
-            rows = slice(at, at := at + len(record) * len(b.outputs))
-            T = -self.tuned.tangents[rows].reshape(len(record), len(b.outputs), -1) * b.noise_std[:, None]
-            out[id(record)] = {name: T[:, :, i] for i, name in enumerate(self.tuned.priors)}
+        out = {}
+        for record, T in zip(self.records, self.tuned.by_record(self.tuned.tangents), strict=True):
+            slopes = -T * self.believed.noise_std[:, None]
+            out[id(record)] = {name: slopes[:, :, i] for i, name in enumerate(self.tuned.priors)}
         return out
 
     @cached_property
@@ -232,19 +232,18 @@ class _Asker:
         in a multiple a of what it changes, a ~ N(0, SIZE^2), beside an unknown motion u of every size. One
         factorisation a size serves all effects.
         """
-        base, b = self.tuned.afresh(False), self.believed
+        base, b = self.tuned, self.believed
         seen = [(e, x, s) for e in known.values() if not not_sought(base, e) for x, s in _signatures(base, e)]
         X = np.column_stack([-base.tangents, *(-s for *_, s in seen)])
-        grams, at, k, p = [], 0, base.tangents.shape[1], len(b.outputs)
-        for record in self.records:
-            rows, shape = slice(at, at := at + len(record) * p), (len(record), p)
+        grams, k = [], base.tangents.shape[1]
+        for record, left, columns in zip(self.records, base.by_record(base.exact), base.by_record(X), strict=True):
             taken = b.taken(record)
             U = fewer(self.unknown(record) / b.noise_std[:, None], taken)
-            grams.append(Grams.made(Linearised(base.exact[rows].reshape(shape), X[rows].reshape(*shape, -1), U, taken)))
+            grams.append(Grams.made(Linearised(left, columns, U, taken)))
         mean, std = -base.deviations * base.prior_std, base.prior_std
         logs, multiples = [], []
         for kappa in KAPPAS:
-            found = reduced(grams, np.ones(p), kappa)
+            found = reduced(grams, np.ones(len(b.outputs)), kappa)
             factor = cho_factor(found.A[:k, :k] + np.diag(std**-2.0))
             v = found.b - found.A[:, :k] @ mean
             across = found.A[:k, k:]
@@ -356,7 +355,7 @@ def _multiplied(effect: Effect, x: FloatArray, multiple: float) -> list[float]:
         none = q.none or 0.0
         least = -3.0 if q.low < none < q.high else 0.1
         size = none + float(np.clip(multiple, least, 3.0)) * (x[i] - none)
-        out[i] = float(np.clip(size, 0.98 * q.low + 0.02 * none, 0.98 * q.high + 0.02 * none))
+        out[i] = float(np.clip(size, *ends_of(q)))
     return out
 
 

@@ -82,21 +82,16 @@ def find_noise(
     """
     point = Hypothesis.at(believed, model or believed, tuple(records))
     p = len(believed.outputs)
-    grams, at = [], 0
-    for record in records:
-        rows = slice(at, at + len(record) * p)
-        at = rows.stop
-        shape = (len(record), p)
+    grams = []
+    for record, left, tangents in zip(
+        records, point.by_record(point.exact), point.by_record(point.tangents), strict=True
+    ):
         there = believed.at(record)
         unknown = [pulses(there.linear, believed.outputs, there.condition.V_m_s, record), _drifts(believed, record)]
         taken = believed.taken(record)
         U = np.concatenate(unknown, axis=2) / believed.noise_std[:, None]
         U -= np.where(taken[:, :, None], U, 0.0).sum(axis=0) / np.maximum(taken.sum(axis=0), 1)[:, None]
-        grams.append(
-            Grams.made(
-                Linearised(point.exact[rows].reshape(shape), -point.tangents[rows].reshape(*shape, -1), U, taken)
-            )
-        )
+        grams.append(Grams.made(Linearised(left, -tangents, U, taken)))
     spread = np.full(p, NOISE_SPREAD[source])
     mean, begin = -point.deviations * point.prior_std, None
     best = None

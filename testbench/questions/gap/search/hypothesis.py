@@ -84,6 +84,12 @@ class Hypothesis:
         """Return the values (k,) of nuisance -> value."""
         return np.array([nuisances[n] for n in self.priors])
 
+    def by_record(self, values: FloatArray) -> list[FloatArray]:
+        """Return values (samples, ...) of all records as those of each, (n, outputs, ...)."""
+        p = len(self.believed.outputs)
+        ends = np.cumsum([len(r) * p for r in self.records])[:-1]
+        return [part.reshape(-1, p, *values.shape[1:]) for part in np.split(values, ends)]
+
     @property
     def by_name(self) -> Mapping[str, float]:
         """Nuisance -> value of the point."""
@@ -185,10 +191,8 @@ class Hypothesis:
         1 + (f_i - 1) (A_i^-1)_ii / (A^-1)_ii. Its variance is that of A_i^-1 (C + S_i^-2) A_i^-1, where C is the
         covariance of the score for residuals as large and as coloured as those here.
         """
-        p, k = len(self.believed.outputs), self.nuisances.size
-        ends = np.cumsum([len(r) * p for r in self.records])[:-1]
-        tangents = [T.reshape(-1, p, k) for T in np.split(self.tangents, ends)]
-        score = coloured_information(tangents, [e.reshape(-1, p) for e in np.split(self.exact, ends)])
+        k = self.nuisances.size
+        score = coloured_information(self.by_record(self.tangents), self.by_record(self.exact))
         prior = 1.0 / self.prior_std**2
         whole = self.tangents.T @ self.tangents + np.diag(prior)
         v, out = np.diag(np.linalg.inv(whole)), {}

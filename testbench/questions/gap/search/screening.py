@@ -171,18 +171,18 @@ def _multiplied(x: FloatArray, effect: Effect, size: int, multiple: float) -> Fl
     p, out = effect.parameters[size], x.copy()
     none = p.none or 0.0
     step = math.copysign(float(np.clip(abs(multiple), 0.02, 5.0)), multiple)
-    out[size] = np.clip(none + step * (x[size] - none), *_ends(p))
+    out[size] = np.clip(none + step * (x[size] - none), *ends_of(p))
     return out
 
 
-def _ends(p: Parameter) -> tuple[float, float]:
+def ends_of(p: Parameter) -> tuple[float, float]:
     """Return the smallest and the largest value of a size that a fit starts from."""
     none = p.none or 0.0
     return 0.98 * p.low + 0.02 * none, 0.98 * p.high + 0.02 * none
 
 
 def _at_an_end(x: FloatArray, effect: Effect, size: int) -> bool:
-    return bool(x[size] in _ends(effect.parameters[size]))
+    return bool(x[size] in ends_of(effect.parameters[size]))
 
 
 def promising(screened: Sequence[Screened], followed: float, followed_far: float, at_least: int) -> list[Screened]:
