@@ -21,15 +21,16 @@ def ended_by_signals() -> Generator[list[int], None, None]:
     is not shown; an interrupt among that comes again.
     """
     came: list[int] = []
-    over = threading.Event()
+    over, once = threading.Event(), threading.Lock()
 
     def end(number: int, frame: Any) -> None:
         came.append(number)
         raise KeyboardInterrupt
 
     def again() -> None:
-        if not over.is_set():
-            signal.raise_signal(signal.SIGINT)
+        with once:
+            if not over.is_set():
+                signal.raise_signal(signal.SIGINT)
 
     def unheard(said: Any) -> None:
         if isinstance(said.exc_value, KeyboardInterrupt):
@@ -43,7 +44,10 @@ def ended_by_signals() -> Generator[list[int], None, None]:
     try:
         yield came
     finally:
-        over.set()  # what came once more, too, ends nothing twice
+        while not over.is_set():
+            # What comes now finds the block at its end: it ends nothing twice, and is in the list if it is not Ctrl-C.
+            with contextlib.suppress(KeyboardInterrupt), once:
+                over.set()
         sys.unraisablehook = before
         for number in ours:
             signal.signal(number, signal.SIG_DFL)

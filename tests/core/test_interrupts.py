@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 
+import numpy as np
 import pytest
 
 from testbench.core.interrupts import ended_by_signals, held_back
@@ -102,3 +103,26 @@ def test_an_interrupt_that_a_library_loses_comes_again():
         Lost()
         with pytest.raises(KeyboardInterrupt):
             wait()
+
+
+def test_a_signal_at_the_very_end_of_the_block_ends_nothing_twice():
+    class Lost:
+        def __del__(self):
+            raise KeyboardInterrupt
+
+    after = []
+    for wait in np.linspace(0.0, 0.03, 40):  # an interrupt comes again after 0.02 s: around the block's end
+        try:
+            with ended_by_signals():
+                try:
+                    Lost()
+                    time.sleep(wait)
+                except KeyboardInterrupt:
+                    continue
+        except KeyboardInterrupt:
+            after.append(wait)
+        try:
+            time.sleep(0.001)
+        except KeyboardInterrupt:
+            after.append(wait)
+    assert after == []
