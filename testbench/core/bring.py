@@ -22,6 +22,7 @@ from typing import Any, NoReturn
 
 from testbench.core.door import read_text, sha256
 from testbench.core.errors import EstimationError, RecordError, ScenarioError, TestbenchError, nearest
+from testbench.core.interrupts import ENDING
 from testbench.core.time_limit import TimeUp
 
 MARK = ".py:"
@@ -39,7 +40,7 @@ class BroughtCodeError(EstimationError):
 def running(path: Path | None, law: str) -> Iterator[None]:
     """Run a user's code inside the block: whatever it raises, and an end of the program, is one line.
 
-    An interrupt by the user (Ctrl-C) acts, also where the code takes it for an error; one that the code raises itself
+    An interrupt (Ctrl-C, or a signal of the system that ends the command) acts, also where the code takes it for an error; one that the code raises itself
     is an error of the code. ``os._exit`` is an error in this process; in those that the code starts it ends them.
 
     Args:
@@ -49,16 +50,17 @@ def running(path: Path | None, law: str) -> Iterator[None]:
     Raises:
         BroughtCodeError: law, kind, text and line of what was raised.
         TestbenchError, TimeUp: as they were raised.
-        KeyboardInterrupt: by the user.
+        KeyboardInterrupt: by the user or the system.
     """
     came: list[BaseException] = []
-    before, here = signal.getsignal(signal.SIGINT), os.getpid()
-    watched = threading.current_thread() is threading.main_thread() and callable(before)
+    handlers: dict[int, Any] = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDING)}
+    watched = threading.current_thread() is threading.main_thread()
+    before = {number: handler for number, handler in handlers.items() if watched and callable(handler)}
+    here = os.getpid()
 
     def interrupt(number: int, frame: Any) -> None:
         try:
-            if callable(before):
-                before(number, frame)
+            before[number](number, frame)
         except BaseException as error:
             came.append(error)
             raise
@@ -68,8 +70,8 @@ def running(path: Path | None, law: str) -> Iterator[None]:
             _EXIT(status)
         raise SystemExit(f"os._exit({status})")
 
-    if watched:
-        signal.signal(signal.SIGINT, interrupt)
+    for number in before:
+        signal.signal(number, interrupt)
     os._exit = leave
     try:
         yield
@@ -80,8 +82,8 @@ def running(path: Path | None, law: str) -> Iterator[None]:
             raise BroughtCodeError(f"{law}, got {said(error, path)}") from error
     finally:
         os._exit = _EXIT
-        if watched:
-            signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
         if came:
             raise came[0]
 

@@ -9,7 +9,8 @@ import threading
 from collections.abc import Generator
 from typing import Any
 
-_ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Signals that end a process, beside Ctrl-C."""
 
 
 @contextlib.contextmanager
@@ -37,7 +38,7 @@ def ended_by_signals() -> Generator[list[int], None, None]:
             threading.Timer(0.02, again).start()
 
     here = threading.current_thread() is threading.main_thread()
-    ours = [n for n in _ENDING if here and signal.getsignal(n) is signal.SIG_DFL]
+    ours = [n for n in ENDING if here and signal.getsignal(n) is signal.SIG_DFL]
     for number in ours:
         signal.signal(number, end)
     before, sys.unraisablehook = sys.unraisablehook, unheard
@@ -55,7 +56,7 @@ def ended_by_signals() -> Generator[list[int], None, None]:
 
 def leave_to_the_system() -> None:
     """Let signals end the process at once, as they end one that knows nothing of them."""
-    for number in (signal.SIGINT, *_ENDING):
+    for number in (signal.SIGINT, *ENDING):
         signal.signal(number, signal.SIG_DFL)
 
 
@@ -65,7 +66,7 @@ def held_back() -> Generator[None, None, None]:
 
     Only the main thread of a process receives signals; elsewhere nothing changes.
     """
-    handlers: dict[int, Any] = {n: signal.getsignal(n) for n in (signal.SIGINT, *_ENDING)}
+    handlers: dict[int, Any] = {n: signal.getsignal(n) for n in (signal.SIGINT, *ENDING)}
     before = {n: handler for n, handler in handlers.items() if callable(handler)}
     if threading.current_thread() is not threading.main_thread():
         yield

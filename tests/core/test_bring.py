@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from testbench.core import bring
+from testbench.core.interrupts import ended_by_signals
 from testbench.core.errors import ScenarioError
 
 
@@ -96,16 +97,18 @@ def test_code_that_ends_the_program_is_an_error_in_one_line(tmp_path, statement,
         assert bring.ends_in_brought(ends.value)
 
 
-def test_an_interrupt_by_the_user_acts_also_where_the_code_takes_it(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_by_user_or_system_acts_also_where_the_code_takes_it(tmp_path, number):
     path = tmp_path / "m.py"
     path.write_text(
-        "import os, signal\ndef f():\n    try:\n        os.kill(os.getpid(), signal.SIGINT)\n"
+        f"import os\ndef f():\n    try:\n        os.kill(os.getpid(), {int(number)})\n"
         "    except BaseException:\n        raise ValueError\n"
     )
-    f, before, leave = bring.load(path, "f"), signal.getsignal(signal.SIGINT), os._exit
-    with pytest.raises(KeyboardInterrupt), bring.running(path, "f must work"):
-        f()
-    assert (signal.getsignal(signal.SIGINT), os._exit) == (before, leave)
+    with ended_by_signals():
+        f, before, leave = bring.load(path, "f"), signal.getsignal(number), os._exit
+        with pytest.raises(KeyboardInterrupt), bring.running(path, "f must work"):
+            f()
+        assert (signal.getsignal(number), os._exit) == (before, leave)
 
 
 def test_processes_that_the_code_starts_end_as_they_will(tmp_path):
