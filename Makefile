@@ -16,7 +16,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
 # work alone, written to FOLDER. ARGS: what the script is told besides, such as make mutants ARGS="--count 60".
 ARGS ?=
 STUDIES = advice-study autopilot-log-study benchmarks blind-draws blind-test campaign-cost coloured-errors-study \
-  dataset-study design-study env-study estimator-study filter-error-study gap-in-batches geometry-study mutants open-set \
+  dataset-study design-study env-study estimator-study filter-error-study gap-in-batches geometry-study mutants \
   pages-held promise-study reliability same-bytes sequential-study static-margin-study stock surroundings
 
 .PHONY: demo quick lint test test-slow fuzz docs clean reproduction $(STUDIES)
@@ -134,9 +134,6 @@ static-margin-study: $(VENV)/installed-dev
 # Cases of the last blind draw again: in batches against JSBSim, and those left unexplained by the open set.
 gap-in-batches: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/gap_in_batches.py $(ARGS)
-
-open-set: $(VENV)/installed-dev
-	$(BIN)/python tests/studies/open_set.py $(ARGS)
 
 # Do the packaged scenarios give the bytes that they gave at another commit? Hours; see the script's --help.
 REVISION ?= HEAD~1

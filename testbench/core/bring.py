@@ -40,8 +40,9 @@ class BroughtCodeError(EstimationError):
 def running(path: Path | None, law: str) -> Iterator[None]:
     """Run a user's code inside the block: whatever it raises, and an end of the program, is one line.
 
-    An interrupt (Ctrl-C, or a signal of the system that ends the command) acts, also where the code takes it for an error; one that the code raises itself
-    is an error of the code. ``os._exit`` is an error in this process; in those that the code starts it ends them.
+    An interrupt (Ctrl-C, or a signal of the system that ends the command) acts, also where the code takes it for an
+    error; one that the code raises itself is an error of the code. ``os._exit`` is an error in this process; in those
+    that the code starts it ends them.
 
     Args:
         path: the user's file, whose line is said; None if it is not known.

@@ -12,7 +12,7 @@ posterior is not Gaussian, it is corrected by importance sampling; the effective
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -35,6 +35,8 @@ Unknown = Callable[[FlightRecord], FloatArray]
 """record -> what pulses of an unknown motion do to the channels, (n, channels, m), SI, see :mod:`.unknown`."""
 Slopes = Callable[[FlightRecord], Mapping[str, FloatArray]]
 """record -> parameter -> change of the prediction by one unit of it, (n, channels), SI."""
+Points = Sequence[tuple[str, Mapping[str, float]]]
+"""(name of a hypothesis, its parameter -> value), of all that is predicted next, so that it can be flown together."""
 
 WHOLE = 1e-3
 """Size of the unknown motion up to which a hypothesis is the whole story; beyond it is a part."""
@@ -43,6 +45,9 @@ P_WHOLE = 0.5
 CREDIBLE = 0.95
 _ROUNDS = 20
 _REST = 4  # rounds of noise scales and point in turn
+_PATIENCE = 2  # rounds before a fit may be given up
+_HOPELESS = 30.0  # in ln p behind the best: a fit that promises less ends there, if
+_LITTLE = 0.5  # it also promises less than this share of what the best gains; neither decides anything
 _SAME = 0.01  # change of ln s below which they are at rest
 _SHARES = (1.0, 0.5, 0.25, 0.1, 0.02)  # of a step, tried in turn
 _FORM_S = 2.0  # between the knots of what modulates a form error: slower than the motion, quicker than a record
@@ -63,8 +68,8 @@ class Hypothesis:
         predict: see :data:`Predict`; NaN where it cannot be flown.
         odds: prior odds against the other hypotheses.
         begin: parameter -> value that the fit begins at, where that is not the mean of its prior.
+        more: further such beginnings; the best fit of all is kept.
         slopes: see :data:`Slopes`, of those parameters whose tangents are known without differences.
-        ahead: called with all values that are predicted next, so that they can be flown together.
         form: as ``predict``: how far what is true may depart from what the hypothesis says, as no law has quite the
             form of the real thing; its signature times the relative error of its form.
 
@@ -81,8 +86,8 @@ class Hypothesis:
     predict: Predict
     odds: float = 1.0
     begin: Mapping[str, float] = field(default_factory=dict)
+    more: Sequence[Mapping[str, float]] = ()
     slopes: Slopes | None = None
-    ahead: Callable[[Sequence[Mapping[str, float]]], None] | None = None
     form: Predict | None = None
 
     @property
@@ -138,6 +143,11 @@ class Posterior:
     def errors(self) -> FloatArray:
         """Standard errors (k,)."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """Parameter -> value."""
+        return dict(zip((p.name for p in self.parameters), self.values.tolist(), strict=True))
 
     @property
     def learned(self) -> FloatArray:
@@ -249,6 +259,7 @@ def compare_hypotheses(
     held_out: Sequence[FlightRecord] = (),
     air: Unknown | None = None,
     samples: int = 128,
+    ahead: Callable[[Points], None] | None = None,
 ) -> Comparison:
     """Compare hypotheses about measured records by their evidence, noise and unknown motion being uncertain.
 
@@ -261,6 +272,7 @@ def compare_hypotheses(
         held_out: measured records that judge, and that nothing is fitted to.
         air: what each standard deviation of the gusts of a record does to the channels, likewise.
         samples: of importance sampling, where a posterior is not Gaussian; with 0 nothing is sampled.
+        ahead: called with all that is predicted next, of all hypotheses together.
 
     Raises:
         RecordError: a record is not measured, or lacks a channel that has noise.
@@ -279,14 +291,23 @@ def compare_hypotheses(
             raise RecordError(f"hypotheses are compared on measured records, got one of kind '{record.kind}'")
         if missing := [c for c in noise.channels if c not in record]:
             raise RecordError(f"every record must have the channels of the noise, got one without {missing[0]}")
-    found = [first := _Fit.of(hypotheses[0], records, noise, unknown, air)]
-    found += [_Fit.of(h, records, noise, unknown, air, first.scales) for h in hypotheses[1:]]
+    fly, shared = ahead or (lambda points: None), _Shared()
+
+    def run(some: Sequence[Hypothesis], scales: FloatArray | None = None) -> list[_Fit]:
+        """Return the best fit of each."""
+        begins = [(i, replace(h, begin=b)) for i, h in enumerate(some) for b in (h.begin, *h.more)]
+        fits = _together([_Fit.of(h, records, noise, unknown, air, shared, scales) for _, h in begins], fly)
+        of = [[f for (j, _), f in zip(begins, fits, strict=True) if j == i] for i in range(len(some))]
+        return [max(each, key=lambda f: f.log_evidence) for each in of]
+
+    (first,) = run(hypotheses[:1])
+    shared.first = shared.most
+    found = [first, *run(hypotheses[1:], first.scales)]
     odds = np.log([h.odds for h in hypotheses])
     top = max(np.array([f.log_evidence for f in found]) + odds)
-    found = [
-        f.sampled(samples) if samples and f.log_evidence + o > top - _FAR else f
-        for f, o in zip(found, odds, strict=True)
-    ]
+    far = [f for f, o in zip(found, odds, strict=True) if samples and f.log_evidence + o > top - _FAR]
+    again = dict(zip(map(id, far), _together([f.sampled(samples) for f in far], fly), strict=True))
+    found = [again.get(id(f), f) for f in found]
     weights = np.array([f.log_evidence for f in found]) + odds
     probabilities = np.exp(weights - logsumexp(weights))
     order = np.argsort(-probabilities, kind="stable")
@@ -309,6 +330,52 @@ def compare_hypotheses(
     return Comparison(tuple(rows))
 
 
+class _Shared:
+    """What fits of the same records share.
+
+    Attributes:
+        most: ln p that any of them has reached, at a point that it flew; ``first`` is that of the first hypothesis.
+        measured: record -> readings (n, p) in units of the noise, and what counts.
+        moved: record -> pulses of the unknown motion, and gusts, (n, p, m) and (n, p, q), likewise.
+    """
+
+    def __init__(self) -> None:
+        self.most = self.first = -math.inf
+        self.measured: dict[FlightRecord, tuple[FloatArray, Any]] = {}
+        self.moved: dict[FlightRecord, tuple[FloatArray, FloatArray]] = {}
+
+    @property
+    def least(self) -> float:
+        """Ln p that a fit must promise to be followed."""
+        if not math.isfinite(self.first):
+            return -math.inf
+        return self.most - max(_HOPELESS, (1.0 - _LITTLE) * (self.most - self.first))
+
+
+_Run = Generator[tuple[str, Sequence[Mapping[str, float]]], None, "_Fit"]
+"""A fit on its way: gives (name, points) that it predicts next, and returns itself once it is at rest."""
+
+
+def _together(runs: Sequence[_Run], fly: Callable[[Points], None]) -> list[_Fit]:
+    """Bring fits to rest side by side, so that all that they predict next is flown together."""
+    ended: dict[int, _Fit] = {}
+    wanted: dict[int, tuple[str, Sequence[Mapping[str, float]]]] = {}
+
+    def go_on(some: Iterable[int]) -> None:
+        wanted.clear()
+        for i in some:
+            try:
+                wanted[i] = next(runs[i])
+            except StopIteration as end:
+                ended[i] = end.value
+
+    go_on(range(len(runs)))
+    while wanted:
+        fly([(name, x) for name, points in wanted.values() for x in points])
+        go_on(list(wanted))
+    return [ended[i] for i in range(len(runs))]
+
+
 @dataclass(frozen=True, eq=False)
 class _Fit:
     """A hypothesis at its best point, and the evidence over all sizes of the unknown motion there."""
@@ -328,8 +395,9 @@ class _Fit:
     correction: float = 0.0  # of the evidence, by bounds and by importance samples
     effective: float = 1.0
     flown: dict[tuple[FlightRecord, bytes], FloatArray] = field(default_factory=dict)  # predictions; they cost most
-    measured: dict[FlightRecord, tuple[FloatArray, Any]] = field(default_factory=dict)  # per standard deviation
-    pulsed: dict[int, int] = field(default_factory=dict)  # number of a record -> gusts among its own columns
+    shared: _Shared = field(default_factory=_Shared)
+    tangents: Sequence[Mapping[str, FloatArray]] | None = None  # of each record, those that are known, per deviation
+    fresh: bool = False  # they were made where the fit is
 
     @classmethod
     def of(
@@ -338,27 +406,49 @@ class _Fit:
         records: Sequence[FlightRecord],
         noise: Noise,
         unknown: Unknown | None,
-        air: Unknown | None = None,
+        air: Unknown | None,
+        shared: _Shared,
         scales: FloatArray | None = None,
-    ) -> _Fit:
+    ) -> _Run:
         """Fit by Gauss and Newton's steps; noise scales come to rest where these do, from ``scales`` if they are given.
+
+        A fit that promises far less than another has reached is not followed to its end.
 
         Beside an unknown motion the noise hardly depends on what the model lacks, so that few rounds of either do.
         """
         begin = np.array(list(hypothesis.first.values()))
-        here = cls(hypothesis, records, noise, unknown, air, begin, (), (), np.ones(len(noise.std)))
-        here = here._linearised(begin)
+        here = cls(hypothesis, records, noise, unknown, air, begin, (), (), np.ones(len(noise.std)), shared=shared)
+        if hypothesis.slopes is not None:
+            stated = np.array(list(noise.std.values()))
+            known = [{n: s / stated for n, s in hypothesis.slopes(r).items()} for r in records]
+            here = replace(here, tangents=known)
+        here = yield from here._linearised(begin)
         here = here._at_rest() if scales is None else replace(here, scales=scales, k=here._best_of(scales))
         for _ in range(_REST):
-            here = here._descended()
+            here = yield from here._descended(shared)
             before, here = here.scales, here._at_rest()
             if np.max(np.abs(np.log(here.scales / before)), initial=0.0) < _SAME:
                 break
-        sized_ = here.sized
-        assert sized_ is not None
-        densities = {j: here._reduced(here.scales, j) for j in here._every}
-        at = {j: f.log_evidence(here._offset, here._std) + sized_.price for j, f in densities.items()}
-        return replace(here, at=at)._bounded()
+        if hypothesis.form is not None:
+            here = yield from here._linearised(here.theta, fresh=here.fresh)
+        here = here._judged()
+        if KAPPAS[here.k] > WHOLE and here.promised > shared.most - _HOPELESS:
+            # A large unknown motion does what the parameters have left undone: they go on where it is small.
+            small = replace(here, k=max(j for j in here._every if KAPPAS[j] <= WHOLE), fresh=here.tangents is None)
+            there = yield from small._descended(shared, hold=True)
+            there = there._at_rest()
+            if hypothesis.form is not None:
+                there = yield from there._linearised(there.theta, fresh=there.fresh)
+            here = max(here, there._judged(), key=lambda f: f.log_evidence)
+        return here._bounded()
+
+    def _judged(self) -> _Fit:
+        """Return the fit with its evidence for every size of the unknown motion."""
+        assert self.sized is not None
+        # Where the descent stopped before it was at rest, what another step promises is none of its evidence.
+        more = self.sized.price - max(self._step()[1], 0.0)
+        every = {j: self._reduced(self.scales, j).log_evidence(self._offset, self._std) for j in self._every}
+        return replace(self, at={j: density + more for j, density in every.items()})
 
     @property
     def _every(self) -> range:
@@ -388,31 +478,45 @@ class _Fit:
         assert found is not None
         return replace(self, k=k, scales=scales, sized=found)
 
-    def _descended(self) -> _Fit:
-        """Return the fit at the best point for its noise scales."""
+    @property
+    def promised(self) -> float:
+        """Ln p that the linear model promises at its best point, but for a constant of the records."""
+        return self._reduced(self.scales, self.k).log_evidence(self._offset, self._std)
+
+    def _descended(self, shared: _Shared, hold: bool = False) -> _Run:
+        """Return the fit at the best point for its noise scales; ``hold`` its size of the unknown motion."""
         here = self
-        for _ in range(_ROUNDS):
+        for done in range(_ROUNDS):
             step, promised = here._step()
-            if promised < _AT_REST:
+            shared.most = max(shared.most, here.promised - promised)
+            far = here.promised < shared.most - _HOPELESS
+            if done >= _PATIENCE and here.promised < shared.least:
                 break
+            if promised < _AT_REST:
+                if here.fresh or far:
+                    break
+                here = yield from here._linearised(here.theta, form=False, fresh=True)
+                continue
             there, before = None, here._log_joint(here.theta)
             for share in _SHARES:
                 theta = np.clip(here.theta + share * step, here._low, here._high)
-                here._fly([theta])
+                yield here._wanted([theta])
                 if here._log_joint(theta) > before + 1e-3 * promised * share:
                     there = theta
                     break
             if there is None:
-                break
-            here = here._linearised(there)
-            near = [j for j in (here.k - 1, here.k, here.k + 1) if j in here._every]
+                if here.fresh or far:
+                    break
+                here = yield from here._linearised(here.theta, form=False, fresh=True)
+                continue
+            here = yield from here._linearised(there, form=False)
+            near = [here.k] if hold else [j for j in (here.k - 1, here.k, here.k + 1) if j in here._every]
             here = replace(here, k=here._best_of(here.scales, near))
         return here
 
-    def _fly(self, points: Sequence[FloatArray]) -> None:
-        """Let the hypothesis fly several points together."""
-        if self.hypothesis.ahead is not None:
-            self.hypothesis.ahead([self.hypothesis.at(x) for x in points])
+    def _wanted(self, points: Sequence[FloatArray]) -> tuple[str, Sequence[Mapping[str, float]]]:
+        """Return what is predicted next."""
+        return self.hypothesis.name, [self.hypothesis.at(x) for x in points]
 
     @cached_property
     def log_weights(self) -> dict[int, float]:
@@ -457,22 +561,28 @@ class _Fit:
         return self.flown[key]
 
     def _measured(self, record: FlightRecord) -> tuple[FloatArray, Any]:
-        if record not in self.measured:
+        if record not in self.shared.measured:
             at = [record.channels.index(c) for c in self.noise.channels]
             z = np.column_stack([record[c] for c in self.noise.channels]) / np.array(list(self.noise.std.values()))
-            self.measured[record] = z, record.valid[:, at]
-        return self.measured[record]
+            self.shared.measured[record] = z, record.valid[:, at]
+        return self.shared.measured[record]
 
-    def _linearised(self, theta: FloatArray) -> _Fit:
-        """Return the fit about a point."""
+    def _linearised(self, theta: FloatArray, form: bool = True, fresh: bool = False) -> _Run:
+        """Return the fit about a point, with the form error there or, to save flights, as it was before.
+
+        Tangents that are known are taken, also from another point, until a step fails or none is left to take: then
+        those of a fit that is not far behind are made afresh.
+        """
         steps = [
             p.difference if t + p.difference <= p.high else -p.difference
             for t, p in zip(theta, self.hypothesis.parameters, strict=True)
         ]
-        known = [{} if self.hypothesis.slopes is None else self.hypothesis.slopes(r) for r in self.records]
+        known: Sequence[Mapping[str, FloatArray]] = [{}] * len(self.records)
+        if self.tangents is not None and not fresh:
+            known = self.tangents
         wanted = [i for i, p in enumerate(self.hypothesis.parameters) if any(p.name not in k for k in known)]
         beside = {i: theta + steps[i] * (np.arange(len(theta)) == i) for i in wanted}
-        self._fly([theta, *beside.values()])
+        yield self._wanted([theta, *beside.values()])
         blocks = []
         stated = np.array(list(self.noise.std.values()))
         for number, (record, slopes) in enumerate(zip(self.records, known, strict=True)):
@@ -482,46 +592,53 @@ class _Fit:
                 if i in beside:
                     columns[:, :, i] = np.nan_to_num((self._predicted(record, beside[i]) - y) / steps[i])
                 else:
-                    columns[:, :, i] = slopes[p.name] / stated
-            U, own = self._of_record(record, number)
-            form = self.hypothesis.form
-            if form is not None:
+                    columns[:, :, i] = slopes[p.name]
+            U, own = self._of_record(record)
+            if self.hypothesis.form is not None and not form and self.blocks:
+                own = self.blocks[number].all_own
+            elif self.hypothesis.form is not None:
                 t = record.t_s - record.t_s[0]
                 knots = np.arange(0.0, t[-1] + _FORM_S, _FORM_S)
                 hats = np.maximum(0.0, 1.0 - np.abs(t[:, None] - knots) / _FORM_S)
-                signature = form(record, self.hypothesis.at(theta)) / stated
+                signature = self.hypothesis.form(record, self.hypothesis.at(theta)) / stated
                 own = np.concatenate([own, signature[:, :, None] * hats[:, None, :]], axis=2)
             blocks.append(Linearised(np.where(valid, z - y, 0.0), columns, U, valid, own))
-        return replace(self, theta=theta, blocks=blocks, grams=[Grams.made(b) for b in blocks])
+        kept = self.grams if self.grams and (self.hypothesis.form is None or not form) else [None] * len(blocks)
+        sums = [Grams.made(block, before) for block, before in zip(blocks, kept, strict=True)]
+        tangents = self.tangents
+        if fresh and tangents is not None:
+            names = [p.name for p in self.hypothesis.parameters]
+            tangents = [{n: b.columns[:, :, names.index(n)] for n in tangents[0]} for b in blocks]
+        fresh = fresh or tangents is None
+        return replace(self, theta=theta, blocks=blocks, grams=sums, tangents=tangents, fresh=fresh)
 
-    def _of_record(self, record: FlightRecord, number: int | None = None) -> tuple[FloatArray, FloatArray]:
-        """Return pulses and gusts of a record, (n, p, m) and (n, p, q), in units of the noise, made once a number."""
-        if number is not None and self.blocks:
-            block, q = self.blocks[number], self.pulsed.get(number, 0)
-            assert block.own is not None
-            return block.unknown, block.own[:, :, :q]
-        stated = np.array(list(self.noise.std.values()))
-        nothing = np.zeros((len(record), len(stated), 0))
-        U = (
-            nothing
-            if self.unknown is None
-            else fewer(self.unknown(record) / stated[:, None], self._measured(record)[1])
-        )
-        own = nothing if self.air is None else self.air(record) / stated[:, None]
-        if number is not None:
-            self.pulsed[number] = own.shape[2]
-        return U, own
+    def _of_record(self, record: FlightRecord) -> tuple[FloatArray, FloatArray]:
+        """Return pulses and gusts of a record, (n, p, m) and (n, p, q), in units of the noise, made once for all."""
+        known = self.shared.moved
+        if record not in known:
+            stated = np.array(list(self.noise.std.values()))
+            U = own = np.zeros((len(record), len(stated), 0))
+            if self.unknown is not None:
+                U = fewer(self.unknown(record) / stated[:, None], self._measured(record)[1])
+            if self.air is not None:
+                own = self.air(record) / stated[:, None]
+            known[record] = U, own
+        return known[record]
 
     def _step(self) -> tuple[FloatArray, float]:
         """Return the step to the best point of the linear model, and what it promises in ln p."""
         found = self._reduced(self.scales, self.k)
-        mean, _ = found.posterior(self._offset, self._std)
-        mean = np.clip(self.theta + mean, self._low, self._high) - self.theta
-
-        def cost(x: FloatArray) -> float:
-            return float(-2.0 * found.b @ x + x @ found.A @ x + np.sum(((x - self._offset) / self._std) ** 2))
-
-        return mean, 0.5 * (cost(np.zeros_like(mean)) - cost(mean))
+        H, g = found.A + np.diag(self._std**-2.0), found.b + self._offset / self._std**2
+        low, high = self._low - self.theta, self._high - self.theta
+        step, free = np.zeros(len(g)), np.ones(len(g), dtype=bool)
+        while free.any():  # what would leave its bounds stays at them, and the others go along
+            step[free] = np.linalg.solve(H[np.ix_(free, free)], g[free] - H[np.ix_(free, ~free)] @ step[~free])
+            beyond = free & ((step < low) | (step > high))
+            if not beyond.any():
+                break
+            step = np.where(beyond, np.clip(step, low, high), step)
+            free &= ~beyond
+        return step, float(g @ step - 0.5 * step @ H @ step)
 
     def _log_joint(self, theta: FloatArray) -> float:
         """Return ln p(y, theta) but for constants, predicted at theta, at the scales and the kappa of the fit."""
@@ -548,7 +665,7 @@ class _Fit:
         mean, covariance = self._reduced(self.scales, self.k).posterior(self._offset, self._std)
         return self.theta + mean, covariance
 
-    def sampled(self, samples: int) -> _Fit:
+    def sampled(self, samples: int) -> _Run:
         """Return the fit with its evidence by importance sampling, where the posterior is far from Gaussian."""
         if not self.hypothesis.parameters:
             return self
@@ -557,7 +674,7 @@ class _Fit:
         top = self._log_joint(self.theta)
         ends = [self.theta + sign * covariance[:, i] / errors[i] for i in range(len(centre)) for sign in (1.0, -1.0)]
         ends = [x for x in ends if np.all((x >= self._low) & (x <= self._high))]
-        self._fly(ends)
+        yield self._wanted(ends)
         worst = max((abs(self._log_joint(x) - top + 0.5) for x in ends), default=0.0)
         if worst <= _SKEW:
             return self
@@ -570,7 +687,7 @@ class _Fit:
         scaled = draws / np.sqrt(wide)[:, None]
         points = centre + scaled @ root.T
         held = np.all((points >= self._low) & (points <= self._high), axis=1)
-        self._fly(list(points[held]))
+        yield self._wanted(list(points[held]))
         for s, (z, theta) in enumerate(zip(scaled, points, strict=True)):
             if held[s]:
                 proposal = -0.5 * (5.0 + d) * math.log1p(z @ z / 5.0)
@@ -600,17 +717,15 @@ class _Fit:
     def _left(self) -> list[tuple[FloatArray, Any]]:
         """Return of each record what is left (n, p), in units of the noise that was found, and what counts."""
         kappa, scales = KAPPAS[self.k], self.scales
-        mean, _ = self._reduced(scales, self.k).posterior(self._offset, self._std)
         out = []
-        for block in self.blocks:
-            left = (block.residual - block.columns @ mean) / scales
-            own = block.unknown[:, :, :0] if block.own is None else block.own
-            U = np.concatenate([own, kappa * block.unknown[:, :, : None if kappa > 0.0 else 0]], axis=2)
-            U = np.where(block.taken[:, :, None], U / scales[:, None], 0.0).reshape(block.taken.size, U.shape[2])
-            flat = np.where(block.taken, left, 0.0).ravel()
-            d = np.linalg.solve(U.T @ U + np.eye(U.shape[1]), U.T @ flat)
-            left = left - (U @ d).reshape(left.shape)
-            out.append((np.where(block.taken, left, 0.0), block.taken))
+        for block, sums in zip(self.blocks, self.grams, strict=True):
+            D, inside = sums.deviations(kappa), slice(sums.k, -1)
+            G = np.tensordot(scales**-2.0, sums.of[:, inside, sums.k :], 1)[: len(D)]
+            d = D * np.linalg.solve(np.eye(len(D)) + D[:, None] * G[:, : len(D)] * D, D * G[:, -1])
+            q = sums.q
+            left = block.residual - block.all_own @ d[:q]
+            left = left - block.unknown @ d[q:] if len(d) > q else left
+            out.append((np.where(block.taken, left / scales, 0.0), block.taken))
         return out
 
     def segments(self) -> FloatArray:
@@ -635,8 +750,8 @@ class _Fit:
     def posterior(self) -> Posterior:
         """Return what the records say of the parameters."""
         assert self.sized is not None
-        mean, covariance = self._reduced(self.scales, self.k).posterior(self._offset, self._std)
-        values = np.clip(self.theta + mean, self._low, self._high)
+        _, covariance = self._reduced(self.scales, self.k).posterior(self._offset, self._std)
+        values = self.theta
         total = logsumexp(list(self.log_weights.values()))
         whiteness = _whiteness(self._left())
         whole = sum(math.exp(w - total) for j, w in self.log_weights.items() if KAPPAS[j] <= WHOLE)

@@ -48,6 +48,11 @@ class Linearised:
     taken: NDArray[np.bool_]
     own: FloatArray | None = None
 
+    @property
+    def all_own(self) -> FloatArray:
+        """``own``, of no columns if it was not given."""
+        return self.columns[:, :, :0] if self.own is None else self.own
+
 
 def fewer(unknown: FloatArray, taken: NDArray[np.bool_]) -> FloatArray:
     """Return the same unknown motion (n, p, m) by its principal directions (n, p, r), r <= m, in units of the noise.
@@ -74,20 +79,31 @@ class Grams:
     q: int = 0
 
     @classmethod
-    def made(cls, record: Linearised) -> Grams:
-        """Return the sums of a record."""
-        p = record.residual.shape[1]
-        own = record.columns[:, :, :0] if record.own is None else record.own
-        Z = np.concatenate([record.columns, own, record.unknown, record.residual[:, :, None]], axis=2)
-        Z = np.where(record.taken[:, :, None], Z, 0.0)
-        out = np.empty((p, Z.shape[2], Z.shape[2]))
+    def made(cls, record: Linearised, before: Grams | None = None) -> Grams:
+        """Return the sums of a record; those of its own and of the pulses are taken from ``before``, if they are."""
+        p, k = record.residual.shape[1], record.columns.shape[2]
+        own = record.all_own
+        new = np.concatenate([record.columns, record.residual[:, :, None]], axis=2)
+        new = np.where(record.taken[:, :, None], new, 0.0)
+        same = np.concatenate([own, record.unknown], axis=2)  # where no sample was taken the others are zero
+        size, inside = k + same.shape[2] + 1, slice(k, k + same.shape[2])
+        at = np.r_[0:k, size - 1]
+        out = np.empty((p, size, size))
         for c in range(p):
-            out[c] = Z[:, c].T @ Z[:, c]
-        return cls(out, record.taken.sum(axis=0).astype(float), record.columns.shape[2], own.shape[2])
+            out[c][np.ix_(at, at)] = new[:, c].T @ new[:, c]
+            across = same[:, c].T @ new[:, c]
+            out[c][inside, :k], out[c][inside, -1] = across[:, :k], across[:, k]
+            out[c][:k, inside], out[c][-1, inside] = across[:, :k].T, across[:, k]
+            if before is None:
+                counted = np.where(record.taken[:, c, None], same[:, c], 0.0)
+                out[c][inside, inside] = counted.T @ counted
+            else:
+                out[c][inside, inside] = before.of[c][before.k : -1, before.k : -1]
+        return cls(out, record.taken.sum(axis=0).astype(float), k, own.shape[2])
 
     def left_by(self, record: Linearised, residual: FloatArray) -> Grams:
         """Return the sums without columns for another residual (n, p) of the same record."""
-        own = record.columns[:, :, :0] if record.own is None else record.own
+        own = record.all_own
         r = np.where(record.taken, residual, 0.0)
         of = self.of[:, self.k :, self.k :].copy()
         for c in range(r.shape[1]):

@@ -75,14 +75,9 @@ def scenarios() -> Rows:
 def effects() -> Rows:
     """Return the effects that the gap workflow can name."""
     from testbench.effects import EFFECTS, OTHER_SERVOS
-    from testbench.effects.servo import PLACES
-    from testbench.questions.gap.further import CONTROLS
 
-    beside = "searched where the search points to its path, or by name"
-    pointed = {n for n, e in OTHER_SERVOS.items() if e.place in (PLACES[c] for c in CONTROLS)}
-    further = (
-        (n, f"({beside if n in pointed else 'searched only by name'}) {e.physics}") for n, e in OTHER_SERVOS.items()
-    )
+    beside = "weighed where an effect in its path comes near, or by name"
+    further = ((n, f"({beside}) {e.physics}") for n, e in OTHER_SERVOS.items())
     return [("effect", "physics"), *((n, e.physics) for n, e in EFFECTS.items()), *further]
 
 

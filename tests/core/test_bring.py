@@ -8,8 +8,8 @@ import sys
 import pytest
 
 from testbench.core import bring
-from testbench.core.interrupts import ended_by_signals
 from testbench.core.errors import ScenarioError
+from testbench.core.interrupts import ended_by_signals
 
 
 def test_what_is_brought_is_found_beside_the_scenario_first_and_then_where_one_works(tmp_path, monkeypatch):

@@ -60,8 +60,8 @@ def run_gap(
     keep: Keep | None = None,
     progress: Callable[[str], None] | None = None,
     check: bool = False,
-    controls: int = 0,
-    control_file: Path | None = None,
+    again: int = 0,
+    again_file: Path | None = None,
     more_effects: Sequence[str] = (),
     simulator: Simulator = "auto",
     windows: Windows | None = None,
@@ -73,9 +73,9 @@ def run_gap(
         seed: replaces the scenario's own.
         keep: called with a name and each record as soon as it exists.
         progress: called with a few words as each stage begins.
-        check: check the instruments against each other first; takes about as long as the search itself.
-        controls: number of control flights without any effect, each of which is searched, too.
-        control_file: keeps each of them, so that none is flown twice.
+        check: check the instruments against each other first.
+        again: number of flights that are flown again with truths drawn from the priors, see :func:`.workflow.find_gap`.
+        again_file: keeps each of them, so that none is flown twice.
         more_effects: searched beside those of the scenario, ``FILE.py:NAME`` or names of the library.
         simulator: "jsbsim" flies nothing in batches.
         windows: how records without quiet flight are cut, see :func:`.workflow.find_gap`; replaces the scenario's own.
@@ -135,8 +135,8 @@ def run_gap(
             progress,
             check=check,
             effects=choice.effects,
-            controls=controls,
-            control_file=control_file,
+            again=again,
+            again_file=again_file,
             windows=scenario.windows if windows is None else windows,
             drive=scenario.drive,
             further=OTHER_SERVOS if scenario.effects is None else None,
@@ -178,15 +178,15 @@ def run_flights(
     flights: Flights,
     progress: Callable[[str], None] | None = None,
     check: bool = True,
-    controls: int = 0,
-    control_file: Path | None = None,
+    again: int = 0,
+    again_file: Path | None = None,
     more_effects: Sequence[str] = (),
     simulator: Simulator = "auto",
     windows: Windows = "auto",
 ) -> GapResult:
     """Find what the believed model of recorded flights lacks; see :func:`testbench.questions.gap.records.load_flights`.
 
-    ``progress``, ``check``, ``controls``, ``control_file``, ``more_effects``, ``simulator`` and ``windows`` are as in
+    ``progress``, ``check``, ``again``, ``again_file``, ``more_effects``, ``simulator`` and ``windows`` are as in
     :func:`run_gap`.
 
     Raises:
@@ -201,8 +201,8 @@ def run_flights(
         progress,
         check=check,
         effects=choice.effects,
-        controls=controls,
-        control_file=control_file,
+        again=again,
+        again_file=again_file,
         windows=windows,
         drive=flights.drive,
         further=OTHER_SERVOS,

@@ -22,7 +22,7 @@ from testbench.questions.options import (
     with_figures,
 )
 
-CONTROLS = "controls.jsonl"  # in a folder of results: control flights, which are not flown again
+AGAIN = "again.jsonl"  # in a folder of results: flights again, of which none is flown twice
 FLIGHTS = ("sensors", "hold_out", "wings", "airspeed", "altitude", "data", "drive")  # what is said of measured records
 
 
@@ -84,11 +84,12 @@ def show(
             show_default=False,
         ),
     ] = None,
-    controls: Annotated[
+    again: Annotated[
         int,
         typer.Option(
             min=0,
-            help="Control flights without any effect, searched like the records. Each takes as long; 20 say much.",
+            help="Fly your flights again so often, with truths drawn from the priors: what are stated probabilities "
+            "worth here? Each takes as long as the records; 20 say much.",
         ),
     ] = 0,
 ) -> None:
@@ -106,7 +107,7 @@ def show(
         refuse(
             context,
             "with --plan, whose scenario says all",
-            *(*FLIGHTS, "case", "records", "seed", "workers", "controls", "effect", "simulator", "windows"),
+            *(*FLIGHTS, "case", "records", "seed", "workers", "again", "effect", "simulator", "windows"),
         )
         _plan_gap(find(plan, "run"), out)
         return
@@ -129,7 +130,7 @@ def show(
         file = find(Path(case), "gap")
         name = file.stem
     with ResultFolder(folder_in(out, f"gap_{name}")) as place, stages() as say, processes(workers or cores()):
-        control_file = place.live(CONTROLS) if controls else None
+        again_file = place.live(AGAIN) if again else None
         if measured:
             say("read records")
             held = hold_out or ()
@@ -140,8 +141,8 @@ def show(
                 name,
                 flights,
                 say,
-                controls=controls,
-                control_file=control_file,
+                again=again,
+                again_file=again_file,
                 more_effects=effect or (),
                 simulator=simulator.value,
                 windows=windows_of(windows) or "auto",
@@ -153,8 +154,8 @@ def show(
                 record_keeper(place),
                 say,
                 check=True,
-                controls=controls,
-                control_file=control_file,
+                again=again,
+                again_file=again_file,
                 more_effects=effect or (),
                 simulator=simulator.value,
                 windows=windows_of(windows),

@@ -29,6 +29,7 @@ from testbench.page.plot import (
 )
 from testbench.questions.gap.evidence.locate import BANDS_HZ
 from testbench.questions.gap.evidence.stepwise import followed
+from testbench.questions.gap.explain import percent
 from testbench.questions.gap.explored import held_out, spectra
 from testbench.questions.gap.part_figure import part_plate
 
@@ -66,7 +67,7 @@ def gap_plates(result: GapResult) -> list[Plate]:
         out.append(_force_plate(result))
     if result.finding.first is not None and result.finding.first.terms:
         out.append(_term_plate(result, result.finding.first))
-    if any(f.gain > 0.0 for f in result.finding.naming.ranking):
+    if result.finding.naming.ranking:
         out.append(_ranking_plate(result))
     if result.finding.changed:
         for k, shrink in enumerate(result.finding.shrink, 1):
@@ -298,22 +299,22 @@ def _ranking_plate(result: GapResult) -> Plate:
         titles = [textwrap.wrap(f.effect.title, letters, max_lines=lines, placeholder=" …") for f in fits]
         figure = new_figure(wide, 0.3 + row * len(fits) + 0.55)
         axes = grid(figure, 0.25, [row * len(fits)], left_in=left)[0, 0]
-        named = set(result.finding.naming.names)
         for i, fit in enumerate(fits):
-            gain = max(fit.gain, 0.5)
-            axes.barh(i, gain, left=0.5, height=0.55, color=COLOURS[0] if fit.effect.name in named else MEASURED)
-            axes.plot([fit.threshold, fit.threshold], [i - 0.42, i + 0.42], color=COLOURS[1], linewidth=1.4)
+            whole, part = 100.0 * fit.probability, 100.0 * fit.imitates
+            axes.barh(i, whole, height=0.55, color=COLOURS[0])
+            axes.barh(i, part, left=whole, height=0.55, color=MEASURED)
         axes.set_yticks(range(len(fits)), ["\n".join(title) for title in titles])
         axes.invert_yaxis()
         axes.grid(axis="y", visible=False)
-        axes.set_xlim(0.5, max(*(f.gain for f in fits), fits[0].threshold) * 2.0)
-        log_axis(axes, "x", powers=True)
-        label(axes, "gain: fall of chi-square")
+        axes.set_xlim(0.0, 100.0)
+        label(axes, "probability, %")
         return figure
 
+    weighed = result.finding.naming.weighed
     caption = (
-        "How much of the residual each effect of the library explains after the uncertain coefficients were re-tuned. "
-        "Blue: named. Orange mark: what noise alone reaches with a probability of 1 in 1000, all effects together."
+        "Blue: probability that this is all that the model lacks. Grey: that something which the library lacks does "
+        f"nearly this. Nothing is missing: {percent(weighed.nothing)}; something is, and nothing is near it: "
+        f"{percent(weighed.imitates('nothing'))}."
     )
     return Plate("ranking", "Which effect explains it", caption, make)
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.retune import retune
 from testbench.questions.gap.window_length import Windows
 from testbench.questions.gap.windows import Cut, begin_freely, cut
 

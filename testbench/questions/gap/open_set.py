@@ -8,8 +8,8 @@ and is fitted, compared and refuted by the rules that hold for the library.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 
 from testbench.aircraft import Aircraft, Amendment, Increment, Memory
@@ -25,11 +25,9 @@ from testbench.effects import left_out
 from testbench.effects.aerodynamics import followed
 from testbench.effects.base import Effect, Parameter, Values
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.decide import Naming, confirmed
 from testbench.questions.gap.evidence.felt import Felt, felt
 from testbench.questions.gap.evidence.stepwise import COPIES, FoundTerm, Regression, regress
 from testbench.questions.gap.evidence.vocabulary import CONTROLS, TIME, Factor, Term
-from testbench.questions.gap.search.name import name_effect
 from testbench.sensors import SensorSuite
 
 PLACES = {
@@ -225,33 +223,3 @@ def proposals(first: FirstLook, believed: Believed) -> dict[str, Effect]:
             out.setdefault(effect.name, effect)
     known = left_out(out, believed.aircraft, believed.suite)
     return {n: e for n, e in out.items() if n not in known}
-
-
-def named_openly(
-    naming: Naming,
-    first: FirstLook,
-    believed: Believed,
-    records: Sequence[FlightRecord],
-    held_out: Sequence[FlightRecord],
-    say: Callable[[str], None],
-) -> Naming:
-    """Return ``naming``, or what an open term explains if the library explains nothing.
-
-    Args:
-        naming: by the library.
-        first: what forces and moments say.
-        believed: the model in the air that was found.
-        records: those that are named from.
-        held_out: those that judge.
-        say: called with a few words as each stage begins.
-    """
-    if naming.outcome != "unexplained" or not first.terms:
-        return naming
-    say("fly the terms that forces and moments follow")
-    found = confirmed(name_effect(believed, records, say, proposals(first, believed)), believed, held_out)
-    if not found.names:
-        return naming
-    best = found.best
-    mistaken = "" if best is None else f". It could be mistaken for {best.effect.mistaken_for}"
-    sentence = f"no effect of the library explains the gap; what does is {found.sentence}{mistaken}"
-    return replace(found, sentence=sentence, open_set=True)

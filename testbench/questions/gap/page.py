@@ -45,7 +45,7 @@ def gap_page(result: GapResult) -> Page:
         flown=finding.tally,
         provenance=[] if result.seed is None else [("seed", str(result.seed))],
         source=(result.file.name, read_text(result.file, "scenario")) if result.file else None,
-        terminal=[tables[0].only("effect", "gain", "threshold", "share")],
+        terminal=[tables[0].only("effect", "whole", "size", "share")],
         notes=[f"Assumed: {note}" for note in result.notes],
     )
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from testbench.core.record import FloatArray
 from testbench.page.plot import COLOURS, FAINT, QUIET, Plate, new_figure
+from testbench.questions.gap.explain import percent
 from testbench.questions.gap.verdict import Verdict
-from testbench.questions.gap.weighed import percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

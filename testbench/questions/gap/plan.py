@@ -31,7 +31,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.commanded import commands, quiet_samples, starts_freely
 from testbench.questions.gap.evidence.compared import not_compared
-from testbench.questions.gap.search.fit import EffectFit
+from testbench.questions.gap.explain import Explanation
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import load_suite
@@ -292,7 +292,7 @@ class Grams:
         return Isolability(tuple(effects), size, np.clip(share, 0.0, 1.0))
 
 
-def separate(believed: Believed, records: Sequence[FlightRecord], fits: Sequence[EffectFit]) -> str:
+def separate(believed: Believed, records: Sequence[FlightRecord], fits: Sequence[Explanation]) -> str:
     """Return, in words, which manoeuvre would tell apart effects that ``records`` do not.
 
     Each of a family of manoeuvres is added to the records in turn. The best one brings the two effects that are most

@@ -10,10 +10,8 @@ import numpy as np
 from testbench.core.constants import DEG_RAD, G0_M_S2, KT_M_S
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.batch.jobs import Tally
+from testbench.inference.calibrate import Reliability
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.controls import Controls
-from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.decide import Naming, Rest
 from testbench.questions.gap.evidence.air import AirFound
 from testbench.questions.gap.evidence.check import DataCheck
 from testbench.questions.gap.evidence.control_path import JudgedPath
@@ -21,11 +19,9 @@ from testbench.questions.gap.evidence.forces import EquationErrors
 from testbench.questions.gap.evidence.held_out import HeldOutFlight
 from testbench.questions.gap.evidence.locate import RegionMap, ResidualMap, Structure
 from testbench.questions.gap.evidence.noise_found import NoiseFound
+from testbench.questions.gap.explain import VISIBLE, Naming
 from testbench.questions.gap.open_set import FirstLook
-from testbench.questions.gap.parameters import WrongParameter, off_parameters
-from testbench.questions.gap.priors import deviations_of
 from testbench.questions.gap.verdict import Verdict, verdict_of
-from testbench.questions.gap.weighed import Weighed
 
 # By so much a simulator may err in the short period and after a power change, in roll and yaw response and in a steady
 # sideslip, 14 CFR 60, appendix A, table A2A; the pitch angle's tolerance is taken for the angle of attack.
@@ -73,7 +69,7 @@ class Shrink:
     def visible(self) -> bool:
         """True if the excess before stands four standard deviations above what noise alone scatters by."""
         scatter = np.sqrt(np.sum(2.0 / np.maximum(self.taken, 1.0)))
-        return float(np.sum(self.energy_before - 1.0)) > CRITERIA.visible * scatter
+        return float(np.sum(self.energy_before - 1.0)) > VISIBLE * scatter
 
     @property
     def removed(self) -> float:
@@ -94,17 +90,14 @@ class GapFinding:
         shrink: before and after, one per held-out manoeuvre.
         air: what the residuals say of the air.
         noise: how large the noise of the sensors is, where that was found; None where it is known.
-        weighed: probabilities of all explanations; None if no effect came near.
         regions: where in the flight envelope the residual of the believed model sits.
         forces: equation errors of forces and moments, one per manoeuvre that has the channels for it.
         next_flight: the manoeuvre that would tell the rest apart, in words; "" if nothing is left to tell apart.
         check: what the instruments say of each other, or None if that was not asked.
-        parameters: believed coefficients that re-tuning finds wrong, where no effect is named; ``amended`` is re-tuned.
         errors: channel -> largest error of the believed model over all records, about its mean in each, SI.
         left: where the residuals of ``amended`` are not white, if an effect is named in still air; None if they may be
             noise.
-        rest: what another effect would explain of what is left, if that is more than noise and form account for.
-        controls: control flights without any effect, if any were asked for.
+        again: what stated probabilities are worth here, if the flights were flown again with drawn truths.
         first: what forces and moments say before anything is flown, or None if nobody looked.
         windows: how records without quiet flight were cut, a sentence for each.
         tally: by what the believed and the amended model were flown through every record.
@@ -122,39 +115,34 @@ class GapFinding:
     forces: tuple[EquationErrors, ...] = ()
     next_flight: str = ""
     check: DataCheck | None = None
-    parameters: tuple[WrongParameter, ...] = ()
     errors: Mapping[str, float] = field(default_factory=dict)
     left: Structure | None = None
-    rest: Rest | None = None
-    controls: Controls | None = None
+    again: Reliability | None = None
     first: FirstLook | None = None
     tally: Tally | None = None
     windows: tuple[str, ...] = ()
     paths: tuple[JudgedPath, ...] = ()
     held_out: tuple[HeldOutFlight, ...] = ()
     noise: NoiseFound | None = None
-    weighed: Weighed | None = None
 
     @property
     def changed(self) -> bool:
-        """True if ``amended`` is another model than ``believed``: something was named, or parameters are wrong."""
-        return self.naming.best is not None or bool(self.parameters)
+        """True if ``amended`` is another model than ``believed``: something comes near, or coefficients are off."""
+        return self.amended is not self.believed
 
     @property
     def verdict(self) -> Verdict | None:
         """Where the cause sits, and how probable that is; None where there is no gap."""
-        return verdict_of(self.naming, self.paths, self.weighed)
+        return verdict_of(self.naming, self.paths)
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """The answer in words."""
-        re_tuned = "; ".join(p.sentence for p in self.parameters)
-        out = [f"{re_tuned}; beside that, {self.naming.sentence}" if re_tuned else self.naming.sentence]
+        out = [self.naming.sentence]
         out += [p.sentence for p in self.paths if p.outcome in ("differs", "unexplained", "not seen")]
         verdict = self.verdict
         out += [] if verdict is None else verdict.sentences
-        out += [] if self.weighed is None else [self.weighed.sentence]
-        out += [*self._evidence(), *([self.next_flight] if self.next_flight else [])]
+        out += [self.naming.probabilities, *self._evidence(), *([self.next_flight] if self.next_flight else [])]
         for s in self.shrink if self.changed else ():
             k = int(np.argmax(s.energy_before))
             out.append(
@@ -172,19 +160,21 @@ class GapFinding:
             out += [m.sentence for m in self.maps]
             out += [max(self.regions, key=lambda r: r.contrast).sentence] if self.regions else []
         news = self.check.sentences if self.check is not None and self.check.news else ()
-        controls = () if self.controls is None else (self.controls.sentence,)
+        best = max((f.probability for f in self.naming.ranking), default=0.0)
+        stated = max(best, self.naming.weighed.nothing, self.naming.weighed.unknown)
+        again = () if self.again is None else (self.again.sentence(stated),)
         first = () if self.first is None else self.first.sentences
         paths = (p.sentence for p in self.paths if p.outcome in ("as believed", "not judged"))
         noise = (self.noise.sentence,) if self.noise is not None and self.noise.sentence else ()
-        return (*out, *noise, *self.windows, *paths, *first, *controls, self.air.sentence, *news)
+        return (*out, *noise, *self.windows, *paths, *first, *again, self.air.sentence, *news)
 
     @property
     def immaterial(self) -> bool:
         """True if what was named changes no channel of a held-out manoeuvre by as much as TOLERANCE.
 
         By so much a flight simulator for training may err. A channel without a tolerance must change by less than its
-        noise. If nothing is named, but more than noise is left or parameters are wrong, this is True if the believed
-        model errs by less than TOLERANCE in every record. False of windows: starts that are fitted hide how far it
+        noise. If nothing is named, but something is missing, this is True if the believed model errs by less than
+        TOLERANCE in every record. False of windows: starts that are fitted hide how far it
         would go astray.
         """
         if self.windows:
@@ -192,8 +182,8 @@ class GapFinding:
         judged = [i for i, n in enumerate(self.believed.outputs) if n in TOLERANCE]
         if self.naming.best is None:
             errors = [(self.errors.get(self.believed.outputs[i], np.inf), i) for i in judged]
-            gap = bool(self.parameters) or self.naming.outcome != "no gap"
-            return gap and bool(judged) and all(e < TOLERANCE[self.believed.outputs[i]] for e, i in errors)
+            small = all(e < TOLERANCE[self.believed.outputs[i]] for e, i in errors)
+            return self.naming.outcome != "no gap" and bool(judged) and small
         if not self.shrink or self.naming.best.effect.met is not None:  # a gust is of no other manoeuvre's air
             return False
         limits = np.array(
@@ -207,25 +197,8 @@ class GapFinding:
         if best is None:
             judged = ", ".join(n for n in self.believed.outputs if n in TOLERANCE)
             words = f"real but immaterial: in {judged} of these records the believed model errs by less {_ALLOWED}"
-            off = [
-                p.sentence for p in off_parameters(self.naming, self.believed.aircraft) if p.deviations <= CRITERIA.far
-            ]
-            return [*off, words] if self.immaterial else off
-        out = [
-            f"evidence: it lowers chi-square by {best.gain:.0f}; noise alone reaches {best.threshold:.3g} once "
-            f"in {1.0 / CRITERIA.false_alarm:.0f} cases"
-            + (f"; {best.told:.0f} of that is in the recorded surface" if best.told else "")
-        ]
-        others = [f for f in self.naming.ranking if f.effect.name not in self.naming.names]
-        others = [f for f in others if f.gain > 0.0]  # none of those that were given up on the way
-        if others:
-            second = max(others, key=lambda f: f.gain)
-            share = 100.0 * second.gain / best.gain
-            out[0] += f"; the runner-up, {second.effect.title}, lowers it by {second.gain:.0f} ({share:.0f} %)"
-        if self.left is not None:
-            out.append(self.left.sentence)
-        if self.rest is not None:
-            out.append(self.rest.sentence)
+            return [words] if self.immaterial else []
+        out = [] if self.left is None else [self.left.sentence]
         if self.immaterial:
             words = f"real but immaterial: in the manoeuvres held out it changes every channel by less {_ALLOWED}"
             if not set(self.believed.outputs) <= TOLERANCE.keys():
@@ -236,12 +209,5 @@ class GapFinding:
                 "it was in the air of that manoeuvre alone; what the manoeuvres held out gain comes from the "
                 f"coefficients re-tuned beside it. It could be mistaken for {best.effect.mistaken_for}. "
                 f"What separates them: {best.effect.separated_by}"
-            )
-        priors = deviations_of(self.believed.aircraft)
-        far = [f"{n} {f:.3g}" for n, f in best.nuisances.items() if abs(f - 1.0) > 2.0 * priors[n]]
-        if far:
-            out.append(
-                "the effect may not be the whole story: beside it, re-tuning moves coefficients by more than two "
-                f"standard deviations of their priors, to {', '.join(far)} times the believed value"
             )
         return out

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from testbench.core.words import with_error
+from testbench.inference.calibrate import Reliability
 from testbench.page.labels import symbol
 from testbench.page.tables import Column, Table
-from testbench.questions.gap.criteria import CRITERIA, FALSE_ALARM
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.control_path import JudgedPath
 from testbench.questions.gap.evidence.forces import follows
+from testbench.questions.gap.explain import Naming
 from testbench.questions.gap.open_set import FirstLook, title_of
 from testbench.questions.gap.plan import ALIKE, NEEDED
-from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.hypothesis import FLOWN_STEP, LINEAR_STEP
-from testbench.questions.gap.weighed import Weighed
 
 if TYPE_CHECKING:
     from testbench.questions.gap.ask import GapResult
-    from testbench.questions.gap.controls import Controls
     from testbench.questions.gap.plan import GapPlan
 
 _MOST_PAIRS = 40
@@ -61,93 +61,68 @@ def _path_table(paths: Sequence[JudgedPath]) -> Table:
     )
 
 
-def _weighed_table(weighed: Weighed) -> Table:
+def _ranking(naming: Naming) -> Table:
     """Return the explanations by their probabilities."""
-    rows = []
-    for row in weighed.table.rows:
-        found, effect = row.posterior, weighed.effects.get(row.name)
-        rows.append(
-            (
-                "nothing" if effect is None else effect.title,
-                100.0 * (weighed.nothing if effect is None else weighed[row.name]),
-                100.0 * weighed.imitates(row.name),
-                "" if effect is None else weighed.size(row.name),
-                found.log_evidence - weighed.table.best.log_evidence,
-                row.difference_error,
-                found.kappa,
-                found.whiteness,
-                found.strain,
-            )
+    rows = {row.name: row for row in naming.weighed.table.rows}
+    best = naming.weighed.table.best.log_evidence
+    fits = {f.effect.name: f for f in naming.ranking}
+    order = sorted(rows, key=lambda n: -naming.weighed[n] if n in fits else -naming.weighed.nothing)
+
+    def line(name: str) -> tuple[str | float | None, ...]:
+        """Return one explanation."""
+        row, fit = rows[name], fits.get(name)
+        found = row.posterior
+        return (
+            "nothing" if fit is None else fit.effect.title,
+            "" if fit is None else fit.size,
+            100.0 * (naming.weighed.nothing if fit is None else fit.probability),
+            100.0 * naming.weighed.imitates(name),
+            found.log_evidence - best,
+            row.difference_error,
+            0.0 if fit is None else fit.gain,
+            None if fit is None or math.isnan(fit.share) else 100.0 * fit.share,
+            found.kappa,
+            found.whiteness,
+            found.strain,
+            row.held_out,
+            "" if fit is None else fit.effect.separated_by,
         )
+
     return Table(
-        "explanations",
+        "ranking",
         "Explanations by their probabilities",
-        "Nothing, and the effects that come nearest, by one likelihood in which noise, coefficients and sizes are "
-        "unknown. Whole: probability that this is all. Imitates: that something which the library lacks does nearly "
-        "this. Left: share of the motion that an unknown motion still needs; a thousandth or less beside the whole "
-        "story. White: probability that noise would look as coloured as what is left. Strain: squares of the "
-        "distances from the priors, one a parameter if they hold.",
+        "Nothing, the effects that come nearest, pairs of them and wrong coefficients, by one likelihood in which "
+        "noise, coefficients and sizes are unknown. Whole: probability that this is all. Imitates: that something "
+        "which the library lacks does nearly this. Gain: fall of chi-square by it; without it, chi-square of the "
+        f"believed model is {naming.chi2_tuned:.0f} with its coefficients re-tuned and {naming.chi2_believed:.0f} "
+        f"before, over {naming.samples} samples. Share: of the excess over noise. Left: share of the motion that an "
+        "unknown motion still needs; a thousandth or less beside the whole story. White: probability that noise would "
+        "look as coloured as what is left. Strain: squares of the distances from the priors, one a parameter if they "
+        "hold. Held out: ln p of a sample of the manoeuvres held out, less that without any effect.",
         (
-            Column("explanation", "explanation"),
+            Column("effect", "explanation"),
+            Column("size", "size, with standard error"),
             Column("whole", "whole", "%", decimals=1),
             Column("imitates", "imitates", "%", decimals=1),
-            Column("size", "size, with standard error"),
             Column("evidence", "ln evidence, less the best", decimals=1),
             Column("error", "its error", decimals=1),
+            Column("gain", "gain", decimals=1),
+            Column("share", "share explained", "%", decimals=1),
             Column("kappa", "left", decimals=4),
             Column("whiteness", "white", decimals=3),
             Column("strain", "strain", decimals=1),
+            Column("held_out", "held out", decimals=3),
+            Column("separated", "what separates it"),
         ),
-        tuple(rows),
+        tuple(line(name) for name in order),
         wide=True,
     )
-
-
-def _verdict(fit: EffectFit, names: Sequence[str]) -> str:
-    if fit.effect.name in names:
-        return "named"
-    if fit.significant:
-        return "significant"
-    return "as noise" if fit.flown and fit.settled else "given up"
 
 
 def gap_tables(result: GapResult) -> list[Table]:
-    """Return the ranking of the effects, the coefficients re-tuned beside the best one, and before and after."""
+    """Return the explanations, the coefficients re-tuned beside the best one, and before and after."""
     naming = result.finding.naming
-    ranking = Table(
-        "ranking",
-        "The library of effects, ranked",
-        f"Gain: fall of chi-square by the effect. Without it, chi-square of the believed model is "
-        f"{naming.chi2_tuned:.0f} with its uncertain coefficients re-tuned and {naming.chi2_believed:.0f} before, over "
-        f"{naming.samples} samples. Significant: the gain exceeds what noise reaches with a probability of "
-        f"{FALSE_ALARM:g} over the whole library, in still air. Share: of the excess over noise. Given up: before it "
-        "came to rest, as others had come much further; its gain is what it had reached.",
-        (
-            Column("effect", "effect"),
-            Column("size", "size, with standard error"),
-            Column("gain", "gain", decimals=1),
-            Column("threshold", "threshold", decimals=1),
-            Column("share", "share explained", "%", decimals=1),
-            Column("verdict", "verdict"),
-            Column("separated", "what separates it"),
-        ),
-        tuple(
-            (
-                f.effect.title,
-                f.size if f.gain > 0.0 else "not pursued",
-                f.gain,
-                f.threshold,
-                100.0 * f.share,
-                _verdict(f, naming.names),
-                f.effect.separated_by,
-            )
-            for f in naming.ranking
-        ),
-        wide=True,
-    )
-    out = [ranking]
-    if result.finding.weighed is not None:
-        out.append(_weighed_table(result.finding.weighed))
+    out = [_ranking(naming)]
     if result.finding.paths:
         out.append(_path_table(result.finding.paths))
     if result.finding.forces:
@@ -169,8 +144,8 @@ def gap_tables(result: GapResult) -> list[Table]:
     first = result.finding.first
     if first is not None and first.terms:
         out.append(_term_table(first))
-    if result.finding.controls is not None:
-        out.append(_control_table(result.finding.controls))
+    if result.finding.again is not None:
+        out.append(_again_table(result.finding.again))
     if result.finding.changed:
         best = naming.best
         out.append(
@@ -232,22 +207,29 @@ def _term_table(first: FirstLook) -> Table:
     )
 
 
-def _control_table(controls: Controls) -> Table:
-    said = {"no gap": "no gap, which is right", "not flown": "could not be flown"}
+def _again_table(found: Reliability) -> Table:
+    """Return what stated probabilities were worth in flights again."""
     return Table(
-        "controls",
-        "Control flights without any effect",
-        "The believed aircraft, its coefficients drawn from their priors, flies the same commands through the same "
-        "air. Sensors and search are the same, too. Gain: largest fall of chi-square by any effect.",
+        "again",
+        "What stated probabilities are worth in these flights",
+        f"The flights were flown {len(found.trials)} times again, with nothing or an effect drawn from the priors in "
+        "them, and asked about likewise. Of all probabilities that were stated in a class, the share that was right, "
+        f"with its 95 % interval. Expected calibration error of the answer: {found.calibration_error:.2g}.",
         (
-            Column("number", "flight"),
-            Column("outcome", "what was said"),
-            Column("gain", "gain", decimals=1),
-            Column("chi2", "chi-square, re-tuned", decimals=0),
+            Column("stated", "stated", "%"),
+            Column("count", "how many"),
+            Column("mean", "their mean", "%", decimals=1),
+            Column("right", "right", "%", decimals=1),
+            Column("lowest", "from", "%", decimals=1),
+            Column("highest", "to", "%", decimals=1),
         ),
-        (
-            *((str(c.number), said.get(c.outcome, c.outcome), c.gain, c.chi2) for c in controls.flights),
-            ("measured", "", controls.gain, controls.chi2),
+        tuple(
+            (
+                f"{100.0 * c.low:g} to {100.0 * c.high:g}",
+                c.count,
+                *(100.0 * x for x in (c.mean, c.right, c.lowest, c.highest)),
+            )
+            for c in found.curve()
         ),
     )
 

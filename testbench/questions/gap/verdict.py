@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from testbench.effects import SERVOS
+from testbench.effects import SERVOS, Effect
 from testbench.page.words import listed
-from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.evidence.control_path import JudgedPath
+from testbench.questions.gap.explain import Naming, percent
 from testbench.questions.gap.parts import Part, parts_of
-from testbench.questions.gap.weighed import Weighed, percent
 
 
 @dataclass(frozen=True)
@@ -57,24 +56,29 @@ class Verdict:
         return "" if self.probability is None else f"; probability that it sits there: {percent(self.probability)}"
 
 
-def verdict_of(naming: Naming, paths: Sequence[JudgedPath] = (), weighed: Weighed | None = None) -> Verdict | None:
+def verdict_of(naming: Naming, paths: Sequence[JudgedPath] = ()) -> Verdict | None:
     """Return where the cause sits; None if there is no gap, no effect came near, or a term was named.
 
-    Where nothing is named and ``paths`` differ by themselves, it sits there. Probabilities are those of ``weighed``.
+    Where nothing is named for certain and ``paths`` differ by themselves, it sits there.
     """
     fits = {f.effect.name: f for f in naming.ranking}
     named = [fits[n].effect for n in naming.names]
     differ = [SERVOS["lag", p.control] for p in paths if p.outcome == "differs"]
-    if naming.outcome == "unexplained" and differ:
-        return Verdict(parts_of(differ), shown=True)
-    if naming.outcome == "unexplained":
-        named = [f.effect for f in naming.ranking if f.flown][:1]
-    elif naming.open_set:
+    if naming.outcome in ("partial", "unexplained"):
+        if differ:
+            return Verdict(parts_of(differ), shown=True)
+        near = [f.effect for f in naming.ranking if not _open(naming, f.effect)][:1]
+        if not near:
+            return None
+        return Verdict((), _sure(naming, near), nearest=listed([p.name for p in parts_of(near)]))
+    if not named or any(_open(naming, e) for e in named):
         return None
-    if not named:
-        return None
-    parts = parts_of(named)
-    sure = None if weighed is None else weighed.part([p.name for p in parts])
-    if naming.outcome == "unexplained":
-        return Verdict((), sure, nearest=listed([p.name for p in parts]))
-    return Verdict(parts, sure, any=len(named) > 1)
+    return Verdict(parts_of(named), _sure(naming, named), any=len(named) > 1 and len(parts_of(named)) > 1)
+
+
+def _open(naming: Naming, effect: Effect) -> bool:
+    return effect.name in naming.weighed.terms
+
+
+def _sure(naming: Naming, effects: Sequence[Effect]) -> float:
+    return naming.weighed.part([p.name for p in parts_of(effects)])

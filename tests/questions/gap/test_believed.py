@@ -12,7 +12,7 @@ from studies.blind.truth import Truth
 
 from testbench.core.errors import LimitError
 from testbench.core.record import FlightAborted
-from testbench.questions.gap.search.name import name_effect
+from testbench.questions.gap.name import name_effect
 
 
 @pytest.fixture(scope="module")

@@ -89,4 +89,4 @@ def test_a_slow_servo_behind_a_stick_has_its_own_lag():
     assert found.naming.names == ("actuator_lag",)
     fit = found.naming.best
     assert abs(fit.values["lag_rad_s"] - 8.0) < 4.0 * fit.errors["lag_rad_s"]
-    assert fit.errors["lag_rad_s"] < 0.6
+    assert fit.errors["lag_rad_s"] < 0.8  # the form of a lag is uncertain by 2 %

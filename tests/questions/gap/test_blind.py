@@ -18,14 +18,13 @@ from studies.blind.cases import Case, draw, opened, seal
 from studies.blind.flights import fly_truth
 from studies.blind.kinds import KINDS, parameter_errors
 from studies.blind.report import write_report
-from studies.blind.run import believe, look_again
+from studies.blind.run import believe
 from studies.blind.score import judge, rates
 from studies.blind.truth import Truth
 from studies.blind.truths import SERVO_LAG, TRUTHS
 
 from testbench.core.proportion import proportion_interval
-from testbench.effects import EFFECTS, library
-from testbench.questions.gap.criteria import CRITERIA
+from testbench.effects import library
 
 TESTS = Path(__file__).resolve().parents[2]
 
@@ -192,7 +191,7 @@ def test_a_hidden_servo_that_changes_nothing_shows_nothing(aircraft):
     own = servos.after_lag(SERVO_LAG[aircraft], lambda u, dt_s: u)
     flown = [fly_truth(aircraft, p, "rich", 5) for p in (Truth(), Truth(elevator=own, whole_servo=True))]
     plain, again = (sum(float(np.sum(believed.residuals(r) ** 2)) for r in f.values()) for f in flown)
-    assert abs(again - plain) < CRITERIA.weak
+    assert abs(again - plain) < 40.0
 
 
 def test_a_run_resumes_and_a_changed_seal_is_refused(tmp_path, monkeypatch):
@@ -219,9 +218,7 @@ def test_a_run_resumes_and_a_changed_seal_is_refused(tmp_path, monkeypatch):
 
 
 def test_what_workers_are_given_is_where_a_spawned_process_finds_it():
-    assert not [
-        f for f in (command.run_case, command.look_at_rest, command.leave_with) if f.__module__.endswith("__main__")
-    ]
+    assert not [f for f in (command.run_case, command.leave_with) if f.__module__.endswith("__main__")]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks /proc")
@@ -298,37 +295,3 @@ def test_the_report_reads_out_rates_sizes_and_confusion(tmp_path):
         "two effects,0,0.000,1.000,0,0",
     ]  # a delay is of the same part
     assert "| set | 1 of 1 | 21 to 100 % | 1 of 1 |" in page
-
-
-def test_the_report_counts_what_stands_against_names(tmp_path):
-    lag = ("slow servo",), ({"lag_rad_s": 10.0},), {}, (("actuator_lag",),)
-    cases = [Case(f"library form {i}", "library form", "eolo", *lag) for i in (1, 2, 3)]
-    more, nothing, end = {"rest": {"effect": "V_lag", "gain": 60.0}}, {"rest": None, "beyond": []}, {"beyond": ["x"]}
-    rows = {}
-    for case, found in zip(cases, (more, nothing, {**nothing, **end}), strict=True):
-        rows[case.name] = row("named", "actuator_lag") | nothing
-        said = {"chi2_left": 990.0, "samples": 1000}
-        rows[case.name + ", true effect taken out"] = row("named", "q_lag") | said | found
-    write_report(tmp_path, cases, rows, "abc", 1)
-    table = (tmp_path / "README.md").read_text(encoding="utf-8").partition("## What stands against a name")[2]
-    assert "| library form, right | 3 | 0 | 0 | 3 | 0 |" in table
-    assert "| other form, right | 0 | 0 | 0 | 0 | 0 |" in table
-    assert "| true effect taken out, false | 3 | 1 | 1 | 1 | 2 |" in table
-
-
-def test_what_a_named_row_leaves_is_looked_at_from_its_own_values():
-    """The truth leaves nothing; a row whose values do not lead back to its chi-square is left alone; seed fixed."""
-    b = believe("taurus")
-    slow = b.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 9.0})
-    records = {n: replace(r, data=_read(slow, r)) for n, r in fly_truth("taurus", Truth(), "short", 1).items()}
-    fitted = row("named", "actuator_lag") | {"values": {"lag_rad_s": 9.0}, "gain": 5_000.0}
-    left = sum(float(np.sum(slow.residuals(r) ** 2)) for r in records.values())
-    assert look_again("taurus", records, fitted | {"chi2_left": left + 200.0}) is None
-    assert look_again("taurus", records, fitted | {"chi2_left": left}) == {"rest": None, "beyond": []}
-
-
-def _read(model, record):
-    """What the sensors of ``model`` would have read of the commands of a record, with white noise."""
-    y = model.predict(record)
-    y = y + model.noise_std * np.random.default_rng(4).standard_normal(y.shape)
-    return np.column_stack([y, record.data[:, len(model.outputs) :]])

@@ -34,7 +34,7 @@ def test_the_answers_are_those_that_were_sealed(draw):
     assert all(c.without for c in drawn if c.row.taken_out)
 
 
-def test_what_acts_in_a_path_is_drawn_and_every_name_that_is_right_is_sought():
+def test_what_acts_in_a_path_is_drawn_and_every_name_that_check_sizes_is_sought():
     assert set(PATH_KINDS) <= {*TRUTHS, *LATERAL}
     known, further = searched(believe("eolo", draw="paths"))
     for kind in PATH_KINDS.values():

@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import cache
 
 import pytest
-from gap.gap_flights import among
 from gap.hidden_truths import (
     command_gain,
     late_command,
@@ -23,7 +22,6 @@ from gap.hidden_truths import (
 )
 from studies.blind.truths import load
 
-import testbench.questions.gap.workflow as workflow
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
 from testbench.effects import EFFECTS, library
@@ -133,10 +131,9 @@ def test_the_search_goes_where_the_surface_points(monkeypatch):
     b = believe(NOISE_RAD)
     few = {n: EFFECTS[n] for n in ("pitch_damper", "alpha_scale", "actuator_lag", "mass_error")}
     record = measure(b, DAMPER, ELEVATOR)
-    monkeypatch.setattr(workflow, "name_effect", lambda m, r, s, e, pairs: among(e)(m, r, s))
     finding = find_gap(b, record, {}, effects=few)
     assert (finding.naming.outcome, finding.naming.names) == ("named", ("pitch_damper",))
-    assert [f.effect.name for f in finding.naming.ranking] == ["pitch_damper"]
+    assert finding.naming.weighed.told["pitch_damper"] > 10.0
     assert any("shows a feedback of q of 0.1" in s or "shows a feedback of q of 0.09" in s for s in finding.sentences)
 
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from axes import believe, commands
+from gap_fits import check_sizes, fits
 
 from testbench.effects import EFFECTS, ON_REQUEST, aerodynamics, feedback, mass, stall, structure, thrust
 from testbench.flight import FlightCondition, linearise, trim
 from testbench.questions.gap.effect_contract import recorded
-from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
-from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.screening import screen
 
 NEW = {
     e.name: e for table in (aerodynamics, feedback, mass, stall, structure, thrust) for e in table.EFFECTS if e.lateral
@@ -59,13 +57,12 @@ def test_a_lateral_effect_is_found_again_at_its_size_in_data_that_it_made(name):
     """Noise-free records, coefficients free: a fiftieth of the gap is left at most, the size is right to 5 %."""
     b, effect = believe(), NEW[name]
     records = recorded(b.with_effect(effect, values(name)), commands())
-    start = Hypothesis.at(b, b, records, np.ones(len(PRIORS) + len(LATERAL_PRIORS)))
-    found = fit(screen(start, effect), start.chi2, 0.0, 1)
+    start = Hypothesis.at(b, b, tuple(records))
+    (found,) = fits(b, records, effect)
     assert found is not None
     assert found.chi2 < max(0.02 * start.chi2, 1.0), f"{start.chi2:.4g} to {found.chi2:.4g}: {found.values}"
     if name not in LOOSE:
-        for p in effect.parameters:
-            assert found.values[p.name] == pytest.approx(values(name)[p.name], rel=0.05)
+        check_sizes(found, values(name), 0.05)
 
 
 def test_an_interconnect_turns_the_rudder_by_its_share_of_the_aileron_command():

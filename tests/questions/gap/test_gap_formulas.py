@@ -24,8 +24,6 @@ from testbench.questions.gap.evidence.gust_model import _felt
 from testbench.questions.gap.evidence.stepwise import _Moments, _Slow
 from testbench.questions.gap.free_start import Directions
 from testbench.questions.gap.new import shared_with
-from testbench.questions.gap.search import gauss_newton
-from testbench.questions.gap.tell import strained
 
 RNG = np.random.default_rng(12)
 
@@ -133,14 +131,6 @@ def test_what_two_records_share_of_one_log_is_counted_in_its_seconds():
     assert shared_with("e", records) == ""
 
 
-def test_strained_coefficients_are_told_the_farthest_first_down_to_half_of_it():
-    fit = SimpleNamespace(effect=SimpleNamespace(title="a lag"), size="10 ms",
-                          nuisances={"a": 1.4, "b": 0.79, "c": 1.19, "d": 1.0})  # fmt: skip
-    text = strained(fit, dict.fromkeys("abcd", 0.1))
-    assert text.endswith("a 1.4 times the believed value (4.0 standard deviations), "
-                         "b 0.79 times the believed value (2.1 standard deviations)")  # fmt: skip
-
-
 @pytest.mark.parametrize("scale", [0.7, 1.3])
 def test_a_foreign_model_accelerates_by_the_thrust_that_a_scale_adds(scale):
     """m (udot' - udot) = (s - 1) T in body axes, at one state and one throttle; the F-16's thrust is along its nose."""
@@ -156,29 +146,6 @@ def test_a_foreign_model_accelerates_by_the_thrust_that_a_scale_adds(scale):
         thrust, slugs = fdm.get("forces/fbx-prop-lbs"), fdm.get("inertia/mass-slugs")
     assert thrust * LBF_N > 5000.0
     assert slugs * (at[1] - at[0]) == pytest.approx((scale - 1.0) * thrust, rel=1e-6)
-
-
-def test_a_round_begins_off_the_bound_at_which_its_start_lies(monkeypatch):
-    """At a bound such as a play of no width nothing changes with the parameter: a search would rest there at once."""
-
-    class Asked(Exception):
-        """Where a search is told to begin."""
-
-    def asked(objective, z, bounds, **_):
-        raise Asked([float((x - low) / (high - low)) for x, low, high in zip(z, *bounds, strict=True)])
-
-    monkeypatch.setattr(gauss_newton, "_flyable", lambda signature, start: start)
-    monkeypatch.setattr(gauss_newton, "least_squares", asked)
-    here = SimpleNamespace(exact=np.zeros(3), chi2=3.0, samples=3)
-    here.afresh = lambda flown: here
-    bounds = np.zeros(3), np.array([1.0, 2.0, 5.0])
-    signature = SimpleNamespace(effect=SimpleNamespace(bounds=bounds, flown=False), base=here)
-    with pytest.raises(Asked) as found:
-        gauss_newton.descend(signature, np.array([0.0, 2.0, 2.5]), np.inf)
-    low, high, inside = found.value.args[0]
-    assert 0.0 < low < 0.1
-    assert 0.9 < high < 1.0
-    assert inside == pytest.approx(0.5)
 
 
 def test_a_reading_leaves_no_start_less_sure_than_none():

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gap_fits import fits
 from scipy.stats import binom, chi2
-from studies.blind.flights import fly_truth
+from studies.blind.flights import SETTLE_S, fly_truth
 from studies.blind.run import believe
 from studies.blind.truth import Truth
 from studies.blind.truths import TRUTHS
@@ -22,11 +23,9 @@ from testbench.flight.air import Gust
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.gusts import called, manoeuvre_of, record_key
 from testbench.questions.gap.export import air_text
-from testbench.questions.gap.search.fit import fit
-from testbench.questions.gap.search.gust_search import GustSearch, sought
+from testbench.questions.gap.name import name_effect
+from testbench.questions.gap.search.gust_search import GustSearch
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.name import name_effect
-from testbench.questions.gap.search.screening import screen
 from testbench.questions.gap.workflow import find_gap
 
 GUST = EFFECTS["gust"]
@@ -122,7 +121,7 @@ def test_a_gust_is_recovered_from_data_without_noise_that_it_made(believed, axis
         data[:, [r.channels.index(c) for c in believed.outputs]] = model.predict(r)
         exact.append(replace(r, data=data))
     start = Hypothesis.at(believed, believed, tuple(exact))
-    found = fit(screen(start, sought(start, GUST)), start.chi2, 0.0, 1)
+    (found,) = fits(believed, exact, GUST)
     assert found is not None
     # 1 % of each: the descent ends where another round promises a thousandth of what is left
     assert found.chi2 < 1e-3 * start.chi2
@@ -211,19 +210,17 @@ def test_calm_flights_are_no_gap(believed, calm):
 def test_what_recurs_in_several_manoeuvres_or_in_one_channel_is_no_gust(believed, kind, sizes):
     records = list(fly_truth("taurus", TRUTHS[kind](sizes, "taurus"), "short", 8).values())
     naming = name_effect(believed, records, effects={"gust": GUST})
-    assert naming.outcome == "unexplained", naming.sentence
+    assert naming.weighed["gust"] < 0.01
+    assert naming.weighed.unknown > 0.9, naming.sentence
 
 
 @pytest.mark.parametrize(
-    ("gust", "outcome"),
-    [
-        (Gust("down", 0.12, 5.0, 0.8), "named"),  # in quiet flight
-        (Gust("down", 0.12, 0.6, 0.8), "unexplained"),  # beside a command
-        (Gust("down", 2.5, 0.6, 0.8), "named"),  # so large that its form is proven
-    ],
+    "gust",
+    [Gust("down", 0.12, 5.0, 0.8), Gust("down", 0.12, 0.6, 0.8), Gust("down", 2.5, 0.6, 0.8)],
+    ids=["in quiet flight", "beside a command", "large, beside a command"],
 )
-def test_beside_a_command_a_gust_must_prove_its_form(believed, gust, outcome):
+def test_a_gust_is_named_with_its_place_wherever_it_is(believed, gust):
     records = list(fly_truth("taurus", Truth(gust=gust), "short", 8).values())
     naming = name_effect(believed, records, effects={"gust": GUST})
-    assert naming.outcome == outcome, naming.sentence
-    assert ("a command is out at that time" in naming.sentence) is (outcome == "unexplained")
+    assert naming.names == ("gust",), naming.sentence
+    assert abs(naming.best.values["start_s"] - SETTLE_S - gust.start_s) < 4.0 * naming.best.errors["start_s"] + 0.05

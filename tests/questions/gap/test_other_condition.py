@@ -5,8 +5,8 @@ from __future__ import annotations
 import tomllib
 from dataclasses import replace
 
-import numpy as np
 import pytest
+from gap_fits import fits
 from gap_flights import CONDITION, ELEVATOR, THROTTLE, believe, measure
 
 from testbench.core.atmosphere import air_density, height_of_density
@@ -16,10 +16,7 @@ from testbench.questions.gap.ask import GapResult
 from testbench.questions.gap.effect_contract import CONDITION as AT
 from testbench.questions.gap.effect_contract import believed, commands, recorded
 from testbench.questions.gap.export import amended_files
-from testbench.questions.gap.priors import PRIORS
-from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.screening import screen
 from testbench.questions.gap.starts import Start, marked
 from testbench.questions.gap.workflow import find_gap
 
@@ -48,12 +45,12 @@ def test_what_all_records_were_flown_in_is_found_over_two_speeds(name, factor, o
     flown = tuple(marked(c, Start(at)) for at in (AT, FASTER) for c in commands())
     records = recorded(b.with_effect(effect, {SIZE[name]: factor}), flown)
     records = tuple(marked(r, Start(at)) for r, at in zip(records, (AT,) * 3 + (FASTER,) * 3, strict=True))
-    start = Hypothesis.at(b, b, records, np.ones(len(PRIORS)))
-    found = fit(screen(start, effect), start.chi2, 0.0, 1)
+    start = Hypothesis.at(b, b, tuple(records))
+    (found,) = fits(b, records, effect)
     assert found.values[SIZE[name]] == pytest.approx(factor, abs=found.errors[SIZE[name]])  # priors draw, and no noise
     assert found.chi2 < 0.02 * start.chi2
     for other in others:
-        instead = fit(screen(start, EFFECTS[other]), start.chi2, 0.0, 1)
+        (instead,) = fits(b, records, EFFECTS[other])
         assert instead is None or instead.chi2 > 3.0 * found.chi2
 
 
@@ -87,7 +84,7 @@ def test_a_hot_day_and_a_misread_airspeed_are_named_with_their_sizes(name, facto
     assert finding.naming.names == (name,), finding.naming.sentence
     best = finding.naming.best
     assert best.values[SIZE[name]] == pytest.approx(factor, abs=4.0 * best.errors[SIZE[name]])
-    assert not finding.parameters
+    assert not finding.naming.coefficients
     written = amended_files(GapResult("case", "title", "question", "eolo", {}, finding, 0, None))
     flown = tomllib.loads(written["condition.toml"])["condition"]
     assert flown["V_m_s"] == pytest.approx(condition.V_m_s, rel=0.02)

@@ -33,7 +33,7 @@ def test_a_soft_slew_limit_is_named_although_its_form_pulls_coefficients_out_of_
     found = answer("soft rudder slew limit", "taurus", {"slew_s": 0.27}, STRONG, ("rudder_rate_limit",))
     assert found.naming.names == ("rudder_rate_limit",), found.naming.sentence
     assert found.naming.best.within > 0.01
-    assert not found.parameters
+    assert not found.naming.coefficients
 
 
 @pytest.mark.slow
@@ -43,7 +43,7 @@ def test_a_linkage_that_loses_is_named_although_a_coefficient_does_most_of_its_w
     found = answer("rudder linkage that loses", "eolo", {"gain": gain}, WEAK, own)
     assert found.naming.names in (("rudder_surface_scale",), ("rudder_curved_linkage",)), found.naming.sentence
     assert found.naming.best.values["scale"] == pytest.approx(gain, rel=0.2)
-    assert not found.parameters
+    assert not found.naming.coefficients
 
 
 @pytest.mark.slow
@@ -51,7 +51,7 @@ def test_a_lost_fin_is_named_although_the_best_multiple_of_what_it_does_lies_at_
     found = answer("lost fin", "taurus", {"share": 0.45}, LOST, ("lost_fin", "mass_error", "drag_increment"))
     assert found.naming.names == ("lost_fin",), found.naming.sentence
     assert found.naming.best.values["share"] == pytest.approx(0.45, rel=0.1)
-    assert not found.parameters
+    assert not found.naming.coefficients
 
 
 @pytest.mark.slow
@@ -68,4 +68,4 @@ def test_a_yaw_damper_that_filters_is_named_with_its_filter(aircraft, share):
     found = answer("yaw damper that filters", aircraft, {"share": share}, WEAK, ("filtered_yaw_damper", "roll_damper"))
     assert found.naming.names == ("filtered_yaw_damper",), found.naming.sentence
     assert found.naming.best.values["lag_s"] == pytest.approx(0.1, rel=0.2)
-    assert not found.parameters
+    assert not found.naming.coefficients

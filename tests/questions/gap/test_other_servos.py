@@ -6,16 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gap_fits import check_sizes, fits
 
 from testbench.core.record import FlightRecord
 from testbench.effects import EFFECTS, SERVOS
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.effect_contract import recorded
-from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
-from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.screening import screen
 from testbench.sensors import load_suite
 
 STOCK = ("taurus", "jsbsim:c172p")
@@ -79,12 +77,11 @@ def test_an_effect_is_found_again_in_data_that_it_made(name):
     """From noise-free records, nuisances free: no more than a fiftieth of the gap is left, its size to 5 %."""
     believed, effect = believe("taurus"), LATERAL[name]
     records = recorded(believed.with_effect(effect, sized(name)), commands())
-    start = Hypothesis.at(believed, believed, records, np.ones(len(PRIORS) + len(LATERAL_PRIORS)))
-    found = fit(screen(start, effect), start.chi2, 0.0, 1)
+    start = Hypothesis.at(believed, believed, tuple(records))
+    (found,) = fits(believed, records, effect)
     assert found is not None
     assert found.chi2 < max(0.02 * start.chi2, 1.0)
-    for parameter, value in sized(name).items():
-        assert found.values[parameter] == pytest.approx(value, rel=0.05)
+    check_sizes(found, sized(name), 0.05)
 
 
 def test_names_of_other_controls_say_whose_they_are():

@@ -17,7 +17,7 @@ from studies.blind.truths import TRUTHS
 from testbench.core.scratch import Scratch
 from testbench.effects import EFFECTS
 from testbench.flight.executive import Executive
-from testbench.questions.gap.search.name import name_effect
+from testbench.questions.gap.name import name_effect
 from testbench.questions.gap.search.parallel import Ahead, processes, spread
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux only")

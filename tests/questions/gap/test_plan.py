@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
 from testbench.effects import EFFECTS
 from testbench.questions.gap.plan import NEEDED, Grams, as_record, candidates, family, plan_gap, separate, sum_of
-from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.run.scenario import Scenario
 
@@ -88,7 +88,7 @@ def test_a_set_gets_the_manoeuvre_that_separates_it(believed):
     """A thrust line and a mass hardly show in a short elevator input; throttle tells them apart."""
     records = [r.between(0.0, 5.0) for r in measure(believed, 5, duration_s=6.0)[:1]]
     fits = [
-        EffectFit(EFFECTS[n], {EFFECTS[n].parameters[0].name: x}, {}, 0.0, 1.0, 1.0, 1.0, {})
+        SimpleNamespace(effect=EFFECTS[n], values={EFFECTS[n].parameters[0].name: x})
         for n, x in (("thrust_line", 0.05), ("mass_error", 1.1))
     ]
     words = separate(believed, records, fits)
@@ -124,7 +124,7 @@ def test_what_one_airspeed_cannot_separate_gets_another(believed):
     """A pitch damper and the wake of the wing are moments that follow q alike, but not as the airspeed changes."""
     records = measure(believed, 5, duration_s=6.0)[:1]
     fits = [
-        EffectFit(EFFECTS[n], {EFFECTS[n].parameters[0].name: x}, {}, 0.0, 1.0, 1.0, 1.0, {})
+        SimpleNamespace(effect=EFFECTS[n], values={EFFECTS[n].parameters[0].name: x})
         for n, x in (("pitch_damper", 0.02), ("alpha_dot", -5.0))
     ]
     words = separate(believed, records, fits)

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from testbench.flight import load_aircraft
-from testbench.questions.gap.parameters import off_parameters
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS, deviations_of
 from testbench.questions.plan.response import relative_spread
 
@@ -25,15 +22,6 @@ def test_own_numbers_replace_general_ones_and_add_no_nuisance():
     assert (found["Cm_alpha"], found["Cn_r"], found["Cm_q"]) == (0.4, 0.5, PRIORS["Cm_q"])
     assert list(found) == [*PRIORS, *LATERAL_PRIORS]
     assert deviations_of(OWN, PRIORS) == {**PRIORS, "Cm_alpha": 0.4}
-
-
-def test_what_is_off_is_counted_in_the_aircrafts_own_deviations():
-    naming = SimpleNamespace(
-        best=None, ranking=(), chi2_tuned=1e3, chi2_believed=2e3, samples=1000, measured={"Cm_alpha": (1.3, 0.01)}
-    )
-    (found,) = off_parameters(naming)
-    assert found.deviations == pytest.approx(3.0)
-    assert off_parameters(naming, OWN) == ()  # 30 % off, of 40 % that are believed
 
 
 def test_a_hypothesis_starts_from_them():

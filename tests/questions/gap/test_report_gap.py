@@ -14,8 +14,8 @@ import testbench.questions.gap.plan as plan_module
 import testbench.questions.gap.workflow as workflow
 from testbench.effects import EFFECTS
 from testbench.flight import load_aircraft
+from testbench.inference.calibrate import Reliability, Trial
 from testbench.questions.gap.ask import run_flights
-from testbench.questions.gap.controls import Control, Controls
 from testbench.questions.gap.figures import gap_plates
 from testbench.questions.gap.page import gap_page, gap_plan_page
 from testbench.questions.gap.records import Flights
@@ -39,27 +39,15 @@ def result():
         return run_flights("eolo", flights, check=False)
 
 
-def test_what_was_given_up_is_no_runner_up_and_no_noise(result):
-    """It "lowers chi-square by 0 (0 %)" was said of effects that no fit had been made of."""
-    naming = result.finding.naming
-    others = [f for f in naming.ranking if f.effect.name not in naming.names]
-    given_up = tuple(replace(f, gain=0.0, flown=False, settled=False) for f in others)
-    finding = replace(result.finding, naming=replace(naming, ranking=(naming.best, *given_up)))
-    assert "runner-up" not in " | ".join(finding.sentences)
-    ranking = next(t for t in gap_tables(replace(result, finding=finding)) if t.name == "ranking")
-    verdicts = [row[-2] for row in ranking.rows]
-    assert verdicts == ["named"] + ["given up"] * len(others)
-
-
-def test_the_answer_has_size_evidence_runner_up_place_and_shrink(result):
+def test_the_answer_has_size_probability_place_and_shrink(result):
     finding = result.finding
     assert finding.naming.names == ("actuator_lag",)
     text = " | ".join(finding.sentences)
     for words in (
         "lag_rad_s =",
         "±",
-        "; noise alone reaches",
-        "runner-up",
+        "probability 99",
+        "nothing below 0.1 %",
         "over the flight region",
         "held-out again",
     ):
@@ -162,15 +150,22 @@ def test_a_channel_without_a_tolerance_may_not_change_by_more_than_its_noise(res
     assert any("a channel for which no tolerance is given changes by less than its noise" in s for s in quiet.sentences)
 
 
-def test_control_flights_stand_in_the_answer_and_in_a_table(result, tmp_path):
-    flights = (Control(1, "no gap", (), 4.25, 5_100.0), Control(2, "not flown", (), 0.0, 0.0))
-    beside = Controls(flights, gain=9_000.0, chi2=14_000.0)
-    page = gap_page(replace(result, finding=replace(result.finding, controls=beside))).write(tmp_path)[-1]
-    assert beside.sentence.startswith("one control flight of the believed model")
-    assert beside.sentence[1:] in page.read_text(encoding="utf-8")
-    rows = (tmp_path / "tables" / "controls.csv").read_text(encoding="utf-8").splitlines()
-    assert [row.split(",")[0] for row in rows[-3:]] == ["1", "2", "measured"]
-    assert "no gap, which is right" in "".join(rows)
+def test_flights_again_stand_in_the_answer_and_in_a_table(result, tmp_path):
+    trials = [Trial(t, {"actuator_lag": p, "nothing": 1.0 - p}) for t, p in (("actuator_lag", 0.999), ("nothing", 0.1))]
+    again = Reliability((*trials, Trial("thrust_line", {"actuator_lag": 0.995, "nothing": 0.005})))
+    page = gap_page(replace(result, finding=replace(result.finding, again=again))).write(tmp_path)[-1]
+    said = "nswers stated with 99 to 100 % were right in 1 of 2 flights again"
+    assert said in page.read_text(encoding="utf-8").replace("\u00a0", " ")
+    rows = (tmp_path / "tables" / "again.csv").read_text(encoding="utf-8").splitlines()
+    assert rows[-1].startswith("99 to 100,2,")
+
+
+def test_the_ranking_has_all_explanations_and_probabilities_that_add_up(result):
+    (ranking,) = [t for t in gap_tables(result) if t.name == "ranking"]
+    whole, imitates = ([row[k] for row in ranking.rows] for k in (2, 3))
+    assert sum(whole) + sum(imitates) == pytest.approx(100.0)
+    assert [row[0] for row in ranking.rows].count("nothing") == 1
+    assert whole == sorted(whole, reverse=True)
 
 
 def test_every_diff_is_on_the_page(result, tmp_path):

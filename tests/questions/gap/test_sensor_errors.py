@@ -7,16 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from axes import believe, commands
+from gap_fits import check_sizes, fits
 
 from testbench.core.constants import DEG_RAD
 from testbench.effects import EFFECTS, library
 from testbench.questions.gap.effect_contract import recorded
 from testbench.questions.gap.evidence.check import _corrected
 from testbench.questions.gap.evidence.motion import motion_of
-from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
-from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.screening import screen
 from testbench.sensors import Sensor, load_suite
 
 TRUE = {
@@ -36,12 +34,11 @@ def test_an_error_is_found_again_at_its_size_in_data_that_it_made(name):
     b = believe()
     effect = library(b.suite)[name]
     records = recorded(b.with_effect(effect, TRUE[name]), commands())
-    start = Hypothesis.at(b, b, records, np.ones(len(PRIORS) + len(LATERAL_PRIORS)))
-    found = fit(screen(start, effect), start.chi2, 0.0, 1)
+    start = Hypothesis.at(b, b, tuple(records))
+    (found,) = fits(b, records, effect)
     assert found is not None
     assert found.chi2 < max(0.001 * start.chi2, 1.0)
-    for parameter, value in TRUE[name].items():
-        assert found.values[parameter] == pytest.approx(value, rel=0.02)
+    check_sizes(found, TRUE[name], 0.02)
 
 
 def test_a_gyro_that_drifts_reads_a_straight_line_more():

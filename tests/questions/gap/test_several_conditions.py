@@ -25,10 +25,10 @@ from testbench.questions.gap.ask import run_gap
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.air import in_air, listen
 from testbench.questions.gap.evidence.felt import felt
+from testbench.questions.gap.name import name_effect
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.search.gust_search import GustSearch
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.starts import KEY, Start, marked, start_of
 from testbench.questions.gap.workflow import find_gap
 from testbench.sensors import load_suite, suite_toml

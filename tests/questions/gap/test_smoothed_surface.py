@@ -16,8 +16,8 @@ from testbench.questions.gap.evidence.commanded import begins_quietly
 from testbench.questions.gap.evidence.gust_filter import GustFilter
 from testbench.questions.gap.evidence.gust_model import GustModel
 from testbench.questions.gap.evidence.smoothed import smoothed
-from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.retune import retune
 
 HALF_A_DEGREE = 5.0 * NOISE_RAD
 

@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from axes import believe, commands
+from gap_fits import check_sizes, fits
 from studies.blind.servos import backlash
 
 from testbench.aircraft import Aircraft
@@ -21,10 +22,7 @@ from testbench.flight.batch.model import batch_model
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.effect_contract import OF_AIRCRAFT, OF_WORDS, Trial, recorded
-from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
-from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.screening import screen
 from testbench.sensors import load_suite
 
 CONDITIONS = {
@@ -151,12 +149,11 @@ def test_it_is_found_again_in_data_that_it_made(name):
     channels = ("de_cmd", "da_cmd", "dr_cmd", "thr_cmd")
     throttle = FlightRecord(t_s=t, channels=channels, data=data, kind="measured")
     records = recorded(b.with_effect(effect, TRUE[name]), (throttle, commands()[2]))
-    start = Hypothesis.at(b, b, records, np.ones(len(PRIORS) + len(LATERAL_PRIORS)))
-    found = fit(screen(start, effect), start.chi2, 0.0, 1)
+    start = Hypothesis.at(b, b, tuple(records))
+    (found,) = fits(b, records, effect)
     assert found is not None
     assert found.chi2 < max(0.02 * start.chi2, 1.0), f"{start.chi2:.4g} to {found.chi2:.4g}: {found.values}"
-    for parameter, value in TRUE[name].items():
-        assert found.values[parameter] == pytest.approx(value, rel=0.05)
+    check_sizes(found, TRUE[name], 0.05)
 
 
 def test_a_quick_servo_with_a_dead_band_is_a_play_of_twice_its_half_width():
@@ -190,8 +187,8 @@ def test_a_linkage_of_another_ratio_is_told_from_a_stronger_engine_where_thrust_
     data = np.column_stack([np.zeros_like(t), thr])
     commanded = FlightRecord(t_s=t, channels=("de_cmd", "thr_cmd"), data=data, kind="measured")
     records = recorded(b.with_effect(EFFECTS[true], {"scale": 1.4}), (commanded,))
-    start = Hypothesis.at(b, b, records, np.ones(len(PRIORS)))
-    found, mistaken = (fit(screen(start, EFFECTS[k]), start.chi2, 0.0, 1) for k in (true, other))
+    start = Hypothesis.at(b, b, records)
+    found, mistaken = fits(b, records, EFFECTS[true], EFFECTS[other])
     assert found.values["scale"] == pytest.approx(1.4, rel=0.02)
     assert found.chi2 < 0.02 * start.chi2
     assert mistaken.chi2 > 3.0 * found.chi2

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from studies.blind.parts import UNSEEN
 
 from testbench.effects import library
 from testbench.effects.base import together
 from testbench.flight import load_aircraft
+from testbench.questions.gap.explain import (
+    P_COEFFICIENT,
+    P_EFFECT,
+    P_IN_PART,
+    P_NOTHING,
+    P_OPEN,
+    P_PAIR,
+    Weighed,
+    percent,
+    wrong_coefficient,
+)
 from testbench.questions.gap.part_figure import _REGIONS, _region, part_plate
 from testbench.questions.gap.parts import part_names, parts_of
 from testbench.questions.gap.verdict import Verdict
-from testbench.questions.gap.weighed import P_IN_PART, Weighed, percent
 from testbench.sensors import load_suite
 
 EFFECTS = {
@@ -57,7 +69,7 @@ def weighed(**evidence):
         SimpleNamespace(name=name, posterior=SimpleNamespace(log_whole=whole, log_part=part))
         for name, (whole, part) in evidence.items()
     )
-    return Weighed(SimpleNamespace(rows=rows), {n: EFFECTS[n] for n in evidence if n != "nothing"}, 50)
+    return Weighed(SimpleNamespace(rows=rows), {n: EFFECTS[n] for n in evidence if n != "nothing"}, 50, 5)
 
 
 def test_probabilities_are_prior_times_evidence_and_add_up():
@@ -78,9 +90,41 @@ def test_an_effect_that_needs_an_unknown_motion_imitates_what_the_library_lacks(
     assert found["actuator_lag"] < 1e-100
     assert found.unknown == pytest.approx(1.0)
     assert found.credible() == ("unknown",)
-    assert found.sentence.endswith(
-        "something that the library lacks above 99.9 %, which lag of the elevator servo imitates"
+    assert found.decide() == ("partial", ("actuator_lag",))
+
+
+@pytest.mark.parametrize(
+    ("evidence", "said"),
+    [
+        ({"nothing": (0.0, -5.0), "actuator_lag": (2.0, -5.0)}, ("no gap", ())),  # one of fifty gains as much by chance
+        ({"nothing": (-90.0, -50.0), "actuator_lag": (0.0, -5.0)}, ("named", ("actuator_lag",))),
+        (
+            {"nothing": (-90.0, -50.0), "actuator_lag": (0.0, -5.0), "rate_limit": (-1.0, -5.0)},
+            ("set", ("actuator_lag", "rate_limit")),
+        ),
+        ({"nothing": (-90.0, 0.0), "actuator_lag": (-80.0, 0.0)}, ("unexplained", ())),
+        ({"nothing": (-90.0, -40.0), "actuator_lag": (-80.0, 0.0)}, ("partial", ("actuator_lag",))),
+    ],
+)
+def test_what_is_said_is_what_is_most_probable(evidence, said):
+    assert weighed(**evidence).decide() == said
+
+
+def test_the_prior_is_shared_by_all_of_a_kind_and_recorded_surfaces_multiply():
+    one, other = EFFECTS["actuator_lag"], EFFECTS["alpha_scale"]
+    both, wrong = together(one, other), wrong_coefficient("Cm_de")
+    rows = tuple(
+        SimpleNamespace(name=n, posterior=SimpleNamespace(log_whole=0.0, log_part=-np.inf))
+        for n in ("nothing", one.name, both.name, wrong.name, "term")
     )
+    effects = {one.name: one, both.name: both, wrong.name: wrong, "term": other}
+    plain = Weighed(SimpleNamespace(rows=rows), effects, 50, 5, 200, ("term",))
+    ratio = {n: plain[n] / plain.nothing * P_NOTHING for n in effects}
+    assert ratio == pytest.approx(
+        {one.name: P_EFFECT / 50, both.name: P_PAIR / 1225, wrong.name: P_COEFFICIENT / 5, "term": P_OPEN / 200}
+    )
+    told = replace(plain, told={one.name: 3.0})
+    assert told[one.name] / told.nothing == pytest.approx(np.exp(3.0) * plain[one.name] / plain.nothing)
 
 
 def test_no_probability_is_said_to_be_certain():

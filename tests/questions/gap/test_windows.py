@@ -46,8 +46,8 @@ from testbench.questions.gap.evidence.commanded import (
 )
 from testbench.questions.gap.free_start import FreeStart
 from testbench.questions.gap.in_windows import in_windows
-from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis, fly_together
+from testbench.questions.gap.search.retune import retune
 from testbench.questions.gap.window_length import windows_of
 from testbench.questions.gap.windows import LEAD_S, LONGEST_S, begin_freely, cut, longest
 from testbench.questions.gap.workflow import find_gap

@@ -18,7 +18,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: two workers 
 from smallest import results, sized
 from studies.blind.cases import SHORT, WITHOUT, Case, counts_of, draw, opened, seal
 from studies.blind.report import write_report
-from studies.blind.rows import leave_with, look_at_rest, run_case
+from studies.blind.rows import leave_with, run_case
 
 SEED = 20261210
 COUNTS = counts_of("main")
@@ -50,29 +50,20 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--report", action="store_true", help="write the summary of the rows that are there, run nothing"
     )
-    parser.add_argument(
-        "--rest", action="store_true", help="look at what the names of rows leave that were made before that was asked"
-    )
     asked = parser.parse_args(arguments)
     asked.out.mkdir(parents=True, exist_ok=True)
     rows_file = asked.out / "rows.jsonl"
     cases, digest = _sealed(asked.out, asked.seed, asked.strata)
-    done, left = _read(rows_file), _read(asked.out / "rest.jsonl")
+    done = _read(rows_file)
     stop = None if asked.minutes is None else time.monotonic() + 60.0 * asked.minutes
-    if asked.rest:
-        due = [partial(look_at_rest, c, v, done[n]) for n, c, v in _named(cases, done) if n not in left][: asked.cases]
-        for row in _kept(asked.out / "rest.jsonl", _rows(due, asked.workers, stop)):
-            left[row["case"]] = row
-            print(f"{len(left)} {row['case']}: {row.get('rest')}", flush=True)
-    elif not asked.report:
+    if not asked.report:
         due = [partial(run_case, c, v, only=asked.effects) for c, v in _in_turn(cases) if c.name + v not in done][
             : asked.cases
         ]
         for row in _kept(rows_file, _rows(due, asked.workers, stop)):
             done[row["case"]] = row
             print(f"{len(done)} {row['case']}: {row['outcome']} {' | '.join(row['names'])}", flush=True)
-    rows = {n: {**r, **left.get(n, {})} for n, r in done.items()}
-    write_report(asked.out, cases, rows, digest, asked.seed)
+    write_report(asked.out, cases, done, digest, asked.seed)
     print(f"summary: {asked.out / 'README.md'}")
     return 0
 
@@ -84,16 +75,6 @@ def _kept(file: Path, rows: Iterable[dict[str, Any]]) -> Generator[dict[str, Any
             out.write(json.dumps(row) + "\n")
             out.flush()
             yield row
-
-
-def _named(
-    cases: tuple[Case, ...], rows: Mapping[str, Mapping[str, Any]]
-) -> Generator[tuple[str, Case, str], None, None]:
-    """Yield (row, case, variant) of rows in still air, from six manoeuvres, that give a name and say no rest of it."""
-    for case, variant in _in_turn(cases):
-        row = rows.get(case.name + variant)
-        if row and row["names"] and "rest" not in row and variant != SHORT and not case.turbulence_rms_m_s:
-            yield case.name + variant, case, variant
 
 
 def _rows(

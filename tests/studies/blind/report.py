@@ -26,9 +26,8 @@ from studies.blind.score import (
 )
 
 from testbench.core.proportion import proportion_interval
-from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.decide import more_than_form
 
+_NOISE = 1e-3  # probability below which what a name leaves is told from noise
 _CASES = (
     "case", "manoeuvres", "aircraft", "hidden", "right", "verdict", "said", "best", "share", "runner_up", "removed",
     "cpu_s",
@@ -177,7 +176,6 @@ def _page(
         *(_line(r, bars=False) for r in rates(two, bars=False)),
         "",
         *_names_without(six),
-        *_rests(six),
         "## Part",
         "",
         "An effect acts in a part of the aircraft (testbench/questions/gap/parts.py). A call had the right part if the "
@@ -210,12 +208,12 @@ def _names_without(six: Sequence[Score]) -> list[str]:
     named = [s for s in six if _flew_without(s) and s.row["without"]["names"]]
     if not named:
         return []
-    noise = [chi2.sf(s.row["without"]["chi2_left"], s.row["without"]["samples"]) > CRITERIA.false_alarm for s in named]
+    noise = [chi2.sf(s.row["without"]["chi2_left"], s.row["without"]["samples"]) > _NOISE for s in named]
     return [
         "## Names where the true effect is not in the library",
         "",
         f"Of the {len(named)} that were given, {sum(noise)} leave nothing that is told from noise (chi-square, "
-        f"probability {CRITERIA.false_alarm:g}): these manoeuvres hold nothing against them.",
+        f"probability {_NOISE:g}): these manoeuvres hold nothing against them.",
         "",
         "| hidden, and taken out | said | leaves noise |",
         "|---|---|---|",
@@ -225,44 +223,6 @@ def _names_without(six: Sequence[Score]) -> list[str]:
         ),
         "",
     ]
-
-
-def _rests(six: Sequence[Score]) -> list[str]:
-    """Return how often something stands against a name: beside right ones, and where the true effect is taken out."""
-    named = {
-        f"{form} form, right": [s.row for s in six if s.case.stratum == f"{form} form" and s.verdict == "right"]
-        for form in ("library", "other")
-    }
-    named["true effect taken out, false"] = [s.row["without"] for s in six if _flew_without(s)]
-    looked = {words: [r for r in rows if r["names"] and "rest" in r] for words, rows in named.items()}
-    if not any(looked.values()):
-        return []
-    return [
-        "## What stands against a name",
-        "",
-        "In still air the report of a gap says whether another effect beside the named one would explain more of what "
-        f"it leaves than noise ({CRITERIA.least:g} of chi-square) or its form (one part in {1.0 / CRITERIA.form:.0f}) "
-        f"is worth. A name is refused where that is more than {100.0 * CRITERIA.form_in_place:.0f} % of what it gains, "
-        "or where its size lies at the "
-        "end of its physical range; rows that give such names were made before that.",
-        "",
-        "| names | looked at | of the rest, something could be explained | size at the end of its range | neither "
-        "| refused now |",
-        "|---|---|---|---|---|---|",
-        *(
-            f"| {words} | {len(rows)} | {sum(bool(r['rest']) for r in rows)} | "
-            f"{sum(bool(r.get('beyond')) for r in rows)} | "
-            f"{sum(not (r['rest'] or r.get('beyond')) for r in rows)} | {sum(_refused(r) for r in rows)} |"
-            for words, rows in looked.items()
-        ),
-        "",
-    ]
-
-
-def _refused(row: Mapping[str, Any]) -> bool:
-    """Return whether a name that a row gives is refused by what was added after the row was made."""
-    much = bool(row["rest"]) and more_than_form(row["rest"]["gain"], row["gain"])
-    return bool(row.get("beyond")) or (much and len(row["names"]) == 1)
 
 
 def _call(name: str, part: int, effect: int, cases: int) -> str:

@@ -8,11 +8,11 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from studies.blind.cases import SHORT, WITHOUT, Case
-from studies.blind.run import look_again, name_case
+from studies.blind.run import name_case
 
 from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
@@ -30,12 +30,6 @@ def run_case(case: Case, variant: str = "", simulator: Simulator = "auto", only:
     except Refusal as error:
         row = {"outcome": "failed", "names": [], "why": str(error)}
     return {"case": case.name + variant, **row}
-
-
-def look_at_rest(case: Case, variant: str, row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what another effect would explain beside the name that a row gives; of rows made before that was asked."""
-    found = look_again(case.aircraft, _records(case, variant), row, _taken_out(case, variant))
-    return {"case": case.name + variant, **(found or {"skipped": True})}
 
 
 def _records(case: Case, variant: str) -> dict[str, FlightRecord]:

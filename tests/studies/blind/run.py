@@ -13,18 +13,14 @@ from studies.blind.flights import RATE_HZ, condition, suite
 from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
 from testbench.effects import OTHER_SERVOS, Effect, library
-from testbench.effects.base import together
 from testbench.flight import load_aircraft
 from testbench.flight.batch.jobs import Simulator
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.decide import Naming, Rest, judged, rest
 from testbench.questions.gap.evidence.air import listen
+from testbench.questions.gap.explain import Naming
+from testbench.questions.gap.parts import parts_of
 from testbench.questions.gap.result import GapFinding
-from testbench.questions.gap.search.fit import EffectFit
-from testbench.questions.gap.search.gauss_newton import retune
-from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.workflow import find_gap, search
+from testbench.questions.gap.workflow import Sought, find_gap, search
 
 
 def believe(aircraft: str, simulator: Simulator = "auto", draw: str = "main") -> Believed:
@@ -56,45 +52,20 @@ def name_case(
     naming_records = list(records.values())
     effects = {n: e for n, e in _without(believed, without).items() if not only or n in only}
     heard = listen(believed, naming_records)
-    in_found_air, naming, heard = search(believed, naming_records, heard, lambda stage: None, effects)
-    naming, left = judged(naming, in_found_air, naming_records, list(held_out.values()), effects)
+    sought = Sought(effects, held_out=list(held_out.values()))
+    _, naming, heard = search(believed, naming_records, heard, lambda stage: None, sought)
     return {
         **_row(naming),
-        "rest": _rest(left),
         "turbulence_rms_m_s": heard.rms_m_s if heard.moves else 0.0,
         "removed": _removed(believed, naming, list(held_out.values())),
         "seconds": since(began),
     }
 
 
-def look_again(
-    aircraft: str, records: Mapping[str, FlightRecord], row: Mapping[str, Any], without: Sequence[str] = ()
-) -> dict[str, Any] | None:
-    """Return what another effect would explain beside the name of a row, as :func:`name_case` says it in later rows.
-
-    None if the values of the row do not lead back to what it left: a delay that scatters has a likelihood of its own.
-    """
-    believed, flown = believe(aircraft), tuple(records.values())
-    effects, everything = _without(believed, without), library(believed.suite)
-    parts = [everything[name] for name in row["best"].split(" + ")]
-    effect = together(*parts) if parts[1:] else parts[0]
-    point = retune(Hypothesis.at(believed, believed.with_effect(effect, row["values"]), flown))
-    if abs(point.chi2 - row["chi2_left"]) > CRITERIA.least:
-        return None
-    fit = EffectFit(
-        effect, row["values"], row["errors"], point.chi2, row["gain"], 0.0, row["share"] or np.nan, point.by_name
-    )
-    return {"rest": _rest(rest(fit, believed, flown, effects)), "beyond": list(fit.beyond)}
-
-
 def _without(believed: Believed, out: Sequence[str]) -> dict[str, Effect]:
     """Return the library less some effects and those of which they are special cases."""
     gone = set(out)
     return {n: e for n, e in library(believed.suite).items() if n not in gone and gone.isdisjoint(e.contains)}
-
-
-def _rest(left: Rest | None) -> dict[str, Any] | None:
-    return None if left is None else {"effect": left.effect.name, "gain": left.gain}
 
 
 def _row(naming: Naming) -> dict[str, Any]:
@@ -115,6 +86,21 @@ def _row(naming: Naming) -> dict[str, Any]:
         "chi2_believed": naming.chi2_believed,
         "chi2_tuned": naming.chi2_tuned,
         "samples": naming.samples,
+        **probabilities(naming),
+    }
+
+
+def probabilities(naming: Naming) -> dict[str, Any]:
+    """Return what is stated of a naming: of its names, of nothing, of something unknown, of the parts it calls."""
+    weighed = naming.weighed
+    called = [e for f in naming.ranking if f.effect.name in naming.names for e in f.effect.singles]
+    return {
+        "stated": [weighed[name] for name in naming.names],
+        "nothing": weighed.nothing,
+        "unknown": weighed.unknown,
+        "credible": list(weighed.credible()),
+        "part": weighed.part([p.name for p in parts_of(called)]),
+        "kappa": 0.0 if naming.best is None else naming.best.kappa,
     }
 
 
@@ -174,7 +160,10 @@ def found_row(find: Callable[[], GapFinding]) -> dict[str, Any]:
         "values": {k: float(v) for k, v in first.values.items()} if first else {},
         "gain": float(first.gain) if first else 0.0,
         "accused": [
-            [p.name, float(p.factor), float(p.error), [f.effect.name for f in p.rivals]] for p in found.parameters
+            [n, float(f.nuisances[n]), float(f.spread[n]), [x for x in naming.names if x != f.effect.name]]
+            for f in naming.coefficients
+            for n in f.coefficients
         ],
+        **probabilities(naming),
         "seconds": since(began),
     }

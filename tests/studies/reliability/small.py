@@ -200,7 +200,7 @@ CASES = {
     "response": Case("response {at}log.toml --window 5 -o {at}out", ("log.csv", "log.toml")),
     "modes": Case("modes {at}modes.toml -o {at}out", ("modes.toml",)),
     "gap show": Case(f"{_GAP} --workers 1", ("gap.toml",), most=True, prepare=one_height),
-    "gap show, with control flights": Case(f"{_GAP} --workers 2 --controls 2", ("gap.toml",), workers=True,
+    "gap show, with flights again": Case(f"{_GAP} --workers 2 --again 2", ("gap.toml",), workers=True,
                                            prepare=one_height),
     "gap new": Case("gap new {at}mine.toml {at}flown --aircraft taurus", ("flown",)),
     "design": Case("design {at}design.toml -o {at}out", ("design.toml",), most=True, prepare=few_designs),

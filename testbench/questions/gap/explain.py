@@ -1,0 +1,368 @@
+"""Explanations of what a model lacks, by their probabilities; what is said of them is decided here and nowhere else.
+
+Hypotheses are nothing, each effect that comes near, pairs of them, each coefficient that may be wrong and each term
+that forces follow; each as the whole story, or as what imitates something that the library lacks; and an unknown motion
+alone (:mod:`testbench.inference.compare`). All have the re-tuned coefficients, the noise scale of every channel and the
+form error of the effect as unknowns. What is left of the unknown motion beside an effect tells the whole story from a
+part of it, whatever the noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.special import logsumexp
+
+from testbench.aircraft import Aircraft
+from testbench.core.errors import LimitError, TrimError
+from testbench.core.record import FlightAborted, FlightRecord
+from testbench.core.words import with_error
+from testbench.effects import Effect
+from testbench.effects.base import Values, together
+from testbench.inference.compare import Comparison
+from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.parts import part_names
+from testbench.questions.gap.priors import LATERAL_PRIORS
+from testbench.sensors import SensorSuite
+
+# Prior probabilities before any flight; judged. Those of one kind share them alike.
+P_NOTHING, P_EFFECT, P_PAIR, P_COEFFICIENT, P_OPEN, P_STRANGER = 0.40, 0.30, 0.05, 0.10, 0.05, 0.10
+P_IMITATED = 0.5  # that something which the library lacks is imitated, better than by an unknown motion alone
+P_IN_PART = 0.41  # that it then acts in the same part: 35 of 86 calls of the blind test that named nothing
+SURE = 0.9  # probability from which one explanation is named
+CREDIBLE = 0.95  # of all that the library explains, held by the set that is named
+VISIBLE = 4.0  # standard deviations of the noise's chi-square by which an excess is shared out
+SAID = 0.01  # probability from which an explanation is spoken of
+IMITATES = 0.1  # share of what the library lacks from which an effect is said to imitate it
+SEPARATES = "flights at another airspeed or of another amplitude, or a sensor on the surface"
+
+
+def _as_it_is(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    return aircraft, suite
+
+
+def wrong_coefficient(*names: str) -> Effect:
+    """Return "this is far off" as an explanation among the effects: its prior is wide, nothing is added to the model.
+
+    Several coefficients are one explanation, as several effects are.
+    """
+    if len(names) > 1:
+        both = together(*map(wrong_coefficient, names))
+        return replace(both, amend=_as_it_is)
+    (name,) = names
+    lateral = name in LATERAL_PRIORS
+    place = {"CL": "lift", "CD": "drag", "Cm": "pitching moment", "Cn": "fin"}.get(name.partition("_")[0], "wing")
+    return Effect(
+        name=name,
+        title=f"a wrong {name}",
+        place=place,
+        physics=f"The believed {name} is further off than its prior allows.",
+        parameters=(),
+        amend=_as_it_is,
+        mistaken_for="an effect that grows with the same motion",
+        separated_by=SEPARATES,
+        lateral=lateral,
+        form_error=0.0,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """One explanation at its best point.
+
+    Attributes:
+        effect: what the model lacks; of a wrong coefficient, see :func:`wrong_coefficient`.
+        values, errors: parameter -> estimate and standard error, all else being unknown.
+        nuisances: coefficient -> factor on what is believed, re-tuned beside it.
+        spread: coefficient -> standard error of the factor.
+        chi2: weighted sum of squares that it leaves as flown, and the price of the coefficients.
+        gain: fall of ``chi2`` against the believed model with its coefficients re-tuned.
+        share: share of the excess over the noise that it explains, 0 to 1; NaN if there hardly is one.
+        probability: that it is the whole story.
+        imitates: probability that something which the library lacks does nearly this.
+        kappa: share of the motion that an unknown motion still needs beside it.
+    """
+
+    effect: Effect
+    values: Mapping[str, float]
+    errors: Mapping[str, float]
+    nuisances: Mapping[str, float]
+    spread: Mapping[str, float]
+    chi2: float
+    gain: float
+    share: float
+    probability: float
+    imitates: float
+    kappa: float
+
+    def added_to(self, believed: Believed) -> Believed:
+        """Return ``believed`` re-tuned and with the effect, as they were fitted."""
+        return believed.with_nuisances(self.nuisances).with_effect(self.effect, self.values)
+
+    @property
+    def coefficients(self) -> tuple[str, ...]:
+        """The coefficients that are wrong, if that is what is explained; none of an effect."""
+        return () if self.effect.parameters else tuple(e.name for e in self.effect.singles)
+
+    @property
+    def size(self) -> str:
+        """Parameters with their standard errors, in words."""
+        if self.coefficients:
+            told = [with_error(self.nuisances[name], self.spread[name]) for name in self.coefficients]
+            return f"{' and '.join(told)} times the believed value"
+        units = {p.name: p.unit for p in self.effect.parameters}
+        return ", ".join(
+            f"{n} = {with_error(v, self.errors[n])}" + (f" {units[n]}" if units[n] != "1" else "")
+            for n, v in self.values.items()
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """Probabilities of all explanations, together 1.
+
+    Attributes:
+        table: the comparison that they follow from, the hypothesis "nothing" in it.
+        effects: what the other hypotheses of the table say, by name.
+        seen: number of effects that were sought, which share the prior.
+        tried: number of terms that forces might follow, which share theirs.
+        terms: names of the hypotheses that are such terms.
+        coefficients: number of coefficients that may be wrong, likewise.
+        told: ln of the likelihood ratio that recorded surfaces give an explanation, by name.
+    """
+
+    table: Comparison
+    effects: Mapping[str, Effect]
+    seen: int
+    coefficients: int
+    tried: int = 1
+    terms: tuple[str, ...] = ()
+    told: Mapping[str, float] = field(default_factory=dict)
+
+    def _prior(self, name: str) -> tuple[float, float]:
+        """Return the prior of an explanation as the whole story, and how many share that of imitation."""
+        effect = self.effects[name]
+        several = len(effect.singles)
+        one, count = (P_EFFECT, self.seen) if effect.parameters else (P_COEFFICIENT, self.coefficients)
+        if name in self.terms:
+            one, count = P_OPEN, self.tried
+        ways = max(math.comb(count, several), 1)
+        alike = max(math.comb(self.seen, several), 1) if not effect.parameters else ways
+        return one * (P_PAIR / P_EFFECT) ** (several - 1) / ways, alike
+
+    @cached_property
+    def _log(self) -> dict[tuple[str, str], float]:
+        """Return (hypothesis, "whole" or "imitated") -> ln of its prior times its evidence."""
+        out = {}
+        for row in self.table.rows:
+            found = row.posterior
+            if row.name == "nothing":
+                out["nothing", "whole"] = math.log(P_NOTHING) + found.log_whole
+                out["nothing", "imitated"] = math.log(P_STRANGER * (1.0 - P_IMITATED)) + found.log_part
+                continue
+            whole, alike = self._prior(row.name)
+            told = self.told.get(row.name, 0.0)
+            out[row.name, "whole"] = math.log(whole) + found.log_whole + told
+            out[row.name, "imitated"] = math.log(P_STRANGER * P_IMITATED / alike) + found.log_part + told
+        return out
+
+    @cached_property
+    def _probability(self) -> dict[tuple[str, str], float]:
+        total = float(logsumexp(list(self._log.values())))
+        return {key: math.exp(v - total) for key, v in self._log.items()}
+
+    @property
+    def nothing(self) -> float:
+        """Probability that the model lacks nothing but what coefficients within their priors are."""
+        return self._probability["nothing", "whole"]
+
+    @property
+    def unknown(self) -> float:
+        """Probability of something that no effect of the library is, whether one imitates it or none."""
+        return sum(p for (_, how), p in self._probability.items() if how == "imitated")
+
+    def __getitem__(self, name: str) -> float:
+        """Return the probability that an explanation is the whole story; 0 if it was not weighed."""
+        return self._probability.get((name, "whole"), 0.0)
+
+    def imitates(self, name: str) -> float:
+        """Return the probability that what the library lacks does nearly this; of "nothing", that no effect is near."""
+        return self._probability.get((name, "imitated"), 0.0)
+
+    def part(self, names: Sequence[str]) -> float:
+        """Return the probability that what the model lacks acts in parts of these names and in no others.
+
+        An effect that imitates what the library lacks has the right part with :data:`P_IN_PART`.
+        """
+        total = 0.0
+        for (name, how), p in self._probability.items():
+            if name != "nothing" and set(part_names(self.effects[name])) <= set(names):
+                total += p * (1.0 if how == "whole" else P_IN_PART)
+        return total
+
+    def credible(self, probability: float = CREDIBLE) -> tuple[str, ...]:
+        """Return the fewest explanations that hold so much probability together: effects, "nothing", "unknown"."""
+        said = {name: self[name] for name in self.effects} | {"nothing": self.nothing, "unknown": self.unknown}
+        return _fewest(said, probability)
+
+    def decide(self) -> tuple[str, tuple[str, ...]]:
+        """Return outcome and names, see :class:`Naming`: what is most probable, of nothing, the library and neither."""
+        own = {name: self[name] for name in self.effects}
+        known = sum(own.values())
+        if self.nothing >= max(known, self.unknown):
+            return "no gap", ()
+        if known >= self.unknown:
+            names = _fewest(own, CREDIBLE * known)
+            return ("named" if own[names[0]] >= SURE else "set"), names
+        near = max(own, key=self.imitates, default="")
+        if near and self.imitates(near) > 0.5 * self.unknown:
+            return "partial", (near,)
+        return "unexplained", ()
+
+
+def _fewest(said: Mapping[str, float], probability: float) -> tuple[str, ...]:
+    total, out = 0.0, []
+    for name in sorted(said, key=lambda n: -said[n]):
+        out.append(name)
+        total += said[name]
+        if total >= probability:
+            break
+    return tuple(out)
+
+
+def percent(p: float) -> str:
+    """Return a probability in words, never as certain."""
+    if p > 0.999:
+        return "above 99.9 %"
+    return f"{100.0 * p:.3g} %" if p >= 1e-3 else "below 0.1 %"
+
+
+@dataclass(frozen=True, eq=False)
+class Naming:
+    """What was named.
+
+    Attributes:
+        outcome: "no gap"; "named"; "set": one of several, which are not told apart; "partial": something that the
+            library lacks, which an effect imitates; "unexplained": something that nothing imitates.
+        names: the named explanation, or the set, the most probable first; empty otherwise. Two effects at once are one
+            name, "A + B".
+        ranking: all explanations that were flown, the most probable first.
+        weighed: their probabilities.
+        chi2_believed: weighted sum of squares of the believed model, nothing re-tuned.
+        chi2_tuned: the same after re-tuning the nuisances within their priors.
+        nuisances: nuisance -> value of that re-tuning.
+        samples: number of samples in those sums.
+        rejected: effect that was not flown -> why.
+    """
+
+    outcome: str
+    names: tuple[str, ...]
+    ranking: tuple[Explanation, ...]
+    weighed: Weighed
+    chi2_believed: float
+    chi2_tuned: float
+    nuisances: Mapping[str, float]
+    samples: int
+    rejected: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def best(self) -> Explanation | None:
+        """The explanation that is added, if any."""
+        return next((f for f in self.ranking if self.names and f.effect.name == self.names[0]), None)
+
+    @property
+    def measured(self) -> dict[str, tuple[float, float]]:
+        """Coefficient -> (factor on what is believed, standard error) by these records alone, without any effect.
+
+        Of the Gaussian posterior of each, its prior is divided out; infinite where the records say nothing.
+        """
+        found = self.weighed.table["nothing"].posterior
+        out = {}
+        for p in found.parameters:
+            value, error = found[p.name]
+            told = error**-2.0 - p.prior_std**-2.0
+            out[p.name] = (
+                ((value * error**-2.0 - p.prior_std**-2.0) / told, told**-0.5) if told > 0.0 else (1.0, math.inf)
+            )
+        return out
+
+    @property
+    def off(self) -> dict[str, tuple[float, float]]:
+        """Coefficients re-tuned by more than their prior deviation, with what the records alone say of them."""
+        found = self.weighed.table["nothing"].posterior
+        far = [p.name for p in found.parameters if abs(found[p.name][0] - p.value) > p.prior_std]
+        return {n: v for n, v in self.measured.items() if n in far}
+
+    @property
+    def coefficients(self) -> tuple[Explanation, ...]:
+        """Coefficients that are wrong, if that is what is named, or one of the set."""
+        return tuple(f for f in self.ranking if f.coefficients and f.effect.name in self.names)
+
+    @property
+    def sentence(self) -> str:
+        """The outcome in words."""
+        w, best = self.weighed, self.best
+        if best is None:
+            sure = percent(w.nothing if self.outcome == "no gap" else w.unknown)
+            if self.outcome == "no gap":
+                out = f"no gap: coefficients within what is believed and noise explain all, probability {sure}"
+            else:
+                out = f"unexplained: something that the library lacks and no effect of it imitates, probability {sure}"
+            off = [f"{n} {with_error(f, e)}" for n, (f, e) in self.off.items()]
+            return f"{out}; re-tuned, times what is believed: {', '.join(off)}" if off else out
+        what = f"{best.effect.title}: {best.size}"
+        explained = "" if math.isnan(best.share) else f"; it explains {100 * best.share:.1f} % of the excess over noise"
+        if self.outcome == "named":
+            return f"{what}; probability {percent(best.probability)}{explained}"
+        if self.outcome == "partial":
+            return (
+                f"unexplained as a whole: something that the library lacks, probability {percent(w.unknown)}; what "
+                f"comes nearest is {what}{explained}. It is added as a partial model: {100.0 * best.kappa:.2g} % of "
+                "the motion is still needed beside it"
+            )
+        named = [f for f in self.ranking if f.effect.name in self.names]
+        told = "; or ".join(f"{f.effect.title}, {f.size} ({percent(f.probability)})" for f in named)
+        others = [f"nothing {percent(w.nothing)}"] if w.nothing >= SAID else []
+        others += [f"something that the library lacks {percent(w.unknown)}"] if w.unknown >= SAID else []
+        head = "one of these, which these data cannot tell apart" if len(named) > 1 or others else "probably"
+        return f"{head}: {'; or '.join([told, *others])}. What separates them: {best.effect.separated_by}"
+
+    @property
+    def probabilities(self) -> str:
+        """All probabilities in words."""
+        w = self.weighed
+        said = [f"{f.effect.title} {percent(f.probability)} ({f.size})" for f in self.ranking if f.probability >= SAID]
+        near = [
+            f.effect.title
+            for f in sorted(self.ranking, key=lambda f: -f.imitates)
+            if w.unknown >= SAID and f.imitates >= IMITATES * w.unknown
+        ]
+        return (
+            "probabilities, noise and coefficients being unknown: "
+            + "; ".join([*said, f"nothing {percent(w.nothing)}"])
+            + f"; something that the library lacks {percent(w.unknown)}"
+            + (f", which {' or '.join(near)} imitates" if near else "")
+        )
+
+
+def share_of_excess(chi2_tuned: float, left: float, samples: int) -> float:
+    """Return the share, 0 to 1, of the excess of ``chi2_tuned`` over the noise that is gone if ``left`` is left.
+
+    NaN if it exceeds the noise by no more than four standard deviations of the noise's chi-square.
+    """
+    excess = chi2_tuned - samples
+    if not excess > VISIBLE * np.sqrt(2.0 * samples):
+        return float("nan")
+    return float(np.clip((chi2_tuned - left) / excess, 0.0, 1.0))
+
+
+def sum_of_squares(model: Believed, records: Sequence[FlightRecord]) -> float:
+    """Return the weighted sum of squares on ``records``; infinite if the model cannot fly them."""
+    try:
+        return float(sum(np.sum(model.residuals(r) ** 2) for r in records))
+    except (FlightAborted, LimitError, TrimError):
+        return float("inf")

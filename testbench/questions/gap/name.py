@@ -1,0 +1,551 @@
+"""Name what a model lacks: explanations that come near by their signatures are flown to rest and compared.
+
+A first stage sees all of the library at its usual sizes, to first order, by one factorisation a size of the unknown
+motion; what comes nearest there is fitted by flights (:mod:`testbench.inference.compare`). Where something that the
+best explanation does not account for is probable, another beside it is sought and flown likewise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from testbench.core.errors import LimitError, ModelError, TrimError
+from testbench.core.record import FlightAborted, FlightRecord, FloatArray
+from testbench.effects import Effect, library
+from testbench.effects import Parameter as EffectParameter
+from testbench.effects.base import together
+from testbench.inference.compare import Hypothesis, Points, Row, compare_hypotheses
+from testbench.inference.linear import KAPPAS, Grams, Linearised, fewer, reduced
+from testbench.inference.parameters import Noise, Parameter, Source
+from testbench.inference.unknown import pulses
+from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.explain import Explanation, Naming, Weighed, share_of_excess, wrong_coefficient
+from testbench.questions.gap.search.gust_search import sought
+from testbench.questions.gap.search.hypothesis import Hypothesis as Point
+from testbench.questions.gap.search.hypothesis import Signature, flown_all, fly_together, linear_all
+from testbench.questions.gap.search.retune import retune
+from testbench.questions.gap.starts import far_apart, times_of
+
+SIZE = 4.0  # prior standard deviation of a size, in multiples of its usual start
+SCALE = 0.7  # least prior standard deviation of ln of a parameter that is a scale: a factor of two either way
+WIDE = 10.0  # the same of a coefficient that is wrong, in multiples of that of its prior
+MOST = 7  # effects that are flown: those that come nearest
+BEGINS = 2  # points from which an effect is fitted, the best first
+BESIDE = 4  # effects that are flown beside each of the best
+COEFFICIENTS = 3  # coefficients that are flown: those that come nearest
+NEEDS = 0.1  # probability of something unknown from which another is sought beside the two best, not the best alone
+PARTNER = 8.0  # in ln p to first order: what another must gain beside an effect to be flown; neither decides anything
+INVISIBLE = 1e-2  # chi-square of what an effect changes at its starts, below which it cannot be seen
+_NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
+
+
+def name_effect(
+    believed: Believed,
+    records: Sequence[FlightRecord],
+    progress: Callable[[str], None] | None = None,
+    effects: Mapping[str, Effect] | None = None,
+    pairs: bool = True,
+    source: Source = "simulated",
+    further: Mapping[str, Effect] | None = None,
+    terms: Mapping[str, Effect] | None = None,
+    tried: int = 1,
+    told: Callable[[Effect], float] | None = None,
+    held_out: Sequence[FlightRecord] = (),
+) -> Naming:
+    """Weigh all that the library explains of ``records``, and name what is probable.
+
+    Args:
+        believed: aircraft, sensors and condition as believed.
+        records: measured records.
+        progress: called with a few words as each stage begins.
+        effects: the library, by name; that of the suite if not given.
+        pairs: where one effect does not explain all, try two at once, or three.
+        source: where the noise of the sensors comes from.
+        further: effects that are sought only in a place where one of the library comes near.
+        terms: that forces and moments may follow, see :mod:`.open_set`.
+        tried: how many terms these are the best of.
+        told: what recorded surfaces say of an effect, twice ln of their likelihood ratio.
+        held_out: measured records that judge.
+
+    Raises:
+        FlightAborted, TrimError, LimitError: the believed aircraft itself does not survive the measured commands.
+    """
+    say = progress or (lambda text: None)
+    for record in records:
+        believed.check_commands(record)
+    asker = _Asker(believed, tuple(records), source, told or (lambda effect: 0.0))
+    say("re-tune the believed model")
+    base = asker.tuned
+    say("look through the library")
+    known = library(believed.suite, believed.aircraft) if effects is None else effects
+    known = {n: sought(base, e) for n, e in known.items()}
+    rejected = {n: why for n, e in known.items() if (why := not_sought(base, e))}
+    known = {n: e for n, e in known.items() if n not in rejected}
+    near = asker.near([*known.values(), *(terms or {}).values()])
+    places = {one.effect.place for one in near[:MOST]}
+    new = {n: e for n, e in (further or {}).items() if e.place in places and n not in known}
+    more = {n: e for n, e in new.items() if not not_sought(base, e)}
+    if more:
+        known |= more
+        near = sorted([*near, *asker.near(list(more.values()))], key=lambda one: -one.log)
+    rejected |= dict.fromkeys(known.keys() - {one.effect.name for one in near}, "these records cannot show it")
+    flown = near[:MOST]
+    wrong = asker.wrong()[:COEFFICIENTS]
+    say(f"fly {len(flown)} effects that come nearest")
+    asked = [asker.nothing(), *(asker.coefficient(n) for n in wrong)]
+    shown = {n: wrong_coefficient(n) for n in wrong}
+    for one in flown:
+        if (hypothesis := asker.effect(one)) is not None:
+            asked.append(hypothesis)
+            shown[one.effect.name] = one.effect
+    seen = max(1, len(known) - len(rejected.keys() & known.keys()))
+
+    def weighed() -> Weighed:
+        found = compare_hypotheses(records, asked, asker.noise, asker.unknown, held_out, samples=0, ahead=asker.ahead)
+        named = tuple(n for n in shown if n in (terms or {}))
+        by_surface = {n: 0.5 * asker.told(e) for n, e in shown.items()}
+        return Weighed(found, dict(shown), seen, len(base.priors), tried, named, by_surface)
+
+    out = weighed()
+    for several in (1, 2) if pairs else ():
+        if out.nothing > 0.5:
+            break
+        fewest, had = 2 if several == 1 and out.unknown > NEEDS else 1, len(asked)
+        rows = {row.name: row for row in out.table.rows}
+        order = sorted(shown, key=lambda n: -rows[n].log_evidence)
+        if not shown[order[0]].parameters and len(shown[order[0]].singles) == several:
+            have = [e.name for e in shown[order[0]].singles]
+            for name in [n for n in asker.wrong(*have) if n not in have][:COEFFICIENTS]:
+                asked.append(asker.coefficient(*have, name))
+                shown[asked[-1].name] = wrong_coefficient(*have, name)
+        order = [n for n in order if shown[n].parameters]
+        for name in [n for n in order[: fewest + several - 1] if len(shown[n].singles) == several][:fewest]:
+            say(f"seek another effect beside {shown[name].title}")
+            others = [e for e in known.values() if e.name not in rejected]
+            near_it = [one for one in asker.beside(shown[name], rows[name], others) if one.gain > PARTNER]
+            for one in near_it[:BESIDE]:
+                names = {e.name for e in one.effect.singles}
+                if any(names == {e.name for e in other.singles} for other in shown.values()):
+                    continue
+                if (hypothesis := asker.effect(one)) is not None:
+                    asked.append(hypothesis)
+                    shown[one.effect.name] = one.effect
+        if len(asked) == had:
+            break
+        asked = [asker.at_rest(one, rows[one.name]) if one.name in rows else one for one in asked]
+        out = weighed()
+    behind = {one.effect.name: near[0].log - one.log for one in near}
+    rejected |= {n: f"ln p of its signature lies {behind[n]:.3g} behind the nearest" for n in behind if n not in shown}
+    return asker.named(out, rejected)
+
+
+def not_sought(base: Point, effect: Effect) -> str:
+    """Return why an effect is not sought in these records, or ""."""
+    if effect.lateral and not base.lateral:
+        return "these records cannot show it: neither aileron nor rudder moves"
+    if effect.over_time is not None and not far_apart(times_of(base.records)):
+        return "these records cannot show it: none is said to be flown a minute or more after another (flown_at_s)"
+    return "" if effect.looks else f"looked for in every record, no {effect.name} stands out of one"
+
+
+@dataclass(frozen=True, eq=False)
+class _Near:
+    """An effect with the sizes and coefficients that fits begin with, and ln p of the best of them to first order.
+
+    ``gain`` is what it lies above the point about which it was seen.
+    """
+
+    effect: Effect
+    begins: tuple[tuple[Mapping[str, float], Mapping[str, float]], ...]
+    log: float
+    gain: float
+
+    def with_(self, other: _Near) -> _Near:
+        """Return it with the beginnings of another one of the same effect, which is less probable."""
+        return replace(self, begins=(*self.begins, *other.begins)[:BEGINS])
+
+
+@dataclass(eq=False)
+class _Asker:
+    """What the hypotheses about some records have in common."""
+
+    believed: Believed
+    records: tuple[FlightRecord, ...]
+    source: Source
+    told: Callable[[Effect], float]
+    moved: dict[int, FloatArray] = field(default_factory=dict)  # by an unknown motion, of each record
+    models: dict[str, Callable[[Mapping[str, float]], Believed]] = field(default_factory=dict)  # of each hypothesis
+
+    @cached_property
+    def start(self) -> Point:
+        """The believed model as it is."""
+        return Point.at(self.believed, self.believed, self.records)
+
+    @cached_property
+    def tuned(self) -> Point:
+        """The believed model re-tuned, without any effect."""
+        return retune(self.start)
+
+    @cached_property
+    def tangents(self) -> dict[int, dict[str, FloatArray]]:
+        """By record: coefficient -> change of the prediction (n, p)."""
+        out = {}
+        for record, T in zip(self.records, self.tuned.by_record(self.tuned.tangents), strict=True):
+            slopes = -T * self.believed.noise_std[:, None]
+            out[id(record)] = {name: slopes[:, :, i] for i, name in enumerate(self.tuned.priors)}
+        return out
+
+    @cached_property
+    def noise(self) -> Noise:
+        """What is believed of the noise."""
+        b = self.believed
+        return Noise(dict(zip(b.outputs, b.noise_std.tolist(), strict=True)), self.source)
+
+    @property
+    def bases(self) -> list[Point]:
+        """Where effects are looked for: beside re-tuned coefficients, and believed ones where these are strained.
+
+        An effect whose work re-tuned coefficients do, far from their priors, promises nothing beside them.
+        """
+        d = self.tuned.deviations
+        return [self.tuned, self.start] if float(d @ d) > 2.0 * len(d) else [self.tuned]
+
+    def near(self, effects: Sequence[Effect]) -> list[_Near]:
+        """Return effects that can be seen, the most probable first, by what they change at usual sizes."""
+        best: dict[str, _Near] = {}
+        for base in self.bases:
+            for one in self._near(base, effects, np.zeros((base.exact.size, 0)), np.zeros(0), np.zeros(0)):
+                name = one.effect.name
+                pair = sorted([one, *([best[name]] if name in best else [])], key=lambda n: -n.log)
+                best[name] = pair[0].with_(pair[-1]) if len(pair) > 1 else one
+        return sorted(best.values(), key=lambda one: -one.log)
+
+    def beside(self, first: Effect, row: Row, effects: Sequence[Effect]) -> list[_Near]:
+        """Return pairs of an effect that was fitted and another, the most probable first."""
+        found = row.posterior
+        at = {p.name: v for p, v in zip(found.parameters, found.values.tolist(), strict=True)}
+        sizes = [p for p in found.parameters if p.block == "effect"]
+        values = _split(first, row)[0]
+        base = self.tuned.moved(self.believed.with_effect(first, values), self.tuned.vector(at))
+        if base is None:
+            return []
+        points = [at, *({**at, p.name: at[p.name] + _step(p, at[p.name])} for p in sizes)]
+        self.ahead([(first.name, x) for x in points])
+        models = [self.models[first.name](x) for x in points]
+        flown = [
+            np.concatenate([(self._read(m, r) / self.believed.noise_std).ravel() for r in self.records]) for m in models
+        ]
+        own = [np.nan_to_num((y - flown[0]) / _step(p, at[p.name])) for p, y in zip(sizes, flown[1:], strict=True)]
+        columns = np.column_stack(own) if own else np.zeros((base.exact.size, 0))
+        offset = np.array([p.value - at[p.name] for p in sizes])
+        others = [e for e in effects if e.name not in {s.name for s in first.singles}]
+        out = []
+        for one in self._near(base, others, -columns, offset, np.array([p.prior_std for p in sizes])):
+            both, own_name = together(*first.singles, one.effect), "" if first.parts else f"{first.name}."
+            known = {f"{own_name}{n}": v for n, v in values.items()}
+            begins = [
+                (known | {f"{one.effect.name}.{n}": v for n, v in own_values.items()}, beside)
+                for own_values, beside in one.begins
+            ]
+            out.append(replace(one, effect=both, begins=tuple(begins)))
+        return sorted(out, key=lambda one: -one.log)
+
+    def _near(
+        self, base: Point, effects: Sequence[Effect], own: FloatArray, offset: FloatArray, std: FloatArray
+    ) -> list[_Near]:
+        """Return effects with the sizes to begin with by what they change at their usual sizes about a point.
+
+        To first order residuals are r = X d + Y s - a S + U u + e: coefficients d and sizes s of what the point has
+        already have their priors, an effect S is seen in a multiple a of what it changes, a ~ N(0, SIZE^2), beside an
+        unknown motion u of every size. One factorisation a size serves all effects.
+        """
+        b = self.believed
+        seen = list(_signatures(base, effects))
+        if not seen:
+            return []
+        shared = np.column_stack([base.tangents, own])
+        X, k = np.column_stack([-shared, *(-s for *_, s in seen)]), shared.shape[1]
+        grams = []
+        for record, left, columns in zip(self.records, base.by_record(base.exact), base.by_record(X), strict=True):
+            taken = b.taken(record)
+            grams.append(Grams.made(Linearised(left, columns, self._unknown(record, taken), taken)))
+        mean = np.concatenate([-base.deviations * base.prior_std, offset])
+        std = np.concatenate([base.prior_std, std])
+        logs, multiples, without = [], [], []
+        for kappa in KAPPAS:
+            found = reduced(grams, np.ones(len(b.outputs)), kappa)
+            factor = cho_factor(found.A[:k, :k] + np.diag(std**-2.0))
+            v = found.b - found.A[:, :k] @ mean
+            across = found.A[:k, k:]
+            precision = np.diag(found.A)[k:] - np.sum(across * cho_solve(factor, across), axis=0) + SIZE**-2.0
+            a = (v[k:] - across.T @ cho_solve(factor, v[:k])) / precision
+            alone = found.log_evidence(mean, std, range(k))
+            logs.append(alone + 0.5 * a**2 * precision - 0.5 * np.log(SIZE**2 * precision))
+            multiples.append(a)
+            without.append(alone)
+        best, most = np.argmax(logs, axis=0), np.max(logs, axis=0)
+        most = most + np.array([0.5 * self.told(e) for e, *_ in seen])
+        out: dict[str, _Near] = {}
+        for i in np.argsort(-most, kind="stable"):
+            effect, x, _ = seen[i]
+            start = _multiplied(effect, x, float(multiples[best[i]][i]))
+            values = dict(zip((q.name for q in effect.parameters), start, strict=True))
+            one = _Near(effect, ((values, base.by_name),), float(most[i]), float(most[i]) - max(without))
+            out[effect.name] = out[effect.name].with_(one) if effect.name in out else one
+        return list(out.values())
+
+    def wrong(self, *wide: str) -> list[str]:
+        """Return the coefficients, the one first that gains most by a wide prior, to first order.
+
+        Those of ``wide`` have one already.
+        """
+        base, b = self.tuned, self.believed
+        grams = []
+        for record, left, T in zip(
+            self.records, base.by_record(base.exact), base.by_record(base.tangents), strict=True
+        ):
+            taken = b.taken(record)
+            grams.append(Grams.made(Linearised(left, -T, self._unknown(record, taken), taken)))
+        mean, logs, names = -base.deviations * base.prior_std, list[list[float]](), list(base.priors)
+        each = [np.where([n in (*wide, name) for n in names], WIDE, 1.0) * base.prior_std for name in names]
+        for kappa in KAPPAS:
+            found = reduced(grams, np.ones(len(b.outputs)), kappa)
+            logs.append([found.log_evidence(mean, std) for std in each])
+        return [names[i] for i in np.argsort(-np.max(logs, axis=0), kind="stable")]
+
+    def _unknown(self, record: FlightRecord, taken: NDArray[np.bool_]) -> FloatArray:
+        return fewer(self.unknown(record) / self.believed.noise_std[:, None], taken)
+
+    def unknown(self, record: FlightRecord) -> FloatArray:
+        """Return what an unknown motion does to a record, its mean and what an unknown start changes taken out."""
+        if id(record) not in self.moved:
+            b, there = self.believed, self.believed.at(record)
+            U = pulses(there.linear, b.outputs, there.condition.V_m_s, record)
+            own = [b.in_noise_units(record, U[:, :, j]) for j in range(U.shape[2])]
+            self.moved[id(record)] = np.stack(own, axis=2) * b.noise_std[:, None]
+        return self.moved[id(record)]
+
+    @cached_property
+    def coefficients(self) -> tuple[Parameter, ...]:
+        """The coefficients that are re-tuned beside every hypothesis."""
+        return tuple(Parameter(n, "aircraft", 1.0, s) for n, s in self.tuned.priors.items())
+
+    def nothing(self) -> Hypothesis:
+        """Return the hypothesis that coefficients within their priors are all."""
+        return self._asked("nothing", self.coefficients, self.tuned.by_name, lambda values: self.believed)
+
+    def coefficient(self, *names: str) -> Hypothesis:
+        """Return the hypothesis that a coefficient, or several, are wrong, which is all."""
+        own = tuple(replace(p, prior_std=WIDE * p.prior_std) if p.name in names else p for p in self.coefficients)
+        return self._asked(" + ".join(names), own, self.tuned.by_name, lambda values: self.believed)
+
+    def effect(self, one: _Near) -> Hypothesis | None:
+        """Return the hypothesis that an effect is what the model lacks; None if it cannot fly where it begins."""
+        effect = one.effect
+        own = {p.name: f"{effect.name}.{p.name}" for p in effect.parameters}
+        scales = {p.name for p in effect.parameters if is_scale(p)}
+        sizes = tuple(size_of(own[p.name], p, one.begins[0][0][p.name]) for p in effect.parameters)
+        begins = [
+            {**beside, **{own[n]: float(np.log(v)) if n in scales else v for n, v in values.items()}}
+            for values, beside in one.begins
+        ]
+
+        def flown(values: Mapping[str, float]) -> Believed:
+            at = {n: float(np.exp(values[name])) if n in scales else values[name] for n, name in own.items()}
+            return self.believed.with_effect(effect, at)
+
+        for k, begin in enumerate(begins):
+            try:
+                asked = self._asked(effect.name, (*self.coefficients, *sizes), begin, flown, effect.form_error)
+            except _NOT_FLOWN:
+                continue
+            if self._flies(asked):
+                return replace(asked, more=begins[k + 1 :])
+        return None
+
+    def ahead(self, points: Points) -> None:
+        """Fly points of several hypotheses together; they are found when they are asked for."""
+        fly_together([self.models[name](values) for name, values in points], self.records)
+
+    def _flies(self, hypothesis: Hypothesis) -> bool:
+        first = hypothesis.first
+        self.ahead([(hypothesis.name, first)])
+        return all(np.any(np.isfinite(hypothesis.predict(record, first))) for record in self.records)
+
+    def at_rest(self, hypothesis: Hypothesis, row: Row) -> Hypothesis:
+        """Return a hypothesis that begins where its fit came to rest."""
+        there = replace(hypothesis, begin=row.posterior.by_name)
+        return there if self._flies(there) else hypothesis
+
+    def _asked(
+        self,
+        name: str,
+        parameters: tuple[Parameter, ...],
+        begin: Mapping[str, float],
+        flown: Callable[[Mapping[str, float]], Believed],
+        form_error: float = 0.0,
+    ) -> Hypothesis:
+        """Return a hypothesis whose flights begin, where starts are free, as they do at its first point."""
+        priors = self.tuned.priors
+
+        def tuned(model: Believed, values: Mapping[str, float]) -> Believed:
+            return model.with_nuisances({n: values[n] for n in priors})
+
+        first = {p.name: begin.get(p.name, p.value) for p in parameters}
+        starts = tuned(flown(first), first).begun_at(self.records)
+
+        def model(values: Mapping[str, float], with_effect: bool = True) -> Believed:
+            there = flown(values) if with_effect else self.believed
+            return tuned(there, values).beginning(starts, there=True)
+
+        def signature(record: FlightRecord, values: Mapping[str, float]) -> FloatArray:
+            change = self._read(model(values), record) - self._read(model(values, False), record)
+            return np.asarray(form_error * np.nan_to_num(change))
+
+        self.models[name] = model
+        return Hypothesis(
+            name,
+            parameters,
+            lambda record, values: self._read(model(values), record),
+            begin=begin,
+            slopes=lambda record: self.tangents[id(record)],
+            form=signature if form_error else None,
+        )
+
+    def _read(self, model: Believed, record: FlightRecord) -> FloatArray:
+        """Return what a model says the sensors read (n, p), means and unknown starts fitted; NaN if it cannot fly."""
+        outputs = self.believed.outputs
+        try:
+            return np.asarray(record.columns(outputs) - model.residuals(record) * self.believed.noise_std)
+        except _NOT_FLOWN:
+            return np.full((len(record), len(outputs)), np.nan)
+
+    def named(self, weighed: Weighed, rejected: Mapping[str, str]) -> Naming:
+        """Return what is named by the probabilities, all explanations flown at their best points."""
+        rows = {row.name: row for row in weighed.table.rows}
+        at = {name: _split(weighed.effects.get(name), row) for name, row in rows.items()}
+        models = [
+            self.believed if name == "nothing" else self.believed.with_effect(weighed.effects[name], values)
+            for name, (values, *_) in at.items()
+        ]
+        points = self.tuned.moved_all(models, [self.tuned.vector(nuisances) for *_, nuisances, _ in at.values()])
+        left = {}
+        for (name, (*_, nuisances, _)), point in zip(at.items(), points, strict=True):
+            d = {n: (f - 1.0) / self.tuned.priors[n] for n, f in nuisances.items() if n not in name.split(" + ")}
+            left[name] = np.inf if point is None else float(point.exact @ point.exact + sum(x * x for x in d.values()))
+        nothing, samples = min(left["nothing"], self.start.chi2), self.tuned.samples
+        fits = []
+        for name, effect in weighed.effects.items():
+            values, errors, nuisances, spread = at[name]
+            fits.append(
+                Explanation(
+                    effect,
+                    values,
+                    errors,
+                    nuisances,
+                    spread,
+                    left[name],
+                    max(nothing - left[name], 0.0),
+                    share_of_excess(nothing, left[name], samples),
+                    weighed[name],
+                    weighed.imitates(name),
+                    rows[name].posterior.kappa,
+                )
+            )
+        outcome, names = weighed.decide()
+        ranking = tuple(sorted(fits, key=lambda f: (-f.probability, -rows[f.effect.name].log_evidence)))
+        nuisances = at["nothing"][2]
+        return Naming(outcome, names, ranking, weighed, self.start.chi2, nothing, nuisances, samples, rejected)
+
+
+def _split(
+    effect: Effect | None, row: Row
+) -> tuple[dict[str, float], dict[str, float], dict[str, float], dict[str, float]]:
+    """Return sizes and their errors, coefficients and theirs, of a row."""
+    found = row.posterior
+    at = {p.name: found[p.name] for p in found.parameters}
+    own = {} if effect is None else {p.name: at.pop(f"{effect.name}.{p.name}") for p in effect.parameters}
+    scales = () if effect is None else [p.name for p in effect.parameters if is_scale(p)]
+    own |= {n: (float(np.exp(own[n][0])), float(np.exp(own[n][0])) * own[n][1]) for n in scales}
+    beside = at
+    return (
+        {n: v for n, (v, _) in own.items()},
+        {n: e for n, (_, e) in own.items()},
+        {n: v for n, (v, _) in beside.items()},
+        {n: e for n, (_, e) in beside.items()},
+    )
+
+
+def _signatures(base: Point, effects: Sequence[Effect]) -> Iterator[tuple[Effect, FloatArray, FloatArray]]:
+    """Yield effects, their usual sizes that records can show, and what they change there; all are flown together."""
+    each = [(effect, x) for effect in effects for x in starts_of(effect)]
+    models = [Signature(base, effect).tuned_model(x) for effect, x in each]
+    flown = [i for i, (effect, _) in enumerate(each) if effect.flown]
+    linear = [i for i, (effect, _) in enumerate(each) if not effect.flown]
+    ends = flown_all([models[i].beginning(base.starts) for i in flown], base.records)
+    of = {i: end - base.exact for i, end in zip(flown, ends, strict=True) if end is not None}
+    ends = linear_all([models[i] for i in linear], base.records)
+    of |= {i: base.linear - end for i, end in zip(linear, ends, strict=True) if end is not None}
+    for i, (effect, x) in enumerate(each):
+        if i in of and np.all(np.isfinite(of[i])) and of[i] @ of[i] > INVISIBLE:
+            yield effect, x, of[i]
+
+
+def starts_of(effect: Effect) -> list[FloatArray]:
+    """Return every combination of the parameters' starts, each (p,)."""
+    return [np.array(s) for s in product(*(p.starts for p in effect.parameters))]
+
+
+def _multiplied(effect: Effect, x: FloatArray, multiple: float) -> list[float]:
+    """Return usual sizes with that of the one size of the effect multiplied, within its bounds."""
+    out, sizes = x.tolist(), [i for i, q in enumerate(effect.parameters) if q.none is not None]
+    for i in sizes if len(sizes) == 1 else ():
+        q = effect.parameters[i]
+        none = q.none or 0.0
+        least = -3.0 if q.low < none < q.high else 0.1
+        size = none + float(np.clip(multiple, least, 3.0)) * (x[i] - none)
+        out[i] = float(np.clip(size, 0.98 * q.low + 0.02 * none, 0.98 * q.high + 0.02 * none))
+    return out
+
+
+def _step(parameter: Parameter, value: float) -> float:
+    """Return the step of a difference that stays within the bounds of a parameter."""
+    step = parameter.difference
+    return step if value + step <= parameter.high else -step
+
+
+def is_scale(parameter: EffectParameter) -> bool:
+    """Return whether a parameter is positive and known to no more than its order: a lag, a limit, a frequency."""
+    known = parameter.none is not None or parameter.prior is not None
+    return not known and parameter.low > 0.0 and parameter.high >= 10.0 * parameter.low
+
+
+def size_of(name: str, parameter: EffectParameter, value: float) -> Parameter:
+    """Return the prior of a parameter of an effect, whose fit begins at ``value``.
+
+    A size has its prior about no effect, as wide as the usual starts; what is no size, about its starts. Of a scale it
+    is the prior of its logarithm.
+    """
+    low, high = parameter.low, parameter.high
+    if is_scale(parameter):
+        starts = np.log(parameter.starts)
+        std = max(float(np.ptp(starts)), SCALE)
+        return Parameter(
+            name, "effect", float(np.mean(starts)), std, "1", float(np.log(low)), float(np.log(high)), 1e-3
+        )
+    if parameter.prior is not None:
+        mean, std = parameter.prior[0], parameter.prior[0] * parameter.prior[1]
+    elif parameter.none is not None:
+        mean, std = parameter.none, SIZE * max(abs(s - parameter.none) for s in parameter.starts)
+    else:
+        mean = float(np.mean(parameter.starts))
+        std = max(float(np.ptp(parameter.starts)), 0.5 * abs(mean), 0.1 * (high - low))
+    step = 1e-3 * max(abs(value), 1e-2 * std)
+    return Parameter(name, "effect", min(max(mean, low), high), std, parameter.unit, low, high, step)
