@@ -175,7 +175,6 @@ class Case:
         status: with which it ends.
         most: it is one of the ten that write most.
         workers: it works in several processes.
-        module: what is run.
         prepare: called in the process before the command, see :mod:`studies.reliability.shorter`.
     """
 
@@ -185,7 +184,6 @@ class Case:
     status: int = 0
     most: bool = False
     workers: bool = False
-    module: str = "testbench"
     prepare: Callable[[], object] | None = None
 
 
@@ -240,10 +238,8 @@ CASES = {
     "exercise check": Case("exercise check {at}handed", ("handed",), status=1),
     "check": Case("check {at}run.toml {at}plan.toml", ("run.toml", "plan.toml")),
     "list": Case("list scenarios"),
-    "blind test": Case("--strata nothing=2 --effects thrust_line --workers 2 --out {at}out", module="studies.blind",
-                       workers=True),
 }  # fmt: skip
-"""Name -> case. The blind test is a study, and no command."""
+"""Name -> case."""
 
 
 def leaves(group: Any = None, above: str = "") -> Iterator[str]:

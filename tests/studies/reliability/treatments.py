@@ -66,7 +66,7 @@ Found = tuple[str, str]
 def digests(place: Path) -> dict[str, str]:
     """Return file -> SHA-256 of what lies in a folder, without times; of a store, of its rows: its pages keep history.
 
-    Rows of the blind test are sorted: two workers end in any order. An empty folder counts; locks do not.
+    An empty folder counts; locks do not.
     """
     found = {}
     for path in sorted(place.rglob("*")):
@@ -82,8 +82,6 @@ def digests(place: Path) -> dict[str, str]:
             content = re.sub(_TIMES[path.name], b"", content)
         if path.suffix in _DATED:
             content = re.sub(rb"20\d\d-\d\d-\d\d \d\d:\d\d", b"", content)
-        if path.name == "rows.jsonl":
-            content = b"\n".join(sorted(content.splitlines()))
         found[name] = hashlib.sha256(content).hexdigest()
     return found
 
@@ -169,7 +167,7 @@ class Trials:
         lasts = wanted.ended.took_s
         with self.room(case) as (place, around):
             around = replace(around, fresh=fresh)
-            running = Running(words_of(case.words), place, around, case.module)
+            running = Running(words_of(case.words), place, around)
             if k % 3 == 0:
                 moment = f"after {1e3 * (at := float(rng.uniform(0.0, 0.05))):.0f} ms"
                 over = running.wait(at)
@@ -236,9 +234,9 @@ class Trials:
         """Run a command twice at once: one does it, the other does it, too, or is refused in one line."""
         case, wanted = CASES[name], self.undisturbed(name)
         with self.room(case) as (place, around):
-            running = [Running(words_of(case.words), place, around, case.module)]
+            running = [Running(words_of(case.words), place, around)]
             running[0].wait(0.3 * int(number) * wanted.ended.took_s)
-            running.append(Running(words_of(case.words), place, around, case.module))
+            running.append(Running(words_of(case.words), place, around))
             both = [process.ended() for process in running]
             said = f"statuses {both[0].status} and {both[1].status}"
             for ended in both:
@@ -287,7 +285,7 @@ class Trials:
                 for path in (place, *place.rglob("*")):
                     path.chmod(0o555 if path.is_dir() else 0o444)
             around = replace(around, streams=streams, gone=gone, plain=locked)
-            ended = Running(words_of(case.words, f"{place}/" if gone else ""), place, around, case.module).ended()
+            ended = Running(words_of(case.words, f"{place}/" if gone else ""), place, around).ended()
             allowed = {case.status}
             if ">/dev/full" in streams or gone or locked:
                 allowed |= {2, 3}
@@ -313,11 +311,9 @@ PLACES = GONE, LOCKED = "no working directory", "no right to write"
 
 
 def treatments(case: Case) -> list[str]:
-    """Return what is done to a case in the whole study; the blind test, a study itself, is stopped only."""
+    """Return what is done to a case in the whole study."""
     counted = {"stopped": (MOST, OTHERS), **EACH}
     out = [f"{kind} {k}" for kind, (most, others) in counted.items() for k in range(most if case.most else others)]
-    if case.module != "testbench":
-        return [name for name in out if name.startswith("stopped")]
     return [*out, *STREAM_TREATMENTS, *PLACES]
 
 
@@ -398,7 +394,7 @@ def other(place: Path, wanted: Wanted) -> list[str]:
 
 
 def _done(words: str, place: Path, around: Around, case: Case) -> Ended:
-    return Running(words_of(words), place, around, case.module).ended()
+    return Running(words_of(words), place, around).ended()
 
 
 def _damage(path: Path, k: int) -> Callable[[bytes, np.random.Generator], bytes]:
