@@ -27,8 +27,6 @@ WHOLE = FlightRecord(T, ("de", "q"), np.radians(np.column_stack([DE, Q])), "meas
     [
         ("report.html", "<dt>cost</dt><dd>1 ms</dd> b", "<dt>cost</dt><dd>2 ms</dd> b", "<dt>cost</dt><dd>1 ms</dd> c"),
         ("cases.csv", "a,none,1.3\nb,none,1.4\n", "a,none,1.5\nb,none,1.3\n", "a,wrong,1.3\nb,none,1.4\n"),
-        ("rows.jsonl", '{"case": 1, "seconds": 1.5}\n{"case": 2, "seconds": 3}\n',
-         '{"case": 2, "seconds": 1.0}\n{"case": 1, "seconds": 2}\n', '{"case": 1, "seconds": 1.5}\n'),
         ("plan.csv", "1.5\n", "1.5\n", "1.6\n"),
     ],
 )  # fmt: skip
@@ -45,8 +43,8 @@ def test_a_row_that_is_lost_or_doubled_is_seen(tmp_path):
     rows = ['{"case": 1, "seconds": 1}\n', '{"case": 2, "seconds": 1}\n']
     found = []
     for lines in (rows, rows[:1], [*rows, rows[1]]):
-        (tmp_path / "rows.jsonl").write_text("".join(lines), encoding="utf-8")
-        found.append(digests(tmp_path)["rows.jsonl"])
+        (tmp_path / "cells.jsonl").write_text("".join(lines), encoding="utf-8")
+        found.append(digests(tmp_path)["cells.jsonl"])
     assert len(set(found)) == 3
 
 

@@ -47,7 +47,6 @@ _PAGES = ("report.html", "index.html", "checksums.sha256")  # written last: with
 _TIMES = {
     # of a campaign, and of a benchmark, whose tables have a column of it: numbers are compared in tables/
     "report.html": rb"<dt>(cost|processor time)</dt><dd>[^<]*</dd>|<td class=\"number\">[^<]*</td>",
-    "rows.jsonl": rb'"seconds": [^}]*',
     "cells.jsonl": rb'"seconds": [\d.e-]*',
     "benchmark.json": rb'"seconds": [\d.e-]*',
     "methods.json": rb'"seconds": [\d.e-]*',
