@@ -188,6 +188,8 @@ class Comparison:
     """Hypotheses, the most probable first, as ``arviz_stats.compare`` tables them."""
 
     rows: tuple[Row, ...]
+    fits: Mapping[str, tuple[Hypothesis, _Fit]] = field(default_factory=dict, repr=False)
+    """By name; a later comparison of the same records goes on from them."""
 
     def __getitem__(self, name: str) -> Row:
         """Return the row of a hypothesis."""
@@ -260,6 +262,7 @@ def compare_hypotheses(
     air: Unknown | None = None,
     samples: int = 128,
     ahead: Callable[[Points], None] | None = None,
+    before: Comparison | None = None,
 ) -> Comparison:
     """Compare hypotheses about measured records by their evidence, noise and unknown motion being uncertain.
 
@@ -273,6 +276,8 @@ def compare_hypotheses(
         air: what each standard deviation of the gusts of a record does to the channels, likewise.
         samples: of importance sampling, where a posterior is not Gaussian; with 0 nothing is sampled.
         ahead: called with all that is predicted next, of all hypotheses together.
+        before: an earlier comparison of the same records: hypotheses that it holds are not fitted again, and of one of
+            the same name that begins elsewhere the better fit is kept.
 
     Raises:
         RecordError: a record is not measured, or lacks a channel that has noise.
@@ -291,17 +296,20 @@ def compare_hypotheses(
             raise RecordError(f"hypotheses are compared on measured records, got one of kind '{record.kind}'")
         if missing := [c for c in noise.channels if c not in record]:
             raise RecordError(f"every record must have the channels of the noise, got one without {missing[0]}")
-    fly, shared = ahead or (lambda points: None), _Shared()
+    fly, known = ahead or (lambda points: None), {} if before is None else before.fits
+    shared = next(iter(known.values()))[1].shared if known else _Shared()
 
     def run(some: Sequence[Hypothesis], scales: FloatArray | None = None) -> list[_Fit]:
         """Return the best fit of each."""
-        begins = [(i, replace(h, begin=b)) for i, h in enumerate(some) for b in (h.begin, *h.more)]
+        new = [(i, h) for i, h in enumerate(some) if h.name not in known or known[h.name][0] is not h]
+        begins = [(i, replace(h, begin=b)) for i, h in new for b in (h.begin, *h.more)]
         fits = _together([_Fit.of(h, records, noise, unknown, air, shared, scales) for _, h in begins], fly)
         of = [[f for (j, _), f in zip(begins, fits, strict=True) if j == i] for i in range(len(some))]
+        of = [[*each, *([known[h.name][1]] if h.name in known else [])] for each, h in zip(of, some, strict=True)]
         return [max(each, key=lambda f: f.log_evidence) for each in of]
 
     (first,) = run(hypotheses[:1])
-    shared.first = shared.most
+    shared.first = shared.most if math.isinf(shared.first) else shared.first
     found = [first, *run(hypotheses[1:], first.scales)]
     odds = np.log([h.odds for h in hypotheses])
     top = max(np.array([f.log_evidence for f in found]) + odds)
@@ -327,7 +335,7 @@ def compare_hypotheses(
                 found[k].posterior(),
             )
         )
-    return Comparison(tuple(rows))
+    return Comparison(tuple(rows), dict(zip(names, zip(hypotheses, found, strict=True), strict=True)))
 
 
 class _Shared:

@@ -36,6 +36,7 @@ from testbench.questions.gap.starts import far_apart, times_of
 SIZE = 4.0  # prior standard deviation of a size, in multiples of its usual start
 SCALE = 0.7  # least prior standard deviation of ln of a parameter that is a scale: a factor of two either way
 WIDE = 10.0  # the same of a coefficient that is wrong, in multiples of that of its prior
+TERMS = 3  # terms that forces follow that are flown
 MOST = 7  # effects that are flown: those that come nearest
 BEGINS = 2  # points from which an effect is fitted, the best first
 BESIDE = 4  # effects that are flown beside each of the best
@@ -91,25 +92,36 @@ def name_effect(
     near = asker.near([*known.values(), *(terms or {}).values()])
     places = {one.effect.place for one in near[:MOST]}
     new = {n: e for n, e in (further or {}).items() if e.place in places and n not in known}
-    more = {n: e for n, e in new.items() if not not_sought(base, e)}
-    if more:
-        known |= more
-        near = sorted([*near, *asker.near(list(more.values()))], key=lambda one: -one.log)
+    new = {n: e for n, e in new.items() if not not_sought(base, e)}
+    known |= new
+    near = sorted([*near, *asker.near(list(new.values()))], key=lambda one: -one.log)
     rejected |= dict.fromkeys(known.keys() - {one.effect.name for one in near}, "these records cannot show it")
-    flown = near[:MOST]
+    open_ = set(terms or {})
+    flown = [one for one in near if one.effect.name not in open_][:MOST]
+    flown += [one for one in near if one.effect.name in open_][:TERMS]
     wrong = asker.wrong()[:COEFFICIENTS]
-    say(f"fly {len(flown)} effects that come nearest")
-    asked = [asker.nothing(), *(asker.coefficient(n) for n in wrong)]
+    say(f"fly {len(flown)} explanations that come nearest")
+    asked = {"nothing": asker.nothing(), **{n: asker.coefficient(n) for n in wrong}}
     shown = {n: wrong_coefficient(n) for n in wrong}
     for one in flown:
-        if (hypothesis := asker.effect(one)) is not None:
-            asked.append(hypothesis)
-            shown[one.effect.name] = one.effect
+        if (hypothesis := asker.effect(one)) is None:
+            rejected[one.effect.name] = "nothing near its usual sizes flies the measured commands"
+        else:
+            asked[one.effect.name], shown[one.effect.name] = hypothesis, one.effect
     seen = max(1, len(known) - len(rejected.keys() & known.keys()))
 
-    def weighed() -> Weighed:
-        found = compare_hypotheses(records, asked, asker.noise, asker.unknown, held_out, samples=0, ahead=asker.ahead)
-        named = tuple(n for n in shown if n in (terms or {}))
+    def weighed(before: Weighed | None = None) -> Weighed:
+        found = compare_hypotheses(
+            records,
+            list(asked.values()),
+            asker.noise,
+            asker.unknown,
+            held_out,
+            samples=0,
+            ahead=asker.ahead,
+            before=None if before is None else before.table,
+        )
+        named = tuple(n for n in shown if n in open_)
         by_surface = {n: 0.5 * asker.told(e) for n, e in shown.items()}
         return Weighed(found, dict(shown), seen, len(base.priors), tried, named, by_surface)
 
@@ -117,33 +129,52 @@ def name_effect(
     for several in (1, 2) if pairs else ():
         if out.nothing > 0.5:
             break
-        fewest, had = 2 if several == 1 and out.unknown > NEEDS else 1, len(asked)
-        rows = {row.name: row for row in out.table.rows}
-        order = sorted(shown, key=lambda n: -rows[n].log_evidence)
-        if not shown[order[0]].parameters and len(shown[order[0]].singles) == several:
-            have = [e.name for e in shown[order[0]].singles]
-            for name in [n for n in asker.wrong(*have) if n not in have][:COEFFICIENTS]:
-                asked.append(asker.coefficient(*have, name))
-                shown[asked[-1].name] = wrong_coefficient(*have, name)
-        order = [n for n in order if shown[n].parameters]
-        for name in [n for n in order[: fewest + several - 1] if len(shown[n].singles) == several][:fewest]:
-            say(f"seek another effect beside {shown[name].title}")
-            others = [e for e in known.values() if e.name not in rejected]
-            near_it = [one for one in asker.beside(shown[name], rows[name], others) if one.gain > PARTNER]
-            for one in near_it[:BESIDE]:
-                names = {e.name for e in one.effect.singles}
-                if any(names == {e.name for e in other.singles} for other in shown.values()):
-                    continue
-                if (hypothesis := asker.effect(one)) is not None:
-                    asked.append(hypothesis)
-                    shown[one.effect.name] = one.effect
-        if len(asked) == had:
+        others = [e for e in known.values() if e.name not in rejected]
+        more = _beside_the_best(asker, out, several, others, say)
+        if not more:
             break
-        asked = [asker.at_rest(one, rows[one.name]) if one.name in rows else one for one in asked]
-        out = weighed()
+        asked |= {e.name: hypothesis for e, hypothesis in more}
+        shown |= {e.name: e for e, _ in more}
+        out = weighed(out)
+        best = max(shown, key=lambda n: out.table[n].log_evidence)
+        for part in shown[best].parts:  # does it without the others where they brought it?
+            if part.name in asked and part.parameters:
+                asked[part.name] = asker.alone(asked[part.name], out.table[best])
+        out = weighed(out)
     behind = {one.effect.name: near[0].log - one.log for one in near}
-    rejected |= {n: f"ln p of its signature lies {behind[n]:.3g} behind the nearest" for n in behind if n not in shown}
+    rejected |= {
+        n: f"ln p of its signature lies {behind[n]:.3g} behind the nearest"
+        for n in behind.keys() - shown.keys() - rejected.keys()
+    }
     return asker.named(out, rejected)
+
+
+def _beside_the_best(
+    asker: _Asker, found: Weighed, several: int, others: Sequence[Effect], say: Callable[[str], None]
+) -> list[tuple[Effect, Hypothesis]]:
+    """Return explanations that have one more than the best of so many effects or coefficients.
+
+    Beside the two best effects another is sought where something unknown is probable, else beside the best.
+    """
+    order = sorted(found.effects, key=lambda n: -found.table[n].log_evidence)
+    best = found.effects[order[0]]
+    out: list[tuple[Effect, Hypothesis]] = []
+    if not best.parameters and len(best.singles) == several:
+        have = [e.name for e in best.singles]
+        for name in [n for n in asker.wrong(*have) if n not in have][:COEFFICIENTS]:
+            out.append((wrong_coefficient(*have, name), asker.coefficient(*have, name)))
+    leading = [found.effects[n] for n in order if found.effects[n].parameters]
+    leading = leading[: 2 if several == 1 and found.unknown > NEEDS else several]
+    known = [{e.name for e in effect.singles} for effect in found.effects.values()]
+    for first in [e for e in leading if len(e.singles) == several]:
+        say(f"seek another effect beside {first.title}")
+        near = [one for one in asker.beside(first, found.table[first.name], others) if one.gain > PARTNER]
+        for one in near[:BESIDE]:
+            names = {e.name for e in one.effect.singles}
+            if names not in known and (hypothesis := asker.effect(one)) is not None:
+                known.append(names)
+                out.append((one.effect, hypothesis))
+    return out
 
 
 def not_sought(base: Point, effect: Effect) -> str:
@@ -379,9 +410,11 @@ class _Asker:
         self.ahead([(hypothesis.name, first)])
         return all(np.any(np.isfinite(hypothesis.predict(record, first))) for record in self.records)
 
-    def at_rest(self, hypothesis: Hypothesis, row: Row) -> Hypothesis:
-        """Return a hypothesis that begins where its fit came to rest."""
-        there = replace(hypothesis, begin=row.posterior.by_name)
+    def alone(self, hypothesis: Hypothesis, row: Row) -> Hypothesis:
+        """Return the hypothesis of one effect that begins where several, of which it is one, came to rest."""
+        at = row.posterior.by_name
+        begin = {n: at.get(n, at.get(f"{row.name}.{n}", v)) for n, v in hypothesis.first.items()}
+        there = replace(hypothesis, begin=begin, more=())
         return there if self._flies(there) else hypothesis
 
     def _asked(
