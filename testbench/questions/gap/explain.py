@@ -18,8 +18,6 @@ import numpy as np
 from scipy.special import logsumexp
 
 from testbench.aircraft import Aircraft
-from testbench.core.errors import LimitError, TrimError
-from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.words import with_error
 from testbench.effects import Effect
 from testbench.effects.base import Values, together
@@ -358,11 +356,3 @@ def share_of_excess(chi2_tuned: float, left: float, samples: int) -> float:
     if not excess > VISIBLE * np.sqrt(2.0 * samples):
         return float("nan")
     return float(np.clip((chi2_tuned - left) / excess, 0.0, 1.0))
-
-
-def sum_of_squares(model: Believed, records: Sequence[FlightRecord]) -> float:
-    """Return the weighted sum of squares on ``records``; infinite if the model cannot fly them."""
-    try:
-        return float(sum(np.sum(model.residuals(r) ** 2) for r in records))
-    except (FlightAborted, LimitError, TrimError):
-        return float("inf")

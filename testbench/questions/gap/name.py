@@ -29,7 +29,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.explain import Explanation, Naming, Weighed, share_of_excess, wrong_coefficient
 from testbench.questions.gap.search.gust_search import sought
 from testbench.questions.gap.search.hypothesis import Hypothesis as Point
-from testbench.questions.gap.search.hypothesis import Signature, flown_all, fly_together, linear_all
+from testbench.questions.gap.search.hypothesis import changes, fly_together
 from testbench.questions.gap.search.retune import retune
 from testbench.questions.gap.starts import far_apart, times_of
 
@@ -519,16 +519,9 @@ def _split(
 def _signatures(base: Point, effects: Sequence[Effect]) -> Iterator[tuple[Effect, FloatArray, FloatArray]]:
     """Yield effects, their usual sizes that records can show, and what they change there; all are flown together."""
     each = [(effect, x) for effect in effects for x in starts_of(effect)]
-    models = [Signature(base, effect).tuned_model(x) for effect, x in each]
-    flown = [i for i, (effect, _) in enumerate(each) if effect.flown]
-    linear = [i for i, (effect, _) in enumerate(each) if not effect.flown]
-    ends = flown_all([models[i].beginning(base.starts) for i in flown], base.records)
-    of = {i: end - base.exact for i, end in zip(flown, ends, strict=True) if end is not None}
-    ends = linear_all([models[i] for i in linear], base.records)
-    of |= {i: base.linear - end for i, end in zip(linear, ends, strict=True) if end is not None}
-    for i, (effect, x) in enumerate(each):
-        if i in of and np.all(np.isfinite(of[i])) and of[i] @ of[i] > INVISIBLE:
-            yield effect, x, of[i]
+    for (effect, x), change in zip(each, changes(base, each), strict=True):
+        if change is not None and np.all(np.isfinite(change)) and change @ change > INVISIBLE:
+            yield effect, x, change
 
 
 def starts_of(effect: Effect) -> list[FloatArray]:

@@ -32,7 +32,7 @@ from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.commanded import commands, quiet_samples, starts_freely
 from testbench.questions.gap.evidence.compared import not_compared
 from testbench.questions.gap.explain import Explanation
-from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
+from testbench.questions.gap.search.hypothesis import Hypothesis, changes
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import load_suite
 
@@ -262,9 +262,8 @@ class Grams:
             starts = list(product(*(p.starts for p in effect.parameters)))[:_MOST_STARTS]
             if sizes is not None and effect.name in sizes:
                 starts = [tuple(sizes[effect.name]), *starts]
-            signature = Signature(base, effect)
             hidden = effect.lateral and not base.lateral
-            found = [None if hidden else signature.at(np.array(x)) for x in starts]
+            found = [None] * len(starts) if hidden else changes(base, [(effect, np.array(x)) for x in starts])
             columns.append(tuple(range(len(signatures), len(signatures) + len(found))))
             # A start that cannot fly leaves nothing: the same columns must stand for the same starts everywhere.
             signatures += [np.zeros(base.exact.size) if d is None else d for d in found]

@@ -14,7 +14,7 @@ from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
 from testbench.effects import EFFECTS
 from testbench.questions.gap.plan import NEEDED, Grams, as_record, candidates, family, plan_gap, separate, sum_of
-from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
+from testbench.questions.gap.search.hypothesis import Hypothesis, changes
 from testbench.questions.run.scenario import Scenario
 
 FEW = ("actuator_lag", "transport_delay", "thrust_line", "alpha_scale", "q_bias")
@@ -52,7 +52,7 @@ def test_noncentrality_is_the_gain_that_the_effect_would_have(believed, effects,
     base = Hypothesis.at(believed, believed, (as_record(believed, ELEVATOR),), np.ones(5))
     found = grams[0].isolability(effects)
     for i, name in enumerate(FEW[:2]):
-        d = Signature(base, EFFECTS[name]).at(np.array([p.starts[0] for p in EFFECTS[name].parameters]))
+        d = changes(base, [(EFFECTS[name], np.array([p.starts[0] for p in EFFECTS[name].parameters]))])[0]
         left, _ = base.tuned(d)
         assert found.noncentrality[i] == pytest.approx(left @ left, rel=1e-6)
 

@@ -1,4 +1,4 @@
-"""A hypothesis flown in JSBSim, and the signatures of effects about it, from linear predictions if they suffice."""
+"""A hypothesis flown in JSBSim, and what effects change about it, from linear predictions if they suffice."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from testbench.core.differences import ends, slope
 from testbench.core.errors import LimitError, ModelError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.effects import Effect
-from testbench.estimators.residuals import coloured_information
 from testbench.questions.gap.believed import STEPS, Believed
 from testbench.questions.gap.evidence.commanded import starts_freely
 from testbench.questions.gap.flights import AT_ONCE, Wanted, flights, linear_models
@@ -23,7 +22,6 @@ from testbench.questions.gap.priors import LATERAL_PRIORS
 
 LINEAR_STEP = 0.02  # of central differences of linear predictions by the nuisances, which are factors
 FLOWN_STEP = 0.01  # of forward differences of flights by them
-NEIGHBOUR = 2e-3  # share of a parameter's range within which flights of an effect begin where one of them did
 _MAX_STEP = 0.15  # largest change of a nuisance per round, so that thrust and trim stay within reach
 _MAX_LATERAL_STEP = 0.5  # the same for lateral nuisances, on which neither depends
 _NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
@@ -121,19 +119,10 @@ class Hypothesis:
         """Weighted sum of squares of the flown residuals, plus the price of the nuisances."""
         return float(self.exact @ self.exact + self.deviations @ self.deviations)
 
-    @property
-    def lost(self) -> FloatArray:
-        """Residuals that stand for a hypothesis that cannot be flown: ten times those of this point."""
-        return 10.0 * np.concatenate([self.exact, self.deviations])
-
     @cached_property
     def linear(self) -> FloatArray:
         """Linear prediction at the point (samples,), in units of the noise."""
         return _linear(self.model.with_nuisances(self.by_name), self.records)
-
-    def prepare(self) -> None:
-        """Compute linear prediction and tangents now; several processes that need them would each compute them."""
-        _ = self.linear, self._normal
 
     @cached_property
     def tangents(self) -> FloatArray:
@@ -183,27 +172,6 @@ class Hypothesis:
         d = -np.asarray(cho_solve(factor, J.T @ r))
         return r + J @ d, self.nuisances + d
 
-    def measured(self) -> Mapping[str, tuple[float, float]]:
-        """Return nuisance -> (value, standard error) from the records, the nuisance's own prior left out.
-
-        If re-tuning rests here, the posterior is Gaussian about the values f with information A = J'J + S^-2, where S
-        holds the deviations of the priors. Without the prior of nuisance i, A_i = A - e e' / s^2, and f_i becomes
-        1 + (f_i - 1) (A_i^-1)_ii / (A^-1)_ii. Its variance is that of A_i^-1 (C + S_i^-2) A_i^-1, where C is the
-        covariance of the score for residuals as large and as coloured as those here.
-        """
-        k = self.nuisances.size
-        score = coloured_information(self.by_record(self.tangents), self.by_record(self.exact))
-        prior = 1.0 / self.prior_std**2
-        whole = self.tangents.T @ self.tangents + np.diag(prior)
-        v, out = np.diag(np.linalg.inv(whole)), {}
-        for i, name in enumerate(self.priors):
-            others = np.diag(np.where(np.arange(k) == i, 0.0, prior))
-            inverse = np.linalg.pinv(self.tangents.T @ self.tangents + others, hermitian=True)
-            value = 1.0 + (self.nuisances[i] - 1.0) * inverse[i, i] / v[i]
-            variance = (inverse @ (score + others) @ inverse)[i, i]
-            out[name] = (float(value), float(np.sqrt(max(variance, 0.0))))
-        return out
-
     def towards(self, nuisances: FloatArray) -> FloatArray:
         """Return ``nuisances``, or as far on the way to them as one round may go."""
         step = nuisances - self.nuisances
@@ -217,12 +185,10 @@ class Hypothesis:
         """Fly another model at other values of the nuisances with the tangents of this point; None if it cannot fly."""
         return self.moved_all([model], [nuisances])[0]
 
-    def moved_all(
-        self, models: Sequence[Believed], nuisances: Sequence[FloatArray], near: bool = False
-    ) -> list[Hypothesis | None]:
-        """Return :meth:`moved` to each of several places, all flown together; ``near`` for differences about here."""
+    def moved_all(self, models: Sequence[Believed], nuisances: Sequence[FloatArray]) -> list[Hypothesis | None]:
+        """Return :meth:`moved` to each of several places, all flown together."""
         tuned = [m.with_nuisances(self.named(x)) for m, x in zip(models, nuisances, strict=True)]
-        tuned = self.from_here(tuned) if near else [m.beginning(self.starts) for m in tuned]
+        tuned = [m.beginning(self.starts) for m in tuned]
         out: list[Hypothesis | None] = []
         for model, x, there, exact in zip(models, nuisances, tuned, flown_all(tuned, self.records), strict=True):
             if exact is None:
@@ -235,56 +201,29 @@ class Hypothesis:
         return out
 
 
-@dataclass(frozen=True, eq=False)
-class Signature:
-    """What an effect changes in the residuals of a point, its nuisances held.
+def changes(base: Hypothesis, effects: Sequence[tuple[Effect, FloatArray]]) -> list[FloatArray | None]:
+    """Return what effects, each at parameter values (p,), change in the residuals (samples,) of a point.
 
     The difference of two linear predictions is right to second order, although neither prediction is. Flights are used
     for effects that a linearisation at trim does not see, and for those of sensors, which need no flight of their own.
-    ``known`` holds earlier results, by the bytes of the parameter values; ``begun`` where those that were flown began.
+    All are flown, or predicted, together; None for one that cannot be.
     """
-
-    base: Hypothesis
-    effect: Effect
-    known: dict[bytes, FloatArray | None] = field(default_factory=dict)
-    begun: dict[bytes, tuple[FloatArray, Mapping[str, FloatArray]]] = field(default_factory=dict)
-
-    def model(self, x: FloatArray) -> Believed:
-        """Return the model of the point with the effect at the parameter values ``x`` (p,)."""
-        return self.base.model.with_effect(
-            self.effect, dict(zip([p.name for p in self.effect.parameters], x.tolist(), strict=True))
+    models = [
+        base.model.with_effect(e, dict(zip([p.name for p in e.parameters], x.tolist(), strict=True))).with_nuisances(
+            base.by_name
         )
-
-    def tuned_model(self, x: FloatArray) -> Believed:
-        """Return the same with the nuisances of the point."""
-        return self.model(x).with_nuisances(self.base.by_name)
-
-    def at(self, x: FloatArray) -> FloatArray | None:
-        """Return residuals with the effect at ``x`` (p,) minus those of the point; None if that cannot be flown."""
-        return self.at_all([x])[0]
-
-    def at_all(self, points: Sequence[FloatArray]) -> list[FloatArray | None]:
-        """Return :meth:`at` of several parameter values, flown or predicted together."""
-        new = list({x.tobytes(): x for x in points if x.tobytes() not in self.known}.values())
-        models = [self.tuned_model(x) for x in new]
-        if self.effect.flown:
-            models = [self._from_known(x, model) for x, model in zip(new, models, strict=True)]
-            ends = flown_all(models, self.base.records)
-            changes = [None if end is None else end - self.base.exact for end in ends]
-            for x, model, end in zip(new, models, ends, strict=True):
-                if end is not None and not model.begins_there:
-                    self.begun[x.tobytes()] = (x, model.begun_at(self.base.records))
-        else:
-            ends = linear_all(models, self.base.records)
-            changes = [None if end is None else self.base.linear - end for end in ends]
-        self.known.update(zip((x.tobytes() for x in new), changes, strict=True))
-        return [self.known[x.tobytes()] for x in points]
-
-    def _from_known(self, x: FloatArray, model: Believed) -> Believed:
-        """Return a model that begins where its neighbour did, or else one whose start is sought from the point's."""
-        scale = np.array([p.high - p.low for p in self.effect.parameters])
-        near = next((s for y, s in self.begun.values() if np.max(np.abs(x - y) / scale) < NEIGHBOUR), None)
-        return model.beginning(self.base.starts if near is None else near, there=near is not None)
+        for e, x in effects
+    ]
+    flown = [i for i, (effect, _) in enumerate(effects) if effect.flown]
+    linear = [i for i, (effect, _) in enumerate(effects) if not effect.flown]
+    out: list[FloatArray | None] = [None] * len(models)
+    ends = flown_all([models[i].beginning(base.starts) for i in flown], base.records)
+    for i, end in zip(flown, ends, strict=True):
+        out[i] = None if end is None else end - base.exact
+    ends = linear_all([models[i] for i in linear], base.records) if linear else []
+    for i, end in zip(linear, ends, strict=True):
+        out[i] = None if end is None else base.linear - end
+    return out
 
 
 def flown_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> list[FloatArray | None]:
