@@ -86,6 +86,10 @@ class Table:
         rows = tuple(tuple(row[k] for k in kept) for row in self.rows)
         return replace(self, columns=tuple(self.columns[k] for k in kept), rows=rows)
 
+    def first(self, count: int) -> Table:
+        """Return the table with its first rows alone."""
+        return replace(self, rows=self.rows[:count])
+
     def without(self, *keys: str) -> Table:
         """Return the table without these columns."""
         return self.only(*(column.key for column in self.columns if column.key not in keys))

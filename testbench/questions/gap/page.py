@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from testbench.questions.gap.ask import GapResult
     from testbench.questions.gap.plan import GapPlan
 
+_SHOWN = 5  # explanations on the terminal
+
 
 def gap_page(result: GapResult) -> Page:
     """Return the page of a case, with the amended model, suite or air and its diff in amended/."""
@@ -45,7 +47,7 @@ def gap_page(result: GapResult) -> Page:
         flown=finding.tally,
         provenance=[] if result.seed is None else [("seed", str(result.seed))],
         source=(result.file.name, read_text(result.file, "scenario")) if result.file else None,
-        terminal=[tables[0].only("effect", "whole", "size", "share")],
+        terminal=[tables[0].only("effect", "whole", "size", "share").first(_SHOWN)],
         notes=[f"Assumed: {note}" for note in result.notes],
     )
 
