@@ -32,7 +32,6 @@ def answer(kind: str, aircraft: str, sizes: dict[str, float], factors: dict[str,
 def test_a_soft_slew_limit_is_named_although_its_form_pulls_coefficients_out_of_their_priors():
     found = answer("soft rudder slew limit", "taurus", {"slew_s": 0.27}, STRONG, ("rudder_rate_limit",))
     assert found.naming.names == ("rudder_rate_limit",), found.naming.sentence
-    assert found.naming.best.within > 0.01
     assert not found.naming.coefficients
 
 

@@ -46,8 +46,8 @@ from testbench.questions.gap.evidence.commanded import (
 )
 from testbench.questions.gap.free_start import FreeStart
 from testbench.questions.gap.in_windows import in_windows
+from testbench.questions.gap.name import name_effect
 from testbench.questions.gap.search.hypothesis import Hypothesis, fly_together
-from testbench.questions.gap.search.retune import retune
 from testbench.questions.gap.window_length import windows_of
 from testbench.questions.gap.windows import LEAD_S, LONGEST_S, begin_freely, cut, longest
 from testbench.questions.gap.workflow import find_gap
@@ -211,11 +211,11 @@ def test_a_wrong_coefficient_is_measured_from_a_hand_flown_record(believed):
     truth = believed.with_nuisances({"Cm_alpha": 1.3})
     records = cut(believed, {"by hand": hand_flown(truth, 3, 7.0)}).records
     began = begin_freely(believed, records)
-    tuned = retune(Hypothesis.at(began, began, tuple(records.values())))
-    value, error = tuned.measured()["Cm_alpha"]
-    assert error < 0.05
+    naming = name_effect(began, list(records.values()), effects={})
+    value, error = naming.measured["Cm_alpha"]
+    assert error < 0.1  # an unknown motion may be beside it
     assert abs(value - 1.3) < 4.0 * error  # 6e-5
-    assert chi2.sf(tuned.chi2, tuned.samples) > RARE
+    assert chi2.sf(naming.chi2_tuned, naming.samples) > RARE
 
 
 def searched(believed, truth, seed):
@@ -232,7 +232,7 @@ def test_no_gap_is_found_where_there_is_none(believed, seed):
     """By FALSE_ALARM one case in a thousand would be called a gap, six of them once in 170 runs of other seeds."""
     found = searched(believed, believed, seed)
     assert found.naming.outcome == "no gap"
-    assert found.parameters == ()
+    assert found.naming.coefficients == ()
     assert len(found.windows) == 3
 
 
@@ -258,7 +258,7 @@ def test_an_unstable_aircraft_is_searched_in_short_windows(believed):
     found = find_gap(unstable, {"by hand": record}, {}, effects={})
     assert "its fastest unstable mode doubles in" in found.windows[0]
     assert found.naming.outcome == "no gap"
-    assert found.parameters == ()
+    assert found.naming.coefficients == ()
 
 
 def test_what_is_known_of_a_start_follows_its_record(begun):
@@ -387,7 +387,7 @@ def test_real_records_that_were_wrong_or_refused_are_cut_and_fly(tmp_path):
     began = begin_freely(hfb, found.records)
     assert sum(np.sum(began.residuals(r) ** 2) for r in found.records.values()) < 0.1 * from_trim
     finding = find_gap(hfb, {"later": later}, {}, effects={"alpha_lag": EFFECTS["alpha_lag"]})
-    assert (finding.naming.outcome, finding.naming.names, finding.parameters) == ("unexplained", (), ())
+    assert finding.naming.outcome in ("unexplained", "partial"), finding.naming.sentence
     assert not any("the believed C" in s for s in finding.sentences)  # turbulence that is not known pulled at them
 
     whole = attas_record(data, "fAttasElv1")
