@@ -12,7 +12,6 @@ import importlib.util
 import os
 import signal
 import sys
-import threading
 import traceback
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -22,7 +21,7 @@ from typing import Any, NoReturn
 
 from testbench.core.door import read_text, sha256
 from testbench.core.errors import EstimationError, RecordError, ScenarioError, TestbenchError, nearest
-from testbench.core.interrupts import ENDING
+from testbench.core.interrupts import handled
 from testbench.core.time_limit import TimeUp
 
 MARK = ".py:"
@@ -54,10 +53,7 @@ def running(path: Path | None, law: str) -> Iterator[None]:
         KeyboardInterrupt: by the user or the system.
     """
     came: list[BaseException] = []
-    handlers: dict[int, Any] = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDING)}
-    watched = threading.current_thread() is threading.main_thread()
-    before = {number: handler for number, handler in handlers.items() if watched and callable(handler)}
-    here = os.getpid()
+    before, here = handled(), os.getpid()
 
     def interrupt(number: int, frame: Any) -> None:
         try:

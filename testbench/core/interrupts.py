@@ -9,8 +9,7 @@ import threading
 from collections.abc import Generator
 from typing import Any
 
-ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
-"""Signals that end a process, beside Ctrl-C."""
+_ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
 @contextlib.contextmanager
@@ -38,7 +37,7 @@ def ended_by_signals() -> Generator[list[int], None, None]:
             threading.Timer(0.02, again).start()
 
     here = threading.current_thread() is threading.main_thread()
-    ours = [n for n in ENDING if here and signal.getsignal(n) is signal.SIG_DFL]
+    ours = [n for n in _ENDING if here and signal.getsignal(n) is signal.SIG_DFL]
     for number in ours:
         signal.signal(number, end)
     before, sys.unraisablehook = sys.unraisablehook, unheard
@@ -56,8 +55,16 @@ def ended_by_signals() -> Generator[list[int], None, None]:
 
 def leave_to_the_system() -> None:
     """Let signals end the process at once, as they end one that knows nothing of them."""
-    for number in (signal.SIGINT, *ENDING):
+    for number in (signal.SIGINT, *_ENDING):
         signal.signal(number, signal.SIG_DFL)
+
+
+def handled() -> dict[int, Any]:
+    """Return the signals that end a command -> their handlers in Python; none outside of the main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        return {}
+    handlers: dict[int, Any] = {n: signal.getsignal(n) for n in (signal.SIGINT, *_ENDING)}
+    return {n: handler for n, handler in handlers.items() if callable(handler)}
 
 
 @contextlib.contextmanager
@@ -66,9 +73,8 @@ def held_back() -> Generator[None, None, None]:
 
     Only the main thread of a process receives signals; elsewhere nothing changes.
     """
-    handlers: dict[int, Any] = {n: signal.getsignal(n) for n in (signal.SIGINT, *ENDING)}
-    before = {n: handler for n, handler in handlers.items() if callable(handler)}
-    if threading.current_thread() is not threading.main_thread():
+    before = handled()
+    if not before:
         yield
         return
     came: list[tuple[int, Any]] = []

@@ -323,7 +323,7 @@ def compare_hypotheses(
     scores = [f.score(held_out) for f in found] if held_out else []
     rows = []
     for k in order:
-        difference = found[k].segments() - first.segments()
+        difference = found[k].segments - first.segments
         rows.append(
             Row(
                 names[k],
@@ -332,7 +332,7 @@ def compare_hypotheses(
                 found[k].log_evidence - first.log_evidence,
                 float(np.std(difference) * math.sqrt(len(difference))),
                 scores[k] - scores[0] if scores else None,
-                found[k].posterior(),
+                found[k].posterior,
             )
         )
     return Comparison(tuple(rows), dict(zip(names, zip(hypotheses, found, strict=True), strict=True)))
@@ -722,6 +722,7 @@ class _Fit:
         rest = self.log_evidence - float(logsumexp(list(self.log_weights.values())))
         return float(logsumexp(some)) - math.log(len(some)) + rest if some else -math.inf
 
+    @cached_property
     def _left(self) -> list[tuple[FloatArray, Any]]:
         """Return of each record what is left (n, p), in units of the noise that was found, and what counts."""
         kappa, scales = KAPPAS[self.k], self.scales
@@ -736,10 +737,11 @@ class _Fit:
             out.append((np.where(block.taken, left / scales, 0.0), block.taken))
         return out
 
+    @cached_property
     def segments(self) -> FloatArray:
         """Return ln p of what is left in segments of one second."""
         out = []
-        for (left, taken), record in zip(self._left(), self.records, strict=True):
+        for (left, taken), record in zip(self._left, self.records, strict=True):
             width = max(1, round(_SEGMENT_S / record.dt_s))
             terms = -0.5 * (left**2) - np.where(taken, np.log(self.scales), 0.0)
             out += [float(terms[i : i + width].sum()) for i in range(0, len(terms), width)]
@@ -755,13 +757,14 @@ class _Fit:
         found = reduced(grams, self.scales, KAPPAS[self.k])
         return -0.5 * (math.log(2.0 * math.pi) + (found.log_det + found.c) / found.samples)
 
+    @cached_property
     def posterior(self) -> Posterior:
         """Return what the records say of the parameters."""
         assert self.sized is not None
         _, covariance = self._reduced(self.scales, self.k).posterior(self._offset, self._std)
         values = self.theta
         total = logsumexp(list(self.log_weights.values()))
-        whiteness = _whiteness(self._left())
+        whiteness = _whiteness(self._left)
         whole = sum(math.exp(w - total) for j, w in self.log_weights.items() if KAPPAS[j] <= WHOLE)
         log_whole, log_part = self._log_if(whole=True), self._log_if(whole=False)
         doubts = []

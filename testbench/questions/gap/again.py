@@ -1,8 +1,8 @@
 """The user's own flight, flown again with truths drawn from the priors: what are stated probabilities worth here?
 
-The believed aircraft, its coefficients drawn from their priors, with nothing or with an effect of the
-library in it, flies the measured commands through the same air; the believed sensors measure it; the same question is
-asked about these records (:mod:`testbench.inference.calibrate`).
+The believed aircraft, its coefficients drawn from their priors, with nothing or with an effect of the library in it,
+flies the measured commands through the same air; the believed sensors measure it; the same question is asked about
+these records (:mod:`testbench.inference.calibrate`).
 """
 
 from __future__ import annotations
@@ -76,9 +76,7 @@ def fly_again(
 
     def asked(flown: object) -> Mapping[str, float]:
         assert isinstance(flown, list)
-        weighed = ask(flown, listen(believed, flown)).weighed
-        said = {name: weighed[name] for name in weighed.effects}
-        return said | {"nothing": weighed.nothing, "unknown": weighed.unknown}
+        return ask(flown, listen(believed, flown)).weighed.stated
 
     found = Reliability(())
     for found in calibrate(draw, asked, trials, _SEED, kept):

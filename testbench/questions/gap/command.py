@@ -73,7 +73,8 @@ def show(
         ),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes that search; if not given, one for each core.")
+        int | None,
+        typer.Option(min=1, help="Processes; a second one checks the instruments. If not given, one for each core."),
     ] = None,
     simulator: SimulatorOption = FlownBy.auto,
     windows: Annotated[

@@ -1,9 +1,9 @@
-"""All thresholds that decide whether something is named, each with its source.
+"""Thresholds by which air, control paths, forces and records are judged before anything is weighed, with their source.
 
 Derived: it follows from a probability or a definition. Calibrated: it was set after a draw of the blind test was
 opened; the seed is that of the draw (results/README.md says what each draw showed). Judged: somebody's judgement.
 
-Thresholds that decide how long the search goes on stand in search/: what is followed, what is given up.
+What is named follows from probabilities, whose priors stand in explain.py.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ from dataclasses import dataclass
 import numpy as np
 
 FALSE_ALARM = 1e-3
-"""Probability of naming any effect where there is none, all effects of the library together; judged."""
+"""Probability of finding something in a path or in one record where there is nothing, all tests together; judged."""
 
 
 @dataclass(frozen=True)
 class Criteria:
-    """What decides a name. Chi-square: weighted sum of squares, nuisances re-tuned; gain: its fall by an effect.
+    """What is found. Chi-square: weighted sum of squares, nuisances re-tuned; gain: its fall by what is found.
 
     Attributes:
-        false_alarm: probability of naming any effect where there is none, all effects of the library together. Judged.
+        false_alarm: see :data:`FALSE_ALARM`.
         air_false_alarm: probability of hearing turbulence in still air. Judged.
         instrument_false_alarm: probability of finding any error of an instrument where there is none. Judged.
-        least: gain below which nothing is named; noise reaches it less often than any threshold. Calibrated, seed
+        least: gain below which nothing is found; noise reaches it less often than any threshold. Calibrated, seed
             20261208.
-        enough: share of the excess that a named effect must explain, unless it leaves noise. Calibrated, seed 20261128.
+        enough: share of the excess that what is found must explain, unless it leaves noise. Calibrated, seed 20261128.
         too_close: a runner-up with this share of the best gain is not told apart while more than noise is left. Judged.
         false_terms: share of false terms among those that forces and moments are said to follow. Judged.
         path_form: share of what one kind of error gains in a path by which it must lead another, as no form of a servo

@@ -202,10 +202,14 @@ class Weighed:
                 total += p * (1.0 if how == "whole" else P_IN_PART)
         return total
 
+    @property
+    def stated(self) -> dict[str, float]:
+        """Explanation -> probability: each that was weighed as the whole story, "nothing" and "unknown"."""
+        return {name: self[name] for name in self.effects} | {"nothing": self.nothing, "unknown": self.unknown}
+
     def credible(self, probability: float = CREDIBLE) -> tuple[str, ...]:
         """Return the fewest explanations that hold so much probability together: effects, "nothing", "unknown"."""
-        said = {name: self[name] for name in self.effects} | {"nothing": self.nothing, "unknown": self.unknown}
-        return _fewest(said, probability)
+        return _fewest(self.stated, probability)
 
     def decide(self) -> tuple[str, tuple[str, ...]]:
         """Return outcome and names, see :class:`Naming`: what is most probable, of nothing, the library and neither."""

@@ -13,7 +13,6 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from testbench.core.errors import LimitError, ModelError, TrimError
@@ -34,13 +33,11 @@ from testbench.questions.gap.search.retune import retune
 from testbench.questions.gap.starts import far_apart, times_of
 
 SIZE = 4.0  # prior standard deviation of a size, in multiples of its usual start
-SCALE = 0.7  # least prior standard deviation of ln of a parameter that is a scale: a factor of two either way
 WIDE = 10.0  # the same of a coefficient that is wrong, in multiples of that of its prior
-TERMS = 3  # terms that forces follow that are flown
-MOST = 7  # effects that are flown: those that come nearest
+SCALE = 0.7  # least prior standard deviation of ln of a parameter that is a scale: a factor of two either way
+MOST, COEFFICIENTS, TERMS = 7, 3, 3  # effects, coefficients and terms that forces follow that are flown, the nearest
 BEGINS = 2  # points from which an effect is fitted, the best first
 BESIDE = 4  # effects that are flown beside each of the best
-COEFFICIENTS = 3  # coefficients that are flown: those that come nearest
 NEEDS = 0.1  # probability of something unknown from which another is sought beside the two best, not the best alone
 PARTNER = 8.0  # in ln p to first order: what another must gain beside an effect to be flown; neither decides anything
 INVISIBLE = 1e-2  # chi-square of what an effect changes at its starts, below which it cannot be seen
@@ -137,10 +134,10 @@ def name_effect(
         shown |= {e.name: e for e, _ in more}
         out = weighed(out)
         best = max(shown, key=lambda n: out.table[n].log_evidence)
-        for part in shown[best].parts:  # does it without the others where they brought it?
-            if part.name in asked and part.parameters:
-                asked[part.name] = asker.alone(asked[part.name], out.table[best])
-        out = weighed(out)
+        parts = [e.name for e in shown[best].parts if e.name in asked and e.parameters]
+        if parts:  # does one do without the others where they brought it?
+            asked |= {n: asker.alone(asked[n], out.table[best]) for n in parts}
+            out = weighed(out)
     behind = {one.effect.name: near[0].log - one.log for one in near}
     rejected |= {
         n: f"ln p of its signature lies {behind[n]:.3g} behind the nearest"
@@ -261,7 +258,7 @@ class _Asker:
     def beside(self, first: Effect, row: Row, effects: Sequence[Effect]) -> list[_Near]:
         """Return pairs of an effect that was fitted and another, the most probable first."""
         found = row.posterior
-        at = {p.name: v for p, v in zip(found.parameters, found.values.tolist(), strict=True)}
+        at = found.by_name
         sizes = [p for p in found.parameters if p.block == "effect"]
         values = _split(first, row)[0]
         base = self.tuned.moved(self.believed.with_effect(first, values), self.tuned.vector(at))
@@ -303,10 +300,7 @@ class _Asker:
             return []
         shared = np.column_stack([base.tangents, own])
         X, k = np.column_stack([-shared, *(-s for *_, s in seen)]), shared.shape[1]
-        grams = []
-        for record, left, columns in zip(self.records, base.by_record(base.exact), base.by_record(X), strict=True):
-            taken = b.taken(record)
-            grams.append(Grams.made(Linearised(left, columns, self._unknown(record, taken), taken)))
+        grams = self._grams(base, X)
         mean = np.concatenate([-base.deviations * base.prior_std, offset])
         std = np.concatenate([base.prior_std, std])
         logs, multiples, without = [], [], []
@@ -338,12 +332,7 @@ class _Asker:
         Those of ``wide`` have one already.
         """
         base, b = self.tuned, self.believed
-        grams = []
-        for record, left, T in zip(
-            self.records, base.by_record(base.exact), base.by_record(base.tangents), strict=True
-        ):
-            taken = b.taken(record)
-            grams.append(Grams.made(Linearised(left, -T, self._unknown(record, taken), taken)))
+        grams = self._grams(base, -base.tangents)
         mean, logs, names = -base.deviations * base.prior_std, list[list[float]](), list(base.priors)
         each = [np.where([n in (*wide, name) for n in names], WIDE, 1.0) * base.prior_std for name in names]
         for kappa in KAPPAS:
@@ -351,8 +340,19 @@ class _Asker:
             logs.append([found.log_evidence(mean, std) for std in each])
         return [names[i] for i in np.argsort(-np.max(logs, axis=0), kind="stable")]
 
-    def _unknown(self, record: FlightRecord, taken: NDArray[np.bool_]) -> FloatArray:
-        return fewer(self.unknown(record) / self.believed.noise_std[:, None], taken)
+    def _grams(self, base: Point, columns: FloatArray) -> list[Grams]:
+        """Return the sums of each record about a point with columns (samples, k), beside an unknown motion."""
+        out = []
+        for i, (left, X) in enumerate(zip(base.by_record(base.exact), base.by_record(columns), strict=True)):
+            taken = self.believed.taken(self.records[i])
+            out.append(Grams.made(Linearised(left, X, self._directions[i], taken)))
+        return out
+
+    @cached_property
+    def _directions(self) -> list[FloatArray]:
+        """Of each record, the principal directions of an unknown motion, in units of the noise."""
+        b = self.believed
+        return [fewer(self.unknown(r) / b.noise_std[:, None], b.taken(r)) for r in self.records]
 
     def unknown(self, record: FlightRecord) -> FloatArray:
         """Return what an unknown motion does to a record, its mean and what an unknown start changes taken out."""

@@ -160,9 +160,7 @@ class GapFinding:
             out += [m.sentence for m in self.maps]
             out += [max(self.regions, key=lambda r: r.contrast).sentence] if self.regions else []
         news = self.check.sentences if self.check is not None and self.check.news else ()
-        best = max((f.probability for f in self.naming.ranking), default=0.0)
-        stated = max(best, self.naming.weighed.nothing, self.naming.weighed.unknown)
-        again = () if self.again is None else (self.again.sentence(stated),)
+        again = () if self.again is None else (self.again.sentence(max(self.naming.weighed.stated.values())),)
         first = () if self.first is None else self.first.sentences
         paths = (p.sentence for p in self.paths if p.outcome in ("as believed", "not judged"))
         noise = (self.noise.sentence,) if self.noise is not None and self.noise.sentence else ()

@@ -66,7 +66,7 @@ def _ranking(naming: Naming) -> Table:
     rows = {row.name: row for row in naming.weighed.table.rows}
     best = naming.weighed.table.best.log_evidence
     fits = {f.effect.name: f for f in naming.ranking}
-    order = sorted(rows, key=lambda n: -naming.weighed[n] if n in fits else -naming.weighed.nothing)
+    order = sorted(rows, key=lambda n: -naming.weighed[n])
 
     def line(name: str) -> tuple[str | float | None, ...]:
         """Return one explanation."""
@@ -75,7 +75,7 @@ def _ranking(naming: Naming) -> Table:
         return (
             "nothing" if fit is None else fit.effect.title,
             "" if fit is None else fit.size,
-            100.0 * (naming.weighed.nothing if fit is None else fit.probability),
+            100.0 * naming.weighed[name],
             100.0 * naming.weighed.imitates(name),
             found.log_evidence - best,
             row.difference_error,

@@ -281,12 +281,10 @@ def search(
         say("measure the air")
     flown_in, air = in_measured_air(believed, records, air)
     naming = sought.name(flown_in, records, say)
-    if naming.outcome == "no gap" and not air.moves:
-        return flown_in, naming, air
-    near = _nearest(naming)
-    if not air.moves and naming.outcome in ("named", "set"):
+    if not air.moves and naming.outcome in ("no gap", "named", "set"):
         return flown_in, naming, air
     say("listen to the air again")
+    near = _nearest(naming)
     tuned = believed.with_nuisances(naming.nuisances)
     beside = tuned if near is None else near.added_to(believed)
     again = listen_again(tuned, beside, records, air, 0.0 if near is None else near.gain)

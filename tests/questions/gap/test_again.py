@@ -79,20 +79,12 @@ def test_flights_again_meet_the_turbulence_that_was_found(believed, records):
     assert tuned.chi2 == pytest.approx(tuned.samples, rel=0.06)
 
 
-class Said(dict):
-    """Probabilities of a flight again."""
-
-    effects = ("actuator_lag",)
-    nothing = 0.9
-    unknown = 0.02
-
-
 def test_flights_again_are_asked_about_once_and_kept(believed, records, tmp_path, monkeypatch):
     asked = []
 
     def ask(flown, heard):
         asked.append((len(flown), heard.moves))
-        return SimpleNamespace(weighed=Said(actuator_lag=0.08))
+        return SimpleNamespace(weighed=SimpleNamespace(stated={"actuator_lag": 0.08, "nothing": 0.9, "unknown": 0.02}))
 
     monkeypatch.setattr(again_module, "listen", lambda model, flown: STILL)
     file = tmp_path / "again.jsonl"
