@@ -90,7 +90,7 @@ def trim(
     problem = _Problem(fdm, condition)
     x, solvable = problem.start(_THROTTLE_STARTS[0]), False
     if near is not None:
-        x, solvable = problem.newton(problem.beside(near), slopes)
+        x, solvable = problem.newton(values_of(problem.names, near), slopes)
         solvable = solvable and problem.balanced(x)
     if not solvable and (near is None or thorough):
         for throttle in problem.throttle_starts:
@@ -114,7 +114,7 @@ def trim(
 def slopes_at(aircraft: Aircraft, trimmed: TrimmedFlight) -> FloatArray:
     """Return the slopes (6, unknowns) of the accelerations, m/s2 and rad/s2, over the unknowns of a trim, at one."""
     problem = _Problem(Executive(aircraft, trimmed.rate_hz, trimmed.condition), trimmed.condition)
-    x = problem.beside(trimmed)
+    x = values_of(problem.names, trimmed)
     problem.accelerations(x)  # propellers come to rest there first
     return problem.jacobian(x)
 
@@ -180,6 +180,13 @@ def first_guess(names: Sequence[str], throttle: float = _THROTTLE_STARTS[0]) -> 
     return np.array([first.get(n, 0.0) for n in names])
 
 
+def values_of(names: Sequence[str], trimmed: TrimmedFlight) -> FloatArray:
+    """Return the values of unknowns at a trim that is known."""
+    known = {"alpha": trimmed.alpha, "phi": trimmed.phi, "beta": trimmed.beta, "gamma": trimmed.condition.gamma_rad}
+    known |= dict(trimmed.controls)
+    return np.array([known.get(n, 0.0) for n in names])
+
+
 class _Problem:
     """Six accelerations as functions of the unknowns of a trim.
 
@@ -207,12 +214,6 @@ class _Problem:
         if "thr" not in self.names:
             return _THROTTLE_STARTS[:1]
         return _THROTTLE_STARTS[::-1] if self._fdm.propellers.governed else _THROTTLE_STARTS
-
-    def beside(self, near: TrimmedFlight) -> FloatArray:
-        """Return the unknowns of a trim that is known."""
-        known = {"alpha": near.alpha, "phi": near.phi, "beta": near.beta, "gamma": near.condition.gamma_rad}
-        known |= dict(near.controls)
-        return np.array([known.get(n, 0.0) for n in self.names])
 
     def balanced(self, x: FloatArray) -> bool:
         """Return whether the unknowns leave no more than the tolerance and lie within their limits."""

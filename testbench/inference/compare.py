@@ -18,12 +18,13 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.linalg import cho_solve
 from scipy.special import logsumexp
 from scipy.stats import chi2, norm
 
 from testbench.core.errors import EstimationError, RecordError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.inference.linear import KAPPAS, Grams, Linearised, Reduced, Sized, fewer, reduced, sized
+from testbench.inference.linear import KAPPAS, Grams, Linearised, Motion, Reduced, Sized, fewer, reduced, sized
 from testbench.inference.parameters import Noise, Parameter, deviations_of, means_of
 
 if TYPE_CHECKING:
@@ -344,13 +345,13 @@ class _Shared:
     Attributes:
         most: ln p that any of them has reached, at a point that it flew; ``first`` is that of the first hypothesis.
         measured: record -> readings (n, p) in units of the noise, and what counts.
-        moved: record -> pulses of the unknown motion, and gusts, (n, p, m) and (n, p, q), likewise.
+        moved: record -> the unknown motion, and gusts (n, p, q), likewise.
     """
 
     def __init__(self) -> None:
         self.most = self.first = -math.inf
         self.measured: dict[FlightRecord, tuple[FloatArray, Any]] = {}
-        self.moved: dict[FlightRecord, tuple[FloatArray, FloatArray]] = {}
+        self.moved: dict[FlightRecord, tuple[Motion, FloatArray]] = {}
 
     @property
     def least(self) -> float:
@@ -620,14 +621,15 @@ class _Fit:
         fresh = fresh or tangents is None
         return replace(self, theta=theta, blocks=blocks, grams=sums, tangents=tangents, fresh=fresh)
 
-    def _of_record(self, record: FlightRecord) -> tuple[FloatArray, FloatArray]:
-        """Return pulses and gusts of a record, (n, p, m) and (n, p, q), in units of the noise, made once for all."""
+    def _of_record(self, record: FlightRecord) -> tuple[Motion, FloatArray]:
+        """Return the unknown motion and gusts (n, p, q) of a record, in units of the noise, made once for all."""
         known = self.shared.moved
         if record not in known:
             stated = np.array(list(self.noise.std.values()))
-            U = own = np.zeros((len(record), len(stated), 0))
+            taken, own = self._measured(record)[1], np.zeros((len(record), len(stated), 0))
+            U = Motion.none(taken)
             if self.unknown is not None:
-                U = fewer(self.unknown(record) / stated[:, None], self._measured(record)[1])
+                U = fewer(self.unknown(record) / stated[:, None], taken)
             if self.air is not None:
                 own = self.air(record) / stated[:, None]
             known[record] = U, own
@@ -728,12 +730,10 @@ class _Fit:
         kappa, scales = KAPPAS[self.k], self.scales
         out = []
         for block, sums in zip(self.blocks, self.grams, strict=True):
-            D, inside = sums.deviations(kappa), slice(sums.k, -1)
-            G = np.tensordot(scales**-2.0, sums.of[:, inside, sums.k :], 1)[: len(D)]
-            d = D * np.linalg.solve(np.eye(len(D)) + D[:, None] * G[:, : len(D)] * D, D * G[:, -1])
-            q = sums.q
-            left = block.residual - block.all_own @ d[:q]
-            left = left - block.unknown @ d[q:] if len(d) > q else left
+            D, factor, _ = sums.inner(scales, kappa)
+            d = D * cho_solve(factor, D * (scales**-2.0 @ sums.across[:, : len(D), -1])) if len(D) else D
+            own, moved = d[: sums.q], d[sums.q :]
+            left = block.residual - block.all_own @ own - (block.unknown.response[:, :, : len(moved)] @ moved).T
             out.append((np.where(block.taken, left / scales, 0.0), block.taken))
         return out
 

@@ -14,7 +14,8 @@ The sizes come to rest by fixed points of the evidence (D. J. C. MacKay, Bayesia
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,13 +31,48 @@ _AT_REST = 1e-3  # of ln s, whose standard error is above 1e-2 for all but the l
 
 
 @dataclass(frozen=True, eq=False)
+class Motion:
+    """What an unknown motion of one record does, by its principal directions, the largest first.
+
+    Attributes:
+        response: (p, n, m) of each channel to each direction at kappa = 1, in units of the noise; 0 where no sample
+            counts.
+        gram: (p, m, m) sums of its squares and products.
+        size: (m,) root of the sum of squares of each direction over all channels.
+    """
+
+    response: FloatArray
+    gram: FloatArray
+    size: FloatArray
+
+    @classmethod
+    def none(cls, taken: NDArray[np.bool_]) -> Motion:
+        """Return no motion, of a record whose samples (n, p) are taken."""
+        n, p = taken.shape
+        return cls(np.zeros((p, n, 0)), np.zeros((p, 0, 0)), np.zeros(0))
+
+
+def fewer(unknown: FloatArray, taken: NDArray[np.bool_]) -> Motion:
+    """Return an unknown motion (n, p, m), in units of the noise, by its principal directions.
+
+    Pulses that are independent and of one size are so in any rotation of them. Directions that a motion as large as
+    all that is seen (kappa = 1) moves by less than a hundredth of the noise in all samples together are left out.
+    """
+    U = np.where(taken[:, :, None], unknown, 0.0).reshape(taken.size, unknown.shape[2])
+    values, turn = np.linalg.eigh(U.T @ U)
+    order = [j for j in np.argsort(-values) if values[j] > _UNSEEN**2]
+    response = np.ascontiguousarray((U @ turn[:, order]).reshape(*taken.shape, -1).transpose(1, 0, 2))
+    return Motion(response, response.transpose(0, 2, 1) @ response, np.sqrt(values[order]))
+
+
+@dataclass(frozen=True, eq=False)
 class Linearised:
     """One record about one point, in units of the stated noise.
 
     Attributes:
         residual: (n, p) measured less predicted.
         columns: (n, p, k) change of the prediction for one unit of each shared parameter.
-        unknown: (n, p, m) response to each pulse of the unknown motion at kappa = 1.
+        unknown: what the unknown motion does.
         taken: (n, p) whether a sample counts.
         own: (n, p, q) change by one standard deviation of each parameter that is the record's own, such as the form of
             an effect or the gusts that it met.
@@ -44,7 +80,7 @@ class Linearised:
 
     residual: FloatArray
     columns: FloatArray
-    unknown: FloatArray
+    unknown: Motion
     taken: NDArray[np.bool_]
     own: FloatArray | None = None
 
@@ -53,70 +89,96 @@ class Linearised:
         """``own``, of no columns if it was not given."""
         return self.columns[:, :, :0] if self.own is None else self.own
 
-
-def fewer(unknown: FloatArray, taken: NDArray[np.bool_]) -> FloatArray:
-    """Return the same unknown motion (n, p, m) by its principal directions (n, p, r), r <= m, in units of the noise.
-
-    Pulses that are independent and of one size are so in any rotation of them. Directions that a motion as large as
-    all that is seen (kappa = 1) moves by less than a hundredth of the noise in all samples together are left out.
-    """
-    U = np.where(taken[:, :, None], unknown, 0.0).reshape(taken.size, unknown.shape[2])
-    values, turn = np.linalg.eigh(U.T @ U)
-    return (U @ turn[:, values > _UNSEEN**2]).reshape(*taken.shape, -1)
+    def counted(self, values: FloatArray) -> FloatArray:
+        """Return values (n, p, ...) by channel, (p, n, ...); 0 where no sample counts."""
+        taken = self.taken.reshape(*self.taken.shape, *[1] * (values.ndim - 2))
+        return np.ascontiguousarray(np.moveaxis(np.where(taken, values, 0.0), 1, 0))
 
 
 @dataclass(frozen=True, eq=False)
 class Grams:
     """Sums over the samples of each channel of one record, of all that the evidence needs.
 
-    Z holds the k columns, then the q of the record's own, then the m pulses, then the residual; ``of``
-    (p, k + q + m + 1, k + q + m + 1) is Z'Z by channel.
+    Attributes:
+        shared: (p, k + 1, k + 1) of the k columns, then the residual.
+        across: (p, q + m, k + 1) of the q of the record's own, then the m directions of motion, with those.
+        inside: (p, q + m, q + m) of the record's own and the directions.
+        samples: (p,) number that counts.
+        size: (m,) see :class:`Motion`.
     """
 
-    of: FloatArray
+    shared: FloatArray
+    across: FloatArray
+    inside: FloatArray
     samples: FloatArray
-    k: int
-    q: int = 0
+    size: FloatArray
+    _kept: dict[bytes, dict[int, tuple[FloatArray, Any, float]]] = field(default_factory=dict, repr=False)
 
     @classmethod
     def made(cls, record: Linearised, before: Grams | None = None) -> Grams:
         """Return the sums of a record; those of its own and of the pulses are taken from ``before``, if they are."""
-        p, k = record.residual.shape[1], record.columns.shape[2]
-        own = record.all_own
-        new = np.concatenate([record.columns, record.residual[:, :, None]], axis=2)
-        new = np.where(record.taken[:, :, None], new, 0.0)
-        same = np.concatenate([own, record.unknown], axis=2)  # where no sample was taken the others are zero
-        size, inside = k + same.shape[2] + 1, slice(k, k + same.shape[2])
-        at = np.r_[0:k, size - 1]
-        out = np.empty((p, size, size))
-        for c in range(p):
-            out[c][np.ix_(at, at)] = new[:, c].T @ new[:, c]
-            across = same[:, c].T @ new[:, c]
-            out[c][inside, :k], out[c][inside, -1] = across[:, :k], across[:, k]
-            out[c][:k, inside], out[c][-1, inside] = across[:, :k].T, across[:, k]
+        new = record.counted(np.concatenate([record.columns, record.residual[:, :, None]], axis=2))
+        U, own = record.unknown, record.all_own
+        shared, across = new.transpose(0, 2, 1) @ new, U.response.transpose(0, 2, 1) @ new
+        inside = U.gram if before is None else before.inside
+        if own.shape[2]:
+            mine = record.counted(own).transpose(0, 2, 1)
+            across = np.concatenate([mine @ new, across], axis=1)
             if before is None:
-                counted = np.where(record.taken[:, c, None], same[:, c], 0.0)
-                out[c][inside, inside] = counted.T @ counted
-            else:
-                out[c][inside, inside] = before.of[c][before.k : -1, before.k : -1]
-        return cls(out, record.taken.sum(axis=0).astype(float), k, own.shape[2])
+                with_motion = mine @ U.response
+                left = np.concatenate([mine @ mine.transpose(0, 2, 1), with_motion.transpose(0, 2, 1)], axis=1)
+                inside = np.concatenate([left, np.concatenate([with_motion, U.gram], axis=1)], axis=2)
+        samples = record.taken.sum(axis=0).astype(float)
+        return cls(shared, across, inside, samples, U.size, {} if before is None else before._kept)
+
+    @property
+    def k(self) -> int:
+        """Number of columns."""
+        return self.shared.shape[1] - 1
+
+    @property
+    def q(self) -> int:
+        """Number of the record's own."""
+        return len(self.inside[0]) - len(self.size)
 
     def left_by(self, record: Linearised, residual: FloatArray) -> Grams:
         """Return the sums without columns for another residual (n, p) of the same record."""
-        own = record.all_own
-        r = np.where(record.taken, residual, 0.0)
-        of = self.of[:, self.k :, self.k :].copy()
-        for c in range(r.shape[1]):
-            of[c, : self.q, -1] = own[:, c].T @ r[:, c]
-            of[c, self.q : -1, -1] = record.unknown[:, c].T @ r[:, c]
-            of[c, -1, -1] = r[:, c] @ r[:, c]
-            of[c, -1, :-1] = of[c, :-1, -1]
-        return Grams(of, self.samples, 0, self.q)
+        r = record.counted(residual)[:, :, None]
+        across = record.unknown.response.transpose(0, 2, 1) @ r
+        if self.q:
+            across = np.concatenate([record.counted(record.all_own).transpose(0, 2, 1) @ r, across], axis=1)
+        return replace(self, shared=r.transpose(0, 2, 1) @ r, across=across)
 
     def deviations(self, kappa: float) -> FloatArray:
-        """Return the prior deviations of what is the record's own, its pulses last; none of them at kappa 0."""
-        m = self.of.shape[1] - 1 - self.k - self.q
-        return np.concatenate([np.ones(self.q), np.full(m if kappa > 0.0 else 0, kappa)])
+        """Return the prior deviations of what is the record's own, then of the directions that a motion shows.
+
+        Of the others, the smallest ones, so large a motion moves less than noise can tell.
+        """
+        return np.concatenate([np.ones(self.q), np.full(int(np.sum(kappa * self.size > _UNSEEN)), kappa)])
+
+    def inner(self, scales: FloatArray, kappa: float) -> tuple[FloatArray, Any, float]:
+        """Return the deviations D (r,), the Cholesky factor of 1 + D G D, and ln of its determinant.
+
+        G is ``inside`` over the squares of noise scales (p,). A descent asks for the same ones again and again.
+        """
+        known = self._kept.get(key := scales.tobytes())
+        if known is None:
+            self._kept.clear()
+            known = self._kept[key] = {}
+        place = KAPPAS.index(kappa) if kappa in KAPPAS else -1
+        if place not in known or place < 0:
+            D = self.deviations(kappa)
+            G = self._weighted(scales, len(D))
+            factor = cho_factor(np.eye(len(D)) + D[:, None] * G * D, check_finite=False)
+            known[place] = D, factor, 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
+        return known[place]
+
+    def _weighted(self, scales: FloatArray, r: int) -> FloatArray:
+        """Return the first (r, r) of ``inside``, summed over channels by their weights."""
+        out = np.zeros((r, r))
+        for inside, s in zip(self.inside, scales, strict=True):
+            out += s**-2.0 * inside[:r, :r]
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,20 +224,16 @@ class Reduced:
 
 def reduced(grams: Sequence[Grams], scales: FloatArray, kappa: float) -> Reduced:
     """Integrate what is each record's own at noise scales (p,) and one size of the unknown motion."""
-    k = grams[0].k
+    k, weights = grams[0].k, scales**-2.0
     A, b, c, log_det, samples = np.zeros((k, k)), np.zeros(k), 0.0, 0.0, 0.0
     for g in grams:
-        G = np.tensordot(scales**-2.0, g.of, 1)
         samples += float(g.samples.sum())
         log_det += 2.0 * float(g.samples @ np.log(scales))
-        shared, D = np.r_[0:k, G.shape[0] - 1], g.deviations(kappa)
-        own = slice(k, k + len(D))
-        S = G[np.ix_(shared, shared)]
+        S = np.tensordot(weights, g.shared, 1)
+        D, factor, more = g.inner(scales, kappa)
         if len(D):
-            M = np.eye(len(D)) + D[:, None] * G[own, own] * D
-            factor = cho_factor(M, check_finite=False)
-            log_det += 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
-            B = D[:, None] * G[own][:, shared]
+            log_det += more
+            B = D[:, None] * np.tensordot(weights, g.across[:, : len(D)], 1)
             S = S - B.T @ cho_solve(factor, B, check_finite=False)
         A += S[:k, :k]
         b += S[:k, k]
@@ -245,19 +303,20 @@ def _left(
     theta, covariance = reduced(grams, scales, kappa).posterior(mean, std)
     squares, effective, weights = np.zeros(len(scales)), np.zeros(len(scales)), scales**-2.0
     for g in grams:
-        k, D = g.k, g.deviations(kappa)
-        K = k + len(D)
-        G = np.tensordot(weights, g.of, 1)
+        k = g.k
+        D, factor, _ = g.inner(scales, kappa)
+        r = len(D)
+        XX, xy = g.shared[:, :k, :k], g.shared[:, :k, k]
         found, Sigma = theta, covariance
-        if len(D):
-            M = np.diag(D**-2.0) + G[k:K, k:K]
-            P = cho_solve(cho_factor(M, check_finite=False), np.eye(len(D)), check_finite=False)
-            T = P @ G[k:K, :k]
-            found = np.concatenate([theta, P @ G[k:K, -1] - T @ theta])
+        if r:
+            P = D[:, None] * cho_solve(factor, np.diag(D), check_finite=False)
+            across = np.tensordot(weights, g.across[:, :r], 1)
+            T = P @ across[:, :k]
+            found = np.concatenate([theta, P @ across[:, k] - T @ theta])
             Sigma = np.block([[covariance, -covariance @ T.T], [-T @ covariance, P + T @ covariance @ T.T]])
-        XX, xy = g.of[:, :K, :K], g.of[:, :K, -1]
-        squares += weights * (
-            g.of[:, -1, -1] - 2.0 * xy @ found + np.einsum("i,cij,j->c", found, XX, found, optimize=True)
-        )
+            between = g.across[:, :r, :k]
+            XX = np.block([[XX, between.transpose(0, 2, 1)], [between, g.inside[:, :r, :r]]])
+            xy = np.concatenate([xy, g.across[:, :r, k]], axis=1)
+        squares += weights * (g.shared[:, k, k] - 2.0 * xy @ found + (XX @ found) @ found)
         effective += g.samples - weights * np.tensordot(XX, Sigma, 2)
     return squares, np.maximum(effective, 1e-3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from testbench.inference.linear import Grams, Linearised, fewer, reduced, sized
+from testbench.inference.linear import Grams, Linearised, Motion, fewer, reduced, sized
 
 
 def problem(seed, records=2, n=30, p=2, k=3, m=4, q=0, gaps=True):
@@ -18,12 +18,17 @@ def problem(seed, records=2, n=30, p=2, k=3, m=4, q=0, gaps=True):
             Linearised(
                 rng.standard_normal((n, p)),
                 rng.standard_normal((n, p, k)),
-                rng.standard_normal((n, p, m)),
+                fewer(rng.standard_normal((n, p, m)), taken),
                 taken,
                 rng.standard_normal((n, p, q)) if q else None,
             )
         )
     return out
+
+
+def pulses_of(block):
+    """Return the unknown motion of a record by sample, (n, p, m)."""
+    return block.unknown.response.transpose(1, 0, 2)
 
 
 def whole_normal(records, scales, kappa, mean, std, which):
@@ -35,7 +40,7 @@ def whole_normal(records, scales, kappa, mean, std, which):
     C = np.diag(noise**2) + (X[:, which] * std**2) @ X[:, which].T
     at = 0
     for b, r in zip(records, rows, strict=True):
-        U = b.unknown.reshape(-1, b.unknown.shape[2])[r]
+        U = pulses_of(b).reshape(len(r), -1)[r]
         C[at : at + len(U), at : at + len(U)] += kappa**2 * U @ U.T
         if b.own is not None:
             V = b.own.reshape(-1, b.own.shape[2])[r]
@@ -60,7 +65,9 @@ def test_sums_without_columns_are_those_of_another_residual():
     other = np.random.default_rng(7).standard_normal(block.residual.shape)
     found = Grams.made(block).left_by(block, other)
     alone = Linearised(other, block.columns[:, :, :0], block.unknown, block.taken, block.own)
-    assert np.allclose(found.of, Grams.made(alone).of, rtol=1e-12, atol=1e-12)
+    wanted = Grams.made(alone)
+    for ours, theirs in ((found.shared, wanted.shared), (found.across, wanted.across), (found.inside, wanted.inside)):
+        assert np.allclose(ours, theirs, rtol=1e-12, atol=1e-12)
     assert (found.k, found.q) == (0, 2)
 
 
@@ -68,12 +75,14 @@ def test_fewer_directions_of_an_unknown_motion_have_the_evidence_of_all_pulses()
     """Pulses that are sums of others, and pulses too faint to see, add nothing."""
     block = problem(8, records=1, n=60, m=4)[0]
     rng = np.random.default_rng(9)
-    U = np.concatenate([block.unknown, block.unknown @ rng.standard_normal((4, 3)), 1e-5 * block.unknown[:, :, :1]], 2)
+    four = pulses_of(block)
+    U = np.concatenate([four, four @ rng.standard_normal((4, 3)), 1e-5 * four[:, :, :1]], 2)
     few = fewer(U, block.taken)
-    assert few.shape == (60, 2, 4)
+    assert few.response.shape == (2, 60, 4)
+    every = Motion(U.transpose(1, 0, 2), np.einsum("npi,npj->pij", U, U), np.full(8, np.inf))
     both = [
         reduced([Grams.made(Linearised(block.residual, block.columns, V, block.taken))], np.ones(2), 0.5)
-        for V in (U, few)
+        for V in (every, few)
     ]
     assert both[0].log_evidence(np.zeros(3), np.ones(3)) == pytest.approx(
         both[1].log_evidence(np.zeros(3), np.ones(3)), abs=1e-6

@@ -29,11 +29,13 @@ from testbench.flight.trim import (
     first_guess,
     trim,
     unknowns,
+    values_of,
 )  # fmt: skip
 
 Near = tuple[TrimmedFlight, FloatArray]
 """A trim, and the slopes of accelerations over its unknowns (:func:`testbench.flight.trim.slopes_at`)."""
-_ITERATIONS = 12
+_ITERATIONS = 12  # of Newton's method; those with slopes that are known are cheap
+_SHRINKS = 0.2  # of what is left, by a step with slopes that are known; else they are made afresh
 _LONGEST = 0.3  # step of an unknown
 _SI = np.array([FT_M, FT_M, FT_M, 1.0, 1.0, 1.0])
 
@@ -58,7 +60,7 @@ def trim_many(
         rate_hz: frame rate; each aircraft's own if not given.
         airs: of each flight; only its steady wind counts.
         simulator: "jsbsim" trims one by one.
-        near: flight -> a trim that is known of an aircraft much like it, with its slopes; asked for where JSBSim trims.
+        near: flight -> a trim that is known of an aircraft much like it, with its slopes, to begin from.
 
     Returns:
         For each flight its trim, or why there is none.
@@ -87,7 +89,8 @@ def trim_many(
             groups.setdefault(id(model.program), []).append((i, model))
     for group in groups.values():
         members = [i for i, _ in group]
-        found = _trimmed([m for _, m in group], [conditions[i] for i in members], [blowing[i] for i in members])
+        of = [conditions[i] for i in members], [blowing[i] for i in members]
+        found = _trimmed([m for _, m in group], *of, [None if near is None else near(i) for i in members])
         for i, result in zip(members, found, strict=True):
             out[i] = result
     rest = [i for i, result in enumerate(out) if result is None]
@@ -108,11 +111,14 @@ def _by_jsbsim(
 
 
 def _trimmed(
-    models: Sequence[BatchModel], conditions: Sequence[FlightCondition], airs: Sequence[Air | None]
+    models: Sequence[BatchModel],
+    conditions: Sequence[FlightCondition],
+    airs: Sequence[Air | None],
+    near: Sequence[Near | None],
 ) -> list[TrimmedFlight | Refusal | None]:
     """Trim flights of one program; None for one that does not come to rest."""
     problem = _Problem(models, conditions, airs)
-    x, done = problem.newton()
+    x, done = problem.newton(near)
     residual, state = problem.at_rest(x)
     out: list[TrimmedFlight | Refusal | None] = []
     for i, (model, condition) in enumerate(zip(models, conditions, strict=True)):
@@ -150,20 +156,39 @@ class _Problem:
         self._wind = np.array([(0.0, 0.0, 0.0) if a is None else a.wind_m_s for a in airs]).T
         self._steps = np.array([UNKNOWN_STEP.get(n, 1e-4) for n in self.names])
 
-    def newton(self) -> tuple[FloatArray, np.ndarray]:
-        """Return unknowns (unknowns, flights), and which flights have come to rest; each stops by itself."""
-        x = np.repeat(first_guess(self.names)[:, None], len(self._models), axis=1)
-        moving = np.arange(len(self._models))
+    def newton(self, near: Sequence[Near | None]) -> tuple[FloatArray, np.ndarray]:
+        """Return unknowns (unknowns, flights), and which flights have come to rest; each stops by itself.
+
+        Where slopes are known they are kept, with the change of rank one that each step tells (C. G. Broyden,
+        Mathematics of Computation 19, 1965, pp. 577-593), until a step leaves too much.
+        """
+        n, m = len(self.names), len(self._models)
+        x, J = np.repeat(first_guess(self.names)[:, None], m, axis=1), np.full((6, n, m), np.nan)
+        for i, known in enumerate(near):
+            if known is not None and known[1].shape == (6, n):
+                x[:, i], J[:, :, i] = values_of(self.names, known[0]), known[1]
+        kept = np.all(np.isfinite(J), axis=(0, 1))  # with slopes that are known
+        moving = np.arange(m)
         residual = self._accelerations(x, moving)
         for _ in range(_ITERATIONS):
             moving = moving[~(np.max(np.abs(residual[:, moving]), axis=0) < TOLERANCE)]
             if not moving.size:
                 break
-            J = self._jacobian(x[:, moving], moving)
-            for i, lane in enumerate(moving):
+            if (afresh := moving[~kept[moving]]).size:
+                J[:, :, afresh] = self._jacobian(x[:, afresh], afresh)
+            steps = np.zeros((n, m))
+            for i in moving:
                 if np.all(np.isfinite(J[:, :, i])) and np.linalg.cond(J[:, :, i]) < 1e12:
-                    x[:, lane] -= np.clip(np.linalg.solve(J[:, :, i], residual[:, lane]), -_LONGEST, _LONGEST)
-            residual[:, moving] = self._accelerations(x[:, moving], moving)
+                    steps[:, i] = -np.clip(np.linalg.solve(J[:, :, i], residual[:, i]), -_LONGEST, _LONGEST)
+            x += steps
+            left = self._accelerations(x[:, moving], moving)
+            for i, after in zip(moving, left.T, strict=True):
+                step = steps[:, i]
+                if kept[i] and np.max(np.abs(after)) < _SHRINKS * np.max(np.abs(residual[:, i])):
+                    J[:, :, i] += np.outer(after - residual[:, i] - J[:, :, i] @ step, step) / (step @ step)
+                else:
+                    kept[i] = False
+            residual[:, moving] = left
         return x, np.max(np.abs(residual), axis=0) < TOLERANCE
 
     def _jacobian(self, x: FloatArray, flights: np.ndarray) -> FloatArray:

@@ -7,7 +7,7 @@ best explanation does not account for is probable, another beside it is sought a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -21,7 +21,7 @@ from testbench.effects import Effect, library
 from testbench.effects import Parameter as EffectParameter
 from testbench.effects.base import together
 from testbench.inference.compare import Hypothesis, Points, Row, compare_hypotheses
-from testbench.inference.linear import KAPPAS, Grams, Linearised, fewer, reduced
+from testbench.inference.linear import KAPPAS, Grams, Linearised, Motion, fewer, reduced
 from testbench.inference.parameters import Noise, Parameter, Source
 from testbench.inference.unknown import pulses
 from testbench.questions.gap.believed import Believed
@@ -210,6 +210,7 @@ class _Asker:
     told: Callable[[Effect], float]
     moved: dict[int, FloatArray] = field(default_factory=dict)  # by an unknown motion, of each record
     models: dict[str, Callable[[Mapping[str, float]], Believed]] = field(default_factory=dict)  # of each hypothesis
+    seen: dict[str, list[tuple[FloatArray, FloatArray]]] = field(default_factory=dict)  # of each effect
 
     @cached_property
     def start(self) -> Point:
@@ -295,7 +296,8 @@ class _Asker:
         unknown motion u of every size. One factorisation a size serves all effects.
         """
         b = self.believed
-        seen = list(_signatures(base, effects))
+        known = self._signatures(effects)
+        seen = [(effect, *one) for effect in effects for one in known[effect.name]]
         if not seen:
             return []
         shared = np.column_stack([base.tangents, own])
@@ -326,6 +328,19 @@ class _Asker:
             out[effect.name] = out[effect.name].with_(one) if effect.name in out else one
         return list(out.values())
 
+    def _signatures(self, effects: Sequence[Effect]) -> Mapping[str, list[tuple[FloatArray, FloatArray]]]:
+        """Return effect -> its usual sizes that records can show, and what each changes there.
+
+        They are seen about the re-tuned model; about another point they are to first order the same.
+        """
+        new = [effect for effect in effects if effect.name not in self.seen]
+        each = [(effect, x) for effect in new for x in starts_of(effect)]
+        self.seen |= {effect.name: [] for effect in new}
+        for (effect, x), change in zip(each, changes(self.tuned, each), strict=True):
+            if change is not None and np.all(np.isfinite(change)) and change @ change > INVISIBLE:
+                self.seen[effect.name].append((x, change))
+        return self.seen
+
     def wrong(self, *wide: str) -> list[str]:
         """Return the coefficients, the one first that gains most by a wide prior, to first order.
 
@@ -349,8 +364,8 @@ class _Asker:
         return out
 
     @cached_property
-    def _directions(self) -> list[FloatArray]:
-        """Of each record, the principal directions of an unknown motion, in units of the noise."""
+    def _directions(self) -> list[Motion]:
+        """Of each record, an unknown motion by its principal directions."""
         b = self.believed
         return [fewer(self.unknown(r) / b.noise_std[:, None], b.taken(r)) for r in self.records]
 
@@ -514,14 +529,6 @@ def _split(
         {n: v for n, (v, _) in beside.items()},
         {n: e for n, (_, e) in beside.items()},
     )
-
-
-def _signatures(base: Point, effects: Sequence[Effect]) -> Iterator[tuple[Effect, FloatArray, FloatArray]]:
-    """Yield effects, their usual sizes that records can show, and what they change there; all are flown together."""
-    each = [(effect, x) for effect in effects for x in starts_of(effect)]
-    for (effect, x), change in zip(each, changes(base, each), strict=True):
-        if change is not None and np.all(np.isfinite(change)) and change @ change > INVISIBLE:
-            yield effect, x, change
 
 
 def starts_of(effect: Effect) -> list[FloatArray]:

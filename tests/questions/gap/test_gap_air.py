@@ -18,8 +18,8 @@ from testbench.questions.gap.evidence import air
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen, listen_again
 from testbench.questions.gap.evidence.gust_filter import GustFilter
 from testbench.questions.gap.evidence.gust_model import GustModel
-from testbench.questions.gap.name import _signatures, name_effect
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.name import name_effect, starts_of
+from testbench.questions.gap.search.hypothesis import Hypothesis, changes
 from testbench.questions.gap.search.retune import retune
 from testbench.questions.gap.workflow import in_measured_air
 
@@ -176,7 +176,7 @@ def test_curved_effects_do_not_stand_out_of_turbulence_alone(believed):
         ):
             tuned = retune(Hypothesis.at(point, point, records))
             for name in gains:
-                (flown,) = [s for *_, s in _signatures(tuned, [EFFECTS[name]])][:1]
+                (flown,) = changes(tuned, [(EFFECTS[name], x) for x in starts_of(EFFECTS[name])])[:1]
                 d = tuned.tuned(tuned.exact + flown)[0] - (r := tuned.tuned(tuned.exact)[0])
                 gains[name] += float(r @ d) ** 2 / float(d @ d)
     assert max(along.values()) < 23.5, along

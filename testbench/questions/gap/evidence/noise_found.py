@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.inference.linear import Grams, Linearised, sized
+from testbench.inference.linear import Grams, Linearised, fewer, sized
 from testbench.inference.parameters import NOISE_SPREAD, Source
 from testbench.inference.unknown import pulses
 from testbench.questions.gap.believed import Believed
@@ -91,7 +91,7 @@ def find_noise(
         taken = believed.taken(record)
         U = np.concatenate(unknown, axis=2) / believed.noise_std[:, None]
         U -= np.where(taken[:, :, None], U, 0.0).sum(axis=0) / np.maximum(taken.sum(axis=0), 1)[:, None]
-        grams.append(Grams.made(Linearised(left, -tangents, U, taken)))
+        grams.append(Grams.made(Linearised(left, -tangents, fewer(U, taken), taken)))
     spread = np.full(p, NOISE_SPREAD[source])
     mean, begin = -point.deviations * point.prior_std, None
     best = None
