@@ -107,6 +107,7 @@ class Effect:
         own_form: the effect that does the same in models of the testbench's own form, where this one is left out.
         elsewhere: (believed condition of a record, values) -> the one that it was really flown from, for an effect that
             moves it.
+        later: whether it acts only in records that say that it has begun in flight.
         form_error: how far the real thing departs from this form, relative to its own signature (judged). The residual
             that it leaves may be as large as form_error times its own signature.
     """
@@ -132,6 +133,7 @@ class Effect:
     over_time: OverTime | None = None
     own_form: str = ""
     elsewhere: Callable[[FlightCondition, Values], FlightCondition] | None = None
+    later: bool = False
     form_error: float = 0.03
 
     @property

@@ -77,7 +77,8 @@ class Believed:
     as differences between neighbours want it. ``over_time`` are effects that grow during the flight: (aircraft,
     sensors, time after take-off) -> both; where a record does not say when it was flown, nothing has grown.
     ``elsewhere`` are effects that move the condition: condition of a record -> the one that it was really flown from.
-    ``condition`` is moved by them already, by ``higher_m`` in height; the limits of the height go along.
+    ``condition`` is moved by them already, by ``higher_m`` in height; the limits of the height go along. ``later`` are
+    effects with their values that begin in flight: they act in records that say so.
 
     Raises:
         ScenarioError: the suite has no channel to compare, or one without any noise.
@@ -100,6 +101,7 @@ class Believed:
     over_time: tuple[partial[tuple[Aircraft, SensorSuite]], ...] = ()
     elsewhere: tuple[partial[FlightCondition], ...] = ()
     higher_m: float = 0.0
+    later: tuple[tuple[Effect, Mapping[str, float]], ...] = ()
 
     def __post_init__(self) -> None:
         if not self.outputs:
@@ -131,6 +133,8 @@ class Believed:
         start = start_of(record)
         if start is not None and not self.over_time:  # then it does not matter when that was
             start = replace(start, at_s=self.start.at_s if self.start is not None else None)
+        if start is not None and not self.later:
+            start = replace(start, changed=self.start is not None and self.start.changed)
         here = self.start or (None if self.elsewhere else Start(self.condition))
         if start is None or start == here:
             return self
@@ -151,8 +155,16 @@ class Believed:
             )
             for moved in self.elsewhere:
                 there = there._moved(moved)
-            self._by_start[start] = there if start.at_s is None else there.after(start.at_s)
+            there = there if start.at_s is None else there.after(start.at_s)
+            self._by_start[start] = there.begun_later() if start.changed else there
         return self._by_start[start]
+
+    def begun_later(self) -> Believed:
+        """Return the belief with what begins in flight."""
+        out = replace(self, later=())
+        for effect, values in self.later:
+            out = out.with_effect(effect, values)
+        return out
 
     def after(self, at_s: float) -> Believed:
         """Return the belief with what has grown so many s after take-off."""
@@ -178,6 +190,8 @@ class Believed:
                 own = {p.name: rest.pop(f"{part.name}.{p.name}") for p in part.parameters}
                 out = out.with_effect(part, own)
             return out
+        if effect.later:
+            return replace(self, later=(*self.later, (replace(effect, later=False), dict(values))))
         if effect.over_time is not None:
             return replace(self, over_time=(*self.over_time, partial(grown_by, effect, dict(values))))
         aircraft, suite = effect.amend(replace(self.aircraft, rate_hz=self.rate_hz), self.suite, values)
@@ -439,9 +453,23 @@ class Believed:
             return Wanted(flyer, names, frames, 1.0 / record.dt_s, channels, air)
         at = self.begun(record) if at is None else at
         assert at is not None
+        at = at + self._moved_trim(record, free)
         names, u = self._deviations(record, at)
         frames = at_frames(names, u, record, self.rate_hz, free.began(at))
         return Wanted(flyer, names, frames, 1.0 / record.dt_s, channels, air, free.start(at))
+
+    def _moved_trim(self, record: FlightRecord, free: FreeStart) -> FloatArray:
+        """Return by how much a start (k,) is told from another trim, where an effect that began in flight moves that.
+
+        The aircraft did not wait for that trim: it is where it was, and so are its commands.
+        """
+        there = self.at(record)
+        if not self.later or there.start is None or not there.start.changed:
+            return np.zeros(len(free.names))
+        before, after = replace(self, later=()).at(record).trimmed, there.trimmed
+        angles = {n: getattr(before, n) - getattr(after, n) for n in ("alpha", "beta", "phi", "theta")}
+        moved = angles | {n: before.controls[n] - value for n, value in after.controls.items()}
+        return np.array([moved.get(n, 0.0) for n in free.names])
 
     def wanted_to_read(self, record: FlightRecord, at: FloatArray | None = None) -> Wanted:
         """Return what :meth:`predict` flies, likewise."""

@@ -29,6 +29,7 @@ from testbench.sensors import SensorSuite
 
 # Prior probabilities before any flight; judged. Those of one kind share them alike.
 P_NOTHING, P_EFFECT, P_PAIR, P_COEFFICIENT, P_OPEN, P_STRANGER = 0.40, 0.30, 0.05, 0.10, 0.05, 0.10
+P_ONSET = 0.1  # that what is missing does not act in all of the records, but begins or ends in flight
 P_IMITATED = 0.5  # that something which the library lacks is imitated, better than by an unknown motion alone
 P_IN_PART = 0.41  # that it then acts in the same part: 35 of 86 calls of the blind test that named nothing
 SURE = 0.9  # probability from which one explanation is named
@@ -164,6 +165,7 @@ class Weighed:
                 continue
             whole, alike = self._prior(row.name)
             told = self.told.get(row.name, 0.0)
+            told += math.log(math.prod(P_ONSET / e.looks for e in self.effects[row.name].singles if e.later))
             out[row.name, "whole"] = math.log(whole) + found.log_whole + told
             out[row.name, "imitated"] = math.log(P_STRANGER * P_IMITATED / alike) + found.log_part + told
         return out
@@ -275,6 +277,11 @@ class Naming:
     def best(self) -> Explanation | None:
         """The explanation that is added, if any."""
         return next((f for f in self.ranking if self.names and f.effect.name == self.names[0]), None)
+
+    @property
+    def beside_unknown(self) -> dict[str, float]:
+        """Coefficient -> factor on what is believed, where an unknown motion does what is missing."""
+        return self.weighed.table["nothing"].posterior.by_name
 
     @property
     def measured(self) -> dict[str, tuple[float, float]]:

@@ -52,6 +52,7 @@ def amended_files(result: GapResult) -> dict[str, str]:
     old, new = result.finding.believed, result.finding.amended
     if new.over_time:
         new = new.after(max(times_of(result.records.values())))
+    new = new.begun_later()
     if not result.finding.changed:
         return {}
     out: dict[str, str] = {}

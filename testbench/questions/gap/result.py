@@ -20,6 +20,7 @@ from testbench.questions.gap.evidence.held_out import HeldOutFlight
 from testbench.questions.gap.evidence.locate import RegionMap, ResidualMap, Structure
 from testbench.questions.gap.evidence.noise_found import NoiseFound
 from testbench.questions.gap.explain import VISIBLE, Naming
+from testbench.questions.gap.onset import Begun
 from testbench.questions.gap.open_set import FirstLook
 from testbench.questions.gap.verdict import Verdict, verdict_of
 
@@ -100,6 +101,7 @@ class GapFinding:
         again: what stated probabilities are worth here, if the flights were flown again with drawn truths.
         first: what forces and moments say before anything is flown, or None if nobody looked.
         windows: how records without quiet flight were cut, a sentence for each.
+        begun: what begins or ends in flight, if anything seems to.
         tally: by what the believed and the amended model were flown through every record.
         paths: what recorded surfaces say of the paths from their commands.
         held_out: how different the flights held out are from those used.
@@ -121,6 +123,7 @@ class GapFinding:
     first: FirstLook | None = None
     tally: Tally | None = None
     windows: tuple[str, ...] = ()
+    begun: Begun | None = None
     paths: tuple[JudgedPath, ...] = ()
     held_out: tuple[HeldOutFlight, ...] = ()
     noise: NoiseFound | None = None
@@ -138,7 +141,7 @@ class GapFinding:
     @property
     def sentences(self) -> tuple[str, ...]:
         """The answer in words."""
-        out = [self.naming.sentence]
+        out = [self.naming.sentence, *([self.begun.sentence] if self.begun is not None else [])]
         out += [p.sentence for p in self.paths if p.outcome in ("differs", "unexplained", "not seen")]
         verdict = self.verdict
         out += [] if verdict is None else verdict.sentences
@@ -175,7 +178,7 @@ class GapFinding:
         TOLERANCE in every record. False of windows: starts that are fitted hide how far it
         would go astray.
         """
-        if self.windows:
+        if self.windows or self.begun is not None:
             return False
         judged = [i for i, n in enumerate(self.believed.outputs) if n in TOLERANCE]
         if self.naming.best is None:

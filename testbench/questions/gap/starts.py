@@ -30,12 +30,14 @@ class Start:
         load_kg: more than the believed mass; negative if less was carried, fuel that was burnt for one.
         load_aft_m: place of the load behind the believed centre of gravity, on the centre line.
         at_s: time since take-off in the middle of the record; None where that is not known.
+        changed: whether what begins in flight (:mod:`.onset`) has begun.
     """
 
     condition: FlightCondition
     load_kg: float = 0.0
     load_aft_m: float = 0.0
     at_s: float | None = None
+    changed: bool = False
 
     def loaded(self, aircraft: Aircraft, suite: SensorSuite) -> tuple[Aircraft, SensorSuite]:
         """Return an aircraft that carries the load, and the sensors, whose places are told from the centre of gravity.
@@ -65,6 +67,7 @@ def marked(record: FlightRecord, start: Start) -> FlightRecord:
     """Return a record that says what it was flown from."""
     told = {**asdict(start.condition), "load_kg": start.load_kg, "load_aft_m": start.load_aft_m}
     told |= {} if start.at_s is None else {"at_s": start.at_s}
+    told |= {"changed": 1.0} if start.changed else {}
     return replace(record, provenance={**record.provenance, KEY: told})
 
 
@@ -112,7 +115,8 @@ def start_of(record: FlightRecord) -> Start | None:
             raise TypeError("no table")
         values = {str(n): float(v) for n, v in told.items()}
         load = {n: values.pop(n) for n in ("load_kg", "load_aft_m", "at_s") if n in values}
-        return Start(FlightCondition(**values), **load)
+        changed = bool(values.pop("changed", 0.0))
+        return Start(FlightCondition(**values), **load, changed=changed)
     except (TypeError, ValueError):
         raise RecordError(
             f"provenance '{KEY}' of a record must hold V_m_s and h_m, and may hold gamma_rad, load_kg, load_aft_m and "

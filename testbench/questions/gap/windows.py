@@ -274,17 +274,22 @@ def _parts(record: FlightRecord, length_s: float) -> list[FlightRecord]:
         )
     count = max(1, math.ceil(n * record.dt_s / length_s - 1e-9))
     ends = np.linspace(lead, len(record), count + 1).round().astype(int)
-    out = []
+    return [part_of(record, a - lead, b) for a, b in pairwise(ends.tolist())]
+
+
+def part_of(record: FlightRecord, begin: int, end: int) -> FlightRecord:
+    """Return the samples from ``begin`` to ``end`` of a record as a window that starts freely.
+
+    Its first LEAD_S are flown and not compared.
+    """
     compared = [i for i, c in enumerate(record.channels) if c.removesuffix("_cmd") not in CONTROLS]
-    for a, b in pairwise(ends.tolist()):
-        rows = slice(a - lead, b)
-        valid = record.valid[rows].copy()
-        valid[:lead, compared] = False
-        part = replace(record, t_s=record.t_s[rows], data=record.data[rows], valid=valid)
-        if (start := start_of(record)) is not None:
-            part = marked(part, start.later(float(np.mean(part.t_s[[0, -1]]) - np.mean(record.t_s[[0, -1]]))))
-        out.append(freed(part, record_key(part), level(record) if not starts_freely(record) else _level_of(record)))
-    return out
+    rows = slice(begin, end)
+    valid = record.valid[rows].copy()
+    valid[: round(LEAD_S / record.dt_s), compared] = False
+    part = replace(record, t_s=record.t_s[rows], data=record.data[rows], valid=valid)
+    if (start := start_of(record)) is not None:
+        part = marked(part, start.later(float(np.mean(part.t_s[[0, -1]]) - np.mean(record.t_s[[0, -1]]))))
+    return freed(part, record_key(part), _level_of(record) if starts_freely(record) else level(record))
 
 
 def _level_of(record: FlightRecord) -> dict[str, float]:
@@ -336,6 +341,26 @@ def begin_freely(
     starts = _from_readings(plain, own, starts)
     starts |= _linearised(plain, own, starts)
     return replace(believed, free_starts={**believed.free_starts, **starts})
+
+
+def begin_from(believed: Believed, whole: FlightRecord, part: FlightRecord, share: float) -> Believed:
+    """Return the belief with the start of a part of a record that begins where the flight of the whole record is then.
+
+    Its priors are ``share`` as wide as those of a window: the flight before it tells where it begins.
+
+    Raises:
+        FlightAborted, LimitError, TrimError: the believed aircraft cannot fly the record.
+    """
+    free, there = _guess(believed, part), believed.at(part)
+    truth = believed.flown(whole)
+    k, trim = int(np.searchsorted(whole.t_s, part.t_s[0] - 1e-9)), there.trimmed.state
+    states = {n: _CHANNELS.get(n, n) for n in free.names if n in STATES}
+    at = {n: float(truth[c][k]) - trim[c] for n, c in states.items()}
+    begins = np.array([at.get(n, 0.0) for n in free.names])
+    key = key_of_start(part)
+    start = replace(free, centre=begins, origin=begins, std=share * free.std)
+    known = _linearised(replace(believed, whiten=None), {"": part}, {key: start})
+    return replace(believed, free_starts={**believed.free_starts, **known})
 
 
 def _from_readings(

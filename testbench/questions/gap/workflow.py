@@ -15,6 +15,7 @@ from testbench.core.record import FlightRecord
 from testbench.effects import OTHER_SERVOS, Effect, library
 from testbench.flight.batch.jobs import Tally
 from testbench.inference.parameters import Source
+from testbench.questions.gap import onset
 from testbench.questions.gap.again import fly_again
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.drive import driven
@@ -191,34 +192,56 @@ def find_gap(
             list(held_out.values()),
         )
         as_believed = believed
-        believed, naming, air = search(as_believed, flown, air, say, sought)
+        say("seek what begins in flight")
+        begun = _begun(as_believed, records, air, sought)
+        alone = replace(sought, pairs=sought.pairs and not begun)
+        believed, naming, air = search(as_believed, flown, air, say, alone)
         near = _nearest(naming)
         if noise_found is not None and near is not None:  # what was missing may have been taken for noise
             beside_it = find_noise(stated, flown, noise, near.added_to(stated))
             if noise_found.differs(beside_it):
                 noise_found = beside_it
                 as_believed = replace(stated, suite=noise_found.corrected(stated.suite))
-                believed, naming, air = search(as_believed, flown, air, say, sought)
+                believed, naming, air = search(as_believed, flown, air, say, alone)
                 near = _nearest(naming)
         if near is not None and given.notes:  # tangents of a start are those of the model that it was fitted to
             say("fit where windows start beside what comes nearest")
             as_believed = begin_freely(as_believed, {**records, **held_out}, near.added_to(as_believed))
-            believed, naming, air = search(as_believed, flown, air, say, replace(sought, pairs=True))
+            alone = replace(sought, pairs=not begun)
+            believed, naming, air = search(as_believed, flown, air, say, alone)
         if check and checked is None:
             checked = ahead.take("check", instruments)
+    whole, all_in = flown, as_believed
+    acting, before = None, (believed, naming, air)
+    for place in begun if naming.weighed.unknown > 0.5 else ():  # else what acts in all records explains them
+        cut = onset.divided(as_believed, records, place)
+        there = replace(sought, effects=onset.later(sought.effects, place), further=onset.later(sought.further, place))
+        begins = as_believed
+        if place.record:
+            tuned = before[0].with_nuisances(before[1].beside_unknown)
+            begins = onset.begin_there(as_believed, cut, place, records[place.record], tuned)
+        found = search(begins, list(cut.values()), before[2], say, there)
+        if acting is None or found[1].weighed.unknown < naming.weighed.unknown:
+            acting, divided, (believed, naming, air) = place, cut, found
+        if naming.weighed.unknown < 0.5:
+            break
+    if acting is not None:
+        records, flown = divided, list(divided.values())
     flights_again = None
     if again:
 
         def ask(measured: Sequence[FlightRecord], heard: AirFound) -> Naming:
             """Ask about a flight as the measured ones were asked about."""
-            heard_in = smoothed(as_believed, heard, measured)
-            return search(as_believed, heard_in, heard, lambda stage: None, replace(sought, paths=(), terms={}))[1]
+            heard_in = smoothed(all_in, heard, measured)
+            return search(all_in, heard_in, heard, lambda stage: None, replace(sought, paths=(), terms={}))[1]
 
-        flights_again = fly_again(as_believed, flown, air, sought.effects, again, ask, say, again_file)
+        flights_again = fly_again(all_in, whole, air, sought.effects, again, ask, say, again_file)
     if naming.best is not None:
         amended = naming.best.added_to(believed)
     else:
         amended = believed.with_nuisances(naming.nuisances) if naming.off else believed
+    if acting is not None and amended.later:
+        held_out = onset.lasting(believed, amended, held_out)
     say("locate the residual")
     maps = tuple(_map(believed, name, record) for name, record in records.items())
     left, taken = zip(*((believed.residuals(r), believed.taken(r)) for r in flown), strict=True)
@@ -247,10 +270,19 @@ def find_gap(
         first=first,
         again=flights_again,
         windows=(*given.notes, *others.notes),
+        begun=acting,
         paths=(*by.paths, *paths),
         held_out=differences(believed, records, held_out),
         tally=_tally(models, [*flown, *held_out.values()]),
     )
+
+
+def _begun(believed: Believed, records: Mapping[str, FlightRecord], air: AirFound, sought: Sought) -> list[onset.Begun]:
+    """Return what may begin or end in flight, by an unknown motion alone, the most probable first."""
+    flown_in, _ = in_measured_air(believed, list(records.values()), air)
+    nothing = replace(sought, effects={}, further={}, terms={}, pairs=False, held_out=())
+    naming = nothing.name(flown_in, list(records.values()), lambda stage: None)
+    return [] if naming.weighed.nothing > 0.5 else onset.seek(flown_in, records, naming)
 
 
 def _nearest(naming: Naming) -> Explanation | None:

@@ -1,0 +1,165 @@
+"""Does what is missing begin, or end, within the records, and when?
+
+An unknown motion (:mod:`.unknown`) is sought in every record from its beginning, in none, or in one of them from, or
+until, a time that is not known; the noise and all that is re-tuned are as uncertain as elsewhere
+(:mod:`.linear`). The pulses of a record are put in the order of time, so that one Cholesky factor holds the evidence of
+every time: its leading blocks are the factors of fewer pulses.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.special import logsumexp
+
+from testbench.core.record import FloatArray
+from testbench.inference.linear import KAPPAS, Linearised, Reduced
+
+_SIZES = KAPPAS[1:]
+
+
+@dataclass(frozen=True)
+class Onset:
+    """In which records what is missing acts, and where it most probably begins or ends.
+
+    Attributes:
+        probability: that it does not act in all of the records, if anything is missing at all.
+        record: number of the record in which it begins or ends; -1 if it acts throughout those that show it.
+        sample: at which it does.
+        ends: whether it ends there, and was there before.
+        shows: whether each record shows it.
+        places: number of times and records that were compared.
+        step: (k,) posterior mean of the re-tuned parameters there, less the point.
+    """
+
+    probability: float
+    record: int
+    sample: int
+    ends: bool
+    shows: tuple[bool, ...]
+    places: int
+    step: FloatArray
+
+    @property
+    def place(self) -> tuple[int, int, bool]:
+        """Record, sample and kind."""
+        return self.record, self.sample, self.ends
+
+
+def find_onset(
+    records: Sequence[Linearised],
+    pulses: Sequence[FloatArray],
+    begins: Sequence[Sequence[int]],
+    scales: FloatArray,
+    mean: FloatArray,
+    std: FloatArray,
+    prior: float,
+) -> tuple[Onset, ...]:
+    """Return whether what is missing acts in some of the records alone, and where it begins or ends in one of them.
+
+    The most probable of each record, and of either kind, the best first.
+
+    Args:
+        records: about the best point without it; their ``unknown`` is not used.
+        pulses: of each record, the response (n, p, m) to each pulse of the unknown motion at kappa = 1.
+        begins: of each record, the samples at which these pulses begin, (m,).
+        scales: (p,) of the noise.
+        mean: (k,) prior mean of the re-tuned parameters, less the point.
+        std: (k,) of their prior.
+        prior: probability that it does not act in all records; half of it is shared by all of their times.
+
+    Example:
+        >>> from testbench.inference.onset import find_onset
+        >>> find_onset(records, pulses, begins, scales, mean, std, 0.1)[0].probability  # doctest: +SKIP
+    """
+    times = [sorted(set(b)) for b in begins]
+    count = 2 * sum(max(len(t) - 1, 0) for t in times)
+    of_some, of_time = math.log(0.5 * prior), math.log(0.5 * prior / max(count, 1))
+    always, cut = [], []
+    for kappa in _SIZES:
+        found = [
+            _Record.of(r, U, np.array(b), t, scales, kappa)
+            for r, U, b, t in zip(records, pulses, begins, times, strict=True)
+        ]
+        every = [f.from_[0] for f in found]
+        none = [f.never for f in found]
+        alone = [a.log_evidence(mean, std) - b.log_evidence(mean, std) for a, b in zip(every, none, strict=True)]
+        some = tuple(gain > 0.0 for gain in alone)
+        chosen = [a if shown else b for a, b, shown in zip(every, none, some, strict=True)]
+        always.append(_sum(every).log_evidence(mean, std))
+        if any(some) and not all(some):
+            cut.append((of_some, _sum(chosen), -1, 0, False, some))
+        for i, f in enumerate(found):
+            rest = [c for j, c in enumerate(chosen) if j != i]
+            for ends, held in ((False, f.from_), (True, f.until)):
+                for sample, part in zip(times[i][1:], held[1:], strict=True):
+                    cut.append((of_time, _sum([part, *rest]), i, sample, ends, some))
+    if not cut:
+        return (Onset(0.0, -1, 0, False, tuple(True for _ in records), count + 1, np.zeros(len(mean))),)
+    density = np.array([log_prior + held.log_evidence(mean, std) for log_prior, held, *_ in cut])
+    whole = float(logsumexp(always)) + math.log(1.0 - prior)
+    probability = 1.0 / (1.0 + math.exp(min(whole - float(logsumexp(density)), 700.0)))
+    out: dict[tuple[int, bool], Onset] = {}
+    for k in np.argsort(-density, kind="stable"):
+        _, best, record, sample, ends, some = cut[k]
+        if (record, ends) not in out:
+            shows = tuple(s or i == record for i, s in enumerate(some))
+            step = best.posterior(mean, std)[0]
+            out[record, ends] = Onset(probability, record, sample, ends, shows, count + 1, step)
+    return tuple(out.values())
+
+
+@dataclass(frozen=True, eq=False)
+class _Record:
+    """The reduced record without any pulse, and with those from, or until, each of its times on."""
+
+    never: Reduced
+    from_: list[Reduced]
+    until: list[Reduced]
+
+    @classmethod
+    def of(
+        cls,
+        record: Linearised,
+        U: FloatArray,
+        begins: np.ndarray,
+        times: Sequence[int],
+        scales: FloatArray,
+        kappa: float,
+    ) -> _Record:
+        weights = 1.0 / scales
+        new = record.counted(np.concatenate([record.columns, record.residual[:, :, None]], axis=2))
+        new = (new * weights[:, None, None]).reshape(-1, new.shape[2])
+        moved = (record.counted(U) * weights[:, None, None]).reshape(len(new), -1)
+        S, samples = new.T @ new, record.taken.sum(axis=0).astype(float)
+        log_noise = 2.0 * float(samples @ np.log(scales))
+        G, B = kappa**2 * moved.T @ moved, kappa * moved.T @ new
+        np.fill_diagonal(G, G.diagonal() + 1.0)
+        never = _reduced(S, log_noise, float(samples.sum()))
+        parts: list[list[Reduced]] = []
+        for earliest in (False, True):
+            order = np.argsort(begins if earliest else -begins, kind="stable")
+            L = cholesky(G[np.ix_(order, order)], lower=True, check_finite=False)
+            y = solve_triangular(L, B[order], lower=True, check_finite=False)
+            log_det = np.concatenate([[0.0], np.cumsum(2.0 * np.log(np.diag(L)))])
+            held = [int(np.sum(begins < t if earliest else begins >= t)) for t in times]
+            parts.append([_reduced(S - y[:r].T @ y[:r], log_noise + log_det[r], float(samples.sum())) for r in held])
+        return cls(never, *parts)
+
+
+def _reduced(S: FloatArray, log_det: float, samples: float) -> Reduced:
+    return Reduced(S[:-1, :-1], S[:-1, -1], float(S[-1, -1]), float(log_det), samples)
+
+
+def _sum(each: Sequence[Reduced]) -> Reduced:
+    return Reduced(
+        np.sum([r.A for r in each], axis=0),
+        np.sum([r.b for r in each], axis=0),
+        math.fsum(r.c for r in each),
+        math.fsum(r.log_det for r in each),
+        math.fsum(r.samples for r in each),
+    )

@@ -1,0 +1,189 @@
+"""What begins, or ends, in flight: sought in the records, which are then cut there.
+
+A payload that is dropped, a link that slips, ice on a vane: before it the model is right, after it something lacks.
+When is told by an unknown motion that is needed in a part of a record alone (:mod:`testbench.inference.onset`). The
+record is cut there; what follows starts freely, as windows do. Every effect is then weighed twice, as what acts in all
+records, and as what acts in those that show it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.effects import Effect
+from testbench.inference.linear import Linearised, Motion
+from testbench.inference.onset import Onset, find_onset
+from testbench.inference.unknown import PULSE_S, pulses
+from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.evidence.commanded import starts_freely
+from testbench.questions.gap.explain import P_ONSET, Naming, percent
+from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.starts import Start, marked, start_of
+from testbench.questions.gap.window_length import SHORTEST_S
+from testbench.questions.gap.windows import begin_freely, begin_from, part_of
+
+KNOWN = 0.1  # share of the priors of a start that remains where the flight before tells it
+MOST = 2  # places in which it is sought
+_ROUNDS = 4  # in which time and coefficients are found in turn
+LATER = "_later"
+"""End of the name of an effect that acts in some records alone."""
+
+
+@dataclass(frozen=True)
+class Begun:
+    """What begins, or ends, in flight.
+
+    Attributes:
+        record: name of the record in which it does; "" if it acts throughout some of them.
+        at_s: time there.
+        ends: whether it ends there.
+        probability: that it does not act in all of them, if anything is missing.
+        shown: names of the records, parts of them included, that it acts in.
+        places: number of times and records that were compared.
+    """
+
+    record: str
+    at_s: float
+    ends: bool
+    probability: float
+    shown: tuple[str, ...]
+    places: int
+
+    @property
+    def when(self) -> str:
+        """Where it acts, in words."""
+        listed = ", ".join(f"'{n}'" for n in self.shown if not self.record or not n.startswith(f"{self.record}, "))
+        if not self.record:
+            return f"in {listed} alone"
+        there = f"{'until' if self.ends else 'from'} {self.at_s:.3g} s of '{self.record}'{'' if self.ends else ' on'}"
+        return f"{there} and in {listed}" if listed else there
+
+    @property
+    def sentence(self) -> str:
+        """The same as a sentence."""
+        return f"what is missing acts {self.when}, probability {percent(self.probability)}"
+
+
+def seek(believed: Believed, records: Mapping[str, FlightRecord], naming: Naming) -> list[Begun]:
+    """Return what may begin or end in one of the records, the most probable first; nothing if all show the same.
+
+    Args:
+        believed: in the air that was found.
+        records: by name.
+        naming: of what acts in all of them, whose noise is taken.
+
+    Raises:
+        FlightAborted, LimitError, TrimError: the believed aircraft cannot fly the commands.
+    """
+    names, flown = list(records), tuple(records.values())
+    # Coefficients as they are where an unknown motion does what is missing: re-tuned without it, they would do it.
+    priors = believed.priors_of(flown)
+    nuisances = np.array([naming.beside_unknown[n] for n in priors])
+    moved, begins = zip(*(_pulses(believed, r) for r in flown), strict=True)
+    noise = naming.weighed.table.noise
+    scales = np.array([noise[channel][0] for channel in believed.outputs])
+    found: Sequence[Onset] = ()
+    for _ in range(_ROUNDS):
+        point = Hypothesis.at(believed, believed, flown, nuisances, priors)
+        blocks = [
+            Linearised(left, -T, Motion.none(taken := believed.taken(r)), taken)
+            for r, left, T in zip(flown, point.by_record(point.exact), point.by_record(point.tangents), strict=True)
+        ]
+        mean = -point.deviations * point.prior_std
+        found, before = find_onset(blocks, moved, begins, scales, mean, point.prior_std, P_ONSET), found
+        if before and before[0].place == found[0].place:
+            break
+        nuisances = point.towards(nuisances + found[0].step)
+    return [_begun(names, records, o) for o in found[:MOST]] if found[0].probability > 0.5 else []
+
+
+def _begun(names: Sequence[str], records: Mapping[str, FlightRecord], found: Onset) -> Begun:
+    shown = [n for i, (n, s) in enumerate(zip(names, found.shows, strict=True)) if s and i != found.record]
+    if found.record < 0:
+        return Begun("", 0.0, False, found.probability, tuple(shown), found.places)
+    name = names[found.record]
+    at_s = float(records[name].t_s[found.sample] - records[name].t_s[0])
+    out = Begun(name, at_s, found.ends, found.probability, (), found.places)
+    return replace(out, shown=(*shown, _names(out)[0 if found.ends else 1]))
+
+
+def _pulses(believed: Believed, record: FlightRecord) -> tuple[FloatArray, list[int]]:
+    """Return the pulses (n, outputs, m) of an unknown motion of a record, and the samples at which they begin."""
+    there = believed.at(record)
+    U = pulses(there.linear, believed.outputs, there.condition.V_m_s, record)
+    width = max(1, round(PULSE_S / record.dt_s))
+    own = [int(np.argmax(np.any(U[:, :, j] != 0.0, axis=1))) // width * width for j in range(U.shape[2])]
+    U = np.stack([believed.in_noise_units(record, U[:, :, j]) for j in range(U.shape[2])], axis=2)
+    # What acts in less than a window can hardly be told from what acts in none.
+    edge = SHORTEST_S / record.dt_s
+    last = max((b for b in own if b < len(record) - edge), default=0)
+    return U, [0 if b < edge else min(b, last) for b in own]
+
+
+def _names(begun: Begun) -> tuple[str, str]:
+    return f"{begun.record}, until {begun.at_s:.3g} s", f"{begun.record}, from {begun.at_s:.3g} s"
+
+
+def begin_there(
+    believed: Believed, records: Mapping[str, FlightRecord], begun: Begun, whole: FlightRecord, along: Believed
+) -> Believed:
+    """Return the belief with the start of what follows the cut.
+
+    Where something begins, the flight before it tells where; where something ends, the readings do, as in windows.
+
+    Args:
+        believed: whose starts they become.
+        records: as divided.
+        begun: where they were.
+        whole: the record that was cut.
+        along: model without what begins, that fits the rest.
+    """
+    after = records[_names(begun)[1]]
+    if begun.ends:
+        return begin_freely(believed, {"": after}, along)
+    found = begin_from(along, whole, after, KNOWN)
+    return replace(believed, free_starts=found.free_starts)
+
+
+def divided(believed: Believed, records: Mapping[str, FlightRecord], begun: Begun) -> dict[str, FlightRecord]:
+    """Return records, cut where something begins, each of which says whether it acts there."""
+    out = {}
+    for name, record in records.items():
+        parts = {name: record}
+        if name == begun.record:
+            cut = int(np.searchsorted(record.t_s - record.t_s[0], begun.at_s - 1e-9))
+            before, after = _names(begun)
+            first = record.between(float(record.t_s[0]), float(record.t_s[cut - 1]))
+            parts = {before: part_of(record, 0, cut) if starts_freely(record) else first}
+            parts[after] = part_of(record, cut, len(record))
+        for part, data in parts.items():
+            start = start_of(data) or Start(believed.condition)
+            out[part] = marked(data, replace(start, changed=part in begun.shown))
+    return out
+
+
+def later(effects: Mapping[str, Effect], begun: Begun) -> dict[str, Effect]:
+    """Return effects that act where something shows alone, beside those that act in all records."""
+    own = {
+        f"{n}{LATER}": replace(
+            e, name=f"{n}{LATER}", title=f"{e.title} {begun.when}", later=True, flown=True, looks=begun.places
+        )
+        for n, e in effects.items()
+        if e.met is None and e.over_time is None
+    }
+    return {**effects, **own}
+
+
+def lasting(believed: Believed, amended: Believed, records: Mapping[str, FlightRecord]) -> dict[str, FlightRecord]:
+    """Return records held out, each of which says whether what begins in flight acts there: as it is nearer to."""
+    out = {}
+    for name, record in records.items():
+        start = start_of(record) or Start(believed.condition)
+        both = [marked(record, replace(start, changed=changed)) for changed in (False, True)]
+        left = [float(np.sum(amended.residuals(r) ** 2)) for r in both]
+        out[name] = both[int(left[1] < left[0])]
+    return out
