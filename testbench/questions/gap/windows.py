@@ -275,7 +275,7 @@ def _parts(record: FlightRecord, length_s: float) -> list[FlightRecord]:
     count = max(1, math.ceil(n * record.dt_s / length_s - 1e-9))
     ends = np.linspace(lead, len(record), count + 1).round().astype(int)
     out = []
-    compared = [i for i, c in enumerate(record.channels) if c.removesuffix("_cmd") not in CONTROLS]
+    compared = [i for i, c in enumerate(record.channels) if not c.endswith("_cmd")]
     for a, b in pairwise(ends.tolist()):
         rows = slice(a - lead, b)
         valid = record.valid[rows].copy()
