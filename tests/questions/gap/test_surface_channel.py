@@ -22,9 +22,11 @@ from gap.hidden_truths import (
     slow_servo,
     yaw_damper,
 )
+from studies.blind.lateral_truths import LATERAL
 from studies.blind.truth import Truth
 from studies.blind.truths import load
 
+from testbench.core.channels import SURFACES
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
@@ -42,9 +44,11 @@ from testbench.questions.gap.evidence.air import AirFound
 from testbench.questions.gap.evidence.control_path import SurfacePath
 from testbench.questions.gap.explain import Naming
 from testbench.questions.gap.name import name_effect
+from testbench.questions.gap.parts import parts_of
 from testbench.questions.gap.result import GapFinding
 from testbench.questions.gap.tables import gap_tables
 from testbench.questions.gap.workflow import find_gap
+from testbench.questions.hidden import measure_hidden
 from testbench.sensors import load_suite
 from testbench.sensors.sensor import Sensor
 
@@ -301,3 +305,27 @@ def test_the_whole_library_tells_servo_aircraft_and_sensor_apart(aircraft, hidde
     finding = find_gap(b, records, {}, noise="stated")
     assert finding.naming.names[:1] == named, finding.naming.sentence
     assert in_path[0] <= servo_of(finding) <= in_path[1]
+
+
+@pytest.mark.slow
+def test_an_interconnect_that_the_library_lacks_accuses_no_coefficient():
+    """By the motion alone Cn_da is -1.0 times what is believed, with 88 %."""
+    suite = load_suite("eolo_gap_lateral")
+    surfaces = tuple(Sensor(c, noise_std=0.001) for c in SURFACES)
+    b = replace(believe(0.001), suite=replace(suite, rate_hz=50.0, sensors=(*suite.sensors, *surfaces)))
+    turns = [
+        Manoeuvre(
+            name=c,
+            use="identification",
+            duration_s=7.0,
+            input=(TURN.model_copy(update={"control": c, "amplitude_deg": a}),),
+        )
+        for c, a in (("da", 4.0), ("dr", 4.0), ("de", 2.0))
+    ]
+    real = LATERAL["interconnect"]({"ratio": -0.38}, "eolo").real("eolo")
+    records = list(measure_hidden(real, b.suite, b.condition, turns, 3, b.rate_hz).values())
+    known = few(b, "yaw_damper", "rudder_lag", "beta_scale", "r_cross", "r_scale", "rudder_surface_scale", "dr_scale")
+    naming = name_effect(comparing(b, records), records, effects=known, pairs=False)
+    assert naming.outcome in ("partial", "unexplained"), naming.sentence
+    assert naming.weighed["Cn_da"] < 1e-6
+    assert {p.name for f in naming.ranking[:1] for p in parts_of([f.effect])} <= {"autopilot", "rudder path"}
