@@ -93,6 +93,8 @@ _STATION_NAME = re.compile(r"(az_wing|strain_wing)_(\d+)")
 
 CONTROLS = ("de", "da", "dr", "thr")
 """The control channels, in the order used throughout."""
+SURFACES = CONTROLS[:3]
+"""Those of them that are deflections."""
 
 UNITS: dict[str, dict[str, float]] = {
     "rad": {"rad": 1.0, "deg": DEG_RAD},

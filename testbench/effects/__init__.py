@@ -38,7 +38,7 @@ def library(suite: SensorSuite, aircraft: Aircraft | None = None) -> dict[str, E
     Those that ``aircraft`` cannot have, if it is given, are left out: a glider has no thrust that may lag. Lengths may
     be as large as its size allows.
     """
-    known = _OF_AIRCRAFT | sensor.sensor_effects(suite.outputs, sensor.has_pitot(suite))
+    known = _OF_AIRCRAFT | sensor.sensor_effects((*suite.outputs, *suite.surfaces), sensor.has_pitot(suite))
     if aircraft is None:
         return known
     without = left_out(known, aircraft, suite)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 from testbench.aircraft import Aircraft
-from testbench.core.channels import CONTROLS, channel
+from testbench.core.channels import channel
 from testbench.effects.base import Effect, Parameter, Values
 from testbench.sensors import Sensor, SensorSuite
 from testbench.sensors.kinds.pitot import Pitot
@@ -160,7 +160,7 @@ def clock_offset(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tupl
         return aircraft, suite
     sensors = tuple(
         s
-        if s.channel.removesuffix("_cmd") in CONTROLS
+        if s.channel.endswith("_cmd")
         else replace(s, clock_offset_s=s.clock_offset_s + offset, recorder=s.recorder or "second recorder")
         for s in suite.sensors
     )

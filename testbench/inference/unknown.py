@@ -1,4 +1,4 @@
-"""The unknown motion: forces and moments that no hypothesis describes, as pulses of random size."""
+"""The unknown motion: forces, moments and deflections that no hypothesis describes, as pulses of random size."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from testbench.flight.linear_model import LinearModel
 
 PULSE_S = 0.5
 """Length of a pulse: about half of a short period, so that slower forces are sums of pulses, and noise is none."""
+PATH_S = 0.1
+"""Between the knots of an unknown deflection: about the time constant of a servo."""
 _FORCED = ("u", "V", "w", "alpha", "v", "beta", "p", "q", "r")
 _READ_AT_ONCE = {"u": "ax", "V": "ax", "w": "az", "alpha": "az", "v": "ay", "beta": "ay"}
 """State -> the accelerometer that reads its derivative at once."""
@@ -21,19 +23,21 @@ _SMOOTHED = 9  # samples that derivatives of the measured motion are smoothed ov
 
 
 def pulses(linear: LinearModel, channels: Sequence[str], V_m_s: float, record: FlightRecord) -> FloatArray:
-    """Return what pulses of acceleration in each state of motion do to the channels of a record.
+    """Return what pulses of acceleration, and of deflection of surfaces that are compared, do to the channels.
 
-    Each pulse is one of the record's consecutive stretches of 0.5 s, and as large as the acceleration in that state is
-    on the whole (rms) in the motion that was measured: a pulse of size kappa is a share kappa of the motion.
+    Each pulse of acceleration in a state is one of the record's consecutive stretches of 0.5 s, and as large as the
+    acceleration in that state is on the whole (rms) in the motion that was measured: a pulse of size kappa is a share
+    kappa of the motion. Where a surface is among the channels, what its command does not explain moves surface and
+    aircraft: straight lines between knots 0.1 s apart, as large as its deflection is on the whole.
 
     Args:
         linear: the believed aircraft about trim; its states of motion are forced, whatever else it holds follows.
-        channels: (p,) that are compared; those that the model does not give are not moved.
+        channels: (p,) that are compared; those that the model does not give are not moved, inputs of it are surfaces.
         V_m_s: airspeed at trim, which turns velocities into flow angles.
         record: measured; gives times and the size of the motion.
 
     Returns:
-        (n, p, m) in SI: m = states that are forced times stretches.
+        (n, p, m) in SI: m = states that are forced times stretches, and surfaces times knots.
 
     Raises:
         EstimationError: the model has no state of motion.
@@ -46,29 +50,57 @@ def pulses(linear: LinearModel, channels: Sequence[str], V_m_s: float, record: F
     if not states:
         raise EstimationError(f"a model must have a state of motion, {', '.join(_FORCED)}, got {linear.states}")
     n, dt = len(record), record.dt_s
-    width = max(1, round(PULSE_S / dt))
-    outputs = list(linear.outputs)
-    rows = [outputs.index(c) if c in outputs else None for c in channels]
-    size = len(linear.states)
-    out = np.zeros((n, len(channels), len(states) * -(-n // width)))
-    at = 0
+    width, knot = (max(1, round(t / dt)) for t in (PULSE_S, PATH_S))
+    rows = [list(linear.outputs).index(c) if c in linear.outputs else None for c in channels]
+    out = []
     for state in states:
-        i = linear.states.index(state)
-        M = np.zeros((size + 1, size + 1))
-        M[:size, :size], M[i, size] = linear.A, 1.0
-        step = expm(M * dt)
-        x, response = np.zeros(size), np.zeros((n, len(channels)))
-        for t in range(n):
-            y = linear.C @ x
-            response[t] = [0.0 if row is None else y[row] for row in rows]
-            if t < width and (read := _READ_AT_ONCE.get(state)) in channels:
-                response[t, list(channels).index(str(read))] += V_m_s if state in ("alpha", "beta") else 1.0
-            x = step[:size, :size] @ x + (step[:size, size] if t < width else 0.0)
-        response *= _acceleration(state, V_m_s, record)
-        for begin in range(0, n, width):
-            out[begin:, :, at] = response[: n - begin]
-            at += 1
-    return out
+        push, direct = np.zeros(len(linear.states)), np.zeros(len(channels))
+        push[linear.states.index(state)] = 1.0
+        if (read := _READ_AT_ONCE.get(state)) in channels:
+            direct[list(channels).index(str(read))] = V_m_s if state in ("alpha", "beta") else 1.0
+        size = _acceleration(state, V_m_s, record)
+        out += _shifted(size * _response(linear, push, direct, rows, np.ones(width), n, dt), width)
+    hat = np.concatenate([np.arange(knot), np.arange(knot, 0, -1)]) / knot
+    for surface in (c for c in channels if c in linear.inputs):
+        k = linear.inputs.index(surface)
+        direct = np.array([0.0 if row is None else linear.D[row, k] for row in rows])
+        size = float(np.nanstd(record[surface]))
+        out += _shifted(size * _response(linear, linear.B[:, k], direct, rows, hat, n, dt), knot)
+    return np.stack(out, axis=2)
+
+
+def _response(
+    linear: LinearModel,
+    push: FloatArray,
+    direct: FloatArray,
+    rows: Sequence[int | None],
+    pulse: FloatArray,
+    n: int,
+    dt: float,
+) -> FloatArray:
+    """Return what a pulse (k,) of an input, held from sample to sample, does to the channels (n, p).
+
+    The input moves the states by ``push`` (states,) and the channels at once by ``direct`` (p,); ``rows`` are the
+    outputs that the channels are.
+    """
+    size = len(push)
+    M = np.zeros((size + 1, size + 1))
+    M[:size, :size], M[:size, size] = linear.A, push
+    step = expm(M * dt)
+    u = np.zeros(n)
+    u[: len(pulse)] = pulse[:n]
+    x, response = np.zeros(size), np.zeros((n, len(rows)))
+    for t in range(n):
+        y = linear.C @ x
+        response[t] = [0.0 if row is None else y[row] for row in rows]
+        x = step[:size, :size] @ x + step[:size, size] * u[t]
+    return response + u[:, None] * direct
+
+
+def _shifted(response: FloatArray, by: int) -> list[FloatArray]:
+    """Return a response (n, p) as it begins at every ``by``-th sample."""
+    n = len(response)
+    return [np.concatenate([np.zeros_like(response[:begin]), response[: n - begin]]) for begin in range(0, n, by)]
 
 
 def _acceleration(state: str, V_m_s: float, record: FlightRecord) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from testbench.core.channels import CONTROLS, require
+from testbench.core.channels import CONTROLS, SURFACES, require
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.record import FlightRecord
 from testbench.sensors.sensor import Sensor, responses, whole_ratio
@@ -52,6 +52,11 @@ class SensorSuite:
     def outputs(self) -> tuple[str, ...]:
         """The recorded channels that are neither controls nor commands."""
         return tuple(name for name in self.channels if name not in (*CONTROLS, *_COMMANDS))
+
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """The recorded control surfaces."""
+        return tuple(name for name in self.channels if name in SURFACES)
 
     @property
     def noise_std(self) -> dict[str, float]:

@@ -78,7 +78,8 @@ class Believed:
     sensors, time after take-off) -> both; where a record does not say when it was flown, nothing has grown.
     ``elsewhere`` are effects that move the condition: condition of a record -> the one that it was really flown from.
     ``condition`` is moved by them already, by ``higher_m`` in height; the limits of the height go along. ``later`` are
-    effects with their values that begin in flight: they act in records that say so.
+    effects with their values that begin in flight: they act in records that say so. ``surfaces`` are the controls whose
+    recorded surfaces are channels as all others are, as their commands drive the model.
 
     Raises:
         ScenarioError: the suite has no channel to compare, or one without any noise.
@@ -102,12 +103,13 @@ class Believed:
     elsewhere: tuple[partial[FlightCondition], ...] = ()
     higher_m: float = 0.0
     later: tuple[tuple[Effect, Mapping[str, float]], ...] = ()
+    surfaces: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if not self.outputs:
+        if not _outputs(self.suite):
             got = "; ".join((", ".join(self.suite.channels), *not_compared(self.suite)))
             raise ScenarioError([f"a suite must have a channel that is compared, got {got}"])
-        if silent := _silent(self.suite):
+        if silent := _silent(self.suite, self.surfaces):
             raise ScenarioError(
                 [
                     "every sensor that is compared must have noise_std or quantum > 0, as residuals are weighed by "
@@ -227,9 +229,9 @@ class Believed:
 
         An aircraft without a rudder has no Cn_dr, and what is zero stays zero however it is scaled. Where nothing but
         lateral motion is read, longitudinal coefficients would show in turns alone: only a lateral misfit could move
-        them, far from anything that is believed.
+        them, far from anything that is believed. A surface tells of no coefficient.
         """
-        read = tuple(n for n in self.outputs if n not in LATERAL_OUTPUTS)
+        read = tuple(n for n in self.outputs if n not in LATERAL_OUTPUTS and n not in self.surfaces)
         known = {n: d for n, d in priors_of(records, self.aircraft).items() if read or n not in PRIORS}
         return {n: d for n, d in known.items() if self._has(n)}
 
@@ -584,8 +586,8 @@ class Believed:
 
     @cached_property
     def outputs(self) -> tuple[str, ...]:
-        """Channels of the suite that are compared: all but commands, deflections and those left out."""
-        return _outputs(self.suite)
+        """Channels of the suite that are compared: all but commands, other surfaces and those left out."""
+        return _outputs(self.suite, self.surfaces)
 
     @property
     def noise_std(self) -> FloatArray:
@@ -599,7 +601,7 @@ class Believed:
 
     @cached_property
     def _compared(self) -> _Compared:
-        return _compared(self.suite)
+        return _compared(self.suite, self.surfaces)
 
     def residuals(self, record: FlightRecord) -> FloatArray:
         """Return measured minus predicted in units of the noise, each channel about its own mean, (n, outputs).
@@ -656,20 +658,20 @@ class _Compared:
 
 
 @lru_cache(maxsize=256)
-def _outputs(suite: SensorSuite) -> tuple[str, ...]:
-    without = left_out(suite)
-    return tuple(n for n in suite.channels if n.removesuffix("_cmd") not in CONTROLS and n not in without)
+def _outputs(suite: SensorSuite, surfaces: tuple[str, ...] = ()) -> tuple[str, ...]:
+    read, without = {*suite.outputs, *surfaces}, left_out(suite)
+    return tuple(n for n in suite.channels if n in read and n not in without)
 
 
 @lru_cache(maxsize=256)
-def _silent(suite: SensorSuite) -> tuple[str, ...]:
+def _silent(suite: SensorSuite, surfaces: tuple[str, ...]) -> tuple[str, ...]:
     noise_std = suite.noise_std
-    return tuple(n for n in _outputs(suite) if not noise_std[n] > 0.0)
+    return tuple(n for n in _outputs(suite, surfaces) if not noise_std[n] > 0.0)
 
 
 @lru_cache(maxsize=256)
-def _compared(suite: SensorSuite) -> _Compared:
-    outputs = _outputs(suite)
+def _compared(suite: SensorSuite, surfaces: tuple[str, ...]) -> _Compared:
+    outputs = _outputs(suite, surfaces)
     drift = {s.channel: s.drift_over(DRIFT_OVER_S) for s in suite.sensors}
     noise_std = np.array([float(np.hypot(suite.noise_std[n], drift[n])) for n in outputs])
     ideal = replace(suite, sensors=tuple(s for s in suite.sensors if s.channel in outputs)).without_errors()

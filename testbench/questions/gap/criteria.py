@@ -1,4 +1,4 @@
-"""Thresholds by which air, control paths, forces and records are judged before anything is weighed, with their source.
+"""Thresholds by which air, forces and records are judged before anything is weighed, with their source.
 
 Derived: it follows from a probability or a definition. Calibrated: it was set after a draw of the blind test was
 opened; the seed is that of the draw (results/README.md says what each draw showed). Judged: somebody's judgement.
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 FALSE_ALARM = 1e-3
-"""Probability of finding something in a path or in one record where there is nothing, all tests together; judged."""
+"""Probability of finding something in one record where there is nothing, all tests together; judged."""
 
 
 @dataclass(frozen=True)
@@ -26,16 +26,12 @@ class Criteria:
         instrument_false_alarm: probability of finding any error of an instrument where there is none. Judged.
         least: gain below which nothing is found; noise reaches it less often than any threshold. Calibrated, seed
             20261208.
-        enough: share of the excess that what is found must explain, unless it leaves noise. Calibrated, seed 20261128.
         too_close: a runner-up with this share of the best gain is not told apart while more than noise is left. Judged.
         false_terms: share of false terms among those that forces and moments are said to follow. Judged.
-        path_form: share of what one kind of error gains in a path by which it must lead another, as no form of a servo
-            is quite right. Judged.
         turned_rad: a surface that moves by more with other coefficients is turned by what the believed model measures.
             Derived: a thousand times what rounding leaves.
         faintest_rad: noise of a surface that is said to have none. Derived: no servo is simulated better between
             samples.
-        offset_rad: a surface that stands by less from its command is not said to. Judged.
         stirs: a recorded surface that drives the model stirs if it moves by so many standard deviations of its noise.
             Derived: noise does so once in a million samples.
         shift: before it stirs, it moves once it lies off by more than so many standard deviations of its noise on the
@@ -51,13 +47,10 @@ class Criteria:
     air_false_alarm: float = 1e-3
     instrument_false_alarm: float = 0.01
     least: float = 25.0
-    enough: float = 0.95
     too_close: float = 0.85
     false_terms: float = 0.01
-    path_form: float = 0.02
     turned_rad: float = 1e-6
     faintest_rad: float = 2e-5
-    offset_rad: float = 1e-3
     stirs: float = 5.0
     shift: float = 1.5
     jumps: float = 4.0

@@ -3,7 +3,8 @@
 A command drives the believed path: its servo, what is fed back, what is joined. A recorded surface drives the model
 behind all of that. Its servo is bypassed, and nothing that lies between command and surface can be seen. The noise of
 the surface moves the prediction as a gust would, and its zero is not known: both are taken out of residuals and
-signatures alike (:mod:`.evidence.gust_model`).
+signatures alike (:mod:`.evidence.gust_model`). A surface that every record holds beside its command is a channel that
+the believed path, driven by the command, predicts.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from testbench.aircraft import Aircraft, Amendment, SetProperty
 from testbench.aircraft.amend import Change
 from testbench.aircraft.seams import control_path, with_servo
-from testbench.core.channels import CONTROLS
+from testbench.core.channels import CONTROLS, SURFACES
 from testbench.core.errors import LimitError, RecordError, located
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.effects.servo import WORDS
@@ -33,16 +34,14 @@ from testbench.questions.gap.evidence.commanded import (
     stirs,
     surface_noise,
 )
-from testbench.questions.gap.evidence.control_path import SURFACES, JudgedPath, judge_paths, turned_by_motion
+from testbench.questions.gap.evidence.control_path import SurfacePath
 from testbench.questions.gap.evidence.rested import rested, stilled
 from testbench.questions.gap.scenario import Drive
-from testbench.questions.gap.windows import restless
 from testbench.sensors import SensorSuite
 
 BYPASS = "recorded surface"  # the amendment that takes a servo away; files of the amended aircraft do without it
 _NO_LIMIT_RAD_S = 100.0
 _LOG = "sha256"  # in the provenance of what was imported from a log
-_WHY = {"both": "recorded", "surface": "recorded, or not with quiet flight before it"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,15 +49,15 @@ class Driven:
     """What is flown by commands, or by surfaces in their place.
 
     Attributes:
-        believed: the belief; of controls that surfaces drive, without servos.
+        believed: the belief; of controls that surfaces drive, without servos; with the other surfaces compared.
         records, held_out: with what drives, by name.
-        paths: those of controls whose surface drives: not seen, or judged by the command that is recorded beside it.
+        paths: those of controls whose surface drives, which are not seen.
     """
 
     believed: Believed
     records: Mapping[str, FlightRecord]
     held_out: Mapping[str, FlightRecord]
-    paths: tuple[JudgedPath, ...]
+    paths: tuple[SurfacePath, ...]
 
 
 def driven(
@@ -73,17 +72,29 @@ def driven(
     both = drive_records(believed.suite, {**records, **held_out}, drive)
     naming, judging = ({n: both[n] for n in part} for part in (records, held_out))
     controls = driving(list(both.values()))
-    if not controls:
-        return Driven(believed, naming, judging, ())
-    out = _without_servos(believed, both, controls)
-    told = [r for r in records.values() if not restless(r) and not surface_noise(r)]
-    judged = {p.control: p for p in judge_paths(believed, told)} if drive == "surface" and told else {}
-    paths = tuple(
-        judged.get(c, JudgedPath(c, "not seen", why=f"its command, {c}_cmd, is not {_WHY[drive]}"))
-        for c in controls
-        if c in SURFACES
-    )
+    out = _without_servos(believed, both, controls) if controls else believed
+    if drive == "both":
+        out = comparing(out, list(both.values()))
+    why = 'drive = "surface" asks for it' if drive == "surface" else "its command, {}_cmd, is not recorded"
+    paths = tuple(SurfacePath(c, why.format(c)) for c in controls if c in SURFACES)
     return Driven(out, naming, judging, paths)
+
+
+def comparing(believed: Believed, records: Sequence[FlightRecord] = ()) -> Believed:
+    """Return the belief that compares the surfaces of its suite which all records hold beside their commands.
+
+    A surface that is said to have no noise has as much as a simulated servo errs by between samples.
+    """
+    suite, least = believed.suite, CRITERIA.faintest_rad
+    surfaces = tuple(
+        c
+        for c in suite.surfaces
+        if c in believed.aircraft.controls
+        and all(c in r and f"{c}_cmd" in r and c not in surface_noise(r) for r in records)
+    )
+    silent = [c for c in surfaces if suite.noise_std[c] < least]
+    sensors = tuple(replace(s, noise_std=least) if s.channel in silent else s for s in suite.sensors)
+    return replace(believed, suite=replace(suite, sensors=sensors), surfaces=surfaces) if surfaces else believed
 
 
 def drive_records(
@@ -172,11 +183,14 @@ def _without_servos(believed: Believed, records: Mapping[str, FlightRecord], con
 def _turned(believed: Believed, control: str, records: Mapping[str, FlightRecord]) -> bool:
     """Return whether the believed model turns a surface by what it measures, by a record that it can fly from trim.
 
-    A record may begin while the controls rest and the aircraft does not: from trim it may not survive that.
+    Then the surface moves otherwise, about its trim, where other coefficients move the aircraft so. A record may begin
+    while the controls rest and the aircraft does not: from trim it may not survive that.
     """
     for record in (r for r in records.values() if control in surface_noise(r) and begins_quietly(r)):
         with suppress(FlightAborted, LimitError):
-            return turned_by_motion(believed, control, record)
+            other = believed.with_nuisances(dict.fromkeys(believed.priors_of([record]), 1.03))
+            a, b = (m.flown(record, (control,))[control] for m in (believed, other))
+            return bool(np.max(np.abs((a - a[0]) - (b - b[0]))) > CRITERIA.turned_rad)
     return False
 
 

@@ -10,7 +10,7 @@ part of it, whatever the noise.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -131,7 +131,6 @@ class Weighed:
         tried: number of terms that forces might follow, which share theirs.
         terms: names of the hypotheses that are such terms.
         coefficients: number of coefficients that may be wrong, likewise.
-        told: ln of the likelihood ratio that recorded surfaces give an explanation, by name.
     """
 
     table: Comparison
@@ -140,7 +139,6 @@ class Weighed:
     coefficients: int
     tried: int = 1
     terms: tuple[str, ...] = ()
-    told: Mapping[str, float] = field(default_factory=dict)
 
     def _prior(self, name: str) -> tuple[float, float]:
         """Return the prior of an explanation as the whole story, and how many share that of imitation."""
@@ -164,10 +162,9 @@ class Weighed:
                 out["nothing", "imitated"] = math.log(P_STRANGER * (1.0 - P_IMITATED)) + found.log_part
                 continue
             whole, alike = self._prior(row.name)
-            told = self.told.get(row.name, 0.0)
-            told += math.log(math.prod(P_ONSET / e.looks for e in self.effects[row.name].singles if e.later))
-            out[row.name, "whole"] = math.log(whole) + found.log_whole + told
-            out[row.name, "imitated"] = math.log(P_STRANGER * P_IMITATED / alike) + found.log_part + told
+            begins = math.log(math.prod(P_ONSET / e.looks for e in self.effects[row.name].singles if e.later))
+            out[row.name, "whole"] = math.log(whole) + found.log_whole + begins
+            out[row.name, "imitated"] = math.log(P_STRANGER * P_IMITATED / alike) + found.log_part + begins
         return out
 
     @cached_property
@@ -198,9 +195,16 @@ class Weighed:
 
         An effect that imitates what the library lacks has the right part with :data:`P_IN_PART`.
         """
+        return self._where(lambda effect: set(part_names(effect)) <= set(names))
+
+    def holds(self, names: Sequence[str]) -> float:
+        """Return the probability that an effect of these names is among what the model lacks, likewise."""
+        return self._where(lambda effect: any(e.name in names for e in effect.singles))
+
+    def _where(self, holds: Callable[[Effect], bool]) -> float:
         total = 0.0
         for (name, how), p in self._probability.items():
-            if name != "nothing" and set(part_names(self.effects[name])) <= set(names):
+            if name != "nothing" and holds(self.effects[name]):
                 total += p * (1.0 if how == "whole" else P_IN_PART)
         return total
 

@@ -54,7 +54,6 @@ def name_effect(
     further: Mapping[str, Effect] | None = None,
     terms: Mapping[str, Effect] | None = None,
     tried: int = 1,
-    told: Callable[[Effect], float] | None = None,
     held_out: Sequence[FlightRecord] = (),
 ) -> Naming:
     """Weigh all that the library explains of ``records``, and name what is probable.
@@ -69,7 +68,6 @@ def name_effect(
         further: effects that are sought only in a place where one of the library comes near.
         terms: that forces and moments may follow, see :mod:`.open_set`.
         tried: how many terms these are the best of.
-        told: what recorded surfaces say of an effect, twice ln of their likelihood ratio.
         held_out: measured records that judge.
 
     Raises:
@@ -78,7 +76,7 @@ def name_effect(
     say = progress or (lambda text: None)
     for record in records:
         believed.check_commands(record)
-    asker = _Asker(believed, tuple(records), source, told or (lambda effect: 0.0))
+    asker = _Asker(believed, tuple(records), source)
     say("re-tune the believed model")
     base = asker.tuned
     say("look through the library")
@@ -119,8 +117,7 @@ def name_effect(
             before=None if before is None else before.table,
         )
         named = tuple(n for n in shown if n in open_)
-        by_surface = {n: 0.5 * asker.told(e) for n, e in shown.items()}
-        return Weighed(found, dict(shown), seen, len(base.priors), tried, named, by_surface)
+        return Weighed(found, dict(shown), seen, len(base.priors), tried, named)
 
     out = weighed()
     for several in (1, 2) if pairs else ():
@@ -207,7 +204,6 @@ class _Asker:
     believed: Believed
     records: tuple[FlightRecord, ...]
     source: Source
-    told: Callable[[Effect], float]
     moved: dict[int, FloatArray] = field(default_factory=dict)  # by an unknown motion, of each record
     models: dict[str, Callable[[Mapping[str, float]], Believed]] = field(default_factory=dict)  # of each hypothesis
     seen: dict[str, list[tuple[FloatArray, FloatArray]]] = field(default_factory=dict)  # of each effect
@@ -318,7 +314,6 @@ class _Asker:
             multiples.append(a)
             without.append(alone)
         best, most = np.argmax(logs, axis=0), np.max(logs, axis=0)
-        most = most + np.array([0.5 * self.told(e) for e, *_ in seen])
         out: dict[str, _Near] = {}
         for i in np.argsort(-most, kind="stable"):
             effect, x, _ = seen[i]

@@ -45,9 +45,9 @@ _LIFTING = (*_WINGS, _TAIL_ABOVE), (_WING_SIDE, _TAIL_SIDE)
 _BOX = (_box(0.14, -0.035, 0.1, 0.07),), (_box(0.14, -0.03, 0.1, 0.06),)
 _NOSE = (_round(0.03, 0.0, 0.035),), (_round(0.03, 0.0, 0.035),)
 _REGIONS: Mapping[str, tuple[tuple[Outline, ...], tuple[Outline, ...]]] = {
-    "elevator path": _ELEVATOR,
-    "aileron path": _AILERON,
-    "rudder path": _RUDDER,
+    **dict.fromkeys(("elevator path", "de sensor"), _ELEVATOR),
+    **dict.fromkeys(("aileron path", "da sensor"), _AILERON),
+    **dict.fromkeys(("rudder path", "dr sensor"), _RUDDER),
     "thrust": _PROPELLER,
     "mass": _BALANCE,
     "structure": ((*_WINGS, _box(0.5, -0.045, 0.35, 0.09)), (_WING_SIDE, _box(0.5, -0.02, 0.35, 0.07))),
@@ -80,11 +80,7 @@ def part_plate(verdict: Verdict) -> Plate | None:
                     _wind(axes)
         return figure
 
-    why = "The recorded surface shows that its path differs from what is believed"
-    if not verdict.shown:
-        sure = verdict.probability
-        why = "How probable that is was not weighed" if sure is None else f"Probability: {percent(sure)}"
-    caption = f"A sketch, not this aircraft. Filled: {verdict.where}. {why}."
+    caption = f"A sketch, not this aircraft. Filled: {verdict.where}. Probability: {percent(verdict.probability)}."
     return Plate("part", "Where to look", caption, make)
 
 

@@ -40,6 +40,7 @@ _SENSOR = {
     "phi": "tilt the aircraft to angles of an inclinometer: scale and offset show",
     "az": "turn the aircraft upside down: the accelerometer must go from -1 g to 1 g; measure where it sits",
     "ay": "lay the aircraft on either side: the accelerometer must go from -1 g to 1 g; measure where it sits",
+    **dict.fromkeys(("de", "da", "dr"), "turn the surface by hand to angles of a protractor: scale and offset show"),
     "ax": "stand the aircraft on nose and tail: the accelerometer must go from -1 g to 1 g; measure where it sits",
 }
 _CHECKS = {

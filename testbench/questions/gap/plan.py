@@ -29,6 +29,7 @@ from testbench.inputs import build
 from testbench.line import condition_of
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
+from testbench.questions.gap.drive import comparing
 from testbench.questions.gap.evidence.commanded import commands, quiet_samples, starts_freely
 from testbench.questions.gap.evidence.compared import not_compared
 from testbench.questions.gap.explain import Explanation
@@ -171,7 +172,7 @@ def plan_gap(scenario: Scenario, progress: Callable[[str], None] | None = None) 
     aircraft, suite = load_aircraft(scenario.aircraft, scenario.wings), load_suite(scenario.suites[0])
     rate = scenario.simulation.rate_hz or aircraft.rate_hz
     with located(None, f"sensors '{suite.name}'"):
-        believed = Believed(aircraft, suite, condition_of(scenario.condition), rate)
+        believed = comparing(Believed(aircraft, suite, condition_of(scenario.condition), rate))
     effects = tuple(e for e in library(suite, aircraft).values() if e.met is None)  # nobody plans to meet a gust
     records = [as_record(believed, spec) for spec in scenario.manoeuvre]
     priors = believed.priors_of(records)

@@ -14,7 +14,7 @@ from testbench.inference.calibrate import Reliability
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.air import AirFound
 from testbench.questions.gap.evidence.check import DataCheck
-from testbench.questions.gap.evidence.control_path import JudgedPath
+from testbench.questions.gap.evidence.control_path import SurfacePath
 from testbench.questions.gap.evidence.forces import EquationErrors
 from testbench.questions.gap.evidence.held_out import HeldOutFlight
 from testbench.questions.gap.evidence.locate import RegionMap, ResidualMap, Structure
@@ -103,7 +103,7 @@ class GapFinding:
         windows: how records without quiet flight were cut, a sentence for each.
         begun: what begins or ends in flight, if anything seems to.
         tally: by what the believed and the amended model were flown through every record.
-        paths: what recorded surfaces say of the paths from their commands.
+        paths: from commands to surfaces that are recorded: what is known of each.
         held_out: how different the flights held out are from those used.
     """
 
@@ -124,7 +124,7 @@ class GapFinding:
     tally: Tally | None = None
     windows: tuple[str, ...] = ()
     begun: Begun | None = None
-    paths: tuple[JudgedPath, ...] = ()
+    paths: tuple[SurfacePath, ...] = ()
     held_out: tuple[HeldOutFlight, ...] = ()
     noise: NoiseFound | None = None
 
@@ -136,13 +136,13 @@ class GapFinding:
     @property
     def verdict(self) -> Verdict | None:
         """Where the cause sits, and how probable that is; None where there is no gap."""
-        return verdict_of(self.naming, self.paths)
+        return verdict_of(self.naming)
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """The answer in words."""
         out = [self.naming.sentence, *([self.begun.sentence] if self.begun is not None else [])]
-        out += [p.sentence for p in self.paths if p.outcome in ("differs", "unexplained", "not seen")]
+        out += [p.sentence for p in self.paths]
         verdict = self.verdict
         out += [] if verdict is None else verdict.sentences
         out += [self.naming.probabilities, *self._evidence(), *([self.next_flight] if self.next_flight else [])]
@@ -165,18 +165,17 @@ class GapFinding:
         news = self.check.sentences if self.check is not None and self.check.news else ()
         again = () if self.again is None else (self.again.sentence(max(self.naming.weighed.stated.values())),)
         first = () if self.first is None else self.first.sentences
-        paths = (p.sentence for p in self.paths if p.outcome in ("as believed", "not judged"))
         noise = (self.noise.sentence,) if self.noise is not None and self.noise.sentence else ()
-        return (*out, *noise, *self.windows, *paths, *first, *again, self.air.sentence, *news)
+        return (*out, *noise, *self.windows, *first, *again, self.air.sentence, *news)
 
     @property
     def immaterial(self) -> bool:
         """True if what was named changes no channel of a held-out manoeuvre by as much as TOLERANCE.
 
         By so much a flight simulator for training may err. A channel without a tolerance must change by less than its
-        noise. If nothing is named, but something is missing, this is True if the believed model errs by less than
-        TOLERANCE in every record. False of windows: starts that are fitted hide how far it
-        would go astray.
+        noise; surfaces do not count, as what they do to the aircraft does. If nothing is named, but something is
+        missing, this is True if the believed model errs by less than TOLERANCE in every record. False of windows:
+        starts that are fitted hide how far it would go astray.
         """
         if self.windows or self.begun is not None:
             return False
@@ -187,9 +186,8 @@ class GapFinding:
             return self.naming.outcome != "no gap" and bool(judged) and small
         if not self.shrink or self.naming.best.effect.met is not None:  # a gust is of no other manoeuvre's air
             return False
-        limits = np.array(
-            [TOLERANCE.get(n, s) for n, s in zip(self.believed.outputs, self.believed.noise_std, strict=True)]
-        )
+        noise = zip(self.believed.outputs, self.believed.noise_std, strict=True)
+        limits = np.array([np.inf if n in self.believed.surfaces else TOLERANCE.get(n, s) for n, s in noise])
         moved = [np.abs(s.after - s.before).max(axis=0) for s in self.shrink]
         return bool(judged) and bool(np.all(np.max(moved, axis=0) < limits))
 
@@ -202,7 +200,7 @@ class GapFinding:
         out = [] if self.left is None else [self.left.sentence]
         if self.immaterial:
             words = f"real but immaterial: in the manoeuvres held out it changes every channel by less {_ALLOWED}"
-            if not set(self.believed.outputs) <= TOLERANCE.keys():
+            if not set(self.believed.outputs) <= {*TOLERANCE, *self.believed.surfaces}:
                 words += "; a channel for which no tolerance is given changes by less than its noise"
             out.append(words)
         if best.effect.met is not None:

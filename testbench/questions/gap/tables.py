@@ -13,7 +13,7 @@ from testbench.inference.calibrate import Reliability
 from testbench.page.labels import symbol
 from testbench.page.tables import Column, Table
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.evidence.control_path import JudgedPath
+from testbench.questions.gap.evidence.control_path import SurfacePath
 from testbench.questions.gap.evidence.forces import follows
 from testbench.questions.gap.explain import Naming
 from testbench.questions.gap.open_set import FirstLook, title_of
@@ -28,33 +28,22 @@ _MOST_PAIRS = 40
 _MOST_INSTEAD = 6
 
 
-def _path_table(paths: Sequence[JudgedPath]) -> Table:
-    """Return what recorded surfaces say of the paths from their commands."""
+def _path_table(paths: Sequence[SurfacePath]) -> Table:
+    """Return what is known of the paths from commands to recorded surfaces."""
     return Table(
         "control_paths",
-        "Control paths by themselves",
-        "What a recorded surface does that its recorded command does not explain, fitted to that surface alone. Gain: "
-        "fall of minus twice the log-likelihood. Left: mean square of what remains, in units of the noise, where 1 is "
-        "noise alone.",
+        "Control paths",
+        "A surface that is recorded beside its command is a channel as all others are. Probability: that something is "
+        "missing between command and surface. Left: rms of what the model leaves of the surface, over its noise.",
         (
             Column("control", "control"),
-            Column("outcome", "outcome"),
-            Column("differs_by", "differs by, with standard error"),
-            Column("instead", "or instead"),
-            Column("gain", "gain", decimals=1),
-            Column("threshold", "threshold", decimals=1),
-            Column("left", "left", decimals=3),
+            Column("probability", "probability", "%", decimals=1),
+            Column("believed", "left by the believed model", decimals=2),
+            Column("nearest", "left by what comes nearest", decimals=2),
+            Column("why", "why it is not seen"),
         ),
         tuple(
-            (
-                p.control,
-                p.outcome,
-                " beside ".join(t.words for t in p.terms) or p.why,
-                ", ".join(p.instead),
-                p.gain,
-                p.threshold,
-                p.left,
-            )
+            (p.control, *((None,) * 3 if p.why else (100.0 * p.probability, p.believed, p.nearest)), p.why)
             for p in paths
         ),
         wide=True,

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from testbench.effects import SERVOS, Effect
+from testbench.effects import Effect
 from testbench.page.words import listed
-from testbench.questions.gap.evidence.control_path import JudgedPath
 from testbench.questions.gap.explain import Naming, percent
 from testbench.questions.gap.parts import Part, parts_of
 
@@ -18,32 +17,25 @@ class Verdict:
 
     Attributes:
         parts: where it may sit; none if nothing is called.
-        probability: that all that is missing acts there; None if it is seen and not inferred, or was not weighed.
+        probability: that all that is missing acts there.
         any: True if it sits in one of the parts, and not in all of them.
-        shown: True if a recorded surface shows it.
         nearest: part of the nearest effect, in words, where nothing is called.
     """
 
     parts: tuple[Part, ...]
-    probability: float | None = None
+    probability: float
     any: bool = False
-    shown: bool = False
     nearest: str = ""
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """The verdict in words: where, how probable, and what to check on the ground."""
+        sure = percent(self.probability)
         if not self.parts:
-            sure = "" if self.probability is None else f", which is the right part with {percent(self.probability)}"
-            return (f"where it sits is not known: the nearest effect acts in {self.nearest}{sure}",)
+            near = f"the nearest effect acts in {self.nearest}, which is the right part with {sure}"
+            return (f"where it sits is not known: {near}",)
         checks = tuple(f"check on the ground, {p.name}: {p.ground_check}" for p in self.parts)
-        if self.shown:
-            where = listed([p.name for p in self.parts])
-            return (
-                f"where to look first: {where}, as the recorded surface shows; whether that is all is not known",
-                *checks,
-            )
-        return (f"where to look: {self.where}{self._sure}", *checks)
+        return (f"where to look: {self.where}; probability that it sits there: {sure}", *checks)
 
     @property
     def where(self) -> str:
@@ -51,22 +43,12 @@ class Verdict:
         names = [p.name for p in self.parts]
         return " or ".join(names) if self.any else listed(names)
 
-    @property
-    def _sure(self) -> str:
-        return "" if self.probability is None else f"; probability that it sits there: {percent(self.probability)}"
 
-
-def verdict_of(naming: Naming, paths: Sequence[JudgedPath] = ()) -> Verdict | None:
-    """Return where the cause sits; None if there is no gap, no effect came near, or a term was named.
-
-    Where nothing is named for certain and ``paths`` differ by themselves, it sits there.
-    """
+def verdict_of(naming: Naming) -> Verdict | None:
+    """Return where the cause sits; None if there is no gap, no effect came near, or a term was named."""
     fits = {f.effect.name: f for f in naming.ranking}
     named = [fits[n].effect for n in naming.names]
-    differ = [SERVOS["lag", p.control] for p in paths if p.outcome == "differs"]
     if naming.outcome in ("partial", "unexplained"):
-        if differ:
-            return Verdict(parts_of(differ), shown=True)
         near = [f.effect for f in naming.ranking if not _open(naming, f.effect)][:1]
         if not near:
             return None

@@ -282,7 +282,7 @@ def part_of(record: FlightRecord, begin: int, end: int) -> FlightRecord:
 
     Its first LEAD_S are flown and not compared.
     """
-    compared = [i for i, c in enumerate(record.channels) if c.removesuffix("_cmd") not in CONTROLS]
+    compared = [i for i, c in enumerate(record.channels) if not c.endswith("_cmd")]
     rows = slice(begin, end)
     valid = record.valid[rows].copy()
     valid[: round(LEAD_S / record.dt_s), compared] = False

@@ -21,7 +21,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.drive import driven
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen, listen_again, listen_in_flight
 from testbench.questions.gap.evidence.check import check_data
-from testbench.questions.gap.evidence.control_path import JudgedPath, judge_paths, restricted
+from testbench.questions.gap.evidence.control_path import paths_seen
 from testbench.questions.gap.evidence.forces import equation_errors
 from testbench.questions.gap.evidence.gusts import called
 from testbench.questions.gap.evidence.held_out import differences
@@ -60,7 +60,6 @@ class Sought:
         effects: the library, by name.
         further: effects that are sought only in a place where one of the library comes near.
         terms: that forces and moments follow; ``tried``: how many they are the best of.
-        paths: judged by their recorded surfaces.
         source: where the noise of the sensors comes from.
         pairs: two effects at once, too.
         held_out: records that judge.
@@ -70,14 +69,9 @@ class Sought:
     further: Mapping[str, Effect] = field(default_factory=dict)
     terms: Mapping[str, Effect] = field(default_factory=dict)
     tried: int = 1
-    paths: Sequence[JudgedPath] = ()
     source: Source = "simulated"
     pairs: bool = True
     held_out: Sequence[FlightRecord] = ()
-
-    def told(self, effect: Effect) -> float:
-        """Return twice ln of the likelihood ratio that recorded surfaces give an effect."""
-        return sum(p.told(effect) for p in self.paths if p.outcome == "differs")
 
     def name(self, believed: Believed, records: Sequence[FlightRecord], say: Callable[[str], None]) -> Naming:
         """Return what is named of records."""
@@ -91,7 +85,6 @@ class Sought:
             self.further,
             self.terms,
             self.tried,
-            self.told,
             self.held_out,
         )
 
@@ -113,8 +106,8 @@ def find_gap(
 ) -> GapFinding:
     """Find what the believed model lacks.
 
-    The instruments are checked against each other, paths whose command and surface are recorded are judged by
-    themselves, the turbulence is measured, and all explanations that these leave open are weighed against each other.
+    The instruments are checked against each other, the turbulence is measured, and all explanations that these leave
+    open are weighed against each other.
     The turbulence is measured again beside what was named; if it differs, they are weighed again in the new air.
 
     Args:
@@ -129,9 +122,8 @@ def find_gap(
         again_file: keeps each of them, so that none is flown twice.
         windows: "auto" cuts records that do not begin with quiet trim flight into windows that start freely, a number
             all of them, into windows of so many seconds; "off" refuses them.
-        drive: "both" judges paths whose surfaces are recorded beside their commands by themselves, and lets surfaces
-            drive where no command is recorded; "surface" lets them drive wherever they are recorded; "command" does not
-            look at them.
+        drive: "both" compares surfaces that are recorded beside their commands, and lets surfaces drive where no
+            command is recorded; "surface" lets them drive wherever they are recorded; "command" does not look at them.
         further: effects that are sought only in a place where one of the library comes near, by name; if not given,
             those servo effects that the library lacks, and none if ``effects`` are given.
         noise: where the noise of the believed sensors comes from. Unless it was simulated here, how large it is in
@@ -178,15 +170,13 @@ def find_gap(
         records, held_out = _smoothed(believed, air, records), _smoothed(believed, air, held_out)
         flown = list(records.values())
         known = library(believed.suite, believed.aircraft) if effects is None else effects
-        paths = judge_paths(believed, flown) if drive == "both" and not given.notes else ()
-        judged = (*(replace(p, outcome="not seen") for p in by.paths), *paths)
         servos = OTHER_SERVOS if further is None and effects is None else further or {}
+        unseen = {n for path in by.paths for n in path.effects}
         sought = Sought(
-            restricted(known, judged)[1],
-            restricted(servos, judged)[1],
+            {n: e for n, e in known.items() if n not in unseen},
+            {n: e for n, e in servos.items() if n not in unseen},
             proposals(first, believed),
             1 if first.found is None else first.found.tried,
-            paths,
             "simulated" if noise == "simulated" else "measured",
             not given.notes,  # where starts are fitted once more beside what comes nearest, two are sought after that
             list(held_out.values()),
@@ -233,7 +223,7 @@ def find_gap(
         def ask(measured: Sequence[FlightRecord], heard: AirFound) -> Naming:
             """Ask about a flight as the measured ones were asked about."""
             heard_in = smoothed(all_in, heard, measured)
-            return search(all_in, heard_in, heard, lambda stage: None, replace(sought, paths=(), terms={}))[1]
+            return search(all_in, heard_in, heard, lambda stage: None, replace(sought, terms={}))[1]
 
         flights_again = fly_again(all_in, whole, air, sought.effects, again, ask, say, again_file)
     if naming.best is not None:
@@ -271,7 +261,7 @@ def find_gap(
         again=flights_again,
         windows=(*given.notes, *others.notes),
         begun=acting,
-        paths=(*by.paths, *paths),
+        paths=(*by.paths, *paths_seen(believed, amended, naming, flown)),
         held_out=differences(believed, records, held_out),
         tally=_tally(models, [*flown, *held_out.values()]),
     )

@@ -14,7 +14,6 @@ from testbench.flight import Manoeuvre, fly, trim
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.drive import drive_records
 from testbench.questions.gap.evidence.commanded import BETWEEN, between_samples, held, moves_on
-from testbench.questions.gap.evidence.path_models import Path
 from testbench.questions.gap.workflow import find_gap
 
 RATE_HZ = 25.0
@@ -54,17 +53,6 @@ def test_records_that_no_log_holds_are_as_they_were():
     read = drive_records(suite, imported)
     assert read["a"].provenance[BETWEEN] == ["de"]
     assert drive_records(suite, read)["a"] is read["a"]
-
-
-def test_a_servo_alone_follows_the_line_and_not_the_stairs():
-    """A lag of 10 rad/s behind a ramp stands a tenth of a second behind it."""
-    ramp = 0.01 * T_S
-    path = Path(10.0, np.inf, 400.0)
-    on = path.surface(ramp, {}, 1.0 / RATE_HZ, np.ones(T_S.size, bool))
-    stairs = path.surface(ramp, {}, 1.0 / RATE_HZ)
-    late = (ramp - on)[100:] / 0.01, (ramp - stairs)[100:] / 0.01
-    assert np.mean(late[0]) == pytest.approx(0.1, abs=0.003)  # a frame of 2.5 ms holds what it begins with
-    assert np.mean(late[1]) == pytest.approx(0.1 + 0.5 / RATE_HZ, abs=0.004)
 
 
 def test_a_slow_servo_behind_a_stick_has_its_own_lag():

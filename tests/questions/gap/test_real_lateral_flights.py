@@ -104,7 +104,7 @@ def test_surfaces_drive_a_model_whose_servos_are_none_of_the_aircraft_s(tmp_path
         found = find_gap(believed, used, held, effects={})
         left[what] = found.naming.chi2_tuned
         assert not found.naming.coefficients
-    assert [p.outcome for p in found.paths] == ["not seen", "not seen"]
+    assert ["is not recorded" in p.why for p in found.paths] == [True, True]
     assert left == pytest.approx({"command": 1.096e6, "surface": 14.65e3}, rel=0.01)
     for printed in ("Lp", "Lda", "Lb", "Nb", "Ndr"):
         value, error = found.naming.measured[COEFFICIENTS[printed]]

@@ -193,7 +193,8 @@ def test_the_model_flies_by_surfaces_as_it_does_by_commands_whatever_its_servo()
     assert float(np.sum(wrong**2)) > 3.0 * float(np.sum(right**2))
     assert np.abs(found - right).max() < 0.5  # of the noise: what lies between two samples of the surface
     assert float(np.mean((found - right) ** 2)) < 0.1 * np.sqrt(2.0 / right.size)  # a tenth of what noise scatters by
-    assert by.paths[0].outcome == "differs"  # the path is judged by the command all the same
+    assert by.paths[0].why == 'drive = "surface" asks for it'
+    assert "de" not in by.believed.outputs
 
 
 def test_noise_of_the_surface_is_taken_out_as_a_gust_would_be():
@@ -216,9 +217,9 @@ def test_nothing_of_the_servo_is_left_in_the_model_that_surfaces_drive():
     assert by.believed.aircraft.amendments[-1].name == BYPASS
     assert control_path(by.believed.aircraft, "de").lag == control_path(b.aircraft, "de").lag
     (path,) = by.paths
-    assert (path.control, path.outcome) == ("de", "not seen")
-    assert {"actuator_lag", "pitch_damper", "transport_delay", "free_play"} <= set(path.ruled_out)
-    assert not {"surface_scale", "drag_increment"} & set(path.ruled_out)
+    assert (path.control, path.why) == ("de", "its command, de_cmd, is not recorded")
+    assert {"actuator_lag", "pitch_damper", "transport_delay", "free_play", "clock_offset"} <= set(path.effects)
+    assert not {"surface_scale", "drag_increment"} & set(path.effects)
 
 
 def test_a_model_that_turns_the_surface_itself_cannot_be_driven_by_it():
@@ -251,7 +252,7 @@ def test_pieces_of_flights_are_cut_and_searched_by_their_surface_alone(hidden):
     finding = find_gap(b, pieces, {}, effects=FEW)
     assert finding.naming.outcome == "no gap"
     assert len(finding.windows) == len(pieces)
-    assert finding.paths[0].outcome == "not seen"
+    assert "is not recorded" in finding.paths[0].why
 
 
 def test_what_the_air_feels_is_named_by_surfaces_alone_and_the_servo_stays_in_its_files():
@@ -321,7 +322,7 @@ def test_records_that_hold_surfaces_alone_become_a_case_that_names_what_is_missi
     assert status == 0, lines
     results = tmp_path / "results" / "gap_mine"
     (first, *_) = csv.DictReader((results / "tables" / "ranking.csv").read_text(encoding="utf-8").splitlines())
-    assert (first["effect"], first["verdict"]) == (EFFECTS["drag_increment"].title, "named")
+    assert first["effect"] == EFFECTS["drag_increment"].title
     page = (results / "report.html").read_text(encoding="utf-8")
     assert "path of the elevator could not be seen" in page
     assert "What was recorded of elevator drives the believed model" in page

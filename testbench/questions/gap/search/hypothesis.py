@@ -205,7 +205,8 @@ def changes(base: Hypothesis, effects: Sequence[tuple[Effect, FloatArray]]) -> l
     """Return what effects, each at parameter values (p,), change in the residuals (samples,) of a point.
 
     The difference of two linear predictions is right to second order, although neither prediction is. Flights are used
-    for effects that a linearisation at trim does not see, and for those of sensors, which need no flight of their own.
+    for effects that a linearisation at trim does not see, and for those of sensors, which need no flight of their own;
+    where surfaces are compared also for those that stand there as another command, which has the forces right alone.
     All are flown, or predicted, together; None for one that cannot be.
     """
     models = [
@@ -214,8 +215,11 @@ def changes(base: Hypothesis, effects: Sequence[tuple[Effect, FloatArray]]) -> l
         )
         for e, x in effects
     ]
-    flown = [i for i, (effect, _) in enumerate(effects) if effect.flown]
-    linear = [i for i, (effect, _) in enumerate(effects) if not effect.flown]
+    shapes = bool(base.believed.surfaces)
+    flown = [
+        i for i, (e, _) in enumerate(effects) if e.flown or (shapes and any(s.shape is not None for s in e.singles))
+    ]
+    linear = [i for i in range(len(effects)) if i not in flown]
     out: list[FloatArray | None] = [None] * len(models)
     ends = flown_all([models[i].beginning(base.starts) for i in flown], base.records)
     for i, end in zip(flown, ends, strict=True):
