@@ -27,7 +27,7 @@ from testbench.questions.gap.window_length import SHORTEST_S
 from testbench.questions.gap.windows import begin_freely, begin_from, part_of
 
 KNOWN = 0.1  # share of the priors of a start that remains where the flight before tells it
-MOST = 2  # places in which it is sought
+MOST = 4  # places in which it is sought
 _ROUNDS = 4  # in which time and coefficients are found in turn
 LATER = "_later"
 """End of the name of an effect that acts in some records alone."""

@@ -202,21 +202,20 @@ def find_gap(
         if check and checked is None:
             checked = ahead.take("check", instruments)
     whole, all_in = flown, as_believed
-    acting, before = None, (believed, naming, air)
+    acting = None
     for place in begun if naming.weighed.unknown > 0.5 else ():  # else what acts in all records explains them
         cut = onset.divided(as_believed, records, place)
-        there = replace(sought, effects=onset.later(sought.effects, place), further=onset.later(sought.further, place))
+        there = replace(sought, effects=onset.later(sought.effects, place), further={}, terms={}, pairs=False)
         begins = as_believed
         if place.record:
-            tuned = before[0].with_nuisances(before[1].beside_unknown)
+            tuned = believed.with_nuisances(naming.beside_unknown)
             begins = onset.begin_there(as_believed, cut, place, records[place.record], tuned)
-        found = search(begins, list(cut.values()), before[2], say, there)
-        if acting is None or found[1].weighed.unknown < naming.weighed.unknown:
-            acting, divided, (believed, naming, air) = place, cut, found
-        if naming.weighed.unknown < 0.5:
+        found = search(begins, list(cut.values()), air, say, there)
+        if found[1].weighed.unknown < 0.5:
+            acting, records, flown, (believed, naming, air) = place, cut, list(cut.values()), found
             break
-    if acting is not None:
-        records, flown = divided, list(divided.values())
+    if begun and acting is None and naming.weighed.unknown > 0.5 and sought.pairs:
+        believed, naming, air = search(as_believed, flown, air, say, sought)
     flights_again = None
     if again:
 

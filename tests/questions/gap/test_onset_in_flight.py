@@ -55,8 +55,7 @@ def test_half_the_elevator_from_six_seconds_on_is_named_and_dated(found):
     begun = found.begun
     assert begun is not None
     assert (begun.record, begun.ends) == ("doublets", False)
-    assert begun.at_s == pytest.approx(AT_S, abs=1.6)  # the elevator is at rest from 3.7 s to 7.5 s
-    assert begun.at_s < 7.6
+    assert 3.7 <= begun.at_s <= 7.6  # the elevator is at rest from 3.7 s to 7.5 s, and nothing shows there
     assert found.naming.names[0] == f"surface_scale{onset.LATER}", found.naming.sentence
     best = found.naming.best
     assert best.values["scale"] == pytest.approx(0.5, abs=4.0 * best.errors["scale"])
