@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from testbench.inference.linear import Grams, Linearised, fewer, reduced, sized
+from testbench.inference.first_order import Columns, FirstOrder, sum_of
+from testbench.inference.linear import KAPPAS, Grams, Linearised, fewer, reduced, sized
 
 
 def problem(seed, records=2, n=30, p=2, k=3, m=4, q=0, gaps=True):
@@ -78,6 +79,26 @@ def test_fewer_directions_of_an_unknown_motion_have_the_evidence_of_all_pulses()
     assert both[0].log_evidence(np.zeros(3), np.ones(3)) == pytest.approx(
         both[1].log_evidence(np.zeros(3), np.ones(3)), abs=1e-6
     )
+
+
+def test_a_library_is_weighed_at_once_as_its_hypotheses_one_by_one():
+    """Two residuals of two records, three columns of which the last two belong to one hypothesis each."""
+    blocks, others = problem(4), problem(5)
+    U = [fewer(b.unknown, b.taken) for b in blocks]
+    parts = [Columns.of(b.columns, u, b.taken) for b, u in zip(blocks, U, strict=True)]
+    left = [[np.where(b.taken, x.residual, 0.0) for x in (b, o)] for b, o in zip(blocks, others, strict=True)]
+    sums = [c.left(np.column_stack([r.ravel() for r in both])) for c, both in zip(parts, left, strict=True)]
+    mean, std, sizes = np.array([0.3]), np.array([0.5]), np.array([2.0, 3.0])
+    found = FirstOrder.of(sum_of([c.sums for c in parts]), sums[0] + sums[1], mean, std, sizes)
+    for j, kappa in enumerate(KAPPAS):
+        for r in (0, 1):
+            asked = [Linearised(x[r], b.columns, u, b.taken) for b, u, x in zip(blocks, U, left, strict=True)]
+            one = reduced([Grams.made(b) for b in asked], np.ones(2), kappa)
+            assert found.alone[j, r] == pytest.approx(one.log_evidence(mean, std, [0]), abs=1e-9)
+            for h in (0, 1):
+                own = np.append(mean, 0.0), np.append(std, sizes[h]), [0, 1 + h]
+                assert found.logs[j, h, r] == pytest.approx(one.log_evidence(*own), abs=1e-9)
+                assert found.multiples[j, h, r] == pytest.approx(one.posterior(*own)[0][1], abs=1e-9)
 
 
 def test_the_posterior_is_that_of_least_squares_with_priors():
