@@ -121,7 +121,7 @@ def name_effect(
         )
         named = tuple(n for n in shown if n in open_)
         by_surface = {n: 0.5 * asker.told(e) for n, e in shown.items()}
-        return Weighed(found, dict(shown), seen, len(base.priors), tried, named, by_surface)
+        return Weighed.of(found, dict(shown), seen, len(base.priors), tried, named, by_surface)
 
     out = weighed()
     for several in (1, 2) if pairs else ():
