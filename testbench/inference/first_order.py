@@ -8,10 +8,11 @@ kappa needs a factorisation of its own. Another residual changes right-hand side
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from operator import add
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +60,14 @@ class Left:
     def __add__(self, other: Left) -> Left:
         return Left(self.b + other.b, self.c + other.c)
 
+    @classmethod
+    def beside(cls, several: Sequence[Left]) -> Left:
+        """Return the residuals of several together."""
+        return cls(np.concatenate([x.b for x in several], axis=2), np.concatenate([x.c for x in several], axis=1))
+
+
+S = TypeVar("S", Sums, Left)
+
 
 @dataclass(frozen=True, eq=False)
 class Columns:
@@ -100,12 +109,40 @@ class Columns:
 
     def left(self, residuals: FloatArray) -> Left:
         """Return the sums of residuals (samples, r)."""
-        along = self.U.T @ residuals
-        b = (self.X.T @ residuals) - np.einsum("im,km,mr->kir", self._own[1], self._share, along, optimize=True)
-        return Left(b, np.sum(residuals**2, axis=0) - self._share @ along**2)
+        return self._left(self.X.T @ residuals, self.U.T @ residuals, np.sum(residuals**2, axis=0))
+
+    def drawn(self, multiples: FloatArray, pulses: FloatArray, rng: np.random.Generator) -> Left:
+        """Return the sums of one residual: so much of each column (K,) and direction (m,), and white noise.
+
+        Of the noise, what no column and no direction sees is left out: it is the same to all hypotheses.
+        """
+        known = np.concatenate([multiples, pulses])
+        gram, half = self._noise
+        z = rng.standard_normal((half.shape[1],))
+        noise, moved = half @ z, gram @ known
+        at = moved + noise
+        square = np.array([known @ (moved + 2.0 * noise) + z @ z])
+        return self._left(at[: len(multiples), None], at[len(multiples) :, None], square)
+
+    @cached_property
+    def _noise(self) -> tuple[FloatArray, FloatArray]:
+        """Return the inner products of all columns and directions, and a root of them that makes noise of its own."""
+        squares, along = self._own
+        gram = np.block([[self.X.T @ self.X, along], [along.T, np.diag(squares)]])
+        values, vectors = np.linalg.eigh(gram)
+        seen = values > 1e-12 * max(values[-1], 1e-300)
+        return gram, vectors[:, seen] * np.sqrt(values[seen])
+
+    def _left(self, by_column: FloatArray, along: FloatArray, square: FloatArray) -> Left:
+        b = by_column - np.einsum("im,km,mr->kir", self._own[1], self._share, along, optimize=True)
+        return Left(b, square - self._share @ along**2)
+
+    def some(self, columns: Sequence[int]) -> Columns:
+        """Return a few of the columns."""
+        return Columns(self.X[:, list(columns)], self.U, self.count)
 
 
-def sum_of(parts: Sequence[Sums]) -> Sums:
+def sum_of(parts: Iterable[S]) -> S:
     """Return the sums over several records."""
     return reduce(add, parts)
 

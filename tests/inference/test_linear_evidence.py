@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from testbench.inference.first_order import Columns, FirstOrder, sum_of
+from testbench.inference.first_order import Columns, FirstOrder, Left, sum_of
 from testbench.inference.linear import KAPPAS, Grams, Linearised, fewer, reduced, sized
 
 
@@ -89,7 +89,7 @@ def test_a_library_is_weighed_at_once_as_its_hypotheses_one_by_one():
     left = [[np.where(b.taken, x.residual, 0.0) for x in (b, o)] for b, o in zip(blocks, others, strict=True)]
     sums = [c.left(np.column_stack([r.ravel() for r in both])) for c, both in zip(parts, left, strict=True)]
     mean, std, sizes = np.array([0.3]), np.array([0.5]), np.array([2.0, 3.0])
-    found = FirstOrder.of(sum_of([c.sums for c in parts]), sums[0] + sums[1], mean, std, sizes)
+    found = FirstOrder.of(sum_of(c.sums for c in parts), sum_of(sums), mean, std, sizes)
     for j, kappa in enumerate(KAPPAS):
         for r in (0, 1):
             asked = [Linearised(x[r], b.columns, u, b.taken) for b, u, x in zip(blocks, U, left, strict=True)]
@@ -99,6 +99,23 @@ def test_a_library_is_weighed_at_once_as_its_hypotheses_one_by_one():
                 own = np.append(mean, 0.0), np.append(std, sizes[h]), [0, 1 + h]
                 assert found.logs[j, h, r] == pytest.approx(one.log_evidence(*own), abs=1e-9)
                 assert found.multiples[j, h, r] == pytest.approx(one.posterior(*own)[0][1], abs=1e-9)
+
+
+def test_drawn_sums_are_those_of_residuals_with_white_noise():
+    """Mean and covariance of 4000 draws: 6 standard errors, which one of 36 entries exceeds once in 10 million sets."""
+    block = problem(6, records=1)[0]
+    part = Columns.of(block.columns, fewer(block.unknown, block.taken), block.taken)
+    multiples, pulses = np.array([1.0, -2.0, 0.5]), np.linspace(-1.0, 1.0, part.U.shape[1])
+    drawn = Left.beside([part.drawn(multiples, pulses, np.random.default_rng(i)) for i in range(4000)])
+    plain = part.left((part.X @ multiples + part.U @ pulses)[:, None])
+    covariance = part.X.T @ part.X  # of inner products with white noise, no motion taken out
+    error = np.sqrt(np.diag(covariance) / 4000)
+    assert np.all(np.abs(drawn.b[0].mean(axis=1) - plain.b[0, :, 0]) < 6.0 * error)
+    spread = np.sqrt((covariance**2 + np.outer(np.diag(covariance), np.diag(covariance))) / 4000)
+    assert np.all(np.abs(np.cov(drawn.b[0]) - covariance) < 6.0 * spread)
+    assert drawn.c[0].mean() == pytest.approx(
+        plain.c[0, 0] + 3 + part.U.shape[1], rel=0.02
+    )  # its own degrees of freedom
 
 
 def test_the_posterior_is_that_of_least_squares_with_priors():

@@ -8,7 +8,7 @@ first stage of naming asks; of the truth the right size is among those that are 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,22 +22,31 @@ from testbench.inference.linear import KAPPAS, fewer
 from testbench.questions.gap.again import CUT, SEED, sizes_of
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.explain import Weights, wrong_coefficient
-from testbench.questions.gap.name import INVISIBLE, SIZE, WIDE, WIDER, columns_of, starts_of, unknown_motion
+from testbench.questions.gap.name import (
+    COEFFICIENTS,
+    INVISIBLE,
+    MOST,
+    SIZE,
+    WIDE,
+    WIDER,
+    columns_of,
+    starts_of,
+    unknown_motion,
+)
 from testbench.questions.gap.search.hypothesis import Hypothesis, changes
 
 # Of nine truths: the priors of explain.py, of one error at a time.
 KINDS = ("nothing", "effect", "nothing", "coefficient", "nothing", "effect", "unknown", "nothing", "effect")
 SIZES = 5  # of each effect that are drawn from its prior and flown
 _TRIED = 4  # times that those which cannot be flown are drawn again
-_MOST_STARTS = 4
 _WHOLE, _PART = (tuple(k for k in KAPPAS if (k <= WHOLE) == whole) for whole in (True, False))
 Point = tuple[Effect, FloatArray]
 """An effect and its parameter values (p,)."""
 
 
-def usual(effects: Sequence[Effect]) -> list[Point]:
+def usual_sizes(effects: Sequence[Effect]) -> list[Point]:
     """Return the usual sizes of effects."""
-    return [(e, x) for e in effects for x in starts_of(e)[:_MOST_STARTS]]
+    return [(e, x) for e in effects for x in starts_of(e)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,13 +55,14 @@ class Foreseen:
 
     Attributes:
         base: the believed model in them.
-        points: (h,) whose changes the own columns are.
+        points: (h,) whose changes the own columns are: ``usual`` sizes, then those that were drawn.
         parts: of each record, the columns of the k coefficients, the h own ones, and again those of the coefficients,
             each of which may be wrong.
     """
 
     base: Hypothesis
     points: tuple[Point, ...]
+    usual: int
     parts: tuple[Columns, ...]
 
     @classmethod
@@ -78,7 +88,7 @@ class Foreseen:
         """
         base = Hypothesis.at(believed, believed, tuple(records), priors=priors)
         own = [np.zeros(base.exact.size) if c is None else c for c in _changes(base, points)]
-        points = list(points)
+        points, usual = list(points), len(points)
         rng = np.random.default_rng(SEED)
         missing = [e for e in dict.fromkeys(e for e, _ in points) for _ in range(drawn)]
         for _ in range(_TRIED if missing else 0):
@@ -89,7 +99,7 @@ class Foreseen:
             missing = [e for e, c in zip(missing, found, strict=True) if c is None]
         columns = -np.column_stack([base.tangents, *own, base.tangents])
         directions = [fewer(unknown_motion(believed, r), believed.taken(r)) for r in base.records]
-        return cls(base, tuple(points), tuple(columns_of(base, columns, directions)))
+        return cls(base, tuple(points), usual, tuple(columns_of(base, columns, directions)))
 
     @property
     def coefficients(self) -> tuple[str, ...]:
@@ -109,12 +119,14 @@ class Foreseen:
     @cached_property
     def sums(self) -> Sums:
         """What the evidence needs of the columns."""
-        return sum_of([c.sums for c in self.parts])
+        return sum_of(c.sums for c in self.parts)
 
     def weighed(
         self, left: Left, sums: Sums | None = None, effects: Mapping[str, Effect] | None = None
     ) -> list[Weights]:
         """Return what is said of residuals, of each apart.
+
+        Naming flies what comes nearest at the usual sizes; so that alone is weighed, at all sizes.
 
         Args:
             left: of the residuals.
@@ -126,66 +138,91 @@ class Foreseen:
         sizes = np.concatenate([[_multiple(*point) for point in self.points], WIDER * std])
         found = FirstOrder.of(self.sums if sums is None else sums, left, np.zeros(k), std, sizes)
         owners = np.array([*(e.name for e, _ in self.points), *self.coefficients])
+        near = np.arange(len(owners)) < self.usual
         whole = np.array(KAPPAS) <= WHOLE
-        logs = {}
-        for name in ("nothing", *effects, *self.coefficients):
-            ln = found.alone if name == "nothing" else found.logs[:, owners == name].max(axis=1)
-            logs[name] = [logsumexp(ln[some], axis=0) - np.log(np.count_nonzero(some)) for some in (whole, ~whole)]
+
+        def told(ln: FloatArray) -> FloatArray:
+            """Return ln p of the whole and of a part, (2, r), of ln p by size of the unknown motion (kappas, r)."""
+            return np.array([logsumexp(ln[some], axis=0) - np.log(np.count_nonzero(some)) for some in (whole, ~whole)])
+
+        logs = {"nothing": told(found.alone)}
+        logs |= {n: told(found.logs[:, owners == n].max(axis=1)) for n in (*effects, *self.coefficients)}
+        first = {n: found.logs[:, (owners == n) & near].max(axis=(0, 1)) for n in effects}
+        wrong = {n: found.logs[:, owners == n].max(axis=(0, 1)) for n in self.coefficients}
         named = {**effects, **{n: wrong_coefficient(n) for n in self.coefficients}}
-        return [
-            Weights({n: (float(w[i]), float(p[i])) for n, (w, p) in logs.items()}, named, max(1, len(effects)), k)
-            for i in range(left.c.shape[1])
-        ]
+        out = []
+        for i in range(left.c.shape[1]):
+            flown = [*_nearest(first, i, MOST), *_nearest(wrong, i, COEFFICIENTS)]
+            said = {n: (float(logs[n][0, i]), float(logs[n][1, i])) for n in ("nothing", *flown)}
+            out.append(Weights(said, {n: named[n] for n in flown}, max(1, len(effects)), k))
+        return out
 
-    def stated(self, residuals: Sequence[FloatArray]) -> list[dict[str, float]]:
-        """Return what is stated of residuals, each (samples,): explanation -> probability."""
-        ends = np.cumsum([len(c.X) for c in self.parts])[:-1]
-        by_record = np.split(np.column_stack(residuals), ends)
-        sums = [c.left(r) for c, r in zip(self.parts, by_record, strict=True)]
-        return [w.stated for w in self.weighed(sum(sums[1:], sums[0]))]
+    def stated(self, left: Sequence[Left]) -> list[dict[str, float]]:
+        """Return what is stated of each of several residuals: explanation -> probability."""
+        return [w.stated for w in self.weighed(Left.beside(left))]
 
-    def drawn(self, numbers: Sequence[int]) -> list[tuple[str, FloatArray]]:
-        """Return truths of these numbers, drawn from the priors: name and residuals (samples,)."""
+    def drawn(self, numbers: Sequence[int]) -> list[tuple[str, Left]]:
+        """Return truths of these numbers, drawn from the priors: name, and the sums of what they leave."""
         return [self._drawn(number) for number in numbers]
 
-    def _drawn(self, number: int) -> tuple[str, FloatArray]:
-        turn, place = divmod(number, len(KINDS))
-        name = KINDS[place]
-        before = turn * KINDS.count(name) + KINDS[:place].count(name)  # of its kind
+    def _drawn(self, number: int) -> tuple[str, Left]:
         rng = np.random.default_rng([SEED, number])
-        base, k = self.base, len(self.coefficients)
-        multiples = np.zeros(self.parts[0].X.shape[1])
-        multiples[:k] = base.prior_std * np.clip(rng.standard_normal(k), -CUT, CUT)
-        kappa = float(rng.choice(_PART if name == "unknown" else _WHOLE))
-        if name == "coefficient":
-            name = self.coefficients[before % k]
+        name, multiples, kappa = self.truth(number, rng)
+        pulses = [np.asarray(kappa * rng.standard_normal(c.U.shape[1])) for c in self.parts]
+        return name, sum_of(c.drawn(multiples, u, rng) for c, u in zip(self.parts, pulses, strict=True))
+
+    def truth(self, number: int, rng: np.random.Generator) -> tuple[str, FloatArray, float]:
+        """Return the truth of a number: name, multiples (K,) of all columns, and size of the unknown motion."""
+        turn, place = divmod(number, len(KINDS))
+        kind, k = KINDS[place], len(self.coefficients)
+        before = turn * KINDS.count(kind) + KINDS[:place].count(kind)  # of its kind
+        multiples = np.zeros(2 * k + len(self.points))
+        multiples[:k] = self.base.prior_std * np.clip(rng.standard_normal(k), -CUT, CUT)
+        kappa = float(rng.choice(_PART if kind == "unknown" else _WHOLE))
+        if kind == "coefficient":
             multiples[before % k] *= WIDE
-        elif self.effects and (name == "effect" or (name == "unknown" and before % 2)):  # which an effect imitates
-            effect, place = self._truths[(before // (2 if name == "unknown" else 1)) % len(self._truths)]
-            multiples[k + place] = 1.0
-            name = effect if name == "effect" else name
-        elif name == "effect":
-            name = "nothing"
-        out = []
-        for record, part in zip(base.records, self.parts, strict=True):
-            moved = part.X @ multiples + kappa * part.U @ rng.standard_normal(part.U.shape[1])
-            taken = base.believed.taken(record)
-            noise = np.where(taken, rng.standard_normal(taken.shape), 0.0)
-            if base.believed.whiten is None:  # about the mean, as residuals are
-                noise = np.where(taken, noise - noise.sum(axis=0) / np.maximum(taken.sum(axis=0), 1), 0.0)
-            out.append(moved + noise.ravel())
-        return name, np.concatenate(out)
+            return self.coefficients[before % k], multiples, kappa
+        imitated = kind == "unknown" and before % 2 == 1
+        if kind == "nothing" or (kind == "unknown" and not imitated) or not self._truths:
+            return "nothing" if kind == "effect" else kind, multiples, kappa
+        effect, point = self._truths[(before // 2 if imitated else before) % len(self._truths)]
+        multiples[k + point] = 1.0
+        return kind if imitated else effect, multiples, kappa
 
     @cached_property
     def _truths(self) -> list[tuple[str, int]]:
         """Return effects and the places of their sizes that were drawn: each effect in turn, in an order of chance."""
-        places: dict[str, list[int]] = {n: [] for n in self.effects}
-        for i, (effect, _) in reversed(list(enumerate(self.points))):  # those that were drawn are the last
-            if effect.name in places and len(places[effect.name]) < SIZES:
-                places[effect.name].append(i)
+        places: dict[str, list[int]] = {}
+        for i, (effect, _) in enumerate(self.points[self.usual :], self.usual):
+            if effect.name in self.effects:
+                places.setdefault(effect.name, []).append(i)
         names = list(places)
         order = np.random.default_rng(SEED).permutation(len(names))
         return [(names[i], places[names[i]][turn % len(places[names[i]])]) for turn in range(SIZES) for i in order]
+
+    @cached_property
+    def few(self) -> Foreseen:
+        """The same without the sizes that were drawn."""
+        k = len(self.coefficients)
+        at = [*range(k + self.usual), *range(k + len(self.points), 2 * k + len(self.points))]
+        return replace(self, points=self.points[: self.usual], parts=tuple(c.some(at) for c in self.parts))
+
+    def at_usual_size(self, sums: Sums) -> dict[str, float]:
+        """Return effect -> probability that it would be given if it were there at its first usual size.
+
+        Args:
+            sums: of all records that would be flown; the columns are those here.
+
+        Without noise, coefficients as they are believed: ln p is then what it is on average, to first order.
+        """
+        k = len(self.coefficients)
+        seen = np.diag(sums.A[0])[k:-k] > INVISIBLE
+        places = {e.name: i for i, (e, _) in reversed(list(enumerate(self.points)))}
+        effects = {e.name: e for (e, _), s in zip(self.points, seen, strict=True) if s}
+        if not effects:
+            return {}
+        said = self.weighed(sums.left_by([k + places[n] for n in effects]), sums, effects)
+        return {n: w[n] for n, w in zip(effects, said, strict=True)}
 
 
 def _changes(base: Hypothesis, points: Sequence[Point]) -> list[FloatArray | None]:
@@ -193,6 +230,11 @@ def _changes(base: Hypothesis, points: Sequence[Point]) -> list[FloatArray | Non
     sought = [i for i, (effect, _) in enumerate(points) if base.lateral or not effect.lateral]
     found = dict(zip(sought, changes(base, [points[i] for i in sought]), strict=True))
     return [c if (c := found.get(i)) is not None and np.all(np.isfinite(c)) else None for i in range(len(points))]
+
+
+def _nearest(logs: Mapping[str, FloatArray], i: int, most: int) -> list[str]:
+    """Return the names of the largest of ln p (r,) of one residual."""
+    return sorted(logs, key=lambda n: -logs[n][i])[:most]
 
 
 def _multiple(effect: Effect, x: FloatArray) -> float:

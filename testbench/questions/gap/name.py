@@ -329,7 +329,7 @@ class _Asker:
         """Weigh columns ``each`` (samples, h) about a point, beside those that all share, (samples, k)."""
         parts = columns_of(base, np.column_stack([shared, each]), self._directions)
         left = [c.left(r.reshape(-1, 1)) for c, r in zip(parts, base.by_record(base.exact), strict=True)]
-        return FirstOrder.of(sum_of([c.sums for c in parts]), sum(left[1:], left[0]), mean, std, sizes)
+        return FirstOrder.of(sum_of(c.sums for c in parts), sum_of(left), mean, std, sizes)
 
     @cached_property
     def _directions(self) -> list[FloatArray]:
