@@ -37,7 +37,7 @@ from testbench.questions.gap.search.hypothesis import Hypothesis, changes
 
 # Of nine truths: the priors of explain.py, of one error at a time.
 KINDS = ("nothing", "effect", "nothing", "coefficient", "nothing", "effect", "unknown", "nothing", "effect")
-SIZES = 5  # of each effect that are drawn from its prior and flown
+SIZES = 3  # of each effect that are drawn from its prior and flown
 _TRIED = 4  # times that those which cannot be flown are drawn again
 _WHOLE, _PART = (tuple(k for k in KAPPAS if (k <= WHOLE) == whole) for whole in (True, False))
 Point = tuple[Effect, FloatArray]
@@ -202,13 +202,16 @@ class Foreseen:
 
     @cached_property
     def few(self) -> Foreseen:
-        """The same without the sizes that were drawn."""
-        k = len(self.coefficients)
-        at = [*range(k + self.usual), *range(k + len(self.points), 2 * k + len(self.points))]
-        return replace(self, points=self.points[: self.usual], parts=tuple(c.some(at) for c in self.parts))
+        """The same with the first usual size of each effect alone."""
+        k, names = len(self.coefficients), [e.name for e, _ in self.points]
+        first = [names.index(n) for n in dict.fromkeys(names)]
+        last = range(k + len(names), 2 * k + len(names))
+        at = [*range(k), *(k + i for i in first), *last]
+        points = tuple(self.points[i] for i in first)
+        return replace(self, points=points, usual=len(points), parts=tuple(c.some(at) for c in self.parts))
 
     def at_usual_size(self, sums: Sums) -> dict[str, float]:
-        """Return effect -> probability that it would be given if it were there at its first usual size.
+        """Return effect -> probability that it would be given if it were there at its one size here.
 
         Args:
             sums: of all records that would be flown; the columns are those here.
@@ -217,12 +220,9 @@ class Foreseen:
         """
         k = len(self.coefficients)
         seen = np.diag(sums.A[0])[k:-k] > INVISIBLE
-        places = {e.name: i for i, (e, _) in reversed(list(enumerate(self.points)))}
-        effects = {e.name: e for (e, _), s in zip(self.points, seen, strict=True) if s}
-        if not effects:
-            return {}
-        said = self.weighed(sums.left_by([k + places[n] for n in effects]), sums, effects)
-        return {n: w[n] for n, w in zip(effects, said, strict=True)}
+        shown = [(k + i, e) for i, (e, _) in enumerate(self.points) if seen[i]]
+        said = self.weighed(sums.left_by([i for i, _ in shown]), sums, {e.name: e for _, e in shown}) if shown else []
+        return {e.name: w[e.name] for (_, e), w in zip(shown, said, strict=True)}
 
 
 def _changes(base: Hypothesis, points: Sequence[Point]) -> list[FloatArray | None]:

@@ -253,7 +253,7 @@ def test_a_plan_with_the_rudder_sees_a_yaw_damper_and_may_add_lateral_manoeuvres
     rudder = Foreseen.of(b, [as_record(b, RUDDER["taurus"])], points)
     assert len(rudder.coefficients) == len(PRIORS) + len(LATERAL_PRIORS)
     assert set(rudder.effects) == {"yaw_damper"}
-    assert rudder.at_usual_size(rudder.sums)["yaw_damper"] > 0.9
+    assert rudder.few.at_usual_size(rudder.few.sums)["yaw_damper"] > 0.9
     elevator = Foreseen.of(b, [as_record(b, ELEVATOR)], points)
     assert set(elevator.effects) == {"actuator_lag"}
     names = {m.name for m, _ in family(b, [RUDDER["taurus"]])}
