@@ -9,6 +9,8 @@ import numpy as np
 from testbench.core.constants import PERCENT
 from testbench.page.plot import COLOURS, QUIET, Plate, grid, label, new_figure
 
+_MOST, _OTHERS, _SEEN = 24, 8, 0.05  # rows; columns beside them, of effects that are given so much
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def plan_plates(plan: GapPlan) -> list[Plate]:
-    """Return how often each effect is named, and what it is taken for; nothing before a flight was drawn."""
+    """Return how often each effect is named, and what those named least are taken for; none without flights."""
     return [_power_plate(plan), _confusion_plate(plan)] if plan.power else []
 
 
@@ -48,8 +50,10 @@ def _power_plate(plan: GapPlan) -> Plate:
 
 def _confusion_plate(plan: GapPlan) -> Plate:
     power = plan.power
-    truths = list(power)
-    names = [*truths, "nothing", "unknown"]
+    truths = list(power)[-_MOST:]
+    taken = {n: p for t in truths for n, p in power[t].given.items() if n not in truths and p >= _SEEN}
+    others = sorted(taken.keys() - {"nothing", "unknown"}, key=lambda n: -taken[n])[:_OTHERS]
+    names = [*truths, *others, "nothing", "unknown"]
     given = np.array([[power[t].given.get(n, 0.0) for n in names] for t in truths])
 
     def make(wide: bool) -> Figure:
@@ -77,7 +81,8 @@ def _confusion_plate(plan: GapPlan) -> Plate:
         return figure
 
     caption = (
-        "Row: the effect that is there. Column: what it is taken for, by the mean probability over its flights. A "
-        "right answer lies on the diagonal; nothing, and something that the library lacks, are the last two columns."
+        f"Row: an effect that is there; the {len(truths)} that are named least. Column: what it is taken for, by the "
+        "mean probability over its flights. A right answer lies on the diagonal; the last two columns are nothing, and "
+        "something that the library lacks."
     )
-    return Plate("confusion", "What each effect would be taken for", caption, make)
+    return Plate("confusion", "What effects would be taken for", caption, make)

@@ -122,7 +122,7 @@ def test_the_page_of_a_plan(monkeypatch, tmp_path):
     page = paths[-1].read_text(encoding="utf-8")
     for words in (
         "How often each effect would be named",
-        "What each effect would be taken for",
+        "What effects would be taken for",
         "bias of the q sensor",
     ):
         assert words in page
