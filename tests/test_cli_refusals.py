@@ -176,6 +176,7 @@ def test_help_is_no_error_and_a_bare_group_shows_its_help(folder, monkeypatch, c
         ("gap --plan eolo_alpha --sensors eolo_gap", "--sensors"),
         ("gap --plan eolo_alpha --wings rigid", "--wings"),
         ("gap --plan eolo_alpha --again 3", "--again"),
+        ("gap flexible_wings --draws 30", "--draws"),
         ("gap flexible_wings --V 15", "--V"),
         ("gap flexible_wings --hold-out a.nc", "--hold-out"),
         ("gap eolo a.nc --seed 3", "--seed"),

@@ -325,7 +325,7 @@ WRITERS = {
     },
     "a live file of a ResultFolder": {
         "questions/campaign/ask.py", "questions/campaign/store.py", "questions/compare/benchmark/ask.py",
-        "questions/gap/again.py",
+        "questions/gap/kept.py",
     },
     "a folder for temporary files": {"questions/exercise/catalogue/wrong_sign.py"},
 }  # fmt: skip

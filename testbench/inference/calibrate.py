@@ -10,14 +10,31 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
 from testbench.core.errors import EstimationError
 from testbench.core.proportion import proportion_interval
 
+T = TypeVar("T")
 EDGES = (0.0, 0.2, 0.5, 0.8, 0.9, 0.99, 1.0)
 """Of the classes of stated probabilities."""
+SURE = 0.9
+"""Probability from which one hypothesis is named."""
+CREDIBLE = 0.95
+"""Probability that a set which is named holds."""
+
+
+def fewest(said: Mapping[str, float], probability: float = CREDIBLE) -> tuple[str, ...]:
+    """Return the fewest names that hold so much probability together, the most probable first."""
+    total, out = 0.0, []
+    for name in sorted(said, key=lambda n: -said[n]):
+        out.append(name)
+        total += said[name]
+        if total >= probability:
+            break
+    return tuple(out)
 
 
 @dataclass(frozen=True)
@@ -47,6 +64,25 @@ class Stated:
     right: float
     lowest: float
     highest: float
+
+
+@dataclass(frozen=True)
+class Power:
+    """What was stated where one truth flew.
+
+    Attributes:
+        flights: their number.
+        sure: share in which the truth was stated with at least 90 %.
+        held: share in which it was in the set that holds 95 %.
+        size: median number of names in that set.
+        given: other hypothesis or the truth -> probability that it was given on average, the largest first.
+    """
+
+    flights: int
+    sure: float
+    held: float
+    size: float
+    given: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -83,12 +119,17 @@ class Reliability:
             )
         )
 
-    def power(self, sure: float = 0.9) -> dict[str, tuple[float, int]]:
-        """Return truth -> (share of its flights in which it was stated with at least ``sure``, flights)."""
-        out: dict[str, list[bool]] = {}
+    def power(self) -> dict[str, Power]:
+        """Return truth -> what was stated where it flew."""
+        by_truth: dict[str, list[Trial]] = {}
         for t in self.trials:
-            out.setdefault(t.truth, []).append(t.stated.get(t.truth, 0.0) >= sure)
-        return {name: (float(np.mean(found)), len(found)) for name, found in out.items()}
+            by_truth.setdefault(t.truth, []).append(t)
+        return {truth: _power(truth, flown) for truth, flown in by_truth.items()}
+
+    def false_alarms(self, nothing: str = "nothing") -> tuple[int, int]:
+        """Return the flights of ``nothing`` in which something was stated with at least 90 %, and all of them."""
+        flown = [t for t in self.trials if t.truth == nothing]
+        return sum(t.called != nothing and t.stated[t.called] >= SURE for t in flown), len(flown)
 
     def sentence(self, stated: float) -> str:
         """Return what a stated probability of the answer is worth, as a sentence."""
@@ -102,9 +143,22 @@ class Reliability:
         )
 
 
+def _power(truth: str, flown: Sequence[Trial]) -> Power:
+    sets = [fewest(t.stated) for t in flown]
+    names = dict.fromkeys(name for t in flown for name in t.stated)
+    given = {name: float(np.mean([t.stated.get(name, 0.0) for t in flown])) for name in names}
+    return Power(
+        len(flown),
+        float(np.mean([t.stated.get(truth, 0.0) >= SURE for t in flown])),
+        float(np.mean([truth in names for names in sets])),
+        float(np.median([len(names) for names in sets])),
+        dict(sorted(given.items(), key=lambda one: -one[1])),
+    )
+
+
 def calibrate(
-    draw: Callable[[np.random.Generator], tuple[str, object]],
-    ask: Callable[[object], Mapping[str, float]],
+    draw: Callable[[np.random.Generator], tuple[str, T]],
+    ask: Callable[[T], Mapping[str, float]],
     count: int,
     seed: int,
     kept: Iterable[Trial] = (),
@@ -131,15 +185,32 @@ def calibrate(
         >>> for found in tb.calibrate(draw, ask, 100, seed=1):  # doctest: +SKIP
         ...     print(found.sentence(0.95))
     """
+    one = lambda numbers: [draw(np.random.default_rng([seed, number])) for number in numbers]  # noqa: E731
+    yield from calibrate_together(one, lambda flown: [ask(measured) for measured in flown], count, kept)
+
+
+def calibrate_together(
+    draw: Callable[[Sequence[int]], Sequence[tuple[str, T]]],
+    ask: Callable[[Sequence[T]], Sequence[Mapping[str, float]]],
+    count: int,
+    kept: Iterable[Trial] = (),
+    together: int = 1,
+) -> Iterator[Reliability]:
+    """Do as :func:`calibrate` with so many trials at a time, drawn by their numbers and flown, then asked about.
+
+    Raises:
+        EstimationError: as there.
+    """
     if count < 1:
         raise EstimationError(f"flights again must be 1 or more, got {count}")
     trials: Sequence[Trial] = tuple(kept)[:count]
     if trials:
         yield Reliability(tuple(trials))
-    for number in range(len(trials), count):
-        truth, measured = draw(np.random.default_rng([seed, number]))
-        stated = dict(ask(measured))
-        if not stated:
-            raise EstimationError("the question must name a hypothesis in every flight again, got none")
-        trials = (*trials, Trial(truth, stated))
+    for first in range(len(trials), count, together):
+        numbers = range(first, min(first + together, count))
+        drawn = draw(numbers)
+        for (truth, _), stated in zip(drawn, ask([measured for _, measured in drawn]), strict=True):
+            if not stated:
+                raise EstimationError("the question must name a hypothesis in every flight again, got none")
+            trials = (*trials, Trial(truth, dict(stated)))
         yield Reliability(tuple(trials))

@@ -24,6 +24,7 @@ from scipy.stats import chi2, norm
 
 from testbench.core.errors import EstimationError, RecordError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.inference.calibrate import CREDIBLE, fewest
 from testbench.inference.linear import KAPPAS, Grams, Linearised, Motion, Reduced, Sized, fewer, reduced, sized
 from testbench.inference.parameters import Noise, Parameter, deviations_of, means_of
 
@@ -43,7 +44,6 @@ WHOLE = 1e-3
 """Size of the unknown motion up to which a hypothesis is the whole story; beyond it is a part."""
 P_WHOLE = 0.5
 """Prior probability that a hypothesis, if it is true, is the whole story."""
-CREDIBLE = 0.95
 _ROUNDS = 20
 _REST = 4  # rounds of noise scales and point in turn
 _PATIENCE = 2  # rounds before a fit may be given up
@@ -203,13 +203,7 @@ class Comparison:
 
     def credible(self, probability: float = CREDIBLE) -> tuple[str, ...]:
         """Return the fewest hypotheses that hold so much probability together."""
-        total, names = 0.0, []
-        for row in self.rows:
-            names.append(row.name)
-            total += row.probability
-            if total >= probability:
-                break
-        return tuple(names)
+        return fewest({row.name: row.probability for row in self.rows}, probability)
 
     @cached_property
     def noise(self) -> dict[str, tuple[float, float]]:

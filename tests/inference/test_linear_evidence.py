@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from testbench.inference.linear import Grams, Linearised, Motion, fewer, reduced, sized
+from testbench.inference.first_order import Columns, FirstOrder, Left, sum_of
+from testbench.inference.linear import KAPPAS, Grams, Linearised, Motion, fewer, reduced, sized
 
 
 def problem(seed, records=2, n=30, p=2, k=3, m=4, q=0, gaps=True):
@@ -87,6 +90,43 @@ def test_fewer_directions_of_an_unknown_motion_have_the_evidence_of_all_pulses()
     assert both[0].log_evidence(np.zeros(3), np.ones(3)) == pytest.approx(
         both[1].log_evidence(np.zeros(3), np.ones(3)), abs=1e-6
     )
+
+
+def test_a_library_is_weighed_at_once_as_its_hypotheses_one_by_one():
+    """Two residuals of two records, three columns of which the last two belong to one hypothesis each."""
+    blocks, others = problem(4), problem(5)
+    parts = [Columns.of(b.columns, b.unknown, b.taken) for b in blocks]
+    left = [[np.where(b.taken, x.residual, 0.0) for x in (b, o)] for b, o in zip(blocks, others, strict=True)]
+    sums = [c.left(np.column_stack([r.ravel() for r in both])) for c, both in zip(parts, left, strict=True)]
+    mean, std, sizes = np.array([0.3]), np.array([0.5]), np.array([2.0, 3.0])
+    found = FirstOrder.of(sum_of(c.sums for c in parts), sum_of(sums), mean, std, sizes)
+    for j, kappa in enumerate(KAPPAS):
+        for r in (0, 1):
+            whole = [replace(b.unknown, size=np.full(len(b.unknown.size), 1e9)) for b in blocks]  # none is left out
+            asked = [Linearised(x[r], b.columns, u, b.taken) for b, u, x in zip(blocks, whole, left, strict=True)]
+            one = reduced([Grams.made(b) for b in asked], np.ones(2), kappa)
+            assert found.alone[j, r] == pytest.approx(one.log_evidence(mean, std, [0]), abs=1e-9)
+            for h in (0, 1):
+                own = np.append(mean, 0.0), np.append(std, sizes[h]), [0, 1 + h]
+                assert found.logs[j, h, r] == pytest.approx(one.log_evidence(*own), abs=1e-9)
+                assert found.multiples[j, h, r] == pytest.approx(one.posterior(*own)[0][1], abs=1e-9)
+
+
+def test_drawn_sums_are_those_of_residuals_with_white_noise():
+    """Mean and covariance of 4000 draws: 6 standard errors, which one of 36 entries exceeds once in 10 million sets."""
+    block = problem(6, records=1)[0]
+    part = Columns.of(block.columns, block.unknown, block.taken)
+    multiples, pulses = np.array([1.0, -2.0, 0.5]), np.linspace(-1.0, 1.0, part.U.shape[1])
+    drawn = Left.beside([part.drawn(multiples, pulses, np.random.default_rng(i)) for i in range(4000)])
+    plain = part.left((part.X @ multiples + part.U @ pulses)[:, None])
+    covariance = part.X.T @ part.X  # of inner products with white noise, no motion taken out
+    error = np.sqrt(np.diag(covariance) / 4000)
+    assert np.all(np.abs(drawn.b[0].mean(axis=1) - plain.b[0, :, 0]) < 6.0 * error)
+    spread = np.sqrt((covariance**2 + np.outer(np.diag(covariance), np.diag(covariance))) / 4000)
+    assert np.all(np.abs(np.cov(drawn.b[0]) - covariance) < 6.0 * spread)
+    assert drawn.c[0].mean() == pytest.approx(
+        plain.c[0, 0] + 3 + part.U.shape[1], rel=0.02
+    )  # its own degrees of freedom
 
 
 def test_the_posterior_is_that_of_least_squares_with_priors():

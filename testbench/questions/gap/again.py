@@ -7,36 +7,28 @@ these records (:mod:`testbench.inference.calibrate`).
 
 from __future__ import annotations
 
-import contextlib
-import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from hashlib import blake2b
-from itertools import count, takewhile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from testbench import __version__
-from testbench.core.door import read_bytes, read_text
 from testbench.core.errors import LimitError, ModelError, TrimError
-from testbench.core.files import not_written
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.effects import Effect
 from testbench.flight.air import Air, turbulence_rms
-from testbench.inference.calibrate import Reliability, Trial, calibrate
+from testbench.inference.calibrate import Reliability, calibrate
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.air import AirFound, listen
 from testbench.questions.gap.evidence.commanded import surface_noise
-from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.explain import P_EFFECT, P_NOTHING, Naming
+from testbench.questions.gap.kept import Kept, fingerprint
 from testbench.questions.gap.name import is_scale, size_of
-from testbench.questions.gap.starts import start_of
 
 Ask = Callable[[Sequence[FlightRecord], AirFound], Naming]
-_CUT = 2.0  # standard deviations at which what is drawn is cut
-_DRAWS = 50  # of truths that are tried until one survives the commands
-_SEED = 1
+CUT = 2.0  # standard deviations at which what is drawn is cut
+DRAWS = 50  # of truths that are tried until one survives the commands
+SEED = 1
 
 
 def fly_again(
@@ -66,23 +58,21 @@ def fly_again(
         RecordError: the file cannot be read.
         WriteError: it cannot be written.
     """
-    log = _Log(file, _fingerprint(believed, records, air))
+    log = Kept(file, fingerprint(believed, records, air))
     kept = log.read()
     done = len(kept)
 
-    def draw(rng: np.random.Generator) -> tuple[str, object]:
+    def draw(rng: np.random.Generator) -> tuple[str, list[FlightRecord]]:
         say(f"flight again {done + 1} of {trials}, with a truth drawn from the priors")
         return flown_again(believed, records, air, effects, rng)
 
-    def asked(flown: object) -> Mapping[str, float]:
-        assert isinstance(flown, list)
+    def asked(flown: Sequence[FlightRecord]) -> Mapping[str, float]:
         return ask(flown, listen(believed, flown)).weighed.stated
 
     found = Reliability(())
-    for found in calibrate(draw, asked, trials, _SEED, kept):
-        if len(found.trials) > done:
-            done = len(found.trials)
-            log.add(done - 1, found.trials[-1])
+    for found in calibrate(draw, asked, trials, SEED, kept):
+        log.add(found.trials[done:], done)
+        done = len(found.trials)
     return found
 
 
@@ -103,33 +93,33 @@ def flown_again(
     """
     priors = believed.priors_of(records)
     possible = [e for e in effects.values() if e.met is None and e.over_time is None]
-    for _ in range(_DRAWS):
-        drawn = np.clip(rng.standard_normal(len(priors)), -_CUT, _CUT)
+    for _ in range(DRAWS):
+        drawn = np.clip(rng.standard_normal(len(priors)), -CUT, CUT)
         real = replace(believed, whiten=None)
         real = real.with_nuisances({n: 1.0 + s * float(z) for (n, s), z in zip(priors.items(), drawn, strict=True)})
         name = "nothing"
         if possible and rng.random() > P_NOTHING / (P_NOTHING + P_EFFECT):
             effect = possible[int(rng.integers(len(possible)))]
-            name, real = effect.name, real.with_effect(effect, _sizes(effect, rng))
+            name, real = effect.name, real.with_effect(effect, sizes_of(effect, rng))
         seeds = rng.integers(1, 2**31, size=(len(records), 2)).tolist()
         try:
             both = zip(records, seeds, strict=True)
             return name, [_measured(real, record, _air(air, of_air), noise) for record, (of_air, noise) in both]
         except (FlightAborted, LimitError, ModelError, TrimError):
             continue
-    raise TrimError(f"of {_DRAWS} truths that were drawn from the priors one must fly the commands, got none")
+    raise TrimError(f"of {DRAWS} truths that were drawn from the priors one must fly the commands, got none")
 
 
-def _sizes(effect: Effect, rng: np.random.Generator) -> dict[str, float]:
+def sizes_of(effect: Effect, rng: np.random.Generator) -> dict[str, float]:
     """Return sizes of an effect drawn from their priors, within their bounds."""
     out = {}
     for p in effect.parameters:
         prior = size_of(p.name, p, p.starts[0])
         if is_scale(p):
-            ln = prior.value + prior.prior_std * float(np.clip(rng.standard_normal(), -_CUT, _CUT))
+            ln = prior.value + prior.prior_std * float(np.clip(rng.standard_normal(), -CUT, CUT))
             out[p.name] = float(np.exp(np.clip(ln, prior.low, prior.high)))
             continue
-        size = prior.value + prior.prior_std * float(np.clip(rng.standard_normal(), -_CUT, _CUT))
+        size = prior.value + prior.prior_std * float(np.clip(rng.standard_normal(), -CUT, CUT))
         if p.none is not None and p.none in (p.low, p.high):  # it has one sign only
             size = prior.value + abs(size - prior.value) * (1.0 if p.none == p.low else -1.0)
         out[p.name] = float(np.clip(size, 0.98 * p.low + 0.02 * prior.value, 0.98 * p.high + 0.02 * prior.value))
@@ -152,55 +142,3 @@ def _measured(real: Believed, record: FlightRecord, air: Air | None, seed: int) 
         n: record[n] + std * rng.standard_normal(len(record)) for n, std in surfaces.items()
     }  # as they are measured
     return record.with_columns({**{name: measured[name] for name in real.outputs}, **read})
-
-
-def _fingerprint(believed: Believed, records: Sequence[FlightRecord], air: AirFound) -> str:
-    """Return a digest of all that flights again depend on."""
-    a = believed.aircraft
-    parts = [__version__, a.xml, repr((a.elastic, a.amendments, a.mass, a.limits, believed.suite, believed.condition))]
-    parts += [] if a.adapter is None else [repr(a.adapter)]
-    parts += [repr(starts)] if any(starts := [start_of(record) for record in records]) else []
-    parts += [repr((believed.rate_hz, air.moves, air.rms_m_s, air.height_m)), *map(record_key, records)]
-    return blake2b("\0".join(parts).encode(), digest_size=16).hexdigest()
-
-
-@dataclass(frozen=True)
-class _Log:
-    """A file that holds flights again, one a line; those of other fingerprints are skipped."""
-
-    file: Path | None
-    key: str
-
-    def read(self) -> list[Trial]:
-        """Return the first flights of the fingerprint in their order; a line that was cut off is left out.
-
-        Raises:
-            RecordError: the file cannot be read.
-        """
-        known: dict[int, Trial] = {}
-        if self.file is None or not self.file.exists():
-            return []
-        lines = read_text(self.file, "journal").splitlines()
-        for line in lines:
-            with contextlib.suppress(ValueError, TypeError, KeyError):
-                row = json.loads(line)
-                if row.pop("of") == self.key:
-                    number = row.pop("number")
-                    known[number] = Trial(**row)
-        return [known[i] for i in takewhile(known.__contains__, count())]
-
-    def add(self, number: int, trial: Trial) -> None:
-        """Write one more line.
-
-        Raises:
-            WriteError: the file cannot be written.
-        """
-        if self.file is None:
-            return
-        try:
-            cut_off = self.file.exists() and not read_bytes(self.file, "journal").endswith(b"\n")
-            with self.file.open("a", encoding="utf-8") as out:
-                out.write("\n" * cut_off + json.dumps({"of": self.key, "number": number, **asdict(trial)}) + "\n")
-        except OSError as error:
-            law = "flights again must be kept in a file that can be written to"
-            raise not_written(self.file, error, law) from error

@@ -22,7 +22,7 @@ from testbench.questions.options import (
     with_figures,
 )
 
-AGAIN = "again.jsonl"  # in a folder of results: flights again, of which none is flown twice
+AGAIN, DRAWN = "again.jsonl", "drawn.jsonl"  # in a folder of results: flights, of which none is flown twice
 FLIGHTS = ("sensors", "hold_out", "wings", "airspeed", "altitude", "data", "drive")  # what is said of measured records
 
 
@@ -62,7 +62,7 @@ def show(
         ),
     ] = DrivenBy.both,
     plan: Annotated[
-        Path | None, typer.Option(help="Scenario: which effects could its manoeuvres tell apart, and which to add?")
+        Path | None, typer.Option(help="Scenario: how often would its manoeuvres name each effect, and which to add?")
     ] = None,
     out: OutOption = Path("results"),
     seed: SeedOption = None,
@@ -93,14 +93,17 @@ def show(
             "worth here? Each takes as long as the records; 20 say much.",
         ),
     ] = 0,
+    draws: Annotated[
+        int, typer.Option(min=1, help="With --plan: number of flights drawn from the priors, each asked about at once.")
+    ] = 900,
 ) -> None:
     """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
 
     `testbench gap new` writes a case for your records. Measured manoeuvres are compared with the believed aircraft and
     sensors: `testbench gap eolo flown/*.nc --sensors eolo_gap --wings rigid --hold-out flown/doublets.nc`. A case makes
     its own flights from a hidden truth: `testbench gap flexible_wings`. The instruments are checked against each other
-    first. Before flight, `testbench gap --plan eolo_alpha` says which effects the manoeuvres of a scenario could not
-    tell apart.
+    first. Before flight, `testbench gap --plan eolo_alpha` says how often the manoeuvres of a scenario would name each
+    effect, and what they would take it for.
     """
     from testbench.questions.files import find
 
@@ -110,8 +113,9 @@ def show(
             "with --plan, whose scenario says all",
             *(*FLIGHTS, "case", "records", "seed", "workers", "again", "effect", "simulator", "windows"),
         )
-        _plan_gap(find(plan, "run"), out)
+        _plan_gap(find(plan, "run"), out, draws)
         return
+    refuse(context, "with records or a case: flights are drawn by --plan", "draws")
     if case is None:
         raise RecordError("the believed aircraft must be given with its records, or a gap case, got nothing")
     from testbench.core.paths import aircraft_names
@@ -167,7 +171,7 @@ def show(
     page.show(console(), place.path)
 
 
-def _plan_gap(file: Path, out: Path) -> None:
+def _plan_gap(file: Path, out: Path, draws: int) -> None:
     from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.gap.page import gap_plan_page
     from testbench.questions.gap.plan import plan_gap
@@ -175,11 +179,13 @@ def _plan_gap(file: Path, out: Path) -> None:
 
     loaded = Scenario.load(file)
     with ResultFolder(folder_in(out, f"gap_plan_{loaded.name}")) as place, stages() as say:
-        planned = plan_gap(loaded, say)
+        planned = plan_gap(loaded, say, draws, place.live(DRAWN))
         say("write report")
         page = gap_plan_page(planned)
         page.write(place)
     page.show(console(), place.path)
+    if planned.interrupted:
+        raise KeyboardInterrupt
 
 
 @command.command()

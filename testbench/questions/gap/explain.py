@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.special import logsumexp
@@ -21,6 +22,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.words import with_error
 from testbench.effects import Effect
 from testbench.effects.base import Values, together
+from testbench.inference.calibrate import CREDIBLE, SURE, fewest
 from testbench.inference.compare import Comparison
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.parts import part_names
@@ -32,8 +34,6 @@ P_NOTHING, P_EFFECT, P_PAIR, P_COEFFICIENT, P_OPEN, P_STRANGER = 0.40, 0.30, 0.0
 P_ONSET = 0.1  # that what is missing does not act in all of the records, but begins or ends in flight
 P_IMITATED = 0.5  # that something which the library lacks is imitated, better than by an unknown motion alone
 P_IN_PART = 0.41  # that it then acts in the same part: 35 of 86 calls of the blind test that named nothing
-SURE = 0.9  # probability from which one explanation is named
-CREDIBLE = 0.95  # of all that the library explains, held by the set that is named
 VISIBLE = 4.0  # standard deviations of the noise's chi-square by which an excess is shared out
 SAID = 0.01  # probability from which an explanation is spoken of
 IMITATES = 0.1  # share of what the library lacks from which an effect is said to imitate it
@@ -121,19 +121,19 @@ class Explanation:
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed:
+class Weights:
     """Probabilities of all explanations, together 1.
 
     Attributes:
-        table: the comparison that they follow from, the hypothesis "nothing" in it.
-        effects: what the other hypotheses of the table say, by name.
+        logs: hypothesis, "nothing" among them -> ln p of the records if it is the whole story, and if it is a part.
+        effects: what the other hypotheses say, by name.
         seen: number of effects that were sought, which share the prior.
-        tried: number of terms that forces might follow, which share theirs.
-        terms: names of the hypotheses that are such terms.
         coefficients: number of coefficients that may be wrong, likewise.
+        tried: number of terms that forces might follow, likewise.
+        terms: names of the hypotheses that are such terms.
     """
 
-    table: Comparison
+    logs: Mapping[str, tuple[float, float]]
     effects: Mapping[str, Effect]
     seen: int
     coefficients: int
@@ -155,16 +155,15 @@ class Weighed:
     def _log(self) -> dict[tuple[str, str], float]:
         """Return (hypothesis, "whole" or "imitated") -> ln of its prior times its evidence."""
         out = {}
-        for row in self.table.rows:
-            found = row.posterior
-            if row.name == "nothing":
-                out["nothing", "whole"] = math.log(P_NOTHING) + found.log_whole
-                out["nothing", "imitated"] = math.log(P_STRANGER * (1.0 - P_IMITATED)) + found.log_part
+        for name, (log_whole, log_part) in self.logs.items():
+            if name == "nothing":
+                out["nothing", "whole"] = math.log(P_NOTHING) + log_whole
+                out["nothing", "imitated"] = math.log(P_STRANGER * (1.0 - P_IMITATED)) + log_part
                 continue
-            whole, alike = self._prior(row.name)
-            begins = math.log(math.prod(P_ONSET / e.looks for e in self.effects[row.name].singles if e.later))
-            out[row.name, "whole"] = math.log(whole) + found.log_whole + begins
-            out[row.name, "imitated"] = math.log(P_STRANGER * P_IMITATED / alike) + found.log_part + begins
+            whole, alike = self._prior(name)
+            begins = math.log(math.prod(P_ONSET / e.looks for e in self.effects[name].singles if e.later))
+            out[name, "whole"] = math.log(whole) + log_whole + begins
+            out[name, "imitated"] = math.log(P_STRANGER * P_IMITATED / alike) + log_part + begins
         return out
 
     @cached_property
@@ -215,7 +214,7 @@ class Weighed:
 
     def credible(self, probability: float = CREDIBLE) -> tuple[str, ...]:
         """Return the fewest explanations that hold so much probability together: effects, "nothing", "unknown"."""
-        return _fewest(self.stated, probability)
+        return fewest(self.stated, probability)
 
     def decide(self) -> tuple[str, tuple[str, ...]]:
         """Return outcome and names, see :class:`Naming`: what is most probable, of nothing, the library and neither."""
@@ -224,7 +223,7 @@ class Weighed:
         if self.nothing >= max(known, self.unknown):
             return "no gap", ()
         if known >= self.unknown:
-            names = _fewest(own, CREDIBLE * known)
+            names = fewest(own, CREDIBLE * known)
             return ("named" if own[names[0]] >= SURE else "set"), names
         near = max(own, key=self.imitates, default="")
         if near and self.imitates(near) > 0.5 * self.unknown:
@@ -232,14 +231,17 @@ class Weighed:
         return "unexplained", ()
 
 
-def _fewest(said: Mapping[str, float], probability: float) -> tuple[str, ...]:
-    total, out = 0.0, []
-    for name in sorted(said, key=lambda n: -said[n]):
-        out.append(name)
-        total += said[name]
-        if total >= probability:
-            break
-    return tuple(out)
+@dataclass(frozen=True, eq=False)
+class Weighed(Weights):
+    """Probabilities of explanations that were flown: those of ``table``."""
+
+    table: Comparison = field(kw_only=True)
+
+    @classmethod
+    def of(cls, table: Comparison, *others: Any, **more: Any) -> Weighed:
+        """Return the probabilities by a comparison; the rest is that of :class:`Weights`."""
+        logs = {row.name: (row.posterior.log_whole, row.posterior.log_part) for row in table.rows}
+        return cls(logs, *others, **more, table=table)
 
 
 def percent(p: float) -> str:

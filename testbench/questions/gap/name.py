@@ -1,8 +1,8 @@
 """Name what a model lacks: explanations that come near by their signatures are flown to rest and compared.
 
-A first stage sees all of the library at its usual sizes, to first order, by one factorisation a size of the unknown
-motion; what comes nearest there is fitted by flights (:mod:`testbench.inference.compare`). Where something that the
-best explanation does not account for is probable, another beside it is sought and flown likewise.
+A first stage sees all of the library at its usual sizes, to first order (:mod:`testbench.inference.first_order`); what
+comes nearest there is fitted by flights (:mod:`testbench.inference.compare`). Where something that the best explanation
+does not account for is probable, another beside it is sought and flown likewise.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from testbench.core.errors import LimitError, ModelError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
@@ -21,7 +20,8 @@ from testbench.effects import Effect, library
 from testbench.effects import Parameter as EffectParameter
 from testbench.effects.base import together
 from testbench.inference.compare import Hypothesis, Points, Row, compare_hypotheses
-from testbench.inference.linear import KAPPAS, Grams, Linearised, Motion, fewer, reduced
+from testbench.inference.first_order import Columns, FirstOrder, sum_of
+from testbench.inference.linear import Motion, fewer
 from testbench.inference.parameters import Noise, Parameter, Source
 from testbench.inference.unknown import pulses
 from testbench.questions.gap.believed import Believed
@@ -34,6 +34,7 @@ from testbench.questions.gap.starts import far_apart, times_of
 
 SIZE = 4.0  # prior standard deviation of a size, in multiples of its usual start
 WIDE = 10.0  # the same of a coefficient that is wrong, in multiples of that of its prior
+WIDER = (WIDE**2 - 1.0) ** 0.5  # of what it is wrong by, beside its prior
 SCALE = 0.7  # least prior standard deviation of ln of a parameter that is a scale: a factor of two either way
 MOST, COEFFICIENTS, TERMS = 7, 3, 3  # effects, coefficients and terms that forces follow that are flown, the nearest
 BEGINS = 2  # points from which an effect is fitted, the best first
@@ -117,7 +118,7 @@ def name_effect(
             before=None if before is None else before.table,
         )
         named = tuple(n for n in shown if n in open_)
-        return Weighed(found, dict(shown), seen, len(base.priors), tried, named)
+        return Weighed.of(found, dict(shown), seen, len(base.priors), tried, named)
 
     out = weighed()
     for several in (1, 2) if pairs else ():
@@ -287,39 +288,24 @@ class _Asker:
     ) -> list[_Near]:
         """Return effects with the sizes to begin with by what they change at their usual sizes about a point.
 
-        To first order residuals are r = X d + Y s - a S + U u + e: coefficients d and sizes s of what the point has
-        already have their priors, an effect S is seen in a multiple a of what it changes, a ~ N(0, SIZE^2), beside an
-        unknown motion u of every size. One factorisation a size serves all effects.
+        To first order (:mod:`testbench.inference.first_order`): coefficients and sizes of what the point has already
+        have their priors, an effect is seen in a multiple of what it changes, beside an unknown motion of every size.
         """
-        b = self.believed
         known = self._signatures(effects)
         seen = [(effect, *one) for effect in effects for one in known[effect.name]]
         if not seen:
             return []
-        shared = np.column_stack([base.tangents, own])
-        X, k = np.column_stack([-shared, *(-s for *_, s in seen)]), shared.shape[1]
-        grams = self._grams(base, X)
+        shared = -np.column_stack([base.tangents, own])
         mean = np.concatenate([-base.deviations * base.prior_std, offset])
-        std = np.concatenate([base.prior_std, std])
-        logs, multiples, without = [], [], []
-        for kappa in KAPPAS:
-            found = reduced(grams, np.ones(len(b.outputs)), kappa)
-            factor = cho_factor(found.A[:k, :k] + np.diag(std**-2.0))
-            v = found.b - found.A[:, :k] @ mean
-            across = found.A[:k, k:]
-            precision = np.diag(found.A)[k:] - np.sum(across * cho_solve(factor, across), axis=0) + SIZE**-2.0
-            a = (v[k:] - across.T @ cho_solve(factor, v[:k])) / precision
-            alone = found.log_evidence(mean, std, range(k))
-            logs.append(alone + 0.5 * a**2 * precision - 0.5 * np.log(SIZE**2 * precision))
-            multiples.append(a)
-            without.append(alone)
-        best, most = np.argmax(logs, axis=0), np.max(logs, axis=0)
+        each = -np.column_stack([s for *_, s in seen])
+        found = self._weighed(base, shared, each, mean, np.concatenate([base.prior_std, std]), np.full(len(seen), SIZE))
+        best, most = np.argmax(found.logs[:, :, 0], axis=0), np.max(found.logs[:, :, 0], axis=0)
         out: dict[str, _Near] = {}
         for i in np.argsort(-most, kind="stable"):
             effect, x, _ = seen[i]
-            start = _multiplied(effect, x, float(multiples[best[i]][i]))
+            start = multiplied(effect, x, float(found.multiples[best[i], i, 0]))
             values = dict(zip((q.name for q in effect.parameters), start, strict=True))
-            one = _Near(effect, ((values, base.by_name),), float(most[i]), float(most[i]) - max(without))
+            one = _Near(effect, ((values, base.by_name),), float(most[i]), float(most[i] - np.max(found.alone)))
             out[effect.name] = out[effect.name].with_(one) if effect.name in out else one
         return list(out.values())
 
@@ -341,36 +327,32 @@ class _Asker:
 
         Those of ``wide`` have one already.
         """
-        base, b = self.tuned, self.believed
-        grams = self._grams(base, -base.tangents)
-        mean, logs, names = -base.deviations * base.prior_std, list[list[float]](), list(base.priors)
-        each = [np.where([n in (*wide, name) for n in names], WIDE, 1.0) * base.prior_std for name in names]
-        for kappa in KAPPAS:
-            found = reduced(grams, np.ones(len(b.outputs)), kappa)
-            logs.append([found.log_evidence(mean, std) for std in each])
-        return [names[i] for i in np.argsort(-np.max(logs, axis=0), kind="stable")]
+        base, names = self.tuned, list(self.tuned.priors)
+        mean = -base.deviations * base.prior_std
+        std = np.where([n in wide for n in names], WIDE, 1.0) * base.prior_std
+        found = self._weighed(base, -base.tangents, -base.tangents, mean, std, WIDER * base.prior_std)
+        return [names[i] for i in np.argsort(-np.max(found.logs[:, :, 0], axis=0), kind="stable")]
 
-    def _grams(self, base: Point, columns: FloatArray) -> list[Grams]:
-        """Return the sums of each record about a point with columns (samples, k), beside an unknown motion."""
-        out = []
-        for i, (left, X) in enumerate(zip(base.by_record(base.exact), base.by_record(columns), strict=True)):
-            taken = self.believed.taken(self.records[i])
-            out.append(Grams.made(Linearised(left, X, self._directions[i], taken)))
-        return out
+    def _weighed(
+        self, base: Point, shared: FloatArray, each: FloatArray, mean: FloatArray, std: FloatArray, sizes: FloatArray
+    ) -> FirstOrder:
+        """Weigh columns ``each`` (samples, h) about a point, beside those that all share, (samples, k)."""
+        parts = columns_of(base, np.column_stack([shared, each]), self._directions)
+        left = [c.left(r.reshape(-1, 1)) for c, r in zip(parts, base.by_record(base.exact), strict=True)]
+        return FirstOrder.of(sum_of(c.sums for c in parts), sum_of(left), mean, std, sizes)
 
     @cached_property
     def _directions(self) -> list[Motion]:
         """Of each record, an unknown motion by its principal directions."""
-        b = self.believed
-        return [fewer(self.unknown(r) / b.noise_std[:, None], b.taken(r)) for r in self.records]
+        return [fewer(self._moved(r), self.believed.taken(r)) for r in self.records]
 
     def unknown(self, record: FlightRecord) -> FloatArray:
         """Return what an unknown motion does to a record, its mean and what an unknown start changes taken out."""
+        return self._moved(record) * self.believed.noise_std[:, None]
+
+    def _moved(self, record: FlightRecord) -> FloatArray:
         if id(record) not in self.moved:
-            b, there = self.believed, self.believed.at(record)
-            U = pulses(there.linear, b.outputs, there.condition.V_m_s, record)
-            own = [b.in_noise_units(record, U[:, :, j]) for j in range(U.shape[2])]
-            self.moved[id(record)] = np.stack(own, axis=2) * b.noise_std[:, None]
+            self.moved[id(record)] = unknown_motion(self.believed, record)
         return self.moved[id(record)]
 
     @cached_property
@@ -526,12 +508,28 @@ def _split(
     )
 
 
+def unknown_motion(believed: Believed, record: FlightRecord) -> FloatArray:
+    """Return what pulses of an unknown motion do to a record, (n, p, m), in units of the noise.
+
+    Their means, and what an unknown start changes, are taken out.
+    """
+    there = believed.at(record)
+    U = pulses(there.linear, believed.outputs, there.condition.V_m_s, record)
+    return np.stack([believed.in_noise_units(record, U[:, :, j]) for j in range(U.shape[2])], axis=2)
+
+
+def columns_of(base: Point, columns: FloatArray, directions: Sequence[Motion]) -> list[Columns]:
+    """Return columns (samples, K) about a point by record, beside the directions of the unknown motion of each."""
+    parts = zip(base.by_record(columns), directions, base.records, strict=True)
+    return [Columns.of(X, U, base.believed.taken(record)) for X, U, record in parts]
+
+
 def starts_of(effect: Effect) -> list[FloatArray]:
     """Return every combination of the parameters' starts, each (p,)."""
     return [np.array(s) for s in product(*(p.starts for p in effect.parameters))]
 
 
-def _multiplied(effect: Effect, x: FloatArray, multiple: float) -> list[float]:
+def multiplied(effect: Effect, x: FloatArray, multiple: float) -> list[float]:
     """Return usual sizes with that of the one size of the effect multiplied, within its bounds."""
     out, sizes = x.tolist(), [i for i, q in enumerate(effect.parameters) if q.none is not None]
     for i in sizes if len(sizes) == 1 else ():

@@ -53,14 +53,14 @@ def gap_page(result: GapResult) -> Page:
 
 
 def gap_plan_page(plan: GapPlan) -> Page:
-    """Return the page of what planned manoeuvres could show of the effects, and what to add."""
+    """Return the page of what would be stated of planned manoeuvres, and what to add."""
     tables = plan_tables(plan)
     return Page(
         kicker=f"What could be found: {plan.scenario.name}",
-        title=f"{plan.scenario.title}: which effects could these manoeuvres tell apart?",
+        title=f"{plan.scenario.title}: which effects would these manoeuvres name?",
         answer=plan.sentences,
         tables=tables,
         plates=plan_plates(plan),
         source=source_of(plan.scenario),
-        terminal=tables[:1],
+        terminal=[t for t in tables if t.name in ("additions", "again")],
     )

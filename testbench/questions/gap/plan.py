@@ -1,207 +1,248 @@
-"""Before flight: which effects could these manoeuvres show, and which could they not tell apart?
+"""Before flight: which effects could these manoeuvres show, and what would be stated of them?
 
-Every effect of the library leaves a signature d: the change of all predicted outputs in units of their noise, less what
-re-tuned coefficients can imitate. |d|^2 is the noncentrality of the test that would find the effect. The share of |d|^2
-that another effect can imitate, with all of its own signatures, says how alike the two are. What is left, |d|^2 (1 -
-share), is the noncentrality of the test that would tell them apart. Nothing is flown with noise, and nothing is fitted:
-this is the isolability of fault diagnosis (E. Frisk and M. Krysander) for effects and flights.
+The question that will be asked of the records is asked of flights that are drawn from the priors
+(:mod:`testbench.questions.gap.foreseen`): how often is the truth named, what is it taken for, and what are stated
+probabilities worth? A manoeuvre is added if more effects could then be named, by the same probabilities.
 """
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
-from itertools import product
-from operator import add
+from pathlib import Path
 
 import numpy as np
 
+from testbench.core.blas import on_one_thread
 from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD, PERCENT
 from testbench.core.errors import LimitError, TrimError, located
-from testbench.core.record import FlightAborted, FlightRecord, FloatArray
+from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, Input, Pulse, StandardMultistep, Sweep
 from testbench.effects import Effect, library
 from testbench.flight import load_aircraft
+from testbench.inference.calibrate import SURE, Power, Reliability, calibrate_together
+from testbench.inference.first_order import Sums
 from testbench.inputs import build
 from testbench.line import condition_of
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.drive import comparing
+from testbench.questions.gap.evidence.air import AirFound, in_air
 from testbench.questions.gap.evidence.commanded import commands, quiet_samples, starts_freely
 from testbench.questions.gap.evidence.compared import not_compared
 from testbench.questions.gap.explain import Explanation
-from testbench.questions.gap.search.hypothesis import Hypothesis, changes
+from testbench.questions.gap.foreseen import SIZES, Foreseen, usual_sizes
+from testbench.questions.gap.kept import Kept, fingerprint
+from testbench.questions.gap.name import not_sought
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import load_suite
 
-# The threshold that tells two effects apart, 2 ln(1 / FALSE_ALARM), passed with a probability of 0.9.
+DRAWS = 900
+"""Flights that are drawn, if nothing else is said: some five of every effect."""
+_TOGETHER = 60
 _QUIET_S = 2.0  # before a manoeuvre that is added to records without quiet flight: that of scenarios
-NEEDED = float((np.sqrt(2.0 * np.log(1.0 / CRITERIA.false_alarm)) + 1.2816) ** 2)
-ALIKE = 0.9  # from this share on, two effects are told apart by the details of their form alone
-_MOST_STARTS = 4
 # Airspeeds of manoeuvres that may be added, as shares of the planned one; how far from those flown they must be; and
 # how far within the limits of the aircraft, as manoeuvres change the airspeed.
 _SPEEDS, _NEW_SPEED, _CLEAR = (1.25, 0.85), 0.1, 1.1
 _AT_OTHER_SPEEDS = ("elevator 3211", "rudder 3211", "aileron doublet")
-_UNSEEN = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class Isolability:
-    """What a set of manoeuvres could show.
-
-    Attributes:
-        effects: all effects of the library.
-        noncentrality: (k,) of each effect at its usual size, the first of its starts.
-        share: (k, k) share of effect i's signature that effect j can imitate; 1 on the diagonal, NaN for unseen i.
-    """
-
-    effects: tuple[Effect, ...]
-    noncentrality: FloatArray
-    share: FloatArray
-
-    @property
-    def unseen(self) -> tuple[Effect, ...]:
-        """Effects that these manoeuvres would not show at their usual size."""
-        return tuple(e for e, n in zip(self.effects, self.noncentrality, strict=True) if n < NEEDED)
-
-    @property
-    def left(self) -> FloatArray:
-        """Noncentrality (k, k) of the test that tells effect i from j."""
-        return np.asarray(self.noncentrality[:, None] * (1.0 - self.share))
-
-    @property
-    def closest(self) -> float:
-        """The least noncentrality between any two effects."""
-        left = np.where(np.eye(len(self.effects), dtype=bool), np.inf, np.nan_to_num(self.left))
-        return float(left.min())
-
-    def confused(self) -> list[tuple[Effect, Effect, float, float]]:
-        """Return (effect, what it would be taken for, share, noncentrality left), the worst first.
-
-        Only effects that would be seen; those that leave less than NEEDED, or are alike by more than ALIKE.
-        """
-        out = []
-        for i, e in enumerate(self.effects):
-            if self.noncentrality[i] < NEEDED:
-                continue
-            for j, other in enumerate(self.effects):
-                if i != j and (self.left[i, j] < NEEDED or self.share[i, j] > ALIKE):
-                    out.append((e, other, float(self.share[i, j]), float(self.left[i, j])))
-        return sorted(out, key=lambda row: row[3])
-
-    @property
-    def inseparable(self) -> int:
-        """Number of ordered pairs that would be seen and not told apart."""
-        return sum(row[3] < NEEDED for row in self.confused())
-
-    @property
-    def nameable(self) -> tuple[Effect, ...]:
-        """Effects that would be seen and told from every other one."""
-        lost = {e.name for e in self.unseen} | {row[0].name for row in self.confused() if row[3] < NEEDED}
-        return tuple(e for e in self.effects if e.name not in lost)
+_TAKEN_FOR = 0.1  # mean probability from which an effect is said to be taken for another
+_SAID = 6  # effects that a sentence lists
+_NOT_FLOWN = (FlightAborted, LimitError, TrimError)
 
 
 @dataclass(frozen=True, eq=False)
 class Addition:
-    """A manoeuvre that could be added, and what would be left unseen and inseparable with it."""
+    """Manoeuvres that could be flown, and the probability that each effect would be given at its usual size."""
 
-    name: str
     words: str
-    with_it: Isolability
+    given: Mapping[str, float]
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The effects that would be named."""
+        return tuple(n for n, p in self.given.items() if p >= SURE)
+
+    @property
+    def worth(self) -> tuple[int, float]:
+        """What is to be made large: effects named, and the sum of all probabilities."""
+        return len(self.named), sum(self.given.values())
 
 
 @dataclass(frozen=True, eq=False)
 class GapPlan:
-    """The isolability of planned manoeuvres and what adding one of a small family would change.
+    """What would be stated of planned manoeuvres, and what adding one of a small family would change.
 
     Attributes:
         scenario: the scenario.
         believed: aircraft, sensors and condition.
         manoeuvres: names of those planned.
-        planned: what they could show.
-        additions: best first.
+        effects: the library, by name.
+        unseen: effect that these manoeuvres cannot show -> why.
+        drawn: flights that were drawn from the priors, and what was stated of them.
+        interrupted: whether more was asked for.
+        planned: what the manoeuvres give as they are planned.
+        additions: the same with one more, best first.
         skipped: additions that the believed aircraft cannot fly, with the reason.
     """
 
     scenario: Scenario
     believed: Believed
     manoeuvres: tuple[str, ...]
-    planned: Isolability
+    effects: Mapping[str, Effect]
+    unseen: Mapping[str, str]
+    drawn: Reliability
+    interrupted: bool
+    planned: Addition
     additions: tuple[Addition, ...]
     skipped: Mapping[str, str]
 
     @property
+    def power(self) -> dict[str, Power]:
+        """Effect -> what was stated where it flew, those that were found best first."""
+        found = {n: p for n, p in self.drawn.power().items() if n in self.effects}
+        return dict(sorted(found.items(), key=lambda one: (-one[1].sure, -one[1].given.get(one[0], 0.0))))
+
+    def title(self, name: str) -> str:
+        """Return the name for people of an explanation."""
+        return self.effects[name].title if name in self.effects else _WORDS.get(name, f"a wrong {name}")
+
+    def taken_for(self, name: str) -> tuple[str, float]:
+        """Return what a truth is most often taken for, and the probability that this was given on average."""
+        given = self.drawn.power()[name].given
+        return next(((n, p) for n, p in given.items() if n != name), ("nothing", 0.0))
+
+    @property
     def sentences(self) -> tuple[str, ...]:
         """The answer in words."""
-        found = self.planned
-        count, seen = len(found.effects), len(found.effects) - len(found.unseen)
+        power, flown = self.power, self.drawn.trials
+        often = [n for n, p in power.items() if p.sure >= 0.5]
         out = [
-            f"of {count} effects of the library at their usual sizes, these manoeuvres would show {seen} and tell "
-            f"{len(found.nameable)} of them from every other one"
+            f"of {len(self.effects)} effects of the library these manoeuvres can show "
+            f"{len(self.effects) - len(self.unseen)}; drawn from their priors, {len(often)} of them are named in at "
+            f"least half of their flights with {100.0 * SURE:g} % or more"
         ]
-        pairs = [f"{a.title} for {b.title}" for a, b, _, left in found.confused() if left < NEEDED]
+        if self.interrupted:
+            out.append(f"interrupted: this is what {len(flown)} flights that were drawn say")
+        if flown:
+            wrong, quiet = self.drawn.false_alarms()
+            out += [self.drawn.sentence(0.95), self.drawn.sentence(1.0)]
+            out.append(
+                f"in {wrong} of {quiet} flights with nothing in them something is stated with {100.0 * SURE:g} % or "
+                "more"
+            )
+        pairs = [(n, *self.taken_for(n)) for n in power]
+        pairs = sorted((x for x in pairs if x[1] in self.effects and x[2] >= _TAKEN_FOR), key=lambda x: -x[2])
         if pairs:
+            told = "; ".join(f"{self.title(a)} for {self.title(b)} ({100.0 * p:.0f} %)" for a, b, p in pairs[:3])
             more = f", and {len(pairs) - 3} more" if len(pairs) > 3 else ""
-            out.append(f"they could mistake {'; '.join(pairs[:3])}{more}")
-        if found.unseen:
-            out.append(f"they would not show {', '.join(e.title for e in found.unseen)}")
-        best = self.additions[0] if self.additions else None
-        if best is None or len(best.with_it.nameable) <= len(found.nameable):
-            out.append("no manoeuvre that was tried would add an effect that can be named")
-        else:
-            had = {e.name for e in found.nameable}
-            gained = [e.title for e in best.with_it.nameable if e.name not in had]
-            out.append(f"fly {best.words} as well: {', '.join(gained)} could then be named")
-        return (*out, *not_compared(self.believed.suite))
+            out.append(f"they could mistake {told}{more}")
+        for why in dict.fromkeys(self.unseen.values()):
+            titles = [self.title(n) for n, other in self.unseen.items() if other == why]
+            more = f" and {len(titles) - _SAID} more" if len(titles) > _SAID else ""
+            out.append(f"{', '.join(titles[:_SAID])}{more} would not show: {why}")
+        return (*out, *self._to_fly, *not_compared(self.believed.suite))
+
+    @property
+    def _to_fly(self) -> tuple[str, ...]:
+        if not self.additions and not self.skipped:
+            return ()
+        best = self.additions[0] if self.additions else self.planned
+        gained = [self.title(n) for n in best.named if n not in self.planned.named]
+        if len(best.named) <= len(self.planned.named) or not gained:
+            return ("no manoeuvre that was tried would add an effect that can be named at its usual size",)
+        return (f"fly {best.words} as well: {', '.join(gained)} could then be named at the usual size",)
 
 
-def plan_gap(scenario: Scenario, progress: Callable[[str], None] | None = None) -> GapPlan:
-    """Return what the manoeuvres of a scenario could show of the effects of the library, and what to add.
+_WORDS = {"nothing": "nothing", "unknown": "something that the library lacks"}
 
-    The first suite of the scenario is believed. If it logs no commands, they are known all the same.
+
+@on_one_thread
+def plan_gap(
+    scenario: Scenario,
+    progress: Callable[[str], None] | None = None,
+    draws: int = DRAWS,
+    file: Path | None = None,
+) -> GapPlan:
+    """Return what would be stated of the manoeuvres of a scenario, and what to add.
+
+    The first suite of the scenario is believed. If it logs no commands, they are known all the same. An interrupt ends
+    the draws, or the search for more manoeuvres, with what is known by then.
+
+    Args:
+        scenario: whose manoeuvres, aircraft, suite and air.
+        progress: called with a few words as each stage begins.
+        draws: number of flights that are drawn from the priors.
+        file: keeps them, so that none is asked about twice.
 
     Raises:
         ScenarioError, ModelError: aircraft or suite cannot be read.
+        EstimationError: ``draws`` is below 1.
         FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the manoeuvres.
+        RecordError, WriteError: the file cannot be read or written.
     """
     say = progress or (lambda text: None)
     aircraft, suite = load_aircraft(scenario.aircraft, scenario.wings), load_suite(scenario.suites[0])
     rate = scenario.simulation.rate_hz or aircraft.rate_hz
     with located(None, f"sensors '{suite.name}'"):
-        believed = comparing(Believed(aircraft, suite, condition_of(scenario.condition), rate))
-    effects = tuple(e for e in library(suite, aircraft).values() if e.met is None)  # nobody plans to meet a gust
-    records = [as_record(believed, spec) for spec in scenario.manoeuvre]
-    priors = believed.priors_of(records)
-    parts = []
-    for spec, record in zip(scenario.manoeuvre, records, strict=True):
-        say(f"signatures in {spec.name}")
-        parts.append(Grams.of(believed, record, effects, priors=priors))
-    total = sum_of(parts)
-    additions, skipped = [], {}
-    for there, spec, words in candidates(believed, scenario.manoeuvre):
-        say(f"what {spec.name} would add")
-        try:
-            grams = Grams.of(there, as_record(there, spec), effects, priors=priors)
-        except (FlightAborted, LimitError, TrimError) as error:
-            skipped[words] = str(error)
-            continue
-        additions.append(Addition(spec.name, words, (total + grams).isolability(effects)))
-    additions.sort(key=lambda a: _worth(a.with_it), reverse=True)
+        still = comparing(Believed(aircraft, suite, condition_of(scenario.condition), rate))
+    known = {n: e for n, e in library(suite, aircraft).items() if e.met is None}  # nobody plans to meet a gust
+    records = [as_record(still, spec) for spec in scenario.manoeuvre]
+    air = _air(scenario)
+    believed = in_air(still, air)
+    say("fly the library")
+    sought = [e for e in known.values() if e.over_time is None]
+    foreseen = Foreseen.of(believed, records, usual_sizes(sought), drawn=SIZES)
+    unseen = {n: _why(foreseen, e) for n, e in known.items() if n not in foreseen.effects}
+    drawn, planned = Reliability(()), Addition("as planned", {})
+    additions: list[Addition] = []
+    skipped: dict[str, str] = {}
+    interrupted = False
+    try:
+        kept = Kept(file, fingerprint(believed, records, air))
+        drawn = Reliability(tuple(kept.read()[:draws]))
+        done, begun = len(drawn.trials), time.monotonic()
+        first = done
+        for found in calibrate_together(foreseen.drawn, foreseen.stated, draws, drawn.trials, _TOGETHER):
+            kept.add(found.trials[done:], done)
+            drawn, done = found, len(found.trials)
+            left_s = (time.monotonic() - begun) / max(done - first, 1) * (draws - done)
+            say(f"{done} of {draws} flights drawn, {left_s:.0f} s left")
+        few = foreseen.few
+        planned = Addition("as planned", few.at_usual_size(few.sums))
+        for there, spec, words in candidates(still, scenario.manoeuvre):
+            say(f"what {spec.name} would add")
+            try:
+                more = Foreseen.of(in_air(there, air), [as_record(there, spec)], few.points, few.base.priors)
+            except _NOT_FLOWN as error:
+                skipped[words] = str(error)
+                continue
+            additions.append(Addition(words, few.at_usual_size(few.sums + more.sums)))
+    except KeyboardInterrupt:
+        interrupted = True
+    additions.sort(key=lambda a: a.worth, reverse=True)
     names = tuple(m.name for m in scenario.manoeuvre)
-    return GapPlan(scenario, believed, names, total.isolability(effects), tuple(additions), skipped)
+    return GapPlan(scenario, still, names, known, unseen, drawn, interrupted, planned, tuple(additions), skipped)
 
 
-def _worth(found: Isolability) -> tuple[int, int, int]:
-    """Return what is to be made large: effects named, effects seen, confusions avoided."""
-    return len(found.nameable), -len(found.unseen), -found.inseparable
+def _air(scenario: Scenario) -> AirFound:
+    """Return the air of a scenario as if it had been heard."""
+    rms, height = scenario.air.turbulence_rms_m_s, scenario.air.height_m or scenario.condition.h_m
+    return AirFound(rms > 0.0, rms, height, 0.0, 0.0, 0.0)
+
+
+def _why(foreseen: Foreseen, effect: Effect) -> str:
+    return not_sought(foreseen.base, effect) or "these manoeuvres change no more by them than coefficients do"
 
 
 def as_record(believed: Believed, spec: Manoeuvre) -> FlightRecord:
-    """Return a record with the commands of a planned manoeuvre, from the believed trim; its outputs are zero."""
+    """Return what sensors without noise would read of a planned manoeuvre, flown from the believed trim.
+
+    Raises:
+        FlightAborted, TrimError, LimitError: the believed aircraft cannot fly it.
+    """
     dt = 1.0 / believed.suite.rate_hz
     signal = build(spec.input, spec.duration_s, believed.suite.rate_hz)
     quiet = max(round(spec.settle_s / dt), round(1.0 / dt))
@@ -217,118 +258,48 @@ def as_record(believed: Believed, spec: Manoeuvre) -> FlightRecord:
         valid[:, i] = np.arange(len(u)) % round(believed.suite.rate_hz / own_hz[name]) == 0
     channels = (*believed.outputs, *(f"{n}_cmd" for n in names))
     t = np.arange(len(u), dtype=np.float64) * dt
-    return FlightRecord(t_s=t, channels=channels, data=data, kind="measured", valid=valid)
-
-
-@dataclass(frozen=True, eq=False)
-class Grams:
-    """Inner products of signatures; those of several manoeuvres add up.
-
-    Attributes:
-        G: (c + k, c + k) of c signatures and the k nuisances' tangents.
-        columns: effect -> its columns, the usual size first; none if nothing of it flies.
-        priors: nuisance -> relative standard deviation of its prior; the same in all that are added up.
-    """
-
-    G: FloatArray
-    columns: tuple[tuple[int, ...], ...]
-    priors: Mapping[str, float]
-
-    @classmethod
-    def of(
-        cls,
-        believed: Believed,
-        record: FlightRecord,
-        effects: Sequence[Effect],
-        sizes: Mapping[str, Sequence[float]] | None = None,
-        priors: Mapping[str, float] | None = None,
-    ) -> Grams:
-        """Return the inner products in one manoeuvre.
-
-        Args:
-            believed: aircraft, sensors and condition.
-            record: with the commands.
-            effects: whose signatures.
-            sizes: effect -> parameter values that take the place of its usual size.
-            priors: nuisance -> relative deviation of its prior; if not given, those that this
-                manoeuvre asks for.
-
-        Raises:
-            FlightAborted, TrimError, LimitError: the believed aircraft cannot fly it.
-        """
-        base = Hypothesis.at(believed, believed, (record,), priors=priors)
-        signatures: list[FloatArray] = []
-        columns = []
-        for effect in effects:
-            starts = list(product(*(p.starts for p in effect.parameters)))[:_MOST_STARTS]
-            if sizes is not None and effect.name in sizes:
-                starts = [tuple(sizes[effect.name]), *starts]
-            hidden = effect.lateral and not base.lateral
-            found = [None] * len(starts) if hidden else changes(base, [(effect, np.array(x)) for x in starts])
-            columns.append(tuple(range(len(signatures), len(signatures) + len(found))))
-            # A start that cannot fly leaves nothing: the same columns must stand for the same starts everywhere.
-            signatures += [np.zeros(base.exact.size) if d is None else d for d in found]
-        S = np.column_stack([*signatures, base.tangents])
-        return cls(S.T @ S, tuple(columns), base.priors)
-
-    def __add__(self, other: Grams) -> Grams:
-        return Grams(self.G + other.G, self.columns, self.priors)
-
-    def isolability(self, effects: Sequence[Effect]) -> Isolability:
-        """Return what these manoeuvres could show, nuisances re-tuned within their priors."""
-        k = len(self.priors)
-        prior = np.diag([1.0 / s**2 for s in self.priors.values()])
-        nuisance, mixed = self.G[-k:, -k:] + prior, self.G[:-k, -k:]
-        A = self.G[:-k, :-k] - mixed @ np.linalg.solve(nuisance, mixed.T)
-        first = np.array([c[0] for c in self.columns])
-        size = np.maximum(A[first, first], 0.0)
-        share = np.full((len(effects), len(effects)), np.nan)
-        for j, own in enumerate(np.array(c) for c in self.columns):
-            values, vectors = np.linalg.eigh(A[np.ix_(own, own)])
-            keep = values > 1e-9 * max(values[-1], _UNSEEN)
-            projected = A[np.ix_(first, own)] @ (vectors[:, keep] / np.sqrt(values[keep]))
-            share[:, j] = np.sum(projected**2, axis=1)
-        share = np.where(size[:, None] > _UNSEEN, share / np.maximum(size, _UNSEEN)[:, None], np.nan)
-        return Isolability(tuple(effects), size, np.clip(share, 0.0, 1.0))
+    record = FlightRecord(t_s=t, channels=channels, data=data, kind="measured", valid=valid)
+    return record.with_columns(dict(zip(believed.outputs, believed.predict(record).T, strict=True)))
 
 
 def separate(believed: Believed, records: Sequence[FlightRecord], fits: Sequence[Explanation]) -> str:
     """Return, in words, which manoeuvre would tell apart effects that ``records`` do not.
 
-    Each of a family of manoeuvres is added to the records in turn. The best one brings the two effects that are most
-    alike at their fitted sizes furthest apart.
+    Each of a family of manoeuvres is added to the records in turn. The best one makes the true one of two effects lead
+    the other the furthest, to first order at their fitted sizes, where these two are most alike.
     """
-    effects = [f.effect for f in fits]
-    sizes = {f.effect.name: list(f.values.values()) for f in fits}
+    points = [(f.effect, np.array(list(f.values.values()))) for f in fits]
     plain = replace(believed, whiten=None)
-    priors = believed.priors_of(records)
-    flown = sum_of([Grams.of(plain, r, effects, sizes, priors) for r in records])
+    flown = Foreseen.of(plain, records, points)
     quiet = max((quiet_samples(r) * r.dt_s for r in records if not starts_freely(r)), default=_QUIET_S)
     best, words = 0.0, ""
     for there, spec, text in candidates(plain, (), records):
         try:
             added = as_record(there, spec.model_copy(update={"settle_s": quiet}))
-            grams = Grams.of(there, added, effects, sizes, priors)
-        except (FlightAborted, LimitError, TrimError):
+            more = Foreseen.of(there, [added], points, flown.base.priors)
+        except _NOT_FLOWN:
             continue
-        apart = (flown + grams).isolability(effects).closest
-        if apart > best:
-            best, words = apart, text
-    now = flown.isolability(effects).closest
-    if best < NEEDED:
+        lead = _lead(flown, flown.sums + more.sums)
+        if lead > best:
+            best, words = lead, text
+    now, needed = _lead(flown, flown.sums), math.log(SURE / (1.0 - SURE))
+    if best < needed:
         return (
-            f"no manoeuvre that was tried would separate them (noncentrality {best:.3g} at most, {NEEDED:.0f} "
-            f"needed); what would separate them: {effects[0].separated_by}"
+            f"no manoeuvre that was tried would separate them (the true one would lead by {best:.3g} in ln p at most, "
+            f"{needed:.2g} needed); what would separate them: {fits[0].effect.separated_by}"
         )
     return (
-        f"fly next: {words}; it raises the noncentrality between the two most alike from {now:.3g} to {best:.3g} "
-        f"({NEEDED:.0f} needed)"
+        f"fly next: {words}; of the two most alike the true one would then lead by {best:.3g} in ln p, where it leads "
+        f"by {now:.3g} now ({needed:.2g} needed)"
     )
 
 
-def sum_of(grams: Sequence[Grams]) -> Grams:
-    """Return the inner products over several manoeuvres."""
-    return reduce(add, grams)
+def _lead(foreseen: Foreseen, sums: Sums) -> float:
+    """Return by how much in ln p each effect, if it is the true one, leads the others, the least of all."""
+    k, effects = len(foreseen.coefficients), {e.name: e for e, _ in foreseen.points}
+    said = foreseen.weighed(sums.left_by(range(k, k + len(effects))), sums, effects)
+    whole = [{n: w.logs[n][0] for n in effects} for w in said]
+    return min(ln[n] - max(v for m, v in ln.items() if m != n) for n, ln in zip(effects, whole, strict=True))
 
 
 def candidates(

@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from testbench.core.words import with_error
 from testbench.inference.calibrate import Reliability
 from testbench.page.labels import symbol
@@ -17,14 +15,12 @@ from testbench.questions.gap.evidence.control_path import SurfacePath
 from testbench.questions.gap.evidence.forces import follows
 from testbench.questions.gap.explain import Naming
 from testbench.questions.gap.open_set import FirstLook, title_of
-from testbench.questions.gap.plan import ALIKE, NEEDED
 from testbench.questions.gap.search.hypothesis import FLOWN_STEP, LINEAR_STEP
 
 if TYPE_CHECKING:
     from testbench.questions.gap.ask import GapResult
     from testbench.questions.gap.plan import GapPlan
 
-_MOST_PAIRS = 40
 _MOST_INSTEAD = 6
 
 
@@ -134,7 +130,11 @@ def gap_tables(result: GapResult) -> list[Table]:
     if first is not None and first.terms:
         out.append(_term_table(first))
     if result.finding.again is not None:
-        out.append(_again_table(result.finding.again))
+        how = (
+            f"The flights were flown {len(result.finding.again.trials)} times again, with nothing or an effect drawn "
+            "from the priors in them, and asked about likewise."
+        )
+        out.append(_again_table(result.finding.again, how))
     if result.finding.changed:
         best = naming.best
         out.append(
@@ -196,13 +196,12 @@ def _term_table(first: FirstLook) -> Table:
     )
 
 
-def _again_table(found: Reliability) -> Table:
-    """Return what stated probabilities were worth in flights again."""
+def _again_table(found: Reliability, how: str) -> Table:
+    """Return what stated probabilities were worth in flights again, and how these were flown."""
     return Table(
         "again",
         "What stated probabilities are worth in these flights",
-        f"The flights were flown {len(found.trials)} times again, with nothing or an effect drawn from the priors in "
-        "them, and asked about likewise. Of all probabilities that were stated in a class, the share that was right, "
+        f"{how} Of all probabilities that were stated in a class, the share that was right, "
         f"with its 95 % interval. Expected calibration error of the answer: {found.calibration_error:.2g}.",
         (
             Column("stated", "stated", "%"),
@@ -224,71 +223,75 @@ def _again_table(found: Reliability) -> Table:
 
 
 def plan_tables(plan: GapPlan) -> list[Table]:
-    """Return what could be added, what would be confused, and how well each effect would show."""
-    found = plan.planned
-    confused = found.confused()
-    shown = confused[:_MOST_PAIRS]
-    more = f" The {_MOST_PAIRS} closest of {len(confused)} pairs." if len(confused) > _MOST_PAIRS else ""
-    seen = zip(found.effects, found.noncentrality, strict=True)
+    """Return what could be added, how often each effect would be named, and what stated probabilities are worth."""
+    power = plan.power
     out = [
         Table(
             "additions",
             "What one more manoeuvre would change",
-            "Best first. Seen: would be found at its usual size. Told apart: seen, and not to be mistaken for any "
-            "other effect. Confusions: ordered pairs of which the first is seen and may be mistaken for the second."
+            "Best first. Shown: seen at the usual size. Named: then given 90 % or more, without noise and with "
+            "coefficients as they are believed, to first order. Right: sum of what the right effects are given."
             + "".join(f" Not flown: {words} ({why})." for words, why in plan.skipped.items()),
             (
                 Column("manoeuvre", "manoeuvre"),
-                Column("seen", "effects seen"),
-                Column("nameable", "told apart"),
-                Column("confused", "confusions"),
+                Column("shown", "effects shown"),
+                Column("named", "named"),
+                Column("right", "right", decimals=1),
             ),
             tuple(
-                (words, len(i.effects) - len(i.unseen), len(i.nameable), i.inseparable)
-                for words, i in (("as planned", found), *((a.words, a.with_it) for a in plan.additions))
+                (a.words, len(a.given), len(a.named), sum(a.given.values()))
+                for a in (plan.planned, *plan.additions)
+                if a.given
             ),
             wide=True,
         ),
         Table(
-            "confused",
-            "Which effects would be mistaken for which",
-            f"Told apart: noncentrality of the test between the two. It must reach {NEEDED:.0f} to name the right one "
-            "with a probability of 0.9, at one false name in 1000. Pairs that are alike by more than "
-            f"{100 * ALIKE:.0f} % are listed even if they reach it: there the form of the effect decides, and no form "
-            "is quite right." + more,
+            "power",
+            "How often each effect would be named",
+            "Flights with sizes, coefficients and noise drawn from their priors. Named: stated with 90 % or more. In "
+            "the set: among the fewest that hold 95 % together, whose median number is given. Taken for: what else is "
+            "given most, by its mean probability.",
             (
                 Column("effect", "effect"),
+                Column("flights", "flights"),
+                Column("sure", "named", "%", decimals=0),
+                Column("held", "in the set", "%", decimals=0),
+                Column("size", "names in the set", decimals=1),
+                Column("given", "given", "%", decimals=0),
                 Column("other", "taken for"),
-                Column("share", "alike", "%", decimals=1),
-                Column("left", "told apart", digits=3),
-                Column("separated", "what separates the first"),
+                Column("instead", "given instead", "%", decimals=0),
+                Column("separated", "what separates it"),
             ),
-            tuple((a.title, b.title, 100.0 * share, left, a.separated_by) for a, b, share, left in shown),
+            tuple(_power_row(plan, name) for name in power),
             wide=True,
         ),
         Table(
-            "visible",
-            "How well each effect would show",
-            "Each effect at its usual size, uncertain coefficients re-tuned. The smallest size to be found "
-            f"(noncentrality {NEEDED:.0f}) is given in multiples of the usual one.",
-            (
-                Column("effect", "effect"),
-                Column("size", "usual size"),
-                Column("noncentrality", "noncentrality", digits=3),
-                Column("smallest", "smallest to be found", "of usual", digits=2),
-            ),
-            tuple(
-                (
-                    e.title,
-                    ", ".join(
-                        f"{p.name} = {p.starts[0]:g}" + (f" {p.unit}" if p.unit != "1" else "") for p in e.parameters
-                    ),
-                    float(n),
-                    float(np.sqrt(NEEDED / n)) if n > 1e-6 else None,
-                )
-                for e, n in sorted(seen, key=lambda row: -row[1])
-            ),
-            wide=True,
+            "unseen",
+            "Which effects these manoeuvres would not show",
+            "",
+            (Column("effect", "effect"), Column("why", "why")),
+            tuple((plan.title(name), why) for name, why in plan.unseen.items()),
         ),
     ]
+    if plan.drawn.trials:
+        how = (
+            f"{len(plan.drawn.trials)} flights with nothing, an effect, a wrong coefficient or an unknown motion in "
+            "them, as often as their priors say, asked about to first order."
+        )
+        out.append(_again_table(plan.drawn, how))
     return [table for table in out if table.rows]
+
+
+def _power_row(plan: GapPlan, name: str) -> tuple[str | float, ...]:
+    found, (other, instead) = plan.power[name], plan.taken_for(name)
+    return (
+        plan.title(name),
+        found.flights,
+        100.0 * found.sure,
+        100.0 * found.held,
+        found.size,
+        100.0 * found.given.get(name, 0.0),
+        plan.title(other),
+        100.0 * instead,
+        plan.effects[name].separated_by,
+    )

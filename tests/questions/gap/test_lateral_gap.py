@@ -16,7 +16,6 @@ from gap_flights import believe as believe_longitudinal
 from gap_flights import measure as measure_longitudinal
 from studies.blind.truth import Truth
 
-import testbench.questions.gap.plan as plan_module
 from testbench.core.paths import SCENARIOS
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.base import Manoeuvre
@@ -30,8 +29,9 @@ from testbench.questions.gap.evidence.check import check_data
 from testbench.questions.gap.evidence.commanded import moves_laterally
 from testbench.questions.gap.evidence.locate import locate_regions
 from testbench.questions.gap.explain import Naming
+from testbench.questions.gap.foreseen import Foreseen, usual_sizes
 from testbench.questions.gap.name import name_effect, not_sought
-from testbench.questions.gap.plan import Grams, as_record, family
+from testbench.questions.gap.plan import as_record, family
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS, priors_of
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.result import TOLERANCE
@@ -249,12 +249,13 @@ def test_the_check_of_the_instruments_takes_lateral_kinematics():
 def test_a_plan_with_the_rudder_sees_a_yaw_damper_and_may_add_lateral_manoeuvres():
     b = believe("taurus")
     effects = tuple(EFFECTS[n] for n in ("yaw_damper", "actuator_lag"))
-    rudder = Grams.of(b, as_record(b, RUDDER["taurus"]), effects)
-    found = rudder.isolability(effects)
-    assert rudder.G.shape[0] == sum(map(len, rudder.columns)) + len(PRIORS) + len(LATERAL_PRIORS)
-    assert found.noncentrality[0] > plan_module.NEEDED > found.noncentrality[1]
-    elevator = Grams.of(b, as_record(b, ELEVATOR), effects)
-    assert elevator.isolability(effects).noncentrality[0] == 0.0
+    points = usual_sizes(effects)
+    rudder = Foreseen.of(b, [as_record(b, RUDDER["taurus"])], points)
+    assert len(rudder.coefficients) == len(PRIORS) + len(LATERAL_PRIORS)
+    assert set(rudder.effects) == {"yaw_damper"}
+    assert rudder.few.at_usual_size(rudder.few.sums)["yaw_damper"] > 0.9
+    elevator = Foreseen.of(b, [as_record(b, ELEVATOR)], points)
+    assert set(elevator.effects) == {"actuator_lag"}
     names = {m.name for m, _ in family(b, [RUDDER["taurus"]])}
     assert {"rudder 3211", "aileron doublet", "turn"} <= names
     assert not {"rudder 3211", "aileron doublet", "turn"} & {m.name for m, _ in family(b, [ELEVATOR])}

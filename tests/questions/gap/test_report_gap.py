@@ -117,12 +117,16 @@ def test_models_are_told_apart_without_colour_and_the_legend_says_so(result):
 def test_the_page_of_a_plan(monkeypatch, tmp_path):
     monkeypatch.setattr(plan_module, "library", lambda suite, aircraft: FEW | {"q_bias": EFFECTS["q_bias"]})
     monkeypatch.setattr(plan_module, "family", lambda believed, planned, flown=(): [])
-    plan = plan_module.plan_gap(Scenario.load("eolo_alpha"))
+    plan = plan_module.plan_gap(Scenario.load("eolo_alpha"), draws=90)
     paths = gap_plan_page(plan).write(tmp_path)
     page = paths[-1].read_text(encoding="utf-8")
-    for words in ("Which effects look alike", "How well each effect would show", "bias of the q sensor"):
+    for words in (
+        "How often each effect would be named",
+        "What effects would be taken for",
+        "bias of the q sensor",
+    ):
         assert words in page
-    assert {"isolability.png", "visible.png", "additions.csv", "visible.csv"} <= {p.name for p in paths}
+    assert {"power.png", "confusion.png", "power.csv", "again.csv", "unseen.csv"} <= {p.name for p in paths}
     console = Console(file=io.StringIO(), width=120)
     gap_plan_page(plan).show(console, tmp_path)
     assert "as planned" in console.file.getvalue()

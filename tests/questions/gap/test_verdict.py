@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from studies.blind.parts import UNSEEN
@@ -18,7 +16,7 @@ from testbench.questions.gap.explain import (
     P_NOTHING,
     P_OPEN,
     P_PAIR,
-    Weighed,
+    Weights,
     percent,
     wrong_coefficient,
 )
@@ -64,11 +62,7 @@ def test_where_nothing_is_named_no_part_is_called():
 
 def weighed(**evidence):
     """Return explanations of these (whole, in part) evidences."""
-    rows = tuple(
-        SimpleNamespace(name=name, posterior=SimpleNamespace(log_whole=whole, log_part=part))
-        for name, (whole, part) in evidence.items()
-    )
-    return Weighed(SimpleNamespace(rows=rows), {n: EFFECTS[n] for n in evidence if n != "nothing"}, 50, 5)
+    return Weights(evidence, {n: EFFECTS[n] for n in evidence if n != "nothing"}, 50, 5)
 
 
 def test_probabilities_are_prior_times_evidence_and_add_up():
@@ -112,12 +106,9 @@ def test_what_is_said_is_what_is_most_probable(evidence, said):
 def test_the_prior_is_shared_by_all_of_a_kind():
     one, other = EFFECTS["actuator_lag"], EFFECTS["alpha_scale"]
     both, wrong = together(one, other), wrong_coefficient("Cm_de")
-    rows = tuple(
-        SimpleNamespace(name=n, posterior=SimpleNamespace(log_whole=0.0, log_part=-np.inf))
-        for n in ("nothing", one.name, both.name, wrong.name, "term")
-    )
+    logs = dict.fromkeys(("nothing", one.name, both.name, wrong.name, "term"), (0.0, -np.inf))
     effects = {one.name: one, both.name: both, wrong.name: wrong, "term": other}
-    plain = Weighed(SimpleNamespace(rows=rows), effects, 50, 5, 200, ("term",))
+    plain = Weights(logs, effects, 50, 5, 200, ("term",))
     ratio = {n: plain[n] / plain.nothing * P_NOTHING for n in effects}
     assert ratio == pytest.approx(
         {one.name: P_EFFECT / 50, both.name: P_PAIR / 1225, wrong.name: P_COEFFICIENT / 5, "term": P_OPEN / 200}
