@@ -51,6 +51,7 @@ def found():
     )
 
 
+@pytest.mark.slow
 def test_half_the_elevator_from_six_seconds_on_is_named_and_dated(found):
     begun = found.begun
     assert begun is not None
@@ -63,6 +64,7 @@ def test_half_the_elevator_from_six_seconds_on_is_named_and_dated(found):
     assert any("s of 'doublets' on" in s for s in found.sentences)
 
 
+@pytest.mark.slow
 def test_a_flight_without_it_is_judged_without_it(found):
     """The flight held out had the whole elevator: what began in another flight is not added to it."""
     assert float(found.shrink[0].energy_after.mean()) < 1.2
@@ -79,6 +81,7 @@ def test_what_begins_acts_in_records_that_say_so():
     assert np.array_equal(believed.begun_later().predict(record), half.predict(record))
 
 
+@pytest.mark.slow
 def test_an_effect_of_all_records_is_not_said_to_begin():
     """A slow servo shows where the elevator moves, in every record: it is named as what it is."""
     believed = believe()
