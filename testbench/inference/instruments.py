@@ -62,6 +62,7 @@ _ANSWERED_S, _ANSWER = 1.0, 1.5
 _GUSTY = (
     0.04  # of the motion of a flow angle: larger gusts, of which forces and rates tell more than a vane can be asked
 )
+_CLEARLY = 3.0  # in ln p
 _GUSTS_M_S = 1.5
 """Largest rms of what is left but for white noise: rad, m/s (of a height: of its rate), and of gusts."""
 _SPREAD = 0.3
@@ -418,11 +419,20 @@ class _Asked:
         w = np.where([c == "h" for c in self.compared], w / self.dt_s, w)
         return np.asarray(w / np.sqrt(1.0 - a**2))
 
-    def met_by(self, found: _Weighed) -> FloatArray:
-        """Return the size of gusts in a second over the motion of each channel (p,)."""
-        return self._gusts(found.colour, found.scales)
+    def _gusty(self, fault: str, best: _Weighed) -> list[str]:
+        """Return the flow angles that gusts clearly move by too much for their instruments to be compared."""
+        point, out = self.origin.about(best.at, fault), []
+        for c, name in enumerate(self.compared):
+            calm = best.colour
+            while name in FLOW and calm.size[c] > 0 and self._gusts(calm, best.scales)[c] > _GUSTY:
+                calm = calm.moved(c, calm.time[c], calm.size[c] - 1)
+            if calm is not best.colour:
+                without = self.weigh(point, calm, fault, True, best.scales).log_evidence
+                out += [name] if best.log_evidence - without > _CLEARLY else []
+        return out
 
     def _gusts(self, colour: _Colour, scales: FloatArray | None) -> FloatArray:
+        """Return the size of gusts in a second over the motion of each channel (p,)."""
         w = np.array(_SIZES)[list(colour.size)] * self.noise * (1.0 if scales is None else scales)
         times = np.minimum(np.array(_TIMES_S)[list(colour.time)], _ANSWERED_S)
         return np.asarray(w * np.sqrt(0.5 * times / self.dt_s) / np.maximum(self.moved, 1e-12))
@@ -472,9 +482,8 @@ class _Asked:
         best = max(rows.values(), key=lambda r: r.log_evidence)
         none = max(none, self.coloured(point, "", best), key=lambda r: r.log_evidence)
         unknown = self.coloured(point, "", none, bounded=False)
-        best = max((none, *rows.values()), key=lambda r: r.log_evidence)
-        gusty = [c for c, share in zip(self.compared, self.met_by(best), strict=True) if c in FLOW and share > _GUSTY]
-        if gusty:
+        fault, best = max((("", none), *rows.items()), key=lambda r: r[1].log_evidence)
+        if gusty := self._gusty(fault, best):
             kept = tuple(c for c in self.compared if c not in gusty)
             calmer = agreement_of([replace(part, compared=kept) for part in self.parts])
             return replace(calmer, gusty=(*gusty, *calmer.gusty))

@@ -40,7 +40,8 @@ def compatibility_page(
     lines = [] if result is None else compatibility_answer(result)
     if agreed is not None:
         first = [Line("finding" if k else "lead", sentence(text)) for k, text in enumerate(agreement_in_words(agreed))]
-        lines = [*first, *(line._replace(kind="finding") if line.kind == "lead" else line for line in lines)]
+        more = [line._replace(kind="finding") if line.kind == "lead" else line for line in lines]
+        lines = [*first, *([] if agreed.contradicted else more)]  # errors that are all sought at once share a large one
     return Page(
         kicker=f"Data compatibility: {description.name}",
         title=description.title,
