@@ -55,6 +55,8 @@ def _broken_laws(description: RecordDescription) -> Iterator[str]:
                 f"correct.{name}: must be CHANNEL_KIND, of a channel described and a kind among {', '.join(KINDS)}, "
                 f"got '{name}'"
             )
+        elif kind == "scale" and description.correct[name] <= -1.0:
+            yield f"correct.{name}: must be > -1, the share that is read too much, got {description.correct[name]:g}"
     both = set(description.identification.inputs) & set(description.identification.outputs)
     if both:
         yield f"identification.outputs: an input cannot be an output too, got {', '.join(sorted(both))}"
