@@ -27,7 +27,7 @@ from testbench.core.blas import on_one_thread
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.compatibility.take_out import taken_out
-from testbench.inference.kinematics import BESIDE, FLOW, FORCES, RATES, Kinematics
+from testbench.inference.kinematics import ANGLES, BESIDE, FLOW, FORCES, RATES, Kinematics
 from testbench.inference.linear import Grams, sized
 
 CLEAR = 0.9
@@ -45,6 +45,7 @@ _SCALES = dict.fromkeys(FLOW, 0.03) | {"V": 0.02}
 """Prior standard deviations of scales that are less well known: upwash at a vane, a static port."""
 _BIAS = dict.fromkeys(RATES, 0.02) | dict.fromkeys(FORCES, 0.3)  # rad/s, m/s2
 _WITHOUT_GRAVITY = (3.0, 20.0)  # m/s2: beyond this mean an accelerometer's zero is its own; its prior then
+_FILTER_S = 0.01  # mean and standard deviation of the lag of an attitude that a sound filter makes
 _BAROMETER_S = 0.3  # that a height may be late by
 _WIND_M_S, _VANE_RAD = 3.0, 0.05
 _FINEST = {"V": 5e-3, "h": 1e-2}  # m/s, m; rad: 1e-4. Less noise is none: integration errs by as much
@@ -62,6 +63,7 @@ _ANSWERED_S, _ANSWER = 1.0, 1.5
 _GUSTY = (
     0.04  # of the motion of a flow angle: larger gusts, of which forces and rates tell more than a vane can be asked
 )
+_STEEP = 200.0  # in ln p, for a process e times as large
 _CLEARLY = 3.0  # in ln p
 _GUSTS_M_S = 1.5
 """Largest rms of what is left but for white noise: rad, m/s (of a height: of its rate), and of gusts."""
@@ -218,7 +220,7 @@ def _priors(parts: Sequence[Kinematics]) -> dict[str, float]:
             std[f"{c}_bias"] = _WITHOUT_GRAVITY[1]
         if c not in ("h", "psi"):
             std[f"{c}_scale"] = _SCALES.get(c, KINDS["scale"][0])
-            std[f"{c}_lag"] = KINDS["lag"][0]
+            std[f"{c}_lag"] = _FILTER_S if c in ANGLES else KINDS["lag"][0]
         std[f"{c}_late"] = _BAROMETER_S if c == "h" else math.hypot(KINDS["late"][0], 0.25 * first.dt_s)
         if c in ("az", "ay"):
             std[f"{c}_place"] = KINDS["place"][0]
@@ -396,16 +398,18 @@ class _Asked:
         grams, log_det = point.grams(colour)
         std = np.array(list(self.std.values()))
         about = np.array([point.at.get(n, 0.0) for n in point.names])
+        mean = np.array([_FILTER_S if n.endswith("_lag") and s > 0.0 else 0.0 for n, s in self.std.items()]) - about
         for i, c in self.met:
             std[i] = min(1.0, _ANSWER * self._gusts(colour, scales)[c])
         at = point.names.index(fault) if fault else 0
         if fault:
             std[at] = KINDS[fault.rpartition("_")[2]][1]
-        found = sized(grams, -about, std, self.spread, 0.0, scales)
+        found = sized(grams, mean, std, self.spread, 0.0, scales)
         log_evidence = found.log_density - 0.5 * log_det
-        if bounded and np.any(self.rms(colour, found.scales) > self.most):
-            log_evidence = -math.inf
-        centre, covariance = found.reduced.posterior(-about, std)
+        if bounded:  # a slope back to what air and sound instruments are
+            beyond = np.maximum(np.log(self.rms(colour, found.scales) / self.most), 0.0)
+            log_evidence -= _STEEP * float(np.sum(beyond))
+        centre, covariance = found.reduced.posterior(mean, std)
         values, error = centre + about, float(np.sqrt(covariance[at, at]))
         if fault.endswith("_lag"):  # none is negative
             log_evidence += float(norm.logcdf(values[at] / error)) + math.log(2.0)
@@ -455,15 +459,16 @@ class _Asked:
                         best = max(best, other, key=lambda w: w.log_evidence)
                     if best is here:
                         break
-                if best.log_evidence - before.log_evidence < _LITTLE:
+                if not best.log_evidence - before.log_evidence >= _LITTLE:
                     moved.discard(c)
         return best
 
     def _beginning(self) -> _Colour:
         """Return a colour in the middle of the grids, or as near to it as sound instruments allow."""
-        sizes = [len(_SIZES) // 2] * len(self.compared)
-        colour = _Colour((1,) * len(sizes), tuple(sizes))
-        while np.any(over := self.rms(colour, np.full(len(sizes), 1.2)) > self.most) and max(colour.size) > 0:
+        count = len(self.compared)
+        colour = _Colour((1,) * count, (len(_SIZES) // 2,) * count)
+        for _ in _SIZES:
+            over = self.rms(colour, np.full(count, 1.2)) > self.most
             colour = _Colour(colour.time, tuple(max(s - int(o), 0) for s, o in zip(colour.size, over, strict=True)))
         return colour
 

@@ -52,6 +52,7 @@ _TURNS_RAD = 0.05  # rms of a lateral channel from which the aircraft is not in 
 _FEWEST = 100  # samples
 _FINEST_S = 0.02  # records that are sampled more finely are thinned: motion of a rigid body is slower
 _HELD = 0.6  # share of samples equal to the one before, from which a channel is held and its timing not its own
+_JUMP_RAD = 0.5  # between samples: an angle that was averaged across the end of its circle
 _SMOOTH_S = 0.15  # of the airspeed as a coefficient: its noise is no motion, and it changes slowly
 _SLOWEST_M_S = 3.0  # below it the airspeed is a deviation from trim, or none
 
@@ -82,7 +83,10 @@ class Kinematics:
             y, valid = record[name], record.valid[:, record.channels.index(name)] & np.isfinite(record[name])
             if np.mean(valid) < 0.8 or np.mean(np.diff(y[valid]) == 0.0) > _HELD:
                 continue
-            y = np.interp(record.t_s, record.t_s[valid], np.unwrap(y[valid]) if name == "psi" else y[valid])
+            taken = np.unwrap(y[valid]) if name == "psi" else y[valid]
+            if name in ANGLES and np.max(np.abs(np.diff(taken))) > _JUMP_RAD:
+                continue
+            y = np.interp(record.t_s, record.t_s[valid], taken)
             x[name] = y[:n].reshape(-1, step).mean(axis=1)
         if "V" in x and np.min(x["V"]) < _SLOWEST_M_S:
             del x["V"]
@@ -170,6 +174,8 @@ class Kinematics:
         """Return what an instrument reads of what is true."""
         scale, late, lag = (errors.get(f"{c}_{kind}", 0.0) for kind in ("scale", "late", "lag"))
         y = (1.0 + scale) * _shifted(y, self.dt_s, late)
+        if lag < 0.0:  # what a search tries: to first order
+            return y - lag * np.gradient(y, self.dt_s)
         return first_order_lag(y, self.dt_s, lag) if lag else y
 
 
