@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from testbench.flight.trim import trim
     from testbench.inference.calibrate import calibrate
     from testbench.inference.compare import Hypothesis, Posterior, compare_hypotheses
+    from testbench.inference.instruments import agreement
     from testbench.inference.parameters import Noise, Parameter
     from testbench.inference.unknown import pulses
     from testbench.inputs import InputSignal
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOME = {
+    "agreement": "testbench.inference.instruments",
     "survey": "testbench.questions.aircraft.ask",
     "structure_from_equations": "testbench.estimators.parametric.structures.written",
     "make_plan": "testbench.questions.plan.ask",
@@ -148,6 +150,7 @@ __all__ = [
     "Posterior",
     "Prior",
     "Start",
+    "agreement",
     "amend",
     "benchmark",
     "calibrate",

@@ -95,6 +95,7 @@ _ROWS: dict[tuple[float, float, str], str] = {
     ),
     (0.0, 1e9, OF_ITS_CHANNEL): "noise_std noise_density bias_walk drift_std quantum",
     (-1e9, 1e9, OF_ITS_CHANNEL): "bias bias_rate",
+    (-100.0, 100.0, "its own"): "correct",
     (-_ANY, _ANY, "its own"): (
         "among bounds constants declare effect_eta effect_etadot errors fixed_process_noise force force_eta "
         "force_etadot grid high initial initial_std low mean measurement_noise median parameter_drift parameters "

@@ -131,6 +131,12 @@ class Grams:
         samples = record.taken.sum(axis=0).astype(float)
         return cls(shared, across, inside, samples, U.size, {} if before is None else before._kept)
 
+    @classmethod
+    def parted(cls, of: FloatArray, samples: FloatArray, k: int) -> Grams:
+        """Return sums (p, k + q + 1, k + q + 1) of k columns, q of the record's own and the residual, in parts."""
+        own, at = slice(k, -1), np.r_[0:k, of.shape[1] - 1]
+        return cls(of[:, at][:, :, at], of[:, own][:, :, at], of[:, own, own], samples, np.zeros(0))
+
     @property
     def k(self) -> int:
         """Number of columns."""

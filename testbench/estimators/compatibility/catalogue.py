@@ -50,6 +50,11 @@ _REVERSED = {"wind_north": "towards south", "wind_east": "towards west", "wind_d
 _IN_DEGREES = {"rad": "deg", "rad/s": "deg/s"}
 
 
+def instrument(channel_name: str) -> str:
+    """Return what measures a channel, e.g. "pitch-rate gyro"."""
+    return _INSTRUMENT.get(channel_name, channel_name)
+
+
 def plausible_size(name: str) -> float:
     """Return the size beyond which error ``name`` is not plausible, in SI units."""
     if name in _SIZE:

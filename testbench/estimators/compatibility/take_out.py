@@ -38,12 +38,25 @@ def correct(record: FlightRecord, result: DataCompatibility) -> FlightRecord:
         RecordError: the record is not sampled uniformly.
     """
     values, structure = result.values, result.structure
+    moved = _at_cg(record, structure, values) if structure.positions_m else {}
+    others = {n: v for n, v in values.items() if n.rpartition("_")[0] not in moved}
+    out = taken_out(record.with_columns(moved) if moved else record, others)
+    if out is record:
+        return record
+    done = {"errors": dict(values), "accelerations_at_cg": bool(structure.positions_m)}
+    return replace(out, provenance={**record.provenance, "corrected": done})
+
+
+def taken_out(record: FlightRecord, values: Mapping[str, float]) -> FlightRecord:
+    """Return a record without the errors ``values`` (CHANNEL_KIND -> size), see :func:`correct`.
+
+    Raises:
+        RecordError: the record is not sampled uniformly.
+    """
     columns: dict[str, FloatArray] = {}
     valid = record.valid.copy()
-    if structure.positions_m:
-        columns.update(_at_cg(record, structure, values))
     for name in dict.fromkeys(n.rpartition("_")[0] for n in values):
-        if name not in record or name in columns:
+        if name not in record:
             continue
         y = record[name].copy()
         i = record.channels.index(name)
@@ -61,8 +74,7 @@ def correct(record: FlightRecord, result: DataCompatibility) -> FlightRecord:
     if not columns:
         return record
     out = replace(record.with_columns(columns), valid=valid)
-    done = {"errors": dict(values), "accelerations_at_cg": bool(structure.positions_m)}
-    return replace(out, provenance={**record.provenance, "corrected": done})
+    return replace(out, provenance={**record.provenance, "corrected": {"errors": dict(values)}})
 
 
 def _at_cg(record: FlightRecord, structure: KinematicStructure, values: Mapping[str, float]) -> dict[str, FloatArray]:

@@ -14,7 +14,10 @@ from testbench.questions.options import DataOption, OutOption, StrictOption, wit
 
 @with_figures
 def command(
-    description: Annotated[Path, typer.Argument(help="Description of recorded flights (TOML).", show_default=False)],
+    description: Annotated[
+        Path,
+        typer.Argument(help="Description of recorded flights (TOML), or a log, which is imported.", show_default=False),
+    ],
     out: OutOption = Path("results"),
     data: DataOption = None,
     gravity: Annotated[float, typer.Option(help="Local gravity, m/s2.")] = G0_M_S2,
@@ -22,26 +25,37 @@ def command(
 ) -> None:
     """Test whether the instruments of recorded flights agree with each other, and by how much each of them errs.
 
+    The answer names the instrument to look at first, its error with a probability, and what would settle it.
     The command integrates rates and accelerations and compares them with airspeed, flow angles, attitude and height.
     It estimates bias, scale, lag or delay where the data tell them, and writes the corrected records. Example:
-    `testbench compatibility records/attas_full`.
+    `testbench compatibility records/attas_full`, `testbench compatibility flight.csv`.
     """
+    from testbench.core.errors import ChannelError, EstimationError
     from testbench.core.store import ResultFolder, folder_in
     from testbench.estimators import data_compatibility
+    from testbench.inference.instruments import agreement
     from testbench.logs.plausible import questions_of
     from testbench.logs.read import read_records
     from testbench.questions.compatibility.page import compatibility_page
-    from testbench.questions.files import find
+    from testbench.questions.identify.logs import descriptions_of
     from testbench.questions.identify.scenario import RecordDescription
 
-    described = RecordDescription.load(find(description, "identify"))
-    with ResultFolder(folder_in(out, f"{described.name}_compatibility")) as place, stages() as say:
-        say("read records")
-        records = {name: record for name, _, record in read_records(described, data)}
-        questions = questions_of(records.items(), described.file, strict)
-        say("estimate the errors of the instruments")
-        result = data_compatibility.estimate(list(records.values()), gravity_m_s2=gravity)
-        say("write report")
-        page = compatibility_page(result, records, described, questions)
-        page.write(place)
-    page.show(console(), place.path)
+    for file in descriptions_of(description, out):
+        described = RecordDescription.load(file)
+        with ResultFolder(folder_in(out, f"{described.name}_compatibility")) as place, stages() as say:
+            say("read records")
+            records = {name: record for name, _, record in read_records(described, data)}
+            questions = questions_of(records.items(), described.file, strict)
+            say("compare the instruments with one another")
+            agreed = agreement(list(records.values()))
+            say("estimate the errors of the instruments")
+            try:
+                result = data_compatibility.estimate(list(records.values()), gravity_m_s2=gravity)
+            except (ChannelError, EstimationError):
+                if not agreed.compared:
+                    raise
+                result = None
+            say("write report")
+            page = compatibility_page(result, records, described, questions, agreed)
+            page.write(place)
+        page.show(console(), place.path)

@@ -9,6 +9,31 @@ from testbench.page.tables import Column, Table
 
 if TYPE_CHECKING:
     from testbench.estimators.data_compatibility import DataCompatibility
+    from testbench.inference.instruments import Agreement
+
+
+_FEWEST = 5
+_SHOWN = 0.01
+
+
+def fault_table(agreed: Agreement) -> Table:
+    """Return the single errors that would explain how the instruments differ, the most probable first."""
+    rows = [f for k, f in enumerate(agreed.faults) if k < _FEWEST or f.probability > _SHOWN]
+    return Table(
+        "instrument_faults",
+        "Which instrument to look at",
+        f"All agree: probability {agreed.p_agree:.3g}; no single error explains it: {agreed.p_unknown:.3g}. "
+        "Estimate and its standard error hold if that error, and no other, is there. Scale: share read too much; late "
+        "and lag in s, place in m ahead of the centre of gravity, turned in rad.",
+        (
+            Column("instrument", "instrument"),
+            Column("error", "error"),
+            Column("probability", "probability", digits=3),
+            Column("estimate", "estimate", digits=3),
+            Column("standard_error", "± std", digits=2),
+        ),
+        tuple((f.channel, f.kind, f.probability, f.estimate, f.std) for f in rows),
+    )
 
 
 def compatibility_tables(result: DataCompatibility) -> list[Table]:

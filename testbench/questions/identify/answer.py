@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from testbench.page.labels import number
 from testbench.page.words import Line, counted, sentence, some
+from testbench.questions.identify.instruments import agreement_in_words, corrected_in_words
 from testbench.questions.run.answer import run_answer
 from testbench.questions.run.labels import case_names
 
@@ -21,6 +22,11 @@ def identify_answer(found: Identified) -> list[Line]:
     """Return the derivatives of each model with errors, those that are not to be believed, doubts, notes, the fit."""
     lines: list[Line] = []
     names = case_names(found.cases)
+    if found.instruments is not None and found.contradicted:
+        lines.append(Line("lead", sentence(agreement_in_words(found.instruments)[0])))
+        fault = found.instruments.fault
+        if fault is not None and found.corrected:
+            lines.append(Line("finding", sentence(corrected_in_words(fault, found.derivatives, found.corrected))))
     for m in found.missed:
         of = f"{names[m.case]}: " if len(found.cases) > 1 else ""
         lines.append(Line("finding" if lines else "lead", sentence(f"{of}{m.in_words()}")))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from testbench.estimators.cells import FailedCell
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.structured import Servo, Structured
 from testbench.flight import load_aircraft
+from testbench.inference.instruments import InstrumentFault, agreement, without_errors
 from testbench.line import RECORDED, Case, Flight, Keep, Report, identify_and_judge
 from testbench.logs.plausible import questions_of
 from testbench.logs.read import read_records
@@ -24,10 +26,13 @@ from testbench.questions.identify.before import before, servos_of
 from testbench.questions.identify.coefficients import scaling_of
 from testbench.questions.identify.derivatives import FoundDerivative, found_derivatives
 from testbench.questions.identify.flown import flown_condition
+from testbench.questions.identify.instruments import doubts_of, in_doubt, widened
 from testbench.questions.identify.result import Identified
 from testbench.questions.identify.scenario import STATED_STD, RecordDescription
 from testbench.questions.identify.servo_cost import cost_in_words
 from testbench.questions.identify.unpredicted import at_rest, missed
+
+_ESTIMATED = 3.0  # standard errors that an error must be to be taken out of the records
 
 
 @on_one_thread
@@ -38,7 +43,10 @@ def identify(
     progress: Report | None = None,
     strict: bool = False,
 ) -> Identified:
-    """Run the same estimators and evaluation on recorded flights.
+    """Run the same estimators and evaluation on recorded flights, once their instruments are compared.
+
+    Where kinematics contradict an instrument that the models use, no derivative is called determined; if its error is
+    known well, the derivatives without it stand beside.
 
     Args:
         description: which file, column and unit is which channel.
@@ -58,9 +66,11 @@ def identify(
     keep, say = keep or (lambda name, record: None), progress or (lambda text: None)
     say("read records")
     flights = [
-        Flight(name, use, None, {RECORDED: record}, description.trim_s)
+        Flight(name, use, None, {RECORDED: without_errors(record, description.correct)}, description.trim_s)
         for name, use, record in read_records(description, data_folder)
     ]
+    say("compare the instruments with one another")
+    instruments = agreement([flight.measured[RECORDED] for flight in flights])
     for flight in flights:
         keep(f"{flight.name}_recorded", flight.measured[RECORDED])
     with located(description.file, "aircraft"):
@@ -85,7 +95,7 @@ def identify(
     known = None if aircraft is None else before(aircraft, flown)
     say("weigh the derivatives")
     derivatives = found_derivatives(cases, known, scaling_of(flown, known), description.known_errors)
-    return Identified(
+    found = Identified(
         description.name,
         description.title,
         description.question,
@@ -114,7 +124,26 @@ def identify(
         ),
         questions=questions,
         missed=missed(cases, inputs, {d.case for d in derivatives if d.determined}),
+        instruments=instruments,
     )
+    if not found.contradicted:
+        return found
+    doubts, corrected = [*found.doubts, *doubts_of(instruments)], tuple[FoundDerivative, ...]()
+    fault = instruments.fault
+    if fault is not None and abs(fault.estimate) > _ESTIMATED * fault.std and fault.name not in description.correct:
+        say("identify once more without the error of the instrument")
+        again = identify(without(description, fault), data_folder).derivatives
+        corrected = tuple(widened(fault, derivatives, again))
+    return replace(
+        found, derivatives=in_doubt(derivatives, found.contradicted), doubts=tuple(doubts), corrected=corrected
+    )
+
+
+def without(description: RecordDescription, fault: InstrumentFault) -> RecordDescription:
+    """Return a description that takes an error of an instrument out of its records."""
+    so_far = description.correct.get(fault.name, 0.0)
+    size = (1.0 + so_far) * (1.0 + fault.estimate) - 1.0 if fault.kind == "scale" else so_far + fault.estimate
+    return description.changed(correct={**description.correct, fault.name: size})
 
 
 def _limits_met(servos: Mapping[str, Servo], estimated: Sequence[str], records: Sequence[FlightRecord]) -> list[str]:

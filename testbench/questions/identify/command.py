@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from testbench.core.errors import RecordError
 from testbench.page.terminal import console, stages
 from testbench.questions.options import DataOption, OutOption, StrictOption, refuse, with_figures
 
@@ -18,9 +17,6 @@ if TYPE_CHECKING:
 
     from testbench.questions.identify.amend.result import Amended
     from testbench.questions.identify.scenario import RecordDescription
-
-
-_LAW = "what is identified must be a log, a folder that testbench import wrote, or a description (.toml, or packaged)"
 
 
 class Trends(str, Enum):
@@ -78,20 +74,16 @@ def command(
     from testbench.core.errors import TestbenchError
     from testbench.core.store import ResultFolder, folder_in
     from testbench.page.write import record_keeper
-    from testbench.questions.files import find
     from testbench.questions.identify.amend.ask import amend as write_amended
     from testbench.questions.identify.ask import identify
+    from testbench.questions.identify.logs import descriptions_of
     from testbench.questions.identify.page import identify_page
     from testbench.questions.identify.pool.command import settings_of, show_pooled
     from testbench.questions.identify.scenario import RecordDescription
 
     asked: list[RecordDescription] = []
     for path in descriptions:
-        if path.is_dir():
-            files = _in_folder(path)
-        else:
-            files = _of_log(path, out) if path.is_file() and path.suffix.lower() != ".toml" else []
-        for file in files or [find(path, "identify", _LAW)]:
+        for file in descriptions_of(path, out):
             loaded = RecordDescription.load(file)
             asked.append(loaded if aircraft is None else loaded.changed(aircraft=aircraft))
     given = {"each": each, "prior": prior, "trend": trend and trend.value, "method": method}
@@ -122,40 +114,6 @@ def command(
         raise refused
 
 
-def _in_folder(folder: Path) -> list[Path]:
-    """Return the descriptions that lie in a folder, as import writes one for each motion.
-
-    Raises:
-        RecordError: there is none.
-    """
-    from testbench.core.paths import find_scenario
-    from testbench.core.record import load_record
-    from testbench.core.store import settle
-    from testbench.questions import BY_COMMAND
-    from testbench.questions.files import kinds_of
-    from testbench.questions.importing.ask import UNUSABLE, WHOLE
-
-    found = [p for p in sorted(settle(folder).glob("*.toml")) if BY_COMMAND["identify"] in kinds_of(p)]
-    if found:
-        return found
-    whole = folder / f"{WHOLE}.nc"
-    unusable = load_record(whole).provenance.get(UNUSABLE, ()) if whole.is_file() else ()
-    if unusable:
-        raise RecordError(_nothing(folder, unusable))
-    packaged = find_scenario(Path("records", folder))
-    if packaged.is_file():  # a folder of results may have its name
-        return [packaged]
-    raise RecordError(
-        f"a folder to identify must hold a description of records (.toml), got '{folder}' without one; `testbench "
-        "import LOG --out FOLDER` writes one"
-    )
-
-
-def _nothing(path: Path, unusable: Sequence[str]) -> str:
-    """Return what is said of a log of which import left out every recipe."""
-    return f"'{path}' must hold a flight that can be identified, got none: {'; '.join(unusable)}"
-
-
 def _check_amend(asked: Sequence[RecordDescription], name: str) -> None:
     """Refuse an amendment that could not be written, before anything is identified.
 
@@ -171,26 +129,3 @@ def _check_amend(asked: Sequence[RecordDescription], name: str) -> None:
         if description.aircraft is None:
             raise ScenarioError([no_aircraft(str(description.file))])
         folder_of(name, description.aircraft)
-
-
-def _of_log(log: Path, out: Path) -> list[Path]:
-    """Return the descriptions that import writes of a log.
-
-    Raises:
-        RecordError: the log cannot be read, or nothing in it can be identified.
-    """
-    from testbench.core.store import ResultFolder, folder_in
-    from testbench.questions.importing.ask import import_log, write_import
-
-    with ResultFolder(folder_in(out, log.stem)) as place:
-        imported = import_log(log)
-        paths = write_import(imported, place)
-    files = [path for path in paths if path.suffix == ".toml"]
-    if not files and imported.unusable:
-        raise RecordError(_nothing(log, imported.unusable))
-    if not files:
-        raise RecordError(
-            f"'{log}' must hold a control that moves and what answers it, got none that can be identified; testbench "
-            f"import {log} shows what it holds"
-        )
-    return files

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from testbench.core.advice import Advice
+from testbench.inference.instruments import Agreement
 from testbench.questions.identify.before import Before
 from testbench.questions.identify.derivatives import FoundDerivative
 from testbench.questions.identify.flown import FlownCondition
+from testbench.questions.identify.instruments import contradiction
 from testbench.questions.identify.unpredicted import Missed
 from testbench.questions.run.result import RunResult
 
@@ -22,6 +24,9 @@ class Identified(RunResult):
         flown: the condition of the records, and what coefficients refer to.
         notes: what was assumed, left out or recognised, in sentences.
         doubts: what may make the derivatives wrong, in sentences.
+        instruments: what kinematics say of the records, before any aerodynamics.
+        corrected: the same derivatives with the error of the instrument that is named taken out of the records; none if
+            all agree or none is named.
         missed: models with derivatives that do not predict their validation records, and why.
     """
 
@@ -31,3 +36,11 @@ class Identified(RunResult):
     notes: tuple[str, ...] = ()
     doubts: tuple[Advice, ...] = ()
     missed: tuple[Missed, ...] = ()
+    instruments: Agreement | None = None
+    corrected: tuple[FoundDerivative, ...] = ()
+
+    @property
+    def contradicted(self) -> str:
+        """Channel that the models use and that kinematics contradict; "" if there is none."""
+        used = {n for case in self.cases for n in (*case.model.inputs, *case.model.outputs)}
+        return "" if self.instruments is None else contradiction(self.instruments, sorted(used))

@@ -93,7 +93,10 @@ class RecordDescription(Recorded):
     Every record, and every segment of one, begins with ``trim_s`` of undisturbed flight, over which the bias "trim" of
     the preparation is taken. ``aircraft`` is a model of what flew: it gives the derivatives that were believed before,
     mass and geometry for coefficients, and servos. Where there is none, ``geometry`` and ``condition`` give those for
-    coefficients. ``servo`` says what lies between a command and its surface, for
+    coefficients. ``correct`` are errors of instruments that are taken out of the records before all else: q_scale =
+    -0.15, az_place = 0.25 (m ahead), alpha_lag and q_late (s).
+
+    ``servo`` says what lies between a command and its surface, for
     every estimator of a structure that does not say so itself. ``simulated_errors`` are what simulated flights say of
     the errors.
     """
@@ -108,6 +111,7 @@ class RecordDescription(Recorded):
     pool: Pooling = Pooling()
     reference: Reference | None = None
     simulated_errors: SimulatedErrors | None = None
+    correct: dict[str, float] = {}
 
     @property
     def outputs(self) -> tuple[str, ...]:

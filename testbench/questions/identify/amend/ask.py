@@ -36,8 +36,11 @@ from testbench.questions.identify.amend.reach import (
 )
 from testbench.questions.identify.amend.replay import replays
 from testbench.questions.identify.amend.result import Aim, Amended, Coefficient, ServoAim
+from testbench.questions.identify.ask import without
 from testbench.questions.identify.before import Before, servos_of
+from testbench.questions.identify.instruments import agreement_in_words
 from testbench.questions.identify.result import Identified
+from testbench.questions.identify.scenario import RecordDescription
 
 _FAR = 0.01
 """Distance from an aim, relative to it, from which it is said; judged."""
@@ -88,7 +91,8 @@ def amend(found: Sequence[Identified], name: str, progress: Report | None = None
 
     Raises:
         ScenarioError: an identification has no aircraft, or they have several.
-        EstimationError: no derivative is to be believed, or none is one that an aircraft has.
+        EstimationError: kinematics contradict an instrument, no derivative is to be believed, or none is one that an
+            aircraft has.
         WriteError: the folder has an aircraft that the testbench did not write, or cannot be written to.
         TrimError, ModelError: the aircraft cannot be trimmed there, or cannot take what is to be written.
 
@@ -100,6 +104,8 @@ def amend(found: Sequence[Identified], name: str, progress: Report | None = None
     say = progress or (lambda text: None)
     named = check_aircraft(found)
     folder = folder_of(name, named)
+    for each in found:
+        check_instruments(each)
     parts, refused = _parts(found)
     base = parts[0].known.aircraft
     new, coefficients = base, dict[str, float]()
@@ -168,6 +174,29 @@ def check_aircraft(found: Sequence[Identified]) -> str:
         if f.before is not None and not f.before.derivatives:
             raise EstimationError(f"an aircraft is amended where it flies, but {f.before.notes[-1]}")
     return str(named[0])
+
+
+def check_instruments(found: Identified) -> None:
+    """Refuse derivatives from an instrument that kinematics contradict.
+
+    Raises:
+        EstimationError: names the instrument, its error, and how to take it out of the records.
+    """
+    if found.instruments is None or not found.contradicted:
+        return
+    assert isinstance(found.source, RecordDescription)
+    fault, where = found.instruments.fault, found.source.file
+    if fault is None:
+        raise EstimationError(
+            f"an aircraft is amended by instruments that agree, but of {found.name} "
+            f"{agreement_in_words(found.instruments)[0]}; mend the instruments, or leave the channel out of the outputs"
+        )
+    size = without(found.source, fault).correct[fault.name]
+    raise EstimationError(
+        f"an aircraft is amended by instruments that agree, but of {found.name} "
+        f"{agreement_in_words(found.instruments)[0]}; mend the instrument, or put this into {where} before its first "
+        f"table, which takes the error out of the records: correct = {{ {fault.name} = {size:.4g} }}"
+    )
 
 
 def no_aircraft(name: str) -> str:

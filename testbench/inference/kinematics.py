@@ -1,0 +1,187 @@
+"""What each instrument of a record should have read, by rigid-body kinematics from the others, whatever flies.
+
+Every relation integrates rates or specific forces as they were measured, with the measured attitude and flow angles as
+coefficients, and is compared with one channel (equations of :mod:`testbench.estimators.parametric.kinematics`):
+
+    theta, phi, psi   from the gyros
+    alpha, beta       from az or ay, the gyros, airspeed and attitude
+    V                 from ax, the gyros, attitude and flow angles
+    h                 from airspeed, attitude and angle of attack; without a vane from az
+
+One relation does not lean on what another predicts, so that noise adds up once. An instrument of the integral is put
+right, and that with which it is compared is read with its error: no noise is taken for motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
+
+from testbench.core.constants import G0_M_S2
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.sensors.sensor import first_order_lag
+
+RATES, FORCES, ANGLES, FLOW = ("p", "q", "r"), ("ax", "ay", "az"), ("phi", "theta", "psi"), ("alpha", "beta")
+BESIDE = (("p", "r"), ("q", "p"), ("r", "p"), ("ax", "az"), ("ay", "az"), ("az", "ax"))
+"""Instruments, and those whose axis they read a part of if they are turned."""
+COMPARED = ("theta", "phi", "psi", "alpha", "beta", "V", "h")
+_NEEDED: Mapping[str, tuple[str, ...]] = {
+    "theta": ("q",),
+    "phi": ("p",),
+    "psi": ("q", "r", "phi", "theta"),
+    "alpha": ("q", "az", "V", "theta"),
+    "beta": ("r", "ay", "V", "phi"),
+    "V": ("ax", "az", "theta", "alpha"),
+    "h": ("V", "theta"),
+}
+_IF_IT_TURNS: Mapping[str, tuple[str, ...]] = {
+    "theta": ("phi", "r"),
+    "phi": ("q", "r", "theta"),
+    "alpha": ("phi", "p", "beta"),
+    "beta": ("p", "alpha"),
+    "V": ("phi", "ay", "beta"),
+    "h": ("phi", "beta"),
+}
+"""Channels without which a relation holds only if the aircraft does not roll or yaw."""
+_LATERAL = ("p", "r", "phi", "beta")
+_TURNS_RAD = 0.05  # rms of a lateral channel from which the aircraft is not in symmetric flight
+_FEWEST = 100  # samples
+_FINEST_S = 0.02  # records that are sampled more finely are thinned: motion of a rigid body is slower
+_HELD = 0.6  # share of samples equal to the one before, from which a channel is held and its timing not its own
+_JUMP_RAD = 0.5  # between samples: an angle that was averaged across the end of its circle
+_SMOOTH_S = 0.15  # of the airspeed as a coefficient: its noise is no motion, and it changes slowly
+_SLOWEST_M_S = 3.0  # below it the airspeed is a deviation from trim, or none
+
+
+@dataclass(frozen=True, eq=False)
+class Kinematics:
+    """One record as far as kinematics bind it.
+
+    Attributes:
+        x: channel -> samples (n,), SI.
+        dt_s: sample time.
+        compared: channels (p,) with a relation.
+    """
+
+    x: Mapping[str, FloatArray]
+    dt_s: float
+    compared: tuple[str, ...]
+
+    @classmethod
+    def of(cls, record: FlightRecord) -> Kinematics:
+        """Return what binds the channels of a measured record; nothing is compared where too few are there."""
+        step = max(1, round(_FINEST_S / record.dt_s))
+        n = len(record) // step * step
+        x: dict[str, FloatArray] = {}
+        for name in (*RATES, *FORCES, *ANGLES, *FLOW, "V", "h"):
+            if name not in record:
+                continue
+            y, valid = record[name], record.valid[:, record.channels.index(name)] & np.isfinite(record[name])
+            if np.mean(valid) < 0.8 or np.mean(np.diff(y[valid]) == 0.0) > _HELD:
+                continue
+            taken = np.unwrap(y[valid]) if name == "psi" else y[valid]
+            if name in ANGLES and np.max(np.abs(np.diff(taken))) > _JUMP_RAD:
+                continue
+            y = np.interp(record.t_s, record.t_s[valid], taken)
+            x[name] = y[:n].reshape(-1, step).mean(axis=1)
+        if "V" in x and np.min(x["V"]) < _SLOWEST_M_S:
+            del x["V"]
+        turns = any(np.std(x[c]) > _TURNS_RAD for c in _LATERAL if c in x)
+        compared = tuple(
+            c
+            for c in COMPARED
+            if c in x
+            and n // step >= _FEWEST
+            and all(m in x for m in _NEEDED[c])
+            and not (turns and any(m not in x for m in _IF_IT_TURNS.get(c, ())))
+            and (c != "h" or "alpha" in x or {"az", "q"} <= set(x))
+        )
+        return cls(x, record.dt_s * step, compared)
+
+    @property
+    def instruments(self) -> tuple[str, ...]:
+        """The channels that the relations use."""
+        used = set(self.compared)
+        for c in self.compared:
+            used |= {m for m in (*_NEEDED[c], *_IF_IT_TURNS.get(c, ())) if m in self.x}
+            used |= {"az", "q"} if c == "h" and "alpha" not in self.x else set()
+        return tuple(c for c in (*RATES, *FORCES, *ANGLES, *FLOW, "V", "h") if c in used)
+
+    def readings(self, errors: Mapping[str, float]) -> FloatArray:
+        """Return what the channels compared would have read (n, p), SI, each from its first sample on.
+
+        Args:
+            errors: CHANNEL_KIND -> value, of ``bias``, ``scale`` (0 for none), ``late`` (s, of the clock), ``lag`` (s,
+                first order), ``place`` (m ahead of the centre of gravity) and ``turned`` (rad, into the axis beside
+                it); ``wind_bias`` (m/s, down).
+        """
+        m = {c: self._right(c, errors) for c in self.x}
+        zero = np.zeros(len(next(iter(self.x.values()))))
+        got = {c: m.get(c, zero) for c in (*RATES, *FORCES, *ANGLES, *FLOW)}
+        for to, source in BESIDE:
+            if errors.get(f"{to}_turned") and source in m:
+                got[to] = got[to] - errors[f"{to}_turned"] * m[source]
+        p, q, r, ax, ay, az = (got[c] for c in (*RATES, *FORCES))
+        phi, theta, alpha, beta = (got[c] for c in ("phi", "theta", "alpha", "beta"))
+        V = gaussian_filter1d(m["V"], _SMOOTH_S / self.dt_s, mode="nearest") if "V" in m else zero
+        u, v, w = V * np.cos(alpha) * np.cos(beta), V * np.sin(beta), V * np.sin(alpha) * np.cos(beta)
+        g, out = G0_M_S2, []
+        if {"az", "V"} & set(self.x) == {"az", "V"}:
+            sink = self._integral(az + g * np.cos(theta) * np.cos(phi) + q * u - p * v)
+            sink = sink + errors.get("az_place", 0.0) * (q - q[0])
+        for c in self.compared:
+            if c == "theta":
+                y = self._integral(q * np.cos(phi) - r * np.sin(phi))
+            elif c == "phi":
+                y = self._integral(p + np.tan(theta) * (q * np.sin(phi) + r * np.cos(phi)))
+            elif c == "psi":
+                y = self._integral((q * np.sin(phi) + r * np.cos(phi)) / np.cos(theta))
+            elif c == "alpha":
+                y = (w[0] + sink) / V
+            elif c == "beta":
+                slip = self._integral(ay + g * np.cos(theta) * np.sin(phi) + p * w - r * u)
+                y = (v[0] + slip - errors.get("ay_place", 0.0) * (r - r[0])) / V
+            elif c == "V":  # by the work of all forces, in which turning has no part
+                along = (ax - g * np.sin(theta)) * np.cos(alpha) + (az + g * np.cos(theta) * np.cos(phi)) * np.sin(
+                    alpha
+                )
+                y = self._integral(along * np.cos(beta) + (ay + g * np.cos(theta) * np.sin(phi)) * np.sin(beta))
+            else:
+                down = w if "alpha" in m else sink
+                climb = u * np.sin(theta) - np.cos(theta) * (v * np.sin(phi) + down * np.cos(phi))
+                y = self._integral(climb - errors.get("wind_bias", 0.0))
+            out.append(self._read(c, y, errors))
+        return np.stack(out, axis=1)
+
+    def _integral(self, f: FloatArray) -> FloatArray:
+        total = np.zeros(len(f))
+        np.cumsum(0.5 * self.dt_s * (f[1:] + f[:-1]), out=total[1:])
+        return total
+
+    def _right(self, c: str, errors: Mapping[str, float]) -> FloatArray:
+        """Return the samples of an instrument without its errors."""
+        y = self.x[c]
+        bias, scale, late, lag = (errors.get(f"{c}_{kind}", 0.0) for kind in ("bias", "scale", "late", "lag"))
+        if lag:
+            y = y + lag * np.gradient(y, self.dt_s)
+        return (_shifted(y, self.dt_s, -late) - bias) / (1.0 + scale)
+
+    def _read(self, c: str, y: FloatArray, errors: Mapping[str, float]) -> FloatArray:
+        """Return what an instrument reads of what is true."""
+        scale, late, lag = (errors.get(f"{c}_{kind}", 0.0) for kind in ("scale", "late", "lag"))
+        y = (1.0 + scale) * _shifted(y, self.dt_s, late)
+        if lag < 0.0:  # what a search tries: to first order
+            return y - lag * np.gradient(y, self.dt_s)
+        return first_order_lag(y, self.dt_s, lag) if lag else y
+
+
+def _shifted(y: FloatArray, dt_s: float, late_s: float) -> FloatArray:
+    """Return y(t - late_s), held beyond its ends."""
+    if late_s == 0.0:
+        return y
+    t = np.arange(len(y)) * dt_s
+    return np.asarray(CubicSpline(t, y)(np.clip(t - late_s, 0.0, t[-1])))

@@ -1,0 +1,121 @@
+"""Instruments compared by kinematics: which of them errs, by how much, and none where all are sound."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from testbench.core.record import FlightRecord
+from testbench.inference.instruments import KINDS, Agreement, agreement, without_errors
+from testbench.sensors.sensor import first_order_lag
+
+FINE_S, STEP = 0.004, 5
+NOISE = {"V": 0.1, "alpha": 0.0017, "q": 0.0026, "theta": 0.0014, "az": 0.05, "ax": 0.05, "h": 0.1}
+QUANTUM = {"V": 0.1, "alpha": 0.0017, "q": 0.0009, "theta": 0.0009, "az": 0.02, "h": 0.1}
+G = 9.80665
+
+
+@cache
+def motion() -> dict[str, np.ndarray]:
+    """A rigid body in symmetric flight at 15 m/s, and exactly what ideal instruments read of it: no aerodynamics."""
+    t = np.arange(0.0, 16.0, FINE_S)
+
+    def of(function, order=0):
+        out = function(t)
+        for _ in range(order):
+            out = np.gradient(out, FINE_S, edge_order=2)
+        return out
+
+    theta = of(lambda t: 0.08 + 0.12 * np.sin(2.2 * t) * np.exp(-(((t - 5.0) / 3.0) ** 2)) + 0.05 * np.sin(0.5 * t))
+    alpha = of(
+        lambda t: 0.09 + 0.06 * np.sin(2.2 * t + 0.9) * np.exp(-(((t - 5.0) / 3.0) ** 2)) + 0.01 * np.sin(6.0 * t)
+    )
+    V = 15.0 + 0.8 * np.sin(0.5 * t + 1.0)
+    u, w, q = V * np.cos(alpha), V * np.sin(alpha), np.gradient(theta, FINE_S, edge_order=2)
+    udot, wdot = (np.gradient(x, FINE_S, edge_order=2) for x in (u, w))
+    h = 300.0 + np.cumsum(V * np.sin(theta - alpha)) * FINE_S
+    return {
+        "t": t, "V": V, "alpha": alpha, "theta": theta, "q": q, "qdot": np.gradient(q, FINE_S, edge_order=2), "h": h,
+        "ax": udot + G * np.sin(theta) + q * w, "az": wdot - G * np.cos(theta) - q * u,
+    }  # fmt: skip
+
+
+def record(seed: int, fault: str = "", size: float = 0.0, level: float = 1.0, channels=tuple(NOISE)) -> FlightRecord:
+    """What instruments with noise, and one with an error, read of the motion; every third draw is quantised."""
+    true, rng, columns = dict(motion()), np.random.default_rng(seed), []
+    of, _, kind = fault.rpartition("_")
+    if kind == "place":
+        true[of] = true[of] - size * true["qdot"]
+    for c in channels:
+        y = true[c]
+        if c == of and kind == "lag":
+            y = first_order_lag(y, FINE_S, size)
+        y = np.interp(true["t"] - (size if (c, kind) == (of, "late") else 0.0), true["t"], y)[::STEP]
+        y = y * (1.0 + (size if (c, kind) == (of, "scale") else 0.0))
+        y = y + level * NOISE[c] * rng.standard_normal(y.size)
+        columns.append(np.round(y / QUANTUM[c]) * QUANTUM[c] if seed % 3 == 2 and c in QUANTUM else y)
+    return FlightRecord(true["t"][::STEP], tuple(channels), np.column_stack(columns), "measured")
+
+
+@pytest.mark.parametrize(
+    ("fault", "size"),
+    [
+        ("q_scale", -0.15), ("q_scale", 0.15), ("q_late", 0.04), ("alpha_lag", 0.1), ("alpha_scale", -0.3),
+        ("theta_lag", 0.1), ("V_scale", -0.2),
+    ],
+)  # fmt: skip
+def test_the_instrument_that_errs_is_named_and_its_error_is_known(fault, size):
+    found = agreement([record(4, fault, size)])
+    assert found.p_agree < 0.1
+    assert found.fault is not None
+    assert found.fault.name == fault
+    assert abs(found.fault.estimate - size) < 4.0 * found.fault.std
+    assert found.fault.std < 0.25 * abs(size)
+
+
+@pytest.mark.parametrize("level", [0.7, 1.0, 1.4])
+def test_sound_instruments_agree_whatever_their_noise(level):
+    for seed in (1, 2):
+        found = agreement([record(seed, level=level)])
+        assert found.p_agree > 0.5, seed
+        assert found.fault is None
+
+
+def test_probabilities_are_those_of_all_that_may_be_true():
+    found = agreement([record(1, "q_scale", -0.15)])
+    assert found.p_agree + found.p_unknown + sum(f.probability for f in found.faults) == pytest.approx(1.0)
+    assert sum(found.by_instrument.values()) == pytest.approx(sum(f.probability for f in found.faults))
+    assert all(f.kind in KINDS for f in found.faults)
+
+
+def test_what_is_taken_out_is_gone():
+    for fault, size in (("q_scale", -0.15), ("q_late", 0.04), ("alpha_lag", 0.1)):
+        found = agreement([without_errors(record(3, fault, size), {fault: size})])
+        assert found.p_agree > 0.5, fault
+    moved = without_errors(record(3, "az_place", 0.25), {"az_place": 0.25})
+    ahead = record(3, "az_place", 0.25)
+    true = motion()["az"][::STEP]
+    assert np.std(moved["az"] - true) < 0.75 * np.std(ahead["az"] - true)
+
+
+def test_two_channels_tell_that_they_differ_and_not_which_of_them_errs():
+    found = agreement([record(1, "q_scale", -0.15, channels=("q", "theta"))])
+    assert found.contradicted
+    assert found.fault is None
+    assert set(found.by_instrument) == {"q", "theta"}
+
+
+def test_channels_that_do_not_bind_one_another_contradict_nothing():
+    found = agreement([record(0, channels=("q", "V"))])
+    assert isinstance(found, Agreement)
+    assert (found.compared, found.contradicted, found.faults) == ((), False, ())
+
+
+def test_something_that_is_no_single_error_is_unknown():
+    whole = record(0)
+    drifting = whole["theta"] + 0.15 * np.sin(1.1 * whole.t_s) ** 3 * (whole.t_s > 8.0)
+    found = agreement([whole.with_columns({"theta": drifting})])
+    assert found.contradicted
+    assert found.p_unknown > 0.5

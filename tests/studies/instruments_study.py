@@ -1,0 +1,201 @@
+"""Which instrument errs? Random aircraft, one wrong instrument, and none: results/instruments/kinds.csv.
+
+Run ``python tests/studies/instruments_study.py [--seeds N] [--first SEED]``. Every seed draws an aircraft of JSBSim's,
+or one made from a geometry, a speed, a manoeuvre, sample rate, noise, quantisation, small errors that sound instruments
+have, and the channels that are logged. A kind of error is laid over it; the same seed never serves two kinds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from any_aircraft import geometry_of_the_guide
+from smallest import results, sized
+from studies.kept_rows import write_rows
+
+import testbench as tb
+from testbench.aircraft.geometry.build import model_from_plan
+from testbench.aircraft.geometry.read import read_plan
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.flight.air import Air, turbulence_rms
+from testbench.inference.instruments import Agreement, agreement
+from testbench.sensors.sensor import first_order_lag
+
+TABLE = results("instruments", "kinds.csv")
+COLUMNS = ("kind", "flights", "flagged", "instrument_named", "named_wrong", "kind_named", "within_3_std", "median_s")
+
+
+@dataclass(frozen=True)
+class Flown:
+    """What flies: its name, speeds m/s, height m, elevator rad and step s of its manoeuvres."""
+
+    name: str
+    slow_m_s: float
+    fast_m_s: float
+    h_m: float
+    de_rad: float
+    step_s: float
+
+
+FLOWN = (
+    Flown("jsbsim:c172p", 45.0, 58.0, 1000.0, 0.035, 0.5),
+    Flown("jsbsim:T38", 150.0, 200.0, 2500.0, 0.02, 0.4),
+    Flown("jsbsim:f16", 150.0, 190.0, 2500.0, 0.015, 0.4),
+    Flown("jsbsim:A4", 120.0, 150.0, 2000.0, 0.02, 0.5),
+    Flown("jsbsim:737", 130.0, 160.0, 2000.0, 0.03, 0.8),
+    Flown("geometry", 15.0, 22.0, 300.0, 0.05, 0.3),
+    Flown("geometry", 15.0, 22.0, 300.0, 0.05, 0.3),
+)
+KINDS: Mapping[str, tuple[str, str, float]] = {
+    "clean": ("", "", 0.0),
+    "clean in gusts": ("", "", 0.0),
+    "q x 0.85": ("q", "scale", -0.15),
+    "q x 1.15": ("q", "scale", 0.15),
+    "q clock 40 ms late": ("q", "late", 0.04),
+    "alpha lag 0.1 s": ("alpha", "lag", 0.1),
+    "alpha x 0.85": ("alpha", "scale", -0.15),
+    "accelerometer 0.25 m ahead": ("az", "place", 0.25),
+    "theta lag 0.1 s": ("theta", "lag", 0.1),
+    "V x 0.9": ("V", "scale", -0.1),
+}
+NOISE = {"V": 0.1, "alpha": 0.0017, "q": 0.0026, "theta": 0.0014, "az": 0.05, "ax": 0.05, "h": 0.1, "beta": 0.0017,
+         "p": 0.0026, "r": 0.0026, "phi": 0.0014, "ay": 0.05, "psi": 0.003}  # fmt: skip
+QUANTUM = {"V": 0.1, "alpha": 0.0017, "q": 0.0009, "theta": 0.0009, "az": 0.02, "h": 0.1}
+SOUND = {"alpha": 0.03, "beta": 0.03, "V": 0.02, "h": 0.0, "psi": 0.0}
+"""Standard deviations of the scales of sound instruments, where they are not 1 %."""
+LATE_S = 0.004
+LOG_HZ = 100.0
+
+
+@cache
+def aircraft_of(name: str, draw: int) -> tb.Aircraft:
+    """Return an aircraft; one from geometry is the guide's with another tail arm and mass."""
+    if name != "geometry":
+        return tb.load_aircraft(name)
+    rng, folder = np.random.default_rng([draw, 21]), Path(mkdtemp())
+    text = geometry_of_the_guide().replace("x_m = 0.85", f"x_m = {rng.uniform(0.8, 1.1):.3f}")
+    text = text.replace("mass_kg = 2.2", f"mass_kg = {rng.uniform(1.8, 3.0):.3f}")
+    (folder / "plan.toml").write_text(text, encoding="utf-8")
+    made = folder / f"drawn{draw}"
+    made.mkdir()
+    model_from_plan(read_plan(folder / "plan.toml"), made.name).write(made)
+    return tb.load_aircraft(made)
+
+
+@cache
+def flight(seed: int, gusts: bool) -> tuple[FlightRecord, np.random.Generator]:
+    """Return the truth of one draw, and what draws the instruments."""
+    rng = np.random.default_rng([seed, 20])
+    flown = FLOWN[seed % len(FLOWN)]
+    aircraft = aircraft_of(flown.name, seed % 5)
+    trim = tb.trim(aircraft, tb.FlightCondition(rng.uniform(flown.slow_m_s, flown.fast_m_s), flown.h_m))
+    step, size = flown.step_s * rng.uniform(0.8, 1.3), flown.de_rad * rng.uniform(0.7, 1.2)
+    t = np.arange(round(rng.uniform(15.0, 20.0) * trim.rate_hz)) / trim.rate_hz
+    u = np.zeros((t.size, 1))
+    for begin, sign in ((1.5, 1.0), (1.5 + 12.0 * step, -1.0)):
+        for length, way in ((3, 1), (2, -1), (1, 1), (1, -1)):
+            u[(t >= begin) & (t < begin + length * step), 0] = sign * way * size
+            begin += length * step
+    rms = rng.uniform(0.1, 0.5) if gusts else 0.0
+    air = Air(turbulence_rms_m_s=turbulence_rms(rms, flown.h_m), height_m=flown.h_m, seed=seed) if gusts else None
+    manoeuvre = tb.Manoeuvre("3211", tb.InputSignal(t, u, ("de",)), settle_s=0.0)
+    return tb.fly(aircraft, trim, manoeuvre, min(trim.rate_hz, 2.0 * LOG_HZ), (*NOISE, "qdot"), air), rng
+
+
+def measured(kind: str, seed: int) -> FlightRecord:
+    """Return the record of one draw with one kind of error."""
+    truth, rng = flight(seed, kind == "clean in gusts")
+    channel, what, size = KINDS[kind]
+    dt, true = truth.dt_s, {c: truth[c].copy() for c in NOISE}
+    true["psi"] = np.unwrap(true["psi"])
+    if what == "place":
+        true["az"] = true["az"] - size * truth["qdot"]
+    late = {c: LATE_S * rng.standard_normal() + (size if (c, what) == (channel, "late") else 0.0) for c in NOISE}
+    step = int(rng.choice([2, 4, 8])) if dt < 0.006 else int(rng.choice([1, 2]))
+    quantised, out = rng.random() < 0.3, {}
+    for c, std in NOISE.items():
+        y: FloatArray = true[c]
+        if (c, what) == (channel, "lag"):
+            y = first_order_lag(y, dt, size)
+        y = np.interp(truth.t_s - late[c], truth.t_s, y)[::step]
+        y = y * (1.0 + SOUND.get(c, 0.01) * rng.standard_normal() + (size if (c, what) == (channel, "scale") else 0.0))
+        y = y + std * rng.uniform(0.7, 1.4) * rng.standard_normal(y.size)
+        out[c] = np.round(y / QUANTUM[c]) * QUANTUM[c] if quantised and c in QUANTUM else y
+    out["q"] = out["q"] + 0.003 * rng.standard_normal()
+    out["az"] = out["az"] + 0.1 * rng.standard_normal()
+    channels = ["V", "alpha", "q", "theta", "az"]
+    channels += [c for c in ("ax", "h") if rng.random() < 0.5]
+    channels += ["p", "r", "phi", "beta", "ay", "psi"] if rng.random() < 0.3 else []
+    columns = np.column_stack([out[c] for c in channels])
+    return FlightRecord(truth.t_s[::step][: len(columns)], tuple(channels), columns, "measured")
+
+
+def _own(name: str) -> float:
+    """Return the standard deviation of the small error of one kind that an instrument has anyway."""
+    channel, _, kind = name.rpartition("_")
+    return {"scale": SOUND.get(channel, 0.01), "late": LATE_S, "lag": LATE_S}.get(kind, 0.0)
+
+
+def row_of(kind: str, seeds: Iterator[int] | range, tell: bool = False) -> dict[str, object]:
+    """Return the row of one kind of error."""
+    channel, what, size = KINDS[kind]
+    found: list[Agreement] = []
+    spent = []
+    for seed in seeds:
+        record = measured(kind, seed)
+        begin = time.process_time()
+        found.append(agreement([record]))
+        spent.append(time.process_time() - begin)
+        if tell:
+            a = found[-1]
+            said = ", ".join(f"{f.name} {f.probability:.2f} {f.estimate:.3f}+-{f.std:.3f}" for f in a.faults[:3])
+            name, compared = FLOWN[seed % len(FLOWN)].name, ",".join(a.compared)
+            print(f"  {seed} {name} {spent[-1]:.1f} s, agree {a.p_agree:.2g}: {said}; {compared}", flush=True)
+    named = [a.fault for a in found]
+    right = [f for f in named if f is not None and f.channel == channel]
+    same = [f for f in right if f.kind == what]
+    return {
+        "kind": kind,
+        "flights": len(found),
+        "flagged": sum(a.contradicted for a in found),
+        "instrument_named": len(right),
+        "named_wrong": sum(f is not None for f in named) - len(right),
+        "kind_named": len(same),
+        "within_3_std": sum(bool(abs(f.estimate - size) < 3.0 * np.hypot(f.std, _own(f.name))) for f in same),
+        "median_s": f"{np.median(spent):.2f}",
+    }
+
+
+def main() -> None:
+    """Draw, ask, and write the table."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--seeds", type=int, default=sized(20, 1))
+    parser.add_argument("--first", type=int, default=10_000)
+    parser.add_argument("--kinds", nargs="*", default=list(KINDS))
+    parser.add_argument("--tell", action="store_true")
+    parser.add_argument("--dry", action="store_true")
+    given = parser.parse_args()
+    rows = []
+    for i, kind in enumerate(KINDS):
+        if kind not in given.kinds:
+            continue
+        first = given.first + 1000 * i
+        rows.append(row_of(kind, range(first, first + given.seeds), given.tell))
+        print(rows[-1], flush=True)
+    if not given.dry:
+        write_rows(TABLE, COLUMNS, rows)
+
+
+if __name__ == "__main__":
+    main()
