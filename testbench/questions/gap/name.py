@@ -50,7 +50,7 @@ def name_effect(
     records: Sequence[FlightRecord],
     progress: Callable[[str], None] | None = None,
     effects: Mapping[str, Effect] | None = None,
-    pairs: bool = True,
+    pairs: float = 1.0,
     source: Source = "simulated",
     further: Mapping[str, Effect] | None = None,
     terms: Mapping[str, Effect] | None = None,
@@ -64,7 +64,8 @@ def name_effect(
         records: measured records.
         progress: called with a few words as each stage begins.
         effects: the library, by name; that of the suite if not given.
-        pairs: where one effect does not explain all, try two at once, or three.
+        pairs: where one effect does not explain all, two at once are tried, or three, unless what the library lacks is
+            more probable than this.
         source: where the noise of the sensors comes from.
         further: effects that are sought only in a place where one of the library comes near.
         terms: that forces and moments may follow, see :mod:`.open_set`.
@@ -121,8 +122,8 @@ def name_effect(
         return Weighed.of(found, dict(shown), seen, len(base.priors), tried, named)
 
     out = weighed()
-    for several in (1, 2) if pairs else ():
-        if out.nothing > 0.5:
+    for several in (1, 2) if pairs > 0.0 else ():
+        if out.nothing > 0.5 or (several == 1 and out.unknown > pairs):
             break
         others = [e for e in known.values() if e.name not in rejected]
         more = _beside_the_best(asker, out, several, others, say)

@@ -49,6 +49,7 @@ from testbench.questions.gap.search.retune import retune
 from testbench.questions.gap.window_length import Windows
 from testbench.questions.gap.windows import as_they_start, begin_freely
 
+ELSEWHERE = 0.5  # probability of something that the library lacks from which what begins in flight is tried first
 SAME_AIR = 0.15  # share by which the rms of turbulence may change before the search is made again
 
 
@@ -61,7 +62,7 @@ class Sought:
         further: effects that are sought only in a place where one of the library comes near.
         terms: that forces and moments follow; ``tried``: how many they are the best of.
         source: where the noise of the sensors comes from.
-        pairs: two effects at once, too.
+        pairs: probability of something that the library lacks up to which two effects at once are sought, too.
         held_out: records that judge.
     """
 
@@ -70,7 +71,7 @@ class Sought:
     terms: Mapping[str, Effect] = field(default_factory=dict)
     tried: int = 1
     source: Source = "simulated"
-    pairs: bool = True
+    pairs: float = 1.0
     held_out: Sequence[FlightRecord] = ()
 
     def name(self, believed: Believed, records: Sequence[FlightRecord], say: Callable[[str], None]) -> Naming:
@@ -178,13 +179,15 @@ def find_gap(
             proposals(first, believed),
             1 if first.found is None else first.found.tried,
             "simulated" if noise == "simulated" else "measured",
-            not given.notes,  # where starts are fitted once more beside what comes nearest, two are sought after that
+            float(
+                not given.notes
+            ),  # where starts are fitted once more beside what comes nearest, two are sought after that
             list(held_out.values()),
         )
         as_believed = believed
         say("seek what begins in flight")
         begun = _begun(as_believed, records, air, sought)
-        alone = replace(sought, pairs=sought.pairs and not begun)
+        alone = replace(sought, pairs=min(sought.pairs, ELSEWHERE if begun else 1.0))
         believed, naming, air = search(as_believed, flown, air, say, alone)
         near = _nearest(naming)
         if noise_found is not None and near is not None:  # what was missing may have been taken for noise
@@ -197,25 +200,25 @@ def find_gap(
         if near is not None and given.notes:  # tangents of a start are those of the model that it was fitted to
             say("fit where windows start beside what comes nearest")
             as_believed = begin_freely(as_believed, {**records, **held_out}, near.added_to(as_believed))
-            alone = replace(sought, pairs=not begun)
+            alone = replace(sought, pairs=ELSEWHERE if begun else 1.0)
             believed, naming, air = search(as_believed, flown, air, say, alone)
         if check and checked is None:
             checked = ahead.take("check", instruments)
     whole, all_in = flown, as_believed
     acting = None
-    for place in begun if naming.weighed.unknown > 0.5 else ():  # else what acts in all records explains them
+    for place in begun if naming.weighed.unknown > ELSEWHERE else ():  # else what acts in all records explains them
         cut = onset.divided(as_believed, records, place)
-        there = replace(sought, effects=onset.later(sought.effects, place), further={}, terms={}, pairs=False)
+        there = replace(sought, effects=onset.later(sought.effects, place), further={}, terms={}, pairs=0.0)
         begins = as_believed
         if place.record:
             tuned = believed.with_nuisances(naming.beside_unknown)
             begins = onset.begin_there(as_believed, cut, place, records[place.record], tuned)
         found = search(begins, list(cut.values()), air, say, there)
-        if found[1].weighed.unknown < 0.5:
+        if found[1].weighed.unknown < ELSEWHERE:
             acting, records, flown, (believed, naming, air) = place, cut, list(cut.values()), found
             break
-    if begun and acting is None and naming.weighed.unknown > 0.5 and sought.pairs:
-        believed, naming, air = search(as_believed, flown, air, say, sought)
+    if begun and acting is None and naming.weighed.unknown > ELSEWHERE:
+        believed, naming, air = search(as_believed, flown, air, say, replace(sought, pairs=1.0))
     flights_again = None
     if again:
 
@@ -269,7 +272,7 @@ def find_gap(
 def _begun(believed: Believed, records: Mapping[str, FlightRecord], air: AirFound, sought: Sought) -> list[onset.Begun]:
     """Return what may begin or end in flight, by an unknown motion alone, the most probable first."""
     flown_in, _ = in_measured_air(believed, list(records.values()), air)
-    nothing = replace(sought, effects={}, further={}, terms={}, pairs=False, held_out=())
+    nothing = replace(sought, effects={}, further={}, terms={}, pairs=0.0, held_out=())
     naming = nothing.name(flown_in, list(records.values()), lambda stage: None)
     return [] if naming.weighed.nothing > 0.5 else onset.seek(flown_in, records, naming)
 
