@@ -1,9 +1,9 @@
 """What begins, or ends, in flight: sought in the records, which are then cut there.
 
-A payload that is dropped, a link that slips, ice on a vane: before it the model is right, after it something lacks.
-When is told by an unknown motion that is needed in a part of a record alone (:mod:`testbench.inference.onset`). The
-record is cut there; what follows starts freely, as windows do. Every effect is then weighed twice, as what acts in all
-records, and as what acts in those that show it.
+A payload that is dropped, a link that slips, ice on a vane: before it the model is right, after it something is
+missing. An unknown motion that is needed in a part of a record alone tells when (:mod:`testbench.inference.onset`). The
+record is cut there; what follows begins where the flight before it is then. Every effect is weighed twice, as what acts
+in all records, and as what acts in those that show it.
 """
 
 from __future__ import annotations
@@ -112,9 +112,15 @@ def _begun(names: Sequence[str], records: Mapping[str, FlightRecord], found: Ons
 
 
 def _pulses(believed: Believed, record: FlightRecord) -> tuple[FloatArray, list[int]]:
-    """Return the pulses (n, outputs, m) of an unknown motion of a record, and the samples at which they begin."""
+    """Return the pulses (n, outputs, m) of an unknown motion of a record, and the samples at which they begin.
+
+    Unknown deflections of surfaces are left out: there are many, and what they do is seen in the motion.
+    """
     there = believed.at(record)
-    U = pulses(there.linear, believed.outputs, there.condition.V_m_s, record)
+    at = [i for i, c in enumerate(believed.outputs) if c not in believed.surfaces]
+    moved = pulses(there.linear, [believed.outputs[i] for i in at], there.condition.V_m_s, record)
+    U = np.zeros((len(record), len(believed.outputs), moved.shape[2]))
+    U[:, at] = moved
     width = max(1, round(PULSE_S / record.dt_s))
     own = [int(np.argmax(np.any(U[:, :, j] != 0.0, axis=1))) // width * width for j in range(U.shape[2])]
     U = np.stack([believed.in_noise_units(record, U[:, :, j]) for j in range(U.shape[2])], axis=2)
