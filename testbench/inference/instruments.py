@@ -414,6 +414,7 @@ class _Asked:
         if fault.endswith("_lag"):  # none is negative
             log_evidence += float(norm.logcdf(values[at] / error)) + math.log(2.0)
         known = {n: float(v) for n, v in zip(point.names, values, strict=True) if "_met" not in n}
+        known |= {n: max(v, 0.0) for n, v in known.items() if n.endswith("_lag")}
         return _Weighed(log_evidence, colour, found.scales, known, float(values[at]), error)
 
     def rms(self, colour: _Colour, scales: FloatArray) -> FloatArray:
@@ -476,13 +477,14 @@ class _Asked:
         """Return the probabilities of all hypotheses."""
         faults = [n for n in self.std if n.rpartition("_")[2] in KINDS and n.rpartition("_")[0] != "h"]
         none, point = self.coloured(self.origin, "", self._beginning()), self.origin
+        least = none.log_evidence
+        rows = {f: self.weigh(self.origin, none.colour, f, True, none.scales) for f in faults}
         for _ in range(_AGAIN):
             point = self.origin.about(none.at, "")
             none = self.coloured(point, "", none)
-        rows = {f: self.weigh(point, none.colour, f, True, none.scales) for f in faults}
         ranked = sorted(faults, key=lambda f: -rows[f].log_evidence)
         for f in ranked[:_LED]:
-            if rows[f].log_evidence > none.log_evidence:
+            if rows[f].log_evidence > least:
                 rows[f] = self._at_rest(f, rows[f])
         best = max(rows.values(), key=lambda r: r.log_evidence)
         none = max(none, self.coloured(point, "", best), key=lambda r: r.log_evidence)

@@ -174,8 +174,6 @@ class Kinematics:
         """Return what an instrument reads of what is true."""
         scale, late, lag = (errors.get(f"{c}_{kind}", 0.0) for kind in ("scale", "late", "lag"))
         y = (1.0 + scale) * _shifted(y, self.dt_s, late)
-        if lag < 0.0:  # what a search tries: to first order
-            return y - lag * np.gradient(y, self.dt_s)
         return first_order_lag(y, self.dt_s, lag) if lag else y
 
 

@@ -37,10 +37,12 @@ def command(
     from testbench.logs.plausible import questions_of
     from testbench.logs.read import read_records
     from testbench.questions.compatibility.page import compatibility_page
+    from testbench.questions.files import find
     from testbench.questions.identify.logs import descriptions_of
     from testbench.questions.identify.scenario import RecordDescription
 
-    for file in descriptions_of(description, out):
+    files = descriptions_of(description, out) if description.is_file() else [find(description, "identify")]
+    for file in files:
         described = RecordDescription.load(file)
         with ResultFolder(folder_in(out, f"{described.name}_compatibility")) as place, stages() as say:
             say("read records")

@@ -13,7 +13,7 @@ from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
 from testbench.estimators.prepare import prepare
 from testbench.questions.identify.ask import identify
-from testbench.questions.identify.command import _in_folder
+from testbench.questions.identify.logs import _in_folder
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.ask import import_log, write_import
 from testbench.questions.importing.page import import_answer
