@@ -46,6 +46,7 @@ _SCALES = dict.fromkeys(FLOW, 0.03) | {"V": 0.02}
 _BIAS = dict.fromkeys(RATES, 0.02) | dict.fromkeys(FORCES, 0.3)  # rad/s, m/s2
 _WITHOUT_GRAVITY = (3.0, 20.0)  # m/s2: beyond this mean an accelerometer's zero is its own; its prior then
 _FILTER_S = 0.01  # mean and standard deviation of the lag of an attitude that a sound filter makes
+_PITCHED_RAD = 0.2  # of a trim whose pitch angle is not recorded
 _BAROMETER_S = 0.3  # that a height may be late by
 _WIND_M_S, _VANE_RAD = 3.0, 0.05
 _FINEST = {"V": 5e-3, "h": 1e-2}  # m/s, m; rad: 1e-4. Less noise is none: integration errs by as much
@@ -226,11 +227,16 @@ def _priors(parts: Sequence[Kinematics]) -> dict[str, float]:
             std[f"{c}_place"] = KINDS["place"][0]
     for c, source in BESIDE:
         if {c, source} <= set(first.instruments):
-            std[f"{c}_turned"] = KINDS["turned"][0]
+            std[f"{c}_turned"] = KINDS["turned"][0] if _judged(first, f"{c}_turned") else _PITCHED_RAD
     if "h" in first.compared:
         speed = max(float(np.mean(part.x["V"])) for part in parts)
         std["wind_bias"] = math.hypot(_WIND_M_S, _VANE_RAD * speed)  # zeros of vane and attitude look like it
     return std | {f"{c}_{how}": 0.0 for c in FLOW if c in first.compared for how in _MET}
+
+
+def _judged(part: Kinematics, error: str) -> bool:
+    """Return whether an error may be a fault: where no pitch angle is read, a turned roll gyro is what that would be."""
+    return error != "p_turned" or "theta" in part.x
 
 
 def _beyond_gravity(part: Kinematics, c: str) -> FloatArray:
@@ -476,6 +482,7 @@ class _Asked:
     def answer(self) -> Agreement:
         """Return the probabilities of all hypotheses."""
         faults = [n for n in self.std if n.rpartition("_")[2] in KINDS and n.rpartition("_")[0] != "h"]
+        faults = [n for n in faults if _judged(self.parts[0], n)]
         none, point = self.coloured(self.origin, "", self._beginning()), self.origin
         least = none.log_evidence
         rows = {f: self.weigh(self.origin, none.colour, f, True, none.scales) for f in faults}

@@ -21,6 +21,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from any_aircraft import geometry_of_the_guide
+from clock import since
 from smallest import results, sized
 from studies.kept_rows import write_rows
 
@@ -154,9 +155,9 @@ def row_of(kind: str, seeds: Iterator[int] | range, tell: bool = False) -> dict[
     spent = []
     for seed in seeds:
         record = measured(kind, seed)
-        begin = time.process_time()
+        began = time.process_time()
         found.append(agreement([record]))
-        spent.append(time.process_time() - begin)
+        spent.append(since(began))
         if tell:
             a = found[-1]
             said = ", ".join(f"{f.name} {f.probability:.2f} {f.estimate:.3f}+-{f.std:.3f}" for f in a.faults[:3])
