@@ -235,7 +235,7 @@ def _priors(parts: Sequence[Kinematics]) -> dict[str, float]:
 
 
 def _judged(part: Kinematics, error: str) -> bool:
-    """Return whether an error may be a fault: where no pitch angle is read, a turned roll gyro is what that would be."""
+    """Return whether an error may be a fault: a turned roll gyro is what a pitch angle is that is not read."""
     return error != "p_turned" or "theta" in part.x
 
 
