@@ -327,17 +327,23 @@ class _Point:
         return np.stack([*columns, start, _left(part, base)], axis=2) / self.noise[:, None]
 
     def about(self, at: Mapping[str, float], fault: str) -> _Point:
-        """Return the same about other errors; of the tangents only that of the fault is taken anew."""
+        """Return the same about other errors.
+
+        Tangents are taken anew of the fault; of all errors if it moves motion in time, as another one that does so
+        would else look unlike it.
+        """
         out = object.__new__(_Point)
         out.parts, out.noise, out.names, out.steps = self.parts, self.noise, self.names, self.steps
         out.at, out._whitened, out.tables = at, {}, []
+        timed = fault.endswith(("_late", "_lag"))
+        anew = [n for n in self.names if n == fault or (timed and "_met" not in n)]
         for part, table in zip(self.parts, self.tables, strict=True):
             base, new = part.readings(at), table.copy()
             new[:, :, -1] = _left(part, base) / self.noise
-            if fault:
-                step = self.steps[fault]
-                moved = part.readings({**at, fault: at[fault] + step})
-                new[:, :, self.names.index(fault)] = (moved - base) / step / self.noise
+            for name in anew:
+                step = self.steps[name]
+                moved = part.readings({**at, name: at[name] + step})
+                new[:, :, self.names.index(name)] = (moved - base) / step / self.noise
             out.tables.append(new)
         return out
 
@@ -396,8 +402,17 @@ class _Asked:
         V = float(np.median(parts[0].x["V"])) if "V" in parts[0].x else 1.0
         self.most = np.array([_SOUND.get(c, _GUSTS_M_S / V) for c in self.compared])
         self.dt_s = parts[0].dt_s
+        self.wandered = np.array([self._wandered(c, V) for c in self.compared])
         self.met = [(i, self.compared.index(n.split("_")[0])) for i, n in enumerate(self.std) if "_met" in n]
         self.moved = np.array([max(float(np.std(part.x[c])) for part in parts) for c in self.compared])
+
+    def _wandered(self, c: str, V: float) -> float:
+        """Return how far the noise of gyro and accelerometer makes a flow angle wander from sample to sample, rad."""
+        driven = {"alpha": ("az", "q"), "beta": ("ay", "r")}.get(c)
+        if driven is None:
+            return 0.0
+        force, rate = (_white(self.parts, n) for n in driven)
+        return self.dt_s * math.hypot(force / V, rate)
 
     def weigh(self, point: _Point, colour: _Colour, fault: str, bounded: bool, scales: FloatArray | None) -> _Weighed:
         """Return the evidence if one error, or none, is that of a faulty instrument, with one colour."""
@@ -445,6 +460,7 @@ class _Asked:
     def _gusts(self, colour: _Colour, scales: FloatArray | None) -> FloatArray:
         """Return the size of gusts in a second over the motion of each channel (p,)."""
         w = np.array(_SIZES)[list(colour.size)] * self.noise * (1.0 if scales is None else scales)
+        w = np.sqrt(np.maximum(w**2 - self.wandered**2, 0.0))
         times = np.minimum(np.array(_TIMES_S)[list(colour.time)], _ANSWERED_S)
         return np.asarray(w * np.sqrt(0.5 * times / self.dt_s) / np.maximum(self.moved, 1e-12))
 
