@@ -712,12 +712,6 @@ class _Fit:
         taken = sum(float(b.taken.sum(axis=0) @ stated) for b in self.blocks)
         return float(logsumexp(list(self.log_weights.values()))) - taken + self.correction
 
-    def _log_if(self, whole: bool) -> float:
-        """Return ln p(records | hypothesis, and it is the whole story, or a part of it)."""
-        some = [density for j, density in self.at.items() if (KAPPAS[j] <= WHOLE) == whole]
-        rest = self.log_evidence - float(logsumexp(list(self.log_weights.values())))
-        return float(logsumexp(some)) - math.log(len(some)) + rest if some else -math.inf
-
     @cached_property
     def _left(self) -> list[tuple[FloatArray, Any]]:
         """Return of each record what is left (n, p), in units of the noise that was found, and what counts."""
@@ -760,7 +754,8 @@ class _Fit:
         total = logsumexp(list(self.log_weights.values()))
         whiteness = _whiteness(self._left)
         whole = sum(math.exp(w - total) for j, w in self.log_weights.items() if KAPPAS[j] <= WHOLE)
-        log_whole, log_part = self._log_if(whole=True), self._log_if(whole=False)
+        sizes, densities = [KAPPAS[j] for j in self.at], np.array(list(self.at.values()))
+        log_whole, log_part = (float(x) for x in whole_and_part(densities, sizes) + (self.log_evidence - total))
         doubts = []
         if whiteness < 1e-3:
             doubts.append(f"what is left is coloured (noise would be so with a probability of {whiteness:.1g})")
@@ -794,6 +789,19 @@ class _Fit:
             self.effective,
             tuple(doubts),
         )
+
+
+def whole_and_part(density: FloatArray, kappas: Sequence[float] = KAPPAS) -> FloatArray:
+    """Return ln p (2, ...) if a hypothesis is the whole story, and if it is a part, of ln p (kappas, ...) by size."""
+    whole = np.array(kappas) <= WHOLE
+    return np.array(
+        [
+            logsumexp(density[some], axis=0) - math.log(np.count_nonzero(some))
+            if some.any()
+            else np.full(density.shape[1:], -math.inf)
+            for some in (whole, ~whole)
+        ]
+    )
 
 
 def _log_prior(kappas: Sequence[float]) -> FloatArray:

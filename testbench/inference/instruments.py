@@ -27,6 +27,7 @@ from testbench.core.blas import on_one_thread
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.compatibility.take_out import taken_out
+from testbench.estimators.regression.smoothing import white_std
 from testbench.inference.kinematics import ANGLES, BESIDE, FLOW, FORCES, RATES, Kinematics
 from testbench.inference.linear import Grams, sized
 
@@ -246,9 +247,8 @@ def _beyond_gravity(part: Kinematics, c: str) -> FloatArray:
 
 
 def _white(parts: Sequence[Kinematics], c: str) -> float:
-    """Return the standard deviation of white noise of one sample, from third differences."""
-    squares = np.concatenate([np.diff(part.x[c], 3) ** 2 for part in parts])
-    return max(float(np.sqrt(np.mean(squares) / 20.0)), _FINEST.get(c, 1e-4))
+    """Return the standard deviation of white noise of one sample, no less than integration errs by."""
+    return max(white_std([part.x[c] for part in parts]), _FINEST.get(c, 1e-4))
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
@@ -158,9 +159,7 @@ class Kinematics:
         return np.stack(out, axis=1)
 
     def _integral(self, f: FloatArray) -> FloatArray:
-        total = np.zeros(len(f))
-        np.cumsum(0.5 * self.dt_s * (f[1:] + f[:-1]), out=total[1:])
-        return total
+        return np.asarray(cumulative_trapezoid(f, dx=self.dt_s, initial=0.0))
 
     def _right(self, c: str, errors: Mapping[str, float]) -> FloatArray:
         """Return the samples of an instrument without its errors."""

@@ -112,7 +112,7 @@ class Grams:
     inside: FloatArray
     samples: FloatArray
     size: FloatArray
-    _kept: dict[bytes, dict[int, tuple[FloatArray, Any, float]]] = field(default_factory=dict, repr=False)
+    _kept: dict[bytes, dict[float, tuple[FloatArray, Any, float]]] = field(default_factory=dict, repr=False)
 
     @classmethod
     def made(cls, record: Linearised, before: Grams | None = None) -> Grams:
@@ -171,13 +171,12 @@ class Grams:
         if known is None:
             self._kept.clear()
             known = self._kept[key] = {}
-        place = KAPPAS.index(kappa) if kappa in KAPPAS else -1
-        if place not in known or place < 0:
+        if kappa not in known:
             D = self.deviations(kappa)
             G = self._weighted(scales, len(D))
             factor = cho_factor(np.eye(len(D)) + D[:, None] * G * D, check_finite=False)
-            known[place] = D, factor, 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
-        return known[place]
+            known[kappa] = D, factor, 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
+        return known[kappa]
 
     def _weighted(self, scales: FloatArray, r: int) -> FloatArray:
         """Return the first (r, r) of ``inside``, summed over channels by their weights."""

@@ -80,11 +80,11 @@ def find_onset(
     count = 2 * sum(max(len(t) - 1, 0) for t in times)
     of_some, of_time = math.log(0.5 * prior), math.log(0.5 * prior / max(count, 1))
     always, cut = [], []
+    summed = [
+        _Summed.of(r, U, np.array(b), t, scales) for r, U, b, t in zip(records, pulses, begins, times, strict=True)
+    ]
     for kappa in _SIZES:
-        found = [
-            _Record.of(r, U, np.array(b), t, scales, kappa)
-            for r, U, b, t in zip(records, pulses, begins, times, strict=True)
-        ]
+        found = [each.at(kappa) for each in summed]
         every = [f.from_[0] for f in found]
         none = [f.never for f in found]
         alone = [a.log_evidence(mean, std) - b.log_evidence(mean, std) for a, b in zip(every, none, strict=True)]
@@ -121,38 +121,55 @@ class _Record:
     from_: list[Reduced]
     until: list[Reduced]
 
+
+@dataclass(frozen=True, eq=False)
+class _Summed:
+    """Sums over the samples of a record, whatever the size of the unknown motion.
+
+    Attributes:
+        S: (k + 1, k + 1) of the columns, then the residual.
+        B, G: (m, k + 1) and (m, m) of the pulses with these, and with one another.
+        log_noise: ln of the determinant of the noise.
+        samples: their number.
+        orders: of the pulses, the latest first and the earliest first, (m,), with how many are held at each time.
+    """
+
+    S: FloatArray
+    B: FloatArray
+    G: FloatArray
+    log_noise: float
+    samples: float
+    orders: tuple[tuple[np.ndarray, list[int]], ...]
+
     @classmethod
     def of(
-        cls,
-        record: Linearised,
-        U: FloatArray,
-        begins: np.ndarray,
-        times: Sequence[int],
-        scales: FloatArray,
-        kappa: float,
-    ) -> _Record:
-        weights = 1.0 / scales
+        cls, record: Linearised, U: FloatArray, begins: np.ndarray, times: Sequence[int], scales: FloatArray
+    ) -> _Summed:
         new = record.counted(np.concatenate([record.columns, record.residual[:, :, None]], axis=2))
-        new = (new * weights[:, None, None]).reshape(-1, new.shape[2])
-        moved = (record.counted(U) * weights[:, None, None]).reshape(len(new), -1)
-        S, samples = new.T @ new, record.taken.sum(axis=0).astype(float)
+        new = (new / scales[:, None, None]).reshape(-1, new.shape[2])
+        moved = (record.counted(U) / scales[:, None, None]).reshape(len(new), -1)
+        samples = record.taken.sum(axis=0).astype(float)
         log_noise = 2.0 * float(samples @ np.log(scales))
-        G, B = kappa**2 * moved.T @ moved, kappa * moved.T @ new
-        np.fill_diagonal(G, G.diagonal() + 1.0)
-        never = _reduced(S, log_noise, float(samples.sum()))
+        orders = (
+            (np.argsort(-begins, kind="stable"), [int(np.sum(begins >= t)) for t in times]),
+            (np.argsort(begins, kind="stable"), [int(np.sum(begins < t)) for t in times]),
+        )
+        return cls(new.T @ new, moved.T @ new, moved.T @ moved, log_noise, float(samples.sum()), orders)
+
+    def at(self, kappa: float) -> _Record:
+        """Return the reduced record at one size of the unknown motion."""
+        M = kappa**2 * self.G
+        np.fill_diagonal(M, M.diagonal() + 1.0)
         parts: list[list[Reduced]] = []
-        for earliest in (False, True):
-            order = np.argsort(begins if earliest else -begins, kind="stable")
-            L = cholesky(G[np.ix_(order, order)], lower=True, check_finite=False)
-            y = solve_triangular(L, B[order], lower=True, check_finite=False)
+        for order, held in self.orders:
+            L = cholesky(M[np.ix_(order, order)], lower=True, check_finite=False)
+            y = solve_triangular(L, kappa * self.B[order], lower=True, check_finite=False)
             log_det = np.concatenate([[0.0], np.cumsum(2.0 * np.log(np.diag(L)))])
-            held = [int(np.sum(begins < t if earliest else begins >= t)) for t in times]
-            parts.append([_reduced(S - y[:r].T @ y[:r], log_noise + log_det[r], float(samples.sum())) for r in held])
-        return cls(never, *parts)
+            parts.append([self._reduced(self.S - y[:r].T @ y[:r], log_det[r]) for r in held])
+        return _Record(self._reduced(self.S, 0.0), *parts)
 
-
-def _reduced(S: FloatArray, log_det: float, samples: float) -> Reduced:
-    return Reduced(S[:-1, :-1], S[:-1, -1], float(S[-1, -1]), float(log_det), samples)
+    def _reduced(self, S: FloatArray, log_det: float) -> Reduced:
+        return Reduced(S[:-1, :-1], S[:-1, -1], float(S[-1, -1]), self.log_noise + float(log_det), self.samples)
 
 
 def _sum(each: Sequence[Reduced]) -> Reduced:

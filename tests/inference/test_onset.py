@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from testbench.inference.linear import Grams, Linearised, Motion, fewer, reduced
-from testbench.inference.onset import _Record, find_onset
+from testbench.inference.onset import _Summed, find_onset
 
 P, WIDTH, N = 2, 10, 120
 
@@ -34,7 +34,7 @@ def asked(some, prior=0.1):
 def test_one_factor_holds_the_evidence_of_every_time(kappa):
     block, U, begins = record(np.random.default_rng(1), range(40, N))
     scales, mean, std, at = np.array([0.8, 1.3]), np.array([0.1, 0.0]), np.array([0.5, 2.0]), np.array(begins)
-    found = _Record.of(block, U, at, begins, scales, kappa)
+    found = _Summed.of(block, U, at, begins, scales).at(kappa)
     for parts, held in ((found.from_, lambda t: at >= t), (found.until, lambda t: at < t)):
         for t, part in zip(begins, parts, strict=True):
             alone = Linearised(block.residual, block.columns, fewer(U[:, :, held(t)], block.taken), block.taken)

@@ -10,15 +10,15 @@ from testbench.core.advice import Advice, note
 from testbench.core.constants import DEG_RAD
 from testbench.estimators.compatibility.fit import Stretch
 from testbench.estimators.parametric.kinematics import KinematicStructure
+from testbench.estimators.regression.smoothing import white_std
 
 _LONG = 3.0
 _OF_RATE = {"p": "phi", "q": "theta", "r": "psi"}
 
 
 def noise_std(stretches: Sequence[Stretch], column: int, of_inputs: bool = True) -> float:
-    """Return the standard deviation of white noise in a column, from third differences: var = mean(d^2) / 20."""
-    data = [np.diff((s.u if of_inputs else s.y)[:, column], 3) for s in stretches]
-    return float(np.sqrt(np.mean(np.concatenate(data) ** 2) / 20.0))
+    """Return the standard deviation of white noise in a column."""
+    return white_std([(s.u if of_inputs else s.y)[:, column] for s in stretches])
 
 
 def too_long(structure: KinematicStructure, stretches: Sequence[Stretch], dt_s: float) -> list[Advice]:

@@ -31,6 +31,7 @@ from testbench.estimators.parametric.gauss_newton import Minimum, minimise
 from testbench.estimators.parametric.kinematics import ACCELEROMETERS, RATES, KinematicStructure
 from testbench.estimators.parametric.response import respond
 from testbench.estimators.parametric.structure import STEP, AnyArray
+from testbench.estimators.regression.smoothing import white_std
 
 _ORDERS = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the whitening filters
 _SAMPLES_PER_ORDER = 20
@@ -223,8 +224,7 @@ class Problem:
         """Return the noise of every output from third differences of its samples, which leave little of the motion."""
         out = []
         for i in range(len(self.structure.outputs)):
-            d = np.concatenate([np.diff(s.y[s.valid[:, i], i], 3) for s in self.stretches])
-            std = np.sqrt(np.mean(d**2) / 20.0) if d.size else 0.0
+            std = white_std([s.y[s.valid[:, i], i] for s in self.stretches])
             out.append(Whitener(np.zeros(0), max(std, 1e-3 * self.size[i])))
         return out
 

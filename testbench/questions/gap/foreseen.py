@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import logsumexp
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.effects import Effect
-from testbench.inference.compare import WHOLE
+from testbench.inference.compare import WHOLE, whole_and_part
 from testbench.inference.first_order import Columns, FirstOrder, Left, Sums, sum_of
 from testbench.inference.linear import KAPPAS, fewer
 from testbench.questions.gap.again import CUT, SEED, sizes_of
@@ -139,14 +138,8 @@ class Foreseen:
         found = FirstOrder.of(self.sums if sums is None else sums, left, np.zeros(k), std, sizes)
         owners = np.array([*(e.name for e, _ in self.points), *self.coefficients])
         near = np.arange(len(owners)) < self.usual
-        whole = np.array(KAPPAS) <= WHOLE
-
-        def told(ln: FloatArray) -> FloatArray:
-            """Return ln p of the whole and of a part, (2, r), of ln p by size of the unknown motion (kappas, r)."""
-            return np.array([logsumexp(ln[some], axis=0) - np.log(np.count_nonzero(some)) for some in (whole, ~whole)])
-
-        logs = {"nothing": told(found.alone)}
-        logs |= {n: told(found.logs[:, owners == n].max(axis=1)) for n in (*effects, *self.coefficients)}
+        logs = {"nothing": whole_and_part(found.alone)}
+        logs |= {n: whole_and_part(found.logs[:, owners == n].max(axis=1)) for n in (*effects, *self.coefficients)}
         first = {n: found.logs[:, (owners == n) & near].max(axis=(0, 1)) for n in effects}
         wrong = {n: found.logs[:, owners == n].max(axis=(0, 1)) for n in self.coefficients}
         named = {**effects, **{n: wrong_coefficient(n) for n in self.coefficients}}

@@ -509,13 +509,17 @@ def _split(
     )
 
 
-def unknown_motion(believed: Believed, record: FlightRecord) -> FloatArray:
+def unknown_motion(believed: Believed, record: FlightRecord, deflections: bool = True) -> FloatArray:
     """Return what pulses of an unknown motion do to a record, (n, p, m), in units of the noise.
 
-    Their means, and what an unknown start changes, are taken out.
+    Their means, and what an unknown start changes, are taken out. Without ``deflections`` no surface that is compared
+    moves by itself.
     """
     there = believed.at(record)
-    U = pulses(there.linear, believed.outputs, there.condition.V_m_s, record)
+    at = [i for i, c in enumerate(believed.outputs) if deflections or c not in believed.surfaces]
+    moved = pulses(there.linear, [believed.outputs[i] for i in at], there.condition.V_m_s, record)
+    U = np.zeros((len(record), len(believed.outputs), moved.shape[2]))
+    U[:, at] = moved
     return np.stack([believed.in_noise_units(record, U[:, :, j]) for j in range(U.shape[2])], axis=2)
 
 

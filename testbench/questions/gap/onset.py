@@ -17,10 +17,11 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.effects import Effect
 from testbench.inference.linear import Linearised, Motion
 from testbench.inference.onset import Onset, find_onset
-from testbench.inference.unknown import PULSE_S, pulses
+from testbench.inference.unknown import PULSE_S
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import starts_freely
 from testbench.questions.gap.explain import P_ONSET, Naming, percent
+from testbench.questions.gap.name import unknown_motion
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.starts import Start, marked, start_of
 from testbench.questions.gap.window_length import SHORTEST_S
@@ -116,14 +117,9 @@ def _pulses(believed: Believed, record: FlightRecord) -> tuple[FloatArray, list[
 
     Unknown deflections of surfaces are left out: there are many, and what they do is seen in the motion.
     """
-    there = believed.at(record)
-    at = [i for i, c in enumerate(believed.outputs) if c not in believed.surfaces]
-    moved = pulses(there.linear, [believed.outputs[i] for i in at], there.condition.V_m_s, record)
-    U = np.zeros((len(record), len(believed.outputs), moved.shape[2]))
-    U[:, at] = moved
-    width = max(1, round(PULSE_S / record.dt_s))
-    own = [int(np.argmax(np.any(U[:, :, j] != 0.0, axis=1))) // width * width for j in range(U.shape[2])]
-    U = np.stack([believed.in_noise_units(record, U[:, :, j]) for j in range(U.shape[2])], axis=2)
+    U = unknown_motion(believed, record, deflections=False)
+    each = range(0, len(record), max(1, round(PULSE_S / record.dt_s)))  # of every state in turn
+    own = [*each] * (U.shape[2] // len(each))
     # What acts in less than a window can hardly be told from what acts in none.
     edge = SHORTEST_S / record.dt_s
     last = max((b for b in own if b < len(record) - edge), default=0)

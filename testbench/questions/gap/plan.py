@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -99,7 +100,7 @@ class GapPlan:
     additions: tuple[Addition, ...]
     skipped: Mapping[str, str]
 
-    @property
+    @cached_property
     def power(self) -> dict[str, Power]:
         """Effect -> what was stated where it flew, those that were found best first."""
         found = {n: p for n, p in self.drawn.power().items() if n in self.effects}
@@ -111,7 +112,7 @@ class GapPlan:
 
     def taken_for(self, name: str) -> tuple[str, float]:
         """Return what a truth is most often taken for, and the probability that this was given on average."""
-        given = self.drawn.power()[name].given
+        given = self.power[name].given
         return next(((n, p) for n, p in given.items() if n != name), ("nothing", 0.0))
 
     @property

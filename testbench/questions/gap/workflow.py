@@ -206,19 +206,13 @@ def find_gap(
             checked = ahead.take("check", instruments)
     whole, all_in = flown, as_believed
     acting = None
-    for place in begun if naming.weighed.unknown > ELSEWHERE else ():  # else what acts in all records explains them
-        cut = onset.divided(as_believed, records, place)
-        there = replace(sought, effects=onset.later(sought.effects, place), further={}, terms={}, pairs=0.0)
-        begins = as_believed
-        if place.record:
-            tuned = believed.with_nuisances(naming.beside_unknown)
-            begins = onset.begin_there(as_believed, cut, place, records[place.record], tuned)
-        found = search(begins, list(cut.values()), air, say, there)
-        if found[1].weighed.unknown < ELSEWHERE:
-            acting, records, flown, (believed, naming, air) = place, cut, list(cut.values()), found
-            break
-    if begun and acting is None and naming.weighed.unknown > ELSEWHERE:
-        believed, naming, air = search(as_believed, flown, air, say, replace(sought, pairs=1.0))
+    if begun and naming.weighed.unknown > ELSEWHERE:  # else what acts in all records explains them
+        elsewhere = _begun_somewhere(begun, as_believed, records, (believed, naming, air), sought, say)
+        if elsewhere is not None:
+            acting, records, (believed, naming, air) = elsewhere
+            flown = list(records.values())
+        else:
+            believed, naming, air = search(as_believed, flown, air, say, replace(sought, pairs=1.0))
     flights_again = None
     if again:
 
@@ -275,6 +269,32 @@ def _begun(believed: Believed, records: Mapping[str, FlightRecord], air: AirFoun
     nothing = replace(sought, effects={}, further={}, terms={}, pairs=0.0, held_out=())
     naming = nothing.name(flown_in, list(records.values()), lambda stage: None)
     return [] if naming.weighed.nothing > 0.5 else onset.seek(flown_in, records, naming)
+
+
+def _begun_somewhere(
+    places: Sequence[onset.Begun],
+    believed: Believed,
+    records: Mapping[str, FlightRecord],
+    found: tuple[Believed, Naming, AirFound],
+    sought: Sought,
+    say: Callable[[str], None],
+) -> tuple[onset.Begun, dict[str, FlightRecord], tuple[Believed, Naming, AirFound]] | None:
+    """Return the first place whose effects explain the records that are cut there, these, and what is found in them.
+
+    ``found`` is what was found of the records as they are.
+    """
+    flown_in, naming, air = found
+    for place in places:
+        cut = onset.divided(believed, records, place)
+        there = replace(sought, effects=onset.later(sought.effects, place), further={}, terms={}, pairs=0.0)
+        begins = believed
+        if place.record:
+            tuned = flown_in.with_nuisances(naming.beside_unknown)
+            begins = onset.begin_there(believed, cut, place, records[place.record], tuned)
+        named = search(begins, list(cut.values()), air, say, there)
+        if named[1].weighed.unknown < ELSEWHERE:
+            return place, cut, named
+    return None
 
 
 def _nearest(naming: Naming) -> Explanation | None:

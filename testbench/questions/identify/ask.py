@@ -63,7 +63,22 @@ def identify(
         >>> import testbench as tb
         >>> tb.identify(tb.load_description("attas_short_period"), data_folder).findings  # doctest: +SKIP
     """
-    keep, say = keep or (lambda name, record: None), progress or (lambda text: None)
+    say = progress or (lambda text: None)
+    found = _identified(description, data_folder, keep or (lambda name, record: None), say, strict)
+    fault = None if found.instruments is None else found.instruments.fault
+    if not found.contradicted or fault is None or fault.name in description.correct:
+        return found
+    if not abs(fault.estimate) > _ESTIMATED * fault.std:
+        return found
+    say("identify once more without the error of the instrument")
+    again = _identified(without(description, fault), data_folder, lambda name, record: None, lambda text: None, False)
+    return replace(found, corrected=tuple(widened(fault, found.derivatives, again.derivatives)))
+
+
+def _identified(
+    description: RecordDescription, data_folder: Path | None, keep: Keep, say: Report, strict: bool
+) -> Identified:
+    """Return what is identified of the records as they are; no derivative is determined where kinematics contradict."""
     say("read records")
     flights = [
         Flight(name, use, None, {RECORDED: without_errors(record, description.correct)}, description.trim_s)
@@ -128,15 +143,8 @@ def identify(
     )
     if not found.contradicted:
         return found
-    doubts, corrected = [*found.doubts, *doubts_of(instruments)], tuple[FoundDerivative, ...]()
-    fault = instruments.fault
-    if fault is not None and abs(fault.estimate) > _ESTIMATED * fault.std and fault.name not in description.correct:
-        say("identify once more without the error of the instrument")
-        again = identify(without(description, fault), data_folder).derivatives
-        corrected = tuple(widened(fault, derivatives, again))
-    return replace(
-        found, derivatives=in_doubt(derivatives, found.contradicted), doubts=tuple(doubts), corrected=corrected
-    )
+    doubts = (*found.doubts, *doubts_of(instruments))
+    return replace(found, derivatives=in_doubt(derivatives, found.contradicted), doubts=doubts)
 
 
 def without(description: RecordDescription, fault: InstrumentFault) -> RecordDescription:

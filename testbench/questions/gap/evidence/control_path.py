@@ -82,13 +82,16 @@ def paths_seen(
     Raises:
         FlightAborted, LimitError: a model cannot fly the measured commands.
     """
+    if not believed.surfaces:
+        return ()
+    counts = np.sum([believed.taken(r).sum(axis=0) for r in records], axis=0)
+    left = []
+    for model in (replace(m, whiten=None) for m in (believed, nearest)):  # no gust moves a surface
+        squares = np.sum([np.sum(model.residuals(r) ** 2, axis=0) for r in records], axis=0)
+        left.append(np.sqrt(squares / np.maximum(counts, 1)))
     out = []
     for control in believed.surfaces:
         here, path = believed.outputs.index(control), SurfacePath(control)
-        left = []
-        for model in (replace(m, whiten=None) for m in (believed, nearest)):  # no gust moves a surface
-            squares = sum(float(np.sum(model.residuals(r)[:, here] ** 2)) for r in records)
-            left.append(float(np.sqrt(squares / sum(int(model.taken(r)[:, here].sum()) for r in records))))
         sure = naming.weighed.holds(path.effects)
-        out.append(replace(path, probability=sure, believed=left[0], nearest=left[1]))
+        out.append(replace(path, probability=sure, believed=float(left[0][here]), nearest=float(left[1][here])))
     return tuple(out)
