@@ -14,7 +14,6 @@ import atexit
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -23,7 +22,6 @@ from typing import TypeVar
 T = TypeVar("T")
 ROOT = Path(__file__).resolve().parents[1]
 SMALLEST = os.environ.get("TESTBENCH_SMALLEST", "")
-BEGAN_S = time.time()
 BY_HAND = "README.md"
 
 
@@ -43,11 +41,19 @@ def results(*parts: str) -> Path:
 
 @cache
 def _listed_at_the_end(folder: Path) -> None:
+    # Compared with what was there before: a file's own time may lie a tick of the kernel before any clock read here.
+    before = _seen(folder)
+
     def end() -> None:
         if not hasattr(sys, "last_type"):  # of a study that failed nothing is a result
-            written(folder, (p for p in folder.iterdir() if p.is_file() and p.stat().st_mtime >= BEGAN_S))
+            written(folder, (path for path, seen in _seen(folder).items() if before.get(path) != seen))
 
     atexit.register(end)
+
+
+def _seen(folder: Path) -> dict[Path, tuple[int, int, int]]:
+    files = ((path, path.stat()) for path in folder.iterdir() if path.is_file())
+    return {path: (stat.st_ino, stat.st_mtime_ns, stat.st_size) for path, stat in files}
 
 
 def written(folder: Path, files: Iterable[Path]) -> None:
