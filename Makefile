@@ -15,7 +15,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
 # Studies and benchmarks; each writes what results/README.md says. TESTBENCH_SMALLEST=FOLDER before make: its first unit of
 # work alone, written to FOLDER. ARGS: what the script is told besides, such as make mutants ARGS="--count 60".
 ARGS ?=
-STUDIES = advice-study autopilot-log-study benchmarks blind-draws blind-test campaign-cost coloured-errors-study \
+STUDIES = advice-study autopilot-log-study believed-study benchmarks blind-draws blind-test campaign-cost coloured-errors-study \
   dataset-study design-study env-study estimator-study filter-error-study gap-in-batches geometry-study mutants \
   pages-held promise-study reliability same-bytes sequential-study static-margin-study stock surroundings
 
@@ -114,6 +114,11 @@ advice-study: $(VENV)/installed-dev
 # From simulated PX4 and ArduPilot logs to derivatives, 100 seeds: hours on one core; it goes on where it stopped.
 autopilot-log-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/autopilot_logs.py
+
+# Writes results/instruments/kinds.csv and results/estimators/believed.csv; a quarter of an hour.
+believed-study: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/instruments_study.py --first 150000
+	$(BIN)/python tests/studies/identify_study.py --first 200000
 
 # Writes results/estimators/coloured_errors.csv: a minute of processor time.
 coloured-errors-study: $(VENV)/installed-dev

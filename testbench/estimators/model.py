@@ -56,6 +56,10 @@ class IdentifiedModel(Advised, ABC):
             RecordError: its sample time differs from the model's by more than 1 %.
         """
 
+    def predict(self, record: FlightRecord) -> FloatArray:
+        """Return the same of a record that the model was not identified from, whose own trim may be another."""
+        return self.simulate(record)
+
     @abstractmethod
     def poles(self) -> dict[str, ComplexArray]:
         """Return the continuous-time poles in rad/s, by the outputs they belong to.

@@ -169,11 +169,13 @@ class _Simulated(Settings, Structured):
 class OutputError(_Simulated):
     """Maximum likelihood for measurement noise only.
 
-    ``starts``: how many start points; if not given one, and others where its fit looks bad.
+    ``starts``: how many start points; if not given one, and others where its fit looks bad. ``late_std_s``: input ->
+    standard deviation of how late, or early, it may act against the time that is logged, which is then estimated.
     """
 
     method: Literal["output_error"] = "output_error"
     noise: Literal["diagonal", "full"] = "diagonal"
+    late_std_s: dict[str, Positive] = {}
     starts: Count | None = None
     seed: Annotated[int, Field(ge=0)] = 0
 

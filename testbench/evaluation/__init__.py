@@ -172,8 +172,8 @@ def evaluate(
     unstable = {complex(s) for poles in sets.values() for s in poles if s.real > 0.0 and s.imag >= 0.0}
     return Evaluation(
         outputs=model.outputs,
-        identification=_score(model, identification_records, noise_std),
-        validation=_score(model, validation_records, noise_std),
+        identification=_score(model, identification_records, noise_std, model.simulate),
+        validation=_score(model, validation_records, noise_std, getattr(model, "predict", model.simulate)),
         poles=tuple(matches),
         bode=bode,
         omega_rad_s=compared,
@@ -192,14 +192,19 @@ def _parameters(model: IdentifiedModel, truth: Mapping[str, float] | None) -> tu
     return parameter_estimates(model, truth)
 
 
-def _score(model: IdentifiedModel, records: Sequence[FlightRecord], noise_std: Mapping[str, float] | None) -> Scores:
+def _score(
+    model: IdentifiedModel,
+    records: Sequence[FlightRecord],
+    noise_std: Mapping[str, float] | None,
+    predicted: Callable[[FlightRecord], FloatArray],
+) -> Scores:
     p = len(model.outputs)
     if not records:
         return Scores(np.full(p, np.nan), np.full(p, np.nan), ())
     parts = [record.select(model.outputs) for record in records]
     # an unstable model may overflow: that becomes an infinite error, not a warning
     with np.errstate(over="ignore", invalid="ignore"):
-        predictions = tuple(np.asarray(model.simulate(record), dtype=np.float64) for record in records)
+        predictions = tuple(np.asarray(predicted(record), dtype=np.float64) for record in records)
     y, yhat = np.vstack([part.data for part in parts]), np.vstack(predictions)
     valid = np.vstack([part.valid for part in parts])
     noise = None

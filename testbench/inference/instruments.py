@@ -116,6 +116,8 @@ class Agreement:
         faults: all single errors, the most probable first.
         gusty: flow angles that could not be compared, as gusts moved them.
         left: channel -> (white noise of one sample, rms of what is left beside it), SI, under the best hypothesis.
+        errors, errors_mean, errors_covariance: all errors of instruments (k,), their posterior mean and covariance if
+            all are sound; where they are contradicted, under the best hypothesis.
     """
 
     compared: tuple[str, ...] = ()
@@ -125,6 +127,9 @@ class Agreement:
     faults: tuple[InstrumentFault, ...] = ()
     gusty: tuple[str, ...] = ()
     left: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    errors: tuple[str, ...] = ()
+    errors_mean: FloatArray = field(default_factory=lambda: np.zeros(0))
+    errors_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @cached_property
     def by_instrument(self) -> dict[str, float]:
@@ -133,6 +138,12 @@ class Agreement:
         for f in self.faults:
             total[f.channel] = total.get(f.channel, 0.0) + f.probability
         return dict(sorted(total.items(), key=lambda item: -item[1]))
+
+    @property
+    def gusts_felt(self) -> bool:
+        """Whether flow angles or airspeed show gusts, larger than the noise of one sample."""
+        read = [c for c in ("alpha", "beta", "V") if c in self.left]
+        return bool(self.gusty) or any(self.left[c][1] > self.left[c][0] for c in read)
 
     @property
     def contradicted(self) -> bool:
@@ -146,6 +157,18 @@ class Agreement:
             return None
         first, probability = next(iter(self.by_instrument.items()))
         return next(f for f in self.faults if f.channel == first) if probability >= CLEAR else None
+
+
+def taken_for_sure(found: Agreement, errors: float = 2.0) -> dict[str, float]:
+    """Return the small errors that sound instruments are found to have by more than so many standard deviations."""
+    if found.contradicted:
+        return {}
+    std = np.sqrt(np.diag(found.errors_covariance))
+    return {
+        n: float(x)
+        for n, x, s in zip(found.errors, found.errors_mean, std, strict=True)
+        if n.rpartition("_")[2] in KINDS and abs(x) > errors * s
+    }
 
 
 def without_errors(record: FlightRecord, errors: Mapping[str, float]) -> FlightRecord:
@@ -182,11 +205,12 @@ def without_errors(record: FlightRecord, errors: Mapping[str, float]) -> FlightR
 
 
 @on_one_thread
-def agreement(records: Sequence[FlightRecord]) -> Agreement:
+def agreement(records: Sequence[FlightRecord], known_std: Mapping[str, float] | None = None) -> Agreement:
     """Compare the instruments of measured records with one another by rigid-body kinematics.
 
     Args:
         records: of one flight or of several by the same instruments, not as deviations from trim.
+        known_std: CHANNEL_KIND -> standard deviation of that error of a sound instrument, where it is known.
 
     Returns:
         What is known of them; of records without any relation that nothing contradicts them.
@@ -203,12 +227,20 @@ def agreement(records: Sequence[FlightRecord]) -> Agreement:
             samples += len(part.x[part.compared[0]])
     common = [c for c in parts[0].compared if all(c in k.compared for k in parts)] if parts else []
     moved = [c for c in common if max(float(np.std(k.x[c])) for k in parts) > _MOVED * _white(parts, c)]
-    return agreement_of([replace(k, compared=tuple(moved)) for k in parts])
+    return agreement_of([replace(k, compared=tuple(moved)) for k in parts], known_std or {})
 
 
-def agreement_of(parts: Sequence[Kinematics]) -> Agreement:
+def agreement_of(parts: Sequence[Kinematics], known_std: Mapping[str, float]) -> Agreement:
     """Return the same for records that are prepared, all with the same channels compared."""
-    return _Asked(parts).answer() if parts and parts[0].compared else Agreement()
+    return _Asked(parts, known_std).answer() if parts and parts[0].compared else Agreement()
+
+
+def sound(channel: str, dt_s: float) -> dict[str, float]:
+    """Return error -> prior standard deviation of a sound instrument whose channel no other foretells."""
+    return {
+        f"{channel}_scale": _SCALES.get(channel, KINDS["scale"][0]),
+        f"{channel}_late": math.hypot(KINDS["late"][0], 0.25 * dt_s),
+    }
 
 
 def _priors(parts: Sequence[Kinematics]) -> dict[str, float]:
@@ -273,6 +305,7 @@ class _Weighed:
         scales: (p,) of white noise, over what third differences say.
         at: error -> most probable value.
         value, std: of the error in question, if it is one.
+        covariance: (k, k) of the errors ``at``.
     """
 
     log_evidence: float
@@ -281,6 +314,7 @@ class _Weighed:
     at: Mapping[str, float]
     value: float
     std: float
+    covariance: FloatArray
 
 
 def _left(part: Kinematics, read: FloatArray) -> FloatArray:
@@ -392,8 +426,9 @@ def _beside(time: int, size: int) -> Iterator[tuple[int, int]]:
 class _Asked:
     """Hypotheses about the instruments of some records."""
 
-    def __init__(self, parts: Sequence[Kinematics]) -> None:
-        self.parts, self.std = parts, _priors(parts)
+    def __init__(self, parts: Sequence[Kinematics], known_std: Mapping[str, float]) -> None:
+        self.parts, self.known_std, self.std = parts, known_std, _priors(parts)
+        self.std |= {n: s for n, s in known_std.items() if n in self.std}
         self.compared = parts[0].compared
         self.noise = np.array([_white(parts, c) for c in self.compared])
         finest = np.array([_FINEST.get(c, 1e-4) for c in self.compared])
@@ -434,9 +469,12 @@ class _Asked:
         values, error = centre + about, float(np.sqrt(covariance[at, at]))
         if fault.endswith("_lag"):  # none is negative
             log_evidence += float(norm.logcdf(values[at] / error)) + math.log(2.0)
-        known = {n: float(v) for n, v in zip(point.names, values, strict=True) if "_met" not in n}
+        own = [i for i, n in enumerate(point.names) if "_met" not in n]
+        known = {point.names[i]: float(values[i]) for i in own}
         known |= {n: max(v, 0.0) for n, v in known.items() if n.endswith("_lag")}
-        return _Weighed(log_evidence, colour, found.scales, known, float(values[at]), error)
+        return _Weighed(
+            log_evidence, colour, found.scales, known, float(values[at]), error, covariance[np.ix_(own, own)]
+        )
 
     def rms(self, colour: _Colour, scales: FloatArray) -> FloatArray:
         """Return the rms (p,) of the process of first order."""
@@ -506,16 +544,18 @@ class _Asked:
             point = self.origin.about(none.at, "")
             none = self.coloured(point, "", none)
         ranked = sorted(faults, key=lambda f: -rows[f].log_evidence)
-        for f in ranked[:_LED]:
-            if rows[f].log_evidence > least:
+        for i, f in enumerate(ranked):
+            if i < _LED and rows[f].log_evidence > least:
                 rows[f] = self._at_rest(f, rows[f])
+            else:  # about the same point as soundness was weighed at first: only their difference counts
+                rows[f] = replace(rows[f], log_evidence=rows[f].log_evidence + none.log_evidence - least)
         best = max(rows.values(), key=lambda r: r.log_evidence)
         none = max(none, self.coloured(point, "", best), key=lambda r: r.log_evidence)
         unknown = self.coloured(point, "", none, bounded=False)
         fault, best = max((("", none), *rows.items()), key=lambda r: r[1].log_evidence)
         if gusty := self._gusty(fault, best):
             kept = tuple(c for c in self.compared if c not in gusty)
-            calmer = agreement_of([replace(part, compared=kept) for part in self.parts])
+            calmer = agreement_of([replace(part, compared=kept) for part in self.parts], self.known_std)
             return replace(calmer, gusty=(*gusty, *calmer.gusty))
         return self._said(none, unknown, rows)
 
@@ -542,6 +582,7 @@ class _Asked:
             for (f, r), p in zip(rows.items(), probability[2:], strict=True)
         ]
         best = max((none, unknown, *rows.values()), key=lambda r: r.log_evidence)
+        held = best if probability[0] <= 1.0 - CLEAR else none
         left = zip(self.noise * best.scales, self.rms(best.colour, best.scales), strict=True)
         return Agreement(
             self.compared,
@@ -550,4 +591,7 @@ class _Asked:
             float(probability[1]),
             tuple(sorted(found, key=lambda f: -f.probability)),
             left={c: (float(s), float(g)) for c, (s, g) in zip(self.compared, left, strict=True)},
+            errors=tuple(held.at),
+            errors_mean=np.array(list(held.at.values())),
+            errors_covariance=held.covariance,
         )

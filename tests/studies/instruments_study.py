@@ -94,13 +94,19 @@ def aircraft_of(name: str, draw: int) -> tb.Aircraft:
     return tb.load_aircraft(made)
 
 
+def condition(seed: int) -> tb.FlightCondition:
+    """Return where one draw is flown."""
+    flown = FLOWN[seed % len(FLOWN)]
+    return tb.FlightCondition(np.random.default_rng([seed, 20]).uniform(flown.slow_m_s, flown.fast_m_s), flown.h_m)
+
+
 @cache
 def flight(seed: int, gusts: bool) -> tuple[FlightRecord, np.random.Generator]:
     """Return the truth of one draw, and what draws the instruments."""
-    rng = np.random.default_rng([seed, 20])
-    flown = FLOWN[seed % len(FLOWN)]
+    rng, flown = np.random.default_rng([seed, 20]), FLOWN[seed % len(FLOWN)]
     aircraft = aircraft_of(flown.name, seed % 5)
-    trim = tb.trim(aircraft, tb.FlightCondition(rng.uniform(flown.slow_m_s, flown.fast_m_s), flown.h_m))
+    trim = tb.trim(aircraft, condition(seed))
+    rng.uniform()  # as far as the condition has drawn
     step, size = flown.step_s * rng.uniform(0.8, 1.3), flown.de_rad * rng.uniform(0.7, 1.2)
     t = np.arange(round(rng.uniform(15.0, 20.0) * trim.rate_hz)) / trim.rate_hz
     u = np.zeros((t.size, 1))
@@ -111,7 +117,7 @@ def flight(seed: int, gusts: bool) -> tuple[FlightRecord, np.random.Generator]:
     rms = rng.uniform(0.1, 0.5) if gusts else 0.0
     air = Air(turbulence_rms_m_s=turbulence_rms(rms, flown.h_m), height_m=flown.h_m, seed=seed) if gusts else None
     manoeuvre = tb.Manoeuvre("3211", tb.InputSignal(t, u, ("de",)), settle_s=0.0)
-    return tb.fly(aircraft, trim, manoeuvre, min(trim.rate_hz, 2.0 * LOG_HZ), (*NOISE, "qdot"), air), rng
+    return tb.fly(aircraft, trim, manoeuvre, min(trim.rate_hz, 2.0 * LOG_HZ), (*NOISE, "qdot", "de"), air), rng
 
 
 def measured(kind: str, seed: int) -> FlightRecord:

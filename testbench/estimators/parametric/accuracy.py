@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.advice import null_directions
-from testbench.estimators.parametric.sensitivities import Sensitivities, in_blocks, square_root
+from testbench.estimators.parametric.sensitivities import Sensitivities, believed_alone, in_blocks, square_root
 from testbench.estimators.residuals import Colour, corrected_covariance, ljung_box
 from testbench.estimators.shortfall import shortfall
 
@@ -53,11 +54,12 @@ def accuracy(
     k = moving.size
     alone = np.zeros(k, bool) if alone is None else alone
     whiten = np.linalg.inv(np.linalg.cholesky(R))
-    believed = np.flatnonzero(prior_weight > 0.0)
+    believed = np.flatnonzero((prior_weight > 0.0) & ~alone)
 
     def parts() -> Iterator[tuple[Iterable[FloatArray], NDArray[np.intp]]]:
         for v, s in zip(residuals, sensitivities(), strict=True):
-            yield in_blocks(v, s, whiten), np.append(s.columns, k)
+            rows = chain(in_blocks(v, s, whiten), believed_alone(s.columns, prior_weight, alone))
+            yield rows, np.append(s.columns, k)
         yield [np.diag(np.append(prior_weight[believed], 0.0))], np.append(believed, k)
 
     J = square_root(parts(), np.append(alone, False))[:, :-1][:, moving]

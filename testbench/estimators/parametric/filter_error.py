@@ -427,10 +427,10 @@ def _diagnose(choice: Choice, layout: Layout) -> tuple[dict[str, Any], FloatArra
         "correlation": correlations(white),
         "error_inflation": np.divide(np.sqrt(np.diag(corrected)), deviation, out=np.ones(f), where=deviation > 0.0),
         "initial_states": [
-            own.begin(x, s.x0)[int(gust) :] for (x, _, _), s in zip(nuisances, base.stretches, strict=True)
+            own.begin(n.initial, s.x0)[int(gust) :] for n, s in zip(nuisances, base.stretches, strict=True)
         ],
-        "offsets": [o for _, o, _ in nuisances],
-        "input_biases": [b for _, _, b in nuisances],
+        "offsets": [n.offsets for n in nuisances],
+        "input_biases": [n.biases for n in nuisances],
         "process_noise": {
             states[i]: (float(np.sqrt(share) * Q[i, i] ** 0.5), float(np.sqrt(share) * Q_std[i])) for i in noisy
         },

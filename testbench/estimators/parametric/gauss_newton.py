@@ -17,6 +17,7 @@ from testbench.core.record import FloatArray
 
 _POOR, _FINE = 0.25, 0.75  # real over predicted fall of the cost
 _ROUNDING = 1e-11  # of the cost
+_HUGE = 1e100
 _NEAR = 0.1  # standard errors: a search that ends nearer to its minimum than this has found it (judged)
 Problem = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Point (k,) -> weighted residuals r (N,) and their Jacobian dr/dpoint (N, k); r not finite where the point is bad."""
@@ -58,7 +59,7 @@ def minimise(
     """
     point = np.clip(start, low, high)
     r, J = problem(point)
-    if not np.all(np.isfinite(r)) or not np.all(np.isfinite(J)):
+    if not _tame(r, J):
         raise EstimationError("the model diverges from its start values; start from others, or from equation error")
     cost, damping, converged, iterations = float(r @ r), 1e-4, False, 0
     held = np.zeros(point.size, bool)
@@ -90,7 +91,7 @@ def minimise(
             if predicted <= 0.0 or (damping > 1e-4 and predicted < _ROUNDING * cost):
                 break
             r_new, J_new = problem(trial)
-            new = float(r_new @ r_new) if np.all(np.isfinite(r_new)) and np.all(np.isfinite(J_new)) else np.inf
+            new = float(r_new @ r_new) if _tame(r_new, J_new) else np.inf
             gain = (cost - new) / predicted
             if gain < _POOR:
                 damping = max(4.0 * damping, 1e-3) if gain > 0.0 else max(10.0 * damping, 1e-3)
@@ -106,3 +107,8 @@ def minimise(
         triangle = np.asarray(np.linalg.qr(np.column_stack([J[:, ~held], r]), mode="r"))
         converged = float(np.linalg.norm(triangle[: int(np.sum(~held)), -1])) <= _NEAR
     return Minimum(point, cost, np.asarray(np.linalg.qr(J, mode="r")), iterations, converged, held)
+
+
+def _tame(r: FloatArray, J: FloatArray) -> bool:
+    """Return whether residuals and Jacobian are numbers whose squares are numbers, too."""
+    return all(bool(np.all(np.abs(x) < _HUGE)) for x in (r, J))

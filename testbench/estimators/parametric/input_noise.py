@@ -196,7 +196,7 @@ def _model(
     reached = accuracy([np.zeros((len(J), 1))], lambda: felt, np.eye(1), np.zeros(moving.size), moving, names)
     covariance = reached.plain[:f, :f]
     white = weights.apply((v / sigma)[:, :, None])[:, :, 0]
-    _, offsets, biases = likelihood.layout.split(found.point, 0)
+    own = likelihood.layout.split(found.point, 0)
     whole = likelihood.layout.embedded(covariance, params.size)
     model = ParametricModel(
         method="output_error",
@@ -214,8 +214,8 @@ def _model(
             "residual_std": np.std(v, axis=0),
             "whiteness_p": np.ones(sigma.size),
             "correlation": correlations(covariance),
-            "offsets": offsets,
-            "input_biases": biases,
+            "offsets": own.offsets,
+            "input_biases": own.biases,
         },
         structure=structure,
         params=params,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -13,13 +14,14 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.hold import held as which_held
 from testbench.estimators.parametric.gauss_newton import Problem
-from testbench.estimators.parametric.model import output_offsets
-from testbench.estimators.parametric.response import delayed, responses
-from testbench.estimators.parametric.sensitivities import Sensitivities, in_blocks, square_root
+from testbench.estimators.parametric.model import ParametricModel, output_offsets
+from testbench.estimators.parametric.response import delayed, later, responses
+from testbench.estimators.parametric.sensitivities import Sensitivities, believed_alone, in_blocks, square_root
 from testbench.estimators.parametric.structure import ModelStructure
 
 Initial = Literal["free", "record", "zero"]
 _EXACT = 1e-12  # residuals below this share of an output's size are rounding
+_LATE_STEP = 0.05  # of a sample, over which the derivative by an input's lateness is taken
 _KEPT = 8_000_000  # sensitivities of a point, in numbers, that are kept for when it is asked for again
 
 
@@ -34,10 +36,20 @@ class Stretch:
     x0: FloatArray
 
 
+class Nuisances(NamedTuple):
+    """What belongs to one record: initial state, empty unless estimated, output offsets, input biases, lateness, s."""
+
+    initial: FloatArray
+    offsets: FloatArray
+    biases: FloatArray
+    late_s: FloatArray
+
+
 class Layout(NamedTuple):
     """Which entries of the search point are what: f parameters first, then the nuisances of every record.
 
-    ``states`` are those whose initial values may be estimated: all but the followers, which come last.
+    ``states`` are those whose initial values may be estimated: all but the followers, which come last. ``late`` are the
+    inputs whose time against the outputs is unknown.
     """
 
     chosen: NDArray[np.intp]
@@ -45,6 +57,7 @@ class Layout(NamedTuple):
     biased_inputs: tuple[int, ...]
     states: int
     offsets: int
+    late: tuple[int, ...] = ()
 
     @property
     def initial(self) -> int:
@@ -54,7 +67,7 @@ class Layout(NamedTuple):
     @property
     def per_record(self) -> int:
         """Number of nuisances of one record."""
-        return self.initial + self.offsets + len(self.biased_inputs)
+        return self.initial + self.offsets + len(self.biased_inputs) + len(self.late)
 
     def nuisances(self, record: int) -> slice:
         """Return where those of a record are."""
@@ -66,10 +79,10 @@ class Layout(NamedTuple):
         own = self.nuisances(record)
         return np.concatenate([np.arange(self.chosen.size), np.arange(own.start, own.stop)])
 
-    def split(self, point: FloatArray, record: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return initial state, output offsets and input biases of a record; the first is empty unless estimated."""
-        initial, offsets, biases = np.split(point[self.nuisances(record)], [self.initial, self.initial + self.offsets])
-        return initial, offsets, biases
+    def split(self, point: FloatArray, record: int) -> Nuisances:
+        """Return what of the search point belongs to one record."""
+        sizes = [self.initial, self.offsets, len(self.biased_inputs)]
+        return Nuisances(*np.split(point[self.nuisances(record)], np.cumsum(sizes)))
 
     def begin(self, initial: FloatArray, x0: FloatArray) -> FloatArray:
         """Return the initial state (n,): the values estimated, then those of ``x0`` (n,) that are not."""
@@ -137,6 +150,7 @@ class Likelihood:
         held: (m,) inputs that are held between samples.
         substeps: Runge-Kutta steps per sample of a nonlinear structure.
         full: noise covariance with its off-diagonal elements.
+        late_std_s: (l,) prior standard deviations of the lateness of the inputs ``layout.late``.
 
     Raises:
         EstimationError: fewer valid samples than unknowns, an output that never moves, or outputs sampled at different
@@ -153,6 +167,7 @@ class Likelihood:
         *,
         substeps: int = 1,
         full: bool = False,
+        late_std_s: Sequence[float] = (),
     ) -> None:
         self.structure, self.stretches, self.layout = structure, stretches, layout
         self.dt_s, self.held, self.substeps, self.full = dt_s, held, substeps, full
@@ -174,7 +189,33 @@ class Likelihood:
             name = structure.outputs[int(np.argmin(self.size))]
             raise EstimationError(f"output '{name}' never moves in these records; leave it out")
         prior = [p.prior_std for p in structure.parameters if p.free]
-        self.prior_weight = np.array([0.0 if s is None else 1.0 / s for s in prior])
+        own = [0.0] * (layout.per_record - len(layout.late)) + [1.0 / s for s in late_std_s]
+        self.prior_weight = np.array([0.0 if s is None else 1.0 / s for s in prior] + own * len(stretches))
+
+    @classmethod
+    def of(cls, model: ParametricModel, records: Sequence[FlightRecord]) -> Likelihood:
+        """Return that of a model that was identified, over records: its unknowns, initial states free."""
+        structure, late = model.structure, model.settings.get("late_std_s", {})
+        delays, offsets = np.array(model.delays_s), (model.biased, model.trended)
+        layout = Layout(
+            np.flatnonzero(structure.free),
+            True,
+            tuple(structure.inputs.index(name) for name in model.biased_inputs),
+            len(structure.states) - len(structure.followers),
+            len(model.biased) + len(model.trended),
+            tuple(structure.inputs.index(name) for name in late),
+        )
+        stretches = [stretch(r, structure, delays, "free", *offsets) for r in records]
+        held = np.array(model.held)
+        return cls(
+            structure,
+            stretches,
+            layout,
+            records[0].dt_s,
+            held,
+            substeps=model.substeps,
+            late_std_s=tuple(late.values()),
+        )
 
     def start(self, values: FloatArray) -> FloatArray:
         """Return the search point of parameters (k,): initial states as the records say, no offsets and biases."""
@@ -216,32 +257,42 @@ class Likelihood:
 
     def _evaluate(self, point: FloatArray, params: FloatArray) -> Iterator[tuple[FloatArray, Sensitivities]]:
         layout = self.layout
-        inputs, starts, offsets = [], [], []
-        for i, s in enumerate(self.stretches):
-            initial, offset, bias = layout.split(point, i)
-            u = s.u
-            if bias.size:
-                u = u.copy()
-                u[:, list(layout.biased_inputs)] += bias
-            inputs.append(u)
-            starts.append(layout.begin(initial, s.x0))
-            offsets.append(offset)
+        own = [layout.split(point, i) for i in range(len(self.stretches))]
+        inputs = [self._driven(s.u, n) for s, n in zip(self.stretches, own, strict=True)]
+        starts = [layout.begin(n.initial, s.x0) for s, n in zip(self.stretches, own, strict=True)]
+        shared = self.dt_s, self.held
+        values = self.parameters(point, params)
         found = responses(
             self.structure,
-            self.parameters(point, params),
+            values,
             layout.chosen.tolist(),
             inputs,
-            self.dt_s,
-            self.held,
+            *shared,
             starts,
             layout.biased_inputs,
             self.substeps,
         )
-        for i, (s, r) in enumerate(zip(self.stretches, found, strict=True)):
-            residual = np.where(s.valid, s.y - r.y - s.offsets @ offsets[i], 0.0)
-            J = -np.concatenate([r.dparams, r.dx0[:, :, : layout.initial], s.offsets, r.dbias], axis=2)
+        for i, (s, n, r) in enumerate(zip(self.stretches, own, found, strict=True)):
+            moved_on = []
+            for j in range(len(layout.late)):
+                step = _LATE_STEP * self.dt_s * np.eye(len(layout.late))[j]
+                moved = self._driven(s.u, n._replace(late_s=n.late_s + step))
+                y = next(responses(self.structure, values, [], [moved], *shared, [starts[i]], (), self.substeps)).y
+                moved_on.append((y - r.y)[:, :, None] / step[j])
+            residual = np.where(s.valid, s.y - r.y - s.offsets @ n.offsets, 0.0)
+            J = -np.concatenate([r.dparams, r.dx0[:, :, : layout.initial], s.offsets, r.dbias, *moved_on], axis=2)
             J[~s.valid] = 0.0
             yield residual, Sensitivities(J, layout.felt(i))
+
+    def _driven(self, u: FloatArray, own: Nuisances) -> FloatArray:
+        """Return the inputs (N, m) of a record with its biases, as late as they are there."""
+        if not (own.biases.size or own.late_s.size):
+            return u
+        u = u.copy()
+        u[:, list(self.layout.biased_inputs)] += own.biases
+        late_s = np.zeros(u.shape[1])
+        late_s[list(self.layout.late)] = own.late_s
+        return later(u, self.dt_s, late_s)
 
     def problem(self, params: FloatArray, R: FloatArray) -> Problem:
         """Return residuals and Jacobian, weighted by the noise covariance R (p, p), with priors, as a function.
@@ -249,15 +300,16 @@ class Likelihood:
         Both are reduced to as many rows as say the same (:func:`square_root`).
         """
         whiten = np.linalg.inv(np.linalg.cholesky(R))
-        f, weight = self.layout.chosen.size, self.prior_weight
-        centre, believed = self.structure.values[self.layout.chosen], self.prior_weight > 0.0
+        f = self.layout.chosen.size
+        weight, centre = self.prior_weight[:f], self.structure.values[self.layout.chosen]
         alone = np.arange(self.unknowns + 1) >= f
         alone[-1] = False  # the residuals, last, meet in all records
 
         def parts(point: FloatArray) -> Iterator[tuple[Iterable[FloatArray], NDArray[np.intp]]]:
             for v, J in self.evaluate(point, params):
-                yield in_blocks(v, J, whiten), np.append(J.columns, self.unknowns)
-            prior = np.column_stack([np.diag(weight), weight * (point[:f] - centre)])[believed]
+                own = believed_alone(J.columns, self.prior_weight, alone, point)
+                yield chain(in_blocks(v, J, whiten), own), np.append(J.columns, self.unknowns)
+            prior = np.column_stack([np.diag(weight), weight * (point[:f] - centre)])[weight > 0.0]
             yield [prior], np.append(np.arange(f), self.unknowns)
 
         def weighted(point: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -290,4 +342,5 @@ class Likelihood:
             out += [f"initial {s}{of}" for s in structure.states[: layout.initial]]
             out += [f"output offset {j + 1}{of}" for j in range(layout.offsets)]
             out += [f"bias of {structure.inputs[j]}{of}" for j in layout.biased_inputs]
+            out += [f"lateness of {structure.inputs[j]}{of}" for j in layout.late]
         return out

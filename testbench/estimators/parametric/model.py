@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -39,7 +39,7 @@ class ParametricModel(IdentifiedModel):
         covariance_plain: (k, k) for residuals taken as white: the Cramer-Rao bound with the estimated noise.
         noise_covariance: (p, p) of the output residuals.
         held: (m,) inputs that are held between samples; the others run linearly.
-        delays_s: (m,) known delay of each input, s.
+        delays_s: (m,) delay of each input, s: known, with the mean over records of what was estimated besides.
         biased, trended: outputs that have a constant, and a line, of their own in every record.
         biased_inputs: inputs that have a constant error of their own in every record.
         operating_point: state (n,) and input (m,) that a nonlinear structure is linearised at.
@@ -81,12 +81,26 @@ class ParametricModel(IdentifiedModel):
             RecordError: its sample time differs from the model's by more than 1 %.
             EstimationError: the model diverges over the record.
         """
+        return self._simulated(record, (), self.biased)
+
+    def predict(self, record: FlightRecord) -> FloatArray:
+        """Return the outputs (N, p) of a record that the model was not identified from.
+
+        As :meth:`simulate` does; and if what is left of trim was estimated, that of this record is, too, with a
+        constant of every output: which trim was taken from a record is no property of the model.
+        """
+        names = self.structure.trim_constants
+        trims = [i for i, p in enumerate(self.structure.parameters) if p.name in names and p.free]
+        return self._simulated(record, trims, self.outputs if trims else self.biased)
+
+    def _simulated(self, record: FlightRecord, trims: Sequence[int], biased: tuple[str, ...]) -> FloatArray:
+        """Return the outputs driven by a record's inputs, with what is its own and parameters ``trims`` estimated."""
         check_sample_time(record, self.dt_s)
         part = record.select(self.outputs)
         u = delayed(record.columns(self.inputs), record.dt_s, np.array(self.delays_s))
         weight = part.valid / np.sqrt(np.diag(self.noise_covariance))
-        extra = output_offsets(self.outputs, self.biased, self.trended, record.t_s - record.t_s[0])
         shifted = [self.inputs.index(name) for name in self.biased_inputs]
+        extra = output_offsets(self.outputs, biased, self.trended, record.t_s - record.t_s[0])
         n, b = len(self.structure.states), len(shifted)
         found = np.concatenate([self._start(record), np.zeros(b)])  # what the response is not linear in
         best, cost = None, np.inf
@@ -96,7 +110,7 @@ class ParametricModel(IdentifiedModel):
             r = respond(
                 self.structure,
                 self.params,
-                (),
+                trims,
                 moved,
                 record.dt_s,
                 np.array(self.held),
@@ -106,7 +120,7 @@ class ParametricModel(IdentifiedModel):
             )
             if not np.all(np.isfinite(r.y)):
                 break
-            J = np.concatenate([r.dx0, r.dbias, extra], axis=2)
+            J = np.concatenate([r.dx0, r.dbias, extra, r.dparams], axis=2)
             left, right = (J * weight[:, :, None]).reshape(-1, J.shape[2]), ((part.data - r.y) * weight).ravel()
             step = np.linalg.lstsq(left, right, rcond=1e-12)[0]
             if isinstance(self.structure, LinearStructure):

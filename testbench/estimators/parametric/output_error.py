@@ -56,6 +56,7 @@ def estimate(
     output_biases: Sequence[str],
     output_trends: Sequence[str],
     input_biases: Sequence[str],
+    late_std_s: Mapping[str, float],
     delays_s: Mapping[str, float] | None,
     held: Sequence[str] | None,
     noise: Literal["diagonal", "full"],
@@ -74,6 +75,8 @@ def estimate(
         output_biases: outputs with a constant of their own in every record.
         output_trends: outputs with a line of their own in every record.
         input_biases: inputs with a constant error of their own in every record.
+        late_std_s: input -> standard deviation, s, of how late it may act, or early, against the time that is logged;
+            estimated in every record, with this prior about zero.
         delays_s: known delay per input, s.
         held: inputs that are held between samples; None takes those called ``*_cmd``, and others that the records
             show to be held (see :mod:`testbench.estimators.hold`). The others run linearly.
@@ -89,7 +92,8 @@ def estimate(
     Returns:
         The model. Its diagnostics: ``cost`` (log likelihood without constants, smaller is better), ``rounds``,
         ``iterations``, ``converged``, ``condition`` of the scaled information matrix, ``residual_std`` (p,),
-        ``whiteness_p`` (p,), ``correlation`` (f, f), ``initial_states``, ``offsets`` and ``input_biases`` per record,
+        ``whiteness_p`` (p,), ``correlation`` (f, f), ``initial_states``, ``offsets``, ``input_biases`` and, by input,
+        ``lateness_s`` with ``lateness_std_s`` per record,
         ``error_inflation`` (f,) corrected over plain standard errors, ``starts`` with the cost of each.
 
     Raises:
@@ -97,7 +101,7 @@ def estimate(
             is named), or a start that diverges.
         ChannelError: a record lacks a channel.
     """
-    _check(records, structure, output_biases, output_trends, input_biases, starts)
+    _check(records, structure, output_biases, output_trends, (*input_biases, *late_std_s), starts)
     holding, recognised = held_inputs(structure.inputs, held, records)
     delays = named(delays_s, structure.inputs, "a delay")
     stretches = [
@@ -109,9 +113,17 @@ def estimate(
         tuple(structure.inputs.index(name) for name in input_biases),
         len(structure.states) - len(structure.followers),
         len(output_biases) + len(output_trends),
+        tuple(structure.inputs.index(name) for name in late_std_s),
     )
     likelihood = Likelihood(
-        structure, stretches, layout, records[0].dt_s, holding, substeps=substeps, full=noise == "full"
+        structure,
+        stretches,
+        layout,
+        records[0].dt_s,
+        holding,
+        substeps=substeps,
+        full=noise == "full",
+        late_std_s=tuple(late_std_s.values()),
     )
     first = first_points(likelihood, records, delays_s, held)
     ends, failure = _ends(likelihood, first, starts, np.random.default_rng(seed), max_iterations)
@@ -125,6 +137,7 @@ def estimate(
         "output_biases": list(output_biases),
         "output_trends": list(output_trends),
         "input_biases": list(input_biases),
+        "late_std_s": dict(late_std_s),
         "noise": noise,
         "starts": starts,
         "seed": seed,
@@ -150,7 +163,9 @@ def _check(
         raise EstimationError(f"starts >= 1 must hold, got {starts}")
     for name in input_biases:
         if name not in structure.inputs:
-            raise EstimationError(f"an input bias belongs to an input ({', '.join(structure.inputs)}), got '{name}'")
+            raise EstimationError(
+                f"an input bias or lateness belongs to an input ({', '.join(structure.inputs)}), got '{name}'"
+            )
     for name in (*output_biases, *output_trends):
         if name not in structure.outputs:
             raise EstimationError(
@@ -310,19 +325,20 @@ def _diagnose(likelihood: Likelihood, found: _Found) -> tuple[dict[str, Any], Fl
     quick = none_shows(likelihood.structure, likelihood.names(), found.minimum.at_bound, found.params)
     at_bound = found.minimum.at_bound & ~quick
     R = found.R * total / (total - likelihood.unknowns)  # unknowns take degrees of freedom from the residuals
-    prior_weight = np.concatenate([likelihood.prior_weight, np.zeros(likelihood.unknowns - f)])
     found_accuracy = accuracy(
         residuals,
         lambda: (s for _, s in likelihood.evaluate(point, found.params)),
         R,
-        prior_weight,
+        likelihood.prior_weight,
         ~at_bound,
         likelihood.names(),
         np.arange(likelihood.unknowns) >= f,
     )
     white, corrected = found_accuracy.plain[:f, :f], found_accuracy.corrected[:f, :f]
-    deviation = np.sqrt(np.diag(white))
+    deviation, late = np.sqrt(np.diag(white)), [likelihood.structure.inputs[j] for j in layout.late]
     nuisances = [layout.split(point, i) for i in range(len(stretches))]
+    errors, ends = np.sqrt(np.diag(found_accuracy.corrected)), [layout.nuisances(i).stop for i in range(len(stretches))]
+    late_errors = [errors[end - len(late) : end] for end in ends]
     diagnostics = {
         "cost": found.likelihood,
         "rounds": found.rounds,
@@ -335,9 +351,11 @@ def _diagnose(likelihood: Likelihood, found: _Found) -> tuple[dict[str, Any], Fl
         "whiteness_p": whiteness(residuals, [s.valid for s in stretches], likelihood.size, R),
         "correlation": correlations(white),
         "error_inflation": np.divide(np.sqrt(np.diag(corrected)), deviation, out=np.ones(f), where=deviation > 0.0),
-        "initial_states": [layout.begin(x, s.x0) for (x, _, _), s in zip(nuisances, stretches, strict=True)],
-        "offsets": [o for _, o, _ in nuisances],
-        "input_biases": [b for _, _, b in nuisances],
+        "initial_states": [layout.begin(n.initial, s.x0) for n, s in zip(nuisances, stretches, strict=True)],
+        "offsets": [n.offsets for n in nuisances],
+        "input_biases": [n.biases for n in nuisances],
+        "lateness_s": [dict(zip(late, n.late_s.tolist(), strict=True)) for n in nuisances],
+        "lateness_std_s": [dict(zip(late, error.tolist(), strict=True)) for error in late_errors],
     }
     return diagnostics, white, corrected, R
 
@@ -361,7 +379,10 @@ def _model(
         covariance_plain=layout.embedded(white, found.params.size),
         noise_covariance=R,
         held=tuple(likelihood.held.tolist()),
-        delays_s=delays_s,
+        delays_s=tuple(
+            delay + float(np.mean([late.get(name, 0.0) for late in diagnostics["lateness_s"]]))
+            for name, delay in zip(structure.inputs, delays_s, strict=True)
+        ),
         biased=tuple(settings["output_biases"]),
         trended=tuple(settings["output_trends"]),
         biased_inputs=tuple(settings["input_biases"]),

@@ -343,3 +343,23 @@ def delayed(u: FloatArray, dt_s: float, delays_s: FloatArray) -> FloatArray:
         return u
     t = dt_s * np.arange(len(u))
     return np.column_stack([np.interp(t - delay, t, u[:, j]) for j, delay in enumerate(delays_s)])
+
+
+def later(u: FloatArray, dt_s: float, late_s: FloatArray) -> FloatArray:
+    """Return the inputs (N, m) as they were ``late_s`` (m,) earlier, before and after: held.
+
+    By cubic convolution (R. G. Keys, IEEE Trans. Acoustics, Speech, and Signal Processing 29, 1981): unlike straight
+    lines between samples, this is smooth in the time that is sought.
+    """
+    out, k = u.copy(), np.arange(len(u))
+    for j in np.flatnonzero(late_s):
+        whole, f = divmod(-late_s[j] / dt_s, 1.0)
+        at = [np.clip(k + int(whole) + i, 0, len(u) - 1) for i in (-1, 0, 1, 2)]
+        weights = (
+            -0.5 * f + f**2 - 0.5 * f**3,
+            1.0 - 2.5 * f**2 + 1.5 * f**3,
+            0.5 * f + 2.0 * f**2 - 1.5 * f**3,
+            -0.5 * f**2 + 0.5 * f**3,
+        )
+        out[:, j] = sum(w * u[i, j] for w, i in zip(weights, at, strict=True))
+    return out

@@ -41,6 +41,26 @@ def in_blocks(residuals: FloatArray, sensitivities: Sensitivities, whiten: Float
         yield (whiten @ block).reshape(-1, block.shape[2])
 
 
+def believed_alone(
+    columns: NDArray[np.intp], prior_weight: FloatArray, alone: NDArray[np.bool_], point: FloatArray | None = None
+) -> Iterator[FloatArray]:
+    """Yield rows (r, c + 1) of the priors about zero of unknowns that this record alone feels, if it has any.
+
+    Args:
+        columns: (c,) unknowns that it feels.
+        prior_weight: (k,) one over the standard deviation of the prior, 0 without one.
+        alone: (k,) or more, which only one record feels.
+        point: (k,) of the search, whose distance from the priors stands last; none if not given.
+    """
+    mine = np.flatnonzero(alone[columns] & (prior_weight[columns] > 0.0))
+    if mine.size:
+        rows = np.zeros((mine.size, columns.size + 1))
+        rows[np.arange(mine.size), mine] = weight = prior_weight[columns[mine]]
+        if point is not None:
+            rows[:, -1] = weight * point[columns[mine]]
+        yield rows
+
+
 def square_root(parts: Iterable[tuple[Iterable[FloatArray], NDArray[np.intp]]], alone: NDArray[np.bool_]) -> FloatArray:
     """Return S (s, k) with S' S = J' J of the rows of all parts.
 

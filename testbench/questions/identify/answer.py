@@ -31,10 +31,10 @@ def identify_answer(found: Identified) -> list[Line]:
         of = f"{names[m.case]}: " if len(found.cases) > 1 else ""
         lines.append(Line("finding" if lines else "lead", sentence(f"{of}{m.in_words()}")))
         lines.append(Line("wrong", sentence(f"do not use: {of}{m.why}")))
-    for i in dict.fromkeys(d.case for d in found.derivatives):
+    for i in dict.fromkeys(d.case for d in found.derivatives if d.case not in found.replaced):
         own = [d for d in found.derivatives if d.case == i]
         good, bad = [d for d in own if d.determined], [d for d in own if not d.determined]
-        of = f"{names[i]}: " if len({d.case for d in found.derivatives}) > 1 else ""
+        of = f"{names[i]}: " if len({d.case for d in found.derivatives} - found.replaced) > 1 else ""
         text = f"{of}{len(good) or 'none'} of {counted(len(own), 'derivative')} determined"
         if good:
             text += f": {some([_said(d) for d in good], _LEADING, ', ')}"

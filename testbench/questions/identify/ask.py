@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,13 +12,20 @@ import numpy as np
 from testbench.core.advice import doubt
 from testbench.core.blas import on_one_thread
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import ScenarioError, located, nearest
+from testbench.core.errors import Refusal, ScenarioError, located, nearest
 from testbench.core.record import FlightRecord
+from testbench.estimators import estimate
+from testbench.estimators.causes import with_causes
 from testbench.estimators.cells import FailedCell
+from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.parametric.model import ParametricModel
+from testbench.estimators.settings import OutputError, Settings
 from testbench.estimators.structured import Servo, Structured
+from testbench.evaluation import evaluate
 from testbench.flight import load_aircraft
-from testbench.inference.instruments import InstrumentFault, agreement, without_errors
+from testbench.inference.considered import considered
+from testbench.inference.instruments import Agreement, InstrumentFault, agreement, taken_for_sure, without_errors
+from testbench.inference.remedies import Tried, mended, wanting
 from testbench.line import RECORDED, Case, Flight, Keep, Report, identify_and_judge
 from testbench.logs.plausible import questions_of
 from testbench.logs.read import read_records
@@ -26,7 +34,7 @@ from testbench.questions.identify.before import before, servos_of
 from testbench.questions.identify.coefficients import scaling_of
 from testbench.questions.identify.derivatives import FoundDerivative, found_derivatives
 from testbench.questions.identify.flown import flown_condition
-from testbench.questions.identify.instruments import doubts_of, in_doubt, widened
+from testbench.questions.identify.instruments import doubts_of, in_doubt, taken_in_words, widened
 from testbench.questions.identify.result import Identified
 from testbench.questions.identify.scenario import STATED_STD, RecordDescription
 from testbench.questions.identify.servo_cost import cost_in_words
@@ -80,14 +88,17 @@ def _identified(
 ) -> Identified:
     """Return what is identified of the records as they are; no derivative is determined where kinematics contradict."""
     say("read records")
-    flights = [
-        Flight(name, use, None, {RECORDED: without_errors(record, description.correct)}, description.trim_s)
-        for name, use, record in read_records(description, data_folder)
-    ]
+    read = [(n, use, without_errors(r, description.correct)) for n, use, r in read_records(description, data_folder)]
+    for name, _, record in read:
+        keep(f"{name}_recorded", record)
     say("compare the instruments with one another")
-    instruments = agreement([flight.measured[RECORDED] for flight in flights])
-    for flight in flights:
-        keep(f"{flight.name}_recorded", flight.measured[RECORDED])
+    instruments = agreement([record for _, _, record in read], description.instrument_std)
+    known_std = description.instrument_std  # where nobody says how far they may err, they are taken as they read
+    taken = taken_for_sure(instruments) if known_std else {}
+    flights = [
+        Flight(name, use, None, {RECORDED: without_errors(record, taken)}, description.trim_s)
+        for name, use, record in read
+    ]
     with located(description.file, "aircraft"):
         aircraft = None if description.aircraft is None else load_aircraft(description.aircraft)
     inputs = description.identification.inputs
@@ -106,10 +117,14 @@ def _identified(
         causes=True,
         failed=failed,
     )
+    say("try what may mend the fit")
+    cases, replaced, cured = _mended(cases, instruments.gusts_felt)
+    if known_std and not instruments.contradicted:
+        cases = tuple(replace(case, model=_widened(case, instruments, taken, known_std)) for case in cases)
     flown = flown_condition(description, cases[0].identification, aircraft, getattr(cases[0].estimator, "V_m_s", None))
     known = None if aircraft is None else before(aircraft, flown)
     say("weigh the derivatives")
-    derivatives = found_derivatives(cases, known, scaling_of(flown, known), description.known_errors)
+    derivatives = found_derivatives(cases, known, scaling_of(flown, known), description.known_errors, replaced)
     found = Identified(
         description.name,
         description.title,
@@ -126,6 +141,8 @@ def _identified(
         notes=(
             *_simulated(description, derivatives),
             *_notes(description, cases, servos),
+            *taken_in_words(instruments, taken),
+            *cured,
             *(known.notes if known else ()),
             *flown.notes,
         ),
@@ -140,11 +157,68 @@ def _identified(
         questions=questions,
         missed=missed(cases, inputs, {d.case for d in derivatives if d.determined}),
         instruments=instruments,
+        replaced=replaced,
     )
     if not found.contradicted:
         return found
     doubts = (*found.doubts, *doubts_of(instruments))
     return replace(found, derivatives=in_doubt(derivatives, found.contradicted), doubts=doubts)
+
+
+def _mended(cases: Sequence[Case], gusts: bool) -> tuple[tuple[Case, ...], frozenset[int], list[str]]:
+    """Return the cases, before each the one that mends it if a cure does, which were mended, and what was tried."""
+    out: list[Case] = []
+    replaced: set[int] = set()
+    said: list[str] = []
+    for case in cases:
+        if isinstance(case.estimator, OutputError) and isinstance(case.model, ParametricModel):
+            other, tried = _cured(case.estimator, case.model, case, gusts)
+            said += tried_in_words(case, tried)
+            if other is not None:
+                out.append(other)
+                replaced.add(len(out))
+        out.append(case)
+    return tuple(out), frozenset(replaced), said
+
+
+def _cured(
+    entry: OutputError, model: ParametricModel, case: Case, gusts: bool
+) -> tuple[Case | None, tuple[Tried, ...]]:
+    """Return the case that a cure makes of one, None if none helps, and what was tried."""
+
+    def fit(other: Structured) -> ParametricModel:
+        assert isinstance(other, Settings)
+        found = estimate(other, case.identification, model.inputs, model.outputs, case.validation)
+        assert isinstance(found, ParametricModel)
+        return found
+
+    other, better, tried = mended(entry, model, case.identification, fit, gusts)
+    if better is model:
+        return None, tried
+    label = f"{entry.shown} with {' and '.join(t.name for t in tried if t.taken)}"
+    try:
+        best = with_causes(better, case.identification)
+        scores = evaluate(best, case.identification, case.validation)
+    except Refusal:  # it cannot fly its own records
+        return None, tried
+    other = other.model_copy(update={"label": label})
+    return replace(case, estimator=other, model=best, evaluation=scores), tried
+
+
+def _widened(
+    case: Case, instruments: Agreement, taken: Mapping[str, float], known_std: Mapping[str, float]
+) -> IdentifiedModel:
+    """Return the model of a case, its covariance with what errors of instruments add to it."""
+    if not isinstance(case.model, ParametricModel):
+        return case.model
+    try:
+        found = considered(case.model, case.identification, instruments, taken, known_std)
+    except Refusal:  # what the records do not decide, its own advice says
+        return case.model
+    added = found.parameters_covariance
+    share = [(*found.largest(i), math.sqrt(added[i, i])) for i in range(len(added))]
+    diagnostics = {**case.model.diagnostics, "instruments": dict(zip(case.model.values, share, strict=True))}
+    return replace(case.model, covariance=case.model.covariance + added, diagnostics=diagnostics)
 
 
 def without(description: RecordDescription, fault: InstrumentFault) -> RecordDescription:
@@ -170,6 +244,23 @@ def _limits_met(servos: Mapping[str, Servo], estimated: Sequence[str], records: 
                 f"rate_limit_deg_s = {limit:.3g}"
             )
     return out
+
+
+def tried_in_words(case: Case, tried: Sequence[Tried]) -> list[str]:
+    """Return which cures were tried of a fit whose residuals are not noise, and what they brought."""
+    if not tried or not isinstance(case.model, ParametricModel):
+        return []
+    taken = [f"{t.name} ({t.gain:+.3g})" for t in tried if t.taken]
+    others = [
+        f"{t.name} ({t.gain:+.3g})" if math.isfinite(t.gain) else f"{t.name} (no fit)" for t in tried if not t.taken
+    ]
+    what = "its residuals are not white noise" if wanting(case.model) else "a control acts late"
+    out = f"{case.label}: {what}. "
+    if taken:
+        out += f"{listed(taken)} {'mend' if len(taken) > 1 else 'mends'} it (ln of the evidence) and stand in the model"
+    else:
+        out += "no cure was found"
+    return [out + (f"; tried without help: {listed(others)}" if others else "")]
 
 
 def _simulated(description: RecordDescription, derivatives: Sequence[FoundDerivative]) -> list[str]:

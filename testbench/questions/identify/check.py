@@ -48,15 +48,16 @@ def _broken_laws(description: RecordDescription) -> Iterator[str]:
         if name not in description.identification.inputs:
             hint = nearest(name, description.identification.inputs)
             yield f"servo.{name}: a servo belongs to one of identification.inputs, got '{name}'{hint}"
-    for name in description.correct:
-        channel, _, kind = name.rpartition("_")
-        if channel not in channels or kind not in KINDS:
-            yield (
-                f"correct.{name}: must be CHANNEL_KIND, of a channel described and a kind among {', '.join(KINDS)}, "
-                f"got '{name}'"
-            )
-        elif kind == "scale" and description.correct[name] <= -1.0:
-            yield f"correct.{name}: must be > -1, the share that is read too much, got {description.correct[name]:g}"
+    for key, errors in (("correct", description.correct), ("instrument_std", description.instrument_std)):
+        for name, size in errors.items():
+            channel, _, kind = name.rpartition("_")
+            if channel not in channels or kind not in KINDS:
+                yield (
+                    f"{key}.{name}: must be CHANNEL_KIND, of a channel described and a kind among {', '.join(KINDS)}, "
+                    f"got '{name}'"
+                )
+            elif kind == "scale" and size <= -1.0:
+                yield f"{key}.{name}: must be > -1, the share that is read too much, got {size:g}"
     both = set(description.identification.inputs) & set(description.identification.outputs)
     if both:
         yield f"identification.outputs: an input cannot be an output too, got {', '.join(sorted(both))}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -55,7 +55,7 @@ class FoundDerivative:
         source: who said so: the aircraft's name, "start" or "".
         coefficient: name, value and standard error of the nondimensional coefficient; None if not known.
         believed: "determined", or why not: "weak", "at bound", "correlated with NAME", "in doubt", "not
-            converged".
+            converged", "replaced" by a model that fits better.
     """
 
     case: int
@@ -88,7 +88,11 @@ class FoundDerivative:
 
 
 def found_derivatives(
-    cases: Sequence[Case], known: Before | None, scaling: Scaling | None, simulated: Mapping[str, float]
+    cases: Sequence[Case],
+    known: Before | None,
+    scaling: Scaling | None,
+    simulated: Mapping[str, float],
+    replaced: Collection[int] = (),
 ) -> tuple[FoundDerivative, ...]:
     """Return every free parameter of every model with a structure, but for constants.
 
@@ -97,6 +101,7 @@ def found_derivatives(
         known: the aircraft before; None without one.
         scaling: what coefficients are made with; None if that is not known.
         simulated: standard errors that simulated flights show, by derivative; they count where they are larger.
+        replaced: cases whose fit another one mends.
     """
     out = []
     for i, case in enumerate(cases):
@@ -104,7 +109,7 @@ def found_derivatives(
         if not isinstance(model, ParametricModel):
             continue
         names = [p.name for p in model.structure.parameters if p.free]
-        beliefs = _beliefs(model, names)
+        beliefs = dict.fromkeys(names, "replaced") if i in replaced else _beliefs(model, names)
         units = {d.name: d.unit for d in known.derivatives} if known else {}
         told = true_parameters(model.structure.name, known.derivatives, known.condition.V_m_s) if known else {}
         start: Mapping[str, float] = getattr(case.estimator, "start", {})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -11,10 +11,11 @@ from testbench.core.advice import Advice, doubt
 from testbench.core.constants import DEG_RAD
 from testbench.core.words import with_error
 from testbench.estimators.compatibility.catalogue import instrument
+from testbench.inference.instruments import InstrumentFault
 from testbench.page.labels import number
 
 if TYPE_CHECKING:
-    from testbench.inference.instruments import Agreement, InstrumentFault
+    from testbench.inference.instruments import Agreement
     from testbench.questions.identify.derivatives import FoundDerivative
 
 CONTRADICTED = "instruments_contradicted"
@@ -86,6 +87,14 @@ def agreement_in_words(found: Agreement) -> list[str]:
             f"gusts moved {' and '.join(found.gusty)}: their instruments could not be compared; repeat in calm air"
         )
     return out
+
+
+def taken_in_words(found: Agreement, taken: Mapping[str, float]) -> Iterator[str]:
+    """Yield which small errors of sound instruments were taken out of the records before anything was identified."""
+    for name, size in taken.items():
+        std = math.sqrt(found.errors_covariance[(at := found.errors.index(name)), at])
+        fault = InstrumentFault(*name.rpartition("_")[::2], 0.0, size, std)
+        yield f"kinematics say that {fault_in_words(fault)}, within what sound ones do: that is taken out"
 
 
 def _probability(fault: InstrumentFault) -> str:

@@ -28,6 +28,7 @@ class Identified(RunResult):
         corrected: the same derivatives with the error of the instrument that is named taken out of the records; none if
             all agree or none is named.
         missed: models with derivatives that do not predict their validation records, and why.
+        replaced: cases that were asked for and whose fit a cure mends, which the case before them holds.
     """
 
     derivatives: tuple[FoundDerivative, ...] = ()
@@ -36,6 +37,7 @@ class Identified(RunResult):
     notes: tuple[str, ...] = ()
     doubts: tuple[Advice, ...] = ()
     missed: tuple[Missed, ...] = ()
+    replaced: frozenset[int] = frozenset()
     instruments: Agreement | None = None
     corrected: tuple[FoundDerivative, ...] = ()
 

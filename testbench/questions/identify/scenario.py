@@ -94,7 +94,8 @@ class RecordDescription(Recorded):
     the preparation is taken. ``aircraft`` is a model of what flew: it gives the derivatives that were believed before,
     mass and geometry for coefficients, and servos. Where there is none, ``geometry`` and ``condition`` give those for
     coefficients. ``correct`` are errors of instruments that are taken out of the records before all else: q_scale =
-    -0.15, az_place = 0.25 (m ahead), alpha_lag and q_late (s).
+    -0.15, az_place = 0.25 (m ahead), alpha_lag and q_late (s). ``instrument_std`` are standard deviations of these if
+    the instruments are sound, alpha_scale = 0.03: what they do to the derivatives is in their errors then.
 
     ``servo`` says what lies between a command and its surface, for
     every estimator of a structure that does not say so itself. ``simulated_errors`` are what simulated flights say of
@@ -112,6 +113,7 @@ class RecordDescription(Recorded):
     reference: Reference | None = None
     simulated_errors: SimulatedErrors | None = None
     correct: dict[str, float] = {}
+    instrument_std: dict[str, Positive] = {}
 
     @property
     def outputs(self) -> tuple[str, ...]:

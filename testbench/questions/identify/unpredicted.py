@@ -19,12 +19,13 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.relative import percent_in_words
 from testbench.estimators import estimate
 from testbench.estimators.parametric.model import ParametricModel
-from testbench.evaluation import evaluate
+from testbench.evaluation import Scores, evaluate
 from testbench.line import Case
 from testbench.page.labels import number
+from testbench.questions.identify.derivatives import CRITERIA
 
 MISSED_PERCENT = 50.0
-"""MRSE of an output of the validation records from which the model is said not to predict them; judged."""
+"""MRSE of an output of the validation records, beyond its noise, from which a model does not predict them; judged."""
 _RESTS = 0.05  # of the range that a control has in the other records: below it, it rests
 _BEYOND = 1.5  # times the largest deflection of the records of the fit
 _EXPLAINED = 0.5  # of the energy of the error, from which a constant or a line is the cause
@@ -66,11 +67,23 @@ def missed(cases: Sequence[Case], inputs: Sequence[str], decided: Collection[int
         scores = case.evaluation.validation
         if i not in decided or not isinstance(case.model, ParametricModel) or not scores.predictions:
             continue
-        errors = dict(zip(case.model.outputs, scores.mrse_percent.tolist(), strict=True))
+        errors = dict(zip(case.model.outputs, _beyond_noise(case.model, scores).tolist(), strict=True))
         bad = {o: e for o, e in errors.items() if e > MISSED_PERCENT and o not in case.evaluation.untested}
         if bad and not _disturbed(case, bad):
             out.append(Missed(i, bad, _why(case, list(bad), inputs)))
     return tuple(out)
+
+
+def _beyond_noise(model: ParametricModel, scores: Scores) -> FloatArray:
+    """Return the MRSE (p,), percent, less the noise that the fit left of each output, if that was white."""
+    if scores.rms_error is None:
+        return scores.mrse_percent
+    white = np.asarray(model.diagnostics.get("whiteness_p", 0.0), float) > CRITERIA.white
+    noise = np.where(white, np.sqrt(np.diag(model.noise_covariance)), 0.0)
+    if model.method == "equation_error":  # which leaves residuals of its equations
+        noise = np.zeros_like(noise)
+    left = 1.0 - (noise / np.maximum(scores.rms_error, 1e-300)) ** 2
+    return np.asarray(scores.mrse_percent * np.sqrt(np.maximum(left, 0.0)))
 
 
 def _disturbed(case: Case, bad: Mapping[str, float]) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from testbench.core.constants import G0_M_S2
 from testbench.core.escape import one_line
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.inference.instruments import sound
 
 AXES = {"longitudinal": ("de", "thr"), "lateral": ("da", "dr")}
 """Axis -> controls that excite it."""
@@ -27,6 +28,9 @@ _ORDERS = {"longitudinal": 2, "lateral": 4}
 LAG_S, LAG_STD_S = 0.05, 0.03
 """What is believed of a servo's lag before the flight; judged, from 0.06 to 0.2 s for 60 deg. Lag and
 delay, and lag and damping, are hard to tell apart: without this belief M_q and M_de are not decided."""
+LATE_STD_S = 0.05
+"""How late, or early, a surface may be logged against what it moves: other clocks, filters, and steps of which a log
+does not say when they were between two samples. It is estimated about zero."""
 Z_Q_STD_PER_V = 0.1
 """What is believed of Z_q over speed about zero: -rho S cbar CL_q / (4 m) is -0.08 for small models."""
 LIFT_PER_V_1_S = 30.0
@@ -40,6 +44,9 @@ ROLL_1_S = 60.0
 """-L_p is -rho V S b^2 Cl_p / (4 Ixx): 1 for an airliner, 10 to 30 for small models; above this none rolls; judged."""
 WITHOUT_STRUCTURE = "no structure"
 """Begins what is said of a recipe whose model has no derivatives."""
+_TURNED = (("q", "theta"), ("p", "phi"))
+"""Rates and the angles that they turn, which tell what is left of the zero of the gyro: a manoeuvre that begins while
+the one before dies away has no rest that it could be taken from."""
 _SPEED_ERROR = 0.03  # of a measured airspeed
 _STILL = {"V": 0.01}  # share of its size that a channel must move by, to be worth equations of its own
 
@@ -53,6 +60,7 @@ class Recipe:
         estimators: entries of ``[[identification.estimators]]``, with remarks.
         servos: commands before which a servo lies.
         left_out: measured channels that nothing uses.
+        instrument_std: how far sound instruments of inputs and outputs may err, CHANNEL_KIND -> standard deviation.
         delays: whether the delays of servos are estimated, and their lags believed: where no vane was flown, as on
             autopilots. With a flow angle measured the lag alone tells the rest.
     """
@@ -62,6 +70,7 @@ class Recipe:
     servos: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     delays: bool = False
+    instrument_std: Mapping[str, float] = field(default_factory=dict)
 
 
 def propose(
@@ -110,6 +119,10 @@ def propose(
                 settings = {**settings, "bounds": {"Z_alpha": [float(f"{-LIFT_PER_V_1_S * _speed(records):.2g}"), 0.0]}}
             if spread:
                 settings = {**settings, "start": start, "prior_std": spread}
+            late = {n: LATE_STD_S for n in moved[axis] if n not in _commanded(inputs)}
+            settings = {**settings, **({"late_std_s": late} if late else {})}
+            bound = [rate for rate, angle in _TURNED if rate in own and angle in own]
+            settings = {**settings, **({"output_biases": bound} if bound else {})}
             apart = {"inputs": moved[axis], "label": axis} if several else {}
             estimators.append((remarks, {"method": "output_error", **settings, **apart}))
     if not estimators:
@@ -128,7 +141,9 @@ def propose(
             (remarks, {"method": "dsr_e", "order": order, "past_horizon": horizon, "future_horizon": horizon})
         )
         return Recipe(tuple(outputs), tuple(estimators), (), _left(measured, inputs, outputs))
-    return Recipe(tuple(outputs), tuple(estimators), _commanded(inputs), _left(measured, inputs, outputs), not vane)
+    left, used = _left(measured, inputs, outputs), dict.fromkeys([*inputs, *outputs])
+    stds = {name: std for channel in used for name, std in sound(channel, 1.0 / rate_hz).items()}
+    return Recipe(tuple(outputs), tuple(estimators), _commanded(inputs), left, not vane, stds)
 
 
 def measured_in(records: Sequence[FlightRecord]) -> list[str]:
@@ -293,6 +308,12 @@ def lines(recipe: Recipe, inputs: Sequence[str]) -> list[str]:
         out += [f"{key} = {_toml(value)}" for key, value in entry.items()]
         if entry["method"] == "output_error":
             out.append('# in turbulence: method = "filter_error"; quick and without start values: "equation_error"')
+    if recipe.instrument_std:
+        out += [
+            "",
+            "# How far sound instruments may err, which the errors of derivatives hold. Assumed: give what you know.",
+        ]
+        out += ["[instrument_std]", *(f"{name} = {std:.2g}" for name, std in recipe.instrument_std.items())]
     for name in recipe.servos:
         out += [
             "",

@@ -26,7 +26,7 @@ from testbench.questions.importing.recipe import measured_in, propose
 from testbench.questions.plan.close import command_of
 from testbench.questions.plan.result import Card, Plan
 
-_BY_INPUT = ("servo", "delays_s")  # settings of an estimator that stand under the name of an input
+_BY_INPUT = ("servo", "delays_s", "late_std_s")  # settings of an estimator that stand under the name of an input
 _INPUTS = ("inputs", "held", "input_biases")  # and those that list inputs
 _OUTPUTS = ("output_biases", "output_trends")
 

@@ -29,9 +29,11 @@ def test_a_model_of_somebody_else_becomes_ones_own(tmp_path):
     file = Visitor("cub", 30.0, 1000.0, 0.3, 1.0).write(tmp_path)["run"]
     done = command("run", file, "-o", "out", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
+    mine = tmp_path / "aircraft" / "cub" / "aircraft.toml"
+    mine.write_text(f"{text}# mine\n", encoding="utf-8")
     again = command("aircraft", "adopt", "models/J3Cub", "-o", "aircraft/cub", cwd=tmp_path)
-    assert again.returncode == 2
-    assert "which has an aircraft.toml" in again.stderr
+    assert again.returncode == 0, again.stderr
+    assert "# mine" in (mine.parent / "aircraft.toml.kept").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

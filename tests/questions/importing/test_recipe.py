@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from testbench.core.record import FlightRecord
-from testbench.questions.importing.recipe import lines, propose
+from testbench.questions.importing.recipe import LATE_STD_S, lines, propose
 
 LONGITUDINAL = ("V", "alpha", "q", "theta", "az", "h")
 
@@ -27,7 +27,12 @@ def entry(inputs: tuple[str, ...], *channels: str, still: tuple[str, ...] = ()):
 
 def test_all_four_states_give_the_whole_longitudinal_motion():
     recipe, found = entry(("de",), *LONGITUDINAL)
-    assert found == {"method": "output_error", "structure": "longitudinal"}
+    assert found == {
+        "method": "output_error",
+        "structure": "longitudinal",
+        "late_std_s": {"de": LATE_STD_S},
+        "output_biases": ["q"],
+    }
     assert recipe.outputs == ("V", "alpha", "q", "theta")
     assert recipe.left_out == ("az", "h")
     assert recipe.servos == ()
@@ -59,7 +64,7 @@ def test_what_is_missing_makes_the_structure_smaller_and_constants_that_do_not_s
 ):
     recipe, found = entry(("de",), *channels, still=still)
     assert recipe.outputs == outputs
-    assert found == {"method": "output_error", **settings}
+    assert found == {"method": "output_error", **settings, "late_std_s": {"de": LATE_STD_S}}
 
 
 @pytest.mark.parametrize("channels", [("q", "theta"), ("q", "theta", "az"), ("V", "q", "theta")])

@@ -42,7 +42,7 @@ def chosen_case(found: Identified) -> tuple[int, str]:
     Raises:
         EstimationError: no model has derivatives that an aircraft has, or none is to be believed; says why.
     """
-    known = [i for i, case in enumerate(found.cases) if _has_meaning(case)]
+    known = [i for i, case in enumerate(found.cases) if _has_meaning(case) and i not in found.replaced]
     if not known:
         raise EstimationError(
             f"an aircraft is amended by derivatives whose meaning is known, but {found.name} has no model with one of "

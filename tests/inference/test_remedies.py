@@ -1,0 +1,55 @@
+"""What mends a fit is tried: a servo, gusts; and nothing where nothing is wanting."""
+
+import numpy as np
+import pytest
+from test_considered import record
+
+import testbench as tb
+from testbench.estimators.settings import OutputError
+from testbench.inference.remedies import evidence, mended, wanting
+from testbench.sensors.sensor import first_order_lag
+
+ENTRY = OutputError(method="output_error", structure="short_period")
+
+
+def asked(flown, gusts=True, entry=ENTRY):
+    def fit(other):
+        return tb.estimate(other, [flown], ["de"], ["alpha", "q"])
+
+    return mended(entry, fit(entry), [flown], fit, gusts)
+
+
+def test_a_fit_that_leaves_white_noise_is_left_as_it_is():
+    entry, model, tried = asked(record())
+    assert entry is ENTRY
+    assert not wanting(model)
+    assert tried == ()
+
+
+def test_a_servo_that_was_not_told_is_found_and_the_derivatives_with_it():
+    lag, flown = 0.12, record(lag_s=0.12)
+    plain = tb.estimate(ENTRY, [flown], ["de"], ["alpha", "q"])
+    _, model, tried = asked(flown)
+    assert wanting(plain)
+    assert [t.name for t in tried if t.taken] == ["a lag behind de"]
+    assert model.values["tau_de"] == pytest.approx(lag, abs=0.02)
+    assert model.values["M_alpha"] == pytest.approx(-12.0, rel=0.05)
+    assert abs(plain.values["M_alpha"] + 12.0) > 2.0 * abs(model.values["M_alpha"] + 12.0)
+
+
+def test_gusts_are_no_cure_where_kinematics_show_none():
+    rng = np.random.default_rng(8)
+    flown = record()
+    gust = np.zeros(len(flown))
+    for k in range(1, len(flown)):
+        gust[k] = 0.95 * gust[k - 1] + 1e-3 * rng.standard_normal()
+    q = first_order_lag(gust, flown.dt_s, 0.2) * 8.0
+    flown = flown.with_columns({"alpha": flown["alpha"] + gust, "q": flown["q"] - q})
+    _, _, tried = asked(flown, gusts=False)
+    assert all("gusts" not in t.name for t in tried)
+    entry, model, tried = asked(flown)
+    assert [t.name for t in tried if t.taken][-1:] == ["gusts"]
+    assert entry.method == model.method == "filter_error"
+    assert evidence(model, 2 * len(flown)) > evidence(
+        tb.estimate(ENTRY, [flown], ["de"], ["alpha", "q"]), 2 * len(flown)
+    )

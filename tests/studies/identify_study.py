@@ -1,0 +1,170 @@
+"""Can `testbench identify` be believed? Logs of random aircraft, one error or none: results/estimators/believed.csv.
+
+Run ``python tests/studies/identify_study.py [--seeds N] [--first SEED]``. The flights are those of
+instruments_study.py, with the deflection of the elevator or what stands for it; each goes the way of a user's log: a
+file, `testbench import`, `testbench identify`. What is called determined is compared with the derivatives of the
+aircraft at its trim.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from clock import since
+from smallest import results, sized
+from studies.instruments_study import FLOWN, KINDS, aircraft_of, condition, flight, measured
+from studies.kept_rows import write_rows
+
+import testbench as tb
+from testbench.core.errors import Refusal
+from testbench.core.record import FlightRecord
+from testbench.evaluation.derivatives import Derivative, dimensional_derivatives
+from testbench.evaluation.parameters import true_parameters
+from testbench.flight import linearise
+from testbench.questions.identify.ask import identify
+from testbench.questions.identify.logs import descriptions_of
+from testbench.questions.identify.result import Identified
+from testbench.questions.identify.scenario import RecordDescription
+from testbench.sensors.sensor import first_order_lag
+
+TABLE = results("estimators", "believed.csv")
+COLUMNS = (
+    "kind",
+    "flights",
+    "refused",
+    "unusable",
+    "derivatives",
+    "determined",
+    "within_95",
+    "wrong_unseen",
+    "median_s",
+)
+OF_THE_CONTROL = {"command, servo of 0.1 s": 0.1, "surface logged 60 ms early": 0.06}
+"""Kinds beside those of instruments: lag behind what is logged, or time by which that is logged early, s."""
+UNITS = dict.fromkeys(("az", "ax", "ay"), "m/s2") | dict.fromkeys(("p", "q", "r"), "rad/s") | {"V": "m/s", "h": "m"}
+KINDS_HERE = (*KINDS, *OF_THE_CONTROL)
+ERRORS = 4.0
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One log: whether it was refused or called not to be used, (value - truth) / std of what is determined, all, s."""
+
+    refused: bool
+    unusable: bool
+    off: tuple[float, ...]
+    derivatives: int
+    spent_s: float
+    said: str = ""
+
+
+def logged(kind: str, seed: int) -> FlightRecord:
+    """Return the record of one draw with the elevator as it is logged."""
+    own = OF_THE_CONTROL.get(kind)
+    record = measured("clean" if own is not None else kind, seed)
+    truth, _ = flight(seed, kind == "clean in gusts")
+    de, t = truth["de"], truth.t_s
+    if kind == "surface logged 60 ms early":
+        de = np.interp(t + own, t, de)
+    elif own is not None:  # the command that a servo of this lag turns into what flew
+        de = de + own * np.gradient(first_order_lag(de, truth.dt_s, 0.02), t)
+    step = round(record.dt_s / truth.dt_s)
+    column = de[::step][: len(record)]
+    return FlightRecord(record.t_s, (*record.channels, "de"), np.column_stack([record.data, column]), "measured")
+
+
+def judge(kind: str, seed: int) -> Judged:
+    """Return what is said of one log."""
+    record = logged(kind, seed)
+    began = time.process_time()
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "log.csv"
+        header = ",".join(["time [s]", *(f"{c} [{UNITS.get(c, 'rad')}]" for c in record.channels)])
+        np.savetxt(path, np.column_stack([record.t_s, record.data]), "%.9g", ",", header=header, comments="")
+        try:
+            descriptions = descriptions_of(path, Path(folder) / "out")
+            found = identify(RecordDescription.load(descriptions[0]))
+        except Refusal as error:
+            return Judged(True, False, (), 0, since(began), str(error))
+    spent = since(began)
+    aircraft = aircraft_of(FLOWN[seed % len(FLOWN)].name, seed % 5)
+    trimmed = tb.trim(aircraft, condition(seed))
+    return _judged(found, dimensional_derivatives(linearise(aircraft, trimmed), trimmed), condition(seed).V_m_s, spent)
+
+
+def _judged(found: Identified, true: Sequence[Derivative], V_m_s: float, spent_s: float) -> Judged:
+    off, count, said = [], 0, []
+    mine = [c for i, c in enumerate(found.cases) if i not in found.replaced]
+    for d in found.derivatives:
+        told = true_parameters(found.cases[d.case].model.structure.name, true, V_m_s)
+        if d.name not in told or d.case in found.replaced:
+            continue
+        count += 1
+        if d.determined:
+            off.append((d.value - told[d.name]) / d.std)
+            if abs(off[-1]) > ERRORS:
+                said.append(f"{d.name} {d.value:.4g}+-{d.std:.2g} ({told[d.name]:.4g})")
+    said += [m.why[:90] for m in found.missed]
+    said += [str(a)[:90] for c in mine for a in c.model.advice if a.severity == "wrong"]
+    said += [note[:60] for note in found.notes if "white" in note]
+    unusable = bool(found.missed) or any(c.model.status == "wrong" for c in mine)
+    return Judged(False, unusable, tuple(off), count, spent_s, "; ".join(said))
+
+
+def row_of(kind: str, seeds: Iterator[int] | range, tell: bool = False) -> dict[str, object]:
+    """Return the row of one kind."""
+    found = []
+    for seed in seeds:
+        found.append(judge(kind, seed))
+        if tell:
+            j = found[-1]
+            print(
+                f"  {seed} {FLOWN[seed % len(FLOWN)].name} {j.spent_s:.1f} s {len(j.off)} of {j.derivatives}: {j.said}",
+                flush=True,
+            )
+    off = np.abs([e for j in found for e in j.off])
+    return {
+        "kind": kind,
+        "flights": len(found),
+        "refused": sum(j.refused for j in found),
+        "unusable": sum(j.unusable for j in found),
+        "derivatives": sum(j.derivatives for j in found),
+        "determined": off.size,
+        "within_95": f"{np.mean(off < 1.96):.3f}" if off.size else "",
+        "wrong_unseen": sum(any(abs(e) > ERRORS for e in j.off) for j in found),
+        "median_s": f"{np.median([j.spent_s for j in found]):.2f}",
+    }
+
+
+def main() -> None:
+    """Draw, ask, and write the table."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--seeds", type=int, default=sized(20, 1))
+    parser.add_argument("--first", type=int, default=10_000)
+    parser.add_argument("--kinds", nargs="*", default=list(KINDS_HERE))
+    parser.add_argument("--tell", action="store_true")
+    parser.add_argument("--dry", action="store_true")
+    given = parser.parse_args()
+    rows = []
+    for i, kind in enumerate(KINDS_HERE):
+        if kind not in given.kinds:
+            continue
+        first = given.first + 1000 * i
+        rows.append(row_of(kind, range(first, first + given.seeds), given.tell))
+        print(rows[-1], flush=True)
+    if not given.dry:
+        write_rows(TABLE, COLUMNS, rows)
+
+
+if __name__ == "__main__":
+    main()
