@@ -90,7 +90,7 @@ def _deterministic(entry: Any, model: ParametricModel) -> Iterator[tuple[str, An
 def _gusty(entry: OutputError, model: ParametricModel) -> FilterError:
     """Return the settings of filter error that stand for these of output error, inputs as late as they were found."""
     own = {key: value for key, value in entry if key in FilterError.model_fields and key != "method"}
-    late = {n: t for n, t in zip(model.inputs, model.delays_s, strict=True) if t > 0.0 and n not in entry.servo}
+    late = {n: t for n, t in zip(model.inputs, model.delays_s, strict=True) if t != 0.0 and n not in entry.servo}
     return FilterError.model_construct(**{**own, "method": "filter_error", "delays_s": late})
 
 

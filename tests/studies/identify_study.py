@@ -149,7 +149,7 @@ def row_of(kind: str, seeds: Iterator[int] | range, tell: bool = False) -> dict[
 def main() -> None:
     """Draw, ask, and write the table."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--seeds", type=int, default=sized(20, 1))
+    parser.add_argument("--seeds", type=int, default=sized(10, 1))
     parser.add_argument("--first", type=int, default=10_000)
     parser.add_argument("--kinds", nargs="*", default=list(KINDS_HERE))
     parser.add_argument("--tell", action="store_true")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from testbench.core.advice import doubt
+from testbench.core.advice import doubt, note
 from testbench.core.blas import on_one_thread
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import Refusal, ScenarioError, located, nearest
@@ -177,6 +177,8 @@ def _mended(cases: Sequence[Case], gusts: bool) -> tuple[tuple[Case, ...], froze
             if other is not None:
                 out.append(other)
                 replaced.add(len(out))
+                why = note("replaced", f"{other.label} fits better, and what it finds is said instead")
+                case = replace(case, model=replace(case.model, advice=(why,)))
         out.append(case)
     return tuple(out), frozenset(replaced), said
 
