@@ -47,12 +47,6 @@ class Considered:
         added = self.gain @ self.moments @ self.gain.T
         return np.asarray(added + _LINEAR**2 * np.diag(np.diag(added)))  # few errors, many parameters: not singular
 
-    def largest(self, parameter: int) -> tuple[str, float]:
-        """Return the error that widens a parameter most, and the standard deviation that it gives."""
-        alone = np.abs(self.gain[parameter]) * np.sqrt(np.diag(self.moments))
-        at = int(np.argmax(alone)) if alone.size else -1
-        return (self.errors[at], float(alone[at])) if at >= 0 else ("", 0.0)
-
 
 def considered(
     model: ParametricModel,

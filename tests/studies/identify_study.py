@@ -8,7 +8,6 @@ aircraft at its trim.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -21,9 +20,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from clock import since
-from smallest import results, sized
-from studies.instruments_study import FLOWN, KINDS, aircraft_of, condition, flight, measured
-from studies.kept_rows import write_rows
+from smallest import results
+from studies.instruments_study import FLOWN, KINDS, aircraft_of, by_kinds, condition, flight, measured
 
 import testbench as tb
 from testbench.core.errors import Refusal
@@ -146,25 +144,5 @@ def row_of(kind: str, seeds: Iterator[int] | range, tell: bool = False) -> dict[
     }
 
 
-def main() -> None:
-    """Draw, ask, and write the table."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--seeds", type=int, default=sized(10, 1))
-    parser.add_argument("--first", type=int, default=10_000)
-    parser.add_argument("--kinds", nargs="*", default=list(KINDS_HERE))
-    parser.add_argument("--tell", action="store_true")
-    parser.add_argument("--dry", action="store_true")
-    given = parser.parse_args()
-    rows = []
-    for i, kind in enumerate(KINDS_HERE):
-        if kind not in given.kinds:
-            continue
-        first = given.first + 1000 * i
-        rows.append(row_of(kind, range(first, first + given.seeds), given.tell))
-        print(rows[-1], flush=True)
-    if not given.dry:
-        write_rows(TABLE, COLUMNS, rows)
-
-
 if __name__ == "__main__":
-    main()
+    by_kinds(KINDS_HERE, row_of, TABLE, COLUMNS, 10)

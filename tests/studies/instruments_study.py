@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -184,25 +184,31 @@ def row_of(kind: str, seeds: Iterator[int] | range, tell: bool = False) -> dict[
     }
 
 
-def main() -> None:
-    """Draw, ask, and write the table."""
+def by_kinds(
+    kinds: Sequence[str],
+    row: Callable[[str, range, bool], dict[str, object]],
+    table: Path,
+    columns: Sequence[str],
+    seeds: int,
+) -> None:
+    """Draw, ask, and write a table with a row for each kind, whose seeds begin a thousand after those before."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--seeds", type=int, default=sized(20, 1))
+    parser.add_argument("--seeds", type=int, default=sized(seeds, 1))
     parser.add_argument("--first", type=int, default=10_000)
-    parser.add_argument("--kinds", nargs="*", default=list(KINDS))
+    parser.add_argument("--kinds", nargs="*", default=list(kinds))
     parser.add_argument("--tell", action="store_true")
     parser.add_argument("--dry", action="store_true")
     given = parser.parse_args()
     rows = []
-    for i, kind in enumerate(KINDS):
+    for i, kind in enumerate(kinds):
         if kind not in given.kinds:
             continue
         first = given.first + 1000 * i
-        rows.append(row_of(kind, range(first, first + given.seeds), given.tell))
+        rows.append(row(kind, range(first, first + given.seeds), given.tell))
         print(rows[-1], flush=True)
     if not given.dry:
-        write_rows(TABLE, COLUMNS, rows)
+        write_rows(table, columns, rows)
 
 
 if __name__ == "__main__":
-    main()
+    by_kinds(list(KINDS), row_of, TABLE, COLUMNS, 20)

@@ -92,8 +92,8 @@ def _identified(
     for name, _, record in read:
         keep(f"{name}_recorded", record)
     say("compare the instruments with one another")
-    instruments = agreement([record for _, _, record in read], description.instrument_std)
     known_std = description.instrument_std  # where nobody says how far they may err, they are taken as they read
+    instruments = agreement([record for _, _, record in read], known_std)
     taken = taken_for_sure(instruments) if known_std else {}
     flights = [
         Flight(name, use, None, {RECORDED: without_errors(record, taken)}, description.trim_s)
@@ -217,10 +217,7 @@ def _widened(
         found = considered(case.model, case.identification, instruments, taken, known_std)
     except Refusal:  # what the records do not decide, its own advice says
         return case.model
-    added = found.parameters_covariance
-    share = [(*found.largest(i), math.sqrt(added[i, i])) for i in range(len(added))]
-    diagnostics = {**case.model.diagnostics, "instruments": dict(zip(case.model.values, share, strict=True))}
-    return replace(case.model, covariance=case.model.covariance + added, diagnostics=diagnostics)
+    return replace(case.model, covariance=case.model.covariance + found.parameters_covariance)
 
 
 def without(description: RecordDescription, fault: InstrumentFault) -> RecordDescription:
