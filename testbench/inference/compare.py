@@ -492,8 +492,8 @@ class _Fit:
         for done in range(_ROUNDS):
             step, promised = here._step()
             shared.most = max(shared.most, here.promised - promised)
-            far = here.promised < shared.most - _HOPELESS
-            if done >= _PATIENCE and here.promised < shared.least:
+            far = not hold and here.promised < shared.most - _HOPELESS
+            if done >= _PATIENCE and not hold and here.promised < shared.least:
                 break
             if promised < _AT_REST:
                 if here.fresh or far:

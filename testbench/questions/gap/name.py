@@ -221,13 +221,20 @@ class _Asker:
         return retune(self.start)
 
     @cached_property
-    def tangents(self) -> dict[int, dict[str, FloatArray]]:
-        """By record: coefficient -> change of the prediction (n, p)."""
-        out = {}
-        for record, T in zip(self.records, self.tuned.by_record(self.tuned.tangents), strict=True):
-            slopes = -T * self.believed.noise_std[:, None]
-            out[id(record)] = {name: slopes[:, :, i] for i, name in enumerate(self.tuned.priors)}
+    def tangents(self) -> list[dict[int, dict[str, FloatArray]]]:
+        """Of each of ``bases``, by record: coefficient -> change of the prediction (n, p)."""
+        out = []
+        for base in self.bases:
+            of = zip(self.records, base.by_record(-base.tangents), strict=True)
+            slopes = [(id(record), T * self.believed.noise_std[:, None]) for record, T in of]
+            out.append({i: {name: T[:, :, k] for k, name in enumerate(base.priors)} for i, T in slopes})
         return out
+
+    def _tangents_at(self, begin: Mapping[str, float]) -> dict[int, dict[str, FloatArray]]:
+        """Return the tangents about the base that lies nearest to where a fit begins."""
+        at = self.tuned.vector(begin)
+        far = [float(np.sum(((b.vector(b.by_name) - at) / b.prior_std) ** 2)) for b in self.bases]
+        return self.tangents[int(np.argmin(far))]
 
     @cached_property
     def noise(self) -> Noise:
@@ -313,14 +320,18 @@ class _Asker:
     def _signatures(self, effects: Sequence[Effect]) -> Mapping[str, list[tuple[FloatArray, FloatArray]]]:
         """Return effect -> its usual sizes that records can show, and what each changes there.
 
-        They are seen about the re-tuned model; about another point they are to first order the same.
+        They are seen about the re-tuned model, and about the believed one where they do not fly there; to first order
+        it makes no difference.
         """
         new = [effect for effect in effects if effect.name not in self.seen]
         each = [(effect, x) for effect in new for x in starts_of(effect)]
         self.seen |= {effect.name: [] for effect in new}
-        for (effect, x), change in zip(each, changes(self.tuned, each), strict=True):
-            if change is not None and np.all(np.isfinite(change)) and change @ change > INVISIBLE:
-                self.seen[effect.name].append((x, change))
+        for base in self.bases:
+            flown = list(zip(each, changes(base, each), strict=True))
+            for (effect, x), change in flown:
+                if change is not None and np.all(np.isfinite(change)) and change @ change > INVISIBLE:
+                    self.seen[effect.name].append((x, change))
+            each = [one for one, change in flown if change is None]
         return self.seen
 
     def wrong(self, *wide: str) -> list[str]:
@@ -425,6 +436,7 @@ class _Asker:
             return model.with_nuisances({n: values[n] for n in priors})
 
         first = {p.name: begin.get(p.name, p.value) for p in parameters}
+        tangents = self._tangents_at(first)
         starts = tuned(flown(first), first).begun_at(self.records)
 
         def model(values: Mapping[str, float], with_effect: bool = True) -> Believed:
@@ -441,7 +453,7 @@ class _Asker:
             parameters,
             lambda record, values: self._read(model(values), record),
             begin=begin,
-            slopes=lambda record: self.tangents[id(record)],
+            slopes=lambda record: tangents[id(record)],
             form=signature if form_error else None,
         )
 

@@ -20,19 +20,21 @@ def hand_flown(truth: Believed, seed: int, duration_s: float, cut_s: float = 2.0
     rng = np.random.default_rng(seed)
     trimmed, rate = trim(truth.aircraft, truth.condition, truth.rate_hz), truth.suite.rate_hz
     channels = tuple(dict.fromkeys((*truth.needed, "theta", "q", "de_cmd", "thr_cmd")))
-    flight = SteppedFlight(truth.aircraft, trimmed, ("de", "thr"), channels, rate)
-    rows, wanted, power, until = [flight.read()], 0.0, 0.0, 0
+    flight = SteppedFlight(truth.aircraft, trimmed, ("de", "thr"), channels, truth.rate_hz)
+    now, rows, wanted, power, until = flight.read(), [], 0.0, 0.0, 0
     theta, q = channels.index("theta"), channels.index("q")
     for k in range(round(duration_s * rate)):
         if k == until:
             wanted, power = rng.uniform(-5.0, 5.0) * DEG_RAD, rng.uniform(-0.1, 0.1)
             until = k + int(rng.integers(rate, 2 * rate))
-        error = rows[-1][theta] - trimmed.theta - wanted
-        de = np.clip(gains[0] * error + gains[1] * rows[-1][q], -0.12, 0.12)
-        rows.append(flight.advance(np.array([trimmed.controls["de"] + de, trimmed.controls["thr"] + power]), 1)[0])
-    data = np.array(rows)
-    for name in ("de_cmd", "thr_cmd"):  # what is written before a frame is read behind it: held from the sample before
-        i = channels.index(name)
-        data[:-1, i] = data[1:, i]
-    record = FlightRecord(np.arange(len(data)) / rate, channels, data, "truth", provenance={"manoeuvre": "by hand"})
+        error = now[theta] - trimmed.theta - wanted
+        de = np.clip(gains[0] * error + gains[1] * now[q], -0.12, 0.12)
+        # A flight by steps is that of the same signal one frame later: so are the samples of its record.
+        first, *_, now = flight.advance(
+            np.array([trimmed.controls["de"] + de, trimmed.controls["thr"] + power]), round(truth.rate_hz / rate)
+        )
+        rows.append(first)
+    record = FlightRecord(
+        np.arange(len(rows)) / rate, channels, np.array(rows), "truth", provenance={"manoeuvre": "by hand"}
+    )
     return truth.suite.measure(record, seed).between(cut_s, duration_s)
