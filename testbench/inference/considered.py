@@ -73,7 +73,7 @@ def considered(
     plain = Likelihood.of(model, records)
     R = model.noise_covariance if np.all(np.diag(model.noise_covariance) > 0.0) else np.diag(plain.size**2)
     whiten = np.linalg.inv(np.linalg.cholesky(R))
-    point, (left, slopes) = _at_rest(plain, model.params, whiten)
+    point, (left, slopes) = at_rest(plain, model.params, whiten)
     pseudo = np.linalg.pinv(slopes, rcond=1e-10)
     gain = np.zeros((model.params.size, len(names)))
     for i, (name, std) in enumerate(zip(names, np.sqrt(np.diag(moments)), strict=True)):
@@ -114,7 +114,7 @@ def _moves(name: str, channels: Sequence[str]) -> bool:
     return channel in channels and kind in ("scale", "late", "lag", "place")
 
 
-def _at_rest(
+def at_rest(
     likelihood: Likelihood, params: FloatArray, whiten: FloatArray
 ) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
     """Return the point with the nuisances that fit best, white residuals there (n,), and sensitivities (n, u)."""

@@ -125,8 +125,7 @@ def mended(
         if there is not None:
             others.append((gain, len(tried) - 1, other, there))
     gain, at, other, there = max(others, key=lambda one: one[0], default=(-math.inf, 0, entry, model))
-    # What is not white counts less than its likelihood says: by what its colour adds to the errors.
-    if gain > _ENOUGH * float(np.max(there.diagnostics.get("error_inflation", 1.0))) ** 2:
+    if gain > _enough(there):
         tried[at] = Tried(tried[at].name, gain, True)
         best, base = (other, there), base + gain
     named = set() if not gusts else {c["code"] for c in with_causes(best[1], records).diagnostics.get("causes", ())}
@@ -140,11 +139,19 @@ def mended(
         there, gain = _gained(fit, other, base, samples)
         tried.append(Tried(name, gain))
         gusty.append((gain, len(tried) - 1, other, there))
-    gain, at, other, there = max(gusty, key=lambda one: one[0])
+    gain, at, other, there = gusty[0]
+    for more in gusty[1:]:  # what else it takes must be needed beside gusts
+        if there is None or (more[3] is not None and more[0] - gain > _enough(more[3])):
+            gain, at, other, there = more
     if there is not None and gain > _ENOUGH:
         tried[at] = Tried(tried[at].name, gain, True)
         best = other, there
     return *best, tuple(tried)
+
+
+def _enough(model: ParametricModel) -> float:
+    """Return the ln evidence that a cure must gain; of coloured residuals it counts less, as their errors show."""
+    return _ENOUGH * float(np.max(model.diagnostics.get("error_inflation", 1.0))) ** 2
 
 
 def _gained(

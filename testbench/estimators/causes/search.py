@@ -67,6 +67,7 @@ _LITTLE_NEWS = 0.05  # of an input: less of it is new where it is smooth, and wh
 _SCREEN = 1e-3  # of all regressors at once, before any of them is looked at
 _SHARE = 0.5  # of what any linear response explains: from here on a delay or lag is the better name
 _LAGS_WHITE = 20  # samples over which innovations are tested for colour
+_WHITE = 1e-3  # probability of white innovations from which they are noise
 _NAMED = 2  # causes at most
 _NO_TIME = 0.02  # samples of delay or lag that are none
 _STEPS = 5  # of Gauss-Newton towards the best model of the same kind
@@ -89,7 +90,14 @@ class _Best(NamedTuple):
 
 
 def search(model: IdentifiedModel, data: Data, found: Sequence[Direction]) -> list[Found]:
-    """Return the causes of the residuals, the one that explains most first."""
+    """Return the causes of the residuals, the one that explains most first.
+
+    A model with gusts whose innovations are noise lacks nothing, whatever gusts do to its free run: whether there is
+    feedback is all that is asked.
+    """
+    if model.settings.get("process_noise") and np.all(np.asarray(model.diagnostics.get("whiteness_p", 0.0)) > _WHITE):
+        loop = _loop(model, data)
+        return [] if loop is None else [loop]
     samples = sum(int(s.good.sum()) for s in data.parts)
     steady_parts = nuisances(model, data)
     start = regress_from(data.parts, steady_parts, [s.v for s in data.parts])

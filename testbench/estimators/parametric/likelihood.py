@@ -258,7 +258,7 @@ class Likelihood:
     def _evaluate(self, point: FloatArray, params: FloatArray) -> Iterator[tuple[FloatArray, Sensitivities]]:
         layout = self.layout
         own = [layout.split(point, i) for i in range(len(self.stretches))]
-        inputs = [self._driven(s.u, n) for s, n in zip(self.stretches, own, strict=True)]
+        inputs = [self.driven(s.u, n) for s, n in zip(self.stretches, own, strict=True)]
         starts = [layout.begin(n.initial, s.x0) for s, n in zip(self.stretches, own, strict=True)]
         shared = self.dt_s, self.held
         values = self.parameters(point, params)
@@ -276,7 +276,7 @@ class Likelihood:
             moved_on = []
             for j in range(len(layout.late)):
                 step = _LATE_STEP * self.dt_s * np.eye(len(layout.late))[j]
-                moved = self._driven(s.u, n._replace(late_s=n.late_s + step))
+                moved = self.driven(s.u, n._replace(late_s=n.late_s + step))
                 y = next(responses(self.structure, values, [], [moved], *shared, [starts[i]], (), self.substeps)).y
                 moved_on.append((y - r.y)[:, :, None] / step[j])
             residual = np.where(s.valid, s.y - r.y - s.offsets @ n.offsets, 0.0)
@@ -284,7 +284,7 @@ class Likelihood:
             J[~s.valid] = 0.0
             yield residual, Sensitivities(J, layout.felt(i))
 
-    def _driven(self, u: FloatArray, own: Nuisances) -> FloatArray:
+    def driven(self, u: FloatArray, own: Nuisances) -> FloatArray:
         """Return the inputs (N, m) of a record with its biases, as late as they are there."""
         if not (own.biases.size or own.late_s.size):
             return u

@@ -135,10 +135,8 @@ def _of_linear(
 ) -> Callable[[FloatArray, FloatArray, FloatArray | None], Response]:
     """Return the response of a linear structure as a function of input, initial state and a hint that it ignores."""
     sizes = len(structure.states), len(structure.outputs), len(chosen), len(biased)
-    z = np.tile(params.astype(complex), (len(chosen) + 1, 1))
-    z[np.arange(len(chosen)), chosen] += 1j * STEP
     with np.errstate(all="ignore"):
-        s = structure.matrices(z)  # the last row is the nominal point
+        s = structure.matrices(_stepped(params, chosen))
         if not all(np.all(np.isfinite(part)) for part in s):
             return lambda u, x0, _: _diverged(len(u), *sizes)
         d = discretise(s, dt_s, held)
@@ -148,7 +146,47 @@ def _of_linear(
     return lambda u, x0, _: _diverged(len(u), *sizes) if growth * len(u) > _OVERFLOW else _linear(s, d, u, x0, biased)
 
 
-def _linear(s: Matrices, d: Discrete, u: FloatArray, x0: FloatArray, biased: list[int]) -> Response:
+def _stepped(params: FloatArray, chosen: list[int]) -> NDArray[np.complex128]:
+    """Return parameters (f + 1, k) with a complex step in each that is chosen; the last row is the nominal point."""
+    z = np.tile(params.astype(np.complex128), (len(chosen) + 1, 1))
+    z[np.arange(len(chosen)), chosen] += 1j * STEP
+    return z
+
+
+def scheduled(
+    structure: LinearStructure,
+    params: FloatArray,
+    chosen: Sequence[int],
+    u: FloatArray,
+    dt_s: float,
+    held: NDArray[np.bool_],
+    x0: FloatArray,
+    schedules: FloatArray,
+) -> FloatArray:
+    """Return how outputs move, to first order, if parameters follow schedules: p(t) = p + c s(t).
+
+    Args:
+        structure: linear equations.
+        params: (k,) parameter vector.
+        chosen: indices of the f parameters.
+        u: (N, m) inputs at the samples.
+        dt_s: sample time, s.
+        held: (m,) inputs that are held between samples.
+        x0: (n,) initial state.
+        schedules: (N, q) s(t) at the samples, slow against them.
+
+    Returns:
+        (N, p, f, q) derivatives of the outputs by c of each parameter and schedule.
+    """
+    s = structure.matrices(_stepped(params, list(chosen)))
+    return _linear(s, discretise(s, dt_s, held), u, x0, [], schedules).dparams.reshape(
+        len(u), -1, len(chosen), schedules.shape[1]
+    )
+
+
+def _linear(
+    s: Matrices, d: Discrete, u: FloatArray, x0: FloatArray, biased: list[int], schedules: FloatArray | None = None
+) -> Response:
     """Return the response of matrices whose leading axis holds a complex step for each parameter, then none."""
     N, (p, n), f = len(u), s.C.shape[-2:], len(d.A) - 1
     A, G, H, g = (part[-1].real for part in d)
@@ -175,14 +213,21 @@ def _linear(s: Matrices, d: Discrete, u: FloatArray, x0: FloatArray, biased: lis
     by_parameter = np.concatenate([dA, dG, dH, dg[:, :, None]], axis=2).reshape(f * n, rows.shape[1])
     force[:, :, :f] = (rows @ by_parameter.T).reshape(N, f, n).transpose(0, 2, 1)
     force[:, :, f:] = G[:, biased]
+    if schedules is not None:
+        force = (force[:, :, :, None] * schedules[:, None, None, :]).reshape(N, n, -1)
     sensitivities = np.matmul(C, path(force)) if force.shape[2] else np.zeros((N, p, 0))
     if not f:
         return Response(y, x, sensitivities[:, :, :0], np.matmul(C, free), sensitivities + D[:, biased])
     dC, dD, dby = (part[:-1].imag / STEP for part in (s.C, s.D, s.by))
-    sensitivities[:, :, f:] += D[:, biased]
+    sensitivities[:, :, sensitivities.shape[2] - len(biased) :] += D[:, biased]
     if np.any(dC) or np.any(dD) or np.any(dby):
         direct = np.concatenate([dC, dD, np.zeros_like(dD), dby[:, :, None]], axis=2)
-        sensitivities[:, :, :f] += (rows @ direct.reshape(f * p, -1).T).reshape(N, f, p).transpose(0, 2, 1)
+        moved = (rows @ direct.reshape(f * p, -1).T).reshape(N, f, p).transpose(0, 2, 1)
+        if schedules is not None:
+            moved = (moved[:, :, :, None] * schedules[:, None, None, :]).reshape(N, p, -1)
+        sensitivities[:, :, : moved.shape[2]] += moved
+    if schedules is not None:
+        return Response(y, x, sensitivities, np.matmul(C, free), sensitivities[:, :, :0])
     return Response(y, x, sensitivities[:, :, :f], np.matmul(C, free), sensitivities[:, :, f:])
 
 

@@ -17,13 +17,13 @@ from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
 from testbench.estimators.causes import with_causes
 from testbench.estimators.cells import FailedCell
-from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.settings import OutputError, Settings
 from testbench.estimators.structured import Servo, Structured
 from testbench.evaluation import evaluate
 from testbench.flight import load_aircraft
 from testbench.inference.considered import considered
+from testbench.inference.form import formed
 from testbench.inference.instruments import Agreement, InstrumentFault, agreement, taken_for_sure, without_errors
 from testbench.inference.remedies import Tried, mended, wanting
 from testbench.line import RECORDED, Case, Flight, Keep, Report, identify_and_judge
@@ -119,9 +119,11 @@ def _identified(
     )
     say("try what may mend the fit")
     cases, replaced, cured = _mended(cases, instruments.gusts_felt)
-    if known_std and not instruments.contradicted:
-        cases = tuple(replace(case, model=_widened(case, instruments, taken, known_std)) for case in cases)
     flown = flown_condition(description, cases[0].identification, aircraft, getattr(cases[0].estimator, "V_m_s", None))
+    if not instruments.contradicted:
+        cases = tuple(
+            _in_doubt_of_all(case, instruments, taken, description, flown.V_m_s or math.nan) for case in cases
+        )
     known = None if aircraft is None else before(aircraft, flown)
     say("weigh the derivatives")
     derivatives = found_derivatives(cases, known, scaling_of(flown, known), description.known_errors, replaced)
@@ -207,17 +209,23 @@ def _cured(
     return replace(case, estimator=other, model=best, evaluation=scores), tried
 
 
-def _widened(
-    case: Case, instruments: Agreement, taken: Mapping[str, float], known_std: Mapping[str, float]
-) -> IdentifiedModel:
-    """Return the model of a case, its covariance with what errors of instruments add to it."""
-    if not isinstance(case.model, ParametricModel):
-        return case.model
+def _in_doubt_of_all(
+    case: Case, instruments: Agreement, taken: Mapping[str, float], description: RecordDescription, V_m_s: float
+) -> Case:
+    """Return a case whose model has derivatives at trim, and errors that hold those of instruments and of its form."""
+    linear, records = case.model, case.identification
+    if not isinstance(linear, ParametricModel):
+        return case
+    model = linear
     try:
-        found = considered(case.model, case.identification, instruments, taken, known_std)
+        if description.form_std:
+            model = formed(model, records, description.form_std, V_m_s)
+        if description.instrument_std:
+            found = considered(linear, records, instruments, taken, description.instrument_std)
+            model = replace(model, covariance=model.covariance + found.parameters_covariance)
+        return replace(case, model=model, evaluation=evaluate(model, records, case.validation))
     except Refusal:  # what the records do not decide, its own advice says
-        return case.model
-    return replace(case.model, covariance=case.model.covariance + found.parameters_covariance)
+        return case
 
 
 def without(description: RecordDescription, fault: InstrumentFault) -> RecordDescription:

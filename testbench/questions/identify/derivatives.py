@@ -145,9 +145,9 @@ def _beliefs(model: ParametricModel, names: Sequence[str]) -> dict[str, str]:
     if len(correlation) == len(model.structure.parameters):
         correlation = correlation[np.ix_(model.structure.free, model.structure.free)]
     inflated = np.asarray(found.get("error_inflation", np.ones(len(names))))
-    spoilt = model.status == "wrong" or (
-        float(np.max(inflated, initial=1.0)) > CRITERIA.turbulent and _coloured_throughout(model)
-    )
+    formed = bool(found.get("formed"))  # errors hold what colours residuals
+    turbulent = float(np.max(inflated, initial=1.0)) > CRITERIA.turbulent and _coloured_throughout(model)
+    spoilt = model.status == "wrong" or (turbulent and not formed)
     out = {}
     for i, name in enumerate(names):
         value, error = model.values[name], model.standard_errors[name]
@@ -161,7 +161,7 @@ def _beliefs(model: ParametricModel, names: Sequence[str]) -> dict[str, str]:
             out[name] = "weak"
         elif others[partner] > CRITERIA.together:
             out[name] = f"correlated with {names[partner]}"
-        elif spoilt or inflated[i] > CRITERIA.coloured:
+        elif spoilt or (inflated[i] > CRITERIA.coloured and not formed):
             out[name] = "in doubt"
         else:
             out[name] = "determined"

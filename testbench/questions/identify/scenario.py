@@ -95,7 +95,9 @@ class RecordDescription(Recorded):
     mass and geometry for coefficients, and servos. Where there is none, ``geometry`` and ``condition`` give those for
     coefficients. ``correct`` are errors of instruments that are taken out of the records before all else: q_scale =
     -0.15, az_place = 0.25 (m ahead), alpha_lag and q_late (s). ``instrument_std`` are standard deviations of these if
-    the instruments are sound, alpha_scale = 0.03: what they do to the derivatives is in their errors then.
+    the instruments are sound, alpha_scale = 0.03: what they do to the derivatives is in their errors then. ``form_std``
+    says how far derivatives vary over what was flown, which is estimated beside those at trim: by which share over 0.1
+    rad of ``alpha``, and over the share of dynamic pressure (``qbar``).
 
     ``servo`` says what lies between a command and its surface, for
     every estimator of a structure that does not say so itself. ``simulated_errors`` are what simulated flights say of
@@ -114,6 +116,7 @@ class RecordDescription(Recorded):
     simulated_errors: SimulatedErrors | None = None
     correct: dict[str, float] = {}
     instrument_std: dict[str, Positive] = {}
+    form_std: dict[Literal["alpha", "qbar"], Positive] = {}
 
     @property
     def outputs(self) -> tuple[str, ...]:

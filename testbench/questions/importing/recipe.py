@@ -17,6 +17,7 @@ import numpy as np
 from testbench.core.constants import G0_M_S2
 from testbench.core.escape import one_line
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.inference.form import FORM_STD
 from testbench.inference.instruments import sound
 
 AXES = {"longitudinal": ("de", "thr"), "lateral": ("da", "dr")}
@@ -314,6 +315,8 @@ def lines(recipe: Recipe, inputs: Sequence[str]) -> list[str]:
             "# How far sound instruments may err, which the errors of derivatives hold. Assumed: give what you know.",
         ]
         out += ["[instrument_std]", *(f"{name} = {std:.2g}" for name, std in recipe.instrument_std.items())]
+    out += ["", "# How far derivatives vary over 0.1 rad of alpha and over the share of dynamic pressure. Assumed."]
+    out += ["[form_std]", *(f"{name} = {std:.2g}" for name, std in FORM_STD.items())]
     for name in recipe.servos:
         out += [
             "",
