@@ -35,6 +35,8 @@ FORM_STD = {"alpha": 0.5, "qbar": 0.75}
 """Standard deviations of the prior where nothing is known: set on 21 drawn flights, judged on others."""
 WITH_QBAR = 0.75
 """Mean of the prior: derivatives go with dynamic pressure as this share of it: 1 for angles, 1/2 for rates and V."""
+BY_INPUT = frozenset({"delay", "lag", "held", "order_too_low", "closed_loop"})
+"""Causes of residuals that go with the inputs."""
 WHITE = 1e-3
 """Probability of white residuals from which they are noise."""
 
@@ -116,12 +118,14 @@ def _explained(model: ParametricModel, chances: FloatArray | None) -> Parametric
     """Return a model without what was said of residuals that varying derivatives explain.
 
     Its errors hold a bend. Where nothing but noise is left (``chances``), they hold all that was coloured before; else
-    what was found behind a bend may be more of it.
+    what was found behind a bend may be more of it. What goes with the inputs, such as a servo, is no variation of
+    derivatives, although that can imitate it.
     """
     found, causes = dict(model.diagnostics), [c["code"] for c in model.diagnostics.get("causes", ())]
-    found["formed"] = True
+    driven = bool(BY_INPUT.intersection(causes))
+    found["formed"] = chances is not None and not driven
     gone = {"bend"}
-    if chances is not None and np.any(np.asarray(found["whiteness_p"]) < WHITE):
+    if chances is not None and not driven and np.any(np.asarray(found["whiteness_p"]) < WHITE):
         gone |= {*causes, "coloured_residuals"}
         found |= {"whiteness_p": chances, "error_inflation": np.ones_like(found["error_inflation"])}
         model = replace(model, covariance=model.covariance_plain)

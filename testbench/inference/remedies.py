@@ -22,6 +22,7 @@ from testbench.estimators.causes import with_causes
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.settings import FilterError, OutputError
 from testbench.estimators.structured import Servo
+from testbench.inference.form import BY_INPUT
 
 COLOURED = 1e-3
 """Probability of white residuals below which a cure is looked for."""
@@ -29,8 +30,6 @@ P_CURE, CLEAR = 0.1, 0.9
 """Prior probability of each cure, and probability from which one is taken."""
 _ENOUGH = math.log(CLEAR / (1.0 - CLEAR)) + math.log((1.0 - P_CURE) / P_CURE)
 _LATE = 3.0  # standard errors of lateness from which it may be that of a servo
-_BY_INPUT = ("delay", "lag", "held", "order_too_low", "closed_loop")
-"""Causes of residuals that go with the inputs, which gusts would hide."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +128,7 @@ def mended(
         tried[at] = Tried(tried[at].name, gain, True)
         best, base = (other, there), base + gain
     named = set() if not gusts else {c["code"] for c in with_causes(best[1], records).diagnostics.get("causes", ())}
-    if not gusts or not wanting(best[1]) or named.intersection(_BY_INPUT):
+    if not gusts or not wanting(best[1]) or named & BY_INPUT:
         return *best, tuple(tried)
     ways = [("gusts", best)]
     ways += [(f"gusts and {tried[i].name}", (o, m)) for g, i, o, m in others if m is not best[1] and math.isfinite(g)]

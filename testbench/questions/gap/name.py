@@ -134,8 +134,11 @@ def name_effect(
         out = weighed(out)
         best = max(shown, key=lambda n: out.table[n].log_evidence)
         parts = [e.name for e in shown[best].parts if e.name in asked and e.parameters]
-        if parts:  # does one do without the others where they brought it?
+        rest = [pair for pair in asker.without_one(shown[best], out.table[best]) if pair[0].name not in asked]
+        if parts or rest:  # does one do without the others where they brought it?
             asked |= {n: asker.alone(asked[n], out.table[best]) for n in parts}
+            asked |= {e.name: hypothesis for e, hypothesis in rest}
+            shown |= {e.name: e for e, _ in rest}
             out = weighed(out)
     behind = {one.effect.name: near[0].log - one.log for one in near}
     rejected |= {
@@ -420,6 +423,19 @@ class _Asker:
         begin = {n: at.get(n, at.get(f"{row.name}.{n}", v)) for n, v in hypothesis.first.items()}
         there = replace(hypothesis, begin=begin, more=())
         return there if self._flies(there) else hypothesis
+
+    def without_one(self, effect: Effect, row: Row) -> list[tuple[Effect, Hypothesis]]:
+        """Return what three or more effects are without each of them, from where they came to rest together."""
+        if len(effect.parts) < 3 or not effect.parameters:
+            return []
+        values, _, beside, _ = _split(effect, row)
+        out = []
+        for gone in effect.parts:
+            rest = together(*(e for e in effect.parts if e is not gone))
+            begins = (({p.name: values[p.name] for p in rest.parameters}, beside),)
+            if (hypothesis := self.effect(_Near(rest, begins, row.log_evidence, 0.0))) is not None:
+                out.append((rest, hypothesis))
+        return out
 
     def _asked(
         self,

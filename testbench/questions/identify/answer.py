@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from testbench.page.labels import number
-from testbench.page.words import Line, counted, sentence, some
+from testbench.page.words import Line, counted, listed, sentence, some
 from testbench.questions.identify.instruments import agreement_in_words, corrected_in_words
 from testbench.questions.run.answer import run_answer
 from testbench.questions.run.labels import case_names
 
 if TYPE_CHECKING:
+    from testbench.inference.reflown import Reflown
     from testbench.questions.identify.derivatives import FoundDerivative
     from testbench.questions.identify.result import Identified
 
@@ -54,6 +57,7 @@ def identify_answer(found: Identified) -> list[Line]:
                     sentence(f"not decided by these data: {', '.join(f'{d.name} ({d.believed})' for d in bad)}"),
                 )
             )
+    lines += [Line("finding", sentence(f"{names[i]}: {_again(f)}")) for i, f in found.again.items()]
     if not lines and _asked(found):
         lines.append(Line("lead", "No derivative was found: no estimator with a structure gave a model."))
     lines += [Line(text.severity, sentence(text)) for text in found.doubts]
@@ -68,6 +72,21 @@ def _asked(found: Identified) -> bool:
     """Return whether derivatives were asked for: by an estimator of a structure, or by an aircraft to compare with."""
     asked = found.source.identification.estimators
     return found.before is not None or any(getattr(e, "structure", None) is not None for e in asked)
+
+
+def _again(flights: Reflown) -> str:
+    """Return what flights of what was found say of its errors."""
+    own = [k for k, name in enumerate(flights.names) if not name.endswith("_0")]
+    held = 100.0 * flights.held[own]
+    more = [flights.names[k] for k in own if flights.added[k] > 0.0]
+    out = (
+        f"in {len(flights.estimates)} flights of what was found, with noise as it was left, 95 % intervals hold in "
+        f"{held.mean():.0f} % (least: {flights.names[own[int(np.argmin(held))]]}, {held.min():.0f} %), and some "
+        f"derivative is off by more than four of its errors in {100.0 * flights.wrong:.0f} %"
+    )
+    if more:
+        out += f"; errors of {listed(more)} are widened to what these flights show"
+    return out + (f"; {flights.failed} more gave no estimate" if flights.failed else "")
 
 
 def _said(d: FoundDerivative) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from testbench.flight import load_aircraft
 from testbench.inference.considered import considered
 from testbench.inference.form import formed
 from testbench.inference.instruments import Agreement, InstrumentFault, agreement, taken_for_sure, without_errors
+from testbench.inference.reflown import Reflown, reflown
 from testbench.inference.remedies import Tried, mended, wanting
 from testbench.line import RECORDED, Case, Flight, Keep, Report, identify_and_judge
 from testbench.logs.plausible import questions_of
@@ -50,6 +51,7 @@ def identify(
     keep: Keep | None = None,
     progress: Report | None = None,
     strict: bool = False,
+    again: int | None = 0,
 ) -> Identified:
     """Run the same estimators and evaluation on recorded flights, once their instruments are compared.
 
@@ -62,6 +64,8 @@ def identify(
         keep: called with a name and each record as soon as it has been read.
         progress: called with a few words as each stage begins.
         strict: refuse records with values that are hardly meant (``questions`` of the result).
+        again: how many flights of each model by output error are identified again, to see whether its errors hold;
+            None: as many as a second allows.
 
     Raises:
         TestbenchError: with the file and key of the description that it comes from. An estimator that gives no model is
@@ -72,19 +76,24 @@ def identify(
         >>> tb.identify(tb.load_description("attas_short_period"), data_folder).findings  # doctest: +SKIP
     """
     say = progress or (lambda text: None)
-    found = _identified(description, data_folder, keep or (lambda name, record: None), say, strict)
+    found = _identified(description, data_folder, keep or (lambda name, record: None), say, strict, again)
     fault = None if found.instruments is None else found.instruments.fault
     if not found.contradicted or fault is None or fault.name in description.correct:
         return found
     if not abs(fault.estimate) > _ESTIMATED * fault.std:
         return found
     say("identify once more without the error of the instrument")
-    again = _identified(without(description, fault), data_folder, lambda name, record: None, lambda text: None, False)
-    return replace(found, corrected=tuple(widened(fault, found.derivatives, again.derivatives)))
+    right = _identified(without(description, fault), data_folder, lambda name, record: None, lambda text: None, False)
+    return replace(found, corrected=tuple(widened(fault, found.derivatives, right.derivatives)))
 
 
 def _identified(
-    description: RecordDescription, data_folder: Path | None, keep: Keep, say: Report, strict: bool
+    description: RecordDescription,
+    data_folder: Path | None,
+    keep: Keep,
+    say: Report,
+    strict: bool,
+    again: int | None = 0,
 ) -> Identified:
     """Return what is identified of the records as they are; no derivative is determined where kinematics contradict."""
     say("read records")
@@ -120,13 +129,16 @@ def _identified(
     say("try what may mend the fit")
     cases, replaced, cured = _mended(cases, instruments.gusts_felt)
     flown = flown_condition(description, cases[0].identification, aircraft, getattr(cases[0].estimator, "V_m_s", None))
+    reflights = _flown_again(cases, replaced, again, say)
     if not instruments.contradicted:
         cases = tuple(
             _in_doubt_of_all(case, instruments, taken, description, flown.V_m_s or math.nan) for case in cases
         )
     known = None if aircraft is None else before(aircraft, flown)
     say("weigh the derivatives")
-    derivatives = found_derivatives(cases, known, scaling_of(flown, known), description.known_errors, replaced)
+    derivatives = found_derivatives(
+        cases, known, scaling_of(flown, known), description.known_errors, replaced, reflights
+    )
     found = Identified(
         description.name,
         description.title,
@@ -160,6 +172,7 @@ def _identified(
         missed=missed(cases, inputs, {d.case for d in derivatives if d.determined}),
         instruments=instruments,
         replaced=replaced,
+        again=reflights,
     )
     if not found.contradicted:
         return found
@@ -207,6 +220,29 @@ def _cured(
         return None, tried
     other = other.model_copy(update={"label": label})
     return replace(case, estimator=other, model=best, evaluation=scores), tried
+
+
+def _flown_again(
+    cases: Sequence[Case], replaced: Collection[int], again: int | None, say: Report
+) -> dict[int, Reflown]:
+    """Return case -> what flights of its model are identified as, of models by output error."""
+    out: dict[int, Reflown] = {}
+    for i, case in enumerate(cases):
+        if again == 0 or not isinstance(case.model, ParametricModel) or i in replaced:
+            continue
+        try:
+            found = reflown(
+                case.model,
+                case.identification,
+                np.random.default_rng(0),
+                again,
+                lambda done, of: say(f"fly what was found again ({done} of {of})"),
+            )
+        except Refusal:
+            continue
+        if found is not None:
+            out[i] = found
+    return out
 
 
 def _in_doubt_of_all(

@@ -54,6 +54,14 @@ def command(
         Trends | None, typer.Option(help="Variable that pooled coefficients may be linear in.", show_default="auto")
     ] = None,
     method: Annotated[str | None, typer.Option(help="Estimator whose derivatives are pooled.")] = None,
+    again: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="How many flights of what was found are identified again, to see whether its errors hold; 0: none.",
+            show_default="a second's",
+        ),
+    ] = None,
     amend: Annotated[
         str | None,
         typer.Option(
@@ -98,7 +106,7 @@ def command(
     amended: dict[str, Amended] = {}
     with ExitStack() as ends, stages() as say:
         places = [ends.enter_context(ResultFolder(folder_in(out, each.name))) for each in asked]
-        found = [identify(d, data, record_keeper(at), say, strict) for d, at in zip(asked, places, strict=True)]
+        found = [identify(d, data, record_keeper(at), say, strict, again) for d, at in zip(asked, places, strict=True)]
         if amend is not None:
             try:
                 amended = write_amended(found, amend, say)

@@ -11,6 +11,7 @@ import numpy as np
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.structured import per_speed
 from testbench.evaluation.parameters import true_parameters
+from testbench.inference.reflown import Reflown
 from testbench.line import Case
 from testbench.questions.identify.before import Before
 from testbench.questions.identify.coefficients import Scaling, coefficient
@@ -53,6 +54,7 @@ class FoundDerivative:
         unit: SI; "" if there is none or it is not known.
         before: what it was before the flight; None if nobody said.
         source: who said so: the aircraft's name, "start" or "".
+        again: mean error, scatter and share of 95 % intervals that hold, in flights of what was found; None without.
         coefficient: name, value and standard error of the nondimensional coefficient; None if not known.
         believed: "determined", or why not: "weak", "at bound", "correlated with NAME", "in doubt", "not
             converged", "replaced" by a model that fits better.
@@ -68,6 +70,7 @@ class FoundDerivative:
     source: str
     coefficient: tuple[str, float, float] | None
     believed: str
+    again: tuple[float, float, float] | None = None
 
     @property
     def determined(self) -> bool:
@@ -93,6 +96,7 @@ def found_derivatives(
     scaling: Scaling | None,
     simulated: Mapping[str, float],
     replaced: Collection[int] = (),
+    flights: Mapping[int, Reflown] | None = None,
 ) -> tuple[FoundDerivative, ...]:
     """Return every free parameter of every model with a structure, but for constants.
 
@@ -102,6 +106,7 @@ def found_derivatives(
         scaling: what coefficients are made with; None if that is not known.
         simulated: standard errors that simulated flights show, by derivative; they count where they are larger.
         replaced: cases whose fit another one mends.
+        flights: case -> what flights of its model are identified as: errors are widened to what they show.
     """
     out = []
     for i, case in enumerate(cases):
@@ -118,7 +123,8 @@ def found_derivatives(
                 continue
             before = told.get(name, start.get(name))
             value, stated = model.values[name], model.standard_errors[name]
-            std = max(stated, simulated.get(name, 0.0))
+            again, added = _again((flights or {}).get(i), name)
+            std = max(float(np.sqrt(stated**2 + added)), simulated.get(name, 0.0))
             scaled = coefficient(model, name, scaling) if scaling else None
             source = known.aircraft.name if known and name in told else "start" if name in start else ""
             out.append(
@@ -133,9 +139,18 @@ def found_derivatives(
                     source,
                     scaled and (scaled[0], scaled[1], scaled[2] * std / stated if stated > 0.0 else scaled[2]),
                     "weak" if beliefs[name] == "determined" and std > CRITERIA.weak * abs(value) else beliefs[name],
+                    again,
                 )
             )
     return tuple(out)
+
+
+def _again(flights: Reflown | None, name: str) -> tuple[tuple[float, float, float] | None, float]:
+    """Return mean error, scatter and share of intervals that hold of a parameter, and the variance they add."""
+    if flights is None:
+        return None, 0.0
+    k = flights.names.index(name)
+    return (float(flights.bias[k]), float(flights.scatter[k]), float(flights.held[k])), float(flights.added[k])
 
 
 def _beliefs(model: ParametricModel, names: Sequence[str]) -> dict[str, str]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from testbench.core.advice import Advice
 from testbench.inference.instruments import Agreement
+from testbench.inference.reflown import Reflown
 from testbench.questions.identify.before import Before
 from testbench.questions.identify.derivatives import FoundDerivative
 from testbench.questions.identify.flown import FlownCondition
@@ -29,6 +31,7 @@ class Identified(RunResult):
             all agree or none is named.
         missed: models with derivatives that do not predict their validation records, and why.
         replaced: cases that were asked for and whose fit a cure mends, which the case before them holds.
+        again: case -> what flights of its model are identified as; empty if none were asked for.
     """
 
     derivatives: tuple[FoundDerivative, ...] = ()
@@ -38,6 +41,7 @@ class Identified(RunResult):
     doubts: tuple[Advice, ...] = ()
     missed: tuple[Missed, ...] = ()
     replaced: frozenset[int] = frozenset()
+    again: Mapping[int, Reflown] = field(default_factory=dict)
     instruments: Agreement | None = None
     corrected: tuple[FoundDerivative, ...] = ()
 

@@ -46,6 +46,12 @@ def derivative_table(found: Identified) -> Table | None:
             Column("coefficient_value", "its value", digits=4),
             Column("coefficient_std", "± std", digits=2),
         ]
+    if found.again:
+        columns += [
+            Column("bias", "mean error again", digits=2),
+            Column("scatter", "scatter again", digits=2),
+            Column("held", "95 % held, %", digits=3),
+        ]
     columns += [Column("believed", "believed?")]
     rows: list[tuple[Value, ...]] = []
     for d in found.derivatives:
@@ -53,6 +59,8 @@ def derivative_table(found: Identified) -> Table | None:
         row += [d.name, d.value, d.std if d.std > 0.0 else None, d.unit or None]
         row += [d.before] if known else []
         row += list(d.coefficient or (None, None, None)) if scaled else []
+        if found.again:
+            row += [d.again[0], d.again[1], 100.0 * d.again[2]] if d.again else [None, None, None]
         rows.append((*row, f"{d.believed}{', changed' if d.changed else ''}"))
     return Table("derivatives", "Derivatives", _caption(found, known, scaled), tuple(columns), tuple(rows))
 
@@ -62,6 +70,11 @@ def _caption(found: Identified, known: bool, scaled: bool) -> str:
     if known:
         sources = ", ".join(sorted({d.source for d in found.derivatives if d.source}))
         out.append(f"Before: {sources}. Changed: further from it than three standard errors.")
+    if found.again:
+        out.append(
+            "Again: in flights of what was found, with noise as it was left, identified by the same likelihood; errors "
+            "are widened where these flights show more than is stated."
+        )
     scaling = None if found.flown is None else scaling_of(found.flown, found.before)
     if scaled and scaling is not None:
         whose = f" of {found.before.aircraft.name}" if found.before else ""

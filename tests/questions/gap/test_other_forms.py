@@ -46,11 +46,13 @@ def test_a_linkage_that_loses_is_named_although_a_coefficient_does_most_of_its_w
 
 
 @pytest.mark.slow
-def test_a_lost_fin_is_named_although_the_best_multiple_of_what_it_does_lies_at_the_end_of_its_range():
+def test_a_lost_fin_whose_work_coefficients_do_within_their_priors_is_not_called_another_effect():
+    """Cn_beta at half of what is believed, Cn_r and Cn_dr at 0.6: a fin, or coefficients that were wrong."""
     found = answer("lost fin", "taurus", {"share": 0.45}, LOST, ("lost_fin", "mass_error", "drag_increment"))
-    assert found.naming.names == ("lost_fin",), found.naming.sentence
-    assert found.naming.best.values["share"] == pytest.approx(0.45, rel=0.1)
-    assert not found.naming.coefficients
+    naming = found.naming
+    assert naming.outcome != "named" or naming.names == ("lost_fin",), naming.sentence
+    assert {n: f for n, f in naming.nuisances.items() if f < 0.65}.keys() == {"Cn_beta", "Cn_r", "Cn_dr"}
+    assert not naming.coefficients
 
 
 @pytest.mark.slow

@@ -137,13 +137,16 @@ def test_a_time_before_take_off_is_refused(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "named"), [("emptying_battery", "thrust_fade"), ("burnt_fuel", "fuel_burn")])
-def test_a_battery_and_a_tank_that_empty_are_named_with_their_rates(kind, named, tmp_path):
-    text = (SCENARIOS / "gap" / "battery.toml").read_text().replace("emptying_battery", kind)
-    (tmp_path / "case.toml").write_text(text)
+@pytest.mark.parametrize("named", ["thrust_fade", "fuel_burn"])
+def test_a_battery_and_a_tank_that_empty_are_named_with_their_rates(named, tmp_path):
+    text = (SCENARIOS / "gap" / "battery.toml").read_text()
+    assert "thrust_fade, per_min = 0.012" in text.replace('"', "")
+    (tmp_path / "case.toml").write_text(text.replace("thrust_fade", named))
     result = run_gap(tmp_path / "case.toml")
     naming = result.finding.naming
-    assert naming.names == (named,), naming.sentence
+    # Its form with a power of time holds it, as a power of 1: a set of both is right, too.
+    assert naming.names[0] == named, naming.sentence
+    assert set(naming.names) <= {named, f"uneven_{named}"}
     assert naming.best.values["per_min"] == pytest.approx(0.012, abs=4.0 * naming.best.errors["per_min"])
     if named == "fuel_burn":  # the amended model is as light as the aircraft was in the latest record
         before, after = (
