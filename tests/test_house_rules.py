@@ -37,6 +37,7 @@ RANK = {room: rank for rank, rooms in enumerate(RANKS) for room in rooms}
 # A question imports another only if it asks it.
 ASKS = {
     "identify": {"run", "importing", "aircraft"},  # of a log what import writes; it amends what adopt writes
+    "global_model": {"identify", "importing"},  # it reads what identify and import read, and amends as identify does
     "response": {"identify", "run"},
     "compatibility": {"identify"},
     "modes": {"identify"},

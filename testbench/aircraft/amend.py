@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from testbench.aircraft.elastic import ElasticMode, ElasticModel
 from testbench.aircraft.paths import path_of, read_by_aerodynamics
-from testbench.aircraft.reactions import COEFFICIENTS, MOTIONS, THRUST, WHOLE, number, quantity, react
+from testbench.aircraft.reactions import COEFFICIENTS, MOTIONS, THRUST, WHOLE, number, quantity, react, whole
 from testbench.core.constants import FT_M, SLUG_KG
 from testbench.core.errors import ModelError
 
@@ -129,14 +129,7 @@ class ScaleCoefficient:
         """Return the factors of what is added to a model of another form."""
         more = number(self.factor - 1.0)
         if self.name in WHOLE:
-            _, length = COEFFICIENTS[self.name]
-            over = ET.Element("quotient")
-            below = ET.Element("product")
-            least = ET.SubElement(below, "max")
-            least.extend([quantity("aero/qbar-psf"), number(1e-6)])
-            below.extend([quantity(n) for n in ("metrics/Sw-sqft", *((length,) if length else ()))])
-            over.extend([quantity(WHOLE[self.name]), below])
-            return [more, over]
+            return [more, whole(self.name)]
         value = number(aircraft.coefficient(self.name))
         variable = "zero" if self.name.endswith("0") else self.name.partition("_")[2]
         if variable in {"de", "da", "dr"}:
@@ -145,6 +138,31 @@ class ScaleCoefficient:
                 raise ModelError(f"{self.name} needs the control {variable}, {aircraft.name} has none")
             return [more, value, quantity(surface)]
         return [more, value, *(quantity(n) for n in MOTIONS[variable])]
+
+
+@dataclass(frozen=True)
+class ReplaceCoefficient:
+    """Put a function in the place of a whole coefficient, by so much as a share says: share (function - coefficient).
+
+    What is replaced is all that the aerodynamics of the model make in that frame; what reactions add to it stays. At a
+    model of any form.
+
+    Attributes:
+        coefficient: CL, CD, CY, Cl, Cm or Cn.
+        function, share: JSBSim properties; share from 0 to 1.
+        at_in: centre of gravity that forces act at, inches in the structural frame.
+    """
+
+    coefficient: str
+    function: str
+    share: str
+    at_in: tuple[float, float, float]
+
+    def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
+        """Change ``tree`` in place."""
+        change = ET.Element("difference")
+        change.extend([quantity(self.function), whole(self.coefficient)])
+        react(tree, self.coefficient, [quantity(self.share), change], self.at_in)
 
 
 @dataclass(frozen=True)
@@ -258,7 +276,16 @@ class AddInertia:
 
 
 Change = (
-    SetProperty | SetText | Insert | Increment | ScaleCoefficient | AddCoefficient | Thrust | ThrustLine | AddInertia
+    SetProperty
+    | SetText
+    | Insert
+    | Increment
+    | ScaleCoefficient
+    | ReplaceCoefficient
+    | AddCoefficient
+    | Thrust
+    | ThrustLine
+    | AddInertia
 )
 
 

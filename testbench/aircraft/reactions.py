@@ -137,3 +137,13 @@ def quantity(name: str) -> ET.Element:
     out = ET.Element("property")
     out.text = name
     return out
+
+
+def whole(coefficient: str) -> ET.Element:
+    """Return the element of a whole aerodynamic coefficient as it is in flight."""
+    _, length = COEFFICIENTS[coefficient]
+    over, below = ET.Element("quotient"), ET.Element("product")
+    ET.SubElement(below, "max").extend([quantity("aero/qbar-psf"), number(1e-6)])
+    below.extend([quantity(n) for n in ("metrics/Sw-sqft", *((length,) if length else ()))])
+    over.extend([quantity(WHOLE[coefficient]), below])
+    return over

@@ -87,6 +87,13 @@ QUESTIONS = (
         room="importing",
     ),
     Question("export", "x.json --to mat", "write a model for another program", "ask:export_record"),
+    Question(
+        "global",
+        "log*.nc --aircraft f16",
+        "coefficients over the envelope",
+        "ask:global_model",
+        room="global_model",
+    ),
     Question("compatibility", "my_records.toml", "do the instruments agree?", "ask:compatibility"),
     Question("response", "my_records.toml", "frequency responses", "ask:frequency_responses"),
     Question(

@@ -1,6 +1,6 @@
 """Methods that are scored on data sets as an example: two of identification, one of naming.
 
-``stepwise``: the pitching moment from the rates, term by term (:mod:`testbench.estimators.regression.stepwise`).
+``stepwise``: the pitching moment from the rates, term by term (:mod:`stepwise_regression`).
 ``output_error``: the testbench's own, on the longitudinal structure. Both are given the elevator behind the servo that
 is believed, V, alpha, q and theta of the four flights of a draw, with the lags of the instruments made equal.
 
@@ -15,6 +15,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
+from stepwise_regression import stepwise
 
 import testbench as tb
 from testbench.core.errors import Refusal
@@ -22,7 +23,6 @@ from testbench.core.record import FlightRecord
 from testbench.estimators.prepare import prepare
 from testbench.estimators.regression.data import Recipe, RegressionData, polynomial_terms
 from testbench.estimators.regression.smoothing import fourier_smooth
-from testbench.estimators.regression.stepwise import stepwise
 from testbench.sensors.sensor import first_order_lag
 
 SERVO_LAG = {"eolo": 50.0, "taurus": 33.0}  # corner of the believed elevator servo, rad/s
@@ -84,7 +84,7 @@ def by_stepwise(flights: Any, draw: int) -> Iterator[Answer]:
         valid = np.ones(values.shape, bool)
         data.append(RegressionData(record.t_s, names, values, valid, {}, Recipe()))
     try:
-        found = stepwise(data, "qdot", polynomial_terms(("alpha", "q", "de", "V"), 2)).result
+        found = stepwise(data, "qdot", polynomial_terms(("alpha", "q", "de", "V"), 2))
     except Refusal:
         return
     known = dict(zip(found.terms, zip(found.params, found.std_corrected, strict=True), strict=True))

@@ -157,8 +157,6 @@ def _regressed(kind: str, quiet: bool) -> Method:
             result = regression.recursive_frequency(
                 data[0], "qdot", TERMS, band_hz=BAND_HZ, step_hz=step, update_s=float(data[0].t_s[-1])
             )
-        elif kind == "stepwise":
-            result = regression.stepwise(data, "qdot", (*TERMS, "theta")).result
         else:
             result = regression.orthogonal_functions(data, "qdot", (*TERMS, "theta")).result
         last = np.atleast_2d(result.params)[-1]
@@ -260,13 +258,11 @@ LONGITUDINAL: dict[str, Method] = {
     "regression, frequency": _regressed("frequency", False),
     "regression, recursive": _regressed("recursive", False),
     "regression, recursive in frequency": _regressed("recursive frequency", False),
-    "regression, stepwise": _regressed("stepwise", False),
     "regression, orthogonal functions": _regressed("orthogonal", False),
     "regression of quiet terms, time": _regressed("time", True),
     "regression of quiet terms, frequency": _regressed("frequency", True),
     "regression of quiet terms, recursive": _regressed("recursive", True),
     "regression of quiet terms, recursive in frequency": _regressed("recursive frequency", True),
-    "regression of quiet terms, stepwise": _regressed("stepwise", True),
     "regression of quiet terms, orthogonal functions": _regressed("orthogonal", True),
 }
 """Method -> how it is run, on the 3-2-1-1 flights."""

@@ -199,7 +199,7 @@ def _write(file: Path, columns: tuple[str, ...], rows: list[dict[str, Any]]) -> 
 def product(method: str) -> str:
     """Return what the package calls a method of the study; methods that share intervals share a name."""
     if method.startswith("regression of quiet terms"):
-        return "quiet " + ("structure search" if method.endswith(("stepwise", "functions")) else "regression")
+        return "quiet " + ("structure search" if method.endswith("functions") else "regression")
     for start in ("regression", "prediction_error", "equivalent"):
         if method.startswith(start):
             return start + (", windowed" if method.endswith("windowed") else "")

@@ -5,6 +5,7 @@ from testbench.estimators.regression.data import MassProperties, Recipe, Regress
 from testbench.estimators.regression.equation_error import equation_error
 from testbench.estimators.regression.frequency import frequency_equation_error
 from testbench.estimators.regression.linear import LinearModel, linear_model
+from testbench.estimators.regression.orthogonal import StructureSearch, orthogonal_functions
 from testbench.estimators.regression.recursive import RecursiveResult, recursive_frequency, recursive_least_squares
 from testbench.estimators.regression.result import RegressionResult
 from testbench.estimators.regression.smoothing import (
@@ -14,7 +15,6 @@ from testbench.estimators.regression.smoothing import (
     noise_level,
     smooth_record,
 )
-from testbench.estimators.regression.stepwise import StructureSearch, orthogonal_functions, stepwise
 
 __all__ = [
     "LinearModel",
@@ -37,5 +37,4 @@ __all__ = [
     "recursive_least_squares",
     "regression_data",
     "smooth_record",
-    "stepwise",
 ]

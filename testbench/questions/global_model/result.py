@@ -1,0 +1,66 @@
+"""What a global model is: functions, the domain that they hold in, and how flights that were held out follow them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from testbench.aircraft import Aircraft
+from testbench.estimators.regression.global_model import GlobalModel
+from testbench.questions.global_model.coefficients import FeltFlight
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """How one coefficient of the flights that were held out follows its function.
+
+    Attributes:
+        coefficient: which.
+        span: its range in the flights of the fit, between the quantiles 0.01 and 0.99.
+        fitted: root mean square of felt less function in the flights of the fit.
+        missed: the same in those held out.
+        believed: felt less the believed model in those held out.
+        r2: share of the energy of the coefficient about its mean that the function explains there.
+        inside: share of their samples in the flown domain of the fit.
+    """
+
+    coefficient: str
+    span: float
+    fitted: float
+    missed: float
+    believed: float
+    r2: float
+    inside: float
+
+
+@dataclass(frozen=True, eq=False)
+class GlobalFound:
+    """A global model and what it was made from.
+
+    Attributes:
+        name: of the result.
+        aircraft: the believed model.
+        model: the functions and their domain.
+        flights: coefficients felt along every flight.
+        held: a row per coefficient.
+        V_ref_m_s: airspeed that V_rel = V / V_ref - 1 refers to.
+        cutoff_hz: of the filter that all channels went through.
+        instrument_std: errors of instruments that are counted, CHANNEL_KIND -> standard deviation.
+        notes: sentences.
+        new: the aircraft that has the functions, and its folder; None if none was asked for.
+    """
+
+    name: str
+    aircraft: Aircraft
+    model: GlobalModel
+    flights: tuple[FeltFlight, ...]
+    held: tuple[HeldOut, ...]
+    V_ref_m_s: float
+    cutoff_hz: float
+    instrument_std: dict[str, float]
+    notes: tuple[str, ...] = ()
+    new: tuple[Aircraft, Path] | None = None
+
+    def of_use(self, use: str) -> list[FeltFlight]:
+        """Return the flights of "identification" or "validation"."""
+        return [f for f in self.flights if f.use == use]
