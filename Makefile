@@ -16,7 +16,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
 # work alone, written to FOLDER. ARGS: what the script is told besides, such as make mutants ARGS="--count 60".
 ARGS ?=
 STUDIES = advice-study autopilot-log-study believed-study benchmarks blind-draws blind-test campaign-cost coloured-errors-study \
-  dataset-study design-study env-study estimator-study filter-error-study gap-in-batches geometry-study mutants \
+  dataset-study design-study env-study estimator-study filter-error-study gap-in-batches geometry-study global-study mutants \
   pages-held promise-study reliability same-bytes sequential-study static-margin-study stock surroundings
 
 .PHONY: demo quick lint test test-slow fuzz docs clean reproduction $(STUDIES)
@@ -90,6 +90,10 @@ campaign-cost: $(VENV)/installed-dev
 design-study: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/design_study.py
 	$(BIN)/python tests/benchmarks/design_against_aeroid.py
+
+# Writes results/estimators/global.csv: global models of simulated flights against the aircraft's tables; some 15 min.
+global-study: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/global_study.py $(ARGS)
 
 # Writes results/design/promise.csv and robust.csv; about half an hour of processor time. Interrupted: it goes on where it stopped.
 promise-study: $(VENV)/installed-dev

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from testbench.questions.gap.ask import run_gap
     from testbench.questions.gap.open_set import first_look
     from testbench.questions.gap.workflow import find_gap
+    from testbench.questions.global_model.ask import global_model
     from testbench.questions.identify.amend.ask import amend
     from testbench.questions.identify.ask import identify, load_description
     from testbench.questions.identify.pool.ask import identify_and_pool
@@ -74,6 +75,7 @@ _HOME = {
     "structure_from_equations": "testbench.estimators.parametric.structures.written",
     "make_plan": "testbench.questions.plan.ask",
     "fly_modes": "testbench.questions.modes.ask",
+    "global_model": "testbench.questions.global_model.ask",
     "fly_many": "testbench.flight.batch.fly",
     "fly_stream": "testbench.flight.batch.fly",
     "Job": "testbench.flight.batch.jobs",
@@ -168,6 +170,7 @@ __all__ = [
     "fly_many",
     "fly_modes",
     "fly_stream",
+    "global_model",
     "identify",
     "identify_and_pool",
     "import_log",

@@ -25,7 +25,7 @@ from testbench.questions.global_model.coefficients import COEFFICIENTS, along_ai
 from testbench.sensors import SensorSuite, load_suite
 
 CHANNELS = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "h", "ax", "ay", "az", "de", "da", "dr", "thr_cmd")
-_HELD, _RATE_HZ, _LOG_HZ = 12, 20.0, 200.0  # samples that a state is held for until servos and means have come to rest
+_HELD, _RATE_HZ, _LOG_HZ = 24, 20.0, 200.0  # samples of a state: it is read when servos rest, two thirds on
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def coefficients_of(
     more_moment: FloatArray | float = 0.0,
 ) -> dict[str, FloatArray]:
     """Return the six coefficients (n,) of the aerodynamics in states, with more force and moment (samples, 3)."""
-    at, g = np.arange(len(states["alpha"])) * _HELD + _HELD - 3, aircraft.geometry
+    at, g = np.arange(len(states["alpha"])) * _HELD + 2 * _HELD // 3, aircraft.geometry
     F, M = (forces.aero_force + more_force)[at], (forces.aero_moment + more_moment)[at]
     qS = forces.qbar_Pa[at] * g.S_m2
     values = (*(f / qS for f in along_air(F, states["alpha"], states["beta"])),

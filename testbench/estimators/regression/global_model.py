@@ -30,7 +30,7 @@ _MIDDLE = (0.01, 0.99)  # quantiles between which a signal counts as flown
 _FLOWN = 0.98  # share of the samples of a band of alpha that its ellipsoid holds
 BAND_RAD = 2.0 * DEG_RAD
 """Width of the bands of alpha that a domain is made of."""
-_LEAST = 1e-3  # half range of a signal that rests: rad, or without unit
+_LEAST, _LEAST_RATE = 1e-3, 1e-5  # half range of a signal that rests: rad or V_rel, and a nondimensional rate
 
 
 # --- terms ------------------------------------------------------------------------------------------------------------
@@ -230,11 +230,12 @@ class FlownDomain:
         x = np.stack([np.concatenate([f[s] for f in flights]) for s in names], axis=1)
         low, high = np.quantile(alpha, _MIDDLE)
         at = np.linspace(low, high, max(2, round((high - low) / BAND_RAD) + 1))
+        least = [_LEAST_RATE if s.endswith("_hat") else _LEAST for s in names]
         middle, half, radius = np.empty((at.size, len(names))), np.empty((at.size, len(names))), np.empty(at.size)
         for i, a in enumerate(at):
             own = x[np.abs(alpha - a) <= max(0.5 * (high - low) / (at.size - 1), 1e-9)]
             ends = np.quantile(own if len(own) else x, _MIDDLE, axis=0)
-            middle[i], half[i] = ends.mean(axis=0), np.maximum(0.5 * np.diff(ends, axis=0)[0], _LEAST)
+            middle[i], half[i] = ends.mean(axis=0), np.maximum(0.5 * np.diff(ends, axis=0)[0], least)
             away = np.sqrt(np.sum(((own - middle[i]) / half[i]) ** 2, axis=1))
             radius[i] = max(1.0, float(np.quantile(away, _FLOWN))) if len(own) else 1.0
         return cls(at, names, middle, half, radius, float(low), float(high))

@@ -30,7 +30,7 @@ def global_answer(found: GlobalFound) -> list[Line]:
         )
     misses = ", ".join(f"{h.coefficient} {100.0 * h.missed / h.span:.1f} %" for h in found.held)
     names = ", ".join(f.name for f in found.of_use("validation"))
-    said.append(("finding", f"{names} held out: missed by {misses} of the range of each coefficient, noise included"))
+    said.append(("finding", f"held-out {names}: missed by {misses} of the range of each coefficient, noise included"))
     better = ", ".join(h.coefficient for h in found.held if h.missed < h.believed) or "none"
     said.append(("finding", f"the functions are nearer to them than the believed model in {better}"))
     said += [

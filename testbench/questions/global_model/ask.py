@@ -114,15 +114,13 @@ def global_model(
     known = {k: s for k, s in (instrument_std or {}).items() if all(k.rpartition("_")[0] in r for _, _, r in records)}
     if known:
         say("count the errors of instruments")
-    moves: dict[str, list[np.ndarray]] = {c: [] for c in COEFFICIENTS}
+    own = [k for k, (_, use, _) in enumerate(records) if use == "identification"]
     for error, std in known.items():
-        moved = [(n, use, without_errors(r, {error: -std})) for n, use, r in records if use == "identification"]
-        own = [f for f, (_, use, _) in zip(forces, records, strict=True) if use == "identification"]
-        there = [f.signals for f in felt_flights(aircraft, moved, own, V_ref, cut)]
+        moved = [(records[k][0], "", without_errors(records[k][2], {error: -std})) for k in own]
+        there = [f.signals for f in felt_flights(aircraft, moved, [forces[k] for k in own], V_ref, cut)]
         for c, f in functions.items():
-            moves[c].append(refit(c, there, f.terms, f.hinges, tuple(f.apart)).params - f.params)
-    for c, f in functions.items():
-        functions[c] = replace(f, covariance=f.covariance + sum(np.outer(d, d) for d in moves[c]))
+            d = refit(c, there, f.terms, f.hinges, tuple(f.apart)).params - f.params
+            functions[c] = replace(f, covariance=f.covariance + np.outer(d, d))
     domain = FlownDomain.of(fitted, signals)
     held = [f for f in felt if f.use == "validation"]
     return GlobalFound(
