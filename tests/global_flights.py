@@ -19,6 +19,7 @@ from testbench.aircraft import Aircraft
 from testbench.aircraft.stabiliser import stabilised
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.inputs import Multisine
+from testbench.estimators.regression.global_model import FlownDomain
 from testbench.flight.batch.along import ForcesAlong, GivenMotion, Lane, forces_along
 from testbench.inference.instruments import without_errors
 from testbench.questions.global_model.coefficients import COEFFICIENTS, along_air
@@ -49,6 +50,22 @@ ENVELOPES = {
     ),
     "c172p": Envelope((28.0, 30.0, 32.0, 35.0, 38.0, 42.0, 47.0, 52.0, 58.0, 33.0), 1000.0, (5.0, 6.0, 8.0)),
 }  # fmt: skip
+
+
+def drawn(domain: FlownDomain, rng: np.random.Generator, count: int) -> dict[str, FloatArray]:
+    """Return states, signal -> (count,): uniform over alpha, and in the domain over the other signals."""
+    out, k = np.empty((0, 1 + len(domain.signals))), len(domain.signals)
+    while len(out) < count:
+        a = rng.uniform(domain.low, domain.high, count)
+        away = rng.standard_normal((count, k))
+        away *= (rng.random(count) ** (1.0 / k) / np.linalg.norm(away, axis=1))[:, None]
+        away *= np.interp(a, domain.alpha, domain.radius)[:, None]
+        middle, half = (
+            np.stack([np.interp(a, domain.alpha, x[:, i]) for i in range(k)], axis=1)
+            for x in (domain.middle, domain.half)
+        )
+        out = np.vstack([out, np.column_stack([a, middle + away * half])[np.abs(away).max(axis=1) <= 1.0]])
+    return dict(zip(("alpha", *domain.signals), out[:count].T.copy(), strict=True))
 
 
 @cache

@@ -23,7 +23,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from global_flights import ENVELOPES, aircraft_of, at_states, coefficients_of, given_states, logs
+from global_flights import ENVELOPES, aircraft_of, at_states, coefficients_of, drawn, given_states, logs
 from smallest import results, sized
 from studies.kept_rows import write_rows
 
@@ -38,14 +38,14 @@ _STATES = 1000
 _LOG_S = 0.01
 
 
-def judged(name: str, drawn: bool, seed: int) -> Iterator[tuple[int, float, float, float, float]]:
+def judged(name: str, erring: bool, seed: int) -> Iterator[tuple[int, float, float, float, float]]:
     """Yield of each coefficient: terms, share of near states, error of nine tenths, mean square of z, z within 2."""
-    std = {n: s for c in NEEDED if c != "h" for n, s in sound(c, _LOG_S).items()} if drawn else {}
+    std = {n: s for c in NEEDED if c != "h" for n, s in sound(c, _LOG_S).items()} if erring else {}
     rng = np.random.default_rng([seed, 31])
     errors = {n: s * float(rng.standard_normal()) for n, s in std.items()}
     aircraft, h = aircraft_of(name), ENVELOPES[name].h_m
     found = global_model(logs(name, seed, errors), aircraft, instrument_std=std)
-    states = found.model.domain.draw(rng, _STATES)
+    states = drawn(found.model.domain, rng, _STATES)
     given = given_states(aircraft, states, found.V_ref_m_s, h)
     truth = coefficients_of(aircraft, at_states([aircraft], given, found.V_ref_m_s, h)[0], states)
     for c, (value, error) in found.model.at(states).items():
@@ -64,17 +64,17 @@ def judged(name: str, drawn: bool, seed: int) -> Iterator[tuple[int, float, floa
 def rows(seeds: int) -> Iterator[dict[str, object]]:
     """Yield the rows of the table."""
     for name in sized(tuple(ENVELOPES), ("T38",)):
-        for drawn in sized((False, True), (False,)):
-            every = np.array([list(judged(name, drawn, s)) for s in range(seeds)])  # (seeds, coefficients, figures)
+        for erring in sized((False, True), (False,)):
+            every = np.array([list(judged(name, erring, s)) for s in range(seeds)])  # (seeds, coefficients, figures)
             for i, c in enumerate(COEFFICIENTS):
                 terms, near, error, z2, two = every[:, i].T
                 yield {
-                    "aircraft": name, "instruments": "drawn" if drawn else "as sold", "coefficient": c, "seeds": seeds,
+                    "aircraft": name, "instruments": "drawn" if erring else "as sold", "coefficient": c, "seeds": seeds,
                     "terms": f"{terms.mean():.0f}", "near_percent": f"{100.0 * near.mean():.0f}",
                     "least_percent": f"{100.0 * near.min():.0f}", "error_90": f"{100.0 * error.mean():.2f}",
                     "z_rms": f"{np.sqrt(z2.mean()):.2f}", "within_2": f"{100.0 * two.mean():.0f}",
                 }  # fmt: skip
-                print(name, drawn, c, f"{100.0 * near.mean():.0f}", flush=True)
+                print(name, erring, c, f"{100.0 * near.mean():.0f}", flush=True)
 
 
 if __name__ == "__main__":

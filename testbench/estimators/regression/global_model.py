@@ -85,7 +85,6 @@ class CoefficientFunction:
         apart: signal beside the function -> its multiple and standard error: what no aerodynamic coefficient follows.
         residual_rms: of the flights that it was fitted to.
         span: range of the coefficient in those flights, between the quantiles 0.01 and 0.99.
-        candidates: number of terms that could have been chosen.
         others: the functions that the flights less one of them each give, their terms chosen anew.
     """
 
@@ -97,7 +96,6 @@ class CoefficientFunction:
     apart: Mapping[str, tuple[float, float]]
     residual_rms: float
     span: float
-    candidates: int
     others: tuple[CoefficientFunction, ...] = ()
 
     @property
@@ -158,7 +156,7 @@ def fit(
 
     def chosen(use: Sequence[int]) -> CoefficientFunction:
         own = (BIAS, *(terms[i] for i in choose([parts[k] for k in use])))
-        return refit(name, [flights[k] for k in use], own, hinges, apart, len(terms))
+        return refit(name, [flights[k] for k in use], own, hinges, apart)
 
     every = range(len(flights))
     others = tuple(chosen([k for k in every if k != out]) for out in every) if len(flights) > 2 else ()
@@ -171,7 +169,6 @@ def refit(
     terms: Sequence[str],
     hinges: Mapping[str, tuple[str, float]],
     apart: Sequence[str] = (),
-    among: int = 0,
 ) -> CoefficientFunction:
     """Return the function with these terms by least squares, its errors corrected for coloured residuals.
 
@@ -188,7 +185,7 @@ def refit(
     beside = zip(apart, theta[k:].tolist(), np.sqrt(np.diag(covariance)[k:]).tolist(), strict=True)
     return CoefficientFunction(
         name, tuple(terms), theta[:k], covariance[:k, :k], dict(hinges), {n: (c, s) for n, c, s in beside},
-        float(np.sqrt(error / len(y))), float(np.diff(np.quantile(y, _MIDDLE))[0]), among or k,
+        float(np.sqrt(error / len(y))), float(np.diff(np.quantile(y, _MIDDLE))[0]),
     )  # fmt: skip
 
 
@@ -257,22 +254,6 @@ class FlownDomain:
     def inside(self, signals: Signals) -> NDArray[np.bool_]:
         """Return (n,) whether states are in the domain."""
         return self.distance(signals) <= 1.0
-
-    def draw(self, rng: np.random.Generator, count: int) -> dict[str, FloatArray]:
-        """Return states, uniform over alpha and in the domain over the other signals; for judging a model."""
-        out: list[FloatArray] = []
-        k = len(self.signals)
-        while sum(len(o) for o in out) < count:
-            a = rng.uniform(self.low, self.high, 8 * count)
-            away = rng.standard_normal((a.size, k))
-            away *= (rng.random(a.size) ** (1.0 / k) / np.linalg.norm(away, axis=1))[:, None]
-            away *= np.interp(a, self.alpha, self.radius)[:, None]
-            x = np.stack([np.interp(a, self.alpha, self.middle[:, i]) + away[:, i]
-                          * np.interp(a, self.alpha, self.half[:, i]) for i in range(k)], axis=1)  # fmt: skip
-            states = np.column_stack([a, x])
-            out.append(states[np.abs(away).max(axis=1) <= 1.0])
-        every = np.vstack(out)[:count]
-        return dict(zip(("alpha", *self.signals), every.T.copy(), strict=True))
 
 
 @dataclass(frozen=True, eq=False)

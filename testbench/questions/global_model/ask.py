@@ -72,7 +72,6 @@ def global_model(
     *,
     hold_out: Sequence[str] = (),
     instrument_std: Mapping[str, float] | None = None,
-    name: str = "global",
     progress: Report | None = None,
 ) -> GlobalFound:
     """Return the coefficients of an aircraft as functions of its state, from many flights.
@@ -83,7 +82,6 @@ def global_model(
         hold_out: names of flights to hold out besides. If none is held out, that in the middle of alpha is.
         instrument_std: errors that instruments may have, CHANNEL_KIND -> standard deviation, as a description states
             them; without it they are taken as they read.
-        name: of the result.
         progress: called with a few words as each stage begins.
 
     Raises:
@@ -124,7 +122,6 @@ def global_model(
     domain = FlownDomain.of(fitted, signals)
     held = [f for f in felt if f.use == "validation"]
     return GlobalFound(
-        name,
         aircraft,
         GlobalModel(functions, domain),
         tuple(felt),

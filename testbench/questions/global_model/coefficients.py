@@ -48,14 +48,12 @@ class FeltFlight:
         use: "identification" or "validation".
         signals: of MOTIONS, the surfaces, and each of COEFFICIENTS as felt -> (n,).
         believed: coefficient -> (n,) of the believed model in that motion.
-        t_s: (n,).
     """
 
     name: str
     use: str
     signals: Mapping[str, FloatArray]
     believed: Mapping[str, FloatArray]
-    t_s: FloatArray
 
 
 def cutoff_hz(records: Sequence[FlightRecord]) -> float:
@@ -157,14 +155,6 @@ def _lane(aircraft: Aircraft, record: FlightRecord, x: Mapping[str, FloatArray])
     return Lane(aircraft, trimmed, GivenMotion(rate, motion, given))
 
 
-def nondimensional(aircraft: Aircraft, x: Mapping[str, FloatArray], V_ref: float) -> dict[str, FloatArray]:
-    """Return the signals of MOTIONS of states in SI."""
-    V, g = x["V"], aircraft.geometry
-    per = {"p": g.b_m, "q": g.cbar_m, "r": g.b_m}
-    hats = {f"{n}_hat": x[n] * length / (2.0 * V) for n, length in per.items()}
-    return {"alpha": x["alpha"], "beta": x["beta"], **hats, "V_rel": V / V_ref - 1.0}
-
-
 def along_air(force: FloatArray, alpha: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return lift, drag and side force of forces (n, 3) in body axes."""
     x, y, z = force.T
@@ -190,13 +180,15 @@ def _felt(
         values = (*(f / qS for f in along_air(force, a, b)), *(moment / (qS[:, None] * lengths)).T)
         return {c: v[keep] for c, v in zip(COEFFICIENTS, values, strict=True)}
 
+    hats = {f"{n}_hat": x[n] * length / (2.0 * x["V"]) for n, length in zip("pqr", lengths, strict=True)}
     surfaces = {c: x.get(c, u) for c, u in model.channels.items() if c in SURFACES}
-    signals = {n: v[keep] for n, v in (nondimensional(aircraft, x, V_ref) | surfaces).items()}
+    signals = {"alpha": a, "beta": b, **hats, "V_rel": x["V"] / V_ref - 1.0, **surfaces}
+    signals = {n: v[keep] for n, v in signals.items()}
     for i, axis in enumerate(("ax", "ay", "az")):
         unit = six(np.outer(model.mass_kg, np.eye(3)[i]), np.zeros_like(moment))
         signals |= {f"{c}_by_{axis}": unit[c] for c in COEFFICIENTS if f"{c}_by_{axis}" in APART.get(c, ())}
     signals |= six(model.aero_force + more, model.aero_moment + moment)
-    return FeltFlight(name, use, signals, six(model.aero_force, model.aero_moment), record.t_s[keep])
+    return FeltFlight(name, use, signals, six(model.aero_force, model.aero_moment))
 
 
 def _kept(record: FlightRecord, cut_hz: float) -> slice:

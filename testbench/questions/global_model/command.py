@@ -60,9 +60,8 @@ def command(
     std = {n: s for d in described for n, s in d.instrument_std.items()}
     every = [flight for found, _ in read for flight in found]
     loaded = load_aircraft(named[0])
-    name = f"global_{loaded.name}"
-    with ResultFolder(folder_in(out, name)) as place, stages() as say:
-        found = global_model(every, loaded, hold_out=hold_out or (), instrument_std=std, name=name, progress=say)
+    with ResultFolder(folder_in(out, f"global_{loaded.name}")) as place, stages() as say:
+        found = global_model(every, loaded, hold_out=hold_out or (), instrument_std=std, progress=say)
         if amend is not None:
             say("write the aircraft")
             found = write_amended(found, amend, named[0])

@@ -38,7 +38,6 @@ class GlobalFound:
     """A global model and what it was made from.
 
     Attributes:
-        name: of the result.
         aircraft: the believed model.
         model: the functions and their domain.
         flights: coefficients felt along every flight.
@@ -50,7 +49,6 @@ class GlobalFound:
         new: the aircraft that has the functions, and its folder; None if none was asked for.
     """
 
-    name: str
     aircraft: Aircraft
     model: GlobalModel
     flights: tuple[FeltFlight, ...]

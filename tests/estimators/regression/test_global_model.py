@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from global_flights import drawn
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import EstimationError
@@ -100,11 +101,11 @@ def test_states_beyond_the_flown_domain_are_not_answered():
     domain = FlownDomain.of(flown, SIGNALS)
     model = GlobalModel({"CL": fit("CL", flown, SIGNALS, knots(flown, SIGNALS))}, domain)
     assert np.mean([np.mean(domain.inside(x)) for x in flown]) > 0.85
-    drawn = domain.draw(np.random.default_rng(0), 300)
-    assert np.all(domain.inside(drawn))
-    assert np.allclose(model.at(drawn)["CL"][0], bent(drawn), atol=1e-9)
+    states = drawn(domain, np.random.default_rng(0), 300)
+    assert np.all(domain.inside(states))
+    assert np.allclose(model.at(states)["CL"][0], bent(states), atol=1e-9)
     for signal, more in (("alpha", 10.0 * DEG_RAD), ("beta", 15.0 * DEG_RAD), ("q_hat", 0.1), ("de", -20.0 * DEG_RAD)):
-        beyond = {**drawn, signal: drawn[signal] + (20.0 if signal == "alpha" else 1.0) * more}
+        beyond = {**states, signal: states[signal] + (20.0 if signal == "alpha" else 1.0) * more}
         assert not domain.inside(beyond).any(), signal
         assert all(np.isnan(x).all() for x in model.at(beyond)["CL"]), signal
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from global_flights import aircraft_of, at_states, coefficients_of, given_states, logs, truths
+from global_flights import aircraft_of, at_states, coefficients_of, drawn, given_states, logs, truths
 
 import testbench as tb
 from testbench.core.errors import ChannelError, EstimationError
@@ -42,7 +42,7 @@ def total(aircraft, states, V_ref, h_m, others):
 
 
 def test_functions_are_near_the_tables_and_held_out_flights_follow(found):
-    states = found.model.domain.draw(np.random.default_rng(0), 200)
+    states = drawn(found.model.domain, np.random.default_rng(0), 200)
     (truth,) = total(found.aircraft, states, found.V_ref_m_s, H_M, [])
     for c in COEFFICIENTS:
         value, std = found.model.at(states)[c]
@@ -117,7 +117,7 @@ def test_an_aircraft_has_the_functions_inside_and_its_own_beyond(found, own_form
         h = H_M
     base, new = found.aircraft, with_functions(found)
     domain = found.model.domain
-    inside = domain.draw(np.random.default_rng(1), 60)
+    inside = drawn(domain, np.random.default_rng(1), 60)
     slow = {**inside, "V_rel": np.full(60, 0.0)} if own_form else inside
     edge = {k: v.copy() for k, v in inside.items()}
     k = domain.signals.index("beta")
