@@ -503,7 +503,9 @@ class _Fit:
             there, before = None, here._log_joint(here.theta)
             for share in _SHARES:
                 theta = np.clip(here.theta + share * step, here._low, here._high)
-                yield here._wanted([theta])
+                # A whole step hardly ever fails, and its neighbours are flown with it: a few more cost a batch nothing.
+                few = here._beside(theta)[0].values() if share == 1.0 else ()
+                yield here._wanted([theta, *few])
                 if here._log_joint(theta) > before + 1e-3 * promised * share:
                     there = theta
                     break
@@ -576,15 +578,10 @@ class _Fit:
         Tangents that are known are taken, also from another point, until a step fails or none is left to take: then
         those of a fit that is not far behind are made afresh.
         """
-        steps = [
-            p.difference if t + p.difference <= p.high else -p.difference
-            for t, p in zip(theta, self.hypothesis.parameters, strict=True)
-        ]
         known: Sequence[Mapping[str, FloatArray]] = [{}] * len(self.records)
         if self.tangents is not None and not fresh:
             known = self.tangents
-        wanted = [i for i, p in enumerate(self.hypothesis.parameters) if any(p.name not in k for k in known)]
-        beside = {i: theta + steps[i] * (np.arange(len(theta)) == i) for i in wanted}
+        beside, steps = self._beside(theta, fresh)
         yield self._wanted([theta, *beside.values()])
         blocks = []
         stated = np.array(list(self.noise.std.values()))
@@ -614,6 +611,17 @@ class _Fit:
             tangents = [{n: b.columns[:, :, names.index(n)] for n in tangents[0]} for b in blocks]
         fresh = fresh or tangents is None
         return replace(self, theta=theta, blocks=blocks, grams=sums, tangents=tangents, fresh=fresh)
+
+    def _beside(self, theta: FloatArray, fresh: bool = False) -> tuple[dict[int, FloatArray], list[float]]:
+        """Return parameter -> neighbour of a point (k,), of those whose tangents are differences, and all steps."""
+        parameters = self.hypothesis.parameters
+        steps = [
+            p.difference if t + p.difference <= p.high else -p.difference
+            for t, p in zip(theta, parameters, strict=True)
+        ]
+        known = [] if self.tangents is None or fresh else self.tangents
+        wanted = [i for i, p in enumerate(parameters) if not known or any(p.name not in k for k in known)]
+        return {i: theta + steps[i] * (np.arange(len(theta)) == i) for i in wanted}, steps
 
     def _of_record(self, record: FlightRecord) -> tuple[Motion, FloatArray]:
         """Return the unknown motion and gusts (n, p, q) of a record, in units of the noise, made once for all."""

@@ -13,7 +13,7 @@ from numba.extending import intrinsic
 
 SOURCES = hashlib.sha256(b"".join(p.read_bytes() for p in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
 """Hash of the code of the batch."""
-LANES = 32
+LANES = 8
 """Flights of a block, always: known when the kernels are compiled, so that they are vectorised over the flights.
 
 Measured on a rigid aircraft, 10 s at 100 Hz: 64 flights take 14, 17, 19 and 21 ms in blocks of 64, 32, 16 and 8, and

@@ -41,6 +41,7 @@ BEGINS = 2  # points from which an effect is fitted, the best first
 BESIDE = 4  # effects that are flown beside each of the best
 NEEDS = 0.1  # probability of something unknown from which another is sought beside the two best, not the best alone
 PARTNER = 8.0  # in ln p to first order: what another must gain beside an effect to be flown; neither decides anything
+ELSEWHERE = 0.5  # probability of something that the library lacks from which what begins in flight is tried first
 INVISIBLE = 1e-2  # chi-square of what an effect changes at its starts, below which it cannot be seen
 _NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
 
@@ -50,12 +51,13 @@ def name_effect(
     records: Sequence[FlightRecord],
     progress: Callable[[str], None] | None = None,
     effects: Mapping[str, Effect] | None = None,
-    pairs: float = 1.0,
+    pairs: bool = True,
     source: Source = "simulated",
     further: Mapping[str, Effect] | None = None,
     terms: Mapping[str, Effect] | None = None,
     tried: int = 1,
     held_out: Sequence[FlightRecord] = (),
+    elsewhere: Callable[[], bool] = lambda: False,
 ) -> Naming:
     """Weigh all that the library explains of ``records``, and name what is probable.
 
@@ -64,13 +66,15 @@ def name_effect(
         records: measured records.
         progress: called with a few words as each stage begins.
         effects: the library, by name; that of the suite if not given.
-        pairs: where one effect does not explain all, two at once are tried, or three, unless what the library lacks is
-            more probable than this.
+        pairs: where one effect does not explain all, two at once are tried, or three.
         source: where the noise of the sensors comes from.
         further: effects that are sought only in a place where one of the library comes near.
         terms: that forces and moments may follow, see :mod:`.open_set`.
         tried: how many terms these are the best of.
         held_out: measured records that judge.
+        elsewhere: whether what is missing may act in a part of the flights alone, so that no second effect is sought
+            where the library lacks something more probably than not (``ELSEWHERE``); asked there only, as it takes as
+            long as all the rest.
 
     Raises:
         FlightAborted, TrimError, LimitError: the believed aircraft itself does not survive the measured commands.
@@ -122,8 +126,8 @@ def name_effect(
         return Weighed.of(found, dict(shown), seen, len(base.priors), tried, named)
 
     out = weighed()
-    for several in (1, 2) if pairs > 0.0 else ():
-        if out.nothing > 0.5 or (several == 1 and out.unknown > pairs):
+    for several in (1, 2) if pairs else ():
+        if out.nothing > 0.5 or (several == 1 and out.unknown > ELSEWHERE and elsewhere()):
             break
         others = [e for e in known.values() if e.name not in rejected]
         more = _beside_the_best(asker, out, several, others, say)
@@ -460,7 +464,9 @@ class _Asker:
             return tuned(there, values).beginning(starts, there=True)
 
         def signature(record: FlightRecord, values: Mapping[str, float]) -> FloatArray:
-            change = self._read(model(values), record) - self._read(model(values, False), record)
+            without = model(values, False)
+            fly_together([without], self.records)
+            change = self._read(model(values), record) - self._read(without, record)
             return np.asarray(form_error * np.nan_to_num(change))
 
         self.models[name] = model

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +38,7 @@ from testbench.questions.gap.evidence.smoothed import smoothed
 from testbench.questions.gap.explain import Explanation, Naming
 from testbench.questions.gap.flights import flights
 from testbench.questions.gap.in_windows import in_windows
-from testbench.questions.gap.name import name_effect
+from testbench.questions.gap.name import ELSEWHERE, name_effect
 from testbench.questions.gap.open_set import first_look, proposals
 from testbench.questions.gap.plan import separate
 from testbench.questions.gap.result import GapFinding, Shrink
@@ -49,7 +49,6 @@ from testbench.questions.gap.search.retune import retune
 from testbench.questions.gap.window_length import Windows
 from testbench.questions.gap.windows import as_they_start, begin_freely
 
-ELSEWHERE = 0.5  # probability of something that the library lacks from which what begins in flight is tried first
 SAME_AIR = 0.15  # share by which the rms of turbulence may change before the search is made again
 
 
@@ -62,8 +61,9 @@ class Sought:
         further: effects that are sought only in a place where one of the library comes near.
         terms: that forces and moments follow; ``tried``: how many they are the best of.
         source: where the noise of the sensors comes from.
-        pairs: probability of something that the library lacks up to which two effects at once are sought, too.
+        pairs: two effects at once are sought, too.
         held_out: records that judge.
+        elsewhere: whether what is missing may act in a part of the flights alone, see :func:`.name.name_effect`.
     """
 
     effects: Mapping[str, Effect]
@@ -71,8 +71,9 @@ class Sought:
     terms: Mapping[str, Effect] = field(default_factory=dict)
     tried: int = 1
     source: Source = "simulated"
-    pairs: float = 1.0
+    pairs: bool = True
     held_out: Sequence[FlightRecord] = ()
+    elsewhere: Callable[[], bool] = lambda: False
 
     def name(self, believed: Believed, records: Sequence[FlightRecord], say: Callable[[str], None]) -> Naming:
         """Return what is named of records."""
@@ -87,6 +88,7 @@ class Sought:
             self.terms,
             self.tried,
             self.held_out,
+            self.elsewhere,
         )
 
 
@@ -179,15 +181,12 @@ def find_gap(
             proposals(first, believed),
             1 if first.found is None else first.found.tried,
             "simulated" if noise == "simulated" else "measured",
-            float(
-                not given.notes
-            ),  # where starts are fitted once more beside what comes nearest, two are sought after that
+            not given.notes,  # where starts are fitted once more beside what comes nearest, two are sought after that
             list(held_out.values()),
         )
         as_believed = believed
-        say("seek what begins in flight")
-        begun = _begun(as_believed, records, air, sought)
-        alone = replace(sought, pairs=min(sought.pairs, ELSEWHERE if begun else 1.0))
+        begun = _Begun(as_believed, records, air, sought, say)
+        alone = replace(sought, elsewhere=lambda: bool(begun.places))
         believed, naming, air = search(as_believed, flown, air, say, alone)
         near = _nearest(naming)
         if noise_found is not None and near is not None:  # what was missing may have been taken for noise
@@ -200,19 +199,19 @@ def find_gap(
         if near is not None and given.notes:  # tangents of a start are those of the model that it was fitted to
             say("fit where windows start beside what comes nearest")
             as_believed = begin_freely(as_believed, {**records, **held_out}, near.added_to(as_believed))
-            alone = replace(sought, pairs=ELSEWHERE if begun else 1.0)
+            alone = replace(alone, pairs=True)
             believed, naming, air = search(as_believed, flown, air, say, alone)
         if check and checked is None:
             checked = ahead.take("check", instruments)
     whole, all_in = flown, as_believed
     acting = None
-    if begun and naming.weighed.unknown > ELSEWHERE:  # else what acts in all records explains them
-        elsewhere = _begun_somewhere(begun, as_believed, records, (believed, naming, air), sought, say)
+    if naming.weighed.unknown > ELSEWHERE and begun.places:  # else what acts in all records explains them
+        elsewhere = _begun_somewhere(begun.places, as_believed, records, (believed, naming, air), sought, say)
         if elsewhere is not None:
             acting, records, (believed, naming, air) = elsewhere
             flown = list(records.values())
         else:
-            believed, naming, air = search(as_believed, flown, air, say, replace(sought, pairs=1.0))
+            believed, naming, air = search(as_believed, flown, air, say, replace(sought, pairs=True))
     flights_again = None
     if again:
 
@@ -263,12 +262,24 @@ def find_gap(
     )
 
 
-def _begun(believed: Believed, records: Mapping[str, FlightRecord], air: AirFound, sought: Sought) -> list[onset.Begun]:
-    """Return what may begin or end in flight, by an unknown motion alone, the most probable first."""
-    flown_in, _ = in_measured_air(believed, list(records.values()), air)
-    nothing = replace(sought, effects={}, further={}, terms={}, pairs=0.0, held_out=())
-    naming = nothing.name(flown_in, list(records.values()), lambda stage: None)
-    return [] if naming.weighed.nothing > 0.5 else onset.seek(flown_in, records, naming)
+@dataclass(frozen=True, eq=False)
+class _Begun:
+    """What may begin or end in flight, sought where it is asked for: most flights are explained without it."""
+
+    believed: Believed
+    records: Mapping[str, FlightRecord]
+    air: AirFound
+    sought: Sought
+    say: Callable[[str], None]
+
+    @cached_property
+    def places(self) -> list[onset.Begun]:
+        """Where it may, by an unknown motion alone, the most probable first."""
+        self.say("seek what begins in flight")
+        flown_in, _ = in_measured_air(self.believed, list(self.records.values()), self.air)
+        nothing = replace(self.sought, effects={}, further={}, terms={}, pairs=False, held_out=())
+        naming = nothing.name(flown_in, list(self.records.values()), lambda stage: None)
+        return [] if naming.weighed.nothing > 0.5 else onset.seek(flown_in, self.records, naming)
 
 
 def _begun_somewhere(
@@ -286,7 +297,7 @@ def _begun_somewhere(
     flown_in, naming, air = found
     for place in places:
         cut = onset.divided(believed, records, place)
-        there = replace(sought, effects=onset.later(sought.effects, place), further={}, terms={}, pairs=0.0)
+        there = replace(sought, effects=onset.later(sought.effects, place), further={}, terms={}, pairs=False)
         begins = believed
         if place.record:
             tuned = flown_in.with_nuisances(naming.beside_unknown)
