@@ -604,7 +604,8 @@ class _Fit:
                 own = np.concatenate([own, signature[:, :, None] * hats[:, None, :]], axis=2)
             blocks.append(Linearised(np.where(valid, z - y, 0.0), columns, U, valid, own))
         kept = self.grams if self.grams and (self.hypothesis.form is None or not form) else [None] * len(blocks)
-        sums = [Grams.made(block, before) for block, before in zip(blocks, kept, strict=True)]
+        same = [i for i in range(len(theta)) if i not in beside]  # their tangents are known, and so are their sums
+        sums = [Grams.made(block, before, same) for block, before in zip(blocks, kept, strict=True)]
         tangents = self.tangents
         if fresh and tangents is not None:
             names = [p.name for p in self.hypothesis.parameters]

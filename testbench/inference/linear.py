@@ -115,11 +115,20 @@ class Grams:
     _kept: dict[bytes, dict[float, tuple[FloatArray, Any, float]]] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def made(cls, record: Linearised, before: Grams | None = None) -> Grams:
-        """Return the sums of a record; those of its own and of the pulses are taken from ``before``, if they are."""
-        new = record.counted(np.concatenate([record.columns, record.residual[:, :, None]], axis=2))
+    def made(cls, record: Linearised, before: Grams | None = None, kept: Sequence[int] = ()) -> Grams:
+        """Return the sums of a record.
+
+        Args:
+            record: about a point.
+            before: of the same record about another point: sums of its own and of the pulses are taken from there.
+            kept: columns that were the same there, so that their sums are, too.
+        """
+        known = [] if before is None else list(kept)
+        every = record.counted(np.concatenate([record.columns, record.residual[:, :, None]], axis=2))
+        fresh = [i for i in range(every.shape[2]) if i not in known]
+        new = np.ascontiguousarray(every[:, :, fresh]) if known else every
         U, own = record.unknown, record.all_own
-        shared, across = new.transpose(0, 2, 1) @ new, U.response.transpose(0, 2, 1) @ new
+        shared, across = every.transpose(0, 2, 1) @ new, U.response.transpose(0, 2, 1) @ new
         inside = U.gram if before is None else before.inside
         if own.shape[2]:
             mine = record.counted(own).transpose(0, 2, 1)
@@ -128,6 +137,9 @@ class Grams:
                 with_motion = mine @ U.response
                 left = np.concatenate([mine @ mine.transpose(0, 2, 1), with_motion.transpose(0, 2, 1)], axis=1)
                 inside = np.concatenate([left, np.concatenate([with_motion, U.gram], axis=1)], axis=2)
+        if before is not None and known:
+            shared, across = _replaced(before.shared, shared, fresh), _replaced(before.across, across, fresh)
+            shared[:, fresh] = shared[:, :, fresh].transpose(0, 2, 1)
         samples = record.taken.sum(axis=0).astype(float)
         return cls(shared, across, inside, samples, U.size, {} if before is None else before._kept)
 
@@ -184,6 +196,13 @@ class Grams:
         for inside, s in zip(self.inside, scales, strict=True):
             out += s**-2.0 * inside[:r, :r]
         return out
+
+
+def _replaced(before: FloatArray, new: FloatArray, columns: Sequence[int]) -> FloatArray:
+    """Return sums (p, r, c), those of some columns being ``new`` ones."""
+    out = before.copy()
+    out[:, :, columns] = new
+    return out
 
 
 @dataclass(frozen=True, eq=False)
