@@ -27,7 +27,11 @@ METHODS = {
     "prediction_error": HORIZONS,
     "srivc": {"poles": [2], "zeros": [1], "hold": "zoh"},
 }
-SEEDS = {method: (11,) if method == "filter_error" else (11, 12) for method in METHODS}  # which takes its time
+
+
+@pytest.fixture(params=[11, pytest.param(12, marks=pytest.mark.slow)])
+def seed(request):
+    return request.param
 
 
 @cache
@@ -39,21 +43,19 @@ def serious(case, method, seed):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_delay_is_named_with_its_size(method):
-    for seed in SEEDS[method]:
-        codes, causes = serious("delay", method, seed)
-        assert codes[0] == "delay"
-        assert causes[0]["subject"] == "de"
-        assert causes[0]["amount"] == pytest.approx(0.06, abs=0.015)  # three samples
+def test_a_delay_is_named_with_its_size(method, seed):
+    codes, causes = serious("delay", method, seed)
+    assert codes[0] == "delay"
+    assert causes[0]["subject"] == "de"
+    assert causes[0]["amount"] == pytest.approx(0.06, abs=0.015)  # three samples
 
 
 @pytest.mark.parametrize("method", [m for m in METHODS if m != "filter_error"])
-def test_a_stall_is_a_bend_in_alpha_and_no_closed_loop(method):
-    for seed in (11, 12):
-        codes, causes = serious("stall", method, seed)
-        assert "bend" in codes[:2]
-        assert causes[0]["subject"] == "alpha"
-        assert "closed_loop" not in codes
+def test_a_stall_is_a_bend_in_alpha_and_no_closed_loop(method, seed):
+    codes, causes = serious("stall", method, seed)
+    assert "bend" in codes[:2]
+    assert causes[0]["subject"] == "alpha"
+    assert "closed_loop" not in codes
 
 
 @pytest.mark.parametrize("method", ["output_error", "equation_error", "dsr_e"])
@@ -70,17 +72,15 @@ def test_too_few_samples_are_said_before_anything_else():
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("case", ["clean", "colour"])
-def test_noise_alone_is_no_fault_of_the_aircraft(case, method):
+def test_noise_alone_is_no_fault_of_the_aircraft(case, method, seed):
     # All regressors at once err once in 1000 records; the test of feedback is not made on inputs that are held.
-    for seed in SEEDS[method]:
-        named = {c["code"] for c in serious(case, method, seed)[1]}
-        assert named <= {"far_from_best", "coloured_residuals"}
+    named = {c["code"] for c in serious(case, method, seed)[1]}
+    assert named <= {"far_from_best", "coloured_residuals"}
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_clean_fit_is_good(method):
-    for seed in SEEDS[method]:
-        assert serious("clean", method, seed)[0] == []  # false alarm: 1e-3 for each of some three tests of a fit
+def test_a_clean_fit_is_good(method, seed):
+    assert serious("clean", method, seed)[0] == []  # false alarm: 1e-3 for each of some three tests of a fit
 
 
 @pytest.mark.parametrize("method", ["dsr_e", "moesp", "equation_error"])

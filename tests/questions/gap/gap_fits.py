@@ -1,14 +1,18 @@
-"""What naming says where nothing but a few effects may explain records."""
+"""What naming says where nothing but a few effects may explain records, and fits of effects without a comparison."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from testbench.core.record import FlightRecord
 from testbench.effects import Effect
+from testbench.inference.compare import compare_hypotheses
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.explain import Explanation, Naming
-from testbench.questions.gap.name import name_effect
+from testbench.questions.gap.name import _Asker, _split, name_effect
+from testbench.questions.gap.search.gust_search import sought
 
 
 def weighed(believed: Believed, records: Sequence[FlightRecord], *effects: Effect) -> Naming:
@@ -17,9 +21,29 @@ def weighed(believed: Believed, records: Sequence[FlightRecord], *effects: Effec
 
 
 def fits(believed: Believed, records: Sequence[FlightRecord], *effects: Effect) -> list[Explanation | None]:
-    """Return the fit of each effect; None of one that cannot be seen or flown."""
-    found = {f.effect.name: f for f in weighed(believed, records, *effects).ranking}
-    return [found.get(e.name) for e in effects]
+    """Return the fit of each effect, as naming begins it; None of one that cannot be seen or flown.
+
+    Nothing else is fitted: neither "nothing" nor coefficients, which take as long as the effect and are weighed in
+    other tests.
+    """
+    asker = _Asker(believed, tuple(records), "simulated")
+    near = {one.effect.name: one for one in asker.near([sought(asker.tuned, e) for e in effects])}
+    asked = {n: h for n, one in near.items() if (h := asker.effect(one)) is not None}
+    if not asked:
+        return [None] * len(effects)
+    found = compare_hypotheses(records, list(asked.values()), asker.noise, asker.unknown, samples=0, ahead=asker.ahead)
+    out = []
+    for effect in effects:
+        if effect.name not in asked:
+            out.append(None)
+            continue
+        row, effect = found[effect.name], near[effect.name].effect
+        values, errors, nuisances, spread = _split(effect, row)
+        there = asker.tuned.moved(believed.with_effect(effect, values), asker.tuned.vector(nuisances))
+        left = np.inf if there is None else there.chi2
+        of_comparison = 0.0, 0.0, row.probability, 0.0, row.posterior.kappa
+        out.append(Explanation(effect, values, errors, nuisances, spread, left, *of_comparison))
+    return out
 
 
 def check_sizes(found: Explanation | None, true: Mapping[str, float], share: float) -> None:

@@ -60,7 +60,7 @@ ELEVATOR = Manoeuvre(name="elevator", use="identification", duration_s=6.0, inpu
 DOUBLET = Manoeuvre(name="doublet", use="identification", duration_s=6.0, input=(TURN,))
 YAW = Manoeuvre(name="rudder", use="identification", duration_s=8.0, input=(RUDDER,))
 CONDITIONS = {"eolo": FlightCondition(16.0, 547.0), "taurus": FlightCondition(15.0, 100.0)}
-AIRCRAFT = ("eolo", "taurus")
+AIRCRAFT = (pytest.param("eolo"), pytest.param("taurus", marks=pytest.mark.slow))
 OF_SERVO = ("actuator_lag", "transport_delay", "rate_limit", "pitch_damper", "surface_scale")
 OF_AIR = ("alpha_dot", "wake_lag", "speed_effectiveness", "curved_moment")
 TRUTHS = {
@@ -113,7 +113,9 @@ def assert_named(naming: Naming, effect: str, true: dict[str, float]) -> None:
 
 
 @pytest.mark.parametrize("noise_rad", [NOISE_RAD, pytest.param(0.0, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("case", TRUTHS)
+@pytest.mark.parametrize(
+    "case", [pytest.param(n, marks=pytest.mark.slow) if n in ("late command", "gain") else n for n in TRUTHS]
+)
 def test_what_a_surface_does_beside_its_command_is_named_with_its_size(case, noise_rad):
     _, control, effect, true = TRUTHS[case]
     finding = found(case, noise_rad)
@@ -125,7 +127,7 @@ def test_what_a_surface_does_beside_its_command_is_named_with_its_size(case, noi
     assert path.nearest < 1.05
 
 
-@pytest.mark.parametrize("noise_rad", [NOISE_RAD, 0.0])
+@pytest.mark.parametrize("noise_rad", [NOISE_RAD, pytest.param(0.0, marks=pytest.mark.slow)])
 def test_nothing_is_said_to_act_in_a_path_as_believed_whatever_else_is_wrong(noise_rad):
     """The aircraft is a sixth heavier than believed, which its surfaces do not know."""
     b = believe(noise_rad)
@@ -185,7 +187,11 @@ def test_a_feedback_too_small_for_the_motion_is_named_by_the_surface():
     assert abs(both.best.values["gain_s"] - 0.04) < 3.0 * both.best.errors["gain_s"]
 
 
-@pytest.mark.parametrize("hidden", [slow_servo(10.0), slewed_command(0.25)], ids=["slow", "slew"])
+@pytest.mark.parametrize(
+    "hidden",
+    [pytest.param(slow_servo(10.0), marks=pytest.mark.slow), slewed_command(0.25)],
+    ids=["slow", "slew"],
+)
 def test_a_fault_of_the_servo_that_is_not_held_is_no_effect_of_the_air(hidden):
     """What remains of the surface needs an unknown deflection, and no moment of the air explains that."""
     b = believe(NOISE_RAD)
