@@ -438,7 +438,7 @@ class _Fit:
         if KAPPAS[here.k] > WHOLE and here.promised > shared.most - _HOPELESS:
             # A large unknown motion does what the parameters have left undone: they go on where it is small.
             small = replace(here, k=max(j for j in here._every if KAPPAS[j] <= WHOLE), fresh=here.tangents is None)
-            there = yield from small._descended(shared, hold=True)
+            there = yield from small._descended(shared, beyond=here.promised)
             there = there._at_rest()
             if hypothesis.form is not None:
                 there = yield from there._linearised(there.theta, fresh=there.fresh)
@@ -486,11 +486,19 @@ class _Fit:
         """Ln p that the linear model promises at its best point, but for a constant of the records."""
         return self._reduced(self.scales, self.k).log_evidence(self._offset, self._std)
 
-    def _descended(self, shared: _Shared, hold: bool = False) -> _Run:
-        """Return the fit at the best point for its noise scales; ``hold`` its size of the unknown motion."""
-        here = self
+    def _descended(self, shared: _Shared, beyond: float | None = None) -> _Run:
+        """Return the fit at the best point for its noise scales.
+
+        Where it has to come ``beyond`` a promise, it holds its size of the unknown motion, and ends once it would not
+        come near if all rounds that are left gained as much as the promise moved in the last one.
+        """
+        here, hold, last = self, beyond is not None, -math.inf
         for done in range(_ROUNDS):
             step, promised = here._step()
+            if beyond is not None and done >= _PATIENCE:
+                if here.promised + (_ROUNDS - done) * abs(here.promised - last) < beyond - _HOPELESS:
+                    break
+            last = here.promised
             shared.most = max(shared.most, here.promised - promised)
             far = not hold and here.promised < shared.most - _HOPELESS
             if done >= _PATIENCE and not hold and here.promised < shared.least:
