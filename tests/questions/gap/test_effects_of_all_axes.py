@@ -38,6 +38,8 @@ TRUE = {
     "lost_fin": {"share": 0.25},
     "lost_tail": {"share": 0.15},
 }
+# Some five seconds each, of which another effect of the same table stays: a damper with a lag beside one without, ...
+LONG = {"filtered_roll_damper", "late_interconnect", "lost_fin", "lost_tail", "side_payload"}
 LOOSE = {"lost_fin", "lost_tail", "stall_moment", "asymmetric_stall"}
 
 
@@ -52,7 +54,14 @@ def test_a_new_effect_that_no_name_calls_for_is_searched_and_the_others_are_know
         assert NEW[name].lateral, "records of elevator and throttle must not pay for it"
 
 
-@pytest.mark.parametrize("name", [n for n in NEW if n not in TRIMMED_OUT | {"stall_moment", "asymmetric_stall"}])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(n, marks=pytest.mark.slow) if n in LONG else n
+        for n in NEW
+        if n not in TRIMMED_OUT | {"stall_moment", "asymmetric_stall"}
+    ],
+)
 def test_a_lateral_effect_is_found_again_at_its_size_in_data_that_it_made(name):
     """Noise-free records, coefficients free: a fiftieth of the gap is left at most, the size is right to 5 %."""
     b, effect = believe(), NEW[name]

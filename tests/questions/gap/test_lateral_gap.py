@@ -167,7 +167,7 @@ def test_lateral_records_screen_out_what_they_cannot_show(base):
 @pytest.mark.parametrize(
     ("name", "true"),
     [
-        ("yaw_damper", {"gain_s": 0.2, "washout_rad_s": 0.4}),
+        pytest.param("yaw_damper", {"gain_s": 0.2, "washout_rad_s": 0.4}, marks=pytest.mark.slow),
         ("yaw_damper", {"gain_s": -0.01, "washout_rad_s": 1.5}),
         ("rudder_lag", {"lag_rad_s": 12.0}),
         ("aileron_lag", {"lag_rad_s": 15.0}),

@@ -38,7 +38,10 @@ def test_a_density_belongs_to_one_height(h_m):
 
 @pytest.mark.parametrize(
     ("name", "factor", "others"),
-    [("air_density", 0.93, ("mass_error", "drag_increment")), ("airspeed_flown", 1.06, ("V_scale", "air_density"))],
+    [
+        ("air_density", 0.93, ("mass_error", "drag_increment")),
+        pytest.param("airspeed_flown", 1.06, ("V_scale", "air_density"), marks=pytest.mark.slow),  # ten seconds
+    ],
 )
 def test_what_all_records_were_flown_in_is_found_over_two_speeds(name, factor, others):
     b, effect = believed(), EFFECTS[name]

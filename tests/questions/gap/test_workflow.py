@@ -90,12 +90,9 @@ def test_the_right_effect_is_named_and_the_gap_shrinks(solved):
 
 
 def test_noise_that_is_a_third_more_than_stated_moves_neither_the_name_nor_its_probability(tmp_path):
+    """From one manoeuvre, with two measurements of the noise and two searches; some four seconds."""
     file = tmp_path / "noisy.toml"
-    text = (
-        (SCENARIOS / "gap" / "alpha_vane.toml")
-        .read_text(encoding="utf-8")
-        .replace("[hidden]\n", "[hidden]\nnoise = 1.3\n")
-    )
+    text = vane_text().replace("[hidden]\n", "[hidden]\nnoise = 1.3\n")
     file.write_text('effects = ["alpha_scale", "actuator_lag", "theta_lag"]\n' + text, encoding="utf-8")
     finding = run_gap(file).finding
     assert finding.naming.names == ("alpha_scale",)
@@ -260,19 +257,24 @@ def test_faults_of_a_gap_scenario_come_at_once(tmp_path):
 VANE_MANOEUVRES = ("elevator 3211", "doublets and throttle")  # one to name from, one held out
 
 
+def vane_text() -> str:
+    """Return the scenario of the vane with one manoeuvre to name from and one held out."""
+    head, *tables = (SCENARIOS / "gap" / "alpha_vane.toml").read_text(encoding="utf-8").split("[[manoeuvre]]\n")
+    flown = (t for t in tables if t.startswith(tuple(f'name = "{n}"' for n in VANE_MANOEUVRES)))
+    return "[[manoeuvre]]\n".join((head, *flown))
+
+
 @pytest.fixture(scope="module")
 def vane(tmp_path_factory):
     """The case of the vane among two effects and from one manoeuvre: (its text up to [hidden], result, records)."""
     folder = tmp_path_factory.mktemp("vane")
-    head, *tables = (SCENARIOS / "gap" / "alpha_vane.toml").read_text(encoding="utf-8").split("[[manoeuvre]]\n")
-    file = folder / "vane.toml"
-    flown = (t for t in tables if t.startswith(tuple(f'name = "{n}"' for n in VANE_MANOEUVRES)))
-    file.write_text("[[manoeuvre]]\n".join((head, *flown)), encoding="utf-8")
+    file, text = folder / "vane.toml", vane_text()
+    file.write_text(text, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(workflow, "name_effect", among(VANE_EFFECTS))
         with ResultFolder(folder) as place:
             result = run_gap(file, keep=record_keeper(place))
-    return head.split("\n[hidden]")[0] + "\n", result, folder / "records"
+    return text.split("\n[hidden]")[0] + "\n", result, folder / "records"
 
 
 def test_the_amended_model_flies_in_stock_jsbsim_and_the_amended_suite_is_read_back(tmp_path, vane):
