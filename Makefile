@@ -4,6 +4,8 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 # One thread per process: the matrices here are small, and two processes with two threads each stand in each other's way.
 export OPENBLAS_NUM_THREADS ?= 1
+# Compiled modules are kept, whatever the image says: else every process of the suite compiles them again, 10 s each.
+unexport PYTHONDONTWRITEBYTECODE
 
 # One look at every part of the house that is quick to see; which tests these are is said here and nowhere else.
 QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.py tests/flight/test_linearise.py \

@@ -495,10 +495,9 @@ class _Fit:
         here, hold, last = self, beyond is not None, -math.inf
         for done in range(_ROUNDS):
             step, promised = here._step()
-            if beyond is not None and done >= _PATIENCE:
-                if here.promised + (_ROUNDS - done) * abs(here.promised - last) < beyond - _HOPELESS:
-                    break
-            last = here.promised
+            reach, last = here.promised + (_ROUNDS - done) * abs(here.promised - last), here.promised
+            if beyond is not None and done >= _PATIENCE and reach < beyond - _HOPELESS:
+                break
             shared.most = max(shared.most, here.promised - promised)
             far = not hold and here.promised < shared.most - _HOPELESS
             if done >= _PATIENCE and not hold and here.promised < shared.least:

@@ -35,8 +35,8 @@ from testbench.flight.trim import steady_wind
 FEWEST = 8
 """Flights from which a batch is worth the judgement of a model that has not been judged: 50 ms, where one flight of
 JSBSim takes 7 and one in a batch 3."""
-AT_ONCE = 8 * LANES
-"""Flights of a block whose records are held together."""
+AT_ONCE = 32 * LANES
+"""Flights whose records are held together."""
 _TRUSTED = 1e-6  # of a channel's range: more than a flight far from trim makes of what is agreed about trim
 _GUSTS = [r.GUST, r.GUST + 1, r.GUST + 2]
 T = TypeVar("T")

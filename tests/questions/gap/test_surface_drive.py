@@ -242,9 +242,7 @@ def test_what_is_wrong_with_a_servo_is_not_seen_and_names_nothing(hidden):
     assert finding.sentences[1].startswith("the path of the elevator could not be seen: its command, de_cmd, is not")
 
 
-@pytest.mark.parametrize(
-    "hidden", [pytest.param(NOTHING, marks=pytest.mark.slow), SLOW], ids=["none", "slow servo"]
-)
+@pytest.mark.parametrize("hidden", [pytest.param(NOTHING, marks=pytest.mark.slow), SLOW], ids=["none", "slow servo"])
 def test_pieces_of_flights_are_cut_and_searched_by_their_surface_alone(hidden):
     """They begin while the elevator rests after its first step, and the aircraft does not: from trim it would stall."""
     b, pieces = believe(), {}
