@@ -56,6 +56,14 @@ LONG = {
     "cg_shift",
     "elevator_mode",
 }  # up to half a minute each
+# More general forms take the code of what they generalise, which stays.
+GENERAL = {
+    "asymmetric_rate_limit",
+    "creeping_free_play",
+    "delayed_servo",
+    "filtered_pitch_damper",
+    "washed_pitch_damper",
+}
 OF_OTHER_SENSORS = {n for n in SHOWN if n.partition("_")[0] in ("V", "q", "theta", "az")} - {"V_cross", "az_position"}
 # Effects of which these records tell some combinations of parameters only, or a size that the priors of the
 # coefficients take up (a shift of the centre of gravity is one of Cm_alpha): the gap must close all the same.
@@ -126,7 +134,7 @@ def test_effects_that_break_a_law_are_told_which(believed):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n in OF_OTHER_SENSORS | LONG else n for n in SHOWN]
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n in OF_OTHER_SENSORS | LONG | GENERAL else n for n in SHOWN]
 )
 def test_an_effect_is_recovered_from_data_without_noise_that_it_made(name, believed, commands):
     effect = EFFECTS[name]

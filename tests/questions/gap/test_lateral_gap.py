@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap.hidden_truths import NOTHING, measure_truth, scaled_sensor, yaw_damper
-from gap_fits import check_sizes, fits, weighed
+from gap_fits import check_sizes, fits
 from gap_flights import believe as believe_longitudinal
 from gap_flights import measure as measure_longitudinal
 from studies.blind.truth import Truth
@@ -30,7 +30,7 @@ from testbench.questions.gap.evidence.commanded import moves_laterally
 from testbench.questions.gap.evidence.locate import locate_regions
 from testbench.questions.gap.explain import Naming
 from testbench.questions.gap.foreseen import Foreseen, usual_sizes
-from testbench.questions.gap.name import name_effect, not_sought
+from testbench.questions.gap.name import _Asker, name_effect, not_sought
 from testbench.questions.gap.plan import as_record, family
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS, priors_of
 from testbench.questions.gap.records import load_flights
@@ -157,8 +157,10 @@ def test_lateral_records_screen_out_what_they_cannot_show(base):
     lib = library(base.believed.suite)
     silent = ("actuator_lag", "transport_delay", "thrust_lag", "pitch_damper", "surface_scale", "r_bias", "beta_bias")
     shown = ("yaw_damper", "rudder_lag", "aileron_lag", "beta_scale", "beta_position", "ay_position", "r_lag")
-    naming = weighed(base.believed, base.records, *(lib[n] for n in (*silent, *shown)))
-    assert {n: "cannot show it" in naming.rejected.get(n, "") for n in (*silent, *shown)} == {
+    asker = _Asker(base.believed, base.records, "simulated")
+    near = asker.near([lib[n] for n in (*silent, *shown) if not not_sought(base, lib[n])])
+    seen = {one.effect.name for one in near}
+    assert {n: n not in seen for n in (*silent, *shown)} == {
         **dict.fromkeys(silent, True),
         **dict.fromkeys(shown, False),
     }

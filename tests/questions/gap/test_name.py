@@ -74,6 +74,7 @@ def test_the_name_and_its_size_do_not_depend_on_how_large_the_noise_is_said_to_b
     "others", [("alpha_scale",), pytest.param(("alpha_scale", "pitch_damper"), marks=pytest.mark.slow)]
 )
 def test_without_the_true_effect_no_other_one_is_named(others):
+    """None is hopeless without it, and another is sought beside the nearest: four seconds."""
     naming = named(SLOW, others)
     assert naming.outcome in ("unexplained", "partial"), naming.sentence
     assert naming.weighed.unknown > 0.9
@@ -81,6 +82,7 @@ def test_without_the_true_effect_no_other_one_is_named(others):
 
 @pytest.mark.parametrize("others", [(), pytest.param(("transport_delay",), marks=pytest.mark.slow)])
 def test_two_effects_at_once_are_one_name_with_both_sizes(others):
+    """Fits of one, of both and of each again where both rest: five seconds."""
     plan = hidden({"slow servo": {"lag_rad_s": 12.0}, "vane gain": {"gain": 1.7}})
     naming = named(plan, ("actuator_lag", "alpha_scale", *others))
     assert set(naming.names[0].split(" + ")) == {"actuator_lag", "alpha_scale"}, naming.sentence

@@ -71,7 +71,13 @@ def test_a_shape_stands_for_the_flight(name, aircraft):
 
 
 @pytest.mark.parametrize(
-    "name", ["aileron_dead_band", "rudder_transport_delay", "aileron_rate_limit", "rudder_curved_linkage"]
+    "name",
+    [
+        "aileron_dead_band",
+        "rudder_curved_linkage",
+        pytest.param("rudder_transport_delay", marks=pytest.mark.slow),
+        pytest.param("aileron_rate_limit", marks=pytest.mark.slow),
+    ],
 )
 def test_an_effect_is_found_again_in_data_that_it_made(name):
     """From noise-free records, nuisances free: no more than a fiftieth of the gap is left, its size to 5 %."""

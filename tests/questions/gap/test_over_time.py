@@ -41,7 +41,7 @@ def flown(at=TIMES_S, records=None):
         ("fuel_burn", {"per_min": 0.006}, ("mass_error",)),
         pytest.param("tank_burn", {"per_min": 0.006, "aft_chords": -0.2}, ("fuel_burn",), marks=pytest.mark.slow),
         ("uneven_thrust_fade", {"per_min": 0.006, "power": 1.6}, ("thrust_scale",)),
-        ("uneven_fuel_burn", {"per_min": 0.006, "power": 0.6}, ("mass_error",)),
+        pytest.param("uneven_fuel_burn", {"per_min": 0.006, "power": 0.6}, ("mass_error",), marks=pytest.mark.slow),
     ],
 )
 def test_what_empties_is_found_at_its_rate_and_one_scale_for_all_records_is_not_it(name, values, others):

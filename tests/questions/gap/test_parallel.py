@@ -118,9 +118,10 @@ def test_a_process_flies_on_when_the_one_that_it_came_from_removes_its_models():
 
 
 def test_two_processes_name_what_one_does_with_the_same_numbers():
+    """A search, and the same again: four seconds."""
     plan = TRUTHS["slow servo"]({"lag_rad_s": 12.0}, "taurus")
     records = list(fly_truth("taurus", plan, "short", 3).values())
-    effects = {n: EFFECTS[n] for n in ("actuator_lag", "transport_delay", "q_lag", "mass_error")}
+    effects = {n: EFFECTS[n] for n in ("actuator_lag", "transport_delay", "q_lag")}
     alone = name_effect(believe("taurus"), records, effects=effects)
     with processes(2):
         both = name_effect(believe("taurus"), records, effects=effects)

@@ -151,7 +151,7 @@ def test_a_set_gets_the_manoeuvre_that_separates_it(believed):
 
 
 def test_a_plan_names_what_to_add_and_goes_on_where_it_was_interrupted(monkeypatch, tmp_path):
-    """A few of the manoeuvres that may be added: all of them take 0.4 s each."""
+    """180 draws, and a few of the manoeuvres that may be added, which take 0.4 s each: five seconds."""
     monkeypatch.setattr(plan_module, "library", lambda suite, aircraft: {n: EFFECTS[n] for n in FEW})
     few = lambda *asked: [f for f in family(*asked) if "throttle" in f[0].name or f[0].name == "slow pull"]  # noqa: E731
     monkeypatch.setattr(plan_module, "family", few)

@@ -28,6 +28,7 @@ FEW = {n: EFFECTS[n] for n in ("actuator_lag", "thrust_line", "alpha_scale")}
 
 @pytest.fixture(scope="module")
 def result():
+    """Made once, by the whole workflow, in ten seconds: what the lag left was taken for noise, so it searches twice."""
     believed = believe()
     slow = believed.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 8.0})
     elevator, throttle = measure(slow, 21)

@@ -58,7 +58,10 @@ def test_what_a_record_says_of_noise_is_the_mean_of_the_dense_normal_distributio
 
 
 def test_noise_of_a_surface_does_not_make_its_control_look_weak():
-    """Half a degree beside 2 and 3 deg: c172p's elevator came out 10 % weak, its damping 20 %, by 3 and 4 errors."""
+    """Half a degree beside 2 and 3 deg: c172p's elevator came out 10 % weak, its damping 20 %, by 3 and 4 errors.
+
+    Four re-tunings with whitened residuals: four seconds.
+    """
     believed = believe(HALF_A_DEGREE, STOCK)
     found: dict[bool, list[dict[str, float]]] = {False: [], True: []}
     for seed in range(2):

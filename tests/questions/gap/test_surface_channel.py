@@ -193,7 +193,10 @@ def test_a_feedback_too_small_for_the_motion_is_named_by_the_surface():
     ids=["slow", "slew"],
 )
 def test_a_fault_of_the_servo_that_is_not_held_is_no_effect_of_the_air(hidden):
-    """What remains of the surface needs an unknown deflection, and no moment of the air explains that."""
+    """What remains of the surface needs an unknown deflection, and no moment of the air explains that.
+
+    All of them are flown to rest, as none is hopeless: four seconds.
+    """
     b = believe(NOISE_RAD)
     records = list(measure(b, hidden).values())
     naming = name_effect(comparing(b, records), records, effects=few(b, *OF_AIR), pairs=False)
@@ -262,7 +265,10 @@ def test_a_flight_again_reads_the_surface_again():
 
 
 def test_windows_compare_surfaces_too():
-    """A record cut where it moves begins with a servo on its way; what is sought in it is named."""
+    """A record cut where it moves begins with a servo on its way; what is sought in it is named.
+
+    Starts are fitted twice, and searched beside: five seconds.
+    """
     b = believe(NOISE_RAD)
     pieces = {}
     for name, given in measure(b, rate_feedback(0.1)).items():

@@ -137,7 +137,9 @@ def test_a_shape_stands_for_the_flight(name):
     assert np.max(np.abs(changed - linear)) < 0.2 * np.max(np.abs(changed))
 
 
-@pytest.mark.parametrize("name", TRUE)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n == "throttle_asymmetric_rate_limit" else n for n in TRUE]
+)
 def test_it_is_found_again_in_data_that_it_made(name):
     """From noise-free records, nuisances free: no more than a fiftieth of the gap is left, its size to 5 %."""
     b, effect = believe(), OWN[name]

@@ -13,7 +13,7 @@ from testbench.questions.gap.name import name_effect
 def test_a_lag_and_a_delay_of_one_attitude_are_named_with_both_sizes():
     """The lag alone gains 97 % of what both do: the delay had to gain a twentieth of that, and nothing was named.
 
-    Each size is off by four standard errors once in 16 000 cases.
+    Each size is off by four standard errors once in 16 000 cases. All axes, with fourteen coefficients: seven seconds.
     """
     believed = believe()
     known = library(believed.suite, believed.aircraft)
