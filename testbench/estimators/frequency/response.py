@@ -7,12 +7,18 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from testbench.core.advice import Advised, as_json
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.core.words import array_found
 from testbench.estimators.model import ComplexArray
+
+COHERENT = 0.6  # the bound of flight test below which a response is not believed (Tischler and Remple, section 7.5)
+USABLE = 0.2  # and the total error up to which it is used: 1.7 dB and 11 deg (custom)
+_OPTIONAL = ("window_bias", "window_allowance", "noise_variance", "distortion_variance")
+_COMPLEX = ("H", "window_bias")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -27,6 +33,10 @@ class FrequencyResponse(Advised):
         random_error: (k, p, m) standard deviation of |H| over |H|, which is that of the phase in rad.
         averages: (k,) number of independent averages (periods, for multisines).
         resolution_rad_s: (k,) width that one value stands for: values closer than this are not independent.
+        window_bias: (k, p, m) complex, computed: H is 1 + window_bias times what it would be without windows; None
+            where nothing computed it (see :mod:`testbench.estimators.frequency.window_bias`).
+        window_allowance: (k, p, m) size of that bias with what the computation leaves open, over |H|; None else.
+        delay_s: (p, m) pure delays that were taken out before windowing and put back, s; None where none was.
         noise_variance: (k, p, m) E|dH|^2 from noise, where it was measured apart; None else.
         distortion_variance: (k, p, m) E|dH|^2 from nonlinear distortion, where it was measured apart; None else.
         inputs: (m,) names.
@@ -48,6 +58,9 @@ class FrequencyResponse(Advised):
     outputs: tuple[str, ...]
     dt_s: float
     method: str
+    window_bias: ComplexArray | None = None
+    window_allowance: FloatArray | None = None
+    delay_s: FloatArray | None = None
     noise_variance: FloatArray | None = None
     distortion_variance: FloatArray | None = None
     diagnostics: Mapping[str, Any] = field(default_factory=dict)
@@ -64,15 +77,28 @@ class FrequencyResponse(Advised):
             "averages": (k,),
             "resolution_rad_s": (k,),
         }
-        shapes |= {n: (k, p, m) for n in ("noise_variance", "distortion_variance") if getattr(self, n) is not None}
+        optional = dict.fromkeys(_OPTIONAL, (k, p, m)) | {"delay_s": (p, m)}
+        shapes |= {name: shape for name, shape in optional.items() if getattr(self, name) is not None}
         for name, shape in shapes.items():
-            array = np.array(getattr(self, name), dtype=np.complex128 if name == "H" else np.float64)
+            array = np.array(getattr(self, name), dtype=np.complex128 if name in _COMPLEX else np.float64)
             if array.shape != shape or not np.all(np.isfinite(array)):
                 raise EstimationError(f"{name} must be finite and of shape {shape}, got {array_found(array)}")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         if np.any(np.diff(self.omega_rad_s) <= 0.0):
             raise EstimationError("frequencies of a response must increase; sort them and leave out doubles")
+
+    @property
+    def total_error(self) -> FloatArray:
+        """Random error and allowance for the windows together, sqrt(sum of squares), over |H|; shape (k, p, m)."""
+        return (
+            self.random_error if self.window_allowance is None else np.hypot(self.random_error, self.window_allowance)
+        )
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Where a response may be used, (k, p, m): partial coherence of at least 0.6, total error of at most 20 %."""
+        return np.asarray((self.partial_coherence >= COHERENT) & (self.total_error <= USABLE), bool)
 
     @property
     def variance(self) -> FloatArray:
@@ -95,7 +121,7 @@ class FrequencyResponse(Advised):
             )
         names = ("omega_rad_s", "H", "coherence", "partial_coherence", "random_error", "averages", "resolution_rad_s")
         parts: dict[str, Any] = {name: getattr(self, name)[rows] for name in names}
-        for name in ("noise_variance", "distortion_variance"):
+        for name in _OPTIONAL:
             value = getattr(self, name)
             parts[name] = None if value is None else value[rows]
         return replace(self, **parts)
@@ -116,10 +142,12 @@ class FrequencyResponse(Advised):
                 "omega_rad_s", "coherence", "partial_coherence", "random_error", "averages", "resolution_rad_s",
             )
         }  # fmt: skip
-        for name in ("noise_variance", "distortion_variance"):
+        for name in ("window_allowance", "delay_s", "noise_variance", "distortion_variance"):
             value = getattr(self, name)
             out[name] = None if value is None else value.tolist()
+        bias = self.window_bias
         return out | {
+            "window_bias": None if bias is None else {"real": bias.real.tolist(), "imag": bias.imag.tolist()},
             "method": self.method,
             "inputs": list(self.inputs),
             "outputs": list(self.outputs),

@@ -8,21 +8,22 @@ MISO, composite windows).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from testbench.core.advice import Advice, doubt
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.coverage import approximate
-from testbench.estimators.frequency.response import FrequencyResponse, interval_factor
+from testbench.estimators.frequency.response import COHERENT, FrequencyResponse, interval_factor
 from testbench.estimators.hankel import window_starts
 from testbench.estimators.model import ComplexArray, check_records
 
 _CHUNK = 2_000_000  # complex exponentials held at once
 _TAKEN = 0.9  # a segment with fewer samples really taken, in any channel, is left out
-_COHERENT = 0.6  # mean coherence below which a response is called doubtful (Tischler and Remple, section 7.5)
 _CORRELATED = 0.9  # coherence among inputs beyond which they are hard to tell apart (section 9.5, from memory)
 
 
@@ -42,6 +43,7 @@ def estimate_frequency_response(
     window_s: float | Sequence[float],
     omega_rad_s: FloatArray | None = None,
     overlap: float = 0.5,
+    delay_s: FloatArray | None = None,
 ) -> FrequencyResponse:
     """Return H = S_yu S_uu^-1 from overlapping Hann windows, freed of the correlation among inputs, with its error.
 
@@ -66,6 +68,8 @@ def estimate_frequency_response(
         omega_rad_s: (k,) increasing frequencies up to Nyquist; by default the multiples of 1/window (the longest) from
             the first on.
         overlap: 0 <= overlap < 1.
+        delay_s: (p, m) delays >= 0 of each output behind each input, taken out to whole samples before windowing and
+            put back: a delay of d seconds biases H by about d / window (Bendat and Piersol, section 8.3).
 
     Returns:
         The response. Its diagnostics hold ``input_coherence`` (k,), the largest multiple coherence of an input with the
@@ -92,12 +96,36 @@ def estimate_frequency_response(
             f"window_s = {window_s}"
         )
     omega = _grid(omega_rad_s, lengths[0], dt)
-    joined = [_bridged(record, [*inputs, *outputs], u, y) for record, (u, y) in zip(records, data, strict=True)]
+    late = np.zeros((len(outputs), m), int) if delay_s is None else np.rint(np.asarray(delay_s) / dt).astype(int)
+    if late.shape != (len(outputs), m) or late.min() < 0:
+        raise EstimationError(
+            f"delay_s must be a table of delays >= 0, ({len(outputs)}, {m}) by output and input, got {delay_s}"
+        )
+    joined = [bridged(record, [*inputs, *outputs], u, y) for record, (u, y) in zip(records, data, strict=True)]
     scale = np.sqrt(np.mean(np.concatenate([(z - z.mean(axis=0)) ** 2 for z, _ in joined]), axis=0))
     scale = np.where(scale > 0.0, scale, 1.0)
     joined = [(z / scale, valid) for z, valid in joined]
-    parts = [_spectra(joined, n, overlap, omega, dt, m) for n in lengths]
-    return _combine(parts, omega, tuple(inputs), tuple(outputs), scale, dt, lengths)
+    parts: list[list[_Spectra]] = [[]] * len(outputs)  # of each output
+    for row in np.unique(late, axis=0):
+        group = np.flatnonzero((late == row).all(axis=1))
+        aligned = [(_aligned(z, row, m + group), _aligned(valid, row, m + group)) for z, valid in joined]
+        for n in lengths:
+            S, *rest = _spectra(aligned, n, overlap, omega, dt, m)
+            for place, i in enumerate(group):
+                own = [*range(m), m + place]
+                parts[i] = [*parts[i], _Spectra(S[:, own][:, :, own], *rest)]
+    response = _combine(parts, omega, tuple(inputs), tuple(outputs), scale, dt, lengths)
+    if delay_s is None:
+        return response
+    back = np.exp(-1j * omega[:, None, None] * (late * dt))
+    return replace(response, H=response.H * back, delay_s=late * dt)
+
+
+def _aligned(z: FloatArray, late: NDArray[np.int_], outputs: NDArray[np.int_]) -> FloatArray:
+    """Return the inputs of z (n, d) moved ``late`` (m,) samples towards the later, beside some outputs."""
+    longest, m = int(late.max()), late.size
+    moved = [z[longest - d : len(z) - d, j] for j, d in enumerate(late)]
+    return np.column_stack([*moved, z[longest:, outputs]]) if longest else z[:, [*range(m), *outputs]]
 
 
 def _grid(omega_rad_s: FloatArray | None, longest: int, dt_s: float) -> FloatArray:
@@ -113,7 +141,7 @@ def _grid(omega_rad_s: FloatArray | None, longest: int, dt_s: float) -> FloatArr
     return omega
 
 
-def _bridged(record: FlightRecord, names: Sequence[str], u: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+def bridged(record: FlightRecord, names: Sequence[str], u: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the channels (n, d), samples that were not taken interpolated, and which were taken (n, d) as 0 and 1."""
     z, valid = np.hstack([u, y]), record.select(names).valid
     for i in range(z.shape[1]):
@@ -196,7 +224,7 @@ def _few_averages(free: float) -> float:
 
 
 def _combine(
-    parts: list[_Spectra],
+    parts: list[list[_Spectra]],
     omega: FloatArray,
     inputs: tuple[str, ...],
     outputs: tuple[str, ...],
@@ -207,28 +235,26 @@ def _combine(
     k, p, m = omega.size, len(outputs), len(inputs)
     H, partial, error = np.empty((k, p, m), np.complex128), np.empty((k, p, m)), np.empty((k, p, m))
     coherence, counts, widths = np.empty((k, p)), np.empty((k, p)), np.empty((k, p))
-    among, worst = _among_inputs(parts[0].S[:, :m, :m])
+    among, worst = _among_inputs(parts[0][0].S[:, :m, :m])
     if worst < 1e-10:
         raise EstimationError(
             f"inputs {', '.join(inputs)} must move independently at all frequencies, but they are one signal at "
             f"{omega[int(np.argmax(among))]:.3g} rad/s; excite them apart or leave one out"
         )
-    for i in range(p):
-        rows = [*range(m), m + i]
-        pieces = [part.S[:, rows][:, :, rows] for part in parts]
+    for i, own in enumerate(parts):
         errors = []
-        for piece, part in zip(pieces, parts, strict=True):
-            each = random_error(_conditioned(piece, m)[2], np.full((k, 1), part.averages - (m - 1)))
+        for part in own:
+            each = random_error(_conditioned(part.S, m)[2], np.full((k, 1), part.averages - (m - 1)))
             errors.append(np.maximum(each.mean(axis=1), 1e-12))
         weights = (np.min(errors, axis=0) / np.array(errors)) ** 4  # (windows, k)
         weights /= weights.sum(axis=0)
-        S = np.einsum("wk,wkab->kab", weights, np.array(pieces))
+        S = np.einsum("wk,wkab->kab", weights, np.array([part.S for part in own]))
         H[:, i], coherence[:, i], partial[:, i] = _conditioned(S, m)
-        counts[:, i] = weights.T @ [part.averages for part in parts]
-        widths[:, i] = weights.T @ [part.resolution for part in parts]
+        counts[:, i] = weights.T @ [part.averages for part in own]
+        widths[:, i] = weights.T @ [part.resolution for part in own]
         error[:, i] = random_error(partial[:, i], counts[:, [i]] - (m - 1))
     H *= scale[m:, None] / scale[:m]
-    advice = _advice(outputs, inputs, coherence, among, omega, parts)
+    advice = _advice(outputs, inputs, coherence, among, omega, parts[0])
     return FrequencyResponse(
         omega_rad_s=omega,
         H=H,
@@ -240,11 +266,11 @@ def _combine(
         inputs=inputs,
         outputs=outputs,
         dt_s=dt_s,
-        method="composite" if len(parts) > 1 else "windowed",
+        method="composite" if len(lengths) > 1 else "windowed",
         diagnostics={
             "input_coherence": among,
             "interval_factor": _few_averages(float(counts.mean()) - m),
-            "averages": {f"{n * dt_s:g}": part.averages for n, part in zip(lengths, parts, strict=True)},
+            "averages": {f"{n * dt_s:g}": part.averages for n, part in zip(lengths, parts[0], strict=True)},
         },
         advice=advice,
     )
@@ -274,12 +300,12 @@ def _advice(
     out = []
     m = len(inputs)
     for i, name in enumerate(outputs):
-        low = coherence[:, i] < _COHERENT
+        low = coherence[:, i] < COHERENT
         if low.any():
             out.append(
                 doubt(
                     "low_coherence",
-                    f"{name}: coherence lies below {_COHERENT:g} at {100 * low.mean():.0f} % of the frequencies "
+                    f"{name}: coherence lies below {COHERENT:g} at {100 * low.mean():.0f} % of the frequencies "
                     f"({omega[low][0]:.3g} to {omega[low][-1]:.3g} rad/s): noise, an input that is not named, or "
                     "nonlinearity; use the response elsewhere, or excite that band",
                 )

@@ -20,7 +20,7 @@ def command(
     out: OutOption = Path("results"),
     data: DataOption = None,
 ) -> None:
-    """Estimate the frequency responses of recorded flights with coherence and random error.
+    """Estimate the frequency responses of recorded flights with coherence, random error and what the windows do.
 
     All records of the description are taken together; its identification table names inputs and outputs. The method is
     made for sweeps and multisines. Example: `testbench response records/attas_short_period --window 5 --window 12`.

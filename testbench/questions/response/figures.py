@@ -1,4 +1,4 @@
-"""Measured frequency responses drawn: magnitude, phase and coherence with their random error."""
+"""Measured frequency responses drawn: magnitude, phase and coherence with their errors."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from testbench.estimators.frequency.response import COHERENT, USABLE
 from testbench.page.labels import file_stem, ratio_unit, symbol
 from testbench.page.plot import BAND, COLOURS, QUIET, Plate, grid, label, log_axis, new_figure
-from testbench.questions.response.answer import COHERENT
 from testbench.questions.run.frequency_figures import steps_of_phase
 
 if TYPE_CHECKING:
@@ -24,13 +24,14 @@ def response_plates(response: FrequencyResponse) -> list[Plate]:
 
 def _plate(response: FrequencyResponse, i: int, j: int) -> Plate:
     output, given = response.outputs[i], response.inputs[j]
-    w, H, error = response.omega_rad_s, response.H[:, i, j], response.random_error[:, i, j]
+    w, H, error = response.omega_rad_s, response.H[:, i, j], response.total_error[:, i, j]
     coherence = response.partial_coherence[:, i, j]
     factor, unit = ratio_unit(output, given)
     name = f"{symbol(output)} / {symbol(given)}"
     caption = (
-        f"Response of {symbol(output)} to {symbol(given)} with one standard deviation of its random error on either "
-        f"side. Shaded: coherence of at least {COHERENT:g}. Do not believe the response outside that band."
+        f"Response of {symbol(output)} to {symbol(given)} with its error on either side: one standard deviation by "
+        f"chance, and what the windows do. Shaded: usable (coherence of at least {COHERENT:g}, error of at most "
+        f"{100 * USABLE:g} %). Do not believe the response outside that band."
     )
 
     def make(wide: bool) -> Figure:
@@ -40,7 +41,7 @@ def _plate(response: FrequencyResponse, i: int, j: int) -> Plate:
         panels = grid(figure, 0.25, tall, [1.0], gap_in=0.4).ravel()
         magnitude, phase = factor * np.abs(H), np.degrees(np.unwrap(np.angle(H)))
         spread = np.minimum(error, 1.0)
-        good = coherence >= COHERENT
+        good = response.usable[:, i, j]
         for axes in panels:
             axes.fill_between(w, 0, 1, where=good, transform=axes.get_xaxis_transform(), color=BAND, linewidth=0)
             log_axis(axes, "x", powers=False)

@@ -32,7 +32,7 @@ def response():
 
 def test_the_answer_says_where_each_output_is_coherent(response):
     coherent, noise = response_answer(response)[:2]
-    assert coherent.startswith("q: coherence of at least 0.6 from")
+    assert coherent.startswith("q: usable (coherence of at least 0.6, error of at most 20 %) from")
     assert noise.startswith("α: nowhere coherent") or "random error" in noise
 
 
