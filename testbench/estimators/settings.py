@@ -151,6 +151,26 @@ class EquationError(Settings, Structured):
     cutoff_hz: Positive | None = None
 
 
+class RecursiveFourier(Settings, Structured):
+    """Least squares on the state equations in real time, on transforms over a band; all its states measured.
+
+    The band should hold the modes and nothing that the structure lacks. ``forgetting`` weighs a sample against the
+    next; its memory is dt / (1 - forgetting).
+    """
+
+    method: Literal["recursive_fourier"] = "recursive_fourier"
+    band_hz: Annotated[tuple[Positive, Positive], Field(strict=False)] = (0.1, 2.0)
+    step_hz: Positive = 0.04
+    update_s: Positive = 1.0
+    forgetting: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
+
+    @model_validator(mode="after")
+    def _band(self) -> RecursiveFourier:
+        if not self.band_hz[0] < self.band_hz[1]:
+            raise ValueError(f"band_hz must rise, got {list(self.band_hz)}")
+        return self
+
+
 class _Simulated(Settings, Structured):
     """What methods share that compare simulated with measured outputs.
 

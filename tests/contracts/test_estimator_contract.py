@@ -24,6 +24,7 @@ from testbench.estimators.settings import (
     FilterError,
     OutputError,
     PredictionError,
+    RecursiveFourier,
     Srivc,
     Subspace,
     TransferFunctions,
@@ -48,12 +49,13 @@ SPECS = {
         hold="zoh",
     ),
     "equation_error": EquationError(method="equation_error", **BUILT),
+    "recursive_fourier": RecursiveFourier(method="recursive_fourier", band_hz=(0.05, 1.2), **BUILT),
     "output_error": OutputError(method="output_error", **BUILT),
     "filter_error": FilterError(method="filter_error", process_noise_model="diagonal", **BUILT),
     "ekf": ExtendedFilter(method="ekf", **BUILT),
     "ukf": UnscentedFilter(method="ukf", **BUILT),
 }
-STRUCTURED = ("equation_error", "output_error", "filter_error", "ekf", "ukf")
+STRUCTURED = ("equation_error", "recursive_fourier", "output_error", "filter_error", "ekf", "ukf")
 SEQUENTIAL = ("ekf", "ukf")  # records one after the other, each from what those before have left
 SEARCHED = ("prediction_error", "srivc", "equivalent", "output_error", "filter_error")
 # Relative errors of poles and frequency response on exact data. These records, with a held input and cut off in flight,
@@ -64,6 +66,7 @@ EXACT = {
     "dsr_e": 1e-8,
     "transfer_function": 1e-8,
     "equation_error": 0.1,  # differentiates samples, between which the kinks of a held input are not band-limited
+    "recursive_fourier": 0.1,  # takes the motion between samples for a straight line, which kinks of an input bend
     "equivalent": 0.1,  # fits windowed spectra: what each window leaks at its ends falls only with its length
 }
 LONGER = {"equivalent": 5}  # windows need records of several of their length

@@ -20,6 +20,7 @@ _MANY = 0.5  # share of the estimates that are vague beyond which the flight, no
 _EXACT = 1e-9  # median standard error relative to the value below which the records are free of noise
 _COLOURED = 1e-3  # false-alarm probability of the whiteness test
 _BIASED = 5.0  # corrected over plain errors beyond which residuals are no noise but what the model misses (judged)
+_FILTERED = ("equation_error", "recursive_fourier")  # whose derivatives colour the residuals of any flight
 _WHY = {"not_converged": "the search did not converge", "on_bound": "{} ended on a bound"}
 
 
@@ -121,7 +122,7 @@ def advice_in_words(model: Any) -> Any:
         why = [_WHY[a.code].format(", ".join(found["at_bound"])) for a in out if a.code in _WHY]
         if why:
             errors_hold = f"the standard errors are not to be believed, because {' and '.join(why)}"
-        elif np.max(slopes) > _BIASED and model.method != "equation_error":  # whose own low pass colours its residuals
+        elif np.max(slopes) > _BIASED and model.method not in _FILTERED:
             worst, most = names[int(np.argmax(slopes))], float(np.max(slopes))
             errors_hold = (
                 f"so much so (a factor {most:.2g} in the error of {worst}) as if the model missed something, which "
@@ -130,7 +131,7 @@ def advice_in_words(model: Any) -> Any:
             )
         else:
             errors_hold = f"standard errors are corrected for it, by up to a factor {factor:.2g}"
-        own = model.method == "equation_error" and not why  # its low pass colours the residuals of any flight
+        own = model.method in _FILTERED and not why
         out.append(
             (note if own else doubt)(
                 "coloured_residuals",

@@ -1,0 +1,386 @@
+"""Real-time regression: a structure by least squares on Fourier transforms that grow sample by sample.
+
+E. A. Morelli, "Real-Time Parameter Estimation in the Frequency Domain", Journal of Guidance, Control, and Dynamics
+23(5), 2000; V. Klein and E. A. Morelli, Aircraft System Identification, AIA, 2006, chapter 11 (chapter from memory). At
+some lines w of a band, kept in rad/s or Hz once and for all,
+
+    X(w, t) = forgetting X(w, t - dt) + x(t) exp(-j w t)
+
+is all that is remembered of a signal, and at any time theta = Re(X+ X)^-1 Re(X+ Y), with Y the transform of the state
+derivative and X those of the terms. The paper takes Y = j w X of perturbations that begin and end at trim. Here Y is
+the transform of the changes from sample to sample and X that of the terms halfway between, which holds at any time of a
+manoeuvre; held inputs are what they are over the sample. A straight line through all data up to then is taken out of
+both, from running sums. Bias, drift, and noise beyond the band do not reach the estimates; noise of the measured states
+within the band biases them as it does any regression.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erfc
+
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.call import with_settings
+from testbench.estimators.hold import said_of_hold
+from testbench.estimators.model import ComplexArray, check_records
+from testbench.estimators.parametric.accuracy import correlations
+from testbench.estimators.parametric.advice import advice_in_words, null_directions
+from testbench.estimators.parametric.likelihood import held_inputs
+from testbench.estimators.parametric.model import ParametricModel, named
+from testbench.estimators.parametric.response import delayed
+from testbench.estimators.parametric.servo import by_surfaces, in_front
+from testbench.estimators.parametric.state_equations import SmoothedStates, equations
+from testbench.estimators.parametric.structure import ModelStructure
+from testbench.estimators.regression.frequency import band_lines, check_band
+from testbench.estimators.regression.smoothing import bridge
+from testbench.estimators.settings import RecursiveFourier
+
+_PASSES = 10  # over the data, of a structure that is not linear in its parameters
+_STILL = 1e-8  # change of the parameters, in standard errors, that ends them
+_ROUNDS = 3  # of weighing the equations by their residuals
+_NEIGHBOURS = 5  # lines over which the power of the residuals is averaged
+_DECIDED = 1e-10  # eigenvalue ratio of the scaled information below which the data do not decide the estimates yet
+
+
+class Fit(NamedTuple):
+    """Least squares at one time: step (f,) of the parameters, covariances (f, f), residuals (n, r lines) of r records.
+
+    ``whole`` is the covariance as if all lines were independent, ``corrected`` that of :func:`estimate`.
+    """
+
+    step: FloatArray
+    whole: FloatArray
+    corrected: FloatArray
+    residuals: ComplexArray
+    weights: FloatArray
+    R: FloatArray
+
+
+@with_settings(RecursiveFourier)
+def estimate(
+    records: Sequence[FlightRecord],
+    structure: ModelStructure,
+    *,
+    delays_s: Mapping[str, float] | None,
+    held: Sequence[str] | None,
+    band_hz: tuple[float, float],
+    step_hz: float,
+    update_s: float,
+    forgetting: float,
+) -> ParametricModel:
+    """Estimate the free parameters of a structure as the data come in; all its states measured.
+
+    A structure that is linear in its parameters needs one pass over the data, as in flight; another one is linearised
+    about the last estimates and passed again. Bounds are not enforced: a last estimate beyond one is moved onto it, and
+    the advice says so. Priors count as data.
+
+    Args:
+        records: measured records with one sample time; transforms of those before are kept.
+        structure: the equations; every state is a channel.
+        delays_s: known delay per input, s.
+        held: inputs held between samples; None takes ``*_cmd`` and those that the records show to be held.
+        band_hz: lowest and highest frequency, 0 < low < high <= Nyquist frequency.
+        step_hz: distance of the lines.
+        update_s: time between estimates, counted back from the last sample of each record.
+        forgetting: weight of a sample against the next, 0 < forgetting <= 1.
+
+    Returns:
+        The model of the last update. Its diagnostics hold ``history``: ``t_s`` (m,) and ``record`` (m,) of the updates
+        at which the data decided all estimates, ``names`` (f,), ``params`` and ``std`` (m, f). Errors count lines as
+        far as they are independent (a line per 1/duration) and are corrected for residuals whose power changes over the
+        band: P (sum of A' S A) P, with S the power of the residuals around each line.
+
+    Raises:
+        EstimationError: a setting against the laws above, a state is not measured, nothing is free, or the data never
+            decide the estimates.
+        ChannelError: a record lacks a channel.
+    """
+    if in_front(structure):
+        given = {"band_hz": band_hz, "step_hz": step_hz, "update_s": update_s, "forgetting": forgetting}
+        return by_surfaces(
+            records,
+            structure,
+            held,
+            lambda moved, base, still: estimate(moved, base, delays_s=delays_s, held=still, **given),
+        )
+    check_records(records, structure.must_move, structure.outputs)
+    free, dt = np.flatnonzero(structure.free), records[0].dt_s
+    if not free.size:
+        raise EstimationError(f"structure '{structure.name}' has no free parameter; free some, or simulate it instead")
+    for name in structure.states:
+        for record in records:
+            if name not in record:
+                raise EstimationError(
+                    f"real-time regression needs every state of '{structure.name}' as a channel, but a record lacks "
+                    f"'{name}'; sense it, or use output error"
+                )
+    if not update_s >= dt or not 0.0 < forgetting <= 1.0:
+        raise EstimationError(
+            f"update_s >= the sample time {dt:g} s and 0 < forgetting <= 1 must hold, got update_s = {update_s:g} and "
+            f"forgetting = {forgetting:g}"
+        )
+    lines = band_lines(*check_band(band_hz, dt), step_hz)
+    delays = named(delays_s, structure.inputs, "a delay")
+    hold, recognised = held_inputs(structure.inputs, held, records)
+    data = [_between(r, structure, delays, hold) for r in records]
+    stds = (structure.parameters[i].prior_std for i in free)
+    prior = np.array([0.0 if std is None else 1.0 / std for std in stds])
+    count = sum(int(d.taken.sum()) for d in data)
+    if count <= 2 * free.size:
+        raise EstimationError(
+            f"real-time regression of '{structure.name}' needs more than twice as many samples as its {free.size} "
+            f"parameters, got {count} with all states and inputs sampled; give more data or fix some parameters"
+        )
+    params = structure.values
+    still = _unmoved(structure, data, params, free)
+    every, free, prior = free, free[~still], prior[~still]
+    for _ in range(_PASSES):
+        history = _updates(structure, data, params, free, prior, lines, step_hz, round(update_s / dt), forgetting)
+        if not history:
+            names = [structure.parameter_names[i] for i in free]
+            J = np.vstack([j.reshape(-1, free.size) for j in equations(structure, data, params, free)[1]])
+            lost = null_directions(J, np.linalg.norm(J, axis=0), names) or ", ".join(names)
+            raise EstimationError(
+                f"these data never decide {lost} within the band and the memory: not identifiable; widen band_hz, "
+                "raise forgetting, excite more, or fix some of them"
+            )
+        last = history[-1][2]
+        before, params = params, params.copy()
+        params[free] += last.step
+        if np.all(np.abs(last.step) <= _STILL * np.sqrt(np.diag(last.whole))) or _is_linear(structure, data, free):
+            break
+    said = {
+        "t_s": np.array([t for _, t, _ in history]),
+        "record": np.array([r for r, _, _ in history]),
+        "names": [structure.parameter_names[i] for i in free],
+        "params": np.array([before[free] + fit.step for _, _, fit in history]),
+        "std": np.array([np.sqrt(np.diag(fit.corrected)) for _, _, fit in history]),
+    }
+    k = params.size
+    covariance, whole = np.zeros((k, k)), np.zeros((k, k))
+    covariance[np.ix_(free, free)], whole[np.ix_(free, free)] = last.corrected, last.whole
+    if still.any():
+        _constants(structure, data, params, every[still], free, last, covariance, whole)
+    free = every
+    low, high = structure.bounds
+    beyond = [structure.parameter_names[i] for i in free if not low[i] <= params[i] <= high[i]]
+    left = np.vstack(equations(structure, data, params, free)[0])
+    y = np.vstack([r.columns(structure.outputs) for r in records])
+    size = np.sqrt(np.diag(whole)[free])
+    model = ParametricModel(
+        method="recursive_fourier",
+        inputs=structure.inputs,
+        outputs=structure.outputs,
+        dt_s=dt,
+        settings={"delays_s": dict(zip(structure.inputs, delays.tolist(), strict=True)), **said_of_hold(recognised)},
+        diagnostics={
+            "converged": True,
+            "at_bound": beyond,
+            "residual_std": left.std(axis=0),
+            "whiteness_p": _evenness(last.residuals, last.weights),
+            "correlation": correlations(whole[np.ix_(free, free)]),
+            "error_inflation": np.sqrt(np.diag(covariance)[free]) / np.maximum(size, 1e-300),
+            "history": said,
+        },
+        structure=structure,
+        params=np.clip(params, low, high),
+        covariance=covariance,
+        covariance_plain=whole,
+        noise_covariance=np.diag(np.maximum(y.var(axis=0), 1e-300)),
+        held=tuple(hold.tolist()),
+        delays_s=tuple(delays.tolist()),
+        operating_point=(
+            np.mean([d.x[0, 0] for d in data], axis=0),
+            np.mean([d.u[0, 0] for d in data], axis=0),
+        ),
+    )
+    # what advice says of outputs holds of states here
+    return replace(advice_in_words(replace(model, outputs=structure.states)), outputs=structure.outputs)
+
+
+def _between(
+    record: FlightRecord, structure: ModelStructure, delays: FloatArray, held: NDArray[np.bool_]
+) -> SmoothedStates:
+    """Return states and inputs halfway between samples and the changes of the states; nothing is smoothed."""
+    part = record.select((*structure.states, *structure.inputs))
+    rows = np.array([bridge(record.t_s, part[name], part.valid[:, i], name) for i, name in enumerate(part.channels)])
+    n, dt = len(structure.states), record.dt_s
+    x, driven = rows[:n].T, delayed(rows[n:].T, dt, delays)
+    middle = 0.5 * (x[1:] + x[:-1])
+    around = np.vstack([driven[:1], driven[:-2]]) if len(driven) > 1 else driven[:0]
+    # A staircase has (sin y / y)^2 / (tan y / y) = 1 - 2 y^2/3 of the spectrum of its samples here, y = w dt/2.
+    steps = (around + 4.0 * driven[:-1] + driven[1:]) / 6.0
+    u = np.where(held, steps, 0.5 * (driven[1:] + driven[:-1]))
+    taken = np.asarray(part.valid.all(axis=1))
+    return SmoothedStates(
+        x=np.repeat(middle[None], n, axis=0),
+        u=np.repeat(u[None], n, axis=0),
+        xdot=np.diff(x, axis=0) / dt,
+        taken=np.asarray(taken[1:] & taken[:-1], bool),
+        noise=np.zeros((n, n)),
+        cutoffs_hz=np.full(n, 0.5 / dt),
+        driven=driven[:-1],
+        dt_s=dt,
+    )
+
+
+def _unmoved(
+    structure: ModelStructure, data: Sequence[SmoothedStates], params: FloatArray, free: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Return which free parameters (f,) multiply constants and lines alone, such as what is left of trim."""
+    J = equations(structure, data, params, free)[1]
+    size, rest = np.zeros(free.size), np.zeros(free.size)
+    for slopes, d in zip(J, data, strict=True):
+        part = slopes[d.taken].reshape(int(d.taken.sum()), -1)
+        line = np.column_stack([np.ones(len(part)), np.linspace(-1.0, 1.0, len(part))])
+        left = part - line @ np.linalg.lstsq(line, part, rcond=None)[0]
+        size += np.sum(part.reshape(len(part), -1, free.size) ** 2, axis=(0, 1))
+        rest += np.sum(left.reshape(len(part), -1, free.size) ** 2, axis=(0, 1))
+    return np.asarray((size > 0.0) & (rest <= 1e-18 * size))
+
+
+def _constants(
+    structure: ModelStructure,
+    data: Sequence[SmoothedStates],
+    params: FloatArray,
+    constant: NDArray[np.intp],
+    free: NDArray[np.intp],
+    last: Fit,
+    covariance: FloatArray,
+    whole: FloatArray,
+) -> None:
+    """Put in the parameters that multiply constants, and their covariances, from the means of the equations.
+
+    A level power spectrum that gives the real part of a transform over T seconds the variance R gives a mean 2 R / T^2.
+    """
+    c = constant.size
+    errors, slopes = equations(structure, data, params, np.concatenate([constant, free]))
+    taken = [d.taken for d in data]
+    J = -np.mean(np.vstack([s[t] for s, t in zip(slopes, taken, strict=True)]), axis=0)  # (n, c + f)
+    mean = np.mean(np.vstack([e[t] for e, t in zip(errors, taken, strict=True)]), axis=0)
+    length = sum(int(t.sum()) for t in taken) * data[0].dt_s
+    inverse = np.linalg.pinv(J[:, :c])
+    params[constant] += inverse @ mean
+    by_others = -inverse @ J[:, c:]
+    own = inverse @ np.diag(2.0 * last.R * len(data) / length**2) @ inverse.T
+    for P in (covariance, whole):
+        P[np.ix_(constant, free)] = by_others @ P[np.ix_(free, free)]
+        P[np.ix_(free, constant)] = P[np.ix_(constant, free)].T
+        P[np.ix_(constant, constant)] = by_others @ P[np.ix_(free, free)] @ by_others.T + own
+
+
+def _is_linear(structure: ModelStructure, data: Sequence[SmoothedStates], free: NDArray[np.intp]) -> bool:
+    """Return whether the equations are linear in their free parameters: their slopes do not change with them."""
+    few = data[0]._replace(**{name: getattr(data[0], name)[:, :50] for name in ("x", "u")})
+    few = few._replace(xdot=few.xdot[:50], taken=few.taken[:50])
+    params = structure.values
+    moved = params.copy()
+    moved[free] += 0.1 * (1.0 + np.abs(params[free]))
+    one, other = (equations(structure, [few], p, free)[1][0] for p in (params, moved))
+    return bool(np.max(np.abs(one - other)) <= 1e-9 * np.max(np.abs(one)))
+
+
+def _updates(
+    structure: ModelStructure,
+    data: Sequence[SmoothedStates],
+    params: FloatArray,
+    free: NDArray[np.intp],
+    prior: FloatArray,
+    lines: FloatArray,
+    step_hz: float,
+    stride: int,
+    forgetting: float,
+) -> list[tuple[int, float, Fit]]:
+    """Return (record, time from its first sample, fit) at every update at which the data decide the estimates."""
+    n, out = len(structure.states), []
+    kept: list[tuple[ComplexArray, float]] = []  # transforms of the records before, and their independent lines
+    centre = params[free] - structure.values[free]
+    for number, d in enumerate(data):
+        (errors,), (slopes,) = equations(structure, [d], params, free)
+        N = len(errors)
+        t = d.dt_s * np.arange(N)
+        one = np.where(d.taken, 1.0, 0.0)
+        moved = np.where(d.taken[:, None], d.xdot, 0.0)
+        columns = np.column_stack([one, one * t, moved, moved - errors, -slopes.reshape(N, -1)])
+        F = np.zeros((lines.size, columns.shape[1]), np.complex128)
+        M, span, done = np.zeros((2, columns.shape[1])), 0.0, 0
+        turn = np.pi * np.minimum(lines * d.dt_s, 0.49)
+        between = (np.tan(turn) / turn)[:, None]  # changes over a sample are so much larger than means between samples
+        now, weight = F[:, 2:], 0.0
+        for end in np.arange(N, 0, -stride)[::-1]:
+            rows, ages = slice(done, int(end)), np.arange(int(end) - done)[::-1]
+            w, fade = forgetting**ages, forgetting ** (int(end) - done)
+            F = fade * F + (np.exp(-2j * np.pi * np.outer(lines, t[rows])) * w) @ columns[rows]
+            M = fade * M + (columns[rows, :2] * w[:, None]).T @ columns[rows]
+            span, done = fade * span + float(w @ one[rows]) * d.dt_s, int(end)
+            line = np.linalg.lstsq(M[:, :2], M[:, 2:], rcond=None)[0]
+            level = (F[:, 2:] - F[:, :2] @ line) * d.dt_s
+            changes, terms = level[:, :n], between * level[:, n:]
+            now, weight = np.hstack([changes - terms[:, :n], terms[:, n:]]), min(1.0, step_hz * span)
+            fit = _fit([*kept, (now, weight)], n, prior, centre)
+            if fit is not None:
+                out.append((number, float(d.dt_s * end), fit))
+        kept.append((now, weight))
+    return out
+
+
+def _fit(parts: Sequence[tuple[ComplexArray, float]], n: int, prior: FloatArray, centre: FloatArray) -> Fit | None:
+    """Return weighted least squares of errors (lines, n) on slopes (lines, n f), or None if they do not decide it."""
+    f = prior.size
+    F = np.vstack([part for part, _ in parts])
+    lines = len(parts[0][0])
+    weight = np.repeat([w for _, w in parts], lines)
+    e, X = F[:, :n].T, F[:, n:].reshape(len(F), n, f).transpose(1, 0, 2)  # (n, lines), (n, lines, f)
+    felt = np.any(X != 0.0, axis=1)  # (n, f)
+    freedoms = 2.0 * weight.sum() - felt.sum(axis=1)
+    if float(np.min(freedoms)) < 1.0 and not np.all(prior > 0.0):
+        return None
+    freedoms = np.maximum(freedoms, 1.0)
+    root = np.sqrt(weight)
+    R = np.sum(weight * np.abs(e) ** 2, axis=1) / freedoms
+    for _ in range(_ROUNDS):
+        R = np.maximum(R, 1e-24 * np.sum(weight * np.abs(e) ** 2, axis=1) + 1e-300)
+        A = (X * (root[None, :] / np.sqrt(R)[:, None])[:, :, None]).reshape(-1, f)
+        b = (e * root / np.sqrt(R)[:, None]).ravel()
+        left = np.vstack([A.real, A.imag, np.diag(prior)])
+        size = np.linalg.norm(left, axis=0)
+        if not np.all(size > 0.0):
+            return None
+        U, s, Vt = np.linalg.svd(left / size, full_matrices=False)
+        if not s[-1] ** 2 > _DECIDED * s[0] ** 2:
+            return None
+        step = (Vt.T / s) @ (U.T @ np.concatenate([b.real, b.imag, -prior * centre])) / size
+        v = e - X @ step
+        R = np.sum(weight * np.abs(v) ** 2, axis=1) / freedoms
+    inverse = (Vt.T / s**2) @ Vt / np.outer(size, size)
+    power = np.abs(v) ** 2 / R[:, None] * weight.sum() / freedoms[:, None]  # 1 on average, for a level spectrum
+    by_line = np.mean(power.reshape(n, len(parts), lines), axis=1)
+    width = np.ones(min(_NEIGHBOURS, lines))
+    level = [np.convolve(row, width, "same") / np.convolve(np.ones(lines), width, "same") for row in by_line]
+    A = A.reshape(n, -1, f)
+    meat = np.einsum("ilf,il,ilg->fg", A.conj(), np.tile(level, (1, len(parts))), A, optimize=True).real
+    corrected = inverse @ (meat + np.diag(prior**2)) @ inverse
+    return Fit(step, inverse * float(np.mean(weight)), np.asarray(corrected), np.asarray(v), weight[::lines], R)
+
+
+def _evenness(v: ComplexArray, weight: FloatArray) -> FloatArray:
+    """Return per state the probability that level residuals differ as much between the halves of the band.
+
+    The logarithm of the ratio of two powers has the variance 1/m1 + 1/m2, m their independent lines.
+    """
+    lines = v.shape[1] // weight.size
+    total = np.abs(v.reshape(len(v), weight.size, lines)) ** 2
+    half = lines // 2
+    low, high = (np.mean(part, axis=(1, 2)) for part in (total[:, :, :half], total[:, :, half:]))
+    counts = float(weight.sum()) * half, float(weight.sum()) * (lines - half)
+    if min(counts) < 2.0:
+        return np.ones(len(v))
+    there = (low > 0.0) & (high > 0.0)
+    ratio = np.log(np.where(there, high, 1.0) / np.where(there, low, 1.0))
+    return np.asarray(erfc(np.abs(ratio) / np.sqrt(2.0 / counts[0] + 2.0 / counts[1])))
