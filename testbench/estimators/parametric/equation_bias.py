@@ -9,6 +9,11 @@ low pass leaves of the noise
 
 Noise of a state and that of its derivative do not go together.
 
+Where the motion tells nothing, as the airspeed of a short flight in still air, noise is most of the information and
+M - N has no inverse worth having. With M^-1 = L L', the eigenvectors of L' N L are combinations of parameters whose estimates
+do not go together, and their eigenvalues the shares of noise in what decides each. Those with less than half are
+corrected. The others keep their estimates, and their errors hold what the correction might have been.
+
 **Smoothing** takes more from one state than from another, and from a corner that a step of the input makes: what it
 takes is missing in the equations, and biases them whatever the noise. A response of the structure to the recorded
 inputs, without noise and with known parameters, through the same low passes, shows what is missing (indirect inference;
@@ -30,7 +35,9 @@ from testbench.estimators.parametric.structure import STEP, ModelStructure
 
 _LONGEST = 20_000  # samples of a record that are looked at; of longer ones the stretch where the inputs move most
 _MOST = 60_000  # samples of all records that are looked at; of more, records spread evenly over them
+_NEVER_ALL = 0.95  # largest share of noise that is reckoned with: beyond, the share itself is not known well enough
 _MOST_NOISE = 0.5  # share of a combination's information that noise alone makes, beyond which its bias cannot be told
+_PART = 0.5  # of a parameter's standard error that makes a combination a part of it
 _MOST_CHANGE = 0.5  # of the smoothing's bias, from the first estimate of it to the second, that is still believed
 
 
@@ -38,10 +45,11 @@ class Bias(NamedTuple):
     """Bias of the f free parameters.
 
     Attributes:
-        noise: (f,) by noise of the measured states; zero where it cannot be told.
+        noise: (f,) by noise of the measured states; of combinations of parameters of which it can be told.
         smoothing: (f,) by what the low passes take from the motion; zero where it cannot be told.
         widening: (f, f) by which estimates without the bias scatter more than those with it.
-        noise_known: noise makes less than half of the information about every combination of parameters.
+        left: (f, f) covariance that stands for what noise may do to the combinations that are not corrected.
+        untold: (f,) parameters of which such a combination is a part.
         smoothing_known: the response shows the bias by smoothing: it does not diverge, and hardly depends on whether it
             is that of the estimates with the bias or without it.
     """
@@ -49,7 +57,8 @@ class Bias(NamedTuple):
     noise: FloatArray
     smoothing: FloatArray
     widening: FloatArray
-    noise_known: bool
+    left: FloatArray
+    untold: NDArray[np.bool_]
     smoothing_known: bool
 
     @property
@@ -88,22 +97,31 @@ def bias_of(
         data, plain = stretches, _inverse_information(structure, stretches, params, free, R, share * prior**2)
     score, information = _of_noise(structure, data, params, free, R)
     root = np.linalg.cholesky(0.5 * (plain + plain.T))
-    nothing, one = np.zeros(free.size), np.eye(free.size)
-    if not float(np.linalg.eigvalsh(root.T @ information @ root)[-1]) < _MOST_NOISE:
-        return Bias(nothing, nothing, one, False, False)
-    widening = np.asarray(np.linalg.inv(one - plain @ information), np.float64)
-    inverse = widening @ plain
+    shares, V = np.linalg.eigh(root.T @ information @ root)
+    told = shares < _MOST_NOISE
+    combined = root @ V  # (f, f) columns: combinations of parameters, each by its plain standard error
+    own = 1.0 / (1.0 - np.minimum(shares, _NEVER_ALL))
+    widening = np.asarray(combined * own @ np.linalg.inv(combined), np.float64)
+    inverse = combined[:, told] * own[told] @ combined[:, told].T
+    kept = combined[:, ~told] * (own * (combined.T @ score))[~told]
+    left = np.asarray(kept @ kept.T)
+    part = np.abs(combined[:, ~told]) / np.sqrt(np.diag(plain))[:, None]
+    untold = np.asarray(part.max(axis=1, initial=0.0) > _PART)
+    nothing = np.zeros(free.size)
     noise = -inverse @ score
+    if not told.any():
+        return Bias(noise, nothing, widening, left, untold, False)
     corrected = params.copy()
     corrected[free] -= noise
     first = _of_smoothing(structure, data, corrected, free, R, held)
     if first is None:
-        return Bias(noise, nothing, widening, True, False)
+        return Bias(noise, nothing, widening, left, untold, False)
     corrected[free] -= inverse @ first
     second = _of_smoothing(structure, data, corrected, free, R, held)
-    if second is None or not _size(root.T @ (second - first)) <= _MOST_CHANGE * _size(root.T @ first):
-        return Bias(noise, nothing, widening, True, False)
-    return Bias(noise, inverse @ second, widening, True, True)
+    within = combined[:, told]
+    if second is None or not _size(within.T @ (second - first)) <= _MOST_CHANGE * _size(within.T @ first):
+        return Bias(noise, nothing, widening, left, untold, False)
+    return Bias(noise, inverse @ second, widening, left, untold, True)
 
 
 def _busiest(d: SmoothedStates, longest: int) -> SmoothedStates:

@@ -154,7 +154,9 @@ def _model(
     beyond = [structure.parameter_names[i] for i in free if not low[i] <= corrected[i] <= high[i]]
     covariance, white = np.zeros((k, k)), np.zeros((k, k))
     few = _of_few_lines(data, jacobians)
-    covariance[np.ix_(free, free)] = bias.widening @ (found.corrected * np.outer(few, few)) @ bias.widening.T
+    covariance[np.ix_(free, free)] = (
+        bias.widening @ (found.corrected * np.outer(few, few)) @ bias.widening.T + bias.left
+    )
     white[np.ix_(free, free)] = bias.widening @ found.plain @ bias.widening.T
     deviation = np.sqrt(np.diag(found.plain))
     valid = [np.tile(d.taken[:, None], size.size) for d in data]
@@ -218,15 +220,17 @@ def _bias_in_words(model: ParametricModel, bias: Bias, free: NDArray[np.intp]) -
         return f"{names[i]} by {total[i]:.2g} ({share}{abs(total[i]) / error[i]:.2g} of its errors)"
 
     out: list[Advice] = []
-    if not bias.noise_known:
+    if bias.untold.any():
+        which = ", ".join(name for name, there in zip(names, bias.untold, strict=True) if there)
         out.append(
             doubt(
                 "noisy_terms",
-                "noise of the measured states is half or more of what decides some of these estimates: how it biases "
-                "them cannot be told, and the standard errors do not hold it; refine the estimates by output error",
+                f"noise of the measured states is half or more of what decides {which}: how it biases them cannot be "
+                "told; their standard errors hold what it may do, and the other estimates are corrected; excite that "
+                "motion, fix them at a believed value, or refine the estimates by output error",
             )
         )
-    elif not bias.smoothing_known:
+    if not bias.smoothing_known and not bias.untold.all():
         why = "the response of these estimates diverges or is far from the record"
         out.append(note("noisy_terms", f"what smoothing took from the motion is not corrected for, because {why}"))
     worth = [int(i) for i in np.flatnonzero(error > 0.0) if abs(total[i]) > _LITTLE * error[i]]

@@ -244,11 +244,11 @@ def test_an_unstable_aircraft_is_corrected_where_its_response_is_told():
     assert model.values["M_q"] == pytest.approx(VALUES["M_q"], abs=0.15)
 
 
-def test_where_noise_decides_nothing_is_corrected_and_it_is_said():
+def test_where_noise_decides_it_is_said_and_the_estimate_is_kept():
     unstable = short_period().with_parameters({**VALUES, "M_alpha": 20.0})
     (r,) = records([steps(300, 3)], held=True, structure=unstable)  # grown so far that one direction is all there is
     model = equation_error.estimate([r], short_period(), held=("de",))
-    assert np.all(model.diagnostics["noise_bias"] == 0.0)
+    assert np.all(np.abs(model.diagnostics["noise_bias"]) <= 1e-4 * np.maximum(np.abs(model.params), 1.0))
     assert [a.severity for a in model.advice if "half or more of what decides" in a] == ["doubt"]
 
 
