@@ -10,9 +10,9 @@ low pass leaves of the noise
 Noise of a state and that of its derivative do not go together.
 
 Where the motion tells nothing, as the airspeed of a short flight in still air, noise is most of the information and
-M - N has no inverse worth having. With M^-1 = L L', the eigenvectors of L' N L are combinations of parameters whose estimates
-do not go together, and their eigenvalues the shares of noise in what decides each. Those with less than half are
-corrected. The others keep their estimates, and their errors hold what the correction might have been.
+M - N has no inverse worth having. With M^-1 = L L', the eigenvectors of L' N L are combinations of parameters whose
+estimates do not go together, and their eigenvalues the shares of noise in what decides each. Those with less than half
+are corrected. The others keep their estimates, and their errors hold what the correction might have been.
 
 **Smoothing** takes more from one state than from another, and from a corner that a step of the input makes: what it
 takes is missing in the equations, and biases them whatever the noise. A response of the structure to the recorded
