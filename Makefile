@@ -124,7 +124,7 @@ autopilot-log-study: $(VENV)/installed-dev
 # Writes results/instruments/kinds.csv and results/estimators/believed.csv; a quarter of an hour.
 believed-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/instruments_study.py --first 150000
-	$(BIN)/python tests/studies/identify_study.py --first 200000
+	$(BIN)/python tests/studies/identify_study.py --first 300000
 
 # Writes results/estimators/coloured_errors.csv: a minute of processor time.
 coloured-errors-study: $(VENV)/installed-dev

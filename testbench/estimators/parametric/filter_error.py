@@ -42,7 +42,7 @@ from testbench.estimators.parametric.kalman.forms import FALSE_ALARM, Choice, Fo
 from testbench.estimators.parametric.kalman.gust import ANGLES, Sensor, flow_angle, with_gust
 from testbench.estimators.parametric.kalman.innovations import Rows, innovations
 from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood
-from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, held_inputs, stretch
+from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, held_inputs
 from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.response import delayed
 from testbench.estimators.parametric.servo import none_shows
@@ -132,23 +132,17 @@ def estimate(
             raise EstimationError(
                 f"an output bias or trend belongs to an output ({', '.join(structure.outputs)}), got '{name}'"
             )
-    constant, sloped = tuple(output_biases), tuple(output_trends)
-    stretches = [stretch(r, structure, delays, initial_states, constant, sloped) for r in records]
-    layout = Layout(
-        np.flatnonzero(structure.free),
-        initial_states == "free",
-        tuple(structure.inputs.index(name) for name in input_biases),
-        len(structure.states) - len(structure.followers),
-        len(constant) + len(sloped),
-    )
     hold, recognised = held_inputs(structure.inputs, held, records)
     dt_s = records[0].dt_s
+    plain = Likelihood.over(
+        records, structure, delays, hold, initial_states, output_biases, output_trends, input_biases, substeps=substeps
+    )
+    stretches, layout = plain.stretches, plain.layout
 
     def make(form: Form) -> FilterLikelihood:
         if form.name != "gust":
-            base = Likelihood(structure, stretches, layout, dt_s, hold, substeps=substeps)
             still = form.name == "none"
-            return FilterLikelihood(base, [] if still else noisy, fixed, shared=form.name == "full")
+            return FilterLikelihood(plain, [] if still else noisy, fixed, shared=form.name == "full")
         assert form.sensor is not None
         whole = with_gust(structure, form.sensor, np.pi / dt_s)
         begun = [replace(s, x0=np.concatenate([[0.0], s.x0])) for s in stretches]
@@ -157,8 +151,7 @@ def estimate(
         return FilterLikelihood(base, [0], np.zeros(len(whole.states)))
 
     forms = _forms(structure, process_noise_model, process_noise, fixed_process_noise)
-    calm = Likelihood(structure, stretches, layout, dt_s, hold, substeps=substeps)
-    values = first_points(calm, records, delays_s, held)[0]
+    values = first_points(plain, records, delays_s, held)[0]
     choice = chosen(forms, make, values, max_iterations, against_none)
     likelihood, found = choice.fit.likelihood, choice.fit.found
     diagnostics, white, corrected = _diagnose(choice, layout)
@@ -176,8 +169,8 @@ def estimate(
             "process_noise_model": choice.fit.form.name,
             "fixed_process_noise": dict(fixed_process_noise or {}),
             "initial_states": initial_states,
-            "output_biases": list(constant),
-            "output_trends": list(sloped),
+            "output_biases": list(output_biases),
+            "output_trends": list(output_trends),
             "input_biases": list(input_biases),
             **said_of_hold(recognised),
         },
@@ -189,8 +182,8 @@ def estimate(
         noise_covariance=np.diag(diagnostics["residual_std"] ** 2),
         held=tuple(hold.tolist()),
         delays_s=tuple(delays.tolist()),
-        biased=constant,
-        trended=sloped,
+        biased=tuple(output_biases),
+        trended=tuple(output_trends),
         biased_inputs=tuple(input_biases),
         operating_point=(
             np.mean([x[extra:] for x, _ in likelihood.points], axis=0),
@@ -289,7 +282,7 @@ def _with_filter_advice(model: ParametricModel) -> ParametricModel:
             note(
                 "no_process_noise",
                 f"no process noise can be told from none: 2 ln L is {ratio:.2g} against it, and at least as much in "
-                f"{100 * probability:.2g} % of flights in calm air; output error gives the same with fewer unknowns",
+                f"{100 * probability:.2g} % of flights in plain air; output error gives the same with fewer unknowns",
             )
         )
     out.extend(approximate("filter_error"))

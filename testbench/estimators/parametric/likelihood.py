@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Literal, NamedTuple
@@ -193,28 +193,50 @@ class Likelihood:
         self.prior_weight = np.array([0.0 if s is None else 1.0 / s for s in prior] + own * len(stretches))
 
     @classmethod
-    def of(cls, model: ParametricModel, records: Sequence[FlightRecord]) -> Likelihood:
-        """Return that of a model that was identified, over records: its unknowns, initial states free."""
-        structure, late = model.structure, model.settings.get("late_std_s", {})
-        delays, offsets = np.array(model.delays_s), (model.biased, model.trended)
+    def over(
+        cls,
+        records: Sequence[FlightRecord],
+        structure: ModelStructure,
+        delays_s: FloatArray,
+        held: NDArray[np.bool_],
+        initial: Initial = "free",
+        biased: Sequence[str] = (),
+        trended: Sequence[str] = (),
+        biased_inputs: Sequence[str] = (),
+        late_std_s: Mapping[str, float] | None = None,
+        substeps: int = 1,
+        full: bool = False,
+    ) -> Likelihood:
+        """Return that of records, and of what these settings leave to be estimated; see :func:`.output_error.estimate`.
+
+        ``delays_s`` and ``held`` are by input (m,).
+        """
+        late = late_std_s or {}
         layout = Layout(
             np.flatnonzero(structure.free),
-            True,
-            tuple(structure.inputs.index(name) for name in model.biased_inputs),
+            initial == "free",
+            tuple(structure.inputs.index(name) for name in biased_inputs),
             len(structure.states) - len(structure.followers),
-            len(model.biased) + len(model.trended),
+            len(biased) + len(trended),
             tuple(structure.inputs.index(name) for name in late),
         )
-        stretches = [stretch(r, structure, delays, "free", *offsets) for r in records]
-        held = np.array(model.held)
-        return cls(
-            structure,
-            stretches,
-            layout,
-            records[0].dt_s,
-            held,
+        stretches = [stretch(r, structure, delays_s, initial, tuple(biased), tuple(trended)) for r in records]
+        priors = tuple(late.values())
+        return cls(structure, stretches, layout, records[0].dt_s, held, substeps=substeps, full=full, late_std_s=priors)
+
+    @classmethod
+    def of(cls, model: ParametricModel, records: Sequence[FlightRecord]) -> Likelihood:
+        """Return that of a model that was identified, over records: its unknowns, initial states free."""
+        return cls.over(
+            records,
+            model.structure,
+            np.array(model.delays_s),
+            np.array(model.held),
+            biased=model.biased,
+            trended=model.trended,
+            biased_inputs=model.biased_inputs,
+            late_std_s=model.settings.get("late_std_s"),
             substeps=model.substeps,
-            late_std_s=tuple(late.values()),
         )
 
     def start(self, values: FloatArray) -> FloatArray:

@@ -27,7 +27,7 @@ from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
 from testbench.estimators.parametric.gauss_newton import Minimum, minimise
-from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, held_inputs, stretch
+from testbench.estimators.parametric.likelihood import Initial, Likelihood, held_inputs
 from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.rounds import Rounds
 from testbench.estimators.parametric.servo import none_shows
@@ -104,26 +104,18 @@ def estimate(
     _check(records, structure, output_biases, output_trends, (*input_biases, *late_std_s), starts)
     holding, recognised = held_inputs(structure.inputs, held, records)
     delays = named(delays_s, structure.inputs, "a delay")
-    stretches = [
-        stretch(r, structure, delays, initial_states, tuple(output_biases), tuple(output_trends)) for r in records
-    ]
-    layout = Layout(
-        np.flatnonzero(structure.free),
-        initial_states == "free",
-        tuple(structure.inputs.index(name) for name in input_biases),
-        len(structure.states) - len(structure.followers),
-        len(output_biases) + len(output_trends),
-        tuple(structure.inputs.index(name) for name in late_std_s),
-    )
-    likelihood = Likelihood(
+    likelihood = Likelihood.over(
+        records,
         structure,
-        stretches,
-        layout,
-        records[0].dt_s,
+        delays,
         holding,
-        substeps=substeps,
+        initial_states,
+        output_biases,
+        output_trends,
+        input_biases,
+        late_std_s,
+        substeps,
         full=noise == "full",
-        late_std_s=tuple(late_std_s.values()),
     )
     first = first_points(likelihood, records, delays_s, held)
     ends, failure = _ends(likelihood, first, starts, np.random.default_rng(seed), max_iterations)

@@ -48,7 +48,7 @@ def test_one_structure_is_judged_once_whatever_its_numbers_and_never_again_from_
 
 def test_a_structure_that_departs_in_flight_is_flown_by_jsbsim_at_once_and_from_then_on(taurus, monkeypatch):
     trimmed = trim(taurus, FlightCondition(15.0, 100.0))
-    jobs, told, fly_block = pulses(taurus, trimmed, 10), batch.Tally(), batch._fly_block
+    jobs, told, fly_block = pulses(taurus, trimmed, batch.LANES), batch.Tally(), batch._fly_block
     right = batch.fly_jobs(jobs, "jsbsim")
     assert check.judged(taurus, trimmed).model is not None
     monkeypatch.setattr(batch, "BOTH", 1)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -192,6 +193,10 @@ _CAMPAIGN = "campaign {} {{at}}short.toml -o {{at}}out --workers 1"
 CASES = {
     "run": Case("run {at}run.toml -o {at}out", ("run.toml",), most=True),
     "identify": Case("identify {at}log.toml -o {at}out", ("log.csv", "log.toml"), most=True),
+    "global": Case(
+        "global {at}g0.csv {at}g1.csv {at}g2.csv {at}g3.csv --aircraft taurus -o {at}out",
+        ("g0.csv", "g1.csv", "g2.csv", "g3.csv"),
+    ),
     "import": Case("import {at}log.csv -o {at}out", ("log.csv",), most=True),
     "export": Case("export {at}flown/whole.nc --to csv -o {at}out/r.csv", ("flown",)),
     "compatibility": Case("compatibility {at}log.toml -o {at}out", ("log.csv", "log.toml")),
@@ -309,6 +314,39 @@ def _set() -> str:
     return SMALL.replace("flights = 60", "flights = 20")
 
 
+def _at_speed(k: int) -> str:
+    """Return a flight of the Taurus at one of four speeds, every control moving, as a table."""
+    import numpy as np
+
+    import testbench as tb
+    from testbench.core.scenario.inputs import Multisine
+
+    aircraft = tb.load_aircraft("taurus", "rigid")
+    trimmed = tb.trim(aircraft, tb.FlightCondition(12.0 + k, 100.0))
+    shared = {"signal": "multisine", "amplitude_deg": 2.0, "f_min_hz": 0.2, "f_max_hz": 2.0, "period_s": 5.0}
+    inputs = [
+        Multisine(**shared, control=c, periods=1, stride=3, first=i)  # type: ignore[arg-type]
+        for i, c in enumerate(("de", "da", "dr"))
+    ]
+    flown = tb.fly_and_measure(aircraft, trimmed, "all", inputs, 5.0, log_rate_hz=48.0, settle_s=0.0).flown
+    units = {
+        "V": "m/s",
+        "h": "m",
+        "ax": "m/s2",
+        "ay": "m/s2",
+        "az": "m/s2",
+        "p": "rad/s",
+        "q": "rad/s",
+        "r": "rad/s",
+        "thr_cmd": "1",
+    }
+    names = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "h", "ax", "ay", "az", "de", "da", "dr", "thr_cmd")
+    rows = np.column_stack([flown.t_s, flown.columns(names)])
+    rows[:, 1:] += np.random.default_rng(k).standard_normal(rows[:, 1:].shape) * 1e-3
+    head = ",".join(["t [s]", *(f"{n} [{units.get(n, 'rad')}]" for n in names)])
+    return "\n".join([head, *(",".join(f"{x:.6g}" for x in row) for row in rows)]) + "\n"
+
+
 def _plan_form() -> str:
     from any_aircraft import geometry_of_the_guide
 
@@ -326,6 +364,7 @@ _WRITTEN: dict[str, Callable[[], str]] = {
     "short.toml": _short, "set.toml": _set, "plan_form.toml": _plan_form, "taurus.toml": _example("taurus.toml"),
     "taurus_shapes.csv": _example("taurus_shapes.csv"), "names.txt": lambda: "Ada\nJosé\nKim\n",
     "key.txt": lambda: "0123456789abcdef0123456789abcdef\n",
+    **{f"g{k}.csv": partial(_at_speed, k) for k in range(4)},
     "answers.csv": lambda: "draw,figure,value,std\n2,M_q,-2.0,0.1\n",
 }  # fmt: skip
 _NEEDED = {"flown": ("log.csv",), "logs": ("plan.toml",), "campaign": ("short.toml",), "set": ("set.toml",),
