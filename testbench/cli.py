@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import sys
@@ -156,7 +157,9 @@ def main() -> None:
     open_streams()
     READ.clear()  # manifests list what this command reads
     given(sys.argv[1:])
-    with ended_by_signals() as signals:
+    status, signals = _INTERRUPTED, list[int]()
+    with contextlib.suppress(KeyboardInterrupt), ended_by_signals() as came:  # one may come as the block ends
+        signals = came
         try:
             status = _status()
         except KeyboardInterrupt:

@@ -25,7 +25,8 @@ def ended_by_signals() -> Generator[list[int], None, None]:
 
     def end(number: int, frame: Any) -> None:
         came.append(number)
-        raise KeyboardInterrupt
+        if not over.is_set():
+            raise KeyboardInterrupt
 
     def again() -> None:
         with once:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import threading
@@ -126,3 +127,22 @@ def test_a_signal_at_the_very_end_of_the_block_ends_nothing_twice():
         except KeyboardInterrupt:
             after.append(wait)
     assert after == []
+
+
+def test_a_signal_as_the_command_ends_has_its_status_and_is_no_traceback(monkeypatch):
+    """Python acts on a signal at the next call: after a long removal of objects that may be the end of the block."""
+    from testbench import cli
+
+    @contextlib.contextmanager
+    def late():
+        came = []
+        yield came
+        came.append(signal.SIGTERM)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "ended_by_signals", late)
+    monkeypatch.setattr(cli, "_status", lambda: 0)
+    monkeypatch.setattr("sys.argv", ["testbench", "list", "aircraft"])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 128 + signal.SIGTERM
