@@ -24,7 +24,6 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
 from testbench.estimators.coverage import approximate
 from testbench.estimators.hold import said_of_hold
-from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
 from testbench.estimators.parametric.equation_bias import Bias, bias_of
@@ -32,7 +31,7 @@ from testbench.estimators.parametric.likelihood import held_inputs
 from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.sensitivities import Sensitivities
 from testbench.estimators.parametric.servo import by_surfaces, in_front
-from testbench.estimators.parametric.state_equations import SmoothedStates, equations, smoothed
+from testbench.estimators.parametric.state_equations import SmoothedStates, equations, free_of, smoothed
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.settings import EquationError
 
@@ -77,17 +76,7 @@ def estimate(
             held,
             lambda moved, base, still: estimate(moved, base, delays_s=delays_s, held=still, cutoff_hz=cutoff_hz),
         )
-    check_records(records, structure.must_move, structure.outputs)
-    free = np.flatnonzero(structure.free)
-    if not free.size:
-        raise EstimationError(f"structure '{structure.name}' has no free parameter; free some, or simulate it instead")
-    for name in structure.states:
-        for record in records:
-            if name not in record:
-                raise EstimationError(
-                    f"equation error needs every state of '{structure.name}' as a channel, but a record lacks "
-                    f"'{name}'; sense it, or use output error"
-                )
+    free = free_of(records, structure, "equation error")
     delays = named(delays_s, structure.inputs, "a delay")
     hold, recognised = held_inputs(structure.inputs, held, records)
     data = [smoothed(r, structure, delays, hold, cutoff_hz) for r in records]

@@ -28,14 +28,14 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
 from testbench.estimators.hold import said_of_hold
-from testbench.estimators.model import ComplexArray, check_records
+from testbench.estimators.model import ComplexArray
 from testbench.estimators.parametric.accuracy import correlations
 from testbench.estimators.parametric.advice import advice_in_words, null_directions
 from testbench.estimators.parametric.likelihood import held_inputs
 from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.response import delayed
 from testbench.estimators.parametric.servo import by_surfaces, in_front
-from testbench.estimators.parametric.state_equations import SmoothedStates, equations
+from testbench.estimators.parametric.state_equations import SmoothedStates, equations, free_of
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.regression.frequency import band_lines, check_band
 from testbench.estimators.regression.smoothing import bridge
@@ -109,17 +109,7 @@ def estimate(
             held,
             lambda moved, base, still: estimate(moved, base, delays_s=delays_s, held=still, **given),
         )
-    check_records(records, structure.must_move, structure.outputs)
-    free, dt = np.flatnonzero(structure.free), records[0].dt_s
-    if not free.size:
-        raise EstimationError(f"structure '{structure.name}' has no free parameter; free some, or simulate it instead")
-    for name in structure.states:
-        for record in records:
-            if name not in record:
-                raise EstimationError(
-                    f"real-time regression needs every state of '{structure.name}' as a channel, but a record lacks "
-                    f"'{name}'; sense it, or use output error"
-                )
+    free, dt = free_of(records, structure, "real-time regression"), records[0].dt_s
     if not update_s >= dt or not 0.0 < forgetting <= 1.0:
         raise EstimationError(
             f"update_s >= the sample time {dt:g} s and 0 < forgetting <= 1 must hold, got update_s = {update_s:g} and "

@@ -14,7 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.model import check_records
 from testbench.estimators.parametric.response import delayed, responses
 from testbench.estimators.parametric.structure import STEP, ModelStructure
 from testbench.estimators.regression.smoothing import SineSeries, bridge
@@ -42,6 +44,27 @@ class SmoothedStates(NamedTuple):
     cutoffs_hz: FloatArray
     driven: FloatArray
     dt_s: float
+
+
+def free_of(records: Sequence[FlightRecord], structure: ModelStructure, method: str) -> NDArray[np.intp]:
+    """Return which parameters (f,) a regression of the state equations estimates.
+
+    Raises:
+        EstimationError: none is free, or a state is not measured; ``method`` is the one that needs it.
+        ChannelError: a record lacks an output.
+    """
+    check_records(records, structure.must_move, structure.outputs)
+    free = np.flatnonzero(structure.free)
+    if not free.size:
+        raise EstimationError(f"structure '{structure.name}' has no free parameter; free some, or simulate it instead")
+    for name in structure.states:
+        for record in records:
+            if name not in record:
+                raise EstimationError(
+                    f"{method} needs every state of '{structure.name}' as a channel, but a record lacks "
+                    f"'{name}'; sense it, or use output error"
+                )
+    return free
 
 
 def smoothed(
