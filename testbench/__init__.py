@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from testbench.questions.tidy import read_results
     from testbench.sensors import load_suite
 
-__version__ = "0.1.0"
+__version__ = "0.4.0"
 
 _HOME = {
     "agreement": "testbench.inference.instruments",
