@@ -82,14 +82,13 @@ def seek(believed: Believed, records: Mapping[str, FlightRecord], naming: Naming
     """
     names, flown = list(records), tuple(records.values())
     # Coefficients as they are where an unknown motion does what is missing: re-tuned without it, they would do it.
-    priors = believed.priors_of(flown)
-    nuisances = np.array([naming.beside_unknown[n] for n in priors])
+    nuisances = naming.beside_unknown
     moved, begins = zip(*(_pulses(believed, r) for r in flown), strict=True)
     noise = naming.weighed.table.noise
     scales = np.array([noise[channel][0] for channel in believed.outputs])
     found: Sequence[Onset] = ()
     for _ in range(_ROUNDS):
-        point = Hypothesis.at(believed, believed, flown, nuisances, priors)
+        point = Hypothesis.towards_unknown(believed, flown, nuisances)
         blocks = [
             Linearised(left, -T, Motion.none(taken := believed.taken(r)), taken)
             for r, left, T in zip(flown, point.by_record(point.exact), point.by_record(point.tangents), strict=True)
@@ -98,7 +97,7 @@ def seek(believed: Believed, records: Mapping[str, FlightRecord], naming: Naming
         found, before = find_onset(blocks, moved, begins, scales, mean, point.prior_std, P_ONSET), found
         if before and before[0].place == found[0].place:
             break
-        nuisances = point.towards(nuisances + found[0].step)
+        nuisances = point.named(point.towards(point.nuisances + found[0].step))
     return [_begun(names, records, o) for o in found[:MOST]] if found[0].probability > 0.5 else []
 
 

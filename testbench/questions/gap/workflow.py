@@ -300,7 +300,8 @@ def _begun_somewhere(
         there = replace(sought, effects=onset.later(sought.effects, place), further={}, terms={}, pairs=False)
         begins = believed
         if place.record:
-            tuned = flown_in.with_nuisances(naming.beside_unknown)
+            along = Hypothesis.towards_unknown(flown_in, tuple(records.values()), naming.beside_unknown)
+            tuned = flown_in.with_nuisances(along.by_name)
             begins = onset.begin_there(believed, cut, place, records[place.record], tuned)
         named = search(begins, list(cut.values()), air, say, there)
         if named[1].weighed.unknown < ELSEWHERE:

@@ -51,6 +51,19 @@ def test_where_one_side_has_no_trim_the_tangent_is_taken_to_the_other():
     assert np.linalg.norm(one_sided - central) < 0.1 * np.linalg.norm(central)
 
 
+def test_coefficients_that_an_unknown_motion_lets_go_are_flown_as_far_as_there_is_a_trim():
+    believed = believe("taurus")
+    records = tuple(fly_truth("taurus", Truth(), "short", 11).values())[:1]
+    least = least_factor_with_trim(believed)
+    wanted = 1.0 - 1.5 * (1.0 - least)  # half of the way there still flies
+    beside = dict.fromkeys(believed.priors_of(records), 1.0) | {"Cm_de": wanted}
+    with pytest.raises(TrimError):
+        Hypothesis.at(believed, believed, records, np.array(list(beside.values())))
+    point = Hypothesis.towards_unknown(believed, records, beside)
+    assert point.by_name["Cm_de"] == pytest.approx(0.5 * (1.0 + wanted))
+    assert np.all(np.isfinite(point.exact))
+
+
 def test_re_tuning_finds_the_coefficients_of_an_aircraft_that_is_hardly_stable():
     """Cm_alpha of the F-16 is small, so that a linear prediction of 12 s goes far astray; flown tangents do not."""
     steps = StandardMultistep(signal="3211", control="de", amplitude_deg=2.0, step_s=0.5, start_s=0.5)

@@ -24,6 +24,7 @@ LINEAR_STEP = 0.02  # of central differences of linear predictions by the nuisan
 FLOWN_STEP = 0.01  # of forward differences of flights by them
 _MAX_STEP = 0.15  # largest change of a nuisance per round, so that thrust and trim stay within reach
 _MAX_LATERAL_STEP = 0.5  # the same for lateral nuisances, on which neither depends
+SHORTENED = (1.0, 0.5, 0.2)  # shares of a step that are tried in turn until one flies
 _NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
 
 
@@ -73,6 +74,24 @@ class Hypothesis:
         tuned = model.with_nuisances(dict(zip(priors, nuisances.tolist(), strict=True)))
         exact = _flown(tuned, records)
         return cls(believed, model, records, priors, nuisances, exact, starts=tuned.begun_at(records))
+
+    @classmethod
+    def towards_unknown(
+        cls, believed: Believed, records: tuple[FlightRecord, ...], nuisances: Mapping[str, float]
+    ) -> Hypothesis:
+        """Fly the believed model at nuisances that fit beside an unknown motion, or as near to them as it can fly.
+
+        There a coefficient that does what is missing may lie where the aircraft cannot be trimmed.
+
+        Raises:
+            FlightAborted, TrimError, LimitError: it cannot fly the measured commands as it is believed.
+        """
+        priors = believed.priors_of(records)
+        far = np.array([nuisances[n] for n in priors]) - 1.0
+        for share in SHORTENED:
+            with suppress(*_NOT_FLOWN):
+                return cls.at(believed, believed, records, 1.0 + share * far, priors)
+        return cls.at(believed, believed, records, None, priors)
 
     def named(self, nuisances: FloatArray) -> Mapping[str, float]:
         """Return nuisance -> value of values (k,)."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.hypothesis import SHORTENED, Hypothesis
 
 MAX_ROUNDS = 14
 AT_REST = 0.1  # the rounds end when another one promises to lower chi-square by less
 KEPT = 0.9  # share of a promised gain that a step must reach for its tangents to be kept
-SHORTENED = (1.0, 0.5, 0.2)  # shares of a step that are tried in turn until one flies and lowers chi-square
 
 
 def retune(base: Hypothesis) -> Hypothesis:
