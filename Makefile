@@ -17,7 +17,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
 # Studies and benchmarks; each writes what results/README.md says. TESTBENCH_SMALLEST=FOLDER before make: its first unit of
 # work alone, written to FOLDER. ARGS: what the script is told besides, such as make mutants ARGS="--count 60".
 ARGS ?=
-STUDIES = advice-study autopilot-log-study believed-study benchmarks blind-draws blind-test campaign-cost coloured-errors-study \
+STUDIES = advice-study anybody-test autopilot-log-study believed-study benchmarks blind-test campaign-cost coloured-errors-study \
   dataset-study design-study env-study estimator-study filter-error-study gap-in-batches geometry-study global-study mutants \
   pages-held promise-study reliability same-bytes sequential-study static-margin-study stock surroundings
 
@@ -169,15 +169,9 @@ reproduction: $(VENV)/installed
 blind-test: $(VENV)/installed
 	PYTHONPATH=tests $(BIN)/python -m studies.blind --workers 2
 
-# Further sealed draws, each as long.
-blind-draws: $(VENV)/installed
-	PYTHONPATH=tests $(BIN)/python -m studies.blind.lateral
-	PYTHONPATH=tests $(BIN)/python -m studies.blind.pieces
-	PYTHONPATH=tests $(BIN)/python -m studies.blind.stock
-	PYTHONPATH=tests $(BIN)/python -m studies.blind.stock_again
-	PYTHONPATH=tests $(BIN)/python -m studies.blind.fighter
-	PYTHONPATH=tests $(BIN)/python -m studies.blind.paths
-	PYTHONPATH=tests $(BIN)/python -m studies.blind.over_time
+# Nine aircraft, most of them not the testbench's own, with noise, air and starts as in life: results/gap/anybody; hours.
+anybody-test: $(VENV)/installed
+	PYTHONPATH=tests $(BIN)/python -m studies.blind.anybody $(ARGS)
 
 $(VENV)/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

@@ -148,7 +148,7 @@ def test_the_hidden_truth_and_the_library_of_effects_share_no_code():
     """What the blind test hides is made by code of its own; what names an effect does not see how it was made."""
     gap, blind = PACKAGE / "questions" / "gap", ROOT / "tests" / "studies" / "blind"
     # What makes and draws the cases imports, of all this, its own modules and what flies a hidden truth.
-    making = {"servos", "truth", "truths", "lateral_truths", "kinds", "flights", "cases"}
+    making = {"servos", "truth", "truths", "kinds", "flights", "cases"}
     own = {"studies.blind", *(f"studies.blind.{name}" for name in making)}
     flies = {"testbench.questions", "testbench.questions.hidden", "testbench.questions.gap.starts"}
     for name in making:

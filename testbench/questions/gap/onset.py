@@ -82,7 +82,7 @@ def seek(believed: Believed, records: Mapping[str, FlightRecord], naming: Naming
     """
     names, flown = list(records), tuple(records.values())
     # Coefficients as they are where an unknown motion does what is missing: re-tuned without it, they would do it.
-    nuisances = naming.beside_unknown
+    nuisances: Mapping[str, float] = naming.beside_unknown
     moved, begins = zip(*(_pulses(believed, r) for r in flown), strict=True)
     noise = naming.weighed.table.noise
     scales = np.array([noise[channel][0] for channel in believed.outputs])

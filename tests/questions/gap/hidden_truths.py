@@ -76,3 +76,13 @@ def yaw_damper(gain_s: float, washout_s: float, aircraft: str = "eolo") -> Truth
 def scaled_sensor(channel: str, gain: float) -> Truth:
     """The sensor of a channel reads a multiple of the truth."""
     return sensor(channel, lambda s: replace(s, scale=gain * s.scale))
+
+
+def interconnect(ratio: float) -> Insert:
+    """The rudder turns with the command of the ailerons, both of the same throw."""
+    return Insert(
+        "flight_control",
+        '<channel name="interconnect"><pure_gain name="interconnect"><input>fcs/aileron-cmd-norm</input>'
+        f"<gain>{ratio!r}</gain><output>fcs/yaw-trim-cmd-norm</output></pure_gain></channel>",
+        0,
+    )

@@ -13,6 +13,7 @@ import pytest
 from gap.hidden_truths import (
     NOTHING,
     command_gain,
+    interconnect,
     late_command,
     measure_truth,
     rate_feedback,
@@ -22,7 +23,6 @@ from gap.hidden_truths import (
     slow_servo,
     yaw_damper,
 )
-from studies.blind.lateral_truths import LATERAL
 from studies.blind.truth import Truth
 from studies.blind.truths import load
 
@@ -334,7 +334,7 @@ def test_an_interconnect_that_the_library_lacks_accuses_no_coefficient():
         )
         for c, a in (("da", 4.0), ("dr", 4.0), ("de", 2.0))
     ]
-    real = LATERAL["interconnect"]({"ratio": -0.38}, "eolo").real("eolo")
+    real = Truth(changes=(interconnect(-0.38),)).real("eolo")
     records = list(measure_hidden(real, b.suite, b.condition, turns, 3, b.rate_hz).values())
     known = few(b, "yaw_damper", "rudder_lag", "beta_scale", "r_cross", "r_scale", "rudder_surface_scale", "dr_scale")
     naming = name_effect(comparing(b, records), records, effects=known, pairs=False)

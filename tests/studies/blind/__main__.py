@@ -16,12 +16,11 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: two workers with two threads each are far slower
 
 from smallest import results, sized
-from studies.blind.cases import SHORT, WITHOUT, Case, counts_of, draw, opened, seal
+from studies.blind.cases import COUNTS, SHORT, WITHOUT, Case, draw, opened, seal
 from studies.blind.report import write_report
 from studies.blind.rows import leave_with, run_case
 
 SEED = 20261210
-COUNTS = counts_of("main")
 RESULTS = Path(__file__).resolve().parents[3] / "results" / "gap"
 """Where the committed rows are; the verdict of a case reads what they say of parts."""
 

@@ -8,26 +8,14 @@ from __future__ import annotations
 import hashlib
 import json
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from studies.blind.flights import SMALL, STOCK, fly, suite
-from studies.blind.kinds import (
-    KINDS,
-    LATERAL_ERRORS,
-    LATERAL_KINDS,
-    OVER_TIME_KINDS,
-    PARAMETER_ERRORS,
-    PATH_KINDS,
-    STOCK_KINDS,
-    Kind,
-    parameter_errors,
-)
-from studies.blind.lateral_truths import LATERAL
-from studies.blind.lateral_truths import STOCK as STOCK_TRUTHS
+from studies.blind.flights import fly_truth, suite
+from studies.blind.kinds import KINDS, Kind, parameter_errors
 from studies.blind.truth import Truth
-from studies.blind.truths import OVER_TIME, TRUTHS, Make
+from studies.blind.truths import TRUTHS
 
 from testbench.core.errors import LimitError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord
@@ -40,57 +28,31 @@ class Stratum:
     """One row of the table.
 
     Attributes:
-        draw: whose aircraft, manoeuvres and kinds these are.
         hides: "library" or "other" forms, "unseen" ones, a "pair", "small" or "inseparable" library forms, or "" for
             nothing.
         count: of cases.
-        taken_out: what is hidden is taken out of the library before it is named.
         rms_m_s: of the turbulence.
     """
 
-    draw: str
     hides: str
     count: int = 36
-    taken_out: bool = False
     rms_m_s: float = 0.0
 
 
 STRATA: Mapping[str, Stratum] = {
-    "library form": Stratum("main", "library"),
-    "other form": Stratum("main", "other"),
-    "unseen": Stratum("main", "unseen", 30),
-    "nothing": Stratum("main", "", 30),
-    "nothing in turbulence": Stratum("main", "", 30, rms_m_s=TURBULENCE_RMS_M_S),
-    "turbulence": Stratum("main", "library", 30, rms_m_s=TURBULENCE_RMS_M_S),
-    "two at once": Stratum("main", "pair", 30),
-    "below detectability": Stratum("main", "small", 30),
-    "inseparable": Stratum("main", "inseparable", 30),
-    **{
-        f"{draw} {name}": Stratum(draw, hides, taken_out="taken out" in name)
-        for draw in ("lateral", "stock", "paths", "time")
-        for name, hides in (
-            ("library form", "library"),
-            ("other form", "other"),
-            ("with the true effect taken out", "library"),
-            ("nothing", ""),
-        )
-    },
+    "library form": Stratum("library"),
+    "other form": Stratum("other"),
+    "unseen": Stratum("unseen", 30),
+    "nothing": Stratum("", 30),
+    "nothing in turbulence": Stratum("", 30, rms_m_s=TURBULENCE_RMS_M_S),
+    "turbulence": Stratum("library", 30, rms_m_s=TURBULENCE_RMS_M_S),
+    "two at once": Stratum("pair", 30),
+    "below detectability": Stratum("small", 30),
+    "inseparable": Stratum("inseparable", 30),
 }
-_BOTH = {**TRUTHS, **LATERAL}
-_DRAWS: Mapping[str, tuple[Mapping[str, Make], Mapping[str, Kind], Mapping[str, float], tuple[str, ...]]] = {
-    "main": (TRUTHS, KINDS, PARAMETER_ERRORS, ("eolo", "taurus")),
-    "lateral": (LATERAL, LATERAL_KINDS, LATERAL_ERRORS, ("eolo", "taurus")),
-    "stock": (STOCK_TRUTHS, STOCK_KINDS, LATERAL_ERRORS, tuple(STOCK)),
-    "paths": (_BOTH, PATH_KINDS, LATERAL_ERRORS, tuple(SMALL)),
-    "time": (OVER_TIME, OVER_TIME_KINDS, LATERAL_ERRORS, tuple(SMALL)),
-}
-"""Draw -> what makes its truths, its kinds, what is believed of coefficients, and its aircraft."""
 
 
-def counts_of(*draws: str) -> dict[str, int]:
-    """Return stratum -> number of cases, of some draws."""
-    return {name: s.count for name, s in STRATA.items() if s.draw in draws}
-
+COUNTS = {name: s.count for name, s in STRATA.items()}
 
 # What is also run of some cases, by the end of the row's name: without the true effect in the library, and naming on
 # the set "short" alone.
@@ -149,34 +111,20 @@ class Case:
     @property
     def truth(self) -> Truth:
         """What flies."""
-        truth, made = Truth(factors=self.factors), _DRAWS[self.row.draw][0]
+        truth = Truth(factors=self.factors)
         for kind, sizes in zip(self.kinds, self.sizes, strict=True):
-            truth = truth.with_(made[kind](sizes, self.aircraft))
+            truth = truth.with_(TRUTHS[kind](sizes, self.aircraft))
         return truth
 
     def fly(self, which: str) -> dict[str, FlightRecord]:
         """Fly the truth through a set of manoeuvres ("rich", "short", "held_out")."""
         offset = {"rich": 0, "short": 500_000, "held_out": 1_000_000}[which]
-        return fly(self.row.draw, self.aircraft, self.truth, which, self.seed + offset, self.turbulence_rms_m_s)
-
-    @property
-    def row(self) -> Stratum:
-        """Its row of the table."""
-        return STRATA[self.stratum]
-
-    @property
-    def without(self) -> tuple[str, ...]:
-        """The names that are taken out of the library before this case is named."""
-        return tuple(n for names in self.right for n in names) if self.row.taken_out else ()
+        return fly_truth(self.aircraft, self.truth, which, self.seed + offset, self.turbulence_rms_m_s)
 
 
-def draw(seed: int, counts: Mapping[str, int], aircraft: Iterable[str] = ()) -> tuple[Case, ...]:
-    """Draw so many cases of every stratum, in an order that begins with the first of each.
-
-    ``aircraft`` are flown in place of those of the draw.
-    """
-    planes = tuple(aircraft)
-    drawn = {stratum: [draw_case(stratum, i, seed, planes=planes) for i in range(n)] for stratum, n in counts.items()}
+def draw(seed: int, counts: Mapping[str, int]) -> tuple[Case, ...]:
+    """Draw so many cases of every stratum, in an order that begins with the first of each."""
+    drawn = {stratum: [draw_case(stratum, i, seed) for i in range(n)] for stratum, n in counts.items()}
     most = max(counts.values())
     return tuple(cases[i] for i in range(most) for cases in drawn.values() if i < len(cases))
 
@@ -195,7 +143,7 @@ def opened(text: str) -> tuple[Case, ...]:
     )
 
 
-def draw_case(stratum: str, i: int, seed: int, kind: str = "", planes: tuple[str, ...] = ()) -> Case:
+def draw_case(stratum: str, i: int, seed: int, kind: str = "") -> Case:
     """Return case ``i`` of a stratum, or one of a given kind: the first of at most ten draws that flies all it must.
 
     Raises:
@@ -204,7 +152,7 @@ def draw_case(stratum: str, i: int, seed: int, kind: str = "", planes: tuple[str
     for attempt in range(10):
         rng = np.random.default_rng(np.random.SeedSequence([seed, zlib.crc32(stratum.encode()), i, attempt]))
         try:
-            case = _case(stratum, i, rng, kind, planes)
+            case = _case(stratum, i, rng, kind)
             case = _undetectable(case) if STRATA[stratum].hides == "small" else case
             case.fly("rich")
             case.fly("held_out")
@@ -234,17 +182,14 @@ def _energy(a: FlightRecord, b: FlightRecord) -> float:
     return float(np.sum((d - d.mean(axis=0)) ** 2))
 
 
-def _case(stratum: str, i: int, rng: np.random.Generator, kind: str, planes: tuple[str, ...]) -> Case:
+def _case(stratum: str, i: int, rng: np.random.Generator, kind: str) -> Case:
     row = STRATA[stratum]
-    _, known, deviations, own = _DRAWS[row.draw]
-    one_way = row.draw in ("main", "lateral")  # in the order, and by the law, that the first draws had
-    aircraft = ("eolo" if rng.random() < 0.5 else "taurus") if one_way else ""
-    kinds = (kind,) if kind else _chosen(stratum, known, i, rng)
-    aircraft = aircraft or str(rng.choice(planes or own))
+    aircraft = "eolo" if rng.random() < 0.5 else "taurus"
+    kinds = (kind,) if kind else _chosen(stratum, i, rng)
     if "flexible wings" in kinds:
         aircraft = "eolo"
-    sizes: list[Mapping[str, float]] = [known[k].draw(rng) for k in kinds]
-    right = [known[k].names for k in kinds]
+    sizes: list[Mapping[str, float]] = [KINDS[k].draw(rng) for k in kinds]
+    right = [KINDS[k].names for k in kinds]
     if row.hides == "inseparable":
         (low, high), size, names = _INSEPARABLE[kinds[0]]
         sizes, right = [{**sizes[0], size: float(rng.uniform(low, high))}], [names]
@@ -254,15 +199,15 @@ def _case(stratum: str, i: int, rng: np.random.Generator, kind: str, planes: tup
         aircraft=aircraft,
         kinds=kinds,
         sizes=tuple(sizes),
-        factors=parameter_errors(rng, deviations),
+        factors=parameter_errors(rng),
         right=tuple(right),
         turbulence_rms_m_s=row.rms_m_s,
         seed=int(rng.integers(1, 2**31 - 10**7)),
-        near=any(known[k].near for k in kinds),
+        near=any(KINDS[k].near for k in kinds),
     )
 
 
-def _chosen(stratum: str, known: Mapping[str, Kind], i: int, rng: np.random.Generator) -> tuple[str, ...]:
+def _chosen(stratum: str, i: int, rng: np.random.Generator) -> tuple[str, ...]:
     """Return the kinds of case ``i`` of a stratum: all that suit it in turn, in an order of its own."""
     hides = STRATA[stratum].hides
     if not hides:
@@ -274,7 +219,7 @@ def _chosen(stratum: str, known: Mapping[str, Kind], i: int, rng: np.random.Gene
     form = "library" if hides == "small" else hides
     if stratum == "turbulence" and rng.random() < 0.5:
         form = "other"
-    names = [n for n, k in known.items() if k.form == form and (hides != "small" or _can_shrink(k))]
+    names = [n for n, k in KINDS.items() if k.form == form and (hides != "small" or _can_shrink(k))]
     order = np.random.default_rng(zlib.crc32(stratum.encode())).permutation(len(names))
     return (names[order[i % len(names)]],)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from scipy.stats import chi2
-from studies.blind.cases import SHORT, WITHOUT, Case, counts_of
+from studies.blind.cases import COUNTS, SHORT, WITHOUT, Case
 from studies.blind.parts import called
 from studies.blind.score import (
     FEWEST,
@@ -143,7 +143,7 @@ def _page(
         "",
         "| stratum | run | planned |",
         "|---|---|---|",
-        *(f"| {name} | {counts.get(name, 0)} | {n} |" for name, n in counts_of("main").items()),
+        *(f"| {name} | {counts.get(name, 0)} | {n} |" for name, n in COUNTS.items()),
         "",
         "| rate | cases | value | interval | bar | met |",
         "|---|---|---|---|---|---|",

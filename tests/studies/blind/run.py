@@ -12,7 +12,7 @@ from studies.blind.flights import RATE_HZ, condition, suite
 
 from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
-from testbench.effects import OTHER_SERVOS, Effect, library
+from testbench.effects import Effect, library
 from testbench.flight import load_aircraft
 from testbench.flight.batch.jobs import Simulator
 from testbench.questions.gap.believed import Believed
@@ -20,13 +20,13 @@ from testbench.questions.gap.evidence.air import listen
 from testbench.questions.gap.explain import Naming
 from testbench.questions.gap.parts import parts_of
 from testbench.questions.gap.result import GapFinding
-from testbench.questions.gap.workflow import Sought, find_gap, search
+from testbench.questions.gap.workflow import Sought, search
 
 
-def believe(aircraft: str, simulator: Simulator = "auto", draw: str = "main") -> Believed:
-    """Return what is believed of an aircraft of a draw: rigid wings, the suite, the condition."""
+def believe(aircraft: str, simulator: Simulator = "auto") -> Believed:
+    """Return what is believed of an aircraft: rigid wings, the suite, the condition."""
     flown = load_aircraft(aircraft, "rigid")
-    return Believed(flown, suite(draw), condition(draw, aircraft), RATE_HZ, simulator=simulator)
+    return Believed(flown, suite(), condition(aircraft), RATE_HZ, simulator=simulator)
 
 
 def name_case(
@@ -115,33 +115,6 @@ def _removed(believed: Believed, naming: Naming, records: Sequence[FlightRecord]
     amended = best.added_to(believed)
     energy = [sum(float(np.sum(m.residuals(r) ** 2 - 1.0)) for r in records) for m in (believed, amended)]
     return 1.0 - energy[1] / energy[0] if energy[0] > 0.0 else None
-
-
-# --- the other draws --------------------------------------------------------------------------------------------------
-
-
-def searched(believed: Believed, without: Sequence[str] = ()) -> tuple[dict[str, Effect], dict[str, Effect]]:
-    """Return the library, and what is sought beside it where a path is pointed to, less some effects.
-
-    Those of which these are special cases are left out, too.
-    """
-    gone = set(without)
-
-    def left(known: Mapping[str, Effect]) -> dict[str, Effect]:
-        return {n: e for n, e in known.items() if n not in gone and gone.isdisjoint(e.contains)}
-
-    return left(library(believed.suite, believed.aircraft)), left(OTHER_SERVOS)
-
-
-def named(
-    believed: Believed,
-    records: Mapping[str, FlightRecord],
-    held_out: Mapping[str, FlightRecord],
-    without: Sequence[str] = (),
-) -> dict[str, Any]:
-    """Return what the workflow says of the records of one case, as JSON values."""
-    known, further = searched(believed, without)
-    return found_row(lambda: find_gap(believed, records, held_out, effects=known, further=further))
 
 
 def found_row(find: Callable[[], GapFinding]) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,9 +15,6 @@ from testbench.questions.dataset.score import NO_GAP, UNEXPLAINED, verdict
 
 # --- coefficients that an answer accuses -----------------------------------------------------------------------------
 
-Flown = Callable[[Case, str], float]
-"""Case and coefficient -> what it is times the believed one, as it flies."""
-
 
 def drawn(case: Case, coefficient: str) -> float:
     """Return what a coefficient was drawn as, times the believed one."""
@@ -27,11 +24,6 @@ def drawn(case: Case, coefficient: str) -> float:
 def accusations(row: Mapping[str, Any]) -> list[tuple[str, float, float, tuple[str, ...]]]:
     """Return coefficient, factor, standard error, and the effects that the data do not tell from it."""
     return [(name, f, e, tuple(more[0]) if more else ()) for name, f, e, *more in row.get("accused", ())]
-
-
-def of_wrong_size(case: Case, row: Mapping[str, Any], flown: Flown) -> bool:
-    """Return whether a coefficient is accused by a factor that is four of its errors from what flies."""
-    return any(abs(f - flown(case, name)) > 4.0 * e for name, f, e, _ in accusations(row))
 
 
 def answer(case: Case, row: Mapping[str, Any]) -> tuple[str, list[str]]:
