@@ -116,8 +116,8 @@ def test_prediction_errors_stand_above_the_noise_floor_and_not_far(results):
         assert np.all(scores.mrse_percent[alpha] < 1.5 * scores.noise_percent[alpha])
 
 
-def test_the_numbers_of_the_readme_are_those_of_the_scenarios(results):
-    text = " ".join((SCENARIOS.parent / "README.md").read_text(encoding="utf-8").split())
+def test_the_numbers_of_the_overview_are_those_of_the_scenarios(results):
+    text = " ".join((SCENARIOS.parent / "docs" / "overview.md").read_text(encoding="utf-8").split())
     for case in results("eolo_alpha").cases:
         for match in case.evaluation.poles:
             if match.name in (SLOW, FAST):
@@ -129,8 +129,8 @@ def test_the_numbers_of_the_readme_are_those_of_the_scenarios(results):
 
 
 @pytest.mark.slow
-def test_the_intervals_of_the_readme_are_those_over_seeds():
-    text = (SCENARIOS.parent / "README.md").read_text(encoding="utf-8").split("`b1_alpha` repeats")[0]
+def test_the_intervals_of_the_overview_are_those_over_seeds():
+    text = (SCENARIOS.parent / "docs" / "overview.md").read_text(encoding="utf-8").split("`b1_alpha` repeats")[0]
     quoted = set(re.findall(r"\d+\.\d+ ± \d+\.\d+", text))
     found = " ".join(tb.run(tb.load_scenario(SCENARIOS / "eolo_alpha.toml"), causes=False).findings)
     assert len(quoted) >= 4

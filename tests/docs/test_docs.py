@@ -31,8 +31,8 @@ def anchors(path):
     return {re.sub(r"[^\w\- ]", "", h.lower()).strip().replace(" ", "-") for h in headings}
 
 
-def test_the_readme_counts_the_effects_of_aircraft_and_air():
-    said = re.search(r"(\d+) effects of the aircraft", (ROOT / "README.md").read_text(encoding="utf-8"))
+def test_the_overview_counts_the_effects_of_aircraft_and_air():
+    said = re.search(r"(\d+) effects of the aircraft", (DOCS / "overview.md").read_text(encoding="utf-8"))
     names = list(EFFECTS)
     of_sensors = names.index("V_bias")  # and all that follow; a clock is an instrument, too
     assert int(said.group(1)) == len([n for n in names[:of_sensors] if n != "clock_offset"])
