@@ -35,6 +35,7 @@ from testbench.estimators.settings import PredictionError
 from testbench.estimators.state_accuracy import pole_accuracy
 from testbench.estimators.state_space import Series, StateSpaceModel, check_sample_time
 from testbench.estimators.subspace import dsr_e, family
+from testbench.inference.parameters import WHITE
 
 _SETTLED = 1e-3  # relative change of the innovations' covariance between two rounds that ends them
 _ROUNDS = 40
@@ -43,7 +44,6 @@ _NOTHING = 1e-10  # innovations below this share are rounding: nothing is left t
 _FREE_OF_NOISE = 1e-7  # start innovations below this share say nothing of a disturbance: K is not identifiable
 _LOST = 1e-8  # smallest over largest singular value of the scaled Jacobian below which a direction is undecided
 _MARGINAL = 0.999  # spectral radius of the predictor from which on it stands at its limit (judged)
-_COLOURED = 1e-3  # false-alarm probability of the whiteness test
 
 
 @dataclass(frozen=True, eq=False)
@@ -430,7 +430,7 @@ def _advice(model: StateSpaceModel, white: FloatArray, layout: Layout) -> tuple[
                 "errors leave them out: the order is too high, or an input moves too little",
             )
         )
-    coloured = [o for o, w in zip(model.outputs, white, strict=True) if w < _COLOURED]
+    coloured = [o for o, w in zip(model.outputs, white, strict=True) if w < WHITE]
     if coloured and layout.disturbances:
         out.append(
             doubt(

@@ -28,6 +28,7 @@ from testbench.estimators.residuals import ljung_box
 from testbench.estimators.settings import Srivc
 from testbench.estimators.state_variable import Hold, StateVariableFilter, delayed, holds
 from testbench.estimators.transfer_advice import excited_band, question_poles
+from testbench.inference.parameters import WHITE
 
 _DEFICIENT = 1e-9  # condition of the scaled instruments beyond which they count as rank deficient
 _SILENT = 1e-6  # output error below this share of an output is rounding: no doubt about its poles
@@ -38,7 +39,6 @@ _STEP = 1e-6  # converged: the output moves by less than this share of what one 
 _EXACT = 1e-12  # or by less than this share of itself
 _UPHILL = 1.001  # a fixed point of the instruments need not be the minimum of the output error to the last digit
 _NUDGE = 0.02  # samples; central differences in the delay
-WHITE = 1e-3  # Ljung-Box probability below which residuals count as coloured
 
 
 @with_settings(Srivc)

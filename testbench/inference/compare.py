@@ -26,7 +26,7 @@ from testbench.core.errors import EstimationError, RecordError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.inference.calibrate import CREDIBLE, fewest
 from testbench.inference.linear import KAPPAS, Grams, Linearised, Motion, Reduced, Sized, fewer, reduced, sized
-from testbench.inference.parameters import Noise, Parameter, deviations_of, means_of
+from testbench.inference.parameters import WHITE, Noise, Parameter, deviations_of, means_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -773,7 +773,7 @@ class _Fit:
         sizes, densities = [KAPPAS[j] for j in self.at], np.array(list(self.at.values()))
         log_whole, log_part = (float(x) for x in whole_and_part(densities, sizes) + (self.log_evidence - total))
         doubts = []
-        if whiteness < 1e-3:
+        if whiteness < WHITE:
             doubts.append(f"what is left is coloured (noise would be so with a probability of {whiteness:.1g})")
         if self.effective < 0.1:
             doubts.append(f"only {100 * self.effective:.0f} % of the samples of its posterior count")

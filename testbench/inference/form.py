@@ -28,6 +28,7 @@ from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.response import respond, scheduled
 from testbench.estimators.parametric.structure import LinearStructure
 from testbench.inference.considered import at_rest
+from testbench.inference.parameters import WHITE
 
 ALPHA_RAD = 0.1
 """Angle of attack or sideslip from trim over which ``alpha`` of the prior counts."""
@@ -37,8 +38,6 @@ WITH_QBAR = 0.75
 """Mean of the prior: derivatives go with dynamic pressure as this share of it: 1 for angles, 1/2 for rates and V."""
 BY_INPUT = frozenset({"delay", "lag", "held", "order_too_low", "closed_loop"})
 """Causes of residuals that go with the inputs."""
-WHITE = 1e-3
-"""Probability of white residuals from which they are noise."""
 
 
 def formed(

@@ -59,6 +59,7 @@ from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.prediction_error import predict
 from testbench.estimators.residuals import autoregression, ljung_box
 from testbench.estimators.state_space import StateSpaceModel
+from testbench.inference.parameters import WHITE
 
 # of the test of feedback, which is not made on held inputs or white residuals; with the part of a response that leaves
 # least to find taken first, 8 of 396 open loops of noisy inputs in coloured noise lay beyond it
@@ -67,7 +68,6 @@ _LITTLE_NEWS = 0.05  # of an input: less of it is new where it is smooth, and wh
 _SCREEN = 1e-3  # of all regressors at once, before any of them is looked at
 _SHARE = 0.5  # of what any linear response explains: from here on a delay or lag is the better name
 _LAGS_WHITE = 20  # samples over which innovations are tested for colour
-_WHITE = 1e-3  # probability of white innovations from which they are noise
 _NAMED = 2  # causes at most
 _NO_TIME = 0.02  # samples of delay or lag that are none
 _STEPS = 5  # of Gauss-Newton towards the best model of the same kind
@@ -95,7 +95,7 @@ def search(model: IdentifiedModel, data: Data, found: Sequence[Direction]) -> li
     A model with gusts whose innovations are noise lacks nothing, whatever gusts do to its free run: whether there is
     feedback is all that is asked.
     """
-    if model.settings.get("process_noise") and np.all(np.asarray(model.diagnostics.get("whiteness_p", 0.0)) > _WHITE):
+    if model.settings.get("process_noise") and np.all(np.asarray(model.diagnostics.get("whiteness_p", 0.0)) > WHITE):
         loop = _loop(model, data)
         return [] if loop is None else [loop]
     samples = sum(int(s.good.sum()) for s in data.parts)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from testbench.core.advice import Advice, doubt, note, wrong
 from testbench.core.record import FloatArray
+from testbench.inference.parameters import WHITE
 
 _LOST = 1e-7  # smallest over largest singular value of the scaled sensitivities below which nothing is decided
 _NAMED = 0.3  # share of a null direction that makes a parameter worth naming
@@ -18,7 +19,6 @@ _TOGETHER = 0.98  # correlation beyond which two estimates stand for one another
 _VAGUE = 0.5  # standard error relative to the value
 _MANY = 0.5  # share of the estimates that are vague beyond which the flight, not one small effect, is the reason
 _EXACT = 1e-9  # median standard error relative to the value below which the records are free of noise
-_COLOURED = 1e-3  # false-alarm probability of the whiteness test
 _BIASED = 5.0  # corrected over plain errors beyond which residuals are no noise but what the model misses (judged)
 _FILTERED = ("equation_error", "recursive_fourier")  # whose derivatives colour the residuals of any flight
 _WHY = {"not_converged": "the search did not converge", "on_bound": "{} ended on a bound"}
@@ -112,7 +112,7 @@ def advice_in_words(model: Any) -> Any:
                 "pair, or excite them separately",
             )
         )
-    coloured = [o for o, p in zip(model.outputs, found["whiteness_p"], strict=True) if p < _COLOURED]
+    coloured = [o for o, p in zip(model.outputs, found["whiteness_p"], strict=True) if p < WHITE]
     if coloured:
         inflation = np.asarray(found["error_inflation"])
         factor = float(np.max(inflation))

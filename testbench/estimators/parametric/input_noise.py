@@ -35,9 +35,9 @@ from testbench.estimators.parametric.response import discretise
 from testbench.estimators.parametric.sensitivities import Sensitivities
 from testbench.estimators.parametric.structure import LinearStructure
 from testbench.estimators.trajectories import carried
+from testbench.inference.parameters import WHITE
 
 _TOLERANCE = 1e-6  # the search ends where a full step would lower the cost by this much: a thousandth of an error
-_COLOURED = 1e-3  # false-alarm probability of the whiteness test
 
 
 class Whitening:
@@ -230,7 +230,7 @@ def _model(
     )
     model = advice_in_words(model)
     p = whiteness([white], [seen.valid], np.std(white, axis=0), np.eye(sigma.size))
-    coloured = [o for o, value in zip(structure.outputs, p, strict=True) if value < _COLOURED]
+    coloured = [o for o, value in zip(structure.outputs, p, strict=True) if value < WHITE]
     said = doubt(
         "coloured_residuals",
         f"the residuals of {', '.join(coloured)} are not white even when weighed (turbulence, a flight that is not "

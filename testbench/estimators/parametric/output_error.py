@@ -34,12 +34,12 @@ from testbench.estimators.parametric.servo import none_shows
 from testbench.estimators.parametric.starts import first_points, point_of_filter_error, scattered
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.settings import OutputError
+from testbench.inference.parameters import WHITE
 
 _SETTLED = 1e-3  # relative change of the noise covariance between two rounds that ends them
 _EXACT = 1e-11  # residuals below this share of every output's size are rounding
 _ROUNDS = 50
 _FOLLOWING = 2  # steps of a round between the first and the last: R moves as fast as the parameters
-_COLOURED = 1e-3  # probability of white residuals below which a fit is looked at again from other starts
 _FINE = 1e-5  # residuals relative to an output's motion that no false minimum leaves, whatever their colour (judged)
 _POOR = 0.3  # residuals relative to an output's motion from which on a third start must agree (judged)
 _SCATTERED = 4  # start points besides the structure's, equation error's and filter error's
@@ -228,7 +228,7 @@ def _looks_bad(likelihood: Likelihood, end: _Found) -> bool:
         return False
     residuals = likelihood.residuals(end.minimum.point, end.params)
     white = whiteness(residuals, [s.valid for s in likelihood.stretches], likelihood.size, end.R)
-    return bool(np.any(white < _COLOURED))
+    return bool(np.any(white < WHITE))
 
 
 def _poor(likelihood: Likelihood, end: _Found) -> bool:

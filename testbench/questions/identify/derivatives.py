@@ -11,6 +11,7 @@ import numpy as np
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.structured import per_speed
 from testbench.evaluation.parameters import true_parameters
+from testbench.inference.parameters import WHITE
 from testbench.inference.reflown import Reflown
 from testbench.line import Case
 from testbench.questions.identify.before import Before
@@ -28,7 +29,6 @@ class BeliefCriteria(NamedTuple):
             one alone is that of its sensor, and touches the derivatives whose errors it raises.
         together: correlation from which two estimates stand for one another.
         changed: errors between the value before and the one found from which they are told to differ.
-        white: probability under whiteness of the residuals of an output below which they are coloured.
     """
 
     weak: float = 0.5
@@ -36,7 +36,6 @@ class BeliefCriteria(NamedTuple):
     coloured: float = 1.5
     turbulent: float = 2.0
     changed: float = 3.0
-    white: float = 1e-3
 
 
 CRITERIA = BeliefCriteria()
@@ -186,7 +185,7 @@ def _beliefs(model: ParametricModel, names: Sequence[str]) -> dict[str, str]:
 def _coloured_throughout(model: ParametricModel) -> bool:
     """Return whether the residuals of more than one output, or of the only one, are not white."""
     chances = np.atleast_1d(np.asarray(model.diagnostics.get("whiteness_p", 0.0), float))
-    return int(np.sum(chances < CRITERIA.white)) > 1 or bool(np.all(chances < CRITERIA.white))
+    return int(np.sum(chances < WHITE)) > 1 or bool(np.all(chances < WHITE))
 
 
 def _unit(name: str, structure: str) -> str:

@@ -20,9 +20,9 @@ from testbench.core.relative import percent_in_words
 from testbench.estimators import estimate
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.evaluation import Scores, evaluate
+from testbench.inference.parameters import WHITE
 from testbench.line import Case
 from testbench.page.labels import number
-from testbench.questions.identify.derivatives import CRITERIA
 
 MISSED_PERCENT = 50.0
 """MRSE of an output of the validation records, beyond its noise, from which a model does not predict them; judged."""
@@ -78,7 +78,7 @@ def _beyond_noise(model: ParametricModel, scores: Scores) -> FloatArray:
     """Return the MRSE (p,), percent, less the noise that the fit left of each output, if that was white."""
     if scores.rms_error is None:
         return scores.mrse_percent
-    white = np.asarray(model.diagnostics.get("whiteness_p", 0.0), float) > CRITERIA.white
+    white = np.asarray(model.diagnostics.get("whiteness_p", 0.0), float) > WHITE
     noise = np.where(white, np.sqrt(np.diag(model.noise_covariance)), 0.0)
     if model.method == "equation_error":  # which leaves residuals of its equations
         noise = np.zeros_like(noise)

@@ -10,8 +10,8 @@ import numpy as np
 from testbench.core.advice import doubt, wrong
 from testbench.estimators.coverage import approximate
 from testbench.estimators.parametric.structure import LinearStructure
+from testbench.inference.parameters import WHITE
 
-_COLOURED = 1e-3  # false-alarm probability of the whiteness test
 _VAGUE = 0.5  # standard error relative to the value
 _LITTLE = 0.5  # share of the initial standard deviation that is left where the data say little
 _NIS = 1.5  # innovations that are larger or smaller than their covariance by this factor in standard deviation
@@ -62,7 +62,7 @@ def advise_filter(model: Any) -> Any:
                 "process_noise",
             )
         )
-    coloured = [o for o, p in zip(model.outputs, found["whiteness_p"], strict=True) if p < _COLOURED]
+    coloured = [o for o, p in zip(model.outputs, found["whiteness_p"], strict=True) if p < WHITE]
     if coloured:
         out.append(
             doubt(
