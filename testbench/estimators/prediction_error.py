@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.advice import Advice, doubt, wrong
+from testbench.core.constants import WHITE
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
@@ -35,7 +36,6 @@ from testbench.estimators.settings import PredictionError
 from testbench.estimators.state_accuracy import pole_accuracy
 from testbench.estimators.state_space import Series, StateSpaceModel, check_sample_time
 from testbench.estimators.subspace import dsr_e, family
-from testbench.inference.parameters import WHITE
 
 _SETTLED = 1e-3  # relative change of the innovations' covariance between two rounds that ends them
 _ROUNDS = 40

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.advice import Advice, doubt, note, wrong
+from testbench.core.constants import WHITE
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
@@ -28,7 +29,6 @@ from testbench.estimators.residuals import ljung_box
 from testbench.estimators.settings import Srivc
 from testbench.estimators.state_variable import Hold, StateVariableFilter, delayed, holds
 from testbench.estimators.transfer_advice import excited_band, question_poles
-from testbench.inference.parameters import WHITE
 
 _DEFICIENT = 1e-9  # condition of the scaled instruments beyond which they count as rank deficient
 _SILENT = 1e-6  # output error below this share of an output is rounding: no doubt about its poles

@@ -22,11 +22,12 @@ from scipy.linalg import cho_solve
 from scipy.special import logsumexp
 from scipy.stats import chi2, norm
 
+from testbench.core.constants import WHITE
 from testbench.core.errors import EstimationError, RecordError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.inference.calibrate import CREDIBLE, fewest
 from testbench.inference.linear import KAPPAS, Grams, Linearised, Motion, Reduced, Sized, fewer, reduced, sized
-from testbench.inference.parameters import WHITE, Noise, Parameter, deviations_of, means_of
+from testbench.inference.parameters import Noise, Parameter, deviations_of, means_of
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from testbench.core.advice import Advice, note, ranked
+from testbench.core.constants import WHITE
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.parametric.accuracy import whiteness
 from testbench.estimators.parametric.likelihood import Likelihood
@@ -28,7 +29,6 @@ from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.response import respond, scheduled
 from testbench.estimators.parametric.structure import LinearStructure
 from testbench.inference.considered import at_rest
-from testbench.inference.parameters import WHITE
 
 ALPHA_RAD = 0.1
 """Angle of attack or sideslip from trim over which ``alpha`` of the prior counts."""

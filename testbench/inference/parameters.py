@@ -19,9 +19,6 @@ from testbench.core.record import FloatArray
 Block = Literal["start", "instrument", "servo", "aircraft", "effect", "air"]
 Source = Literal["simulated", "measured", "stated", "guessed"]
 
-WHITE = 1e-3
-"""Probability under whiteness from which residuals count as white: a false alarm in a thousand outputs."""
-
 NOISE_SPREAD: Mapping[str, float] = {"simulated": 0.0, "measured": 0.05, "stated": 0.3, "guessed": 1.0}
 """Prior standard deviation of ln(true noise / stated noise) by where the stated number comes from.
 

@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from testbench.core.advice import ranked
+from testbench.core.constants import WHITE
 from testbench.core.errors import Refusal
 from testbench.core.record import FloatArray
 from testbench.estimators.causes import feedback
@@ -59,7 +60,6 @@ from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.prediction_error import predict
 from testbench.estimators.residuals import autoregression, ljung_box
 from testbench.estimators.state_space import StateSpaceModel
-from testbench.inference.parameters import WHITE
 
 # of the test of feedback, which is not made on held inputs or white residuals; with the part of a response that leaves
 # least to find taken first, 8 of 396 open loops of noisy inputs in coloured noise lay beyond it

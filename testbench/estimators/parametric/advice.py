@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.advice import Advice, doubt, note, wrong
+from testbench.core.constants import WHITE
 from testbench.core.record import FloatArray
-from testbench.inference.parameters import WHITE
 
 _LOST = 1e-7  # smallest over largest singular value of the scaled sensitivities below which nothing is decided
 _NAMED = 0.3  # share of a null direction that makes a parameter worth naming

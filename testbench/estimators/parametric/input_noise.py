@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dtrtri
 
 from testbench.core.advice import doubt
+from testbench.core.constants import WHITE
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import check_records
@@ -35,7 +36,6 @@ from testbench.estimators.parametric.response import discretise
 from testbench.estimators.parametric.sensitivities import Sensitivities
 from testbench.estimators.parametric.structure import LinearStructure
 from testbench.estimators.trajectories import carried
-from testbench.inference.parameters import WHITE
 
 _TOLERANCE = 1e-6  # the search ends where a full step would lower the cost by this much: a thousandth of an error
 

@@ -19,6 +19,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from testbench.core.advice import doubt, note, wrong
+from testbench.core.constants import WHITE
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
@@ -34,7 +35,6 @@ from testbench.estimators.parametric.servo import none_shows
 from testbench.estimators.parametric.starts import first_points, point_of_filter_error, scattered
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.settings import OutputError
-from testbench.inference.parameters import WHITE
 
 _SETTLED = 1e-3  # relative change of the noise covariance between two rounds that ends them
 _EXACT = 1e-11  # residuals below this share of every output's size are rounding

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from testbench.core.constants import WHITE
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.structured import per_speed
 from testbench.evaluation.parameters import true_parameters
-from testbench.inference.parameters import WHITE
 from testbench.inference.reflown import Reflown
 from testbench.line import Case
 from testbench.questions.identify.before import Before

@@ -13,14 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from testbench.core.constants import DEG_RAD
+from testbench.core.constants import DEG_RAD, WHITE
 from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.relative import percent_in_words
 from testbench.estimators import estimate
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.evaluation import Scores, evaluate
-from testbench.inference.parameters import WHITE
 from testbench.line import Case
 from testbench.page.labels import number
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from testbench.core.advice import doubt, wrong
+from testbench.core.constants import WHITE
 from testbench.estimators.coverage import approximate
 from testbench.estimators.parametric.structure import LinearStructure
-from testbench.inference.parameters import WHITE
 
 _VAGUE = 0.5  # standard error relative to the value
 _LITTLE = 0.5  # share of the initial standard deviation that is left where the data say little
