@@ -17,8 +17,8 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
 # Studies and benchmarks; each writes what results/README.md says. TESTBENCH_SMALLEST=FOLDER before make: its first unit of
 # work alone, written to FOLDER. ARGS: what the script is told besides, such as make mutants ARGS="--count 60".
 ARGS ?=
-STUDIES = advice-study anybody-test autopilot-log-study believed-study benchmarks blind-test campaign-cost coloured-errors-study \
-  dataset-study design-study env-study estimator-study filter-error-study gap-in-batches geometry-study global-study mutants \
+STUDIES = advice-study anybody-test autopilot-log-study believed-study benchmarks blind-test campaign-cost coloured-errors-study corpus-study \
+  dataset-study design-study env-study estimator-study filter-error-study gap-in-batches global-study mutants \
   pages-held promise-study reliability same-bytes sequential-study static-margin-study stock surroundings
 
 .PHONY: demo quick lint test test-slow fuzz docs clean reproduction $(STUDIES)
@@ -134,9 +134,9 @@ coloured-errors-study: $(VENV)/installed-dev
 filter-error-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/filter_error_study.py $(ARGS)
 
-# Writes results/aircraft/geometry.csv: coefficients from plans beside the packaged ones.
-geometry-study: $(VENV)/installed-dev
-	$(BIN)/python tests/studies/geometry_against_committed.py
+# Writes results/aircraft/corpus.csv: derivatives from plans beside published ones, and the spreads they come to; a minute.
+corpus-study: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/corpus_study.py
 
 # Writes results/aircraft/static_margin.csv; some two minutes.
 static-margin-study: $(VENV)/installed-dev

@@ -1,7 +1,7 @@
 """Coefficients of an aircraft from its plan by two methods, about the same point in the same signs.
 
 *Build-up* (AeroSandbox's AeroBuildup): sections with viscous lift and drag (NeuralFoil) strip by strip, each under
-the mean induced angle of its surface, and the fuselage by slender-body formulas. Surfaces do not see each other, and
+the mean induced angle of its surface. Surfaces do not see each other, and
 a pitching section takes its incidence at the aerodynamic centre. Both are mended here:
 
 * The tail's incidence is alpha - eps, eps = eps' (alpha - alpha_L0), with the gradient of USAF DATCOM, method 2 of
@@ -20,8 +20,10 @@ a pitching section takes its incidence at the aerodynamic centre. Both are mende
 * Lift that one side gains and the other loses is reduced as that of a wing of half the aspect ratio (lifting line,
   second term of Glauert's series): the wing's share of Cl_p, Cl_r and Cn_p, and what ailerons do.
 
-*Lattice* (vortex lattice, lattice.py): surfaces see each other, without viscosity and thickness. The
-fuselage's share is that of the build-up.
+*Lattice* (vortex lattice, lattice.py): surfaces see each other, without viscosity and thickness.
+
+What fuselage, wake and boundary layer do to either method's surfaces stands in interference.py; the drag of the
+fuselage is the build-up's.
 
 The lag of the downwash gives both methods' alphadot terms: the tail meets at t what the wing shed at t - l/V, so that
 its incidence rises by eps' alphadot l/V (B. Etkin, L. D. Reid, Dynamics of Flight, 3rd ed., section 5.6):
@@ -34,13 +36,14 @@ with CL_a,t and Cm_a,t of the tail alone, referred to S and cbar, and l from the
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from testbench.aircraft.geometry.airfoils import Airfoil
+from testbench.aircraft.geometry.interference import FLAP, body, share, sidewash
 from testbench.aircraft.geometry.lattice import Lattice
 from testbench.aircraft.geometry.shape import LiftingSurface, Moved, Plane
 from testbench.aircraft.geometry.strips import cuts, moved_by
@@ -49,6 +52,7 @@ from testbench.core.errors import MissingPackage, ModelError
 from testbench.core.record import FloatArray
 
 COEFFICIENTS = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
+_LINEAR = ("CL", "CY", "Cl", "Cm", "Cn")
 STATES = ("alpha", "beta", "p", "q", "r")
 NEEDS = (
     "an aircraft from its geometry needs aerosandbox, which is not installed; pip install 'flight-testbench[geometry]'"
@@ -132,13 +136,9 @@ def aerodynamics(plane: Plane, mass_kg: float, V_m_s: float, h_m: float) -> Aero
     air = asb.Atmosphere(altitude=h_m)
     qbar = 0.5 * float(air.density()) * V_m_s**2
     CL = mass_kg * G0_M_S2 / (qbar * plane.S_m2)
-    body = _Body(asb, plane, air, V_m_s)
-    lattice = Lattice(plane)
-
-    def lift(alpha: float) -> float:
-        return lattice.run({"alpha": alpha})["CL"] + body.run({"alpha": alpha})["CL"]
-
-    low, high = lift(0.0), lift(4.0 * DEG_RAD)
+    mach = V_m_s / float(air.speed_of_sound())
+    lattice = Lattice(plane, mach=mach)
+    low, high = (lattice.run({"alpha": alpha})["CL"] for alpha in (0.0, 4.0 * DEG_RAD))
     slope = (high - low) / (4.0 * DEG_RAD)
     if not slope > 0.0:
         raise ModelError(f"lift must rise with alpha, got a slope of {slope:.3g} per rad: check the sections' order")
@@ -150,7 +150,7 @@ def aerodynamics(plane: Plane, mass_kg: float, V_m_s: float, h_m: float) -> Aero
             f"{alpha / DEG_RAD:.1f} deg: fly {'faster' if alpha > 0.0 else 'slower'}, or check areas and mass"
         )
     buildup = _Buildup(asb, plane, air, V_m_s)
-    found = _lattice_method(plane, lattice, body, alpha)
+    found = _lattice_method(plane, lattice, mach, alpha)
     built, polar = _buildup_method(plane, buildup, alpha)
     k, CD0, least, rms, (low, high) = polar
     limits = (min(low, alpha - _ROOM), max(high, alpha + _ROOM))
@@ -186,29 +186,6 @@ def _differences(found: Mapping[str, FloatArray]) -> dict[str, float]:
         for c in COEFFICIENTS:
             out[f"{c}_{name}"] = float((found[c][2 * i] - found[c][2 * i + 1]) / (2.0 * _STEPS[name]))
     return out
-
-
-def _gathered(
-    run: Callable[[Mapping[str, float]], Mapping[str, float]], points: list[dict[str, float]]
-) -> dict[str, FloatArray]:
-    found = [run(at) for at in points]
-    return {c: np.array([f[c] for f in found]) for c in COEFFICIENTS}
-
-
-class _Body:
-    """The fuselage by itself."""
-
-    def __init__(self, asb: Any, plane: Plane, air: Any, V_m_s: float) -> None:
-        self.asb, self.plane, self.air, self.V_m_s = asb, plane, air, V_m_s
-        self.fuselages = [_fuselage(asb, plane)] if plane.body else []
-
-    def run(self, at: Mapping[str, float]) -> dict[str, float]:
-        """Return the coefficients of the fuselage alone."""
-        if not self.fuselages:
-            return dict.fromkeys(COEFFICIENTS, 0.0)
-        op = _operating_point(self.asb, self.plane, self.air, self.V_m_s, at)
-        found = self.asb.AeroBuildup(_airplane(self.asb, self.plane, [], self.fuselages), op).run()
-        return {c: float(np.ravel(found[c])[0]) for c in COEFFICIENTS}
 
 
 def _fuselage(asb: Any, plane: Plane) -> Any:
@@ -277,22 +254,19 @@ class _Buildup:
         return out
 
     def run(self, at: Mapping[str, Any], control: Moved | None = None, deflection_deg: float = 0.0) -> dict[str, Any]:
-        """Return coefficients (n,) and, as "parts", CL, Cm, Cl and Cn of every surface."""
+        """Return coefficients (n,) and, as "parts", all but CD of every surface by itself."""
         op = _operating_point(self.asb, self.plane, self.air, self.V_m_s, at)
         wings = self.wings(control, deflection_deg)
         found = self.asb.AeroBuildup(_airplane(self.asb, self.plane, wings, self.fuselages), op).run()
         qS = float(op.dynamic_pressure()) * self.plane.S_m2
-        out: dict[str, Any] = {c: np.ravel(np.asarray(found[c], float)) for c in COEFFICIENTS}
-        out["parts"] = [
-            {
-                "CL": np.ravel(part.L) / qS,
-                "Cm": np.ravel(part.m_b) / qS / self.plane.cbar_m,
-                "Cl": np.ravel(part.l_b) / qS / self.plane.b_m,
-                "Cn": np.ravel(part.n_b) / qS / self.plane.b_m,
-            }
-            for part in found["wing_aero_components"]
-        ]
-        return out
+        b, cbar = self.plane.b_m, self.plane.cbar_m
+        parts = []
+        for surface, part in zip(self.plane.surfaces, found["wing_aero_components"], strict=True):
+            size = qS / share(self.plane, surface)
+            own = (part.L, part.Y, part.l_b / b, part.m_b / cbar, part.n_b / b)
+            parts.append({c: np.ravel(v) / size for c, v in zip(_LINEAR, own, strict=True)})
+        out: dict[str, Any] = {c: sum(part[c] for part in parts) for c in _LINEAR}
+        return {**out, "CD": np.ravel(np.asarray(found["CD"], float)), "parts": parts}
 
     def finite(self, control: Moved) -> float:
         """Return the lift slope of the surfaces that a control moves over that of their sections, by area."""
@@ -359,9 +333,16 @@ def _buildup_method(
         values["Cm_alphadot"] = values.get("Cm_alphadot", 0.0) + 2.0 * Cm_t * here * arm
     values["CL0"] = CL - values["CL_alpha"] * alpha
     values["Cm0"] = Cm - values["Cm_alpha"] * alpha
+    at = 2 * STATES.index("beta")
+    for surface, part in zip(plane.surfaces, found["parts"], strict=True):
+        for c in ("CY", "Cl", "Cn"):
+            slope = float(part[c][at] - part[c][at + 1]) / (2.0 * _STEPS["beta"])
+            values[f"{c}_beta"] += (sidewash(plane, surface) - 1.0) * slope
+    for name, value in body(plane, wing_slope, gradient).items():
+        values[name] += value
     for control in plane.controls:
         up, down = (buildup.run({"alpha": alpha}, control, s * _DEFLECTION_DEG) for s in (1.0, -1.0))
-        finite = buildup.finite(control)
+        finite = FLAP * buildup.finite(control)
         for c in COEFFICIENTS:
             values[f"{c}_{control}"] = finite * float((up[c][0] - down[c][0]) / (2.0 * _DEFLECTION_DEG * DEG_RAD))
     polar = _polar(sweep, found["CL"][n + 1 :], found["CD"][n + 1 :], alpha)
@@ -414,20 +395,18 @@ def downwash_gradient(plane: Plane, tail: LiftingSurface) -> float:
 # --- lattice ----------------------------------------------------------------------------------------------------------
 
 
-def _lattice_method(plane: Plane, lattice: Lattice, body: _Body, alpha: float) -> Method:
+def _lattice_method(plane: Plane, lattice: Lattice, mach: float, alpha: float) -> Method:
     points = _points(alpha)
     each = [lattice.run(at) for at in points]
     values = _differences({c: np.array([f[c] for f in each]) for c in COEFFICIENTS})
-    hull = _differences(_gathered(body.run, points)) if plane.body else dict.fromkeys(values, 0.0)
-    values = {n: v + hull[n] for n, v in values.items()}
-    here, fuselage = lattice.run({"alpha": alpha}), body.run({"alpha": alpha})
-    values["CL0"] = here["CL"] + fuselage["CL"] - values["CL_alpha"] * alpha
-    values["Cm0"] = here["Cm"] + fuselage["Cm"] - values["Cm_alpha"] * alpha
+    here = lattice.run({"alpha": alpha})
+    values["CL0"] = here["CL"] - values["CL_alpha"] * alpha
+    values["Cm0"] = here["Cm"] - values["Cm_alpha"] * alpha
     step, gradient = 2.0 * _STEPS["alpha"], 0.0
     for number, surface in enumerate(plane.surfaces):
         if surface.role != "tail":
             continue
-        alone = Lattice(plane, only=number)
+        alone = Lattice(plane, number, mach)
         up, down = (alone.run({"alpha": alpha + s * _STEPS["alpha"]}) for s in (1.0, -1.0))
         slope = {c: (up[c] - down[c]) / step for c in ("CL", "Cm")}
         seen = (each[0][f"CL:{number}"] - each[1][f"CL:{number}"]) / step
@@ -440,7 +419,9 @@ def _lattice_method(plane: Plane, lattice: Lattice, body: _Body, alpha: float) -
         d = _DEFLECTION_DEG * DEG_RAD
         moved = [lattice.run({"alpha": alpha}, control, s * d) for s in (1.0, -1.0)]
         for c in COEFFICIENTS:
-            values[f"{c}_{control}"] = (moved[0][c] - moved[1][c]) / (2.0 * d)
+            values[f"{c}_{control}"] = FLAP * (moved[0][c] - moved[1][c]) / (2.0 * d)
+    for name, value in body(plane, (each[0]["CL:0"] - each[1]["CL:0"]) / step, gradient).items():
+        values[name] += value
     # Induced drag over lift, through three points: the lattice sees it in the forces on its bound vortices.
     lifts = [each[0], here, each[1]]
     a2 = float(np.polyfit([f["CL"] for f in lifts], [f["CD"] for f in lifts], 2)[0])

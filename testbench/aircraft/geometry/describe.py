@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from testbench.aircraft.geometry.aerodynamics import Aerodynamics
-from testbench.aircraft.geometry.coefficients import NEUTRAL_POINT, ROWS, Coefficient
+from testbench.aircraft.geometry.coefficients import ROWS, Coefficient
 from testbench.aircraft.geometry.drawing import outline
 from testbench.aircraft.geometry.model_xml import COMMANDS, Polar
 from testbench.aircraft.geometry.propulsion import Thrust
@@ -102,13 +102,13 @@ def aircraft_toml(
         out.append(f"{key} = [{real(low)}, {real(high)}]  # {one_line(words)}")
     out += [
         "",
-        "# Relative standard deviation of every coefficient, by which the believed model may be off: that of "
-        "the two methods'",
-        '# values, or a judged floor if that is larger ("floor"). Questions that ask for a prior take it from here.',
+        "# Relative standard deviation of every coefficient, by which the believed model may be off: how far computed "
+        "ones lie from",
+        "# published ones (coefficients.py). Questions that ask for a prior take it from here.",
         "[uncertainty]",
     ]
     for c in values.values():
-        out.append(f"{c.name} = {c.deviation:.3g}  # {'two methods apart' if c.from_difference else 'floor'}")
+        out.append(f"{c.name} = {c.deviation:.3g}")
     out += [
         "",
         "# What the aircraft looks like, for the drawing of its report only; nothing here enters a flight. "
@@ -186,21 +186,19 @@ def sources_md(
         f"gravity. Gradient of the downwash at the tail: {found.buildup.downwash:.3f} (build-up) and "
         f"{found.lattice.downwash:.3f} (lattice).",
         "",
-        "The deviation is relative, one standard deviation: that of two values, |a - b| / sqrt(2), or a "
-        "**judged** floor if that is",
-        f"larger (`coefficients.py`). That of Cm_alpha is {NEUTRAL_POINT:g} CL_alpha at least, the judged doubt "
-        "about the neutral point.",
+        "The value used is the lattice's times a bias, the deviation relative, one standard deviation; both come of "
+        "published derivatives of",
+        "other aircraft (`coefficients.py`). "
+        f"That of Cm_alpha holds {ROWS['Cm_alpha'].floor:g} CL_alpha, the doubt about the neutral point.",
         "",
-        "| coefficient | build-up | lattice | used | deviation | from | whose value, and why |",
-        "|---|---|---|---|---|---|---|",
+        "| coefficient | build-up | lattice | used | deviation | whose value, and why |",
+        "|---|---|---|---|---|---|",
     ]
     for c in values.values():
         lattice = "" if c.lattice is None else f"{c.lattice:.4g}"
         build = "" if c.buildup is None else f"{c.buildup:.4g}"
-        origin = "difference" if c.from_difference else "floor"
         out.append(
-            f"| {c.name} | {build} | {lattice} | {c.used:.4g} | {100.0 * c.deviation:.0f} % | {origin} "
-            f"| {markdown_cell(c.why)} |"
+            f"| {c.name} | {build} | {lattice} | {c.used:.4g} | {100.0 * c.deviation:.0f} % | {markdown_cell(c.why)} |"
         )
     out.append("")
     out.append("CD is the drag coefficient at the trimmed alpha; the model carries the polar.")

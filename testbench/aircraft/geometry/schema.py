@@ -117,7 +117,7 @@ class Trapezoid(Strict):
 
     @model_validator(mode="after")
     def _one_way(self) -> Trapezoid:
-        shape = sorted(self.model_fields_set - {"airfoil", "section", "incidence_deg"})
+        shape = sorted(self.model_fields_set - {"airfoil", "section", "incidence_deg", "twin"})
         if self.section and shape:
             raise ValueError(
                 f"a surface must have sections or the keys of a trapezoid, got both: leave out {', '.join(shape)}"

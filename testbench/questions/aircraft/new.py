@@ -99,7 +99,7 @@ def new_answer(made: Made) -> list[str]:
     values, found = made.coefficients, made.found
     margin = -values["Cm_alpha"].used / values["CL_alpha"].used / PERCENT
     doubt = values["Cm_alpha"].deviation * abs(margin)
-    badly = [c.name for c in values.values() if c.from_difference]
+    badly = [c.name for c in values.values() if c.apart]
     out = [
         f"{b.mass_kg:.4g} kg, wing area {plane.S_m2:.4g} m², span {plane.b_m:.4g} m, mean chord {plane.cbar_m:.4g} m",
         f"at {made.plan.said.design_V_m_s:g} m/s it flies at {found.alpha_rad / DEG_RAD:.1f} deg of alpha with "
@@ -107,7 +107,7 @@ def new_answer(made: Made) -> list[str]:
         f"{found.CL:.2f}; the static margin is {margin:.0f} ± {doubt:.0f} % of the mean chord",
     ]
     if badly:
-        out.append(f"the two methods differ by more than the usual doubt in {', '.join(badly)}")
+        out.append(f"the two methods differ by more than the deviation in {', '.join(badly)}")
     return [*out, *made.remarks]
 
 
@@ -122,13 +122,11 @@ def coefficient_table(made: Made) -> Table:
         Column("lattice", "lattice", digits=4),
         Column("used", "used", digits=4),
         Column("deviation", "deviation", "%", decimals=0),
-        Column("from", "from"),
         Column("why", "whose value, and why"),
     )
     rows = tuple(
         (
-            c.name, ROWS[c.name].words, c.buildup, c.lattice, c.used, c.deviation / PERCENT,
-            "difference" if c.from_difference else "floor", c.why,
+            c.name, ROWS[c.name].words, c.buildup, c.lattice, c.used, c.deviation / PERCENT, c.why,
         )
         for c in made.coefficients.values()
     )  # fmt: skip

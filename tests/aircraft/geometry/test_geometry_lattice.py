@@ -138,6 +138,7 @@ def test_aerosandbox_has_the_same_lattice_where_it_applies():
     ]
     airplane = asb.Airplane(xyz_ref=[0, 0, 0], wings=wings, s_ref=p.S_m2, c_ref=p.cbar_m, b_ref=p.b_m)
     lattice = Lattice(p)
+    lattice.share = 1.0  # theirs knows no wake
     for at in ({"alpha": 0.05}, {"alpha": 0.05, "beta": 0.1}, {"p": 0.05}, {"q": 0.02}, {"alpha": 0.1, "r": 0.05}):
         rates = {n: 2.0 * at.get(n, 0.0) / (p.cbar_m if n == "q" else p.b_m) for n in "pqr"}
         angles = {n: math.degrees(at.get(n, 0.0)) for n in ("alpha", "beta")}

@@ -12,6 +12,7 @@ from pooled_logs import CBAR, GEOMETRY, TRUE, B, S, description, record, write_d
 from taurus_logs import true_coefficients, write_log
 
 import testbench as tb
+from testbench.aircraft.geometry.coefficients import relative_deviation
 from testbench.aircraft.model import Geometry
 from testbench.core.atmosphere import air_density
 from testbench.core.errors import EstimationError, RecordError, ScenarioError
@@ -290,9 +291,13 @@ def test_the_prior_of_an_aircraft_has_its_own_deviations_else_those_of_the_handb
         {name: true_coefficients(14.0)[name] for name in prior.names}, rel=1e-3
     )
     relative = np.sqrt(np.diag(prior.covariance)) / np.abs(prior.values)
-    expected = {"CZ_alpha": 0.1, "CZ_q": 0.4, "CZ_de": 0.3, "Cm_alpha": 0.2, "Cm_q": 0.3, "Cm_de": 0.3}
-    assert dict(zip(prior.names, relative, strict=True)) == pytest.approx(expected)
-    assert any("handbook deviations were taken for CZ_alpha 10 %" in text for text in found.notes)
+    believed = true_coefficients(14.0)
+    expected = {
+        name: relative_deviation(name.replace("CZ", "CL"), believed[name], abs(believed["CZ_alpha"]))
+        for name in ("CZ_alpha", "CZ_q", "CZ_de", "Cm_alpha", "Cm_q", "Cm_de")
+    }
+    assert dict(zip(prior.names, relative, strict=True)) == pytest.approx(expected, rel=1e-3)
+    assert any("handbook deviations were taken for CZ_alpha 14 %" in text for text in found.notes)
     assert not found.pooled.agree or found.pooled.dof == 0
     lines = [line.text for line in pool_answer(found)]
     assert any("what the data added" in text.lower() for text in lines)

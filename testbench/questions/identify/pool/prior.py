@@ -11,17 +11,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from testbench.aircraft import Aircraft
-from testbench.aircraft.geometry.coefficients import ROWS
+from testbench.aircraft.geometry.coefficients import ROWS, relative_deviation
 from testbench.core.door import read_json, read_toml
 from testbench.core.errors import EstimationError, RecordError, ScenarioError, nearest
 from testbench.core.record import FloatArray
 from testbench.core.schema import Positive, Strict, parse
 
-UNSTATED = 2.0
-"""How many times less well a coefficient is known of which nobody says how well, than one that two methods agree on;
-judged. Times the least deviations of :mod:`testbench.aircraft.geometry.coefficients` it makes 10 % of CZ_alpha, 20 % of
-Cm_alpha and Cl_p, 30 % of Cm_q and most controls, 40 to 50 % of what hangs on the fin, 100 % of Cn_p."""
 _NOTHING = 1e-9  # a coefficient that differences find and that is smaller is zero
+_SLOPE = 5.0  # CL_alpha of an aircraft of which it is not known
 _VARIABLES = ("alpha", "beta", "p", "q", "r", "de", "da", "dr")
 NAMES = tuple(f"{c}_{v}" for c in ("CX", "CY", "CZ", "CL", "CD", "Cl", "Cm", "Cn") for v in _VARIABLES)
 """The coefficients that logs may give: CX and CZ, or CL and CD from a structure of coefficients."""
@@ -82,7 +79,7 @@ def prior_of_aircraft(aircraft: Aircraft, believed: Mapping[str, float], handboo
     """Return the prior of an aircraft's model: its coefficients, each with a relative standard deviation of its own.
 
     The deviation is the one that the aircraft states (``[uncertainty]`` of aircraft.toml, which an aircraft made from
-    its geometry has), else :data:`UNSTATED` times the least deviation that two methods reach. CZ takes that of CL, CX
+    its geometry has), else that of coefficients from a geometry. CZ takes that of CL, CX
     that of CD. The coefficients are taken as independent of each other.
 
     Args:
@@ -92,6 +89,7 @@ def prior_of_aircraft(aircraft: Aircraft, believed: Mapping[str, float], handboo
     """
     stated: Mapping[str, float] = {} if handbook else aircraft.uncertainty
     relative, notes, zero, unknown, general = dict[str, float](), [], [], [], []
+    slope = next((abs(v) for n, v in believed.items() if _key(n) == "CL_alpha" and v), _SLOPE)
     for name, value in believed.items():
         key = _key(name)
         if abs(value) < _NOTHING:
@@ -99,7 +97,7 @@ def prior_of_aircraft(aircraft: Aircraft, believed: Mapping[str, float], handboo
         elif key in stated:
             relative[name] = stated[key]
         elif key in ROWS:
-            relative[name] = UNSTATED * ROWS[key].floor
+            relative[name] = relative_deviation(key, value, slope)
             general.append(f"{name} {100.0 * relative[name]:.0f} %")
         else:
             unknown.append(name)
