@@ -56,7 +56,10 @@ class WingShape:
 
 @dataclass(frozen=True)
 class ElasticMode:
-    """One in-vacuo mode and its aerodynamic coupling; all coefficients without unit, per unit of eta, rad or rate."""
+    """One mode and its aerodynamic coupling; all coefficients without unit, per unit of eta, rad or rate.
+
+    ``force_rotary`` is the part of ``force_etadot`` that does not hang on the wake (wake.py).
+    """
 
     name: str
     f_hz: float
@@ -69,6 +72,7 @@ class ElasticMode:
     effect_eta: Mapping[str, float] = field(default_factory=dict)
     effect_etadot: Mapping[str, float] = field(default_factory=dict)
     shape: WingShape | None = None
+    force_rotary: Mapping[int, float] = field(default_factory=dict)
 
     @property
     def omega_rad_s(self) -> float:

@@ -304,6 +304,7 @@ class _Mode(Strict):
     force: dict[Literal["zero", "alpha", "q", "de", "beta", "p", "r", "da", "dr"], float] = {}
     force_eta: dict[str, float] = {}
     force_etadot: dict[str, float] = {}
+    force_rotary: dict[str, float] = {}
     effect_eta: dict[Literal["CL", "CD", "CY", "Cl", "Cm", "Cn"], float] = {}
     effect_etadot: dict[Literal["CL", "CD", "CY", "Cl", "Cm", "Cn"], float] = {}
     shape: _Shape | None = None
@@ -428,6 +429,7 @@ def _mode(m: _Mode) -> ElasticMode:
         dict(m.effect_eta.items()),
         dict(m.effect_etadot.items()),
         WingShape(m.shape.bend_m, m.shape.twist_rad, m.shape.curvature_1_m) if m.shape else None,
+        {int(j): c for j, c in m.force_rotary.items()},
     )
 
 

@@ -98,8 +98,8 @@ _ROWS: dict[tuple[float, float, str], str] = {
     (-100.0, 100.0, "its own"): "correct",
     (-_ANY, _ANY, "its own"): (
         "among bounds constants declare effect_eta effect_etadot errors fixed_process_noise force force_eta "
-        "force_etadot grid high initial initial_std low mean measurement_noise median parameter_drift parameters "
-        "prior_std process_noise set sigma start std uncertainty value values"
+        "force_etadot force_rotary grid high initial initial_std low mean measurement_noise median parameter_drift "
+        "parameters prior_std process_noise set sigma start std uncertainty value values"
     ),
 }  # fmt: skip
 QUANTITIES = {key: Quantity(unit, low, high) for (low, high, unit), keys in _ROWS.items() for key in keys.split()}

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from testbench.aircraft import Aircraft
+from testbench.aircraft.elastic import ElasticModel
+from testbench.aircraft.geometry.coefficients import ROWS
+from testbench.aircraft.wake import UNSTEADY, reduced_frequency, with_wake
+from testbench.core.atmosphere import air_density
 from testbench.core.errors import TrimError
 from testbench.core.record import FloatArray
 from testbench.evaluation.modes import (
@@ -46,6 +51,8 @@ class Onset:
         kind: "flutter" (an oscillatory pole), "divergence" (a real one) or "none".
         V_last_m_s: fastest speed that was examined.
         at_start: it is unstable at the slowest speed already.
+        std_m_s: standard deviation of the speed by :data:`PRIORS`; None where it is not known.
+        wake: the same in air that lags, for a mode whose reduced frequency at the design speed exceeds 0.1; else None.
     """
 
     name: str
@@ -54,17 +61,26 @@ class Onset:
     kind: str
     V_last_m_s: float
     at_start: bool = False
+    std_m_s: float | None = None
+    wake: Onset | None = None
 
     @property
     def sentence(self) -> str:
         """The finding in words."""
+        said = f"{self.name}: {self._words}"
+        if self.wake is not None and (self.V_m_s is not None or self.wake.V_m_s is not None):
+            said += f", in the quasi-steady air that flies; in air that lags {self.wake._words}"
+        return said
+
+    @property
+    def _words(self) -> str:
         if self.V_m_s is None:
-            return f"{self.name}: none up to {self.V_last_m_s:g} m/s"
+            return f"none up to {self.V_last_m_s:g} m/s"
         where = f"unstable already at {self.V_m_s:.4g} m/s, the slowest speed" if self.at_start else (
-            f"unstable from {self.V_m_s:.3g} m/s"
+            f"unstable from {self.V_m_s:.3g}{f' ± {self.std_m_s:.2g}' if self.std_m_s is not None else ''} m/s"
         )  # fmt: skip
         how = f"flutter at {self.f_hz:.2f} Hz" if self.kind == "flutter" else "divergence"
-        return f"{self.name}: {where} ({how})"
+        return f"{where} ({how})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +96,9 @@ class Envelope:
         motion: mode -> "longitudinal" or "lateral-directional".
         elastic: elastic mode -> its number.
         untrimmed: speeds that were asked for and cannot be flown.
+        varied: elastic mode -> its poles (n, 1 + m), after the nominal ones those with each of :data:`PRIORS` one
+            deviation up; first in quasi-steady air and then, where its reduced frequency at the design speed exceeds
+            0.1, in air that lags.
     """
 
     aircraft: Aircraft
@@ -91,6 +110,7 @@ class Envelope:
     motion: Mapping[str, str]
     elastic: Mapping[str, int]
     untrimmed: tuple[Untrimmed, ...] = ()
+    varied: Mapping[str, tuple[NDArray[np.complex128], ...]] = field(default_factory=dict)
 
     def nearest(self, V_m_s: float) -> int:
         """Return the index of the trimmed speed nearest to ``V_m_s``."""
@@ -119,25 +139,109 @@ class Envelope:
 
     def onset(self, name: str) -> Onset:
         """Return where the elastic mode ``name`` becomes unstable, damping interpolated linearly between speeds."""
-        worst = [max(found[name], key=lambda s: s.real) for found in self.poles]
-        last = self.speeds[-1]
-        for k, pole in enumerate(worst):
-            if pole.real <= 0.0:
-                continue
-            kind = "flutter" if pole.imag > 1e-9 else "divergence"
-            wn, zeta = frequency_and_damping(pole)
-            f = wn / (2.0 * np.pi) if kind == "flutter" else 0.0
-            if k == 0:
-                return Onset(name, self.speeds[0], f, kind, last, at_start=True)
-            wn_before, zeta_before = frequency_and_damping(worst[k - 1])
-            if kind == "divergence" or worst[k - 1].imag <= 1e-9:  # a real root's damping ratio jumps from 1 to -1
-                share = worst[k - 1].real / (worst[k - 1].real - pole.real)
-            else:
-                share = zeta_before / (zeta_before - zeta)
-                f = (wn_before + share * (wn - wn_before)) / (2.0 * np.pi)
-            before = self.speeds[k - 1]
-            return Onset(name, before + share * (self.speeds[k] - before), f, kind, last)
-        return Onset(name, None, 0.0, "none", last)
+        if name not in self.varied:
+            return _onset(name, self.speeds, [max(found[name], key=lambda s: s.real) for found in self.poles])
+        flown, *lagging = (_with_band(name, self.speeds, poles) for poles in self.varied[name])
+        return replace(flown, wake=lagging[0] if lagging else None)
+
+
+def _with_band(name: str, speeds: Sequence[float], poles: NDArray[np.complex128]) -> Onset:
+    """Return the onset of the first column of poles, its deviation the root of the sum of squares of what moves it."""
+    first = _onset(name, speeds, list(poles[:, 0]))
+    if first.V_m_s is None or first.at_start:
+        return first
+    moved = [_onset(name, speeds, list(column)).V_m_s for column in poles.T[1:]]
+    return replace(first, std_m_s=float(np.sqrt(sum(((V or speeds[-1]) - first.V_m_s) ** 2 for V in moved))))
+
+
+def _onset(name: str, speeds: Sequence[float], worst: Sequence[complex]) -> Onset:
+    """Return where the poles of a mode, one at each speed, become unstable."""
+    last = speeds[-1]
+    for k, pole in enumerate(worst):
+        if pole.real <= 0.0:
+            continue
+        kind = "flutter" if pole.imag > 1e-9 else "divergence"
+        wn, zeta = frequency_and_damping(pole)
+        f = wn / (2.0 * np.pi) if kind == "flutter" else 0.0
+        if k == 0:
+            return Onset(name, speeds[0], f, kind, last, at_start=True)
+        wn_before, zeta_before = frequency_and_damping(worst[k - 1])
+        if kind == "divergence" or worst[k - 1].imag <= 1e-9:  # a real root's damping ratio jumps from 1 to -1
+            share = worst[k - 1].real / (worst[k - 1].real - pole.real)
+        else:
+            share = zeta_before / (zeta_before - zeta)
+            f = (wn_before + share * (wn - wn_before)) / (2.0 * np.pi)
+        before = speeds[k - 1]
+        return Onset(name, before + share * (speeds[k] - before), f, kind, last)
+    return Onset(name, None, 0.0, "none", last)
+
+
+PRIORS = {"f_hz": 0.02, "zeta": 0.3, "mass_kg_m2": 0.1, "lift": ROWS["CL_alpha"].spread}
+"""Relative standard deviations of a mode's numbers and of the lift on it; all judged but that of lift."""
+_STEPS = 12  # from no lag to all of it, in which a pole is followed
+
+
+def _varied_poles(
+    aircraft: Aircraft,
+    h_m: float,
+    models: Sequence[LinearModel],
+    speeds: Sequence[float],
+    states: tuple[str, ...],
+    poles: Sequence[Mapping[str, tuple[complex, ...]]],
+    members: Mapping[int, str],
+) -> dict[str, tuple[NDArray[np.complex128], ...]]:
+    """Return what :class:`Envelope` calls ``varied``, of the modes of one motion.
+
+    Each pole is followed from the quasi-steady one while the lag grows, and from either to each varied aircraft, of
+    which there are none where all is stable.
+    """
+    elastic, names = aircraft.flown_modes(), list(members.values())
+    if elastic is None or not names:
+        return {}
+    at = [(m.subsystem(states).A, 0.5 * air_density(h_m) * V**2, V) for m, V in zip(models, speeds, strict=True)]
+    found = np.array([[max(one[n], key=lambda s: s.real) for n in names] for one in poles])
+    columns = []
+    for share in np.linspace(0.0, 1.0, _STEPS + 1):
+        found = np.array([
+            _nearest(with_wake(A, states, elastic, q, V, share), row)
+            for (A, q, V), row in zip(at, found, strict=True)
+        ])  # fmt: skip
+        if share in (0.0, 1.0):
+            rows = [
+                [row, *(_nearest(with_wake(*one, q, V, share), row) for one in _varied(A, states, elastic))]
+                if np.any(found.real > 0.0) else [row]
+                for (A, q, V), row in zip(at, found, strict=True)
+            ]  # fmt: skip
+            columns.append(np.moveaxis(np.array(rows), 2, 0))
+    lagging = {n for i, n in members.items() if reduced_frequency(elastic, i, aircraft.design_V_m_s) > UNSTEADY}
+    return {n: tuple(c[k] for c in columns[: 2 if n in lagging else 1]) for k, n in enumerate(names)}
+
+
+def _nearest(A: FloatArray, poles: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the eigenvalue that is nearest to each pole."""
+    found = np.linalg.eigvals(A)
+    return np.asarray(found[np.argmin(np.abs(found[:, None] - poles), axis=0)])
+
+
+def _varied(
+    A: FloatArray, states: tuple[str, ...], elastic: ElasticModel
+) -> Iterator[tuple[FloatArray, tuple[str, ...], ElasticModel]]:
+    """Yield the linear model and its modes with each of PRIORS one deviation up, mode by mode, the lift for all."""
+    numbers = [int(s.removeprefix("etadot_")) for s in states if s.startswith("etadot_")]
+    for key, d in PRIORS.items():
+        for moved in [numbers] if key == "lift" else [[i] for i in numbers]:
+            modes, out = list(elastic.modes), A.copy()
+            for i in moved:
+                was = modes[i - 1]
+                now = was if key == "lift" else replace(was, **{key: (1.0 + d) * getattr(was, key)})
+                row, columns = states.index(f"etadot_{i}"), [states.index(f"{n}_{i}") for n in ("eta", "etadot")]
+                structure = [np.array([-(m.omega_rad_s**2), -2.0 * m.zeta * m.omega_rad_s]) for m in (was, now)]
+                out[row, columns] -= structure[0]
+                out[row] *= was.mass_kg_m2 / now.mass_kg_m2 * (1.0 + d if key == "lift" else 1.0)
+                out[row, columns] += structure[1]
+                modes[i - 1] = now
+            size = elastic.S_m2 * (1.0 + d if key == "lift" else 1.0)
+            yield out, states, replace(elastic, modes=tuple(modes), S_m2=size)
 
 
 def fly_envelope(aircraft: Aircraft, speeds: Sequence[float], h_m: float | None = None) -> Envelope:
@@ -169,6 +273,7 @@ def fly_envelope(aircraft: Aircraft, speeds: Sequence[float], h_m: float | None 
     start = int(np.argmin(np.abs(np.array(flown) - aircraft.design_V_m_s)))
     poles: list[dict[str, tuple[complex, ...]]] = [{} for _ in flown]
     motion: dict[str, str] = {}
+    varied: dict[str, tuple[NDArray[np.complex128], ...]] = {}
     named = _elastic_names(aircraft)
     for which, symmetry in zip(MOTIONS, ("symmetric", "asymmetric"), strict=True):
         members = {i: name for i, (name, s) in named.items() if s == symmetry}
@@ -176,8 +281,11 @@ def fly_envelope(aircraft: Aircraft, speeds: Sequence[float], h_m: float | None 
         for k, owners in enumerate(_followed(found, members, start)):
             poles[k] |= {name: poles_of(found[k], owned) for name, owned in owners.items()}
             motion |= dict.fromkeys(owners, which)
+        varied |= _varied_poles(aircraft, height, models, flown, found[0].states, poles, members)
     elastic = {name: i for i, (name, _) in named.items()}
-    return Envelope(aircraft, height, flown, tuple(trims), models, tuple(poles), motion, elastic, tuple(untrimmed))
+    return Envelope(
+        aircraft, height, flown, tuple(trims), models, tuple(poles), motion, elastic, tuple(untrimmed), varied
+    )
 
 
 def _elastic_names(aircraft: Aircraft) -> dict[int, tuple[str, str]]:

@@ -8,10 +8,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from testbench.aircraft.wake import with_wake
 from testbench.core.errors import ModelError, TrimError
 from testbench.core.paths import aircraft_names
 from testbench.evaluation.derivatives import dimensional_derivatives
-from testbench.evaluation.envelope import Envelope, _followed, fly_envelope
+from testbench.evaluation.envelope import Envelope, _followed, _varied, fly_envelope
 from testbench.evaluation.modes import follow, longitudinal_modes, name_modes, poles_of, spectrum
 from testbench.flight import FlightCondition, LinearModel, linearise, load_aircraft, trim
 from testbench.questions.aircraft.ask import SpeedRange, speed_range, survey
@@ -196,6 +197,44 @@ def test_onset_of_flutter_is_interpolated_in_damping(taurus):
     assert onset.f_hz == pytest.approx(wn / (2.0 * np.pi))
     assert onset.kind == "flutter"
     assert "unstable from 13.5 m/s (flutter at 1.59 Hz)" in onset.sentence
+
+
+def test_an_onset_has_the_band_of_what_moves_it_and_that_of_air_that_lags(taurus):
+    """Priors that move the onset from 13.5 to 13 and to 14 m/s make a deviation of 0.7 m/s."""
+
+    def column(*zetas: float) -> list[complex]:
+        return [complex(-10.0 * z, 10.0) for z in zetas]
+
+    flown = np.array([column(0.05, 0.03, -0.01), column(0.05, 0.02, -0.02), column(0.05, 0.03, 0.0)]).T
+    lagging = np.array([column(0.06, 0.05, 0.04)]).T
+    envelope = replace(made_of(taurus, *flown[:, 0]), varied={"bending": (flown, lagging)})
+    onset = envelope.onset("bending")
+    moved = (12.0 + 2.0 * 0.02 / 0.04, 14.0)
+    assert onset.std_m_s == pytest.approx(np.hypot(*(V - onset.V_m_s for V in moved)), rel=1e-2)
+    assert onset.wake.V_m_s is None
+    assert "unstable from 13.5 ± 0.71 m/s (flutter at 1.59 Hz), in the quasi-steady air that flies; in air that" in (
+        onset.sentence
+    )
+    assert onset.sentence.endswith("in air that lags none up to 14 m/s")
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_what_priors_move_is_what_another_aircraft_has(eolo, share):
+    """The linear model that is varied is that of modes with these numbers; the lift of the rigid aircraft stays."""
+    elastic, q, V = eolo.elastic, 200.0, 19.0
+    n = len(elastic)
+    states = tuple(f"{kind}_{i + 1}" for kind in ("eta", "etadot") for i in range(n))
+
+    def matrix(modes):
+        K, D, _ = modes.matrices(q, V)
+        return np.block([[np.zeros((n, n)), np.eye(n)], [-K, -D]])
+
+    found = list(_varied(matrix(elastic), states, elastic))
+    assert len(found) == 3 * n + 1
+    for A, _, modes in found:
+        expected = np.linalg.eigvals(with_wake(matrix(modes), states, modes, q, V, share))
+        moved = np.linalg.eigvals(with_wake(A, states, modes, q, V, share))
+        assert np.sort_complex(moved) == pytest.approx(np.sort_complex(expected), rel=1e-6, abs=1e-6)
 
 
 def test_onset_tells_divergence_stability_and_instability_from_the_start(taurus):

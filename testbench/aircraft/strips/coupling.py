@@ -65,6 +65,7 @@ def coupled_modes(
                 model.effect(model.flow_of_deflection(v.shape)),
                 model.effect(model.flow_of_rate(v.shape)),
                 WingShape(*(tuple(map(float, form)) for form in (*forms, curvature))),
+                {j: model.force(model.rotary(s), v.shape) for j, s in alike.items()},
             )
         )
     return tuple(out)
@@ -92,6 +93,7 @@ def elastic_toml(modes: Sequence[ElasticMode], stations_m: FloatArray, comments:
             "force": mode.force,
             "force_eta": mode.force_eta,
             "force_etadot": mode.force_etadot,
+            "force_rotary": mode.force_rotary,
             "effect_eta": mode.effect_eta,
             "effect_etadot": mode.effect_etadot,
         }

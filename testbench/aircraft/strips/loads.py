@@ -6,8 +6,8 @@ Lift acts at the quarter chord; the angle of attack is that at the three-quarter
 
 and a section that rotates carries the non-circulatory lift qbar c (pi c / 2) twistdot / V at its three-quarter chord
 (quasi-steady limit of T. Theodorsen, NACA report 496, 1935). Generalised forces are the work of these loads on the mode
-shapes (M. R. Waszak, D. K. Schmidt, J. Aircraft 25(6), 1988). Wake lag, and the wing's downwash on the tail due to
-elastic motion, are left out. Coefficients are nondimensional as in elastic.py.
+shapes (M. R. Waszak, D. K. Schmidt, J. Aircraft 25(6), 1988). The lag of the wake is wake.py's; the wing's downwash on
+the tail due to elastic motion is left out. Coefficients are nondimensional as in elastic.py.
 """
 
 from __future__ import annotations
@@ -105,6 +105,10 @@ class StripModel:
             k * shape.tail_roll,
             shape.symmetric,
         )
+
+    def rotary(self, shape: Shape) -> Flow:
+        """Return the part of :meth:`flow_of_rate` whose lift does not hang on the wake."""
+        return Flow(np.zeros(STRIPS), self.flow_of_rate(shape).rotation, symmetric=shape.symmetric)
 
     def force(self, flow: Flow, shape: Shape) -> float:
         """Return C_Q, the work of a flow's loads on a mode shape over qbar S cbar; 0 across symmetries."""

@@ -172,7 +172,7 @@ def _mode_plate(survey: Survey, motion: str) -> Plate:
         "Damping ratio (above) and frequency (below) of all poles over speed, each mode followed by the similarity of "
         "its eigenvector. A real root has ratio 1 if it decays, −1 if it grows; a mode that splits into two real "
         f"roots is drawn as two lines. Shaded: unstable. Onset of instability of an elastic mode: {said}."
-        f"{' It is that of this model with its quasi-steady aerodynamics, not a flutter clearance.' if elastic else ''}"
+        f"{' Drawn is the quasi-steady air that flies; it is no flutter clearance.' if elastic else ''}"
     )
     word = motion.capitalize()
     return Plate(f"modes_{motion.replace('-', '_')}", f"{word} modes over speed", caption, make)

@@ -201,7 +201,7 @@ def _description(text: str, aircraft: Aircraft, model: str, rate_hz: float) -> s
 def _mode(mode: ElasticMode) -> list[str]:
     out = [f"name = {json.dumps(mode.name)}", f"symmetry = {json.dumps(mode.symmetry)}"]
     out += [f"{key} = {float(getattr(mode, key))!r}" for key in ("f_hz", "zeta", "mass_kg_m2")]
-    for key in ("force", "force_eta", "force_etadot", "effect_eta", "effect_etadot"):
+    for key in ("force", "force_eta", "force_etadot", "force_rotary", "effect_eta", "effect_etadot"):
         values: Mapping[object, float] = getattr(mode, key)
         if values:
             out.append(f"{key} = {{ " + ", ".join(f'"{k}" = {float(v)!r}' for k, v in values.items()) + " }")
