@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from testbench.aircraft import Aircraft
 from testbench.core.record import FloatArray
 from testbench.flight import LinearModel, TrimmedFlight
 
@@ -48,6 +49,28 @@ _VARIABLES = {
     "dr": ("", "rudder"),
 }
 _PER = {"": ("m/s²", "1/s²"), "m/s": ("1/s", "1/(m s)"), "1/s": ("m/s", "1/s")}  # units of accelerations per unit
+
+
+@dataclass(frozen=True)
+class StaticMargin:
+    """Distance of the neutral point behind the centre of gravity, % of the mean chord.
+
+    Attributes:
+        held: with the elastic modes held at their trimmed deflection.
+        flown: with the modes following in static equilibrium; the same without modes.
+    """
+
+    held: float
+    flown: float
+
+
+def static_margin(aircraft: Aircraft, derivatives: Sequence[Derivative]) -> StaticMargin:
+    """Return the static margin -Cm_alpha / CL_alpha = M_alpha Iyy / (Z_alpha m cbar) of dimensional derivatives."""
+    found = {d.name: d for d in derivatives}
+    M, Z = found["M_alpha"], found["Z_alpha"]
+    size = 100.0 * aircraft.mass.Iyy / (aircraft.mass.mass_kg * aircraft.geometry.cbar_m)
+    M_flown, Z_flown = (d.held if d.static is None else d.static for d in (M, Z))
+    return StaticMargin(size * M.held / Z.held, size * M_flown / Z_flown)
 
 
 def dimensional_derivatives(model: LinearModel, trimmed: TrimmedFlight) -> list[Derivative]:

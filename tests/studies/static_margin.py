@@ -38,7 +38,7 @@ from smallest import results, sized
 
 from testbench.aircraft import Aircraft
 from testbench.core.paths import AIRCRAFT_MODELS
-from testbench.evaluation.derivatives import dimensional_derivatives
+from testbench.evaluation.derivatives import dimensional_derivatives, static_margin
 from testbench.evaluation.modes import frequency_and_damping
 from testbench.flight import FlightCondition, linearise, load_aircraft, trim
 from testbench.questions.compare import compare
@@ -67,10 +67,9 @@ def margin(aircraft: Aircraft) -> Margin:
     """Return the static margins of an aircraft at its design condition."""
     trimmed = trim(aircraft, FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m))
     found = {d.name: d for d in dimensional_derivatives(linearise(aircraft, trimmed), trimmed)}
-    M, Z = found["M_alpha"], found["Z_alpha"]
-    size = 100.0 * aircraft.mass.Iyy / (aircraft.mass.mass_kg * aircraft.geometry.cbar_m)
-    M_flown, Z_flown = (d.held if d.static is None else d.static for d in (M, Z))
-    return Margin(size * M.held / Z.held, size * M_flown / Z_flown, M.held, M_flown)
+    flown = found["M_alpha"].held if found["M_alpha"].static is None else found["M_alpha"].static
+    size = static_margin(aircraft, list(found.values()))
+    return Margin(size.held, size.flown, found["M_alpha"].held, flown)
 
 
 @contextmanager

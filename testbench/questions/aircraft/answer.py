@@ -6,13 +6,18 @@ import math
 from typing import TYPE_CHECKING
 
 from testbench.core.constants import DEG_RAD
+from testbench.core.errors import ModelError
+from testbench.evaluation.derivatives import dimensional_derivatives, static_margin
 from testbench.evaluation.modes import frequency_and_damping
 from testbench.page.labels import number
 from testbench.questions.aircraft.tables import elevator_left
 
 if TYPE_CHECKING:
+    from testbench.aircraft import Aircraft
     from testbench.evaluation.envelope import Envelope
     from testbench.questions.aircraft.ask import Survey
+
+_NOISE = 1e-6  # what perturbing a model leaves of a coefficient that it does not have
 
 
 def aircraft_answer(survey: Survey) -> list[str]:
@@ -35,9 +40,34 @@ def aircraft_answer(survey: Survey) -> list[str]:
         for pole in at[name]:
             wn, zeta = frequency_and_damping(pole)
             said.append(f"{name} {_motion_words(pole, wn, zeta)}")
+    out += _pitch_remarks(envelope)
     out += envelope.aircraft.notes
     out.append(f"rigid modes at {envelope.speeds[envelope.design]:g} m/s: {'; '.join(said)}")
     return out
+
+
+def _pitch_remarks(envelope: Envelope) -> list[str]:
+    """Return the static margin, and what of the model's pitching does not belong together, as sentences."""
+    aircraft, k = envelope.aircraft, envelope.design
+    margin = static_margin(aircraft, dimensional_derivatives(envelope.models[k], envelope.trims[k]))
+    out = [f"the static margin at {envelope.speeds[k]:g} m/s is {margin.held:.1f} % of the mean chord"]
+    if envelope.elastic:
+        out[0] += f" with the elastic modes held, and {margin.flown:.1f} % in flight, where they follow the motion"
+    lift, moment = (_has(aircraft, f"{c}_alphadot") for c in ("CL", "Cm"))
+    if lift != moment:
+        with_, without = ("lift", "pitching moment") if lift else ("pitching moment", "lift")
+        out.append(
+            f"the {with_} of the model has a term in the rate of alpha and its {without} has none: the lag of the "
+            "downwash at a tail, which makes such terms, gives both"
+        )
+    return out
+
+
+def _has(aircraft: Aircraft, name: str) -> bool:
+    try:
+        return abs(aircraft.coefficient(name)) > _NOISE
+    except ModelError:
+        return False
 
 
 def onset_sentences(envelope: Envelope) -> list[str]:

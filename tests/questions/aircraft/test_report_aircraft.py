@@ -225,3 +225,31 @@ def test_the_export_loads_trims_and_flies_in_stock_jsbsim(name, tmp_path):
     if elastic:
         state = trim(aircraft, FlightCondition(V, h)).state
         assert fdm["modal/eta-1"] == pytest.approx(state["eta_1"], rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "margin", "lag"),
+    [
+        ("eolo", "2.6 % of the mean chord with the elastic modes held, and 0.3 % in flight", None),
+        (
+            "taurus",
+            "15.9 % of the mean chord",
+            "the lift of the model has a term in the rate of alpha and its pitching",
+        ),
+    ],
+)
+def test_what_a_professor_would_remark_of_its_pitching_is_said(name, margin, lag):
+    aircraft = load_aircraft(name)
+    said = aircraft_answer(
+        Survey(
+            name,
+            fly_envelope(aircraft, [aircraft.design_V_m_s]),
+            SpeedRange(aircraft.design_V_m_s, aircraft.design_V_m_s, 0.1),
+            (),
+            (),
+            (),
+        )
+    )
+    assert any(margin in text for text in said)
+    assert any("rate of alpha" in text for text in said) == bool(lag)
+    assert lag is None or any(lag in text for text in said)
