@@ -72,9 +72,10 @@ def body(plane: Plane, wing_slope: float, downwash: float) -> dict[str, float]:
     x, width, height = _hull(plane)
     wing = plane.wing
     root, tails = wing.stations[0], plane.of("tail")
+    edge = root.x_m + root.chord_m
     end = max((t.quarter_chord_m[0] for t in tails), default=x[-1])
     ahead = np.maximum(root.x_m + 0.25 * root.chord_m - x, 0.25 * root.chord_m)
-    behind = (1.0 - downwash) * np.clip((x - root.x_m - root.chord_m) / (end - root.x_m - root.chord_m), 0.0, 1.0)
+    behind = (1.0 - downwash) * np.clip((x - edge) / max(end - edge, 0.01 * root.chord_m), 0.0, 1.0)
     wash = np.where(x < root.x_m, 1.0 + wing_slope * root.chord_m / (4.0 * np.pi * ahead), behind)
     pitch = 0.5 * np.pi * float(np.trapezoid(width**2 * wash, x)) / (plane.S_m2 * plane.cbar_m)
 

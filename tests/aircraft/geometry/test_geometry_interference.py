@@ -60,6 +60,8 @@ def test_a_body_turns_the_aircraft_away_from_the_wind_and_a_low_wing_rolls_it_le
     behind = tuple(Hull(x, 0.0, w, w) for x, w in ((0.75, 0.5), (4.15, 0.5)))
     strips = 0.5 * math.pi * 0.25 * 0.5 * 3.4 / 10.0
     assert body(plane(WING, TAIL, hull=behind), 5.0, 0.0)["Cm_alpha"] == pytest.approx(strips, rel=0.01)
+    pod = tuple(Hull(x, 0.0, 0.5, 0.5) for x in (-0.25, 0.5))  # within the root chord, no tail
+    assert body(plane(WING, hull=pod), 5.0, 0.0)["Cm_alpha"] == 0.0
     # A cone ahead of its centre: the flow leaves at 90 % of it; slender-body theory, 2 A a third from the base.
     cone = tuple(Hull(x, 0.0, w, w) for x, w in ((-3.0, 0.0), (0.0, 0.6)))
     expected = -2.0 * _inertia_factors(3.0 / 0.6) * 0.25 * math.pi * 0.36 * 1.0 / (10.0 * 10.0)
