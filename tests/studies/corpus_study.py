@@ -2,7 +2,8 @@
 
     python tests/studies/corpus_study.py    # writes results/aircraft/corpus.csv, prints the spreads to state
 
-Plans of the aircraft, each with its sources, and their published derivatives lie in tests/reference/corpus. Bias and
+Plans of the aircraft, each with its sources, and their published derivatives lie in tests/reference/corpus; of a value
+"recalled" no copy of its source was at hand when it was written down. Bias and
 spread of every derivative are fitted on one half ("fit"; aircraft of one family lie in the same half); the shares
 within one and two deviations are judged on the other ("report"). ``ROWS`` of aircraft/geometry/coefficients.py carries
 what is fitted; a test holds that it does, and the shares.
