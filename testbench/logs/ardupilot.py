@@ -21,7 +21,7 @@ from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
 from testbench.core.record import FloatArray
 from testbench.logs.rates import too_slow
-from testbench.logs.signals import AT_IMU, Log, Rule, Topic, filters, placed, scaled
+from testbench.logs.signals import AT_IMU, Log, Mode, Rule, Topic, filters, modes_of, placed, scaled, without
 
 _VANE = "the vane measures the flow at the centre of gravity"
 _DEMAND = "4500 is full command, positive nose up, right wing down, nose right"
@@ -59,6 +59,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     **{kind: tuple({f for rule in RULES if rule.topic == kind for f in rule.fields} | set(_CHOICE.get(kind, ())))
        for kind in (*dict.fromkeys(rule.topic for rule in RULES), "XKF4", "NKF4")},
     "AETR": ("Elev", "Ail", "Rudd", "Thr"),
+    "MODE": ("ModeNum", "Mode"),
     **{kind: tuple(f"C{i}" for i in outputs) for kind, outputs in _OUTPUTS.items()},
 }  # fmt: skip
 """Type of message -> the columns of it that are read."""
@@ -129,8 +130,19 @@ def ardupilot_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
     preferred.
     """
     preferred, notes = _preferred(log)
-    log = replace(log, preferred={**log.preferred, **preferred}, notes=(*log.notes, *notes))
-    rules = (*_ordered(log), *servo_rules(log, True), *_demands(log), *servo_rules(log, False))
+    vehicle, said = _vehicle(log)
+    log = replace(
+        log,
+        preferred={**log.preferred, **preferred},
+        notes=(*log.notes, *notes),
+        vehicle=vehicle,
+        modes=_modes(log, vehicle),
+        topics=without(log, ("MODE",)),
+        facts={**log.facts, **({"vehicle": said} if said else {})},
+    )
+    rules = tuple(_ordered(log))
+    if vehicle in ("", "fixed wing", "VTOL"):  # the outputs of others are motors, wheels and fins
+        rules = (*rules, *servo_rules(log, True), *_demands(log), *servo_rules(log, False))
     strange: list[str] = []
     known = [adapted for rule in rules if (adapted := _in_unit(log, rule, strange)) is not None]
     notes = [*strange, *too_slow(log, known, _BETTER)]
@@ -140,6 +152,57 @@ def ardupilot_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
         known
     )
 
+
+_FIRMWARE = {"Copter": "rotorcraft", "Plane": "fixed wing", "Rover": "other", "Sub": "other", "Blimp": "other",
+             "AntennaTracker": "other", "Heli": "rotorcraft"}  # fmt: skip
+_FRAMES = ("", "quadrotor", "hexarotor", "octorotor", "octaquad", "Y6", "helicopter", "tricopter", "single copter",
+           "coaxial copter", "bicopter", "dodeca-hexa", "dual helicopter", "deca", "scripted", "dynamic")  # fmt: skip
+_PLANE_MODES = (
+    "MANUAL CIRCLE STABILIZE TRAINING ACRO FBWA FBWB CRUISE AUTOTUNE - AUTO RTL LOITER TAKEOFF AVOID_ADSB "
+    "GUIDED INITIALISING QSTABILIZE QHOVER QLOITER QLAND QRTL QAUTOTUNE QACRO THERMAL LOITER_ALT_QLAND "
+    "AUTOLAND"
+)
+_COPTER_MODES = (
+    "STABILIZE ACRO ALT_HOLD AUTO GUIDED LOITER RTL CIRCLE POSITION LAND OF_LOITER DRIFT - SPORT FLIP "
+    "AUTOTUNE POSHOLD BRAKE THROW AVOID_ADSB GUIDED_NOGPS SMART_RTL FLOWHOLD FOLLOW ZIGZAG SYSTEMID "
+    "AUTOROTATE AUTO_RTL TURTLE"
+)
+"""Modes by their numbers, from 0."""
+_FLOWN = {
+    "manual": "MANUAL", "stabilised": "STABILIZE TRAINING ACRO FBWA FBWB CRUISE AUTOTUNE QSTABILIZE QHOVER QLOITER "
+    "QAUTOTUNE QACRO ALT_HOLD LOITER POSHOLD DRIFT SPORT FLIP BRAKE FLOWHOLD SYSTEMID ZIGZAG",
+    "automatic": "CIRCLE AUTO RTL TAKEOFF AVOID_ADSB GUIDED QLAND QRTL THERMAL LOITER_ALT_QLAND AUTOLAND LAND THROW "
+    "SMART_RTL GUIDED_NOGPS FOLLOW AUTO_RTL AUTOROTATE POSITION",
+}  # fmt: skip
+
+
+def _vehicle(log: Log) -> tuple[str, str]:
+    """Return what flew, one of VEHICLES, and the words for it, by firmware and settings; "" if neither tells."""
+    settings, software = log.parameters, log.facts.get("software", "")
+    kind = next((vehicle for word, vehicle in _FIRMWARE.items() if word in software), "")
+    if not kind and {"MOT_SPIN_ARM", "MOT_THST_EXPO"} & settings.keys():
+        kind = "rotorcraft"
+    if settings.get("Q_ENABLE", 0.0) > 0.0 and kind in ("", "fixed wing"):
+        return "VTOL", f"QuadPlane, {_frame(settings, 'Q_FRAME_CLASS') or 'lift motors'} (Q_ENABLE)"
+    if kind == "rotorcraft":
+        return kind, _frame(settings, "FRAME_CLASS") or "rotorcraft"
+    return kind, ""
+
+
+def _frame(settings: Mapping[str, float], key: str) -> str:
+    number = int(settings.get(key, 0.0))
+    return f"{_FRAMES[number]} ({key} {number})" if 0 < number < len(_FRAMES) else ""
+
+
+def _modes(log: Log, vehicle: str) -> tuple[Mode, ...]:
+    topic = log.topics.get("MODE")
+    column = "ModeNum" if topic is not None and "ModeNum" in topic.columns else "Mode"
+    names = _COPTER_MODES if vehicle == "rotorcraft" else _PLANE_MODES if vehicle in ("fixed wing", "VTOL") else ""
+    return modes_of(topic, column, dict(enumerate(names.split())), {**_FLOWN, **_LOITERS.get(vehicle, {})})
+
+
+_LOITERS = {vehicle: {"automatic": f"{_FLOWN['automatic']} LOITER"} for vehicle in ("fixed wing", "VTOL")}
+"""A plane circles by itself in LOITER; a copter is flown by its pilot there."""
 
 _BETTER = (
     "LOG_BITMASK: bit 0 (fast attitude) or 20 (attitude at the loop's rate), 13 (servo outputs), 19 (raw inertial "

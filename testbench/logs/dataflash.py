@@ -7,6 +7,7 @@ are multiplied by. What the columns mean stands in :mod:`testbench.logs.ardupilo
 
 from __future__ import annotations
 
+import re
 import struct
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
@@ -36,8 +37,9 @@ _DIVISORS = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1.0 / 1e-7}
 _WORDS = "anNZ"
 _TEXT = _WORDS + "M"  # of text logs: the mode is written as a word
 _WHOLE = "bBhHiIqQ"
-_OWN = ("PARM", "MSG", "FMTU", "UNIT", "MULT")
+_OWN = ("PARM", "MSG", "VER", "FMTU", "UNIT", "MULT")
 """Messages about the log itself."""
+_FIRMWARE = re.compile(r"\b(Ardu|APM:|Blimp|AntennaTracker|Rover|Tracker)\w*\s+V?\d")
 _CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
 _INSTANCE = ("I", "C", "Instance")
 _FOLLOWED = "SERVO"  # settings whose changes in flight matter to what is read
@@ -102,11 +104,18 @@ def read_dataflash(path: Path | str) -> Log:
         end = max(float(topic.t_s[-1]) for topic in topics.values())
         damage[-1] += f"; saved: {sum(found.counts.values())} messages, up to t = {end:.3f} s of the log's clock"
     parameters, changed = _parameters(found.columns.get("PARM", {}))
-    said = found.columns.get("MSG", {}).get("Message")
-    facts = {"software": _word(said[0])} if said is not None else {}
+    software = _software(found)
+    facts = {"software": software} if software else {}
     unread = {name: n for name, n in found.counts.items() if name not in (*COLUMNS, *_OWN, "FMT")}
     kind = f"ArduPilot DataFlash ({'binary' if binary else 'text'})"
     return Log(path, kind, topics, facts, parameters, (*damage, *lost), unread, notes=tuple(changed))
+
+
+def _software(found: Messages) -> str:
+    """Return the firmware: that of VER, else the first message that is called after one, else the first message."""
+    named = found.columns.get("VER", {}).get("FWS", ())
+    said = [_word(text) for text in (*named, *found.columns.get("MSG", {}).get("Message", ()))]
+    return next((text for text in said if _FIRMWARE.search(text)), said[0] if said else "")
 
 
 def _parameters(columns: Mapping[str, NDArray[Any]]) -> tuple[dict[str, float], list[str]]:
@@ -190,7 +199,11 @@ def _used(name: str) -> Collection[str]:
     """Return the columns of a type of message that are read; all of those about the log itself."""
     if name in COLUMNS:
         return (*COLUMNS[name], *_CLOCKS, *_INSTANCE)
-    return ("Name", "Value", "Message", "FmtType", "UnitIds", "MultIds", "Id", "Label", "Mult") if name in _OWN else ()
+    return (
+        ("Name", "Value", "Message", "FWS", "FmtType", "UnitIds", "MultIds", "Id", "Label", "Mult")
+        if name in _OWN
+        else ()
+    )
 
 
 class _Reader:

@@ -48,6 +48,8 @@ _NAMES = {
     "yaw": "psi", "yaw_angle": "psi", "heading": "psi", "true_heading": "psi", "heading_true": "psi",
     "altitude": "h", "altitude_asl": "h", "altitude_msl": "h", "alt": "h", "alt_msl": "h", "alt_asl": "h",
     "pressure_altitude": "h", "baro_altitude": "h", "baro_alt": "h", "barometric_altitude": "h",
+    "groundspeed": "Vg", "ground_speed": "Vg", "gps_speed": "Vg", "gspeed": "Vg",
+    "climb": "hdot", "climb_rate": "hdot", "vertical_speed": "hdot", "rate_of_climb": "hdot",
     "elevator": "de", "aileron": "da", "rudder": "dr", "throttle": "thr",
     "elevator_position": "de", "elevator_deflection": "de", "elevator_angle": "de", "delta_e": "de", "d_e": "de",
     "left_aileron_position": "da", "aileron_position": "da", "aileron_deflection": "da",

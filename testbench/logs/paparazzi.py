@@ -19,7 +19,7 @@ from testbench.core.channels import channel, unit_factor
 from testbench.core.door import read_text, read_xml
 from testbench.core.errors import RecordError
 from testbench.logs.names import stated_unit
-from testbench.logs.signals import Log, Rule, Topic, make_topic, scaled
+from testbench.logs.signals import Log, Rule, Topic, make_topic, modes_of, scaled
 
 _LINE = re.compile(rb"(?:^|\n)\s*\d+(?:\.\d+)?\s+\d+\s+[A-Z][A-Z0-9_]{2,}(?=[ \r\n])")
 _FULL = 9600.0  # a command at full deflection (MAX_PPRZ)
@@ -34,8 +34,10 @@ _SOURCES = (
     ("az", "IMU_ACCEL", "az", "m/s2"),
     ("V", "AIR_DATA", "tas", "m/s"), ("V", "AIRSPEED", "airspeed", "m/s"), ("V", "AIR_DATA", "airspeed", "m/s"),
     ("qbar", "AIR_DATA", "diff_p", "Pa"), ("alpha", "AOA", "angle", "rad"), ("beta", "SIDESLIP", "angle", "rad"),
-    ("h", "AIR_DATA", "amsl_baro", "m"),
+    ("h", "AIR_DATA", "amsl_baro", "m"), ("h", "GPS", "alt", "m"), ("Vg", "GPS", "speed", "m/s"),
 )  # fmt: skip
+_MODES = {0: "MANUAL", 1: "AUTO1", 2: "AUTO2", 3: "HOME", 4: "NOGPS", 5: "FAILSAFE"}  # of PPRZ_MODE, fixed wings
+_FLOWN = {"manual": "MANUAL", "stabilised": "AUTO1", "automatic": "AUTO2 HOME NOGPS FAILSAFE"}
 _COMMANDS = {"PITCH": ("de_cmd", -1.0), "ROLL": ("da_cmd", 1.0), "YAW": ("dr_cmd", -1.0), "THROTTLE": ("thr_cmd", 1.0)}
 
 
@@ -78,7 +80,8 @@ def read_paparazzi(path: Path) -> tuple[Log, tuple[Rule, ...]]:
     facts = {"commands": " ".join(commands).lower()} if commands else {}
     aircraft = definitions.find(".//aircraft")
     facts |= {"aircraft": aircraft.get("name", "")} if aircraft is not None else {}
-    log = Log(path, "Paparazzi messages", topics, facts, warnings=tuple(warnings), unread=unread)
+    modes = modes_of(topics.pop("PPRZ_MODE", None), "ap_mode", _MODES, _FLOWN)
+    log = Log(path, "Paparazzi messages", topics, facts, warnings=tuple(warnings), unread=unread, modes=modes)
     return log, (*rules, *_command_rules(commands))
 
 
@@ -104,7 +107,7 @@ def _field(field: ElementTree.Element) -> _Field:
 
 def _topics(path: Path, fields: dict[str, list[_Field]]) -> tuple[dict[str, Topic], dict[str, int], list[str]]:
     """Return the messages that a rule may use, the number of the others, and what was left out."""
-    used = {source[1] for source in _SOURCES} | {"COMMANDS"}
+    used = {source[1] for source in _SOURCES} | {"COMMANDS", "PPRZ_MODE"}
     lines = [line.split() for line in read_text(path, "log", errors="replace").splitlines()]
     lines = [words for words in lines if len(words) > 2]
     craft = Counter(words[1] for words in lines).most_common(1)

@@ -16,7 +16,7 @@ import numpy as np
 
 from testbench.core.record import FloatArray
 from testbench.logs.rates import too_slow
-from testbench.logs.signals import AT_IMU, Log, Rule, filters, placed, scaled
+from testbench.logs.signals import AT_IMU, Log, Rule, filters, modes_of, placed, scaled, without
 
 _COMMAND = "PX4 normalises commands to -1..1; positive turns right-handed about the body axis"
 _AXES = ("roll", "pitch", "yaw")
@@ -84,6 +84,7 @@ _CHOICE = {"airspeed_validated": ("selected_airspeed_index", "airspeed_source")}
 """What says which of several sensors was flown by."""
 _TORQUE, _THRUST, _OLD = "vehicle_torque_setpoint", "vehicle_thrust_setpoint", "actuator_controls_0"
 _ROTARY = {2: "quadrotor", 3: "coaxial helicopter", 4: "helicopter", 13: "hexarotor", 14: "octorotor", 15: "tricopter"}
+_FIXED_WING = 1  # MAV_TYPE
 _OLD_VTOL = "actuator_controls_1"  # of VTOL aircraft before control allocation: the fixed wing's commands
 
 COLUMNS: Mapping[str, tuple[str, ...]] = {
@@ -94,6 +95,8 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "actuator_servos": tuple(f"control[{i}]" for i in range(SERVOS)),
     **{topic: tuple(f"control[{i}]" for i in range(4)) for topic in (_OLD, _OLD_VTOL)},
     "estimator_selector_status": ("primary_instance",),
+    "vehicle_status": ("nav_state", "vehicle_type", "is_rotary_wing", "in_transition_mode", "is_vtol"),
+    "vehicle_land_detected": ("landed",),
 }  # fmt: skip
 COLUMNS = {
     **COLUMNS,
@@ -133,6 +136,7 @@ def px4_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
     (PX4 before control allocation).
     """
     notes: list[str] = []
+    log = _flown(log)
     servos = list(_servo_rules(log))
     held = [rule for rule in servos if rule.topic in log.topics]
     torques = list(_torque_rules(log))
@@ -159,6 +163,48 @@ def px4_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
     place = placed(log.parameters, "EKF2_IMU_POS_")
     imu = dict.fromkeys(range(_IMUS), place) if place else {}
     return replace(log, notes=(*log.notes, *notes), imu_m=imu, filtered_hz=filters(log.parameters, _FILTERS)), rules
+
+
+_MODES = {0: "MANUAL", 1: "ALTCTL", 2: "POSCTL", 3: "AUTO_MISSION", 4: "AUTO_LOITER", 5: "AUTO_RTL", 8: "AUTO_SLOW",
+          10: "ACRO", 12: "DESCEND", 13: "TERMINATION", 14: "OFFBOARD", 15: "STABILIZED", 17: "AUTO_TAKEOFF",
+          18: "AUTO_LAND", 19: "AUTO_FOLLOW", 20: "AUTO_PRECLAND", 21: "ORBIT", 22: "AUTO_VTOL_TAKEOFF"}  # fmt: skip
+"""nav_state of vehicle_status."""
+_BY = {
+    "manual": "MANUAL", "stabilised": "STABILIZED ACRO ALTCTL POSCTL",
+    "automatic": " ".join(n for n in _MODES.values() if n.startswith("AUTO")) + " OFFBOARD ORBIT DESCEND TERMINATION",
+}  # fmt: skip
+_PLANE_AIRFRAME = 1  # CA_AIRFRAME
+_ROTARY_TYPE = 1  # vehicle_type of vehicle_status
+
+
+def _flown(log: Log) -> Log:
+    """Return the log with what it says of its vehicle, modes, landings, hovers and transitions."""
+    settings, status = log.parameters, log.topics.get("vehicle_status")
+    landed = log.topics.get("vehicle_land_detected")
+    flags = {}
+    if landed is not None and "landed" in landed.columns:
+        flags["landed"] = (landed.t_s, landed.columns["landed"] != 0)
+    kind, frame = int(settings.get("MAV_TYPE", 0)), int(settings.get("CA_AIRFRAME", -1))
+    vtol = "VT_TYPE" in settings or frame in _VTOLS
+    vehicle = "VTOL" if vtol else "rotorcraft" if kind in _ROTARY else ""
+    if not vehicle and (kind == _FIXED_WING or frame == _PLANE_AIRFRAME):
+        vehicle = "fixed wing"
+    if status is not None and vtol:
+        for name, columns, on in (
+            ("hover", ("vehicle_type", "is_rotary_wing"), _ROTARY_TYPE),
+            ("transition", ("in_transition_mode",), 1),
+        ):
+            column = next((c for c in columns if c in status.columns), None)
+            flags |= {name: (status.t_s, status.columns[column] == on)} if column else {}
+    said = {"vehicle": _ROTARY.get(kind, vehicle) if vehicle == "rotorcraft" else vehicle} if vehicle else {}
+    return replace(
+        log,
+        vehicle=vehicle,
+        modes=modes_of(status, "nav_state", _MODES, _BY),
+        flags=flags,
+        facts={**log.facts, **said},
+        topics=without(log, ("vehicle_status", "vehicle_land_detected")),
+    )
 
 
 def _rate(log: Log, topic: str) -> float:

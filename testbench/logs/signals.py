@@ -23,6 +23,8 @@ from testbench.logs.clocks import gaps, usual_step
 from testbench.logs.instances import Choice, choose_instances, instances_of, number_of
 from testbench.logs.names import LARGEST
 
+VEHICLES = ("fixed wing", "VTOL", "rotorcraft", "other")
+"""What may have flown: a VTOL has a wing and hovers, a rotorcraft has no surfaces, others do not fly."""
 MIN_SAMPLES = 4
 ZERO = "zero throughout"
 AT_IMU = "the inertial unit sits at the centre of gravity"
@@ -52,6 +54,20 @@ class Topic:
     units: Mapping[str, str] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Mode:
+    """A mode of the autopilot: from when on, s of the log's clock, its name, and who flies in it, "" if not known."""
+
+    t_s: float
+    name: str
+    flown: str = ""
+
+    @property
+    def said(self) -> str:
+        """The mode in words."""
+        return f"{self.name} ({self.flown})" if self.flown else self.name
+
+
 @dataclass(frozen=True, eq=False)
 class Log:
     """Everything read from one file.
@@ -72,6 +88,10 @@ class Log:
             forward, right, down, m; only those that are set.
         filtered_hz: (topic without its instance, channel) -> cut-off of the autopilot's own low pass of second order
             before it was logged, Hz.
+        vehicle: what flew, one of :data:`VEHICLES`; "" if the log does not say it.
+        modes: those of the autopilot, in the order of time.
+        flags: what the autopilot says of its flight ("landed", "hover", "transition") -> times (n,), s of the log's
+            clock, and values (n,), each held until the next.
     """
 
     file: Path
@@ -87,6 +107,9 @@ class Log:
     preferred: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     imu_m: Mapping[int, tuple[float, float, float]] = field(default_factory=dict)
     filtered_hz: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    vehicle: str = ""
+    modes: tuple[Mode, ...] = ()
+    flags: Mapping[str, tuple[FloatArray, NDArray[np.bool_]]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -164,6 +187,32 @@ class Found:
     channels: tuple[Mapped, ...]
     passed: tuple[Passed, ...]
     choices: tuple[Choice, ...]
+
+
+def modes_of(topic: Topic | None, column: str, names: Mapping[int, str], flown: Mapping[str, str]) -> tuple[Mode, ...]:
+    """Return the modes that a topic logs by number, one for each change.
+
+    Args:
+        topic: None if the log has none.
+        column: of it, the number of the mode.
+        names: number -> name.
+        flown: who flies ("manual", "stabilised", "automatic") -> the names of its modes, with spaces between.
+    """
+    if topic is None or column not in topic.columns or not topic.t_s.size:
+        return ()
+    numbers = np.asarray(topic.columns[column], dtype=np.float64)
+    who = {name: by for by, listed in flown.items() for name in listed.split()}
+    out = []
+    for i in np.flatnonzero(np.diff(numbers, prepend=np.nan) != 0.0):
+        name = names.get(int(numbers[i]), f"mode {numbers[i]:g}") if np.isfinite(numbers[i]) else "mode not known"
+        out.append(Mode(float(topic.t_s[i]), name, who.get(name, "")))
+    return tuple(out)
+
+
+def without(log: Log, topics: Iterable[str]) -> Mapping[str, Topic]:
+    """Return the topics of a log but those that were read for what they say of the flight itself."""
+    read = set(topics)
+    return {name: topic for name, topic in log.topics.items() if name.partition("#")[0] not in read}
 
 
 def scaled(factor: float) -> Callable[[FloatArray], FloatArray]:
@@ -250,7 +299,24 @@ def find_channels(
                     continue
                 reason = result
             passed.append(Passed(rule.channel, topic.t_s, source, reason))
+    _of_velocities(found)
     return Found(tuple(found.values()), tuple(passed), choices)
+
+
+def _of_velocities(found: dict[str, Mapped]) -> None:
+    """Add V, alpha and beta where they were not logged, but the velocities along the body axes were, on one clock."""
+    u, v, w = (found.get(name) for name in "uvw")
+    if u is None or v is None or w is None or not (np.array_equal(u.t_s, v.t_s) and np.array_equal(u.t_s, w.t_s)):
+        return
+    speed = np.sqrt(u.values**2 + v.values**2 + w.values**2)
+    side = np.divide(v.values, speed, out=np.zeros_like(speed), where=speed > 0.0)
+    for name, values, said in (
+        ("V", speed, "length of (u, v, w)"),
+        ("alpha", np.arctan2(w.values, u.values), "arctan(w / u)"),
+        ("beta", np.arcsin(side), "arcsin(v / V)"),
+    ):
+        if name not in found:
+            found[name] = Mapped(name, u.t_s, values, f"{u.source}/{v.source}/{w.source}", said, u.assumed)
 
 
 def _raw(rule: Rule, topic: Topic) -> list[FloatArray]:

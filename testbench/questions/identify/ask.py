@@ -155,6 +155,11 @@ def _identified(
         notes=(
             *_simulated(description, derivatives),
             *_notes(description, cases, servos),
+            *dict.fromkeys(
+                f"flight only: of the log {text}"
+                for _, record in records
+                if (text := record.provenance.get("recorded", {}).get("not_flown"))
+            ),
             *taken_in_words(instruments, taken),
             *cured,
             *(known.notes if known else ()),

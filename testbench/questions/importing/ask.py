@@ -28,6 +28,7 @@ from testbench.logs.foreign import looks_like_text, refuse_foreign
 from testbench.logs.instances import number_of
 from testbench.logs.layout import SUFFIXES, ChannelColumn, find_data_folder
 from testbench.logs.manoeuvres import QUIET_S, Manoeuvre, Search, find_manoeuvres
+from testbench.logs.noise import Noise, noise_of
 from testbench.logs.paparazzi import is_paparazzi, read_paparazzi
 from testbench.logs.plausible import implausible, refusal, to_set
 from testbench.logs.px4 import px4_rules
@@ -36,17 +37,19 @@ from testbench.logs.read import read_records
 from testbench.logs.resampling import common_rate, resample
 from testbench.logs.sidpac import read_columns
 from testbench.logs.signals import Log, Mapped, Rule, Topic, find_channels, scaled
+from testbench.logs.stretches import Stretch, beyond_ground, not_flown, stretches_of
 from testbench.logs.ulog import MAGIC, read_ulog
-from testbench.page.words import listed
+from testbench.page.words import listed, some
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.balance import Balance, balance_of, balance_rows
 from testbench.questions.importing.recipe import AXES, Recipe, lines, measured_in, propose
-from testbench.questions.importing.supported import moving, too_few, too_slow, why_not
+from testbench.questions.importing.supported import FEWEST, moving, too_few, too_slow, why_not
 
 LEAD_S, TAIL_S = 2.0, 5.0
 """Quiet flight before each manoeuvre and response after it that are cut out with it."""
 WHOLE = "whole"
 """Name of the record of a whole log, and of its description."""
+_WITHOUT_SURFACES = ("rotorcraft", "other")
 _COMMANDS = tuple(f"{name}_cmd" for name in CONTROLS)
 _SURFACES = ("elev", "ail", "rudder", "stabilator")
 UNUSABLE = "no_recipe"
@@ -57,8 +60,9 @@ UNUSABLE = "no_recipe"
 class Imported:
     """A log that was read: its channels as logged, one record of them on one clock, and the manoeuvres in it.
 
-    ``channels`` are those of ``record``, in its order; ``balance`` says what became of every other signal;
-    ``questions`` are values that are hardly meant. ``lead_s`` and ``tail_s`` are quiet flight before and response after
+    ``channels`` are those of ``record``, in its order, and ``noise`` is theirs; ``stretches`` say what kind of flight
+    each part of it is; ``balance`` says what became of every other signal; ``questions`` are values that are hardly
+    meant. ``lead_s`` and ``tail_s`` are quiet flight before and response after
     each manoeuvre.
     """
 
@@ -67,6 +71,8 @@ class Imported:
     record: FlightRecord
     rate_hz: float
     search: Search
+    stretches: tuple[Stretch, ...]
+    noise: Mapping[str, Noise]
     balance: Balance
     questions: tuple[Question, ...]
     description: Path | None = None
@@ -81,6 +87,9 @@ class Imported:
     @cached_property
     def unusable(self) -> tuple[str, ...]:
         """Why nothing is identified from a cut, or from the whole record, in sentences."""
+        if self.log.vehicle in _WITHOUT_SURFACES:
+            what = self.log.facts.get("vehicle", "vehicle without a wing")
+            return (_no_recipe([WHOLE], f"the log is of a {what}: it has no control surface of a fixed wing"),)
         if not controls_of(self.record):
             known = [f"{s.channel}: {s.reason}" for s in self.balance.left_out if s.channel in (*CONTROLS, *_COMMANDS)]
             found = "no control was found" + (f" ({'; '.join(known)})" if known else "")
@@ -91,6 +100,10 @@ class Imported:
             for name, record in every.items()
             if (why := why_not(record, controls_of(record)))
         ]
+        if not every:
+            moved = dict.fromkeys(m.reason for m in self.search.manoeuvres if m.cut_s is None)
+            why = some(moved or dict.fromkeys(s.why for s in self.stretches if s.why), 2)
+            alone = [_no_recipe([WHOLE], f"nothing in it flies: {why}")]
         together = [_no_recipe(list(own), why) for own in self.members.values() if (why := _proposal(self, own)[2])]
         return (*alone, *together)
 
@@ -122,17 +135,17 @@ class Imported:
     def _at(self, rate_hz: float) -> Imported:
         """Return what the same log gives at another rate."""
         record = resample(self.channels, rate_hz, self.record.provenance, CONTROLS, _COMMANDS)
-        controls = controls_of(record)
-        search = find_manoeuvres(record, controls, self.lead_s, self.tail_s) if controls else Search((), ())
-        return replace(self, record=record, rate_hz=rate_hz, search=search)
+        noise, search, stretches = _flown(record, self.log, self.lead_s, self.tail_s)
+        return replace(self, record=record, rate_hz=rate_hz, search=search, stretches=stretches, noise=noise)
 
     @property
     def _groups(self) -> dict[str, dict[str, tuple[Manoeuvre | None, FlightRecord]]]:
         groups: dict[str, dict[str, tuple[Manoeuvre | None, FlightRecord]]] = {}
         for name, (m, record) in cut(self).items():
             groups.setdefault(_axis(m), {})[name] = (m, record)
-        if not groups and controls_of(self.record):
-            groups[WHOLE] = {WHOLE: (None, self.record)}
+        if not groups and controls_of(self.record) and self.log.vehicle not in _WITHOUT_SURFACES:
+            for name, record in flown_parts(self).items():
+                groups.setdefault(WHOLE, {})[name] = (None, record)
         return groups
 
     @property
@@ -153,6 +166,10 @@ class Imported:
             f"write the unit in the header, '{column} [{unit}]', or describe the file (--describe) with "
             f'unit = "{unit}"'
         )
+
+
+NOT_FLOWN = "not_flown"
+"""Key of the provenance of records: how much of the log does not fly, in words."""
 
 
 def read_log(path: Path | str, part: str | None = None) -> tuple[Log, tuple[Rule, ...]]:
@@ -282,15 +299,55 @@ def import_log(
         "sensors": list(balance.sensors),
     }
     record = replace(record, provenance={**record.provenance, **said})
-    controls = controls_of(record)
-    search = find_manoeuvres(record, controls, lead_s, tail_s) if controls else Search((), ())
+    noise, search, stretches = _flown(record, log, lead_s, tail_s)
     unstated = [c.name for c in channels if c.assumed.startswith("the file states no unit")]
     questions = implausible({c.name: (c.t_s, c.values) for c in channels}, unstated=unstated)
     described = Path(path) if Path(path).suffix.lower() == ".toml" else None
-    imported = Imported(log, channels, record, rate, search, balance, questions, described, lead_s, tail_s)
+    rest = not_flown(stretches)
+    record = replace(record, provenance={**record.provenance, **({NOT_FLOWN: rest} if rest else {})})
+    imported = Imported(
+        log, channels, record, rate, search, stretches, noise, balance, questions, described, lead_s, tail_s
+    )
     if strict and imported.asked:
         raise RecordError(refusal(path, imported.asked))
     return imported
+
+
+def _flown(
+    record: FlightRecord, log: Log, lead_s: float, tail_s: float
+) -> tuple[dict[str, Noise], Search, tuple[Stretch, ...]]:
+    """Return the noise of each channel of a record, where its controls move, and what kind of flight each stretch is.
+
+    What moves where nothing flies is not cut out.
+    """
+    taken = {name: record.valid[:, i] for i, name in enumerate(record.channels)}
+    noise = {name: noise_of(record.t_s[ok], record[name][ok]) for name, ok in taken.items()}
+    controls = () if log.vehicle in _WITHOUT_SURFACES else controls_of(record)
+    search = find_manoeuvres(record, controls, lead_s, tail_s) if controls else Search((), ())
+    stretches = stretches_of(record, log, controls, search.manoeuvres, noise)
+    return noise, replace(search, manoeuvres=beyond_ground(search.manoeuvres, stretches, record, noise)), stretches
+
+
+def flown_parts(imported: Imported) -> dict[str, FlightRecord]:
+    """Return name -> record of each part of a log that flies; the whole record where all of it does."""
+    record = imported.record
+    parts: list[tuple[float, float]] = []
+    for s in imported.stretches:
+        if s.flown and parts and parts[-1][1] == s.start_s:
+            parts[-1] = (parts[-1][0], s.end_s)
+        elif s.flown:
+            parts.append((s.start_s, s.end_s))
+    if len(parts) == 1 and parts[0][1] - parts[0][0] > 0.99 * record.duration_s:
+        return {WHOLE: record}
+    cuts = [record.between(a, b) for a, b in parts if (b - a) / record.dt_s >= FEWEST]
+    return {
+        f"flight_{i}": replace(
+            part,
+            t_s=part.t_s - part.t_s[0],
+            provenance={**part.provenance, "cut_from_record_s": [float(part.t_s[0]), float(part.t_s[-1])]},
+        )
+        for i, part in enumerate(cuts, 1)
+    }
 
 
 def parse_throws(given: Sequence[str]) -> dict[str, float]:
@@ -353,7 +410,9 @@ def write_import(imported: Imported, folder: Path | str | ResultFolder) -> list[
     said = {UNUSABLE: list(imported.unusable)} if imported.unusable else {}
     whole = replace(imported.record, provenance={**imported.record.provenance, **said})
     paths = [whole.save(new / f"{WHOLE}.nc")]
-    paths += [record.save(new / f"{name}.nc") for name, (_, record) in cut(imported).items()]
+    cuts = {name: record for name, (_, record) in cut(imported).items()}
+    cuts |= {name: r for own in imported.members.values() for name, (_, r) in own.items() if name != WHOLE}
+    paths += [record.save(new / f"{name}.nc") for name, record in cuts.items()]
     stem = imported.log.file.stem
     for axis, members in imported.members.items():
         text = describe(imported, axis, members)
@@ -399,6 +458,7 @@ def describe(imported: Imported, axis: str, members: Mapping[str, tuple[Manoeuvr
         "# Written by testbench import. Edit it: uses, inputs, outputs and estimators are proposals.",
         *(f"# Log: {one_line(text)}" for text in log.warnings),
         *(f"# Assumed: {one_line(text)}" for text in log.assumed),
+        *(f"# Flight only: {text}" for text in (not_flown(imported.stretches),) if text),
         *(f"# Question: {one_line(text)}" for text in imported.asked),
         *_balance_lines(imported, held),
         f"title = {q(f'{log.file.name}: {axis} manoeuvres' if cut_out else f'{log.file.name}: the whole record')}",

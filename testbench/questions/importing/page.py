@@ -11,6 +11,7 @@ from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
 from testbench.core.door import read_text
 from testbench.logs.layout import SUFFIXES
+from testbench.logs.stretches import not_flown, strip
 from testbench.page.labels import number
 from testbench.page.terminal import print_answer, print_rows
 from testbench.page.words import counted, some
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from testbench.questions.importing.ask import Imported
 
 _MOST_UNREAD = 12
+_MOST_STRETCHES = 12
+STRETCHES = ("from, to", "kind", "mode", "told by")
 _HASH, _SHORT = re.compile(r"\b([0-9a-f]{10})[0-9a-f]{30}\b"), r"\1"
 
 
@@ -45,6 +48,7 @@ def import_answer(imported: Imported) -> list[tuple[str, str]]:
         f"{counted(len(imported.search.manoeuvres), 'manoeuvre')} found; {usable} can be cut out, with quiet flight "
         "before and after",
     ]
+    out += [text for text in (not_flown(imported.stretches),) if text]
     fastest = max(c.rate_hz for c in imported.channels)
     if fastest > 1.5 * imported.rate_hz:
         out.append(
@@ -73,6 +77,11 @@ def _channel_row(c: Mapped, valid: float) -> tuple[str, ...]:
     return c.name, extent, f"{number(c.rate_hz)} Hz", lost, f"{number(100.0 * valid)} %", c.source, c.said, c.assumed
 
 
+def stretch_rows(imported: Imported) -> list[tuple[str, ...]]:
+    """Return a row per stretch: from, to, kind of flight, mode of the autopilot, what told that it is not flight."""
+    return [(f"{s.start_s:.1f} to {s.end_s:.1f} s", s.kind, s.mode or "not logged", s.why) for s in imported.stretches]
+
+
 def manoeuvre_rows(imported: Imported) -> list[tuple[str, ...]]:
     """Return a row per manoeuvre: controls with amplitude, start and end of the movement, what is cut or why not."""
     return [_manoeuvre_row(m) for m in imported.search.manoeuvres]
@@ -92,17 +101,23 @@ def print_import(imported: Imported, console: Console, paths: Sequence[Path] = (
     from rich.text import Text
 
     print_answer(console, import_answer(imported))
+    line, letters = strip(imported.stretches)
+    console.print()
+    console.print(Text(f"0 s |{line}| {number(imported.stretches[-1].end_s, 3)} s"), soft_wrap=True)
+    console.print(Text(letters), soft_wrap=True)
     rows = channel_rows(imported)
     assumed: dict[str, list[str]] = {}
     for row in rows:
         if row[7]:
             assumed.setdefault(row[7], []).append(row[0])
     assumed |= {text: ["t"] for text in imported.log.assumed}
+    stretches = stretch_rows(imported)
     left = [(row[0], row[1], row[2], row[3], row[5]) for row in balance_rows(imported.balance.left_out)]
     for heads, texts in (
         (("channel", "range", "rate", "gaps", "taken", "from", "conversion"), [row[:7] for row in rows]),
         (("left out", "from", "samples", "rate", "why"), left),
         (("channels", "assumed, because the log does not say it"), [(", ".join(n), t) for t, n in assumed.items()]),
+        (STRETCHES, stretches[:_MOST_STRETCHES] if len(stretches) > 1 else []),
         (("controls move", "from, to", "cut"), manoeuvre_rows(imported)),
     ):
         if texts:
@@ -114,6 +129,8 @@ def print_import(imported: Imported, console: Console, paths: Sequence[Path] = (
         also[0] += (
             f"; testbench import {imported.log.file.name} --describe FILE.toml lets you say which channels they are"
         )
+    if len(stretches) > _MOST_STRETCHES:
+        also.append(f"{len(stretches) - _MOST_STRETCHES} stretches more are on the page (--out)")
     said = [("finding", text) for text in (*imported.log.notes, *imported.search.said, *also)]
     if said:
         console.print()

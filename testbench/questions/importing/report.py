@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from testbench.logs.stretches import FLOWN, KINDS
 from testbench.page.explore import Curve, Explorable, Panel, View
 from testbench.page.labels import axis_label, number, shown_unit
 from testbench.page.page import COMPUTED, Page
 from testbench.page.plot import BAND, COLOURS, Plate, envelope, grid, label, new_figure, time_axis
 from testbench.page.tables import Column, Table
 from testbench.page.words import counted
-from testbench.questions.importing.page import channel_rows, import_answer, manoeuvre_rows
+from testbench.questions.importing.page import STRETCHES, channel_rows, import_answer, manoeuvre_rows, stretch_rows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,6 +34,7 @@ def import_page(imported: Imported) -> Page:
     lines = [("finding" if kind == "lead" else kind, text) for kind, text in import_answer(imported)]
     tables = [
         _table("channels", "Channels", _CHANNELS, channel_rows(imported)),
+        _table("stretches", "What was flown", STRETCHES, stretch_rows(imported)),
         _table("manoeuvres", "Manoeuvres", ("controls", "from, to", "cut"), manoeuvre_rows(imported)),
     ]
     digest = str(imported.record.provenance.get("sha256", ""))
@@ -59,13 +61,21 @@ def _table(name: str, title: str, heads: tuple[str, ...], rows: list[tuple[str, 
 def _plate(imported: Imported) -> Plate:
     record = imported.record
     order = [n for n in _FIRST if n in record] + [n for n in record.channels if n not in _FIRST]
+    kinds = [kind for kind in KINDS if any(s.kind == kind for s in imported.stretches)]
     spans = [(m.start_s, m.end_s) for m in imported.search.manoeuvres]
 
     def make(wide: bool) -> Figure:
-        """Draw the first channels one below the other, manoeuvres shaded."""
+        """Draw what was flown when, and the first channels one below the other, manoeuvres shaded."""
         shown = order[:_DRAWN]
-        figure = new_figure(wide, 0.3 + 0.85 * len(shown) + 0.2 * (len(shown) - 1) + 0.55)
-        panels = grid(figure, 0.2, [0.85] * len(shown), gap_in=0.2)[:, 0]
+        figure = new_figure(wide, 0.3 + 0.25 * len(kinds) + 0.2 + 0.85 * len(shown) + 0.2 * (len(shown) - 1) + 0.55)
+        strip, *panels = grid(figure, 0.2, [0.25 * len(kinds), *[0.85] * len(shown)], gap_in=0.2)[:, 0]
+        for k, kind in enumerate(kinds):
+            bars = [(s.start_s, s.end_s - s.start_s) for s in imported.stretches if s.kind == kind]
+            strip.broken_barh(bars, (k - 0.4, 0.8), color=COLOURS[0] if kind in FLOWN else COLOURS[4], linewidth=0)
+        strip.set_yticks(range(len(kinds)), kinds)
+        strip.set_ylim(len(kinds) - 0.5, -0.5)
+        strip.set_xlim(float(record.t_s[0]), float(record.t_s[-1]))
+        strip.tick_params(labelbottom=False)
         for i, (axes, name) in enumerate(zip(panels, shown, strict=True)):
             for a, b in spans:
                 axes.axvspan(a, b, color=BAND, linewidth=0, zorder=0)
@@ -91,7 +101,8 @@ def _plate(imported: Imported) -> Plate:
         return Explorable([View(name="record", panels=panels)])
 
     caption = (
-        f"The record on one clock of {number(imported.rate_hz)} Hz. Shaded as drawn, and numbered where they start "
+        f"The record on one clock of {number(imported.rate_hz)} Hz. At the top the kind of flight: blue flies, yellow "
+        "does not. Shaded as drawn, and numbered where they start "
         "when explored: the manoeuvres that were found."
     )
     if len(order) > _DRAWN:
