@@ -23,7 +23,7 @@ from testbench.core.door import read_bytes
 from testbench.core.errors import RecordError
 from testbench.logs import chain
 from testbench.logs.ardupilot import COLUMNS
-from testbench.logs.signals import Log, Topic, make_topic
+from testbench.logs.signals import Log, Topic, dropped_in_words, make_topic
 
 HEAD = b"\xa3\x95"
 _TYPES = {
@@ -154,11 +154,10 @@ def _topics(found: Messages) -> tuple[dict[str, Topic], list[str]]:
         for suffix, part in _instances(name, numbers, t.size):
             one = numbers if part is None else {key: values[part] for key, values in numbers.items()}
             topic, lost = make_topic(name + suffix, t if part is None else t[part], one, units.get(name))
-            if lost:
-                said.append(lost)
+            said.append(lost)
             if topic.t_s.size:
                 topics[name + suffix] = topic
-    return topics, said
+    return topics, dropped_in_words(said)
 
 
 def _instances(name: str, numbers: Mapping[str, NDArray[Any]], size: int) -> list[tuple[str, NDArray[np.intp] | None]]:

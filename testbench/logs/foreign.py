@@ -34,6 +34,13 @@ _OTHERS = (
 )
 
 
+_TELEMETRY = re.compile(rb"\x00[\x03-\x07].{6}[\xfd\xfe]", re.DOTALL)  # microseconds since 1970, then a message
+_INSTEAD = (
+    "it holds what came over the radio: give the log of the autopilot itself (.bin, .ulg), or make a table of it "
+    "(mavlogdump.py --format csv --types ATTITUDE) and describe that"
+)
+
+
 def refuse_foreign(path: Path, head: bytes, kind: str) -> None:
     """Refuse a file whose first bytes say that it is of another format than ``kind``.
 
@@ -62,7 +69,7 @@ def _foreign(head: bytes, kind: str) -> tuple[str, str] | None:
         if head.startswith(magics) and name != kind:
             return _NAMES[name], f'name it {_SUFFIX[name]}, or describe it with format = "{name}"'
     if head.startswith(_HDF5) and kind not in ("netcdf", "mat"):
-        return "an HDF5 file", "name it .nc if it is NetCDF, .mat if MATLAB wrote it; else export its tables as CSV"
+        return "an HDF5 file", "name it .h5, or .mat if MATLAB wrote it"
     if head.startswith(b"PK\x03\x04"):
         if b"xl/" in head or b"[Content_Types].xml" in head:
             return "an Excel workbook (.xlsx)", "save the sheet as CSV"
@@ -72,6 +79,8 @@ def _foreign(head: bytes, kind: str) -> tuple[str, str] | None:
     for magic, what, fix in _OTHERS:
         if head.startswith(magic):
             return what, fix
+    if _TELEMETRY.match(head):
+        return "a telemetry log of MAVLink (.tlog)", _INSTEAD
     return _foreign_text(head, kind)
 
 
@@ -86,6 +95,11 @@ def _foreign_text(head: bytes, kind: str) -> tuple[str, str] | None:
         return "a text document (RTF)", "save the table as CSV"
     if re.match(r"[{\[]\s*[\"{\[\]}]", text) or re.match(r"\[\s*-?\d+(\.\d+)?\s*,", text):
         return "JSON", "save it as CSV: pandas.read_json(f).to_csv(g, index=False)"
+    if re.match(r"\$(g[nplabq]|pubx)\w{3},", lower):
+        return (
+            "sentences of a receiver (NMEA)",
+            "they hold positions and speeds, no rates or controls: give the flight log",
+        )
     if lower.startswith("<?xml") or re.match(r"<[a-z_][\w:.-]*[\s>]", lower):
         if "<configuration" in lower or "paparazzi" in lower:
             return "the message definitions of a Paparazzi log", "give the .data file that lies beside it"

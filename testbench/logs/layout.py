@@ -28,6 +28,8 @@ SUFFIXES: dict[str, Format] = {
     ".mat": "mat",
     ".parquet": "parquet",
     ".nc": "netcdf",
+    ".h5": "netcdf",
+    ".hdf5": "netcdf",
 }
 """The format that a file has if its description does not say it."""
 

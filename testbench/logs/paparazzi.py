@@ -19,7 +19,7 @@ from testbench.core.channels import channel, unit_factor
 from testbench.core.door import read_text, read_xml
 from testbench.core.errors import RecordError
 from testbench.logs.names import stated_unit
-from testbench.logs.signals import Log, Rule, Topic, make_topic, modes_of, scaled
+from testbench.logs.signals import Log, Rule, Topic, dropped_in_words, make_topic, modes_of, scaled
 
 _LINE = re.compile(rb"(?:^|\n)\s*\d+(?:\.\d+)?\s+\d+\s+[A-Z][A-Z0-9_]{2,}(?=[ \r\n])")
 _FULL = 9600.0  # a command at full deflection (MAX_PPRZ)
@@ -122,7 +122,7 @@ def _topics(path: Path, fields: dict[str, list[_Field]]) -> tuple[dict[str, Topi
             unread[words[2]] += 1
     others = len(lines) - sum(words[1] == craft[0][0] for words in lines) if craft else 0
     warnings = [f"{others} messages of other aircraft than number {craft[0][0]} were left out"] if others else []
-    topics = {}
+    topics, dropped = {}, []
     for name, messages in rows.items():
         table = [_numbers(words) for words in messages]
         width = Counter(map(len, table)).most_common(1)[0][0]
@@ -133,9 +133,9 @@ def _topics(path: Path, fields: dict[str, list[_Field]]) -> tuple[dict[str, Topi
         columns = dict(zip(labels, values[:, 1:].T, strict=False))
         topics[name], lost = make_topic(name, values[:, 0], columns)
         damaged = len(table) - len(values)
-        warnings += [lost] if lost else []
+        dropped.append(lost)
         warnings += [f"{name}: {damaged} messages are damaged and were left out"] if damaged else []
-    return topics, dict(unread), warnings
+    return topics, dict(unread), [*warnings, *dropped_in_words(dropped)]
 
 
 def _numbers(words: list[str]) -> list[float]:

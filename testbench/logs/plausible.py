@@ -31,7 +31,10 @@ def signals_of(record: FlightRecord) -> dict[str, tuple[FloatArray, FloatArray]]
 
 
 def implausible(
-    signals: Signals, criteria: Criteria = CRITERIA, unstated: Collection[str] = ()
+    signals: Signals,
+    criteria: Criteria = CRITERIA,
+    unstated: Collection[str] = (),
+    stated: Collection[str] = (),
 ) -> tuple[Question, ...]:
     """Return the questions that the values of some channels raise, none for a flight that is plausible.
 
@@ -39,6 +42,7 @@ def implausible(
         signals: the channels; several of them are also held against each other.
         criteria: the limits.
         unstated: channels whose unit nobody stated, which are questioned earlier.
+        stated: channels whose unit the writer of the file stated: a few values beyond what flies are no question of it.
     """
     held = {name: (t, x) for name, (t, x) in signals.items() if x.size > 1}
     rates = _clock(held, criteria)
@@ -47,9 +51,9 @@ def implausible(
     sooner = replace(criteria, flow_angle_rad=criteria.unstated_flow_rad, surface_rad=criteria.unstated_surface_rad)
     out += [q for q in _forces(held, criteria) if q.channel not in named]
     out += [] if rates or out else against_motion(held, criteria)  # whose parts are in their own units
-    for name, (_, x) in held.items():
+    for name, (t, x) in held.items():
         if name not in {question.channel for question in out}:
-            out += _range(name, x, sooner if name in unstated else criteria)
+            out += _range(name, t, x, sooner if name in unstated else criteria, name in stated)
     still = _frozen_throughout(held, criteria)
     out += still
     for name, (t, x) in held.items():
@@ -117,7 +121,7 @@ def _clock(signals: Signals, c: Criteria) -> list[Question]:
     return [Question("t", f"{short(fastest)} Hz over {short(span)} s", means, unit)]
 
 
-def _range(name: str, x: FloatArray, c: Criteria) -> list[Question]:
+def _range(name: str, t: FloatArray, x: FloatArray, c: Criteria, stated: bool) -> list[Question]:
     """Question values beyond what the channel can have."""
     limits = _limits(name, c)
     if limits is None:
@@ -129,8 +133,12 @@ def _range(name: str, x: FloatArray, c: Criteria) -> list[Question]:
         return []
     worst = float(x[np.argmax(np.where(beyond, np.abs(x), -1.0))])
     got = f"{shown(name, worst)} in {count} of {x.size} samples"
-    if count < c.few * x.size:
-        return [Question(name, got, "are these samples damaged")]
+    first = int(np.argmax(beyond))
+    if count < c.few * x.size or (stated and first >= c.flown * x.size and x.size - first < 2 * count + c.frozen):
+        at_end = first >= c.flown * x.size and x.size - first < 2 * count + c.frozen
+        where = f" from t = {t[first]:.3g} s on" if at_end else ""
+        crash = ", or not flight (a crash)" if at_end else ""
+        return [Question(name, got + where, f"are these samples damaged{crash}")]
     unit = next((u for u, f in _units(name) if low <= f * x.min() and f * x.max() <= high), "")
     return [Question(name, got, in_unit(name, worst, unit) if unit else "which unit is it in, or is it damaged", unit)]
 

@@ -38,6 +38,7 @@ class Criteria:
     highest_m: float = 40_000.0
     pressure_pa: float = 2.5e5
     few: float = 0.01  # share of samples beyond: below it they are damaged, above it the unit is wrong
+    flown: float = 0.5  # share of the samples before which all is flight, where what comes after may be a crash
     one_g: tuple[float, float] = (0.7, 1.3)  # median of |a|, m/s2, that is one g in g
     moving_rad_s: float = 0.01  # spread of a rate of an aircraft that is not standing
     unit_match: float = 1.5  # a unit is wrong if another one brings two channels within this ratio

@@ -20,10 +20,12 @@ from testbench.core.record import FloatArray
 from testbench.logs.layout import SUFFIXES
 from testbench.logs.mat import read_mat
 from testbench.logs.names import TIME_UNITS, Meaning, meaning
-from testbench.logs.signals import Log, Rule, Topic, make_topic, scaled
+from testbench.logs.signals import Log, Rule, Topic, dropped_in_words, make_topic, scaled
 from testbench.logs.tables import Table, read_table
 from testbench.logs.times import clock_unit, find_clock, read_times
 
+UNSTATED = "the file states no unit"
+"""Begins what is assumed of a channel whose unit nobody stated."""
 COLUMNS = 90
 _TITLES = 3  # that are quoted
 _TITLE = 60  # letters of one
@@ -89,7 +91,7 @@ def _sidpac(path: Path) -> Log | None:
     topic, lost = make_topic("fdata", matrix[:, 0], columns)
     if topic.t_s.size < 2:
         raise RecordError(f"column 1 of '{name}' in '{path}' must be time in s, running on, got none that does")
-    return Log(path, f"SIDPAC, variable {name}", {"fdata": topic}, warnings=(lost,) if lost else ())
+    return Log(path, f"SIDPAC, variable {name}", {"fdata": topic}, warnings=tuple(dropped_in_words([lost])))
 
 
 def _salvage(path: Path, kind: str, error: RecordError) -> Table:
@@ -148,7 +150,7 @@ def _plain(path: Path, table: Table, warnings: list[str]) -> tuple[Log, tuple[Ru
             path,
             ", ".join([f"table ({SUFFIXES[path.suffix.lower()]})", *table.said]),
             {"": topic, **own.topics},
-            warnings=(*warnings, lost) if lost else tuple(warnings),
+            warnings=(*warnings, *dropped_in_words([lost])),
             unread=unread,
             reasons=own.reasons,
             assumed=(assumed,) if assumed else (),
@@ -199,8 +201,7 @@ def _own_clocks(path: Path, table: Table, factor: float, warnings: list[str]) ->
         own.topics[label], lost = make_topic(label, factor * times, {label: values})
         own.read.update((label, clock))
         own.rules.append(replace(_rule(path, found, label, stated), topic=label))
-        if lost:
-            warnings.append(lost)
+        warnings += dropped_in_words([lost])
     return own
 
 
@@ -221,7 +222,7 @@ def _rule(path: Path, found: Meaning, column: str, stated: str) -> Rule:
             f"the unit of column '{column}' in '{path}' must be one of {', '.join(UNITS.get(si, {si: 1.0}))}, "
             f"got '{stated}'"
         )
-    assumed = f"the file states no unit: {si}"
+    assumed = f"{UNSTATED}: {si}"
     return Rule(found.channel, "", (column,), scaled(1.0), f"{si}, as in the file", assumed, in_si=True)
 
 

@@ -415,14 +415,53 @@ def increasing(t: FloatArray) -> NDArray[np.intp]:
     return usable[chain[::-1]]
 
 
+@dataclass(frozen=True)
+class Dropped:
+    """Samples of a topic that were left out for their times: how many of how many, and what is wrong with the times."""
+
+    topic: str
+    count: int
+    of: int
+    why: str
+
+
+def dropped_in_words(dropped: Iterable[Dropped | None]) -> list[str]:
+    """Return a sentence for each thing that is wrong with times, and the topics that lost samples by it."""
+    by: dict[str, list[Dropped]] = {}
+    for one in dropped:
+        if one is not None:
+            by.setdefault(one.why, []).append(one)
+    out = []
+    for why, same in by.items():
+        first = same[0]
+        head = f"{first.topic}: " if first.topic else ""
+        rest = ", ".join(f"{d.topic} ({d.count} of {d.of})" for d in same[1:])
+        also = f"; so have {rest}" if rest else ""
+        out.append(f"{head}{first.count} of {first.of} samples left out, because {why}{also}")
+    return out
+
+
 def make_topic(
     name: str, t_s: FloatArray, columns: Mapping[str, NDArray[Any]], units: Mapping[str, str] | None = None
-) -> tuple[Topic, str]:
-    """Return the topic with times that increase, and a sentence on the samples left out for it ("" if none)."""
+) -> tuple[Topic, Dropped | None]:
+    """Return the topic with times that increase, and the samples left out for it, None if none were."""
     keep = increasing(t_s)
     if keep.size == t_s.size:
-        return Topic(name, t_s, columns, units or {}), ""
+        return Topic(name, t_s, columns, units or {}), None
     topic = Topic(name, t_s[keep], {key: column[keep] for key, column in columns.items()}, units or {})
-    lost = t_s.size - keep.size
-    of = f"{name}: " if name else ""  # a table has one topic only, which has no name
-    return topic, f"{of}{lost} of {t_s.size} samples left out, because their times do not run on"
+    return topic, Dropped(name, t_s.size - keep.size, t_s.size, _wrong_with(t_s))
+
+
+def _wrong_with(t: FloatArray) -> str:
+    """Say what is wrong with times of which some were left out."""
+    steps = np.diff(t[np.isfinite(t)])
+    back = steps[steps < 0.0]
+    if not steps.size:
+        return "they have no times"
+    if not back.size:
+        return "their times repeat the one before, or lie far from the others"
+    if back.size == 1 and not np.any(
+        steps[: np.argmin(steps)] > -back[0]
+    ):  # not a wrong time that comes back by itself
+        return f"the clock runs backwards, once, by {-float(back[0]):.3g} s: it was set back, or the logger restarted"
+    return f"their times run backwards, {back.size} times, by {-float(back.min()):.3g} s at most"

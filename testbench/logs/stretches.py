@@ -18,6 +18,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.logs.manoeuvres import Manoeuvre
 from testbench.logs.noise import Noise, moves
+from testbench.logs.question import CRITERIA
 from testbench.logs.signals import Log
 
 SLOWEST_M_S = 3.0
@@ -26,7 +27,7 @@ FLOWN = ("cruise", "climb", "descent", "turn", "manoeuvre", "flight")
 """Kinds of flight that a fixed wing is identified from."""
 KINDS = (
     "parked", "control check", "taxi", "take-off roll", *FLOWN, "hover", "transition", "landing roll", "slow",
-    "not logged",
+    "crash", "not logged",
 )  # fmt: skip
 """Slow is what answers its controls below any speed of flight: in a hover, or the speed is wrong."""
 _GROUND = ("parked", "control check", "taxi", "take-off roll", "landing roll", "slow")
@@ -262,8 +263,21 @@ class _Labels:
             flag = self.flag(name)
             if flag is not None:
                 kinds[flying & flag] = name
+        kinds[self.n - self.wild() :] = "crash"
         kinds[~self.logged] = "not logged"
         return kinds
+
+    def wild(self) -> int:
+        """Return how many blocks at the end, and in most of them, do what no flight does: tumble, or fly backwards."""
+        beyond = np.zeros(self.n, bool)
+        for name, limit in (*((rate, CRITERIA.rate_rad_s) for rate in "qr"), ("alpha", CRITERIA.flow_angle_rad)):
+            if name in self.record:
+                x = np.where(_taken(self.record, name), np.abs(self.record[name]), 0.0)
+                beyond |= np.maximum.reduceat(x, np.arange(0, x.size, self.m)) > limit
+        if not beyond.any():
+            return 0
+        last = self.n - int(np.argmax(beyond))
+        return last if last < 0.5 * self.n and float(np.mean(beyond[-last:])) > 0.5 else 0
 
     def ground(self, kinds: NDArray[np.object_], flying: NDArray[np.bool_]) -> None:
         """Say of what is on the ground whether it rolls, and to what end."""
@@ -325,7 +339,14 @@ def _without_short(kinds: NDArray[np.object_], least: int) -> list[str]:
     out = [(kind, len(list(same))) for kind, same in groupby(kinds)]
     merged: list[tuple[str, int]] = []
     for i, (kind, size) in enumerate(out):
-        kept = size >= least or kind in ("manoeuvre", "control check", "take-off roll", "landing roll", "transition")
+        kept = size >= least or kind in (
+            "manoeuvre",
+            "control check",
+            "take-off roll",
+            "landing roll",
+            "transition",
+            "crash",
+        )
         if merged and (not kept or merged[-1][0] == kind):
             merged[-1] = (merged[-1][0], merged[-1][1] + size)
         elif not kept and i + 1 < len(out):
@@ -378,7 +399,7 @@ def _within(m: Manoeuvre, stretches: Sequence[Stretch]) -> tuple[float, float]:
     return first, last
 
 
-_LETTERS = dict(zip(KINDS, ".ktT-/\\uM=oxLs ", strict=True))
+_LETTERS = dict(zip(KINDS, ".ktT-/\\uM=oxLs! ", strict=True))
 
 
 def strip(stretches: Sequence[Stretch], width: int = 60) -> tuple[str, str]:

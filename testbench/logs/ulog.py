@@ -17,7 +17,7 @@ from testbench.core.door import read_bytes
 from testbench.core.errors import RecordError
 from testbench.logs import chain
 from testbench.logs.px4 import COLUMNS
-from testbench.logs.signals import Log, Topic, make_topic
+from testbench.logs.signals import Log, Topic, dropped_in_words, make_topic
 from testbench.logs.ulog_messages import Subscription, Walk
 
 MAGIC = b"ULog\x01\x12\x35"
@@ -89,11 +89,10 @@ def _topics(walk: Walk) -> tuple[dict[str, Topic], list[str]]:
         if sampled is not None and np.all((sampled > 0) & (sampled <= clock)) and np.all(np.diff(sampled)):
             clock = sampled  # unless one sample of the sensor was used, and published, several times
         topic, lost = make_topic(name, clock.astype(np.float64) * 1e-6, columns)
-        if lost:
-            said.append(lost)
+        said.append(lost)
         if topic.t_s.size:
             topics[name] = topic
-    return topics, said
+    return topics, dropped_in_words(said)
 
 
 def _columns(walk: Walk, s: Subscription, places: Sequence[chain.Places]) -> dict[str, NDArray[Any]]:

@@ -62,12 +62,14 @@ NONSENSE = [
     ("mat.csv", mat(), r'is a MAT file of MATLAB; name it \.mat, or describe it with format = "mat"'),
     ("mat.nc", mat(), "must be a NetCDF file, but it is a MAT file"),
     ("classic.csv", b"CDF\x01" + bytes(40), r"a NetCDF file; name it \.nc"),
-    ("hdf5.csv", b"\x89HDF\r\n\x1a\n" + bytes(40), r"an HDF5 file; name it \.nc if it is NetCDF"),
+    ("hdf5.csv", b"\x89HDF\r\n\x1a\n" + bytes(40), r"an HDF5 file; name it \.h5"),
     ("parquet.csv", b"PAR1" + bytes(40), r"a Parquet file; name it \.parquet"),
     ("feather.parquet", b"ARROW1\0\0" + bytes(40), "a Feather .* save it as Parquet"),
     ("print.csv", b"%PDF-1.7\n", "a PDF document"),
     ("base.csv", b"SQLite format 3\0" + bytes(90), "an SQLite database; export the table"),
     ("numpy.csv", b"\x93NUMPY\x01\0" + bytes(90), "an array of NumPy"),
+    ("radio.tlog", b"\x00\x06\x0a\x24\x18\x1e\x40\x00\xfd\x09" + bytes(60), "a telemetry log of MAVLink"),
+    ("gps.nmea", b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\n" * 9, "sentences of a receiver"),
     ("table.log", TABLE, r"begins as none of them; if it is a table, name it \.csv or \.txt"),
     ("table.csv.bak", TABLE, r"if it is a table, name it \.csv or \.txt"),
 ]  # fmt: skip
@@ -100,3 +102,12 @@ def test_at_the_command_line_it_is_one_line(tmp_path, monkeypatch, capsys):
     status, said = ends(monkeypatch, capsys, "import", path)
     assert status == 2
     assert "save the sheet as CSV" in " ".join(said)
+
+
+def test_a_plain_hdf5_file_is_a_table(tmp_path):
+    import h5py
+
+    t = np.arange(0.0, 10.0, 0.02)
+    with h5py.File(tmp_path / "f.h5", "w") as file:
+        file["t"], file["q"] = t, 0.1 * np.sin(t)
+    np.testing.assert_allclose(import_log(tmp_path / "f.h5").record["q"], 0.1 * np.sin(t))

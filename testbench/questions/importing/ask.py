@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -35,7 +36,7 @@ from testbench.logs.px4 import px4_rules
 from testbench.logs.question import Question
 from testbench.logs.read import read_records
 from testbench.logs.resampling import common_rate, resample
-from testbench.logs.sidpac import read_columns
+from testbench.logs.sidpac import UNSTATED, read_columns
 from testbench.logs.signals import Log, Mapped, Rule, Topic, find_channels, scaled
 from testbench.logs.stretches import Stretch, beyond_ground, not_flown, stretches_of
 from testbench.logs.ulog import MAGIC, read_ulog
@@ -51,7 +52,8 @@ WHOLE = "whole"
 """Name of the record of a whole log, and of its description."""
 _WITHOUT_SURFACES = ("rotorcraft", "other")
 _COMMANDS = tuple(f"{name}_cmd" for name in CONTROLS)
-_SURFACES = ("elev", "ail", "rudder", "stabilator")
+_WORD = re.compile(r"[a-z]+")
+_SURFACES = set(_WORD.findall("elev elevator elevon elevons ail aileron ailerons ailrn rud rudder ruddr stabilator"))
 UNUSABLE = "no_recipe"
 """Key of the provenance of a whole record: why there is no recipe for it or for its cuts."""
 
@@ -109,7 +111,7 @@ class Imported:
 
     def _like_controls(self) -> str:
         """Say what to do with columns that are called after a control but have no unit that a channel has."""
-        found = [f"'{s.source}'" for s in self.balance.unknown if any(word in s.source.lower() for word in _SURFACES)]
+        found = [f"'{s.source}'" for s in self.balance.unknown if _SURFACES & set(_WORD.findall(s.source.lower()))]
         if not found or not self.log.kind.startswith("table"):
             return ""
         verb = "is" if len(found) == 1 else "are"
@@ -161,7 +163,12 @@ class Imported:
             return ""
         if not self.log.kind.startswith("table"):
             return f"The format itself fixes the unit: this log, or the sensor, is not as {self.log.kind} has it"
-        column = next((c.source for c in self.channels if c.name == name), "time")
+        mapped = next((c for c in self.channels if c.name == name), None)
+        column = "time" if mapped is None else mapped.source
+        if mapped is not None and not mapped.assumed.startswith(UNSTATED):
+            return (
+                f"the heading of '{column}' states another one: correct it, or describe the file with unit = \"{unit}\""
+            )
         return (
             f"write the unit in the header, '{column} [{unit}]', or describe the file (--describe) with "
             f'unit = "{unit}"'
@@ -300,10 +307,11 @@ def import_log(
     }
     record = replace(record, provenance={**record.provenance, **said})
     noise, search, stretches = _flown(record, log, lead_s, tail_s)
-    unstated = [c.name for c in channels if c.assumed.startswith("the file states no unit")]
-    questions = implausible({c.name: (c.t_s, c.values) for c in channels}, unstated=unstated)
+    unstated = [c.name for c in channels if c.assumed.startswith(UNSTATED)]
     described = Path(path) if Path(path).suffix.lower() == ".toml" else None
-    rest = not_flown(stretches)
+    stated = [] if described else [c.name for c in channels if c.name not in unstated]
+    questions = implausible({c.name: (c.t_s, c.values) for c in channels}, unstated=unstated, stated=stated)
+    rest = "" if log.vehicle in _WITHOUT_SURFACES else not_flown(stretches)
     record = replace(record, provenance={**record.provenance, **({NOT_FLOWN: rest} if rest else {})})
     imported = Imported(
         log, channels, record, rate, search, stretches, noise, balance, questions, described, lead_s, tail_s

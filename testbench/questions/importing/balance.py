@@ -13,6 +13,7 @@ from testbench.logs.names import meaning
 from testbench.logs.signals import ZERO, Found, Log
 
 UNKNOWN = "no rule knows it as a channel"
+_OUTAGE_S, _MISSED = 1.0, 5.0  # a silence of all channels this long, and of so many samples of the fastest
 _ENOUGH = 0.5  # of the samples that its rate allows
 
 
@@ -47,7 +48,8 @@ class Signal:
 class Balance:
     """What was found in a log, kept in the record and left out, and which of several sensors was read (``sensors``).
 
-    ``disagree`` names pairs of sensors of which one must be wrong.
+    ``disagree`` names pairs of sensors of which one must be wrong; ``outages`` are first and last time, s of the
+    record, of each stretch in which nothing at all was logged.
 
     Example:
         >>> import testbench as tb
@@ -58,6 +60,7 @@ class Balance:
     signals: tuple[Signal, ...]
     sensors: tuple[str, ...] = ()
     disagree: tuple[str, ...] = ()
+    outages: tuple[tuple[float, float], ...] = ()
 
     @property
     def kept(self) -> tuple[Signal, ...]:
@@ -90,11 +93,12 @@ def balance_of(log: Log, found: Found, record: FlightRecord) -> Balance:
     """
     rate = float(record.provenance["rate_hz"])
     mapped = {c.name: c for c in found.channels}
+    outages = _outages(found, record)
     out = []
     for i, name in enumerate(record.channels):
         c = mapped[name]
         valid = float(record.valid[:, i].mean())
-        lost = _thin(c.t_s, c.step_s, record, valid)
+        lost = _thin(c.t_s, c.step_s, record, valid, outages)
         out.append(Signal(c.source, c.t_s.size, c.rate_hz, name, True, rate, valid, lost, bool(lost)))
     for c in found.channels:
         if c.name not in record:
@@ -115,13 +119,27 @@ def balance_of(log: Log, found: Found, record: FlightRecord) -> Balance:
     rest = {name: count for name, count in log.unread.items() if name not in log.reasons}
     out += [Signal(name, count, np.nan, reason=UNKNOWN) for name, count in rest.items()]
     disagree = tuple(choice.doubt for choice in found.choices if choice.doubt)
-    return Balance(tuple(out), tuple(choice.said for choice in found.choices), disagree)
+    return Balance(tuple(out), tuple(choice.said for choice in found.choices), disagree, outages)
 
 
-def _thin(t: FloatArray, step: float, record: FlightRecord, valid: float) -> str:
-    """Say what of a kept channel was lost: it was logged, or would have been, more often than the record holds it."""
-    span = float(record.t_s[-1] - record.t_s[0])
-    expected = min(1.0, record.dt_s / step) * min(1.0, float(t[-1] - t[0]) / span if span else 1.0)
+def _outages(found: Found, record: FlightRecord) -> tuple[tuple[float, float], ...]:
+    """Return first and last time of each stretch of the record in which no channel has a sample, though all are due."""
+    due = max(_OUTAGE_S, _MISSED * min(c.step_s for c in found.channels))
+    t = record.t_s[record.valid.any(axis=1)]
+    return tuple((float(t[i]), float(t[i + 1])) for i in np.flatnonzero(np.diff(t) > due))
+
+
+def _thin(
+    t: FloatArray, step: float, record: FlightRecord, valid: float, outages: Sequence[tuple[float, float]]
+) -> str:
+    """Say what of a kept channel was lost: it was logged, or would have been, more often than the record holds it.
+
+    Outages of the whole log are said once, of all its channels.
+    """
+    out = sum(b - a for a, b in outages)
+    span, own = float(record.t_s[-1] - record.t_s[0]), float(t[-1] - t[0])
+    logged = min(1.0, max(0.0, own - out) / span if span else 1.0)
+    expected = min(1.0, record.dt_s / step) * logged
     if valid >= _ENOUGH * expected:
         return ""
     return f"{100.0 * valid:.3g} % of its samples are in the record, the rest lies in gaps or between them"

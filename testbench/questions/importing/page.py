@@ -11,11 +11,11 @@ from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
 from testbench.core.door import read_text
 from testbench.logs.layout import SUFFIXES
-from testbench.logs.stretches import not_flown, strip
+from testbench.logs.stretches import strip
 from testbench.page.labels import number
 from testbench.page.terminal import print_answer, print_rows
 from testbench.page.words import counted, some
-from testbench.questions.importing.ask import WHOLE
+from testbench.questions.importing.ask import NOT_FLOWN, WHOLE
 from testbench.questions.importing.balance import balance_rows
 from testbench.questions.importing.recipe import WITHOUT_STRUCTURE
 
@@ -25,10 +25,12 @@ if TYPE_CHECKING:
     from testbench.logs.manoeuvres import Manoeuvre
     from testbench.logs.signals import Mapped
     from testbench.questions.importing.ask import Imported
+    from testbench.questions.importing.balance import Signal
 
 _MOST_UNREAD = 12
 _MOST_STRETCHES = 12
 STRETCHES = ("from, to", "kind", "mode", "told by")
+_NUMBER = re.compile(r"\d[\d.]*")  # a cause has other numbers for every signal
 _HASH, _SHORT = re.compile(r"\b([0-9a-f]{10})[0-9a-f]{30}\b"), r"\1"
 
 
@@ -48,17 +50,43 @@ def import_answer(imported: Imported) -> list[tuple[str, str]]:
         f"{counted(len(imported.search.manoeuvres), 'manoeuvre')} found; {usable} can be cut out, with quiet flight "
         "before and after",
     ]
-    out += [text for text in (not_flown(imported.stretches),) if text]
+    out += [record.provenance[NOT_FLOWN]] if NOT_FLOWN in record.provenance else []
     fastest = max(c.rate_hz for c in imported.channels)
     if fastest > 1.5 * imported.rate_hz:
         out.append(
             f"logged at up to {number(fastest)} Hz and filtered to {number(imported.rate_hz)} Hz; --rate chooses"
         )
-    lost = [f"lost: {s.channel} from {s.source}: {s.reason}" for s in imported.balance.lost]
     out += imported.unusable
-    doubts = [*(f"damage or loss: {text}" for text in log.warnings), *lost, *imported.asked]
+    doubts = [*(f"damage or loss: {text}" for text in (*log.warnings, *_outages(imported))), *_lost(imported)]
+    doubts += imported.asked
     return [("lead", out[0]), *(("finding", text) for text in (*out[1:], *imported.balance.sensors)),
             *(("doubt", text) for text in doubts)]  # fmt: skip
+
+
+def _outages(imported: Imported) -> list[str]:
+    """Return a sentence on the stretches in which nothing was logged, however many channels there are."""
+    outages = imported.balance.outages
+    if not outages:
+        return []
+    first, last = max(outages, key=lambda ends: ends[1] - ends[0])
+    where = f"from {number(first, 4)} to {number(last, 4)} s"
+    if len(outages) == 1:
+        return [f"nothing was logged {where}, of no channel"]
+    out = sum(b - a for a, b in outages)
+    return [f"nothing was logged, of no channel, for {number(out)} s in {len(outages)} outages, the longest {where}"]
+
+
+def _lost(imported: Imported) -> list[str]:
+    """Return a line per cause: the first signal that was lost by it, and the names of the others."""
+    causes: dict[str, list[Signal]] = {}
+    for s in imported.balance.lost:
+        causes.setdefault(_NUMBER.sub("", s.reason), []).append(s)
+    out = []
+    for first, *others in causes.values():
+        names = dict.fromkeys(s.channel or s.source for s in others)
+        also = f"; likewise {', '.join(names)}" if names else ""
+        out.append(f"lost: {first.channel} from {first.source}: {first.reason}{also}")
+    return out
 
 
 def channel_rows(imported: Imported) -> list[tuple[str, ...]]:

@@ -267,3 +267,54 @@ def test_identify_asks_the_same_questions_as_import(tmp_path):
         done = command(question, description, "--strict")
         assert done.returncode == 2
         assert "theta: " in done.stderr
+
+
+def test_one_outage_of_all_channels_is_said_once_and_loses_none(tmp_path):
+    """Every channel had a line of its own for one gap: 14 of a copter's log."""
+    t = np.r_[np.arange(0.0, 20.0, 0.02), np.arange(300.0, 320.0, 0.02)]
+    rates = 0.1 * np.sin(np.outer(t, (1.0, 1.3, 0.7, 0.4, 0.2)))
+    head = "t [s],p [rad/s],q [rad/s],r [rad/s],phi [rad],theta [rad]"
+    np.savetxt(tmp_path / "f.csv", np.c_[t, rates], "%.6g", ",", header=head, comments="")
+    found = import_log(tmp_path / "f.csv", rate_hz=50.0)
+    assert found.balance.lost == ()
+    said = [text for kind, text in import_answer(found) if kind == "doubt"]
+    assert said == ["damage or loss: nothing was logged from 19.98 to 300.0 s, of no channel"]
+    assert [s.kind for s in found.stretches] == ["flight", "not logged", "flight"]
+
+
+def test_what_one_cause_takes_of_several_channels_is_one_line(tmp_path):
+    t = np.arange(0.0, 20.0, 0.005)
+    holes = (t % 0.4) > 0.1
+    columns = [np.where(holes, np.nan, 0.1 * np.sin(k * t)) for k in (1, 2, 3)]
+    head = "t [s],p [rad/s],q [rad/s],r [rad/s],theta [rad]"
+    np.savetxt(tmp_path / "f.csv", np.c_[t, np.array(columns).T, np.sin(t)], "%.6g", ",", header=head, comments="")
+    found = import_log(tmp_path / "f.csv", rate_hz=50.0)
+    (line,) = (text for _, text in import_answer(found) if text.startswith("lost: "))
+    assert line.startswith("lost: p from p: no stretch between its gaps")
+    assert line.endswith("; likewise q, r")
+
+
+def test_times_that_run_backwards_are_said_to(tmp_path):
+    t = np.r_[np.arange(0.0, 10.0, 0.02), np.arange(4.0, 24.0, 0.02)]
+    rows = np.c_[t, np.sin(t)]
+    np.savetxt(tmp_path / "f.csv", rows, "%.6g", ",", header="t [s],q [rad/s]", comments="")
+    (said,) = import_log(tmp_path / "f.csv").log.warnings
+    assert said.startswith("500 of 1500 samples left out, because the clock runs backwards, once, by 5.98 s")
+
+
+def test_a_crash_at_the_end_is_no_question_of_a_unit_that_the_heading_states(tmp_path):
+    t = np.arange(81) / 10.0
+    q = np.where(t < 7.75, 5.0 * np.sin(t), 1000.0)
+    alpha = np.where(t < 7.55, 3.0 + np.sin(t), 170.0 + t)
+    rows = np.c_[t, q, alpha, 36.0 + t / 10.0, 500.0 + t, 0.1 * t]
+    head = "Time,Q (deg/s),Alpha (deg),V_{Total} (ft/s),Terrain Elevation (ft),fcs/elevator-control"
+    np.savetxt(tmp_path / "f.csv", rows, "%.6g", ",", header=head, comments="")
+    found = import_log(tmp_path / "f.csv")
+    assert [text.partition(": ")[2] for text in found.asked] == [
+        "1e+03 deg/s in 3 of 81 samples from t = 7.8 s on; are these samples damaged, or not flight (a crash)?",
+        "178 deg in 5 of 81 samples from t = 7.6 s on; are these samples damaged, or not flight (a crash)?",
+    ]
+    assert found.stretches[-1].kind == "crash"
+    (said,) = found.unusable
+    assert "'fcs/elevator-control' is called after one" in said
+    assert "Terrain" not in said
