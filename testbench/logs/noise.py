@@ -19,6 +19,7 @@ QUIET = 0.25  # of the windows are taken to hold nothing but noise
 BEYOND = 2.5  # times the noise: a window of 8 samples of white noise does that once in 10^8
 _LARGEST_STEPS = 50.0  # quantisation steps in a usual change: above it the digits are those of a float
 _WHOLE = 0.1  # of a step: changes are whole steps
+_JUMPS = 0.8  # of what it moves by
 _MOST = 0.95  # of the changes
 _HELD = 0.8  # of the times between changes that are alike, where a slower signal is repeated
 
@@ -32,11 +33,13 @@ class Noise:
             channel: with gusts, vibration and quantisation.
         step: its quantisation, 0 if none shows.
         rate_hz: how often it takes a new value: below the rate of its samples where they repeat a slower signal.
+        white: standard deviation of what is new in every sample, by third differences, which no rigid motion has.
     """
 
     std: float
     step: float
     rate_hz: float
+    white: float = 0.0
 
     @property
     def size(self) -> float:
@@ -56,7 +59,16 @@ def noise_of(t_s: FloatArray, x: FloatArray) -> Noise:
     rate = 1.0 / float(np.median(np.diff(t_s)))
     spread = _spread(x, rate)[0]
     std = float(np.quantile(spread, QUIET)) if spread.size else 0.0
-    return Noise(std, _step(x), _true_rate(x, rate))
+    white = float(np.sqrt(np.mean(np.diff(x, 3) ** 2) / 20.0)) if x.size > 3 else 0.0
+    return Noise(std, _step(x), _true_rate(x, rate), white)
+
+
+def is_noise(x: FloatArray, noise: Noise) -> bool:
+    """Say whether samples scatter by no more than what is new in each of them: nothing else is in them.
+
+    The ratio of the two standard deviations is 1 +- 1.3 / sqrt(n) for white noise; three times that is beyond it.
+    """
+    return x.size < FEWEST or float(np.std(x)) <= noise.white * (1.0 + 4.0 / np.sqrt(x.size))
 
 
 def moving(x: FloatArray, rate_hz: float, noise: Noise) -> NDArray[np.bool_]:
@@ -116,3 +128,18 @@ def _true_rate(x: FloatArray, rate_hz: float) -> float:
     usual = float(np.median(apart))
     alike = float(np.mean(np.abs(apart - usual) <= max(1.0, 0.1 * usual)))
     return rate_hz / float(np.mean(apart)) if usual >= 2.0 and alike >= _HELD else rate_hz
+
+
+def jump_of(x: FloatArray) -> float:
+    """Return the largest jump of a signal that moves in jumps between samples that rest; 0 if it moves otherwise.
+
+    A jump is a change of which the samples around it have less than a tenth. A signal moves in jumps if they make up
+    four fifths of all that it moves by.
+    """
+    change = np.abs(np.diff(x))
+    if change.size < FEWEST or not change.any():
+        return 0.0
+    beside = np.maximum(np.r_[0.0, change[:-1]], np.r_[change[1:], 0.0])
+    jumps = (change > 10.0 * beside) & (change > 0.05 * float(np.ptp(x)))
+    total = float(np.sum(change[change > 0.01 * float(np.ptp(x))]))
+    return float(np.max(change[jumps])) if jumps.any() and np.sum(change[jumps]) > _JUMPS * total else 0.0

@@ -426,3 +426,14 @@ def not_flown(stretches: Sequence[Stretch]) -> str:
     return (
         f"{sum(held[kind] for kind in FLOWN):.3g} s are flight on a wing; the rest is {', '.join(rest)}" if rest else ""
     )
+
+
+def flown_parts(stretches: Sequence[Stretch]) -> list[tuple[float, float]]:
+    """Return start and end, s of the record, of each part that flies without a break."""
+    parts: list[tuple[float, float]] = []
+    for s in stretches:
+        if s.flown and parts and parts[-1][1] == s.start_s:
+            parts[-1] = (parts[-1][0], s.end_s)
+        elif s.flown:
+            parts.append((s.start_s, s.end_s))
+    return parts

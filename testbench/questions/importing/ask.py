@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from testbench.core.channels import CONTROLS, channel
+from testbench.core.channels import CONTROLS, SURFACES, channel
 from testbench.core.constants import DEG_RAD
 from testbench.core.door import open_file, sha256
 from testbench.core.errors import RecordError
@@ -28,8 +28,8 @@ from testbench.logs.dataflash import HEAD, read_dataflash
 from testbench.logs.foreign import looks_like_text, refuse_foreign
 from testbench.logs.instances import number_of
 from testbench.logs.layout import SUFFIXES, ChannelColumn, find_data_folder
-from testbench.logs.manoeuvres import QUIET_S, Manoeuvre, Search, find_manoeuvres
-from testbench.logs.noise import Noise, noise_of
+from testbench.logs.manoeuvres import QUIET_S, SMALLEST, Manoeuvre, Search, find_manoeuvres
+from testbench.logs.noise import Noise, jump_of, noise_of
 from testbench.logs.paparazzi import is_paparazzi, read_paparazzi
 from testbench.logs.plausible import implausible, refusal, to_set
 from testbench.logs.px4 import px4_rules
@@ -38,7 +38,7 @@ from testbench.logs.read import read_records
 from testbench.logs.resampling import common_rate, resample
 from testbench.logs.sidpac import UNSTATED, read_columns
 from testbench.logs.signals import Log, Mapped, Rule, Topic, find_channels, scaled
-from testbench.logs.stretches import Stretch, beyond_ground, not_flown, stretches_of
+from testbench.logs.stretches import Stretch, beyond_ground, flown_parts, not_flown, stretches_of
 from testbench.logs.ulog import MAGIC, read_ulog
 from testbench.page.words import listed, some
 from testbench.questions.identify.scenario import RecordDescription
@@ -48,6 +48,10 @@ from testbench.questions.importing.supported import FEWEST, moving, too_few, too
 
 LEAD_S, TAIL_S = 2.0, 5.0
 """Quiet flight before each manoeuvre and response after it that are cut out with it."""
+_HALF_S = 0.5  # over which a control that is used to fly moves by more than a dead band, more often than not
+_LONG_S = 60.0  # of flight: beyond it windows are taken
+WINDOW_S, MOST_WINDOWS = 15.0, 8
+"""Windows of flight without designed inputs: ten periods of a slow short period, and enough of them to tell values."""
 WHOLE = "whole"
 """Name of the record of a whole log, and of its description."""
 _WITHOUT_SURFACES = ("rotorcraft", "other")
@@ -146,9 +150,69 @@ class Imported:
         for name, (m, record) in cut(self).items():
             groups.setdefault(_axis(m), {})[name] = (m, record)
         if not groups and controls_of(self.record) and self.log.vehicle not in _WITHOUT_SURFACES:
-            for name, record in flown_parts(self).items():
+            for name, record in self.windows.items():
                 groups.setdefault(WHOLE, {})[name] = (None, record)
         return groups
+
+    @cached_property
+    def fed_back(self) -> str:
+        """What shows that the controls react to the motion, so that none of their movements was designed; "" if not."""
+        flown = [s for s in self.stretches if s.flown]
+        time = sum(s.end_s - s.start_s for s in flown)
+        by = [s for s in flown if s.mode.endswith(("(stabilised)", "(automatic)"))]
+        if time and sum(s.end_s - s.start_s for s in by) > 0.5 * time:
+            return f"the autopilot flies ({some(dict.fromkeys(s.mode for s in by), 3, ', ')})"
+        busy = busy_controls(self.record, self.stretches, controls_of(self.record))
+        return f"{listed(busy)} move{'s' if len(busy) == 1 else ''} most of the time" if busy else ""
+
+    @cached_property
+    def windows(self) -> dict[str, FlightRecord]:
+        """Name -> record of what is identified from where no manoeuvre can be cut out: flight without designed inputs.
+
+        A short flight is one record; of a long one the windows with the most excitation: a state is free at the start
+        of each, so that neither gusts nor what the model lacks add up.
+        """
+        record, parts = self.record, flown_parts(self.stretches)
+        if len(parts) == 1 and parts[0][1] - parts[0][0] > 0.99 * record.duration_s <= 0.99 * _LONG_S:
+            return {WHOLE: record}
+        if sum(b - a for a, b in parts) > _LONG_S:
+            parts = self._excited(parts)
+        cuts = [record.between(a, b) for a, b in parts if (b - a) / record.dt_s >= FEWEST]
+        return {
+            f"window_{i}": replace(
+                part,
+                t_s=part.t_s - part.t_s[0],
+                provenance={**part.provenance, "cut_from_record_s": [float(part.t_s[0]), float(part.t_s[-1])]},
+            )
+            for i, part in enumerate(cuts, 1)
+        }
+
+    def _excited(self, parts: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+        """Return the windows in which the controls move most beyond what they do in most others, in order of time."""
+        spans = [
+            (start, start + WINDOW_S)
+            for a, b in parts
+            for start in np.arange(a, b - WINDOW_S + 1.5 * self.record.dt_s, WINDOW_S).tolist()
+        ]
+        cuts = [self.record.between(a, b) for a, b in spans]
+        spread = np.array([[np.std(part[name]) for name in controls_of(self.record)] for part in cuts])
+        usual = np.median(spread, axis=0)
+        score = np.sum(spread / np.where(usual > 0.0, usual, np.inf), axis=1)
+        return [spans[i] for i in sorted(np.argsort(-score, kind="stable")[:MOST_WINDOWS].tolist())]
+
+    @property
+    def jumps(self) -> tuple[str, ...]:
+        """Surfaces that move in jumps, as no surface does: what was logged is a command."""
+        out = []
+        for c in self.channels:
+            size = jump_of(c.values) if c.name in SURFACES else 0.0
+            if size > SMALLEST["rad"]:
+                out.append(
+                    f"{c.name} ('{c.source}') jumps by {size / DEG_RAD:.2g} deg within a sample ("
+                    f"{size / DEG_RAD * c.rate_hz:.0f} deg/s), as a command does and no surface: a servo behind it is "
+                    f'tried; [servo.{c.name}] with lag_s = "estimate" in the description says that there is one'
+                )
+        return tuple(out)
 
     @property
     def asked(self) -> tuple[str, ...]:
@@ -333,29 +397,25 @@ def _flown(
     controls = () if log.vehicle in _WITHOUT_SURFACES else controls_of(record)
     search = find_manoeuvres(record, controls, lead_s, tail_s) if controls else Search((), ())
     stretches = stretches_of(record, log, controls, search.manoeuvres, noise)
-    return noise, replace(search, manoeuvres=beyond_ground(search.manoeuvres, stretches, record, noise)), stretches
+    found = beyond_ground(search.manoeuvres, stretches, record, noise)
+    busy = set(busy_controls(record, stretches, controls))
+    found = tuple(replace(m, cut_s=None, reason=_STEERED) if m.cut_s and busy & set(m.controls) else m for m in found)
+    return noise, replace(search, manoeuvres=found), stretches
 
 
-def flown_parts(imported: Imported) -> dict[str, FlightRecord]:
-    """Return name -> record of each part of a log that flies; the whole record where all of it does."""
-    record = imported.record
-    parts: list[tuple[float, float]] = []
-    for s in imported.stretches:
-        if s.flown and parts and parts[-1][1] == s.start_s:
-            parts[-1] = (parts[-1][0], s.end_s)
-        elif s.flown:
-            parts.append((s.start_s, s.end_s))
-    if len(parts) == 1 and parts[0][1] - parts[0][0] > 0.99 * record.duration_s:
-        return {WHOLE: record}
-    cuts = [record.between(a, b) for a, b in parts if (b - a) / record.dt_s >= FEWEST]
-    return {
-        f"flight_{i}": replace(
-            part,
-            t_s=part.t_s - part.t_s[0],
-            provenance={**part.provenance, "cut_from_record_s": [float(part.t_s[0]), float(part.t_s[-1])]},
-        )
-        for i, part in enumerate(cuts, 1)
-    }
+def busy_controls(record: FlightRecord, stretches: Sequence[Stretch], controls: Sequence[str]) -> list[str]:
+    """Return the controls that steer a flight of more than a minute: within half a second they move, mostly."""
+    m = max(2, round(_HALF_S / record.dt_s))
+    parts = [record.between(a, b) for a, b in flown_parts(stretches) if b > a]
+    out = []
+    for name in controls if sum(part.duration_s for part in parts) > _LONG_S else ():
+        ranges = [np.ptp(part[name][: len(part) // m * m].reshape(-1, m), axis=1) for part in parts]
+        if float(np.median(np.concatenate(ranges))) > SMALLEST.get(channel(name).unit, 0.0):
+            out.append(name)
+    return out
+
+
+_STEERED = "its control moves most of the time: it steers, and nothing was designed"
 
 
 def parse_throws(given: Sequence[str]) -> dict[str, float]:
@@ -459,6 +519,13 @@ def describe(imported: Imported, axis: str, members: Mapping[str, tuple[Manoeuvr
     inputs, recipe, _ = _proposal(imported, members)
     if recipe is None:
         return ""
+    what = (
+        f"{axis} manoeuvres"
+        if cut_out
+        else "the whole record"
+        if WHOLE in members
+        else "flight without designed inputs"
+    )
     leads = [m.start_s - m.cut_s[0] for m, _ in members.values() if m is not None and m.cut_s is not None]
     trim = np.floor(10.0 * min(leads, default=0.0)) / 10.0
     q = json.dumps
@@ -466,10 +533,12 @@ def describe(imported: Imported, axis: str, members: Mapping[str, tuple[Manoeuvr
         "# Written by testbench import. Edit it: uses, inputs, outputs and estimators are proposals.",
         *(f"# Log: {one_line(text)}" for text in log.warnings),
         *(f"# Assumed: {one_line(text)}" for text in log.assumed),
+        *(f"# A command? {text}" for text in imported.jumps),
+        *([f"# Closed loop: {imported.fed_back}"] if imported.fed_back else []),
         *(f"# Flight only: {text}" for text in (not_flown(imported.stretches),) if text),
         *(f"# Question: {one_line(text)}" for text in imported.asked),
         *_balance_lines(imported, held),
-        f"title = {q(f'{log.file.name}: {axis} manoeuvres' if cut_out else f'{log.file.name}: the whole record')}",
+        f"title = {q(f'{log.file.name}: {what}')}",
         f"source = {q(f'{log.file.name}, {log.kind}')}",
         'rights = "say here whose data these are and who may use them"',
         'folder = "."',
@@ -509,7 +578,7 @@ def _proposal(
         return inputs, None, "no control that moves has samples in every one of them"
     places = imported.log.imu_m
     place = next((places.get(number_of(c.source.partition(".")[0])) for c in imported.channels if c.name == "az"), None)
-    recipe = propose(inputs, records, imported.rate_hz, place)
+    recipe = propose(inputs, records, imported.rate_hz, place, bool(imported.fed_back))
     if recipe is None:
         return inputs, None, f"nothing was measured that {', '.join(inputs)} could be seen in"
     share = Preparation.model_fields["identification_fraction"].default

@@ -15,7 +15,7 @@ from testbench.logs.stretches import strip
 from testbench.page.labels import number
 from testbench.page.terminal import print_answer, print_rows
 from testbench.page.words import counted, some
-from testbench.questions.importing.ask import NOT_FLOWN, WHOLE
+from testbench.questions.importing.ask import NOT_FLOWN, WHOLE, WINDOW_S
 from testbench.questions.importing.balance import balance_rows
 from testbench.questions.importing.recipe import WITHOUT_STRUCTURE
 
@@ -51,6 +51,16 @@ def import_answer(imported: Imported) -> list[tuple[str, str]]:
         "before and after",
     ]
     out += [record.provenance[NOT_FLOWN]] if NOT_FLOWN in record.provenance else []
+    out += [f"a command? {text}" for text in imported.jumps]
+    if imported.fed_back and imported.members:
+        windows = [r for own in imported.members.values() for m, r in own.values() if m is None]
+        which = (
+            f"no input was designed: the {counted(len(windows), 'window')} of {WINDOW_S:g} s with the most excitation "
+            if len(windows) > 1
+            else "what is cut out "
+        )
+        many = "are" if len(windows) > 1 else "is"
+        out.append(f"{imported.fed_back}, so they answer the motion; {which}{many} identified by filter error")
     fastest = max(c.rate_hz for c in imported.channels)
     if fastest > 1.5 * imported.rate_hz:
         out.append(

@@ -19,9 +19,12 @@ from testbench.core.escape import one_line
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.inference.form import FORM_STD
 from testbench.inference.instruments import sound
+from testbench.logs.noise import is_noise, noise_of
 
 AXES = {"longitudinal": ("de", "thr"), "lateral": ("da", "dr")}
 """Axis -> controls that excite it."""
+_FLOW = {"longitudinal": "alpha", "lateral": "beta"}
+"""Axis -> the state in which gusts act."""
 _SUBSPACE = {"longitudinal": ("alpha", "q", "theta", "az"), "lateral": ("beta", "p", "r", "phi")}
 _MOST_OUTPUTS = 3
 _ORDERS = {"longitudinal": 2, "lateral": 4}
@@ -79,6 +82,7 @@ def propose(
     records: Sequence[FlightRecord],
     rate_hz: float,
     imu_m: tuple[float, float, float] | None = None,
+    fed_back: bool = False,
 ) -> Recipe | None:
     """Return the recipe for records of these inputs; None if nothing was measured that could be an output.
 
@@ -87,9 +91,10 @@ def propose(
         records: of the manoeuvres; channels that hold samples in all of them were measured.
         rate_hz: of the records.
         imu_m: where the accelerometer sits from the centre of gravity, forward, right, down; None if not known.
+        fed_back: whether the controls react to the motion: then output error is biased by gusts, filter error is not.
     """
     measured = measured_in(records)
-    moving = [n for n in measured if any(np.ptp(_taken(r, n)) > _STILL.get(n, 0.0) * _size(r, n) for r in records)]
+    moving = [n for n in measured if any(_moves(r, n) for r in records)]
     outputs: list[str] = []
     estimators: list[tuple[tuple[str, ...], Mapping[str, Any]]] = []
     moved = {axis: [n for n in inputs if n.removesuffix("_cmd") in own] for axis, own in AXES.items()}
@@ -125,7 +130,14 @@ def propose(
             bound = [rate for rate, angle in _TURNED if rate in own and angle in own]
             settings = {**settings, **({"output_biases": bound} if bound else {})}
             apart = {"inputs": moved[axis], "label": axis} if several else {}
-            estimators.append((remarks, {"method": "output_error", **settings, **apart}))
+            how: dict[str, Any] = {"method": "output_error"}
+            if fed_back:
+                how = {"method": "filter_error", "process_noise": [_FLOW[axis]]}
+                remarks = (
+                    *remarks,
+                    "controls react to the motion (closed loop): gusts, which they answer, are estimated",
+                )
+            estimators.append((remarks, {**how, **settings, **apart}))
     if not estimators:
         for axis, names in _SUBSPACE.items():
             outputs += [n for n in names if n in moving][:_MOST_OUTPUTS] if moved[axis] else []
@@ -145,6 +157,13 @@ def propose(
     left, used = _left(measured, inputs, outputs), dict.fromkeys([*inputs, *outputs])
     stds = {name: std for channel in used for name, std in sound(channel, 1.0 / rate_hz).items()}
     return Recipe(tuple(outputs), tuple(estimators), _commanded(inputs), left, not vane, stds)
+
+
+def _moves(record: FlightRecord, name: str) -> bool:
+    """Say whether a channel moves by more than a small share of its size, and is more than noise."""
+    x = _taken(record, name)
+    at = record.t_s[record.valid[:, record.channels.index(name)]]
+    return bool(np.ptp(x) > _STILL.get(name, 0.0) * _size(record, name)) and not is_noise(x, noise_of(at, x))
 
 
 def measured_in(records: Sequence[FlightRecord]) -> list[str]:
