@@ -131,12 +131,15 @@ def ardupilot_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
     """
     preferred, notes = _preferred(log)
     vehicle, said = _vehicle(log)
+    modes = _modes(log, vehicle)
+    lift = (np.array([m.t_s for m in modes]), np.array([m.name.startswith("Q") for m in modes]))  # QHOVER, QLAND, ...
     log = replace(
         log,
         preferred={**log.preferred, **preferred},
         notes=(*log.notes, *notes),
         vehicle=vehicle,
-        modes=_modes(log, vehicle),
+        modes=modes,
+        flags={"hover": lift} if vehicle == "VTOL" and modes else {},
         topics=without(log, ("MODE",)),
         facts={**log.facts, **({"vehicle": said} if said else {})},
     )

@@ -60,7 +60,7 @@ def noise_of(t_s: FloatArray, x: FloatArray) -> Noise:
     spread = _spread(x, rate)[0]
     std = float(np.quantile(spread, QUIET)) if spread.size else 0.0
     white = float(np.sqrt(np.mean(np.diff(x, 3) ** 2) / 20.0)) if x.size > 3 else 0.0
-    return Noise(std, _step(x), _true_rate(x, rate), white)
+    return Noise(std, _step(x), true_rate(x, rate), white)
 
 
 def is_noise(x: FloatArray, noise: Noise) -> bool:
@@ -120,7 +120,13 @@ def _step(x: FloatArray) -> float:
     return least if float(np.mean(np.abs(times - np.rint(times)) < _WHOLE)) >= _MOST else 0.0
 
 
-def _true_rate(x: FloatArray, rate_hz: float) -> float:
+def true_rate(x: FloatArray, rate_hz: float) -> float:
+    """Return how often a signal takes a new value, Hz: below ``rate_hz`` where its samples repeat a slower one evenly.
+
+    Args:
+        x: (n,) samples.
+        rate_hz: of the samples.
+    """
     at = np.flatnonzero(np.diff(x))
     if at.size < FEWEST:
         return rate_hz

@@ -13,12 +13,11 @@ from itertools import groupby, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.logs.manoeuvres import Manoeuvre
 from testbench.logs.noise import Noise, moves
-from testbench.logs.question import CRITERIA
+from testbench.logs.question import CRITERIA, shown
 from testbench.logs.signals import Log
 
 SLOWEST_M_S = 3.0
@@ -76,18 +75,17 @@ class Stretch:
 
 
 def stretches_of(
-    record: FlightRecord, log: Log, controls: Sequence[str], found: Sequence[Manoeuvre], noise: Mapping[str, Noise]
+    record: FlightRecord, log: Log, found: Sequence[Manoeuvre], noise: Mapping[str, Noise]
 ) -> tuple[Stretch, ...]:
     """Return the stretches of a record, one after the other without a gap.
 
     Args:
         record: on one clock.
         log: it is made of: vehicle, modes and flags.
-        controls: of the record.
         found: stretches in which controls move.
         noise: of each channel.
     """
-    return _Labels(record, log, controls, found, noise).stretches()
+    return _Labels(record, log, found, noise).stretches()
 
 
 def unanswered(record: FlightRecord, control: str, m: Manoeuvre, noise: Mapping[str, Noise]) -> str:
@@ -105,12 +103,8 @@ def unanswered(record: FlightRecord, control: str, m: Manoeuvre, noise: Mapping[
     if not seen or any(moves(record[n][part & _taken(record, n)], _rate(record, n), noise[n]) for n in seen):
         return ""
     name = seen[0]
-    unit = channel(name).unit
-    factor, shown = (1.0 / DEG_RAD, unit.replace("rad", "deg")) if unit.startswith("rad") else (1.0, unit)
-    return (
-        f"the aircraft does not answer {control}: {name} moves no more than its noise "
-        f"({factor * noise[name].size:.2g} {shown})"
-    )
+    size = shown(name, noise[name].size)
+    return f"the aircraft does not answer {control}: {name} moves no more than its noise ({size})"
 
 
 def _taken(record: FlightRecord, name: str) -> NDArray[np.bool_]:
@@ -129,11 +123,10 @@ class _Labels:
         self,
         record: FlightRecord,
         log: Log,
-        controls: Sequence[str],
         found: Sequence[Manoeuvre],
         noise: Mapping[str, Noise],
     ) -> None:
-        self.record, self.log, self.controls, self.found, self.noise = record, log, controls, found, noise
+        self.record, self.log, self.found, self.noise = record, log, found, noise
         self.m = max(1, round(_BLOCK_S / record.dt_s))
         self.n = -(-len(record) // self.m)
         self.step = self.m * record.dt_s
@@ -179,6 +172,7 @@ class _Labels:
             self.why[landed] = "the autopilot says that it has landed"
             return ~landed
         if self.log.vehicle == "rotorcraft":
+            self.why[:] = f"it is less than {_LIFTED_M:g} m above its lowest"
             return self.lifted()
         known = [(name, x) for name, x in self.speeds if np.isfinite(x).any()]
         if not known:
@@ -195,6 +189,8 @@ class _Labels:
             fast |= (self.h - np.interp(self.at, self.at[rest], self.h[rest]) > _ALOFT_M) & ~rest
         elif len(known) > 1:
             fast |= windy & ~still
+        if self.log.vehicle == "VTOL" and np.isfinite(self.h).any():
+            fast |= self.lifted()
         fast = _steady(fast, round(_STEADY_S / self.step))
         name, speed = known[0]
         for part in _parts(~fast):
@@ -206,7 +202,6 @@ class _Labels:
 
     def lifted(self) -> NDArray[np.bool_]:
         """Of a rotorcraft: above the ground, or fast; where no height was logged nobody knows."""
-        self.why[:] = f"it is less than {_LIFTED_M:g} m above its lowest"
         up = np.nan_to_num(self.speeds[-1][1]) > _HOVER_M_S
         if np.isfinite(self.h).any():
             return _steady(up | (self.h - float(np.quantile(self.h, 0.05)) > _LIFTED_M), round(_STEADY_S / self.step))
@@ -259,6 +254,8 @@ class _Labels:
             kinds[inside & ~flying] = "control check"
         if not rotor:
             self.ground(kinds, flying)
+        if self.log.vehicle == "VTOL":
+            kinds[flying & (speed < SLOWEST_M_S)] = "hover"
         for name in ("hover", "transition"):
             flag = self.flag(name)
             if flag is not None:

@@ -254,7 +254,9 @@ def _read_netcdf(path: Path) -> Table:
             if ours:
                 return _table_of_record(path)
         require_room(f"the variables of '{path}'", size, "cut it into parts")
-        how: dict[str, Any] = {"engine": "scipy", "mmap": False} if classic else {"engine": "h5netcdf", "phony_dims": "sort"}
+        how: dict[str, Any] = (
+            {"engine": "scipy", "mmap": False} if classic else {"engine": "h5netcdf", "phony_dims": "sort"}
+        )
         with xr.open_dataset(path, decode_times=False, **how) as dataset:
             rows = {str(name): v for name, v in dataset.variables.items() if v.ndim == 1 and v.dtype.kind in "fiub"}
             series = {name: v.load() for name, v in rows.items()}

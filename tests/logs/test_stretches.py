@@ -130,6 +130,31 @@ def test_motors_of_a_copter_are_no_surfaces_and_its_firmware_is_not_its_first_me
     assert "the log is of a rotorcraft: it has no control surface of a fixed wing" in why
 
 
+def test_a_quadplane_hovers_in_its_modes_of_lift_and_is_identified_from_its_wing_only(tmp_path):
+    formats = (*DATAFLASH, (137, "MODE", "QBBB", "TimeUS,Mode,ModeNum,Rsn"), (138, "BARO", "Qf", "TimeUS,Alt"),
+               (139, "GPS", "Qf", "TimeUS,Spd"))  # fmt: skip
+    out = [(0, ("MSG", (0, b"ArduPlane V4.5.7"))), (0, ("PARM", (0, b"Q_ENABLE", 1.0)))]
+    for k in range(1200):
+        t = k / 20.0
+        us = round((START_S + t) * 1e6)
+        out.append((us, ("IMU", (us, 0, 0.01, 0.1 * np.sin(0.3 * k), 0.0, 0.1, 0.1, -9.8))))
+        out.append((us, ("BARO", (us, float(np.interp(t, [0, 10, 15, 60], [0, 0, 20, 20]))))))
+        out.append((us, ("GPS", (us, float(np.interp(t, [0, 30, 33, 60], [0.1, 0.1, 16, 16]))))))
+        if k in (0, 640):
+            out.append((us, ("MODE", (us, 18 if k == 0 else 10, 18 if k == 0 else 10, 0))))
+    messages = [message for _, message in sorted(out, key=lambda item: item[0])]
+    (tmp_path / "q.bin").write_bytes(dataflash_of(formats, messages))
+    found = import_log(tmp_path / "q.bin")
+    assert found.log.facts["vehicle"] == "QuadPlane, lift motors (Q_ENABLE)"
+    assert [(s.kind, s.mode) for s in found.stretches] == [
+        ("parked", "QHOVER (stabilised)"),
+        ("hover", "QHOVER (stabilised)"),
+        ("cruise", "AUTO (automatic)"),
+    ]
+    ((start, end),) = of_kind(found, "cruise")
+    assert (start, end) == (pytest.approx(32.0, abs=1.0), pytest.approx(59.95))
+
+
 def test_px4_says_itself_when_it_has_landed_and_in_which_mode_it_flies(tmp_path):
     t = np.arange(0.0, 35.0, 0.02)
     slow = np.arange(0.0, 35.0, 0.5)

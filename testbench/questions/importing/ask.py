@@ -29,7 +29,7 @@ from testbench.logs.foreign import looks_like_text, refuse_foreign
 from testbench.logs.instances import number_of
 from testbench.logs.layout import SUFFIXES, ChannelColumn, find_data_folder
 from testbench.logs.manoeuvres import QUIET_S, SMALLEST, Manoeuvre, Search, find_manoeuvres
-from testbench.logs.noise import Noise, jump_of, noise_of
+from testbench.logs.noise import Noise, jump_of, noise_of, true_rate
 from testbench.logs.paparazzi import is_paparazzi, read_paparazzi
 from testbench.logs.plausible import implausible, refusal, to_set
 from testbench.logs.px4 import px4_rules
@@ -49,6 +49,7 @@ from testbench.questions.importing.supported import FEWEST, moving, too_few, too
 LEAD_S, TAIL_S = 2.0, 5.0
 """Quiet flight before each manoeuvre and response after it that are cut out with it."""
 _HALF_S = 0.5  # over which a control that is used to fly moves by more than a dead band, more often than not
+_REPEATS = 0.8  # of the rate at which it was logged: below it samples repeat those before
 _LONG_S = 60.0  # of flight: beyond it windows are taken
 WINDOW_S, MOST_WINDOWS = 15.0, 8
 """Windows of flight without designed inputs: ten periods of a slow short period, and enough of them to tell values."""
@@ -199,6 +200,13 @@ class Imported:
         usual = np.median(spread, axis=0)
         score = np.sum(spread / np.where(usual > 0.0, usual, np.inf), axis=1)
         return [spans[i] for i in sorted(np.argsort(-score, kind="stable")[:MOST_WINDOWS].tolist())]
+
+    @property
+    def repeated(self) -> tuple[str, ...]:
+        """Channels whose samples repeat a slower signal, with its rate."""
+        slow = {c.name: (self.noise[c.name].rate_hz, c.rate_hz) for c in self.channels}
+        slow = {name: rates for name, rates in slow.items() if rates[0] < _REPEATS * rates[1]}
+        return tuple(f"{name} {own:.3g} of {rate:.3g} Hz" for name, (own, rate) in slow.items())
 
     @property
     def jumps(self) -> tuple[str, ...]:
@@ -371,6 +379,7 @@ def import_log(
     }
     record = replace(record, provenance={**record.provenance, **said})
     noise, search, stretches = _flown(record, log, lead_s, tail_s)
+    noise |= {c.name: replace(noise[c.name], rate_hz=true_rate(c.values, c.rate_hz)) for c in channels}
     unstated = [c.name for c in channels if c.assumed.startswith(UNSTATED)]
     described = Path(path) if Path(path).suffix.lower() == ".toml" else None
     stated = [] if described else [c.name for c in channels if c.name not in unstated]
@@ -396,7 +405,7 @@ def _flown(
     noise = {name: noise_of(record.t_s[ok], record[name][ok]) for name, ok in taken.items()}
     controls = () if log.vehicle in _WITHOUT_SURFACES else controls_of(record)
     search = find_manoeuvres(record, controls, lead_s, tail_s) if controls else Search((), ())
-    stretches = stretches_of(record, log, controls, search.manoeuvres, noise)
+    stretches = stretches_of(record, log, search.manoeuvres, noise)
     found = beyond_ground(search.manoeuvres, stretches, record, noise)
     busy = set(busy_controls(record, stretches, controls))
     found = tuple(replace(m, cut_s=None, reason=_STEERED) if m.cut_s and busy & set(m.controls) else m for m in found)
@@ -492,7 +501,7 @@ def write_import(imported: Imported, folder: Path | str | ResultFolder) -> list[
 
 
 def _no_recipe(names: Sequence[str], why: str) -> str:
-    return f"no recipe for {', '.join('the whole record' if name == WHOLE else name for name in names)}: {why}"
+    return f"no recipe for {some(['the whole record' if name == WHOLE else name for name in names], 3, ', ')}: {why}"
 
 
 def _supported(

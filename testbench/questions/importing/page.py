@@ -11,6 +11,7 @@ from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
 from testbench.core.door import read_text
 from testbench.logs.layout import SUFFIXES
+from testbench.logs.question import shown
 from testbench.logs.stretches import strip
 from testbench.page.labels import number
 from testbench.page.terminal import print_answer, print_rows
@@ -52,6 +53,8 @@ def import_answer(imported: Imported) -> list[tuple[str, str]]:
     ]
     out += [record.provenance[NOT_FLOWN]] if NOT_FLOWN in record.provenance else []
     out += [f"a command? {text}" for text in imported.jumps]
+    if imported.repeated:
+        out.append(f"samples repeat those before, new ones come at {', '.join(imported.repeated)}")
     if imported.fed_back and imported.members:
         windows = [r for own in imported.members.values() for m, r in own.values() if m is None]
         which = (
@@ -113,6 +116,19 @@ def _channel_row(c: Mapped, valid: float) -> tuple[str, ...]:
     digits = next((n for n in (3, 4, 5, 6) if low == high or number(low, n) != number(high, n)), 6)
     extent = f"{number(low, digits)} to {number(high, digits)}{'' if shown == '1' else ' ' + shown}"
     return c.name, extent, f"{number(c.rate_hz)} Hz", lost, f"{number(100.0 * valid)} %", c.source, c.said, c.assumed
+
+
+NOISE = ("channel", "noise", "quantisation", "new values", "noise at every sample")
+
+
+def noise_rows(imported: Imported) -> list[tuple[str, ...]]:
+    """Return a row per channel: noise where nothing happens, its quantisation, rate of new values, its white part."""
+    held = ((c.name, imported.noise[c.name]) for c in imported.channels)
+    return [
+        (name, shown(name, n.std), shown(name, n.step) if n.step else "none seen", f"{number(n.rate_hz)} Hz",
+         shown(name, n.white))
+        for name, n in held
+    ]  # fmt: skip
 
 
 def stretch_rows(imported: Imported) -> list[tuple[str, ...]]:

@@ -11,7 +11,15 @@ from testbench.page.page import COMPUTED, Page
 from testbench.page.plot import BAND, COLOURS, Plate, envelope, grid, label, new_figure, time_axis
 from testbench.page.tables import Column, Table
 from testbench.page.words import counted
-from testbench.questions.importing.page import STRETCHES, channel_rows, import_answer, manoeuvre_rows, stretch_rows
+from testbench.questions.importing.page import (
+    NOISE,
+    STRETCHES,
+    channel_rows,
+    import_answer,
+    manoeuvre_rows,
+    noise_rows,
+    stretch_rows,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,6 +43,7 @@ def import_page(imported: Imported) -> Page:
     tables = [
         _table("channels", "Channels", _CHANNELS, channel_rows(imported)),
         _table("stretches", "What was flown", STRETCHES, stretch_rows(imported)),
+        _table("noise", "Noise", NOISE, noise_rows(imported)),
         _table("manoeuvres", "Manoeuvres", ("controls", "from, to", "cut"), manoeuvre_rows(imported)),
     ]
     digest = str(imported.record.provenance.get("sha256", ""))

@@ -17,7 +17,7 @@ from testbench.core.record import load_record
 from testbench.logs.signals import instances_of
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.ask import Imported, import_log, read_log, write_import
-from testbench.questions.importing.page import channel_rows, import_answer
+from testbench.questions.importing.page import channel_rows, import_answer, noise_rows
 
 
 def found_in(path: Path) -> list[tuple[str, str]]:
@@ -318,3 +318,17 @@ def test_a_crash_at_the_end_is_no_question_of_a_unit_that_the_heading_states(tmp
     (said,) = found.unusable
     assert "'fcs/elevator-control' is called after one" in said
     assert "Terrain" not in said
+
+
+def test_samples_that_repeat_a_slower_signal_are_said_with_its_rate(tmp_path):
+    rng = np.random.default_rng(1)
+    t = np.arange(0.0, 30.0, 0.02)
+    slow = np.repeat(rng.standard_normal(t.size // 5), 5)
+    head = "t [s],V [m/s],q [rad/s]"
+    rows = np.c_[t, 20.0 + slow, 0.01 * rng.standard_normal(t.size)]
+    np.savetxt(tmp_path / "f.csv", rows, "%.6f", ",", header=head, comments="")
+    found = import_log(tmp_path / "f.csv")
+    assert found.repeated == ("V 10 of 50 Hz",)
+    (row,) = (row for row in noise_rows(found) if row[0] == "q")
+    assert row[2:4] == ("none seen", "50.0 Hz")
+    assert float(row[1].split()[0]) == pytest.approx(np.degrees(0.01), rel=0.1)
