@@ -169,8 +169,16 @@ def read_json(path: Path, kind: str) -> Any:
         return json.loads(read_text(path, kind))
 
 
-def read_xml(path: Path, kind: str) -> ET.Element:
+_AMPERSAND = re.compile(rb"&(?!#?\w+;)")
+
+
+def read_xml(path: Path, kind: str, bare: bool = False) -> ET.Element:
     """Return the root element of an XML file.
+
+    Args:
+        path: the file.
+        kind: of it, one of :data:`KINDS`.
+        bare: take an ampersand that begins no entity as itself, as writers with parsers of their own do.
 
     Raises:
         RecordError: it cannot be read, is not XML (with line and column), nests without end, or has entities that
@@ -182,6 +190,7 @@ def read_xml(path: Path, kind: str) -> ET.Element:
             f"entities of a {KINDS[kind].words} must be short texts without other entities, got others in '{path}'; "
             "write them out"
         )
+    data = _AMPERSAND.sub(b"&amp;", data) if bare else data
     depth = 0
     with parsed(path, f"a {KINDS[kind].words}"):
         steps = ET.iterparse(io.BytesIO(data), ("start", "end"))

@@ -65,7 +65,7 @@ def read_paparazzi(path: Path) -> tuple[Log, tuple[Rule, ...]]:
             f"'{path}' is a log of Paparazzi, whose fields are named in the .log file (XML) written with it; put "
             f"'{path.with_suffix('.log').name}' beside it, or export the messages that you need as CSV with a header"
         )
-    definitions = read_xml(beside, "definitions")
+    definitions = read_xml(beside, "definitions", bare=True)  # flight plans in it hold &&
     fields = _fields(definitions)
     commands = [str(axis.get("name", "")).upper() for axis in definitions.iterfind(".//commands/axis")]
     topics, unread, warnings = _topics(path, fields)

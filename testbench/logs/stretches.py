@@ -366,7 +366,8 @@ def beyond_ground(
     """
     out = []
     for m in found:
-        here = [s for s in stretches if s.start_s < m.end_s and s.end_s > m.start_s and not s.flown]
+        rest = [s for s in stretches if not s.flown and s.kind != "not logged"]  # gaps are seen where it is cut
+        here = [s for s in rest if s.start_s < m.end_s and s.end_s > m.start_s]
         here.sort(key=lambda s: min(s.end_s, m.end_s) - max(s.start_s, m.start_s), reverse=True)
         if not here:
             out.append(m if m.cut_s is None else replace(m, cut_s=_within(m, stretches)))

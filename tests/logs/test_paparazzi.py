@@ -83,3 +83,13 @@ def test_the_definitions_alone_are_no_log(tmp_path):
     write(tmp_path)
     with pytest.raises(RecordError, match=r"message definitions of a Paparazzi log; give the \.data file"):
         import_log(tmp_path / "f.log")
+
+
+def test_flight_plans_with_bare_ampersands_and_modes_are_read(tmp_path):
+    """Paparazzi writes the conditions of its flight plans as they are: no log with one could be read."""
+    plan = '<plan><circle until="10 > a && b"/></plan></configuration>'
+    mode = '<message name="PPRZ_MODE" id="11"><field name="ap_mode" type="uint8"/></message><message name="ALIVE"'
+    definitions = DEFINITIONS.replace("</configuration>", plan).replace('<message name="ALIVE"', mode)
+    rows = [*lines(), "0.01 7 PPRZ_MODE 0", "5.0 7 PPRZ_MODE 2"]
+    found = import_log(write(tmp_path, sorted(rows, key=lambda row: float(row.split()[0])), definitions))
+    assert [m.said for m in found.log.modes] == ["MANUAL (manual)", "AUTO2 (automatic)"]

@@ -102,11 +102,11 @@ class Imported:
             found = "no control was found" + (f" ({'; '.join(known)})" if known else "")
             return (_no_recipe([WHOLE], found + self._like_controls()),)
         every = {name: record for own in self._groups.values() for name, (_, record) in own.items()}
-        alone = [
-            _no_recipe([name], why + self._if_slower(record))
-            for name, record in every.items()
-            if (why := why_not(record, controls_of(record)))
-        ]
+        causes: dict[str, list[str]] = {}
+        for name, record in every.items():
+            if why := why_not(record, controls_of(record)):
+                causes.setdefault(why + self._if_slower(record), []).append(name)
+        alone = [_no_recipe(names, why) for why, names in causes.items()]
         if not every:
             moved = dict.fromkeys(m.reason for m in self.search.manoeuvres if m.cut_s is None)
             why = some(moved or dict.fromkeys(s.why for s in self.stretches if s.why), 2)
