@@ -16,6 +16,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.bring import short
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import EstimationError, Refusal, located
+from testbench.core.named import Named, obtain, obtain_all
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.base import Condition, FlownAt, FlownInAir, Preparation, Simulation
 from testbench.core.scenario.inputs import Input
@@ -99,7 +100,7 @@ def log_rate(simulation: Simulation, suites: Sequence[SensorSuite]) -> float:
 
 
 def fly_and_measure(
-    aircraft: Aircraft,
+    aircraft: Named[Aircraft],
     trimmed: TrimmedFlight,
     name: str,
     inputs: Sequence[Input] | InputSignal,
@@ -107,7 +108,7 @@ def fly_and_measure(
     *,
     log_rate_hz: float,
     settle_s: float = 0.0,
-    suites: Sequence[SensorSuite] = (),
+    suites: Sequence[Named[SensorSuite]] = (),
     seed: int = 0,
     air: Air | None = None,
     channels: Sequence[str] | None = None,
@@ -152,6 +153,7 @@ def fly_and_measure(
         >>> flight.measured["taurus_8hz"].channels
         ('theta', 'q', 'u', 'h', 'de_cmd')
     """
+    aircraft = obtain(Aircraft, aircraft)
     try:
         if flown is None:
             manoeuvre = manoeuvre_of(name, inputs, duration_s, settle_s, trimmed.rate_hz)
@@ -165,7 +167,7 @@ def fly_and_measure(
     if keep is not None:
         keep(f"{name}_truth", flown)
     measured = {}
-    for suite in suites:
+    for suite in obtain_all(SensorSuite, suites):
         record = suite.measure(flown, seed)
         measured[suite.name] = record.between(settle_s, np.inf) if settled else record
         if keep is not None:

@@ -27,6 +27,8 @@ NOT_CODE = {  # kind of file that is read at run time, and where it lies in the 
     "*.md": "testbench/questions/exercise/catalogue",
     "*.steps.md": "testbench/questions/exercise/catalogue",
     "*.toml": "testbench/sensors/suites",
+    "*.typed": "testbench",
+    "*.pyi": "testbench",
 }
 
 

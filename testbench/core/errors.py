@@ -78,7 +78,16 @@ def _cut(text: str, most: int) -> str:
 
 
 class TestbenchError(Exception):
-    """Root of all errors raised on purpose; ``exit_status`` is what the command line returns for it."""
+    """Root of all errors raised on purpose; ``exit_status`` is what the command line returns for it.
+
+    Example:
+        >>> import testbench as tb
+        >>> try:
+        ...     tb.run("eolo_alfa")
+        ... except tb.TestbenchError as error:
+        ...     print(str(error).partition("; ")[2])
+        did you mean 'eolo_alpha'?
+    """
 
     __test__ = False  # pytest would otherwise try to collect a class whose name begins with "Test"
     exit_status = 2

@@ -13,6 +13,7 @@ from testbench.core.blas import on_one_thread
 from testbench.core.bring import is_brought
 from testbench.core.bring import whose as whose_code
 from testbench.core.errors import EstimationError, nearest
+from testbench.core.named import Named, obtain_all
 from testbench.core.record import FlightRecord
 from testbench.core.schema import parse
 from testbench.estimators import own
@@ -197,10 +198,10 @@ METHODS = Methods(
 @on_one_thread
 def estimate(
     method: str | Settings,
-    records: Sequence[FlightRecord],
+    records: Sequence[Named[FlightRecord]],
     inputs: Sequence[str],
     outputs: Sequence[str],
-    validation: Sequence[FlightRecord] = (),
+    validation: Sequence[Named[FlightRecord]] = (),
     **settings: Any,
 ) -> IdentifiedModel:
     """Identify a model by a method of :data:`METHODS`, or by your own.
@@ -223,11 +224,12 @@ def estimate(
         >>> tb.estimate("dsr_e", [record], ["de_cmd"], ["q"], past_horizon=20, future_horizon=20)  # doctest: +SKIP
         >>> tb.estimate("my_method.py:estimate", [record], ["de_cmd"], ["q"])  # doctest: +SKIP
     """
+    flown, held = obtain_all(FlightRecord, records), obtain_all(FlightRecord, validation)
     entry: Any = settings_of(method, settings)
     if not outputs:
         raise EstimationError("an estimate needs at least one output channel, got none; name outputs or add sensors")
     if isinstance(entry, OwnMethod):
-        return own.run(entry, records, inputs, outputs, validation)
+        return own.run(entry, flown, inputs, outputs, held)
     row = _row(entry.method)
     if isinstance(entry, Structured):
         from testbench.estimators.parametric.servo import by_surfaces, in_front
@@ -235,26 +237,26 @@ def estimate(
         from testbench.estimators.parametric.structures.written import Written
 
         entry = of_servos(entry)
-        structure: Any = started(entry, records, inputs, outputs)
+        structure: Any = started(entry, flown, inputs, outputs)
         fit: Any = row.load()
         if in_front(structure) and structure.limited and not structure.unknown:
             model = by_surfaces(
-                records, structure, entry.held, lambda moved, base, still: fit(moved, base, settings=entry, held=still)
+                flown, structure, entry.held, lambda moved, base, still: fit(moved, base, settings=entry, held=still)
             )
         else:
-            model = fit(records, structure, settings=entry)
+            model = fit(flown, structure, settings=entry)
         whose = {"structure": whose_code(*place(entry.structure))} if is_brought(entry.structure) else {}
         if is_text(entry.structure):
             path = Path(entry.structure)
             whose = {"structure": whose_code(path, path.stem)}
         model = replace(model, provenance=whose) if whose else model
         law = structure.base if in_front(structure) else structure
-        doubts = law.doubts(records) if isinstance(law, Written) else _of_speed(law, records)
+        doubts = law.doubts(flown) if isinstance(law, Written) else _of_speed(law, flown)
         if doubts:
             model = replace(model, advice=ranked((*model.advice, *doubts)))
         return model
-    judged = {"validation": validation} if "validation" in row.needs else {}
-    return row.load()(records, inputs, outputs, settings=entry, **judged)
+    judged = {"validation": held} if "validation" in row.needs else {}
+    return row.load()(flown, inputs, outputs, settings=entry, **judged)
 
 
 def _of_speed(structure: Any, records: Sequence[FlightRecord]) -> Sequence[Advice]:

@@ -12,6 +12,7 @@ from testbench.aircraft.airframe import station_rows
 from testbench.core.channels import CONTROLS
 from testbench.core.constants import FT_M
 from testbench.core.errors import ChannelError
+from testbench.core.named import Named, obtain
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.engines import with_engine
@@ -34,7 +35,7 @@ _NO_FEEDBACK = 1e-9  # deflection per unit of a state, less than differences of 
 _SURFACES = ("de", "da", "dr")
 
 
-def linearise(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel:
+def linearise(aircraft: Named[Aircraft], trimmed: TrimmedFlight) -> LinearModel:
     """Return the linear model about trim by fourth-order central differences of JSBSim's own equations.
 
     States: body velocities, rates, phi, theta, h, eta and etadot of every mode, those that amendments bring with them,
@@ -51,6 +52,7 @@ def linearise(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel:
         >>> linear.A.shape[0] == len(linear.states)
         True
     """
+    aircraft = obtain(Aircraft, aircraft)
     point = _Point.of(aircraft, trimmed)
     at = point.layout.trim_of(trimmed)
     model = point.layout.model(point.values(point.layout.points(at)))

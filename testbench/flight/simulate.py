@@ -15,6 +15,7 @@ from testbench.aircraft.airframe import station_sources, with_stations
 from testbench.core.channels import CHANNELS, CONTROLS, channel, station_channels
 from testbench.core.constants import DEG_RAD, FT_M
 from testbench.core.errors import ChannelError, LimitError, nearest
+from testbench.core.named import Named, obtain
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.core.sizes import NUMBER, require_room
 from testbench.flight.air import Air
@@ -115,7 +116,7 @@ def beginning_of(trimmed: TrimmedFlight, manoeuvre: Manoeuvre, start: Start | No
 
 
 def fly(
-    aircraft: Aircraft,
+    aircraft: Named[Aircraft],
     trimmed: TrimmedFlight,
     manoeuvre: Manoeuvre,
     log_rate_hz: float,
@@ -152,6 +153,7 @@ def fly(
         >>> tb.fly(taurus, trimmed, tb.Manoeuvre("pulse", signal), log_rate_hz=60.0).kind
         'truth'
     """
+    aircraft = obtain(Aircraft, aircraft)
     step, u, wind = checked(aircraft, trimmed, manoeuvre, log_rate_hz, air)
     fdm = Executive(aircraft, trimmed.rate_hz, trimmed.condition)
     beginning = beginning_of(trimmed, manoeuvre, start)

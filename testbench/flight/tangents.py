@@ -28,6 +28,7 @@ from testbench.core.blas import on_one_thread
 from testbench.core.channels import channel
 from testbench.core.differences import Ends, ends, slope
 from testbench.core.errors import LimitError, ModelError, Refusal, nearest
+from testbench.core.named import Named, obtain
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.air import Air
 from testbench.flight.batch.check import least_range
@@ -134,7 +135,7 @@ class Tangents:
 
 @on_one_thread
 def tangents(
-    aircraft: Aircraft,
+    aircraft: Named[Aircraft],
     start: FlightCondition | TrimmedFlight,
     manoeuvres: Sequence[Manoeuvre],
     parameters: Sequence[str | FlightParameter],
@@ -180,6 +181,7 @@ def tangents(
         >>> found[0].derivatives.shape, bool(found[0].relative_errors.max() < 1e-4)
         ((421, 1, 1), True)
     """
+    aircraft = obtain(Aircraft, aircraft)
     points = _Points.of(aircraft, start, parameters, log_rate_hz, channels, air, simulator)
     if checked is not None and checked < 1:
         raise LimitError(f"checked >= 1 must hold, as steps are chosen on a flight that is checked, got {checked}")

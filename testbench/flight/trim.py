@@ -11,6 +11,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import TrimError
+from testbench.core.named import Named, obtain
 from testbench.core.record import FloatArray
 from testbench.flight.air import AXES, Air
 from testbench.flight.condition import FlightCondition, TrimmedFlight
@@ -45,7 +46,7 @@ PROPELLER_TOLERANCE = 1e-7  # the same with propellers, whose equilibrium JSBSim
 
 
 def trim(
-    aircraft: Aircraft,
+    aircraft: Named[Aircraft],
     condition: FlightCondition,
     rate_hz: float | None = None,
     air: Air | None = None,
@@ -82,6 +83,7 @@ def trim(
         >>> round(trimmed.alpha, 3) > 0.0
         True
     """
+    aircraft = obtain(Aircraft, aircraft)
     rate = rate_hz or aircraft.rate_hz
     _warn_of_frames(aircraft, rate)
     fdm = Executive(aircraft, rate, condition)

@@ -12,7 +12,7 @@ from testbench.core.files import write_file
 from testbench.core.store import PAGE, ResultFolder
 from testbench.page.flown import flown_table, flown_words
 from testbench.page.terminal import print_answer, print_table
-from testbench.page.words import Answer, sentence
+from testbench.page.words import Answer, answer_lines, sentence
 from testbench.page.write import write_plates, write_tables
 
 if TYPE_CHECKING:
@@ -79,6 +79,33 @@ class Page:
     notes: Sequence[str] = ()
     closing: Sequence[tuple[str, str]] = ()
 
+    @property
+    def all_tables(self) -> list[Table]:
+        """Every table that the page shows or that lies beside it; none twice."""
+        return list({t.name: t for t in (*self.tables, *self.more_tables, *self._by)}.values())
+
+    @property
+    def _by(self) -> list[Table]:
+        return [] if self.flown is None else [flown_table(self.flown)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return title, question, answer (kind and text of each sentence), tables by name and notes as JSON values."""
+        return {
+            "title": self.title,
+            "question": self.question,
+            "answer": [line._asdict() for line in answer_lines(self.answer)],
+            "tables": {table.name: table.to_dict() for table in self.all_tables},
+            "notes": [sentence(note) for note in self.notes],
+        }
+
+    def excerpt(self) -> str:
+        """Return title, answer, key tables and the first figure as a piece of HTML, for a notebook."""
+        from testbench.page.html import render, svg_uri
+
+        lines = [line for line in answer_lines(self.answer) if line.kind != "note"]
+        drawn = svg_uri(self.plates[0].draw(png=False).svg) if self.plates else ""
+        return render("excerpt.html.j2", page=self, lines=lines, picture=drawn)
+
     def write(self, folder: Path | str | ResultFolder) -> list[Path]:
         """Write tables, figures, the files beside the page and report.html; return the paths, the page last.
 
@@ -97,8 +124,7 @@ class Page:
 
     def _write_into(self, folder: Path) -> list[Path]:
         """Write all of the page into a folder; return the paths, the page last."""
-        by = [] if self.flown is None else [flown_table(self.flown)]
-        out = write_tables([*self.more_tables, *self.tables, *by], folder)
+        out = write_tables([*self.more_tables, *self.tables, *self._by], folder)
         for name, content in self.files.items():
             if callable(content):
                 content(folder / name)

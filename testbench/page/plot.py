@@ -122,14 +122,22 @@ class Plate:
     make: Callable[[bool], Figure]
     explore: Callable[[], Explorable] | None = None
 
-    def draw(self, wide: bool = True, png: bool = True) -> Drawing:
-        """Return the figure as SVG text and, unless ``png`` is False, PNG bytes; always the same for one plate."""
+    def figure(self, wide: bool = True) -> Figure:
+        """Return the figure as matplotlib's, in the report's style, on a canvas that needs no screen."""
         from matplotlib import rc_context
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
         with rc_context(style()):
             figure = self.make(wide)
             FigureCanvasAgg(figure)
+        return figure
+
+    def draw(self, wide: bool = True, png: bool = True) -> Drawing:
+        """Return the figure as SVG text and, unless ``png`` is False, PNG bytes; always the same for one plate."""
+        from matplotlib import rc_context
+
+        figure = self.figure(wide)
+        with rc_context(style()):
             svg, raster = io.StringIO(), io.BytesIO()
             figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
             if png:

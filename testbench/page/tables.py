@@ -8,9 +8,13 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 from testbench.core.escape import csv_cell
 from testbench.page.labels import number
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Value = str | float | int | bool | None
 MISSING = "–"
@@ -172,15 +176,24 @@ class Table:
         writer.writerows([[_written(v) for v in row] for row in self.rows])
         return out.getvalue()
 
-    def to_json(self) -> str:
-        """Return title, caption, units and rows as JSON; a number that is not finite becomes null."""
-        content = {
+    def to_dict(self) -> dict[str, Any]:
+        """Return title, caption, units and rows as JSON values; a number that is not finite becomes None."""
+        return {
             "title": self.title,
             "caption": self.caption,
             "units": {c.key: c.unit for c in self.columns if c.unit},
             "rows": [{c.key: _json(v) for c, v in zip(self.columns, row, strict=True)} for row in self.rows],
         }
-        return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+    def to_json(self) -> str:
+        """Return what :meth:`to_dict` does, as text."""
+        return json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return the table with all digits of its numbers, as the CSV beside a page has it."""
+        import pandas as pd
+
+        return pd.DataFrame([list(row) for row in self.rows], columns=self.heads())
 
 
 def _filled(

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from testbench.core.bring import find, is_brought, load, short
 from testbench.core.contract import Law
@@ -26,33 +29,64 @@ def laws_of(what: Path) -> tuple[str, list[Law]] | None:
     """
     if is_brought(str(what)):
         return _in_python(str(what))
+    found = found_at(what)
+    return None if found is None else (found.kind, found.laws())
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a path means: what kind of thing, what reads it, and what tries it on the laws of its kind."""
+
+    kind: str
+    read: Callable[[], Any]
+    laws: Callable[[], list[Law]]
+
+
+def found_at(what: Path) -> Found | None:
+    """Return what users bring that a path means: an aircraft, a sensor suite, a structure, a ground vibration test."""
     folder = AIRCRAFT.at(what) or (None if find_scenario(what).is_file() else AIRCRAFT.named(Path(), str(what)))
     if folder is not None:
         from testbench.flight import load_aircraft
         from testbench.questions.aircraft.contract import aircraft_laws
 
-        return "aircraft", aircraft_laws(load_aircraft(folder))
+        return Found("aircraft", lambda: load_aircraft(folder), lambda: aircraft_laws(load_aircraft(folder)))
     if what.suffix == ".toml" and what.is_file() and "sensor" in read_toml(what):
         from testbench.sensors import load_suite
         from testbench.sensors.contract import suite_laws
 
-        return "sensor suite", suite_laws(load_suite(what))
-    if what.suffix == ".toml" and {"states", "equations"} & _keys(what):
-        from testbench.estimators.contract import tried
-
-        return "structure", list(tried(str(what)))
+        return Found("sensor suite", lambda: load_suite(what), lambda: suite_laws(load_suite(what)))
     test = find_scenario(what)
-    if test.suffix == ".toml" and test.is_file() and {"mode", "normalisation"} <= read_toml(test).keys():
+    keys = set(read_toml(test)) if test.suffix == ".toml" and test.is_file() else set()
+    if {"states", "equations"} & keys:
+        from testbench.estimators.contract import tried
+        from testbench.estimators.equations import read_equations
+
+        return Found("structure", lambda: read_equations(test), lambda: list(tried(str(what))))
+    if {"mode", "normalisation"} <= keys:
         from testbench.aircraft.strips.contract import ground_test_laws
         from testbench.aircraft.strips.reading import read_ground_test
 
-        return "ground vibration test", ground_test_laws(read_ground_test(test))
+        return Found(
+            "ground vibration test",
+            lambda: read_ground_test(test),
+            lambda: ground_test_laws(read_ground_test(test)),
+        )
     return None
 
 
-def _keys(path: Path) -> set[str]:
-    found = find_scenario(path)
-    return set(read_toml(found)) if found.is_file() else set()
+def place_of(name: str) -> tuple[Path, str]:
+    """Return file and attribute of ``FILE.py:NAME``, an effect or an estimator.
+
+    Raises:
+        ScenarioError: there is no such file.
+    """
+    from testbench.estimators import contract as methods
+    from testbench.questions.gap.brought import FOLDER
+
+    try:
+        return find(name, None, FOLDER)
+    except ScenarioError:
+        return find(name, None, methods.FOLDER)
 
 
 def _in_python(name: str) -> tuple[str, list[Law]]:
@@ -60,12 +94,8 @@ def _in_python(name: str) -> tuple[str, list[Law]]:
     from testbench.effects.base import Effect
     from testbench.estimators import contract as methods
     from testbench.questions.gap import effect_contract as effects
-    from testbench.questions.gap.brought import FOLDER
 
-    try:
-        path, attribute = find(name, None, FOLDER)
-    except ScenarioError:
-        path, attribute = find(name, None, methods.FOLDER)
+    path, attribute = place_of(name)
 
     def tried() -> tuple[str, list[Law]]:
         what = load(path, attribute)

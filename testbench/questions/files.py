@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Collection
 from difflib import get_close_matches
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from testbench.core.door import read_toml
 from testbench.core.errors import RecordError, ScenarioError
-from testbench.core.paths import SCENARIOS, find_scenario, not_found
+from testbench.core.paths import (
+    AIRCRAFT,
+    SCENARIOS,
+    SENSOR_SUITES,
+    STOCK,
+    aircraft_names,
+    find_scenario,
+    not_found,
+    suite_names,
+)
 from testbench.core.scenario.base import Asked
 from testbench.core.schema import Strict
 from testbench.questions import BY_COMMAND, QUESTIONS, Question
@@ -18,6 +29,7 @@ WITH_FILES = tuple(q for q in QUESTIONS if q.kind)
 """The questions that are asked in a file."""
 PROMISES = "promises"
 """Folder beside ``designs`` where `testbench design` writes what it promises of each."""
+Kind = TypeVar("Kind", bound=Asked)
 _NEAR = 0.8  # likeness of a misspelt key, as difflib counts it
 
 
@@ -117,19 +129,127 @@ def json_schemas() -> dict[str, dict[str, Any]]:
     return {kind: file_class.model_json_schema() for kind, file_class in file_classes().items()}
 
 
-def load(path: Path | str) -> Asked:
-    """Return a file of any question, read and checked without flying.
+def _packaged() -> list[str]:
+    return [p.relative_to(SCENARIOS).with_suffix("").as_posix() for p in SCENARIOS.rglob("*.toml")]
+
+
+def _question_of(kind: type[Asked]) -> Question:
+    """Return the question whose files a class reads, told by its name, so that no other room is imported."""
+    classes = {c.__name__ for c in kind.__mro__}
+    return next(q for q in WITH_FILES if q.schema.partition(":")[2] in classes)
+
+
+def read(given: Path | str, kind: type[Kind]) -> Kind:
+    """Return a file of one question, given by path or by the name of a packaged one; see :func:`find`."""
+    return kind.load(find(Path(given), _question_of(kind).command))
+
+
+def load(what: Any) -> Any:
+    """Return what a name or path means, read and checked; nothing is flown or identified.
+
+    Args:
+        what: a scenario of any question, an aircraft, a sensor suite, a structure, a ground vibration test, a record, a
+            flight log, a data set, a folder of results, an identified model, or ``FILE.py:NAME``. A name that means
+            several is taken for the first of these. Anything but a name or a path is returned as it is.
+
+    Returns:
+        A scenario, :class:`~testbench.Aircraft`, :class:`~testbench.SensorSuite`, the equations of a structure, a
+        ground test, :class:`~testbench.FlightRecord`, :class:`~testbench.Imported`, the data set by xarray, the table
+        of results by pandas, the matrices of a model, or what the Python file holds.
 
     Raises:
         ScenarioError: every fault of the file.
-        RecordError: it cannot be read.
+        RecordError: nothing has that name or lies at that path; the message has the nearest name.
 
     Example:
         >>> import testbench as tb
         >>> tb.load("compare/eolo_alpha").seeds
         16
+        >>> tb.load("taurus").geometry.b_m
+        1.27
     """
-    return _checked(Path(path))[1]
+    from testbench.core import bring
+    from testbench.questions.brought import found_at, place_of
+
+    if not isinstance(what, (str, Path)):
+        return what
+    name, path = str(what), Path(what)
+    if bring.is_brought(name):
+        return bring.load(*place_of(name))
+    found = found_at(path)
+    if found is not None:
+        return found.read()
+    file = find_scenario(path)
+    if file.is_file() and file.suffix.lower() == ".toml":
+        return _checked(path)[1]
+    if path.is_dir():
+        return _of_folder(path)
+    if path.is_file():
+        return _of_file(path)
+    for family, place in (
+        (AIRCRAFT, "testbench.flight.load:load_aircraft"),
+        (SENSOR_SUITES, "testbench.sensors.files:load_suite"),
+    ):
+        if name.startswith(STOCK) or name in (*family.packaged(), *family.stock(), *family.own(Path())):
+            module, reader = place.split(":")
+            return getattr(import_module(module), reader)(name)
+    below = [full for full in _packaged() if Path(full).name == name]
+    if len(below) == 1:  # no other question has a file of that name
+        return _checked(Path(below[0]))[1]
+    known = [*_packaged(), *aircraft_names(), *suite_names()]
+    got = not_found(path, known).partition("; packaged: ")[0]  # they are too many to be said
+    raise RecordError(f"what is loaded must have a name or a path, got {got}")
+
+
+def _of_folder(path: Path) -> Any:
+    """Return the data set or the table of results that a folder holds."""
+    from testbench.questions.dataset.open import open_dataset
+    from testbench.questions.dataset.store import STORE
+    from testbench.questions.tidy import read_results
+
+    return open_dataset(path) if (path / STORE).is_file() else read_results(path)
+
+
+def _of_file(path: Path) -> Any:
+    """Return the record, the model or the log that a file holds."""
+    from testbench.core.record import load_record
+    from testbench.questions.export.matrices import load_matrices
+    from testbench.questions.importing.ask import import_log
+
+    if path.suffix == ".json":
+        return load_matrices(path)
+    if path.suffix == ".nc":
+        with contextlib.suppress(RecordError):  # NetCDF of another program is a log
+            return load_record(path)
+    return import_log(path)
+
+
+def ask(what: Any, *more: Any, **options: Any) -> Any:
+    """Return the answer to what a scenario asks; of an aircraft, its survey.
+
+    Args:
+        what: a scenario of any question or an aircraft, as itself, by name or by path.
+        more: what the function of the question takes besides, such as the folder of a campaign or a data set.
+        options: those of the function: :func:`~testbench.run`, :func:`~testbench.compare`, ...
+
+    Raises:
+        TestbenchError: as the function of the question does.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.ask("taurus_doublet").name
+        'taurus_doublet'
+    """
+    from testbench.aircraft import Aircraft
+
+    asked = load(what)
+    if isinstance(asked, Aircraft):
+        question = BY_COMMAND["aircraft"]
+    elif isinstance(asked, Asked):
+        question = _question_of(type(asked))
+    else:
+        raise ScenarioError([f"what is asked must be a scenario or an aircraft, got a {type(asked).__name__}"])
+    return question.part(question.function)(what if isinstance(what, (str, Path)) else asked, *more, **options)
 
 
 def check_file(path: Path) -> str:
@@ -151,8 +271,7 @@ def check_and_notes(path: Path) -> tuple[str, list[str]]:
 def _checked(path: Path) -> tuple[Question, Asked]:
     file = find_scenario(path)
     if not file.is_file():
-        packaged = [p.relative_to(SCENARIOS).with_suffix("").as_posix() for p in SCENARIOS.rglob("*.toml")]
-        got = not_found(path, packaged, _may_be_asked)
+        got = not_found(path, _packaged(), _may_be_asked)
         raise RecordError(f"a scenario must be a file or a packaged one, got {got}")
     question = kinds_of(file)[0]
     return question, question.file_class.load(file)

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
+from pathlib import Path
 from typing import TypeVar, get_args
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.constants import FT_M
 from testbench.core.errors import LimitError, Refusal, nearest
+from testbench.core.named import Named, obtain, obtain_all
 from testbench.core.processes import spread
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.air import Air
@@ -43,7 +45,7 @@ T = TypeVar("T")
 
 
 def fly_many(
-    aircraft: Aircraft | Sequence[Aircraft],
+    aircraft: Named[Aircraft] | Sequence[Named[Aircraft]],
     trimmed: TrimmedFlight | Sequence[TrimmedFlight],
     manoeuvre: Manoeuvre | Sequence[Manoeuvre],
     log_rate_hz: float,
@@ -84,13 +86,18 @@ def fly_many(
         >>> [record.outcome for record in tb.fly_many(taurus, trimmed, pulses, log_rate_hz=60.0)]
         ['completed', 'completed']
     """
-    many = [x for x in (aircraft, trimmed, manoeuvre, air, start) if isinstance(x, Sequence)]
+    plane: Aircraft | list[Aircraft]
+    if isinstance(aircraft, (Aircraft, Path, str)):
+        plane = obtain(Aircraft, aircraft)
+    else:
+        plane = obtain_all(Aircraft, aircraft)
+    many = [x for x in (plane, trimmed, manoeuvre, air, start) if isinstance(x, Sequence)]
     counts = {len(x) for x in many}
     if len(counts) > 1:
         raise LimitError(f"what is given for each flight must have one length, got {sorted(counts)}")
     n = counts.pop() if counts else 1
     wanted = None if channels is None else tuple(channels)
-    of = zip(_each(aircraft, n), _each(trimmed, n), _each(manoeuvre, n), _each(air, n), _each(start, n), strict=True)
+    of = zip(_each(plane, n), _each(trimmed, n), _each(manoeuvre, n), _each(air, n), _each(start, n), strict=True)
     jobs = [Job(a, t, m, log_rate_hz, wanted, blowing, begun) for a, t, m, blowing, begun in of]
     out = []
     for record in fly_jobs(jobs, simulator):

@@ -10,6 +10,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.constants import FT_M
 from testbench.core.errors import Refusal
+from testbench.core.named import Named, obtain_all
 from testbench.core.processes import spread
 from testbench.core.record import FloatArray
 from testbench.flight.air import Air
@@ -41,7 +42,7 @@ _SI = np.array([FT_M, FT_M, FT_M, 1.0, 1.0, 1.0])
 
 
 def trim_many(
-    aircraft: Sequence[Aircraft],
+    aircraft: Sequence[Named[Aircraft]],
     conditions: Sequence[FlightCondition],
     rate_hz: float | None = None,
     airs: Sequence[Air | None] | None = None,
@@ -72,10 +73,11 @@ def trim_many(
         >>> trims[0].alpha > trims[1].alpha
         True
     """
-    out: list[TrimmedFlight | Refusal | None] = [None] * len(aircraft)
-    blowing = airs or [None] * len(aircraft)
+    planes = obtain_all(Aircraft, aircraft)
+    out: list[TrimmedFlight | Refusal | None] = [None] * len(planes)
+    blowing = airs or [None] * len(planes)
     groups: dict[int, list[tuple[int, BatchModel]]] = {}
-    for i, (each, condition) in enumerate(zip(aircraft, conditions, strict=True)):
+    for i, (each, condition) in enumerate(zip(planes, conditions, strict=True)):
         try:
             model = None
             if simulator != "jsbsim":
@@ -95,7 +97,7 @@ def trim_many(
             out[i] = result
     rest = [i for i, result in enumerate(out) if result is None]
     known = {i: None if near is None else near(i) for i in rest}
-    by_jsbsim = spread([partial(_by_jsbsim, aircraft[i], conditions[i], rate_hz, blowing[i], known[i]) for i in rest])
+    by_jsbsim = spread([partial(_by_jsbsim, planes[i], conditions[i], rate_hz, blowing[i], known[i]) for i in rest])
     trims = dict(zip(rest, by_jsbsim, strict=True))
     return [trims[i] if result is None else result for i, result in enumerate(out)]
 

@@ -10,6 +10,7 @@ import numpy as np
 from testbench.aircraft import Aircraft, ElasticMode
 from testbench.core.blas import on_one_thread
 from testbench.core.errors import TrimError
+from testbench.core.named import Named, obtain
 from testbench.evaluation.envelope import (
     _INTERVALS,
     _RESPONSE_SPEEDS,
@@ -20,6 +21,7 @@ from testbench.evaluation.envelope import (
     fly_envelope,
 )
 from testbench.flight import FlightCondition, trim
+from testbench.page.shown import Shown
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ def speed_range(aircraft: Aircraft, h_m: float | None = None) -> SpeedRange:
 
 
 @dataclass(frozen=True, eq=False)
-class Survey:
+class Survey(Shown, page="testbench.questions.aircraft.page:aircraft_page"):
     """An envelope, with the speeds of its tables and frequency responses.
 
     Attributes:
@@ -136,7 +138,7 @@ class Survey:
 
 
 @on_one_thread
-def survey(aircraft: Aircraft, name: str) -> Survey:
+def survey(aircraft: Named[Aircraft], name: str = "") -> Survey:
     """Return the envelope of an aircraft over all speeds at which it can be trimmed, at its design altitude.
 
     Raises:
@@ -148,6 +150,8 @@ def survey(aircraft: Aircraft, name: str) -> Survey:
         >>> sorted(found.envelope.aircraft.controls)
         ['da', 'de', 'dr', 'thr']
     """
+    aircraft = obtain(Aircraft, aircraft)
+    name = name or aircraft.name
     found = speed_range(aircraft)
     tabled = found.tabled()
     spread = sorted({tabled[round(k)] for k in np.linspace(0, len(tabled) - 1, 5)})

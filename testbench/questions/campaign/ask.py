@@ -17,6 +17,7 @@ from typing import Any
 from testbench.core.blas import on_one_thread
 from testbench.core.errors import CampaignError
 from testbench.core.files import write_file
+from testbench.core.named import Named, obtain
 from testbench.core.processes import cores
 from testbench.flight.batch.jobs import Simulator
 from testbench.questions.campaign.draws import run_inputs, run_seed
@@ -84,8 +85,8 @@ class _Batch:
 
 @on_one_thread
 def fly_campaign(
-    campaign: Campaign,
-    folder: Path,
+    campaign: Named[Campaign],
+    folder: Path | str,
     *,
     resume: bool = False,
     workers: int | None = None,
@@ -116,6 +117,7 @@ def fly_campaign(
         >>> campaign = tb.load_campaign("campaign/taurus_scatter")
         >>> tb.fly_campaign(campaign, Path("results/campaign_taurus_scatter"), workers=2)  # doctest: +SKIP
     """
+    campaign, folder = obtain(Campaign, campaign), Path(folder)
     require_dask()
     with ExitStack() as stack:
         # An address that does not answer must not leave a store behind.

@@ -65,9 +65,8 @@ def campaign_status(campaign: CampaignArgument, out: OutOption = Path("results")
     from testbench.questions.campaign.page import campaign_page
     from testbench.questions.campaign.result import read_campaign
     from testbench.questions.campaign.store import Store
-    from testbench.questions.files import find
 
-    loaded = load_campaign(find(campaign, "campaign"))
+    loaded = load_campaign(campaign)
     with Store.read(out / f"campaign_{loaded.spec.name}") as store:
         campaign_page(read_campaign(loaded, store)).show(console())
 
@@ -77,9 +76,8 @@ def campaign_status(campaign: CampaignArgument, out: OutOption = Path("results")
 def campaign_summarise(campaign: CampaignArgument, out: OutOption = Path("results")) -> None:
     """Write tables, figures and report.html from the runs that are finished; nothing is flown."""
     from testbench.questions.campaign.load import load_campaign
-    from testbench.questions.files import find
 
-    loaded = load_campaign(find(campaign, "campaign"))
+    loaded = load_campaign(campaign)
     _report_campaign(loaded, out / f"campaign_{loaded.spec.name}")
 
 
@@ -91,11 +89,10 @@ def _fly_campaign(
     from testbench.questions.campaign.ask import fly_campaign
     from testbench.questions.campaign.load import load_campaign
     from testbench.questions.campaign.progress import show_progress
-    from testbench.questions.files import find
 
     if workers is not None and scheduler is not None:
         raise typer.BadParameter("give either --workers or --scheduler: a cluster brings its own workers")
-    loaded = load_campaign(find(campaign, "campaign"))
+    loaded = load_campaign(campaign)
     folder = out / f"campaign_{loaded.spec.name}"
     try:
         with show_progress(Console(stderr=True)) as progress:

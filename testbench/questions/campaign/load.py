@@ -16,6 +16,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.bring import is_brought
 from testbench.core.door import read_text, read_toml, sha256
 from testbench.core.errors import Refusal, ScenarioError, nearest
+from testbench.core.named import obtain
 from testbench.core.paths import find_scenario
 from testbench.core.schema import parse
 from testbench.estimators.brought import is_text, place, whole
@@ -112,7 +113,7 @@ def load_campaign(path: Path | str) -> Campaign:
         >>> tb.load_campaign("campaign/taurus_scatter").base.aircraft
         'taurus'
     """
-    spec = CampaignSpec.load(path)
+    spec = obtain(CampaignSpec, path)
     assert spec.file is not None
     content, origin = _base(spec, spec.file)
     bare, _ = parse(Scenario, content, origin)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from testbench.page.shown import Shown
 from testbench.questions.campaign.summary import Summary, summarise, truth_of
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class CampaignResult:
+class CampaignResult(Shown, page="testbench.questions.campaign.page:campaign_page"):
     """The data from which the report of a campaign is made.
 
     Attributes:

@@ -11,6 +11,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.blas import on_one_thread
 from testbench.core.errors import EstimationError, Refusal, located
+from testbench.core.named import Named, obtain
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators import estimate
 from testbench.estimators.cells import contained, need_numbers
@@ -41,7 +42,7 @@ _FAST_MODE = {"longitudinal": "short period", "lateral": "Dutch roll"}
 
 @on_one_thread
 def compare(
-    scenario: CompareScenario,
+    scenario: Named[CompareScenario],
     seed: int | None = None,
     simulate: bool = True,
     progress: Report | None = None,
@@ -70,6 +71,7 @@ def compare(
         >>> result.errors  # nothing was flown
         {}
     """
+    scenario = obtain(CompareScenario, scenario)
     say = progress or (lambda text: None)
     where, seed = scenario.file, scenario.seed if seed is None else seed
     say("trim and linearise")

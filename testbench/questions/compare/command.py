@@ -44,13 +44,13 @@ def suites(
     sensors along the wing. Examples: `testbench compare eolo_alpha`, `testbench
     compare eolo_wing`.
     """
+    from testbench.core.named import obtain
     from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.compare.ask import compare
     from testbench.questions.compare.page import compare_page
     from testbench.questions.compare.scenario import CompareScenario
-    from testbench.questions.files import find
 
-    loaded = CompareScenario.load(find(scenario, "compare"))
+    loaded = obtain(CompareScenario, scenario)
     with ResultFolder(folder_in(out, f"compare_{loaded.name}")) as place, stages() as say:
         result = compare(loaded, seed, not information, say, simulator.value)
         say("write report")

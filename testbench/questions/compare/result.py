@@ -23,6 +23,7 @@ from testbench.evaluation.statistics import (
     seeds_needed,
 )
 from testbench.flight.batch.jobs import Tally
+from testbench.page.shown import Shown
 from testbench.questions.compare.placement import Placed
 from testbench.questions.compare.prediction import Prediction
 from testbench.questions.compare.scenario import BEST_CASE, CompareScenario
@@ -133,7 +134,7 @@ class Gain:
 
 
 @dataclass(frozen=True, eq=False)
-class CompareResult:
+class CompareResult(Shown, page="testbench.questions.compare.page:compare_page"):
     """Everything a comparison found.
 
     Attributes:

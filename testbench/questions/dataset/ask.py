@@ -15,6 +15,7 @@ from typing import Any
 from testbench.core.blas import on_one_thread
 from testbench.core.door import checked
 from testbench.core.errors import DatasetError, ScenarioError
+from testbench.core.named import Named, obtain
 from testbench.core.processes import Ahead, cores, processes
 from testbench.core.sizes import require_room
 from testbench.core.store import ResultFolder
@@ -62,7 +63,7 @@ class Drawn:
 
 @on_one_thread
 def draw_dataset(
-    scenario: DatasetScenario | Path | str,
+    scenario: Named[DatasetScenario],
     folder: Path | str,
     *,
     runs: int | None = None,
@@ -91,8 +92,7 @@ def draw_dataset(
         >>> drawn.layout.flights, sorted(p.name for p in drawn.folder.iterdir())[-1]
         (8, 'truth_test.h5')
     """
-    if not isinstance(scenario, DatasetScenario):
-        scenario = DatasetScenario.load(scenario)
+    scenario = obtain(DatasetScenario, scenario)
     if runs is not None and runs < 1:
         raise ScenarioError([f"runs >= 1 must hold, got {runs}"])
     aircraft_of.cache_clear()  # a folder of the user's own may have changed since the last set

@@ -36,12 +36,12 @@ def draw(
     """
     from rich.console import Console
 
+    from testbench.core.named import obtain
     from testbench.questions.campaign.progress import show_progress
     from testbench.questions.dataset.ask import draw_dataset
     from testbench.questions.dataset.scenario import DatasetScenario
-    from testbench.questions.files import find
 
-    loaded = DatasetScenario.load(find(scenario, "dataset"))
+    loaded = obtain(DatasetScenario, scenario)
     if seed is not None:
         loaded = loaded.changed(seed=seed)
     try:

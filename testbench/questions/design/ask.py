@@ -17,6 +17,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.blas import on_one_thread
 from testbench.core.constants import PERCENT
 from testbench.core.errors import EstimationError, LimitError, located
+from testbench.core.named import Named, obtain
 from testbench.core.record import FloatArray
 from testbench.flight import LinearModel, TrimmedFlight, load_aircraft
 from testbench.flight.batch.jobs import Simulator, Tally
@@ -51,7 +52,7 @@ _REALISED = 3  # designs that are realised, at most
 
 @on_one_thread
 def run_design(
-    scenario: DesignScenario,
+    scenario: Named[DesignScenario],
     seed: int | None = None,
     progress: Report | None = None,
     simulator: Simulator = "auto",
@@ -78,6 +79,7 @@ def run_design(
         >>> result = tb.run_design(tb.load("design/taurus_short_period"))  # doctest: +SKIP
         >>> result.best.design.family  # doctest: +SKIP
     """
+    scenario = obtain(DesignScenario, scenario)
     say = progress or (lambda text: None)
     where, tally = scenario.file, Tally()
     if seed is not None:

@@ -44,14 +44,14 @@ def command(
     --after the next input is designed for what earlier flights left uncertain: `testbench design mine.toml --after
     results/close_mine`. Another aircraft than the scenario's: `testbench design eolo_short_period --aircraft mine`.
     """
+    from testbench.core.named import obtain
     from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.design.ask import run_design
     from testbench.questions.design.known import AllKnown, known_after
     from testbench.questions.design.page import design_page, nothing_page
     from testbench.questions.design.scenario import DesignScenario
-    from testbench.questions.files import find
 
-    loaded = DesignScenario.load(find(scenario, "design"))
+    loaded = obtain(DesignScenario, scenario)
     if aircraft is not None:
         loaded = loaded.with_aircraft(aircraft)
     name = f"design_{loaded.name}{f'_after_{len(after)}' if after else ''}"  # plans refer to the design before

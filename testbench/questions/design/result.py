@@ -14,6 +14,7 @@ from testbench.evaluation.envelope import Onset
 from testbench.flight import LinearModel, TrimmedFlight
 from testbench.flight.batch.jobs import Tally
 from testbench.inputs.signal import energy_spectrum
+from testbench.page.shown import Shown
 from testbench.questions.design.draws import Draws, OverDraws
 from testbench.questions.design.elsewhere import Elsewhere
 from testbench.questions.design.flown import Envelope, Flown
@@ -49,7 +50,7 @@ class Ranked:
 
 
 @dataclass(frozen=True, eq=False)
-class DesignResult:
+class DesignResult(Shown, page="testbench.questions.design.page:design_page"):
     """Everything a design found.
 
     Attributes:

@@ -8,12 +8,14 @@ from pathlib import Path
 
 from testbench.core.blas import on_one_thread
 from testbench.core.errors import RecordError, located
+from testbench.core.named import Named, obtain
 from testbench.core.record import FlightRecord, load_record
 from testbench.core.scenario.base import Condition
 from testbench.effects import OTHER_SERVOS
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.flight.batch.jobs import Simulator
 from testbench.line import Keep, condition_of
+from testbench.page.shown import Shown
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.brought import choose
 from testbench.questions.gap.evidence.compared import not_compared
@@ -28,7 +30,7 @@ from testbench.sensors import SensorSuite, load_suite
 
 
 @dataclass(frozen=True, eq=False)
-class GapResult:
+class GapResult(Shown, page="testbench.questions.gap.page:gap_page"):
     """Measured flights, what was believed of them, and what was found.
 
     Attributes:
@@ -55,7 +57,7 @@ class GapResult:
 
 @on_one_thread
 def run_gap(
-    scenario: GapScenario | Path | str,
+    scenario: Named[GapScenario],
     seed: int | None = None,
     keep: Keep | None = None,
     progress: Callable[[str], None] | None = None,
@@ -88,8 +90,7 @@ def run_gap(
         >>> result = tb.run_gap(tb.load("gap/flexible_wings"))  # doctest: +SKIP
         >>> result.finding.sentences[0]  # doctest: +SKIP
     """
-    if not isinstance(scenario, GapScenario):
-        scenario = GapScenario.load(scenario)
+    scenario = obtain(GapScenario, scenario)
     file = scenario.file
     seed = scenario.seed if seed is None else seed
     keep = keep or (lambda name, record: None)

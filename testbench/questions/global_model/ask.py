@@ -13,6 +13,7 @@ from testbench.aircraft.reactions import reacts
 from testbench.core.blas import on_one_thread
 from testbench.core.channels import SURFACES
 from testbench.core.errors import EstimationError, nearest
+from testbench.core.named import Named, obtain
 from testbench.core.record import FlightRecord, load_record
 from testbench.estimators.regression.global_model import (
     CoefficientFunction,
@@ -25,7 +26,6 @@ from testbench.estimators.regression.global_model import (
 from testbench.inference.instruments import without_errors
 from testbench.line import Report
 from testbench.logs.read import read_records
-from testbench.questions.files import find
 from testbench.questions.global_model.coefficients import (
     APART,
     COEFFICIENTS,
@@ -60,7 +60,7 @@ def flights_of(path: Path, data_folder: Path | None = None) -> tuple[Flights, Re
         return [(path.stem, "identification", load_record(path))], None
     if path.is_file() and path.suffix != ".toml":
         return [(path.stem, "identification", import_log(path).record)], None
-    description = RecordDescription.load(find(path, "identify"))
+    description = obtain(RecordDescription, path)
     read = read_records(description, data_folder)
     return [(n, use, without_errors(r, description.correct)) for n, use, r in read], description
 
@@ -68,7 +68,7 @@ def flights_of(path: Path, data_folder: Path | None = None) -> tuple[Flights, Re
 @on_one_thread
 def global_model(
     flights: Flights,
-    aircraft: Aircraft,
+    aircraft: Named[Aircraft],
     *,
     hold_out: Sequence[str] = (),
     instrument_std: Mapping[str, float] | None = None,
@@ -95,6 +95,7 @@ def global_model(
         >>> found = tb.global_model(flights, tb.load_aircraft("jsbsim:T38"))  # doctest: +SKIP
         >>> found.model.functions["Cm"].terms  # doctest: +SKIP
     """
+    aircraft = obtain(Aircraft, aircraft)
     say = progress or (lambda text: None)
     records = _divided(flights, hold_out)
     cut = cutoff_hz([r for _, _, r in records])

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from testbench.aircraft import Aircraft
 from testbench.estimators.regression.global_model import GlobalModel
+from testbench.page.shown import Shown
 from testbench.questions.global_model.coefficients import FeltFlight
 
 
@@ -34,7 +35,7 @@ class HeldOut:
 
 
 @dataclass(frozen=True, eq=False)
-class GlobalFound:
+class GlobalFound(Shown, page="testbench.questions.global_model.page:global_page"):
     """A global model and what it was made from.
 
     Attributes:

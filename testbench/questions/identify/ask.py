@@ -13,6 +13,7 @@ from testbench.core.advice import doubt, note
 from testbench.core.blas import on_one_thread
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import Refusal, ScenarioError, located, nearest
+from testbench.core.named import Named, obtain
 from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
 from testbench.estimators.causes import with_causes
@@ -46,7 +47,7 @@ _ESTIMATED = 3.0  # standard errors that an error must be to be taken out of the
 
 @on_one_thread
 def identify(
-    description: RecordDescription,
+    description: Named[RecordDescription],
     data_folder: Path | None = None,
     keep: Keep | None = None,
     progress: Report | None = None,
@@ -75,6 +76,7 @@ def identify(
         >>> import testbench as tb
         >>> tb.identify(tb.load_description("attas_short_period"), data_folder).findings  # doctest: +SKIP
     """
+    description = obtain(RecordDescription, description)
     say = progress or (lambda text: None)
     found = _identified(description, data_folder, keep or (lambda name, record: None), say, strict, again)
     fault = None if found.instruments is None else found.instruments.fault
@@ -417,4 +419,4 @@ def load_description(path: Path | str) -> RecordDescription:
         >>> tb.load_description("attas_short_period").identification.inputs
         ('de',)
     """
-    return RecordDescription.load(path)
+    return obtain(RecordDescription, path)

@@ -17,7 +17,7 @@ from testbench.questions.run.result import RunResult
 
 
 @dataclass(frozen=True, eq=False)
-class Identified(RunResult):
+class Identified(RunResult, page="testbench.questions.identify.page:identify_page"):
     """What identification from recorded flights found.
 
     Attributes:

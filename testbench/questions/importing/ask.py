@@ -40,6 +40,7 @@ from testbench.logs.sidpac import UNSTATED, read_columns
 from testbench.logs.signals import Log, Mapped, Rule, Topic, find_channels, scaled
 from testbench.logs.stretches import Stretch, beyond_ground, flown_parts, not_flown, stretches_of
 from testbench.logs.ulog import MAGIC, read_ulog
+from testbench.page.shown import Shown
 from testbench.page.words import listed, some
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.balance import Balance, balance_of, balance_rows
@@ -64,7 +65,7 @@ UNUSABLE = "no_recipe"
 
 
 @dataclass(frozen=True, eq=False)
-class Imported:
+class Imported(Shown, page="testbench.questions.importing.report:import_page"):
     """A log that was read: its channels as logged, one record of them on one clock, and the manoeuvres in it.
 
     ``channels`` are those of ``record``, in its order, and ``noise`` is theirs; ``stretches`` say what kind of flight

@@ -13,6 +13,7 @@ from testbench.core.blas import on_one_thread
 from testbench.core.channels import CONTROLS
 from testbench.core.door import read_text
 from testbench.core.errors import ChannelError, RecordError, ScenarioError, located
+from testbench.core.named import Named, obtain
 from testbench.core.record import FlightRecord, load_record
 from testbench.core.schema import parse
 from testbench.estimators.operational import Criteria, OperationalModes, estimate
@@ -130,7 +131,7 @@ def _of_the_wing(records: Sequence[FlightRecord]) -> tuple[str, ...]:
 
 @on_one_thread
 def fly_modes(
-    scenario: ModesScenario,
+    scenario: Named[ModesScenario],
     search: ModeSearch | None = None,
     seed: int | None = None,
     keep: Keep | None = None,
@@ -153,6 +154,7 @@ def fly_modes(
         >>> result = tb.fly_modes(tb.load("modes/eolo_turbulence"))  # doctest: +SKIP
         >>> result.found  # doctest: +SKIP
     """
+    scenario = obtain(ModesScenario, scenario)
     say = progress or (lambda text: None)
     seed, where = scenario.seed if seed is None else seed, scenario.file
     aircraft, suite = load_aircraft(scenario.aircraft, scenario.wings), load_suite(scenario.suite)

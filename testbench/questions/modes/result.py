@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from testbench.core.record import FlightRecord
 from testbench.estimators.operational import OperationalModes
 from testbench.evaluation.operational import ModeMatch, TrueMode
+from testbench.page.shown import Shown
 
 
 @dataclass(frozen=True, eq=False)
-class ModesResult:
+class ModesResult(Shown, page="testbench.questions.modes.page:modes_page"):
     """The modes that were found, and what is known of the aircraft.
 
     Attributes:

@@ -13,6 +13,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.blas import on_one_thread
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import LimitError, Refusal, ScenarioError, located
+from testbench.core.named import Named, obtain
 from testbench.evaluation.envelope import Envelope, Onset, fly_envelope
 from testbench.flight import load_aircraft
 from testbench.flight.batch.jobs import Simulator
@@ -45,7 +46,7 @@ _BEYOND_SPEEDS = 12
 
 @on_one_thread
 def make_plan(
-    scenario: PlanScenario,
+    scenario: Named[PlanScenario],
     survey: Survey = fly_envelope,
     progress: Callable[[str], None] | None = None,
     simulator: Simulator = "auto",
@@ -68,6 +69,7 @@ def make_plan(
         >>> plan = tb.make_plan(tb.load("plan/taurus_63"))  # doctest: +SKIP
         >>> len(plan.cards)  # doctest: +SKIP
     """
+    scenario = obtain(PlanScenario, scenario)
     say = progress or (lambda text: None)
     aircraft = load_aircraft(scenario.aircraft, scenario.wings)
     suite = load_suite(scenario.suite)

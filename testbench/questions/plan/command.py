@@ -169,14 +169,14 @@ def rehearse(
 
     Example: `testbench plan rehearse my_plan.toml`, then `testbench plan close my_plan.toml logs/*.csv`.
     """
+    from testbench.core.named import obtain
     from testbench.core.store import ResultFolder
     from testbench.flight import load_aircraft
-    from testbench.questions.files import find
     from testbench.questions.plan.ask import make_plan
     from testbench.questions.plan.rehearse import rehearse as fly_all
     from testbench.questions.plan.scenario import PlanScenario
 
-    loaded = PlanScenario.load(find(scenario, "plan"))
+    loaded = obtain(PlanScenario, scenario)
     with stages() as say, ResultFolder(out, adds=f"{loaded.name}_flight_*.csv") as place:  # others may lie there, too
         plan = make_plan(loaded, progress=say)
         other = None if aircraft is None else load_aircraft(aircraft, loaded.wings)
@@ -203,8 +203,8 @@ def close(
     identified together, by the estimator of its design. Records lie in records/, descriptions for `testbench identify`
     in identify/. Example: `testbench plan close my_plan.toml flight_1.bin flight_2.bin`.
     """
+    from testbench.core.named import obtain
     from testbench.core.store import ResultFolder, folder_in
-    from testbench.questions.files import find
     from testbench.questions.importing.ask import import_log, parse_throws
     from testbench.questions.plan.ask import make_plan
     from testbench.questions.plan.close import close_plan
@@ -214,7 +214,7 @@ def close(
     from testbench.questions.plan.scenario import PlanScenario
     from testbench.questions.plan.verdicts import judge
 
-    loaded = PlanScenario.load(find(scenario, "plan"))
+    loaded = obtain(PlanScenario, scenario)
     with stages() as say, ResultFolder(folder_in(out, f"close_{loaded.name}")) as place:
         plan = make_plan(loaded, progress=say)
         full = {c: control.full for c, control in plan.aircraft.controls.items() if c != "thr"}

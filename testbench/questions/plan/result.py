@@ -12,6 +12,7 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight import LinearModel, TrimmedFlight
 from testbench.flight.batch.jobs import Tally
 from testbench.inputs import InputSignal
+from testbench.page.shown import Shown
 from testbench.questions.plan.scenario import PlannedManoeuvre, PlanScenario
 from testbench.sensors import SensorSuite
 
@@ -188,7 +189,7 @@ class FlightLeg:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(Shown, page="testbench.questions.plan.page:plan_page"):
     """A campaign that can be flown; ``tally`` says by what its cards were flown in the simulator."""
 
     scenario: PlanScenario

@@ -25,14 +25,14 @@ def command(
     All records of the description are taken together; its identification table names inputs and outputs. The method is
     made for sweeps and multisines. Example: `testbench response records/attas_short_period --window 5 --window 12`.
     """
+    from testbench.core.named import obtain
     from testbench.core.store import ResultFolder, folder_in
     from testbench.logs.read import read_records
-    from testbench.questions.files import find
     from testbench.questions.identify.scenario import RecordDescription
     from testbench.questions.response.ask import frequency_responses
     from testbench.questions.response.page import response_page
 
-    described = RecordDescription.load(find(description, "identify"))
+    described = obtain(RecordDescription, description)
     with ResultFolder(folder_in(out, f"{described.name}_response")) as place, stages() as say:
         say("read records")
         records = [record for _, _, record in read_records(described, data)]

@@ -14,6 +14,7 @@ from testbench.core.door import open_file, read_text
 from testbench.core.errors import RecordError
 from testbench.core.paths import not_found
 from testbench.core.store import INDEX, OWN, PAGE, settle
+from testbench.page.shown import Shown
 
 _HEAD_BYTES = 100_000  # of a page; title and answer stand before the first figure
 _DEEPEST = 4  # folders below the one that is listed
@@ -57,7 +58,7 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class ResultsCompared:
+class ResultsCompared(Shown, page="testbench.questions.results.page:compared_page"):
     """Two results side by side: what each says, which numbers differ, and what only one of them has."""
 
     first: ResultSummary

@@ -8,6 +8,7 @@ from pathlib import Path
 from testbench.aircraft import Aircraft
 from testbench.core.blas import on_one_thread
 from testbench.core.errors import located
+from testbench.core.named import Named, obtain
 from testbench.core.record import FlightRecord
 from testbench.estimators.cells import FailedCell
 from testbench.estimators.identification import Identification
@@ -54,7 +55,7 @@ class Prepared:
 
 @on_one_thread
 def run(
-    scenario: Scenario,
+    scenario: Named[Scenario],
     seed: int | None = None,
     keep: Keep | None = None,
     progress: Report | None = None,
@@ -82,6 +83,7 @@ def run(
         >>> sorted(result.table.columns)
         ['data', 'estimator', 'fit_percent', 'mrse_percent', 'output', 'suite']
     """
+    scenario = obtain(Scenario, scenario)
     seed, say = scenario.seed if seed is None else seed, progress or (lambda text: None)
     ready = prepared or _ready(scenario, seed, say)
     flights = fly_all(scenario, ready, seed, keep, say)
@@ -123,7 +125,7 @@ def load_scenario(path: Path | str) -> Scenario:
         >>> tb.load_scenario("eolo_alpha").suites
         ('eolo_no_alpha', 'eolo_alpha')
     """
-    return Scenario.load(path)
+    return obtain(Scenario, path)
 
 
 def _ready(scenario: Scenario, seed: int, say: Report) -> Prepared:

@@ -28,16 +28,16 @@ def command(
     Example: `testbench run eolo_alpha` answers what an angle-of-attack vane buys; `testbench run mine.toml
     --aircraft mine_amended` flies another aircraft through it.
     """
+    from testbench.core.named import obtain
     from testbench.core.record import FlightAborted
     from testbench.core.store import ResultFolder, folder_in
     from testbench.page.page import Page
     from testbench.page.write import record_keeper
-    from testbench.questions.files import find
     from testbench.questions.run.ask import run
     from testbench.questions.run.page import run_page
     from testbench.questions.run.scenario import Scenario
 
-    loaded = Scenario.load(find(scenario, "run"))
+    loaded = obtain(Scenario, scenario)
     if aircraft is not None:
         loaded = loaded.with_aircraft(aircraft)
     if seeds is not None:

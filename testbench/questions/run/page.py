@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from testbench.core.scenario.base import FlownAt
@@ -92,19 +91,6 @@ def tidy_run(result: RunResult) -> pd.DataFrame:
     aircraft = getattr(result.source, "aircraft", "")
     same = {"scenario": result.name, "aircraft": str(aircraft or ""), "input": flown}
     return of_found(found_of(result), 0, result.seed, **same)
-
-
-def write_results(result: RunResult, folder: Path | str) -> list[Path]:
-    """Write tables, models, figures and report.html of a run into a folder; return the paths, the page last.
-
-    Raises:
-        WriteError: the folder cannot be written to.
-
-    Example:
-        >>> import testbench as tb
-        >>> tb.write_results(tb.run(tb.load_scenario("eolo_alpha")), "results/eolo_alpha")  # doctest: +SKIP
-    """
-    return run_page(result).write(folder)
 
 
 def _records(result: RunResult) -> list[tuple[str, str]]:

@@ -12,6 +12,7 @@ from testbench.estimators.cells import FailedCell
 from testbench.estimators.identification import estimator_name
 from testbench.evaluation.truth import Truth
 from testbench.line import Case, Flight
+from testbench.page.shown import Shown
 from testbench.questions.run.findings import alpha_findings, error_findings, sampling_findings
 from testbench.questions.run.scenario import Scenario
 from testbench.questions.run.seeds import Repeats
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class RunResult:
+class RunResult(Shown, page="testbench.questions.run.page:run_page"):
     """Everything a run found. ``table`` and ``findings`` are made from it; nothing is stored twice.
 
     ``questions`` are values of recorded flights that are hardly meant, in words. ``failed`` are the suites and

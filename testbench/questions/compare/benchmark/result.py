@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from testbench.core.record import FloatArray
+from testbench.page.shown import Shown
 from testbench.questions.compare.benchmark.entries import Entry
 from testbench.questions.compare.benchmark.sets import DataSet
 from testbench.questions.side_by_side import Contest
@@ -58,7 +59,7 @@ class Score(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Benchmark:
+class Benchmark(Shown, page="testbench.questions.compare.benchmark.page:benchmark_page"):
     """A finished benchmark.
 
     Attributes:

@@ -14,6 +14,7 @@ import numpy as np
 
 from testbench.core.door import read_text
 from testbench.core.errors import RecordError
+from testbench.core.named import obtain
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.questions.compare.benchmark import bound as bounds
 from testbench.questions.compare.benchmark import flights
@@ -92,7 +93,7 @@ def _recorded(data: DataSet) -> Flown:
     from testbench.logs.read import read_records
     from testbench.questions.identify.scenario import RecordDescription
 
-    asked = RecordDescription.load(find(Path(data.records), "identify"))
+    asked = obtain(RecordDescription, data.records)
     seen, unseen = [], []
     for _, use, record in read_records(asked):
         first, rest = record.split(asked.preparation.identification_fraction) if use == "split" else (record, record)

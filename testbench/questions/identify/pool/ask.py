@@ -10,8 +10,10 @@ import numpy as np
 
 from testbench.core.blas import on_one_thread
 from testbench.core.errors import EstimationError, RecordError, ScenarioError, located, nearest
+from testbench.core.named import Named, obtain_all
 from testbench.line import RECORDED, Keep, Report
 from testbench.page.labels import file_stem, unique
+from testbench.page.shown import Shown
 from testbench.page.words import listed
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.pool.logs import Contribution, contribution
@@ -25,7 +27,7 @@ PRIORS = ("aircraft", "handbook")
 
 
 @dataclass(frozen=True, eq=False)
-class PooledFlights:
+class PooledFlights(Shown, page="testbench.questions.identify.pool.page:pool_page"):
     """Several logs, identified each by itself and pooled.
 
     Attributes:
@@ -50,7 +52,7 @@ class PooledFlights:
 
 @on_one_thread
 def identify_and_pool(
-    descriptions: Sequence[RecordDescription],
+    descriptions: Sequence[Named[RecordDescription]],
     data_folder: Path | None = None,
     *,
     settings: Pooling | None = None,
@@ -78,11 +80,12 @@ def identify_and_pool(
         >>> tb.identify_and_pool(days).pooled.coefficient("Cm_alpha").value  # doctest: +SKIP
     """
     say = progress or (lambda text: None)
-    asked = settings if settings is not None else agreed(descriptions)
-    _one_aircraft(descriptions)
-    _known_method(asked.method, descriptions)
-    given = _given_prior(asked.prior, descriptions)
-    logs = list(parts_of(descriptions, asked.each))
+    described = obtain_all(RecordDescription, descriptions)
+    asked = settings if settings is not None else agreed(described)
+    _one_aircraft(described)
+    _known_method(asked.method, described)
+    given = _given_prior(asked.prior, described)
+    logs = list(parts_of(described, asked.each))
     found, gave, nothing = [], [], []
     for name, description in logs:
         say(f"log {name}")
