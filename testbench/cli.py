@@ -7,19 +7,20 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from testbench.core.door import READ
 from testbench.core.errors import RecordError, Refusal, ScenarioError, TestbenchError, brief, given
 from testbench.core.interrupts import ended_by_signals
-from testbench.page.terminal import console, open_streams, print_rows
-from testbench.questions import QUESTIONS, Question
+from testbench.page.terminal import console, in_manner, open_streams, print_rows
+from testbench.questions import BY_COMMAND, QUESTIONS, Question
 from testbench.questions.options import UsageError
 
 _HELP = """Fly an identification experiment in simulation before the aircraft does.
@@ -35,10 +36,84 @@ simulation lacks.
 Exit status: 0 done, 1 a result is not what was written (results --verify), 2 bad input, 3 the computation cannot be
 carried out (no trim, flight aborted, not identifiable, disk full), 130 interrupted, 143 ended by the system.
 """
+NAMED = {
+    "aircraft": ("aircraft",), "name": ("aircraft",), "suite": ("suite",), "things": ("scenario", "aircraft", "suite"),
+    "scenario": ("scenario",), "campaign": ("scenario",), "case": ("scenario", "aircraft"), "source": ("scenario",),
+    "description": ("scenario",), "descriptions": ("scenario",),
+}  # fmt: skip
+"""Parameter of a command -> families whose names a shell completes for it."""
 _UNKNOWN = re.compile("No such command '([^']*)'")
 _INTERRUPTED = 130
 _PIPE_CLOSED = 141
 """What a shell says of a process that wrote to a pipe that nobody reads: 128 and the number of SIGPIPE."""
+
+
+def _speak(context: typer.Context, parameter: typer.CallbackParam, given: bool) -> None:
+    if given:
+        context.with_resource(in_manner((parameter.name or "").removeprefix("as_")))
+
+
+def _manners(
+    quiet: Annotated[
+        bool,
+        typer.Option("--quiet", "-q", callback=_speak, expose_value=False, help="Answer in one sentence; no progress."),
+    ] = False,
+    verbose: Annotated[
+        bool,
+        typer.Option("--verbose", "-v", callback=_speak, expose_value=False, help="Answer with every sentence."),
+    ] = False,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", callback=_speak, expose_value=False, help="Print the result as the Python API has it."),
+    ] = False,
+) -> None:
+    """Hold the options that every command takes: how it answers."""
+
+
+class Everywhere(TyperGroup):
+    """The group of all commands: gives each of them what every command has.
+
+    These are the options of :func:`_manners`, and completion of the names of scenarios, aircraft and suites.
+    """
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        holder = typer.Typer(add_completion=False)
+        holder.command()(_manners)
+        manners = typer.main.get_command(holder).params
+        for command in _below(self):
+            for parameter in command.params:
+                if parameter.name in NAMED:
+                    parameter._custom_shell_complete = _names
+            command.params.extend(manners)
+
+
+def _below(command: Any) -> Iterator[Any]:
+    """Yield a command and all below it."""
+    yield command
+    for child in getattr(command, "commands", {}).values():
+        yield from _below(child)
+
+
+def _names(context: Any, parameter: Any, begun: str) -> list[str]:
+    """Return what a shell may put in the place of a name that is begun: names that are known, files and folders."""
+    from testbench.core import paths
+
+    words = context.command_path.split()
+    question = BY_COMMAND.get(words[1] if len(words) > 1 else "")
+    folder = paths.SCENARIOS / (question.folder if question is not None else "")
+    known: dict[str, Callable[[], Iterable[str]]] = {
+        "scenario": lambda: (p.stem for p in folder.glob("*.toml")),
+        "aircraft": lambda: (
+            *(*paths.aircraft_names(), *paths.AIRCRAFT.own(Path())),
+            *(f"{paths.STOCK}{name}" for name in paths.stock_names()),
+        ),
+        "suite": lambda: (*paths.suite_names(), *paths.SENSOR_SUITES.own(Path())),
+    }
+    names = {name for kind in NAMED[parameter.name] for name in known[kind]()}
+    beside = (f"{p}/" if p.is_dir() else str(p) for p in Path().glob(f"{begun}*")) if not begun.startswith("/") else ()
+    found = [name for name in (*sorted(names), *sorted(beside)) if name.startswith(begun)]
+    return [name for name in found if begun.startswith(".") or not name.startswith(".")]
 
 
 def application(questions: Sequence[Question] = QUESTIONS) -> typer.Typer:
@@ -48,13 +123,13 @@ def application(questions: Sequence[Question] = QUESTIONS) -> typer.Typer:
     first.append(("check my_scenario.toml", "every fault of a file at once"))
     wide = max(len(example) for example, _ in first)
     out = typer.Typer(
-        no_args_is_help=True,
-        add_completion=False,
+        cls=Everywhere,
+        context_settings={"help_option_names": ["-h", "--help"]},
         pretty_exceptions_enable=False,
         rich_markup_mode="markdown",
         help=_HELP.format(examples="\n".join(f"    testbench {example:<{wide}} # {words}" for example, words in first)),
     )
-    out.callback()(start)
+    out.callback(invoke_without_command=True)(start)
     for question in questions:
         command = import_module(f"{question.package}.command").command
         if isinstance(command, typer.Typer):
@@ -75,12 +150,24 @@ def _say_version(wanted: bool) -> None:
 
 
 def start(
+    context: typer.Context,
     version: Annotated[
         bool,
         typer.Option("--version", callback=_say_version, is_eager=True, help="Say which version this is, and end."),
     ] = False,
 ) -> None:
-    """Take the options that stand before a command."""
+    """Take the options that stand before a command; without a command, say what may be wanted."""
+    if context.invoked_subcommand is None:
+        overview()
+
+
+def overview() -> None:
+    """Say in twelve lines what may be wanted, and which command gives it."""
+    print("Fly an identification experiment before the aircraft does.")
+    wanted = [(q.want, f"{q.command} {q.example}".strip()) for q in QUESTIONS if q.want]
+    for want, example in [*wanted, ("check a file", "check my_scenario.toml")]:
+        print(f"  {want:<20} testbench {example}")
+    print("testbench list scenarios: examples; testbench -h: the rest")
 
 
 class Kind(str, Enum):
@@ -260,5 +347,9 @@ def _say_usage(error: Any) -> None:
         return
     command = error.ctx.command_path if error.ctx is not None else "testbench"
     message = " ".join(error.format_message().split()).replace("Value error, ", "").rstrip(".")
-    message += _elsewhere(error, message)
+    option = _UNKNOWN.match(message)
+    if option is not None and any(f"--{option[1]}" in p.opts for p in error.ctx.command.get_params(error.ctx)):
+        message = f"{option[0]}; did you mean `{command} --{option[1]}`?"
+    else:
+        message += _elsewhere(error, message)
     print(f"error: {brief(message)}; see `{command} --help`", file=sys.stderr)

@@ -163,7 +163,8 @@ def test_gravity_is_positive(refused):
 
 
 def test_help_is_no_error_and_a_bare_group_shows_its_help(folder, monkeypatch, capsys):
-    for words in ((), ("campaign",), ("exercise",)):
+    assert ends(monkeypatch, capsys) == (0, [])
+    for words in (("campaign",), ("exercise",)):
         assert ends(monkeypatch, capsys, *words) == (2, [])
     for words in (("--help",), ("import", "--help"), ("campaign", "run", "--help")):
         assert ends(monkeypatch, capsys, *words) == (0, [])

@@ -11,7 +11,7 @@ from testbench.core.door import read_text
 from testbench.core.files import write_file
 from testbench.core.store import PAGE, ResultFolder
 from testbench.page.flown import flown_table, flown_words
-from testbench.page.terminal import print_answer, print_table
+from testbench.page.terminal import manner, print_answer, print_table
 from testbench.page.words import Answer, answer_lines, sentence
 from testbench.page.write import write_plates, write_tables
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 COMPUTED = ("numpy", "scipy")
 FLOWN = (*COMPUTED, "jsbsim")
+MOST_LINES, _LEAST_LINES = 20, 5  # of what a terminal shows of a page; of the answer, however long the tables are
 Content = str | bytes | Callable[[Path], Any]
 """Of a file beside the page: what it holds, or what writes it to a path."""
 
@@ -146,23 +147,33 @@ class Page:
         return render(self.template, live, page=self, pictures=pictures, made_by=made_by, **self.context)
 
     def show(self, console: Console, folder: Path | str | None = None) -> None:
-        """Print title, answer, tables and notes; where the page is, if it was written to ``folder``."""
+        """Print title, answer, tables and notes; where the page is, if it was written to ``folder``.
+
+        All of it takes at most :data:`MOST_LINES` lines where the tables leave room: sentences are cut to their first
+        clauses, and those that do not fit are counted. :func:`testbench.page.terminal.manner` may be another.
+        """
         from rich.text import Text
 
+        how = manner().how
+        places = [(what, text.format(folder)) for what, text in (("Report", f"{{}}/{PAGE}"), *self.closing)]
+        if how == "json":
+            manner().content.update(self.to_dict(), **({"places": dict(places)} if folder is not None else {}))
+            return
+        with console.capture() as below:
+            for table in self.terminal if how != "quiet" else ():
+                console.print()
+                print_table(console, table)
+            notes = [*self.notes, *([] if self.flown is None else [flown_words(self.flown)])]
+            for note in notes if how != "quiet" else ():
+                console.print(*(["\n"] if note is notes[0] else []), Text(sentence(note), style="dim"), sep="")
+            if folder is not None:
+                console.print()
+                for what, text in places:
+                    console.print(Text(f"{what}: {text}"), soft_wrap=True)
         console.print(Text(self.title, style="bold underline"))
-        print_answer(console, self.answer)
-        for table in self.terminal:
-            console.print()
-            print_table(console, table)
-        notes = [*self.notes, *([] if self.flown is None else [flown_words(self.flown)])]
-        if notes:
-            console.print()
-        for note in notes:
-            console.print(Text(sentence(note), style="dim"))
-        if folder is not None:
-            console.print()
-            for what, text in (("Report", f"{{}}/{PAGE}"), *self.closing):
-                console.print(Text(f"{what}: {text.format(folder)}"), soft_wrap=True)
+        room = {"quiet": 0, "verbose": None}.get(how, max(_LEAST_LINES, MOST_LINES - 1 - below.get().count("\n")))
+        print_answer(console, self.answer, room)
+        console.file.write(below.get())
 
 
 def source_of(asked: Asked) -> tuple[str, str]:

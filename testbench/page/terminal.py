@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import io
+import json
 import os
+import re
 import sys
+import time
 import unicodedata
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -26,8 +31,53 @@ _PLAIN = {
 """What stands for a sign where the terminal has no other way to show it."""
 _WORD = 26  # letters of a word that stand side by side at least; longer ones, such as paths, are broken
 _HEAD = 10  # letters of a word above numbers that stand side by side at least
+_WORDS = re.compile("(?<!±)[ \n](?!±)")  # what stands between words; "0.10 ± 0.02" is one
 _LEAST = 8  # letters of a text that stand side by side at least
 _STYLES = {"lead": "bold", "wrong": "bold red", "doubt": "yellow"}
+
+
+@dataclass
+class Manner:
+    """How a command answers, and what it has answered so far.
+
+    Attributes:
+        how: "" in few lines, "quiet" with the first sentence and where the result lies, "verbose" with all of it,
+            "json" with the result as the API gives it.
+        content: of the one JSON object that "json" prints when the command ends.
+    """
+
+    how: str = ""
+    content: dict[str, Any] = field(default_factory=dict)
+
+
+_MANNER: ContextVar[Manner] = ContextVar("how commands answer", default=Manner())  # noqa: B039
+
+
+def manner() -> Manner:
+    """Return how the running command answers."""
+    return _MANNER.get()
+
+
+@contextmanager
+def in_manner(how: str) -> Iterator[None]:
+    """Let commands answer in one manner within the block; see :class:`Manner`.
+
+    What a command prints as "json" is kept, and becomes one object when the block ends without an error; lines that
+    have no structure stand in it under "said".
+    """
+    new = Manner(how)
+    token = _MANNER.set(new)
+    try:
+        if how != "json":
+            yield
+            return
+        said = io.StringIO()
+        with redirect_stdout(said):
+            yield
+        lines = said.getvalue().splitlines()
+        print(json.dumps(new.content | ({"said": lines} if lines else {}), indent=1, ensure_ascii=False))
+    finally:
+        _MANNER.reset(token)
 
 
 class _Unheard(io.FileIO):
@@ -85,10 +135,20 @@ def console() -> Any:
 
 @contextmanager
 def stages() -> Iterator[Callable[[str], None]]:
-    """Show the stage that is running: a spinner with the time elapsed on a terminal, plain lines elsewhere."""
+    """Show the stage that is running: a spinner with the time elapsed on a terminal, plain lines elsewhere.
+
+    "quiet" shows none, "verbose" a line for each with the seconds since the first.
+    """
     from rich.console import Console
 
+    if manner().how == "quiet":
+        yield lambda text: None
+        return
     screen = Console(stderr=True)
+    if manner().how == "verbose":
+        begun = time.monotonic()
+        yield lambda text: print(f"{time.monotonic() - begun:7.1f} s  {text}", file=sys.stderr, flush=True)
+        return
     if not screen.is_terminal:
         yield lambda text: print(f"... {text}", file=sys.stderr, flush=True)
         return
@@ -101,17 +161,35 @@ def stages() -> Iterator[Callable[[str], None]]:
         yield lambda text: progress.update(task, description=text)
 
 
-def print_answer(console: Console, answer: Answer) -> None:
-    """Print the sentences of an answer, one below the other, without notes: the lead in bold, doubts in yellow."""
+def print_answer(console: Console, answer: Answer, room: int | None = None) -> None:
+    """Print the sentences of an answer, one below the other, without notes: the lead in bold, doubts in yellow.
+
+    Args:
+        console: to print on.
+        answer: the sentences.
+        room: lines that they may take, if not all are to be printed: each is then cut to its first clauses, the lead is
+            printed in any case, and those that find no room are counted.
+    """
     from rich.table import Table as Grid
     from rich.text import Text
 
-    from testbench.page.words import answer_lines
+    from testbench.page.words import answer_lines, brief, how_many_more
 
+    if manner().how == "json":
+        manner().content["answer"] = [line._asdict() for line in answer_lines(answer)]
+        return
+    lines = [line for line in answer_lines(answer) if line.kind != "note" or manner().how == "verbose"]
     grid = Grid.grid(padding=(0, 1))
-    for kind, text in answer_lines(answer):
-        if kind != "note":
-            grid.add_row("-", Text(text, style=_STYLES.get(kind, "")))
+    taken = 0
+    for k, (kind, text) in enumerate(lines):
+        shown = Text(text if room is None else brief(text)[0], style=_STYLES.get(kind, ""))
+        taken += len(shown.wrap(console, max(console.width - 2, 1)))
+        rest = lines[k:]
+        if room is not None and k and taken + (len(rest) > 1) > room:
+            if room:
+                grid.add_row("-", Text(f"{how_many_more(rest)}: add -v, or see the report", style="dim"))
+            break
+        grid.add_row("-", shown)
     console.print(grid)
 
 
@@ -119,6 +197,9 @@ def print_table(console: Console, table: Table) -> None:
     """Print a table with its title: numbers to the right, units beside the heads, no column without any value."""
     from testbench.page.tables import MISSING
 
+    if manner().how == "json":
+        manner().content.setdefault("tables", {})[table.name] = table.to_dict()
+        return
     values = zip(table.columns, zip(*table.rows, strict=True), strict=False)
     table = table.only(*(c.key for c, found in values if any(c.text(v) != MISSING for v in found)))
     heads = [", ".join(filter(None, (c.head, c.unit))) for c in table.columns]
@@ -140,26 +221,27 @@ def print_rows(
     from rich.table import Table as Grid
     from rich.text import Text
 
+    if manner().how == "json":
+        manner().content.setdefault("rows", []).extend(dict(zip(heads, map(str, row), strict=True)) for row in rows)
+        return
     least = [_least(k, heads, rows, right) for k in range(len(heads))]
     if console.width < sum(least) + 2 * (len(least) - 1):
         print_cells(console, heads, rows, title)
         return
-    whole = sum(max(map(len, (head, *(row[k] for row in rows)))) for k, head in enumerate(heads))
-    tight = console.width < whole + 2 * (len(least) - 1)
+    widths = [max(map(len, (head, *(row[k] for row in rows)))) for k, head in enumerate(heads)]
+    free = console.width - 2 * (len(least) - 1)
+    if sum(widths) > free:  # numbers that need not grow leave the room to texts
+        widths = [least[k] if right and right[k] else width for k, width in enumerate(widths)]
+    cells = [max(map(len, (row[k] for row in rows)), default=0) for k in range(len(heads))]
+    while sum(widths) > free:  # then heads give way, which stand there once, then the widest text
+        shrinking = (k for k in range(len(widths)) if widths[k] > least[k])
+        widths[max(shrinking, key=lambda k: (widths[k] > cells[k], widths[k]))] -= 1
     if title:  # a grid would wrap its title at its own width
         console.print(Text(title))
     grid = Grid(box=None, pad_edge=False)
     for k, head in enumerate(heads):
-        number = bool(right) and right[k]
-        justify: Any = "right" if number else "left"
-        # A column of numbers that may grow takes the room that others need: it then has just what its numbers take.
-        grid.add_column(
-            Text(head),
-            justify=justify,
-            overflow="fold",
-            min_width=least[k],
-            width=least[k] if tight and number else None,
-        )
+        justify: Any = "right" if right and right[k] else "left"
+        grid.add_column(Text(head), justify=justify, overflow="fold", width=widths[k])
     for row in rows:
         grid.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
     console.print(grid)
@@ -170,7 +252,7 @@ def _least(k: int, heads: Sequence[str], rows: Sequence[Sequence[str | Text]], r
     if right and right[k]:
         head = max((len(word) for word in heads[k].split()), default=1)
         return max(min(head, _HEAD), max((len(row[k]) for row in rows), default=1))
-    words = [word for row in (heads, *rows) for word in str(row[k]).split()]
+    words = [word for row in (heads, *rows) for word in _WORDS.split(str(row[k]))]
     longest = max((len(row[k]) for row in rows), default=1)
     return max(min(longest, _LEAST), min(max(map(len, words), default=1), _WORD))
 

@@ -88,6 +88,13 @@ def brief(text: str) -> tuple[str, str]:
     return text, ""
 
 
+def how_many_more(lines: Sequence[Line]) -> str:
+    """Return how many lines of an answer are not shown, and how many of them are wrong or doubtful, in words."""
+    wrong, doubts = (sum(line.kind == kind for line in lines) for kind in ("wrong", "doubt"))
+    of_them = [*([f"{wrong} say do not use"] if wrong else []), *([counted(doubts, "doubt")] if doubts else [])]
+    return f"{len(lines)} more{f' ({listed(of_them)})' if of_them else ''}"
+
+
 def _closed(text: str) -> bool:
     return text.count("(") == text.count(")")
 

@@ -28,6 +28,7 @@ class Question:
         folder: where its packaged files lie below ``scenarios/``.
         schema: class of its files, "module:name" in its room.
         room: its folder in testbench/questions; the command's name if not given.
+        want: what a user wants whom the example helps, in few words; "" if ``testbench`` alone does not name it.
     """
 
     command: str
@@ -38,6 +39,7 @@ class Question:
     folder: str = ""
     schema: str = ""
     room: str = ""
+    want: str = ""
 
     @property
     def package(self) -> str:
@@ -69,6 +71,7 @@ QUESTIONS = (
         "ask:run",
         kind="scenario",
         schema="scenario:Scenario",
+        want="test input, sensors",
     ),
     Question(
         "identify",
@@ -78,6 +81,7 @@ QUESTIONS = (
         kind="description of recorded flights",
         folder="records",
         schema="scenario:RecordDescription",
+        want="identify flights",
     ),
     Question(
         "import",
@@ -85,6 +89,7 @@ QUESTIONS = (
         "what a flight log holds",
         "ask:import_log",
         room="importing",
+        want="look into a log",
     ),
     Question("export", "x.json --to mat", "write a model for another program", "ask:export_record"),
     Question(
@@ -113,6 +118,7 @@ QUESTIONS = (
         kind="gap scenario",
         folder="gap",
         schema="scenario:GapScenario",
+        want="explain a mismatch",
     ),
     Question(
         "design",
@@ -122,6 +128,7 @@ QUESTIONS = (
         kind="design scenario",
         folder="design",
         schema="scenario:DesignScenario",
+        want="find an input",
     ),
     Question(
         "compare",
@@ -131,6 +138,7 @@ QUESTIONS = (
         kind="comparison",
         folder="compare",
         schema="scenario:CompareScenario",
+        want="choose sensors",
     ),
     Question(
         "plan",
@@ -140,6 +148,7 @@ QUESTIONS = (
         kind="flight plan",
         folder="plan",
         schema="scenario:PlanScenario",
+        want="plan flights",
     ),
     Question(
         "campaign",
@@ -149,6 +158,7 @@ QUESTIONS = (
         kind="campaign",
         folder="campaign",
         schema="scenario:CampaignSpec",
+        want="fly many times",
     ),
     Question(
         "dataset",
@@ -159,7 +169,7 @@ QUESTIONS = (
         folder="dataset",
         schema="scenario:DatasetScenario",
     ),
-    Question("aircraft", "eolo", "trims, modes, derivatives", "ask:survey"),
+    Question("aircraft", "eolo", "trims, modes, derivatives", "ask:survey", want="know an aircraft"),
     Question("studio", "", "drag an input in a browser", "ask:studio_models"),
     Question("results", "results", "what was found so far", "ask:list_results"),
     Question("reproduce", "all", "the papers' figures and ours", "ask:reproduce"),

@@ -67,9 +67,14 @@ class ByDefault(TyperGroup):
         """Return the group whose first command has this name."""
         return type(cls.__name__, (cls,), {"default": name})
 
+    def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
+        """Return the commands of the group, and what the first of them takes."""
+        first = self.commands[self.default].params[0]
+        return [*super().shell_complete(ctx, incomplete), *first.shell_complete(ctx, incomplete)]
+
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the first command before arguments that begin with no command of the group."""
-        if args and args[0] not in {*self.commands, "--help"}:
+        if args and args[0] not in {*self.commands, *ctx.help_option_names}:
             args = [self.default, *args]
         return super().parse_args(ctx, args)
 
