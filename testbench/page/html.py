@@ -59,6 +59,8 @@ def _is_tall(svg: str) -> bool:
     return box is not None and _HALF_SHEET < float(box[2]) / max(float(box[1]), _WIDE_PT) < _LEGIBLE
 
 
+BULLETS = 3
+"""Sentences of an answer that stand above its first figure."""
 _PATH_DATA = re.compile(r' d="[^"]*"')
 _TAG = re.compile(r"<[^>]*>")
 _NOT_AS_IS = re.compile(r"[^!$'()*+,\-./0-9:;=?@A-Z_a-z~]")  # of an address, in double quotes, in a list of addresses
@@ -126,16 +128,20 @@ def _hash(live: bool) -> str:
 def first_screen(answer: Answer) -> tuple[list[Line], list[Line]]:
     """Return the lines of an answer that stand above its figure and those that fold below them, without notes.
 
-    Above stands the first sentence alone, cut to its first clauses if it is long; the page says how many of the others
-    are doubts.
+    Above stand the first :data:`BULLETS` sentences, cut to their first clauses if they are long, with the first that
+    says "do not use" among them; the page says how many of the others are doubts.
     """
     lines = [line for line in answer_lines(answer) if line.kind != "note"]
-    if not lines:
-        return [], []
-    kind, text = lines[0]
-    first, rest = brief(text)
-    more = [Line("finding" if kind == "lead" else kind, rest)] if rest else []
-    return [Line(kind, first)], [*more, *lines[1:]]
+    above = set(range(min(BULLETS, len(lines))))
+    worst = next((k for k, line in enumerate(lines) if line.kind == "wrong"), 0)
+    if worst >= BULLETS:
+        above = {*range(BULLETS - 1), worst}
+    shown, folded = [], []
+    for k, (kind, text) in enumerate(lines):
+        first, rest = brief(text) if k in above else ("", text)
+        shown += [Line(kind, first)] if first else []
+        folded += [Line("finding" if kind == "lead" else kind, rest)] if rest else []
+    return shown, folded
 
 
 def notes_of(answer: Answer) -> list[str]:

@@ -15,6 +15,7 @@ from testbench.evaluation.ranks import Ranks, ranks
 from testbench.evaluation.statistics import LEAST_PAIRS, Test, holm, paired
 from testbench.page.plot import COLOURS, INK, MEASURED, Plate, grid, label, new_figure
 from testbench.page.tables import Column, Table, Value
+from testbench.page.words import listed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -50,6 +51,27 @@ class Contest:
     def ranked(self) -> Ranks | None:
         """Ranks over all data; None for fewer than three data sets."""
         return ranks(self.errors) if len(self.errors) >= LEAST_PAIRS else None
+
+
+def best_words(contests: Sequence[Contest], over: str) -> list[str]:
+    """Return which method has the smallest errors in each contest that is ranked, and which it cannot be told from.
+
+    Args:
+        contests: of methods on the same data.
+        over: what they are ranked over, in words.
+    """
+    out = []
+    for c in contests:
+        if (ranked := c.ranked) is None:
+            continue
+        best, *others = np.argsort(ranked.mean, kind="stable").tolist()
+        near = [c.methods[k] for k in others if ranked.mean[k] - ranked.mean[best] < ranked.critical]
+        beyond = f", within chance of {listed(near)}" if near else ", beyond chance"
+        out.append(
+            f"{c.methods[best]} did best{f' with {c.where}' if c.where else ''}: mean rank {ranked.mean[best]:.2g} of "
+            f"{len(c.methods)} methods in {c.figure} over {ranked.blocks} {over.removeprefix('the ')}{beyond}"
+        )
+    return out
 
 
 def pair_table(contests: Sequence[Contest]) -> Table:

@@ -28,19 +28,21 @@ def aircraft_answer(survey: Survey) -> list[str]:
         f"the aircraft trims from {found.slowest:g} to {found.fastest:g} m/s at {envelope.h_m:g} m"
         + ("" if ends else ", the whole range that its limits allow")
     ]
-    out += [f"outside that range: {reason}" for reason in ends]
-    if "de" in envelope.aircraft.controls:
-        out.append(_elevator_words(survey))
+    margin, *remarks = _pitch_remarks(envelope)
+    out.append(margin)
     if envelope.elastic:
         out += onset_sentences(envelope)
     out += [sentence for name in envelope.motion if (sentence := _rigid_instability(survey, name))]
+    out += [f"outside that range: {reason}" for reason in ends]
+    if "de" in envelope.aircraft.controls:
+        out.append(_elevator_words(survey))
     at = envelope.poles[envelope.design]
     said = []
     for name in (n for n in envelope.motion if n not in envelope.elastic):
         for pole in at[name]:
             wn, zeta = frequency_and_damping(pole)
             said.append(f"{name} {_motion_words(pole, wn, zeta)}")
-    out += _pitch_remarks(envelope)
+    out += remarks
     out += envelope.aircraft.notes
     out.append(f"rigid modes at {envelope.speeds[envelope.design]:g} m/s: {'; '.join(said)}")
     return out

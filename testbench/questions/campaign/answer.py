@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 from testbench.page.flown import flown_words
 from testbench.page.labels import number
 from testbench.page.words import counted
+from testbench.questions.campaign.methods import ranked_contests
 from testbench.questions.campaign.summary import short_name
 from testbench.questions.campaign.tables import tally_of
+from testbench.questions.side_by_side import best_words
 
 if TYPE_CHECKING:
     from testbench.questions.campaign.result import CampaignResult
@@ -30,6 +32,8 @@ def campaign_answer(result: CampaignResult) -> list[tuple[str, str]]:
         shown = []
     elif judged and counts.done:
         out.insert(1, ("finding", _spread(judged)))
+    if counts.done:
+        out[1:1] = [("finding", text) for text in best_words(*ranked_contests(result))]
     names = [a.name for a in summary.accuracies]
     for a in shown:
         out.append(

@@ -195,7 +195,7 @@ def _dots(axes: Axes, dots: Sequence[Dot], names: Sequence[str], suites: int, le
         axes.annotate(
             words,
             (min(x, end), y),
-            xytext=(3, 0) if inside else (-3, 3),
+            xytext=(6, 0) if inside else (-4, 6),  # beside the marker, or above it
             ha="left" if inside else "right",
             textcoords="offset points",
             va="center",

@@ -9,7 +9,7 @@ from testbench.questions.compare.answer import compare_answer, compare_sentences
 from testbench.questions.compare.figures import compare_plates
 from testbench.questions.compare.methods import OVER, ranked_contests
 from testbench.questions.compare.tables import compare_tables, information_table
-from testbench.questions.side_by_side import rank_plates
+from testbench.questions.side_by_side import best_words, rank_plates
 from testbench.questions.tidy import COLUMNS, files_of
 
 if TYPE_CHECKING:
@@ -37,13 +37,15 @@ def tidy_comparison(result: CompareResult) -> pd.DataFrame:
 
 def compare_page(result: CompareResult) -> Page:
     """Return the page of a comparison: what each sensor buys, by simulation and by information."""
+    contests = ranked_contests(result)
+    first, *doubts = compare_answer(result)
     return Page(
         kicker=f"Comparison of sensor suites: {result.name}",
         title=result.scenario.title,
         question=result.scenario.question,
-        answer=compare_answer(result),
+        answer=[first, *(("finding", text) for text in best_words(contests, OVER)), *doubts],
         tables=compare_tables(result),
-        plates=[*compare_plates(result), *rank_plates(ranked_contests(result), OVER)],
+        plates=[*compare_plates(result), *rank_plates(contests, OVER)],
         files=files_of(tidy_comparison(result)) if result.errors else {},
         template="questions/compare/page.html.j2",
         context={"result": result, "details": compare_sentences(result)},

@@ -108,8 +108,8 @@ def _verdict(result: DesignResult) -> list[str]:
     if float(errors[k] / t.wanted[k]) <= 1.0:
         return [f"Fly {what}: it reaches {reached}; the least known is {t.names[k]}, {left}"]
     out = [
-        f"No admissible input found in {result.scenario.duration_s:g} s reaches {reached}; the best is {what}, which "
-        f"leaves {t.names[k]} {left}"
+        f"Fly {what}: the best found leaves {t.names[k]} {left}; no admissible input found in "
+        f"{result.scenario.duration_s:g} s reaches {reached}"
     ]
     if result.obstacles.flights and not robust and not _refuted(result.best):
         out.append(

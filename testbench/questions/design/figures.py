@@ -210,7 +210,7 @@ def _error_plate(result: DesignResult) -> Plate:
         height = each * len(t.names)
         figure = new_figure(wide, key + height + 0.55)
         axes = grid(figure, key, [height], left_in=2.3 if wide else 1.35)[0, 0]
-        low = 0.5 * float(ratios.min())
+        low = min(0.5 * float(ratios.min()), 0.6)  # the wanted error, 1, stands inside
         for i in range(len(t.names)):
             for k in range(len(entries)):
                 y = i * each + 0.13 * k

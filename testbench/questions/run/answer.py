@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from testbench.core.advice import Advice, ranked
-from testbench.page.words import Line, advice_lines, counted, sentence
+from testbench.page.words import Line, advice_lines, counted, sentence, some
 from testbench.questions.run.failed import failed_sentences
 from testbench.questions.run.labels import case_names
 from testbench.questions.run.pole_tables import reference_tables
@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 def run_answer(result: RunResult, most_doubts: int = 4) -> list[Line]:
     """Return found against printed values, then the findings of the run; verdicts if there are none.
 
-    What must not be used stands right after the first of them, doubts come after the last, and then notes. Values that
+    What must not be used stands right after the first of them, in one sentence if there are several reasons, which then
+    come after the last; then doubts, and then notes. Values that
     are hardly meant come first among the doubts, and all of them. After ``most_doubts`` of what is wrong or doubtful
     with the models, only the number of the others is given.
     """
@@ -36,11 +37,26 @@ def run_answer(result: RunResult, most_doubts: int = 4) -> list[Line]:
         text = f"{counted(more, 'more doubt')} in the report, with the models"
         doubts = [*doubts[:most_doubts], Line("doubt", text)]
     lines = [Line("lead" if i == 0 else "finding", text) for i, text in enumerate(found)]
-    lines[1:1] = [line for line in doubts if line.kind == "wrong"]
+    worst = [line for line in doubts if line.kind == "wrong"]
+    lines[1:1] = [_unusable(result)] if len(worst) > 1 else worst
+    lines += worst if len(worst) > 1 else []
     lines += [Line("doubt", text) for text in failed_sentences(result.failed)]
     lines += [Line("doubt", text) for text in result.questions]
     lines += [line for line in doubts if line.kind != "wrong"]
     return [Line(kind, sentence(text)) for kind, text in [*lines, *_notes(result)]]
+
+
+def _unusable(result: RunResult) -> Line:
+    """Return which models must not be used, in one sentence; the reasons are said one by one."""
+    good: list[str] = []
+    bad: list[str] = []
+    for name, case in zip(case_names(result.cases), result.cases, strict=True):
+        (bad if any(a.severity == "wrong" for a in ranked(case.model.advice)) else good).append(name)
+    if not good:
+        which = "the model" if len(bad) == 1 else f"any of the {len(bad)} models"
+        return Line("wrong", f"do not use {which}: the reasons follow")
+    which = f"; usable: {some(good)}" if len(good) <= len(bad) else f": {some(bad)}"
+    return Line("wrong", f"do not use {len(bad)} of {len(result.cases)} models{which}")
 
 
 def _notes(result: RunResult) -> list[Line]:

@@ -152,13 +152,20 @@ def test_the_answer_stands_before_everything_else(page: str) -> None:
 def test_an_answer_is_split_between_what_stands_above_and_below_its_figure() -> None:
     short = ["it holds", "q: does not", ("note", "by the way"), ("doubt", "b_1 is doubtful!")]
     assert first_screen(short) == (
-        [("lead", "It holds.")],
-        [("finding", "q: does not."), ("doubt", "b_1 is doubtful!")],
+        [("lead", "It holds."), ("finding", "q: does not."), ("doubt", "b_1 is doubtful!")],
+        [],
     )
+    told = ["it holds", "b", "c", "d", ("wrong", "do not use: e")]
+    shown, folded = first_screen(told)
+    assert shown == [("lead", "It holds."), ("finding", "B."), ("wrong", "Do not use: e.")]
+    assert folded == [("finding", "C."), ("finding", "D.")]
     clauses = "; ".join(f"clause {k} of it" for k in range(9))
     assert first_screen([clauses, "more"]) == (
-        [("lead", "Clause 0 of it; clause 1 of it; clause 2 of it; clause 3 of it; clause 4 of it; clause 5 of it.")],
-        [("finding", "Clause 6 of it; clause 7 of it; clause 8 of it."), ("finding", "More.")],
+        [
+            ("lead", "Clause 0 of it; clause 1 of it; clause 2 of it; clause 3 of it; clause 4 of it; clause 5 of it."),
+            ("finding", "More."),
+        ],
+        [("finding", "Clause 6 of it; clause 7 of it; clause 8 of it.")],
     )
     assert first_screen(["word " * 400])[0] == [("lead", "Word " + "word " * 399 + ".")]
     assert first_screen([]) == ([], [])
