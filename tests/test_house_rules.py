@@ -467,6 +467,7 @@ READS_ITSELF = {
     "core/door.py": "it is the door",
     "core/hdf5.py": "what the door has checked",
     "core/store.py": "hashes of what it lists, and the system's table of locks",
+    "core/lazily.py": "the stub of the package",
     "page/html.py": "templates",
     "page/terminal.py": "the null device in the place of a stream that is closed",
     "page/figure_data.py": "colour maps",

@@ -159,21 +159,30 @@ class Page:
         if how == "json":
             manner().content.update(self.to_dict(), **({"places": dict(places)} if folder is not None else {}))
             return
-        with console.capture() as below:
-            for table in self.terminal if how != "quiet" else ():
-                console.print()
-                print_table(console, table)
-            notes = [*self.notes, *([] if self.flown is None else [flown_words(self.flown)])]
-            for note in notes if how != "quiet" else ():
-                console.print(*(["\n"] if note is notes[0] else []), Text(sentence(note), style="dim"), sep="")
-            if folder is not None:
-                console.print()
-                for what, text in places:
-                    console.print(Text(f"{what}: {text}"), soft_wrap=True)
         console.print(Text(self.title, style="bold underline"))
+        with console.capture() as below:
+            self._show_below(console, how, places if folder is not None else ())
         room = {"quiet": 0, "verbose": None}.get(how, max(_LEAST_LINES, MOST_LINES - 1 - below.get().count("\n")))
         print_answer(console, self.answer, room)
-        console.file.write(below.get())
+        self._show_below(console, how, places if folder is not None else ())
+
+    def _show_below(self, console: Console, how: str, places: Sequence[tuple[str, str]]) -> None:
+        """Print what stands below the answer: tables and notes unless "quiet", and where the page is."""
+        from rich.text import Text
+
+        notes = [*self.notes, *([] if self.flown is None else [flown_words(self.flown)])]
+        if how != "quiet":
+            for table in self.terminal:
+                console.print()
+                print_table(console, table)
+            if notes:
+                console.print()
+            for note in notes:
+                console.print(Text(sentence(note), style="dim"))
+        if places:
+            console.print()
+        for what, text in places:
+            console.print(Text(f"{what}: {text}"), soft_wrap=True)
 
 
 def source_of(asked: Asked) -> tuple[str, str]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
+from testbench.core.words import with_error
 from testbench.estimators.parametric.kinematics import ACCELEROMETERS, RATES, KinematicStructure
 
 TIMED = ("V", "alpha", "beta")
@@ -90,30 +91,18 @@ def in_words(name: str, value: float, error: float) -> str:
     """Return what an error means, e.g. "the angle-of-attack vane reads 9.8 +- 0.6 % too much"."""
     if name in _TOWARDS:
         where = _TOWARDS[name] if value >= 0.0 else _REVERSED[name]
-        return f"the wind blows {_figures(abs(value), error)} m/s {where}"
+        return f"the wind blows {with_error(abs(value), error)} m/s {where}"
     of, _, kind = name.rpartition("_")
     what = _INSTRUMENT[of]
     if kind in ("delay", "lag"):
         if kind == "lag":
-            return f"the {what} lags with a time constant of {_figures(value, error)} s"
+            return f"the {what} lags with a time constant of {with_error(value, error)} s"
         late = "late" if value >= 0.0 else "early"
-        return f"the {what} comes {_figures(abs(value), error)} s {late} against the inertial unit"
+        return f"the {what} comes {with_error(abs(value), error)} s {late} against the inertial unit"
     if kind == "scale":
         off = 100.0 * (value - 1.0)
-        return f"the {what} reads {_figures(abs(off), 100.0 * error)} % too {'much' if off >= 0.0 else 'little'}"
+        return f"the {what} reads {with_error(abs(off), 100.0 * error)} % too {'much' if off >= 0.0 else 'little'}"
     unit = channel(of).unit
     factor = 1.0 / DEG_RAD if unit in _IN_DEGREES else 1.0
-    size = _figures(abs(value) * factor, error * factor)
+    size = with_error(abs(value) * factor, error * factor)
     return f"the {what} reads {size} {_IN_DEGREES.get(unit, unit)} too {'much' if value >= 0.0 else 'little'}"
-
-
-def _figures(value: float, error: float) -> str:
-    """Return value +- error, the error to two figures and the value to the same place."""
-    if not error > 0.0:
-        return f"{value:.4g}"
-    digits = 1
-    while error * 10.0**digits < 9.95 and digits < 12:
-        digits += 1
-    while digits > 0 and error * 10.0**digits >= 99.5:
-        digits -= 1
-    return f"{value:.{digits}f} +- {error:.{digits}f}"

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from testbench.core.advice import Advice, doubt, note, wrong
 from testbench.core.constants import WHITE
 from testbench.core.record import FloatArray
+from testbench.core.words import with_error
 
 _LOST = 1e-7  # smallest over largest singular value of the scaled sensitivities below which nothing is decided
 _NAMED = 0.3  # share of a null direction that makes a parameter worth naming
@@ -79,7 +80,7 @@ def advice_in_words(model: Any) -> Any:
     constants = model.structure.trim_constants
     noisy = float(np.median(errors / np.maximum(np.abs(values), 1e-300))) > _EXACT
     vague = [
-        f"{n} {v:.3g} +- {e:.2g}"
+        f"{n} {with_error(float(v), float(e))}"
         for n, v, e in zip(names, values, errors, strict=True)
         if noisy and e > _VAGUE * abs(v) and e > 0.0 and n not in constants
     ]

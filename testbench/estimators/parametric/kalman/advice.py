@@ -9,6 +9,7 @@ import numpy as np
 
 from testbench.core.advice import doubt, wrong
 from testbench.core.constants import WHITE
+from testbench.core.words import with_error
 from testbench.estimators.coverage import approximate
 from testbench.estimators.parametric.structure import LinearStructure
 
@@ -27,7 +28,7 @@ def advise_filter(model: Any) -> Any:
     names = [p.name for p in model.structure.parameters if p.free]
     values, errors = model.params[model.structure.free], np.sqrt(np.diag(model.covariance))[model.structure.free]
     vague = [
-        f"{n} {v:.3g} +- {e:.2g}"
+        f"{n} {with_error(float(v), float(e))}"
         for n, v, e, start in zip(names, values, errors, found["initial_std"], strict=True)
         if e > _LITTLE * start and e > _VAGUE * abs(v)
     ]
