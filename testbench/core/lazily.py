@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable
-from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,8 @@ def lazily(package: str, **homes: str) -> Callable[[str], Any]:
     def find(name: str) -> Any:
         """Return one of the names; its module is imported now."""
         if name not in homes:
+            from difflib import get_close_matches  # takes longer to import than the rest of this
+
             near = [] if name.startswith("_") else get_close_matches(name, homes, 1)
             hint = f"; did you mean '{near[0]}'?" if near else ""
             raise AttributeError(f"module '{package}' has no attribute '{name}'{hint}")
