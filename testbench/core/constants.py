@@ -8,6 +8,7 @@ G0_M_S2 = 9.80665  # standard acceleration of gravity, ISO 80000-3
 FT_M = 0.3048  # international foot, m (exact, 1959 agreement)
 LBF_N = 4.4482216152605  # pound-force, N (exact: 0.45359237 kg times standard gravity)
 SLUG_KG = LBF_N / FT_M  # slug, kg
+SLUG_FT2 = SLUG_KG * FT_M**2  # slug ft2, kg m2
 PSF_PA = LBF_N / FT_M**2  # pound-force per square foot, Pa
 DEG_RAD = math.pi / 180.0  # degree, rad
 KT_M_S = 1852.0 / 3600.0  # international knot, m/s (exact)

@@ -24,6 +24,7 @@ from testbench.flight.condition import FlightCondition, TrimmedFlight
 from testbench.flight.executive import Executive
 from testbench.flight.mass import geometry_flown, mass_flown
 from testbench.flight.probe import NO_SURFACES, Probe, probe, undefined
+from testbench.flight.thrust import engine_words, thrust_N
 from testbench.flight.trim import trim
 
 RATE_HZ = 200.0
@@ -49,10 +50,12 @@ _FAST_GLIDER_M_S = 60.0
 _LEVERS, _SHORT = (1.0, 0.75, 0.5, 0.25, 0.0), 0.1  # of propellers; thrust of the weight below which they are tried
 _THOROUGH = 2  # speeds at which damped steps from several starts are tried, when no quick trim succeeds
 _LEVER = re.compile(r"/?controls/engines/engine(\[\d+\])?/throttle")
+_FOLLOWED = 2.0  # frames that a propeller takes to change its speed, if made heavier for taking less than one
 _FILTER_FRAMES = 60  # in which a filter between command and engine moves
 _NO_THRUST, _ABSURD = 0.01, 20.0  # of the weight
 _CLOSE, _CRUISE = 1.15, 1.3  # of the slowest speed: a design speed below the first becomes the second
 _PER_ENGINE = {"fcs/mixture-cmd-norm": 1.0, "fcs/advance-cmd-norm": 1.0, "fcs/feather-cmd-norm": 0.0}
+_ROTORS = 3  # of a multirotor, at least
 _NOT_FIXED_WING = (
     ("rotor", "a rotor: a helicopter or autogyro"),
     ("gas_cell", "cells of gas that carry it: an airship or balloon"),
@@ -117,10 +120,10 @@ def _adopted(source: Source, V_m_s: float | None, h_m: float | None, declared: f
     neutral, engines = raw.adapter.neutral, fdm.fdm.get_propulsion().get_num_engines()
     height = h_m if h_m is not None else _HEIGHT_M[_size(raw.geometry.b_m)]
     speeds = [V_m_s] if V_m_s is not None else [_speed(raw, height, CL) for CL in _LIFT]
-    probed = _probed(raw, engines, FlightCondition(speeds[0], height))
+    probed = _probed(source, raw, engines, FlightCondition(speeds[0], height))
     _check_propellers(tree, source)
     throttles, said = _throttles(raw, neutral, engines, FlightCondition(speeds[0], height))
-    aircraft = _controlled(raw, probed, throttles)
+    aircraft, heavier = _with_inertia(_controlled(raw, probed, throttles), tree, FlightCondition(speeds[0], height))
     if not throttles and h_m is None and speeds[0] > _FAST_GLIDER_M_S:
         height = _HEIGHT_M["large"]  # it sinks by tens of metres per second
     aircraft, turned = _with_levers(aircraft, engines, FlightCondition(speeds[0], height))
@@ -144,8 +147,8 @@ def _adopted(source: Source, V_m_s: float | None, h_m: float | None, declared: f
         aircraft,
         trim(aircraft, FlightCondition(design, height), near=first),
         tuple(found),
-        (*probed.assumed, *_assumed(neutral, declared, missing, fed)),
-        tuple(_engine(fdm, tree, i) for i in range(engines)),
+        (*probed.assumed, *heavier, *_assumed(neutral, declared, missing, fed)),
+        tuple(engine_words(fdm, i) for i in range(engines)),
         tuple(_tanks(fdm)),
         missing,
         slowest,
@@ -162,6 +165,31 @@ def _check_wings(source: Source) -> None:
                 raise ModelError(
                     f"an aircraft must be flown by wings and control surfaces, but {source.name} has {words}"
                 )
+    tree = ET.fromstring(source.xml)
+    if not all(_positive(tree.findtext(f"metrics/{name}")) for name in ("wingarea", "chord")):
+        _check_rotors(source)
+
+
+def _positive(text: str | None) -> bool:
+    try:
+        return text is None or float(text) > 0.0
+    except ValueError:
+        return True  # said where the number is read
+
+
+def _check_rotors(source: Source) -> None:
+    """Raise ModelError if propellers carry a model that has no wing or no surface to steer it by."""
+    tree, propellers = ET.fromstring(source.xml), 0
+    for thruster in tree.findall("propulsion/engine/thruster"):
+        text = source.engine_files.get(f"{thruster.get('file')}.xml", "")
+        propellers += "<propeller" in text or thruster.find("propeller") is not None
+    forces = len(tree.findall("external_reactions/force"))
+    count, what = max((propellers, "propellers"), (forces, "forces from outside"))
+    if count >= _ROTORS:
+        raise ModelError(
+            f"an aircraft must be flown by wings and control surfaces, but {source.name} is a multirotor: "
+            f"{count} {what} carry and steer it"
+        )
 
 
 def _started(source: Source, tree: ET.Element, declared: float) -> tuple[Aircraft, Executive, list[int]]:
@@ -200,11 +228,13 @@ def _started(source: Source, tree: ET.Element, declared: float) -> tuple[Aircraf
     return replace(raw, adapter=adapter, geometry=geometry, mass=mass), fdm, fed
 
 
-def _probed(raw: Aircraft, engines: int, condition: FlightCondition) -> Probe:
+def _probed(source: Source, raw: Aircraft, engines: int, condition: FlightCondition) -> Probe:
     """Probe the controls; the error of a model without surfaces says by what it is steered."""
     try:
         return probe(raw, condition, 0.05)
     except ModelError as error:
+        if str(error).startswith(NO_SURFACES):
+            _check_rotors(source)
         number = f"{engines} engine{'s' if engines != 1 else ''}" if engines else "nothing at all"
         steered = f"; it is steered by {number}" if str(error).startswith(NO_SURFACES) else ""
         raise ModelError(f"{error}{steered}") from error
@@ -232,6 +262,42 @@ def _assumed(neutral: Mapping[str, float], declared: float, missing: Sequence[st
             f"the tanks that feed engines are empty in the file ({', '.join(map(str, fed))}): {_FEED_LBS:g} lb each"
         )
     return [*out, "limits of alpha, beta, attitude and height are the testbench's, of speed from the trims found"]
+
+
+def _with_inertia(aircraft: Aircraft, tree: ET.Element, condition: FlightCondition) -> tuple[Aircraft, list[str]]:
+    """Return the aircraft with propellers that frames can follow, and which of them were made heavier for that.
+
+    The least time constant of a speed is at full throttle. A frame longer than twice of it would throw the speed from
+    one side of its equilibrium to the other, further every time. No trim depends on the inertia.
+    """
+    if "thr" not in aircraft.controls:
+        return aircraft, []
+    fdm = Executive(aircraft, RATE_HZ, condition)
+    fdm.command({"thr": 1.0})
+    fdm.place(condition.h_m, 0.0, 0.0, (condition.V_m_s, 0.0, 0.0))
+    fdm.evaluate()
+    files, said = dict(aircraft.engine_files), []
+    elements = tree.findall("propulsion/engine")
+    for engine, (inertia, rate) in fdm.propellers.quickness().items():
+        thruster = elements[engine].find("thruster")
+        name = "" if thruster is None else f"{thruster.get('file')}.xml"
+        heavier = inertia * rate * _FOLLOWED / RATE_HZ
+        if heavier < _FOLLOWED * inertia or files.get(name, "") != aircraft.engine_files.get(name):
+            continue
+        root = ET.fromstring(files[name])
+        ixx = root.find("ixx")
+        if ixx is None:
+            continue
+        given = f"{ixx.text} {ixx.get('unit', 'SLUG*FT2')}"
+        ixx.text = f"{heavier:.3g}"
+        ixx.set("unit", "KG*M2")
+        files[name] = ET.tostring(root, encoding="unicode")
+        said.append(
+            f"propeller {name}: its inertia ({' '.join(given.split())} in the file, {inertia:.2g} kg m2 in JSBSim) "
+            f"lets its speed change within {1e3 / rate:.2g} ms, which frames of {1e3 / RATE_HZ:g} ms cannot follow: "
+            f"flown with {heavier:.2g} kg m2; no trim depends on it"
+        )
+    return replace(aircraft, engine_files=files), said
 
 
 def _with_levers(aircraft: Aircraft, engines: int, condition: FlightCondition) -> tuple[Aircraft, list[str]]:
@@ -334,7 +400,7 @@ def _throttles(
             follows = follows and still and at != before
             before = at
             fdm.evaluate()
-            thrusts.append(sum(fdm.get(f"propulsion/engine[{i}]/thrust-lbs") for i in range(engines)) * LBF_N)
+            thrusts.append(thrust_N(fdm))
         if follows:
             break
     if chosen[0] == positions[0]:
@@ -430,21 +496,6 @@ def _limits(slowest: float, fastest: float, h_m: float) -> Mapping[str, tuple[fl
         "phi": (-80.0 * DEG_RAD, 80.0 * DEG_RAD),
         "h": (10.0, max(2.0 * h_m, h_m + 3000.0)),
     }
-
-
-def _engine(fdm: Executive, tree: ET.Element, i: int) -> str:
-    """Return an engine in words: its kind and file, and its propeller."""
-    elements = tree.findall("propulsion/engine")
-    element = elements[i] if i < len(elements) else None
-    file = "" if element is None else element.get("file", "")
-    text = fdm.aircraft.engine_files.get(f"{file}.xml", "")
-    kind = next((m.group(1) for m in re.finditer(r"<(\w+)_engine\b", text)), "engine")
-    thruster = element.find("thruster") if element is not None else None
-    rpm = f"propulsion/engine[{i}]/propeller-rpm"
-    turning = f", propeller {thruster.get('file')}" if thruster is not None and fdm.has(rpm) else ""
-    governed = f"propulsion/engine[{i}]/constant-speed-mode"
-    how = " of constant speed" if turning and fdm.has(governed) and fdm.get(governed) else ""
-    return f"{kind} {file}{turning}{how}"
 
 
 def _empty_feeds(fdm: Executive, tree: ET.Element) -> list[int]:

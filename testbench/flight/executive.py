@@ -306,8 +306,9 @@ class Executive:
         if not self.has(f"{engine}/thrust-lbs"):
             return "it has no engine"
         thrust = self.get(f"{engine}/thrust-lbs") * LBF_N
-        running = "runs" if self.get(f"{engine}/set-running") else "does not run"
-        rpm = f" at {self.get(f'{engine}/propeller-rpm'):.0f} rpm" if self.has(f"{engine}/propeller-rpm") else ""
+        turns = self.get(f"{engine}/propeller-rpm") if self.has(f"{engine}/propeller-rpm") else 0.0
+        running = "runs" if self.get(f"{engine}/set-running") or turns >= 1.0 else "does not run"
+        rpm = f" at {turns:.0f} rpm" if self.has(f"{engine}/propeller-rpm") else ""
         power = f", {self.get(f'{engine}/power-hp') * HP_W / 1e3:.0f} kW" if self.has(f"{engine}/power-hp") else ""
         share = ""
         if rpm and power and self.get(f"{engine}/power-hp") > 0.0:

@@ -6,11 +6,9 @@ import math
 from pathlib import Path
 
 from testbench.aircraft.model import Geometry, MassProperties
-from testbench.core.constants import FT_M, SLUG_KG
+from testbench.core.constants import FT_M, SLUG_FT2, SLUG_KG
 from testbench.core.errors import ModelError
 from testbench.flight.executive import Executive
-
-_SLUG_FT2 = SLUG_KG * FT_M**2
 
 
 def geometry_flown(fdm: Executive, file: Path) -> Geometry:
@@ -33,7 +31,7 @@ def mass_flown(fdm: Executive, file: Path) -> MassProperties:
         ModelError: the mass or a moment of inertia is not positive; ``file`` is named.
     """
     mass = fdm.get("inertia/mass-slugs") * SLUG_KG
-    Ixx, Iyy, Izz, Ixz = (fdm.get(f"inertia/{n}-slugs_ft2") * _SLUG_FT2 for n in ("ixx", "iyy", "izz", "ixz"))
+    Ixx, Iyy, Izz, Ixz = (fdm.get(f"inertia/{n}-slugs_ft2") * SLUG_FT2 for n in ("ixx", "iyy", "izz", "ixz"))
     for words, value in (("mass", mass), ("Ixx", Ixx), ("Iyy", Iyy), ("Izz", Izz)):
         if not (value > 0.0 and math.isfinite(value)):
             raise ModelError(f"{words} > 0 must hold in <mass_balance>, got {value:g} in '{file}'")

@@ -6,7 +6,12 @@ JSBSim has no property that sets the speed of a propeller. It moves only with ti
 
 by one step of Euler's rule in every frame (source of FGPropeller, JSBSim 1.3.3). The length of a frame is ours to
 choose, however: one frame of the right length, backwards in time if need be, takes the speed to any value, and the
-initial conditions then put everything else back.
+initial conditions then put everything else back. So the balance of powers is solved for the speeds, by Newton's method
+a frame at a time, and frames of a nanosecond, in which nothing else moves, are the judge of it.
+
+JSBSim has a search of its own, in frames of half a second: it goes with propellers that take seconds to change their
+speed, and with those alone; small ones (0.1 s) it leaves standing or at millions of rpm. It is made only where the
+propellers are slow enough for it, and kept only where the judge finds them at rest.
 
 A governor turns the blades by (speed - wanted speed) dt in every frame, between two stops. At rest the speed is the one
 wanted, or the blades are at a stop. Here the governor is switched off meanwhile and the angle of the blades is sought
@@ -27,7 +32,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.core.constants import RPM_RAD_S
+from testbench.core.constants import FT_M, JSBSIM_LENGTH_M, RPM_RAD_S, SLUG_FT2
 from testbench.core.record import FloatArray
 
 if TYPE_CHECKING:
@@ -40,9 +45,15 @@ _SETTLED = 1e-10  # of the speed
 _HP_FTLB_S = 550.0
 _ITERATIONS, _ROUNDS = 80, 5
 _GIVEN_UP = 3  # searches without rest, after which each is one round only
-_FRAME_S, _SHORTEST_S, _LONGEST_S = 0.02, 1e-3, 5.0
-_MOST_CHANGE = 0.15  # of a speed in one frame
+_FRAME_S, _LONGEST_S = 0.02, 5.0
+_QUICKEST_1_S = 1e7  # rate at which a speed comes to rest
+_MOST_CHANGE, _MOST_CHANGE_UNLAGGED = 0.15, 0.5  # of a speed in one frame; of one that no manifold lags behind
 _SEARCHES, _STIFF_1_S = 3, -3.0  # of JSBSim's own search, whose frames of 0.5 s go with slow propellers only
+_BALANCED_1_S = 1e-9  # change of a speed, of itself, that the judge of a search accepts
+LEAST_INERTIA = 1e-6  # slug ft2: JSBSim takes it for a propeller that has less (source of FGPropeller, 1.3.3)
+_MOTORS = ("electric", "brushless_dc_motor")
+_STANDS = 1.0  # rpm, and rpm/s, of a propeller that nothing turns
+_TURNING, _SPINS, _SPIN_S = 0.7, 9, 1.0  # advance ratio at which what stands is made to turn; frames until it does
 _MISSED = 0.02  # of a speed, by which a frame may miss the one expected before frames are made shorter
 _TRUSTED_S = 0.25  # first frame that may fill a manifold, which lags by a second or so
 _MOVED, _MOVED_AT_ALL = 1e-3, 1e-7  # of a speed, by which it must change to tell how a rate follows it
@@ -55,8 +66,8 @@ _START_DEG = (0.0, 5.0, 10.0, 20.0)  # above the fine stop, where an engine is s
 
 @dataclass(frozen=True)
 class _Propeller:
-    """What the file of an engine and its propeller says: stops (deg), speeds (rpm), inertia (slug ft2), N1 (%),
-    lag of the manifold pressure, torque (lb ft) above which JSBSim takes the throttle back."""
+    """What the file of an engine and its propeller says: stops (deg), speeds (rpm), inertia (slug ft2), diameter (ft),
+    N1 (%), lag of the manifold pressure, torque (lb ft) above which JSBSim takes the throttle back."""
 
     kind: str = ""
     low: float = 0.0
@@ -64,6 +75,7 @@ class _Propeller:
     least_rpm: float = 0.0
     most_rpm: float = 0.0
     inertia: float = 1.0
+    diameter: float = 1.0
     idle_n1: float = 30.0
     most_n1: float = 100.0
     lag_s: float = 0.0
@@ -154,7 +166,8 @@ class _Frames:
             if not self.full:
                 dt = min(dt, self.longest)
         fastest = float(np.max(np.abs(rates) / np.maximum(rpm, 1.0)))
-        return float(max(min(dt, _MOST_CHANGE / fastest if fastest else dt), _SHORTEST_S))
+        most = _MOST_CHANGE if self.lag > _FRAME_S else _MOST_CHANGE_UNLAGGED
+        return float(min(dt, most / fastest if fastest else dt))
 
     def learn_share(
         self, dt: float, before: FloatArray, after: FloatArray, stopped: BoolArray, scale: FloatArray
@@ -182,7 +195,7 @@ class _Frames:
 
         Where speeds hardly change, rates change by what still flows into a manifold that lags.
         """
-        moved, most = (_MOVED, 1.0 / _QUICK_S) if self.lag > _FRAME_S else (_MOVED_AT_ALL, 1.0 / _SHORTEST_S)
+        moved, most = (_MOVED, 1.0 / _QUICK_S) if self.lag > _FRAME_S else (_MOVED_AT_ALL, _QUICKEST_1_S)
         far = np.abs(change) > moved * np.abs(rpm)
         found = np.divide(rates, change, out=np.zeros(len(rpm)), where=far)
         self.slowing = np.where(found < 0.0, np.clip(found, -most, -1.0 / _LONGEST_S), self.slowing)
@@ -217,6 +230,12 @@ class Propellers:
         self._slope: FloatArray | None = None
         self._throttles: FloatArray | None = None
         self._failed = 0  # searches for rest, one after the other
+        self._motors = np.array([self._file(i).kind in _MOTORS for i in self._numbers], bool)
+        told = np.array([self._has(i, "power-hp") for i in self._numbers], bool)
+        self._seen = self._motors | ~told  # what only frames tell
+        self._slow = not (
+            self.governed or self._turboprops or np.any(self._motors)
+        )  # enough for JSBSim's own search, as far as is known
         fill = max([_FRAME_S, *(self._file(i).lag_s for i in self._numbers)])
         self._frames = _Frames(np.full(len(self), -1.0 / _FRAME_S), fill, fill)
 
@@ -246,12 +265,22 @@ class Propellers:
         """Return the speeds (n,), rad/s."""
         return np.array([node.get_double_value() for node in self._nodes]) * RPM_RAD_S
 
+    def quickness(self) -> dict[int, tuple[float, float]]:
+        """Return engine -> inertia of its propeller, kg m2, and rate at which its speed last came to rest, 1/s.
+
+        Of motors alone; others drive propellers that are heavy enough for their speed to take a second or so.
+        """
+        found = zip(self._numbers, self._motors, self._frames.slowing, strict=True)
+        return {i: (self._file(i).inertia * SLUG_FT2, -float(rate)) for i, motor, rate in found if motor}
+
     def start(self) -> None:
         """Start the engines in flight; the model must be placed at speed.
 
         JSBSim lets an engine run up in frames of half a second, in which a governor turns its blades from stop to stop
-        and stalls it: it is held still meanwhile.
+        and stalls it: it is held still meanwhile. A motor needs no start, and its propeller no run of that kind.
         """
+        if len(self) and np.all(self._motors):
+            return
         self._govern(False)
         for above in _START_DEG:
             for k in self._governed:
@@ -270,6 +299,31 @@ class Propellers:
         """Return whether a piston engine with a governed propeller stands still."""
         pistons = [k for k in self._governed if self._file(self._numbers[k]).kind == "piston"]
         return any(self._nodes[k].get_double_value() < 1.0 for k in pistons)
+
+    def _spin(self) -> None:
+        """Make propellers turn that stand, at full throttle: air takes hold only of what turns."""
+        standing = ~np.isin(np.arange(len(self)), self._governed) & (self.speeds() < 1.0)
+        if not np.any(standing):
+            return
+        names = [f"fcs/throttle-{way}-norm[{i}]" for i in self._numbers for way in ("cmd", "pos")]
+        names += [c.command for n, c in self._fdm.aircraft.controls.items() if n == "thr"]
+        before = {n: self._fdm.get(n) for n in names if self._fdm.has(n)}
+        diameters = np.array([self._file(i).diameter for i in self._numbers])
+        wanted = self._fdm.get("velocities/u-aero-fps") / (_TURNING * diameters) * 2.0 * math.pi
+        for _ in range(_SPINS):
+            for name in before:
+                self._fdm.set(name, 1.0)
+            speeds = self.speeds()
+            self._march(_INSTANT_S)
+            gained = np.maximum(np.abs(self.speeds() - speeds) / _INSTANT_S, 1e-12)
+            slow = standing & (speeds < 0.5 * wanted)
+            if not np.any(slow):
+                break
+            # None of those that turn already may change by more than a part of its speed.
+            room = np.where(slow, wanted - speeds, _MOST_CHANGE_UNLAGGED * speeds)
+            self._march(float(min(np.min(room / gained), _SPIN_S)))
+        for name, value in before.items():
+            self._fdm.set(name, value)
 
     def limited(self) -> str:
         """Return in words that the torque limiter of an engine is at work, "" if none is."""
@@ -291,13 +345,10 @@ class Propellers:
         return np.asarray((self.speeds() - before) / self.GLANCE_S)
 
     def settle(self) -> None:
-        """Bring every propeller to the speed at which engine and air turn it with the same torque.
-
-        JSBSim's own search does it where nothing turns the blades.
-        """
+        """Bring every propeller to the speed at which engine and air turn it with the same torque."""
         if not len(self):
             return
-        if self.governed or self._turboprops:
+        if not self._searched() and not np.any(self._seen & ~self._motors):
             # Where manifolds and blades chase each other, a fresh start gets nearer; where several in turn came to no
             # rest, each goes on from where the last one ended.
             for i in range(_ROUNDS if self._failed < _GIVEN_UP else 1):
@@ -306,10 +357,16 @@ class Propellers:
                     break
             else:
                 self._failed += 1
-        else:
-            self._fdm.fdm.get_propulsion().get_steady_state()
-            self._fdm.fdm.run_ic()
         self.hold()
+
+    def _searched(self) -> bool:
+        """Return whether JSBSim's own search has brought the propellers to rest; it is made where they are slow."""
+        if not self._slow:
+            return False
+        self._fdm.fdm.get_propulsion().get_steady_state()
+        rpm, rates = self._look()
+        self._fdm.fdm.run_ic()
+        return bool(np.all(np.abs(rates) <= _BALANCED_1_S * np.maximum(rpm, 1.0)))
 
     def rest(self, times: int) -> None:
         """Evaluate all forces again at the speeds found: what loops over evaluations has still those before in it.
@@ -348,7 +405,10 @@ class Propellers:
             scale = _SETTLED * np.maximum(np.abs(rpm), 1.0)
             away = governor.wanted - rpm
             stopped = governor.stopped(pitch, away, scale)
-            at_rest = np.all(stopped | (np.abs(away) <= scale)) and np.all(np.abs(rates) <= scale)
+            still = np.abs(rates) <= scale * np.maximum(1.0, np.abs(frames.slowing))
+            at_rest = np.all(stopped | (np.abs(away) <= scale)) and np.all(
+                still | ((rpm < _STANDS) & (rates < _STANDS))
+            )
             if self._stands() or (frames.fresh and frames.full and at_rest):
                 found_rest = True
                 break
@@ -367,6 +427,7 @@ class Propellers:
             frames.learn_slowing(rpm, rpm - was, rates - before)
         self._govern(True)
         self._fdm.fdm.run_ic()
+        self._slow = self._slow and bool(np.min(frames.slowing) > _STIFF_1_S)
         return found_rest
 
     def _governor(self) -> _Governor:
@@ -390,6 +451,8 @@ class Propellers:
         if self._turboprops:
             self._march(_INSTANT_S)
             self._spool()
+        elif not self._slow:
+            self._spin()
         rpm, rates = self._look()
         if self._slope is None:
             self._slope = self._turned(rates, governor.low, governor.high)
@@ -458,14 +521,21 @@ class Propellers:
             self._fdm.set(f"propulsion/engine[{i}]/n1", file.idle_n1 + throttle * (file.most_n1 - file.idle_n1))
 
     def _look(self) -> tuple[FloatArray, FloatArray]:
-        """Return speeds (n,), rpm, and their rates of change, rpm/s."""
-        self._march(_INSTANT_S)
+        """Return speeds (n,), rpm, and their rates of change, rpm/s.
+
+        The rates of motors, and of what tells no power, are seen in a short frame: the power that JSBSim tells of a
+        brushless one is 3e-5 off.
+        """
+        before, dt = self.speeds(), self.GLANCE_S if np.any(self._seen) else _INSTANT_S
+        self._march(dt)
         rpm = np.array([node.get_double_value() for node in self._nodes])
-        given = np.array([self._node(k, "power-hp").get_double_value() for k in range(len(self))]) * _HP_FTLB_S
+        told = [0.0 if seen else self._node(k, "power-hp").get_double_value() for k, seen in enumerate(self._seen)]
+        given = np.array(told) * _HP_FTLB_S
         taken = np.array([self._node(k, "propeller-power-ftlbps").get_double_value() for k in range(len(self))])
         omega = np.maximum(rpm * RPM_RAD_S, 0.01)
         inertia = np.array([self._file(i).inertia for i in self._numbers])
-        return rpm, (given - taken) / omega / inertia / RPM_RAD_S
+        seen = (rpm * RPM_RAD_S - before) / dt
+        return rpm, np.where(self._seen, seen, (given - taken) / omega / inertia) / RPM_RAD_S
 
     def _march(self, dt_s: float) -> None:
         """Let one frame of this length pass in which nothing moves but what turns."""
@@ -497,7 +567,9 @@ def _files(xml: str, engine_files: tuple[tuple[str, str], ...]) -> tuple[_Propel
         numbers = {name: _number(file, name) for name in ("minpitch", "maxpitch", "minrpm", "maxrpm")}
         inertia = None if file is None else file.find("ixx")
         unit = "SLUG*FT2" if inertia is None else inertia.get("unit", "SLUG*FT2").upper()
-        factor = 1.0 / 1.35594 if unit == "KG*M2" else 1.0
+        factor = 1.0 / SLUG_FT2 if unit == "KG*M2" else 1.0
+        diameter = None if file is None else file.find("diameter")
+        size = "FT" if diameter is None else diameter.get("unit", "FT").upper()
         out.append(
             _Propeller(
                 kind,
@@ -505,7 +577,8 @@ def _files(xml: str, engine_files: tuple[tuple[str, str], ...]) -> tuple[_Propel
                 numbers["maxpitch"],
                 numbers["minrpm"],
                 numbers["maxrpm"],
-                _number(file, "ixx", 1.0) * factor,
+                max(_number(file, "ixx", 1.0) * factor, LEAST_INERTIA),
+                _number(file, "diameter", 1.0) * JSBSIM_LENGTH_M.get(size, FT_M) / FT_M,
                 _number(engine, "idlen1", 30.0),
                 _number(engine, "maxn1", 100.0),
                 _number(engine, "man-press-lag", 1.0) if kind == "piston" else 0.0,

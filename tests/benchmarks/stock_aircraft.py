@@ -86,8 +86,10 @@ def study(name: str) -> dict[str, str]:
         start = time.process_time()
         trim(adopted.aircraft, condition)
         times.append(1e3 * since(start))
+    burning = [e for e in adopted.engines if not e.startswith(("rocket", "electric"))]
+    broken = burning and "thr" not in trimmed.controls
     return row | {
-        "status": "flies",
+        "status": f"its engines give no thrust ({burning[0]}): it only glides" if broken else "flies",
         "V_m_s": f"{condition.V_m_s:g}",
         "h_m": f"{condition.h_m:g}",
         "alpha_deg": f"{np.rad2deg(trimmed.alpha):.2f}",

@@ -136,6 +136,7 @@ def test_without_a_rudder_sideslip_is_sought_in_its_place():
         ("ah1s", "rotor"),
         ("blank", "<fdm_config>"),
         ("ball", "control surfaces"),
+        ("F450", "multirotor: 4 propellers"),
         ("L410", "smaller than the span"),
     ],
 )

@@ -9,6 +9,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ModelError
 from testbench.evaluation.derivatives import dimensional_derivatives, static_margin
 from testbench.evaluation.modes import frequency_and_damping
+from testbench.flight.thrust import thrust_words
 from testbench.page.labels import number
 from testbench.questions.aircraft.tables import elevator_left
 
@@ -25,8 +26,9 @@ def aircraft_answer(survey: Survey) -> list[str]:
     envelope, found = survey.envelope, survey.range
     ends = [u.reason for u in found.beyond]
     out = [
+        thrust_words(envelope.aircraft, envelope.trims[envelope.design]),
         f"the aircraft trims from {found.slowest:g} to {found.fastest:g} m/s at {envelope.h_m:g} m"
-        + ("" if ends else ", the whole range that its limits allow")
+        + ("" if ends else ", the whole range that its limits allow"),
     ]
     margin, *remarks = _pitch_remarks(envelope)
     out.append(margin)

@@ -38,6 +38,7 @@ def trim_table(survey: Survey) -> Table:
     modal = [f"eta_{envelope.elastic[n]}" for n in envelope.names("longitudinal", elastic=True)]
     columns = [Column("V", "V", "m/s", given=True, digits=5), Column("qbar", "q̄", "Pa", decimals=0)]
     columns += [Column(c, symbol(c), shown_unit(c)[1], decimals=2) for c in channels]
+    columns.insert(3, Column("gamma", "γ", "deg", "flight path", decimals=2))
     if "de" in channels:
         columns += [
             Column(f"de_{way}", f"{symbol('de')} {way}", "deg", "left for an input", decimals=1)
@@ -50,8 +51,11 @@ def trim_table(survey: Survey) -> Table:
         held = {"alpha": t.alpha / DEG_RAD, "de": t.controls.get("de", 0.0) / DEG_RAD}
         held["thr"] = t.controls.get("thr", 0.0) / PERCENT
         left = [a / DEG_RAD for a in elevator_left(survey, V)] if "de" in channels else []
-        rows.append((V, t.state["qbar"], *(held[c] for c in channels), *left, *(t.state[c] for c in modal)))
-    caption = f"Steady level flight at {envelope.h_m:g} m in the standard atmosphere; controls as commanded."
+        alpha, *commands = (held[c] for c in channels)
+        path = t.condition.gamma_rad / DEG_RAD
+        rows.append((V, t.state["qbar"], alpha, path, *commands, *left, *(t.state[c] for c in modal)))
+    flight = "level flight" if "thr" in channels else "descent, without thrust,"
+    caption = f"Steady {flight} at {envelope.h_m:g} m in the standard atmosphere; controls as commanded."
     if "de" in channels:
         caption += " Left for an input: how far the elevator turns from trim to its stops, trailing edge up and down."
     if modal:
