@@ -26,26 +26,12 @@ def longitudinal_modes(model: LinearModel, elastic_names: Mapping[int, str]) -> 
             1e-3 rad/s and takes a pole at zero away).
         elastic_names: number of each symmetric elastic mode -> its name.
 
-    An elastic mode is the pair whose eigenvector takes part most in eta and etadot of that mode (participation factors
-    of Perez-Arriaga, Verghese and Schweppe, IEEE Trans. PAS-101(9), 1982). Of what remains the slow pair is the
-    phugoid, the fast one the short period; a mode that has split into two real roots is listed root by root, as in
-    "short period, slow root" and "short period, fast root".
+    Modes are told by their shape, the participation factors of Perez-Arriaga, Verghese and Schweppe (IEEE Trans.
+    PAS-101(9), 1982): an elastic mode by eta and etadot, the short period by w and q, and the phugoid is what remains.
+    A mode that has split into two real roots is listed root by root, as in "short period, slow root" and "short period,
+    fast root".
     """
-    states = [*_RIGID, *(f"eta_{i}" for i in elastic_names), *(f"etadot_{i}" for i in elastic_names)]
-    A = model.subsystem(states).A
-    poles, left, right = eig(A, left=True, right=True)
-    participation = np.abs(left.conj() * right)
-    participation /= participation.sum(axis=0)
-    upper = [k for k in range(poles.size) if poles[k].imag >= -1e-9]
-    modes: dict[str, complex] = {}
-    for i, name in elastic_names.items():
-        rows = [states.index(f"eta_{i}"), states.index(f"etadot_{i}")]
-        best = max(upper, key=lambda k, rows=rows: participation[rows, k].sum())  # type: ignore[misc]
-        modes[name] = complex(poles[best])
-        upper.remove(best)
-    rigid = sorted((complex(poles[k]) for k in upper), key=abs)
-    modes |= _rigid_names(rigid)
-    return dict(sorted(modes.items(), key=lambda item: abs(item[1])))
+    return _by_root(spectrum(model, "longitudinal", elastic_names), elastic_names)
 
 
 def lateral_modes(model: LinearModel, elastic_names: Mapping[int, str]) -> dict[str, complex]:
@@ -58,30 +44,21 @@ def lateral_modes(model: LinearModel, elastic_names: Mapping[int, str]) -> dict[
     Names are those of :func:`name_modes`; two real roots of one mode are listed root by root, and roll and spiral that
     have joined are one pair, "lateral phugoid".
     """
-    found = spectrum(model, "lateral-directional", elastic_names)
-    modes: dict[str, complex] = {}
-    for mode, owned in name_modes(found, elastic_names).items():
-        poles = poles_of(found, owned)
-        roots = (mode,) if len(poles) == 1 else (f"{mode}, slow root", f"{mode}, fast root")
-        modes |= dict(zip(roots, poles, strict=True))
+    modes = _by_root(spectrum(model, "lateral-directional", elastic_names), elastic_names)
     if modes["roll"].imag > 1e-9:
         modes["lateral phugoid"] = modes.pop("roll")
         del modes["spiral"]
     return dict(sorted(modes.items(), key=lambda item: abs(item[1])))
 
 
-def _rigid_names(poles: Sequence[complex]) -> dict[str, complex]:
-    pairs = [p for p in poles if p.imag > 1e-9]
-    real = [p for p in poles if p.imag <= 1e-9]
-    if len(pairs) == 2:
-        return {"phugoid": pairs[0], "short period": pairs[1]}
-    if len(pairs) == 1 and len(real) == 2:
-        split, whole = ("short period", "phugoid") if abs(pairs[0]) < abs(real[0]) else ("phugoid", "short period")
-        return {whole: pairs[0], f"{split}, slow root": real[0], f"{split}, fast root": real[1]}
-    if len(real) == 4:
-        names = ("phugoid, slow root", "phugoid, fast root", "short period, slow root", "short period, fast root")
-        return dict(zip(names, real, strict=True))
-    raise ModelError(f"the longitudinal motion must have four rigid poles, got {len(pairs)} pairs and {len(real)} real")
+def _by_root(found: Spectrum, elastic: Mapping[int, str]) -> dict[str, complex]:
+    """Return name -> pole by magnitude; a mode that has split into two real roots is listed root by root."""
+    modes: dict[str, complex] = {}
+    for mode, owned in name_modes(found, elastic).items():
+        poles = poles_of(found, owned)
+        roots = (mode,) if len(poles) == 1 else (f"{mode}, slow root", f"{mode}, fast root")
+        modes |= dict(zip(roots, poles, strict=True))
+    return dict(sorted(modes.items(), key=lambda item: abs(item[1])))
 
 
 def roots_of(modes: Mapping[str, complex], mode: str) -> dict[str, complex]:
@@ -174,13 +151,14 @@ def name_modes(found: Spectrum, elastic: Mapping[int, str]) -> dict[str, tuple[i
 
 
 def _longitudinal_owners(found: Spectrum, rest: Sequence[int]) -> dict[str, tuple[int, ...]]:
-    """Return the owners of four eigenvalues sorted by magnitude: the slow two, and the fast two."""
+    """Return the owners of four eigenvalues by their shape: of the short period those in which w and q take part."""
     pairs = [k for k in rest if abs(found.poles[k].imag) > 1e-9]
-    if len(pairs) == 2:  # the pair may lie between the two real roots
-        real = [k for k in rest if k not in pairs]
-        slow, fast = (pairs, real) if abs(found.poles[pairs[0]]) < abs(found.poles[real[0]]) else (real, pairs)
-        return {"phugoid": tuple(slow), "short period": tuple(fast)}
-    return {"phugoid": tuple(rest[:2]), "short period": tuple(rest[2:])}
+    pitching = found.participation[[found.states.index("w"), found.states.index("q")]].sum(axis=0)
+    of = {k: float(np.mean(pitching[pairs])) if k in pairs and len(pairs) == 2 else float(pitching[k]) for k in rest}
+    if len(pairs) == 4:  # a conjugate has the same shape up to rounding
+        of = {k: round(of[k], 6) for k in rest}
+    ordered = sorted(rest, key=lambda k: (of[k], abs(found.poles[k]), k))
+    return {"phugoid": tuple(ordered[:2]), "short period": tuple(ordered[2:])}
 
 
 def _lateral_owners(found: Spectrum, rest: Sequence[int]) -> dict[str, tuple[int, ...]]:

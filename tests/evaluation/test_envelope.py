@@ -66,6 +66,20 @@ def test_an_overdamped_dutch_roll_keeps_both_roots():
     assert modes["spiral"] == (pytest.approx(0.02),)
 
 
+def test_phugoid_and_short_period_are_told_by_their_shape_whichever_is_faster():
+    """Speed and pitch against heave and pitch rate: as of models whose propeller damps the speed more than the wing."""
+    states = ("u", "w", "q", "theta")
+    fast = system(states, (("u", "theta"), np.diag([-65.0, -0.2])), (("w", "q"), pair(3.0, 0.5)))
+    modes = named(fast, "longitudinal")
+    assert sorted(s.real for s in modes["phugoid"]) == pytest.approx([-65.0, -0.2])
+    assert abs(modes["short period"][0]) == pytest.approx(3.0)
+    overdamped = system(states, (("u", "theta"), np.diag([-4.0, -0.2])), (("w", "q"), np.diag([-1.0, -9.0])))
+    assert set(longitudinal_modes(overdamped, {})) == {
+        f"{mode}, {root} root" for mode in ("phugoid", "short period") for root in ("slow", "fast")
+    }
+    assert longitudinal_modes(overdamped, {})["short period, slow root"] == pytest.approx(-1.0)
+
+
 def test_elastic_modes_are_named_by_their_own_states():
     states = (*LATERAL, "eta_2", "etadot_2", "eta_5", "etadot_5")
     blocks = [(("v", "r"), pair(2.0, 0.1)), (("phi", "p"), np.diag([-0.01, -8.0]))]

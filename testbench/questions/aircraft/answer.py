@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 from testbench.core.constants import DEG_RAD
@@ -114,13 +116,22 @@ def _rigid_instability(survey: Survey, name: str) -> str:
     if name in envelope.elastic:
         return ""
     growth = [max(s.real for s in found[name]) for found in envelope.poles]
-    speeds = [V for V, g in zip(envelope.speeds, growth, strict=True) if g > 1e-9]
-    if not speeds:
+    unstable = [g > 1e-9 for g in growth]
+    if not any(unstable):
         return ""
-    where = "at every speed" if len(speeds) == len(growth) else (
-        f"at {speeds[0]:.3g} m/s" if len(speeds) == 1 else f"between {speeds[0]:.3g} and {speeds[-1]:.3g} m/s"
-    )  # fmt: skip
+    where = "at every speed" if all(unstable) else " and ".join(_intervals(envelope.speeds, unstable))
     return f"the {name} is unstable {where}: its amplitude doubles in {number(math.log(2.0) / max(growth))} s at worst"
+
+
+def _intervals(speeds: Sequence[float], holds: Sequence[bool]) -> list[str]:
+    """Return in words the intervals of speed in which something holds, m/s."""
+    out = []
+    for true, group in groupby(zip(speeds, holds, strict=True), key=lambda pair: pair[1]):
+        between = [V for V, _ in group]
+        if true:
+            first, last = between[0], between[-1]
+            out.append(f"at {first:.3g} m/s" if first == last else f"between {first:.3g} and {last:.3g} m/s")
+    return out
 
 
 def shapes_missing(survey: Survey) -> str:
