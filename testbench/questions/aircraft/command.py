@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -37,6 +38,10 @@ def show(
     wings: Annotated[
         Wings, typer.Option(help="Whether the elastic modes move (flexible) or are held (rigid).")
     ] = Wings.flexible,
+    speed: Annotated[
+        float | None,
+        typer.Option("--speed", min=0.1, help="Speed of modes and derivatives, m/s; the design speed if not given."),
+    ] = None,
     out: OutOption = Path("results"),
     export: Annotated[
         Path | None,
@@ -48,7 +53,7 @@ def show(
     Example: `testbench aircraft eolo --export root/aircraft` only writes a model that stock JSBSim loads from `root`.
     """
     from testbench.core.store import ResultFolder, folder_in
-    from testbench.flight import load_aircraft
+    from testbench.flight import FlightCondition, load_aircraft, trim
     from testbench.questions.aircraft.ask import survey
     from testbench.questions.aircraft.export import export_aircraft
     from testbench.questions.aircraft.page import aircraft_page, folder_name
@@ -56,11 +61,14 @@ def show(
     loaded = load_aircraft(name, wings.value)
     name = loaded.name.removesuffix(", rigid wings")
     if export is not None:
-        refuse(context, "with --export, which writes the model alone", "out")
+        refuse(context, "with --export, which writes the model alone", "out", "speed")
         print(f"Model: {export_aircraft(loaded, name, export)[0]}")
         return
     with ResultFolder(folder_in(out, folder_name(loaded, name))) as place, stages() as say:
         say("trim and linearise over speed")
+        if speed is not None:
+            trim(loaded, FlightCondition(speed, loaded.design_h_m))  # or says why it cannot be flown
+            loaded = replace(loaded, design_V_m_s=speed)
         found = survey(loaded, name)
         say("write report")
         page = aircraft_page(found)

@@ -8,6 +8,7 @@ import re
 
 import numpy as np
 import pytest
+from commands import command
 from quick_drawing import rendering
 from rich.console import Console
 
@@ -19,7 +20,7 @@ from testbench.core.paths import aircraft_names
 from testbench.evaluation.envelope import fly_envelope
 from testbench.flight import FlightCondition, Manoeuvre, fly, load_aircraft, trim
 from testbench.inputs import InputSignal
-from testbench.questions.aircraft.answer import aircraft_answer, shapes_missing
+from testbench.questions.aircraft.answer import _intervals, aircraft_answer, shapes_missing
 from testbench.questions.aircraft.ask import SpeedRange, Survey, survey
 from testbench.questions.aircraft.export import export_aircraft
 from testbench.questions.aircraft.figures import aircraft_plates
@@ -85,9 +86,9 @@ def test_the_trim_table_holds_what_was_trimmed(written, flexible):
 
 def test_the_answer_gives_the_range_and_the_onset(flexible, rigid):
     told = aircraft_answer(flexible)
-    assert f"{flexible.range.slowest:g} to {flexible.range.fastest:g} m/s" in told[0]
-    assert "static margin at 12 m/s is" in aircraft_answer(rigid)[1]
-    assert re.search("unstable|no elastic mode becomes", told[2]), "instability stands on the first screen"
+    assert "static margin at 12 m/s is" in aircraft_answer(rigid)[2]
+    assert re.search("unstable|no elastic mode becomes", told[3]), "instability stands among the first"
+    assert f"{flexible.range.slowest:g} to {flexible.range.fastest:g} m/s" in told[1]
     assert any(re.search(r"the elastic mode .* is unstable (from|already)|no elastic mode becomes", s) for s in told)
     assert not any("elastic" in s for s in aircraft_answer(rigid))
     for refused in rigid.range.beyond:
@@ -255,3 +256,17 @@ def test_what_a_professor_would_remark_of_its_pitching_is_said(name, margin, lag
     assert any(margin in text for text in said)
     assert any("rate of alpha" in text for text in said) == bool(lag)
     assert lag is None or any(lag in text for text in said)
+
+
+def test_a_speed_to_show_must_be_one_that_flies(tmp_path):
+    done = command("aircraft", "show", "taurus", "--speed", "5", "-o", tmp_path)
+    assert done.returncode != 0
+    assert "trim of taurus at 5 m/s" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_ranges_of_speed_are_lists_of_intervals():
+    """The short period of the F-16 is unstable at both ends of its speeds and stable between."""
+    speeds, unstable = (74.5, 80.0, 90.0, 236.0, 250.0, 273.0), (True, True, False, False, True, True)
+    assert _intervals(speeds, unstable) == ["between 74.5 and 80 m/s", "between 250 and 273 m/s"]
+    assert _intervals((20.0, 21.0, 22.0), (False, True, False)) == ["at 21 m/s"]
