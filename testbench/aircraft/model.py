@@ -89,6 +89,10 @@ class Control:
         return self.full if self.unit is None else self.unit
 
 
+ASSUMED = "assumed by the testbench"
+"""Where a limit comes from that neither a model, nor its trims, nor its owner states."""
+
+
 @dataclass(frozen=True)
 class Aircraft:
     """One aircraft: JSBSim XML of the rigid airframe, elastic modes, limits and what was amended.
@@ -99,6 +103,8 @@ class Aircraft:
         geometry, mass: read from the XML.
         controls: by channel name.
         limits: channel -> (low, high) in SI; a flight that leaves them is aborted.
+        limit_sources: channel -> where its limit comes from, in words; whoever wrote aircraft.toml, if not said.
+        level_V_m_s: slowest and fastest level flight found by trimming at the design altitude; None if not sought.
         rate_hz: default simulation rate.
         design_V_m_s, design_h_m: condition that elastic equations are generated for if none is given.
         xml: the rigid aircraft as JSBSim XML.
@@ -132,6 +138,8 @@ class Aircraft:
     outline: Outline | None = None
     wing_stations: tuple[WingStation, ...] = ()
     adapter: Adapter | None = None
+    limit_sources: Mapping[str, str] = field(default_factory=dict)
+    level_V_m_s: tuple[float, float] | None = None
     notes: tuple[str, ...] = ()
     perturbed: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
@@ -210,6 +218,10 @@ class Aircraft:
             return f"fcs/{SURFACES[control]}-lag-rad_sec"
         link = self.adapter.link(control)
         return link.lag if link is not None and link.lag_rad_s is not None else None
+
+    def limit_source(self, channel: str) -> str:
+        """Return in words where the limit of a channel comes from."""
+        return self.limit_sources.get(channel, f"limits of {self.name}")
 
     def flown_modes(self) -> ElasticModel | None:
         """Return the modes that the written model carries, those added by amendments included."""
@@ -335,6 +347,8 @@ class AircraftFile(Strict):
     simulation: _SimulationFile
     controls: dict[Literal["de", "da", "dr", "thr"], _Controls]
     limits: dict[str, Annotated[tuple[float, float], Field(strict=False)]]
+    limit_sources: dict[str, str] = {}
+    level_V_m_s: Annotated[tuple[Positive, Positive], Field(strict=False)] | None = None
     adapter: _Adapter | None = None
     elastic: _Elastic | None = None
     drawing: Outline | None = None
@@ -380,6 +394,11 @@ def read_aircraft(folder: Path, wings: str = "flexible") -> Aircraft:
     for key, (low, high) in described.limits.items():
         channel, factor = (key.removesuffix("_deg"), DEG_RAD) if key.endswith("_deg") else (key, 1.0)
         limits[channel.removesuffix("_m_s").removesuffix("_m")] = (low * factor, high * factor)
+    stray = [c for c in described.limit_sources if c not in limits]
+    if stray:
+        raise ScenarioError(
+            [f"{path}, limit_sources.{c}: must be one of the limits{nearest(c, limits)}" for c in stray]
+        )
     modes = tuple(_mode(m) for m in described.elastic.mode) if described.elastic else ()
     stations = described.elastic.stations_m if described.elastic else ()
     for i, m in enumerate(modes):
@@ -400,6 +419,8 @@ def read_aircraft(folder: Path, wings: str = "flexible") -> Aircraft:
         mass=mass,
         controls=controls,
         limits=limits,
+        limit_sources=described.limit_sources,
+        level_V_m_s=described.level_V_m_s,
         rate_hz=described.simulation.rate_hz,
         design_V_m_s=described.design_V_m_s,
         design_h_m=described.design_h_m,

@@ -12,9 +12,11 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from testbench.aircraft import Aircraft, Control
 from testbench.aircraft.adapter import THROTTLE, Adapter
-from testbench.aircraft.model import Geometry, MassProperties
+from testbench.aircraft.model import ASSUMED, Geometry, MassProperties
 from testbench.aircraft.sketch import sketch
 from testbench.aircraft.source import Source
 from testbench.core.atmosphere import air_density
@@ -31,7 +33,7 @@ RATE_HZ = 200.0
 _LIFT = (0.5, 0.35, 0.7, 0.25, 0.9, 0.15)  # lift coefficients at which a trim is sought first, in this order
 _SPEED_STEP = 1.08
 _FASTER, _SLOWER = 2.2, 0.5  # of the design speed: no trim is sought beyond
-_ALPHA_DEG = (-10.0, 20.0)
+_ALPHA_DEG, _ALPHA_STEP = (-10.0, 20.0), 0.25 * DEG_RAD
 _SMALL_SPAN_M, _LARGE_SPAN_M = 6.0, 20.0
 _HEIGHT_M = {"small": 300.0, "middle": 1000.0, "large": 3000.0}
 # What is set in every model that has it. The throttle is the user's; fuel does not burn, so that the mass stays.
@@ -45,6 +47,7 @@ _SETTINGS = {
     "propulsion/cutoff_cmd": 0.0,
     "propulsion/fuel_freeze": 1.0,
 }
+_END = 0.002  # of a speed, to which the ends of level flight are known
 _FEED_LBS = 5.0
 _FAST_GLIDER_M_S = 60.0
 _LEVERS, _SHORT = (1.0, 0.75, 0.5, 0.25, 0.0), 0.1  # of propellers; thrust of the weight below which they are tried
@@ -135,7 +138,8 @@ def _adopted(source: Source, V_m_s: float | None, h_m: float | None, declared: f
     if V_m_s is None and design < _CLOSE * slowest:
         design = float(f"{min(_CRUISE * slowest, math.sqrt(slowest * fastest)):.3g}")
         aircraft = replace(aircraft, design_V_m_s=design)
-    aircraft = replace(aircraft, limits=_limits(slowest, fastest, height))
+    limits, sources = _limits(aircraft, first, slowest, fastest)
+    aircraft = replace(aircraft, limits=limits, limit_sources=sources, level_V_m_s=(slowest, fastest))
     missing = tuple(a for a in ("ixx", "iyy", "izz", "ixz") if tree.find(f"mass_balance/{a}") is None)
     found = [*probed.found, *_taken(source), *said, *turned]
     if height != heights[0]:
@@ -261,7 +265,7 @@ def _assumed(neutral: Mapping[str, float], declared: float, missing: Sequence[st
         out.append(
             f"the tanks that feed engines are empty in the file ({', '.join(map(str, fed))}): {_FEED_LBS:g} lb each"
         )
-    return [*out, "limits of alpha, beta, attitude and height are the testbench's, of speed from the trims found"]
+    return [*out, "limits of sideslip, attitude and height, as no model states them"]
 
 
 def _with_inertia(aircraft: Aircraft, tree: ET.Element, condition: FlightCondition) -> tuple[Aircraft, list[str]]:
@@ -481,21 +485,51 @@ def _range(aircraft: Aircraft, first: TrimmedFlight) -> tuple[float, float, tupl
                 failed = error.message
             else:
                 end, failed = V, ""
-        ends.append(float(f"{end:.3g}"))
+        # The end between the last speed that trims and the first that does not.
+        beyond = end * factor
+        while failed and abs(beyond / end - 1.0) > _END:
+            middle = 0.5 * (end + beyond)
+            try:
+                near = trim(aircraft, FlightCondition(middle, h_m), near=near, thorough=False)
+            except TrimError as error:
+                beyond, failed = middle, error.message
+            else:
+                end = middle
+        ends.append(float(f"{end * (1.0 + _END if factor < 1.0 else 1.0 - _END):.3g}"))
         reasons.append(failed or "no trim was sought beyond")
     return ends[0], ends[1], (reasons[0], reasons[1])
 
 
-def _limits(slowest: float, fastest: float, h_m: float) -> Mapping[str, tuple[float, float]]:
-    alpha = (_ALPHA_DEG[0] * DEG_RAD, _ALPHA_DEG[1] * DEG_RAD)
-    return {
+def _limits(
+    aircraft: Aircraft, first: TrimmedFlight, slowest: float, fastest: float
+) -> tuple[dict[str, tuple[float, float]], dict[str, str]]:
+    """Return the limits of flights, and of each where it comes from."""
+    h_m = first.condition.h_m
+    alpha, said = _lifting(aircraft, first)
+    limits = {
         "V": (float(f"{0.85 * slowest:.3g}"), float(f"{1.15 * fastest:.3g}")),
-        "alpha": alpha,
+        "alpha": (_ALPHA_DEG[0] * DEG_RAD, alpha),
         "beta": (-25.0 * DEG_RAD, 25.0 * DEG_RAD),
         "theta": (-60.0 * DEG_RAD, 60.0 * DEG_RAD),
         "phi": (-80.0 * DEG_RAD, 80.0 * DEG_RAD),
         "h": (10.0, max(2.0 * h_m, h_m + 3000.0)),
     }
+    return limits, {**dict.fromkeys(limits, ASSUMED), "V": "15 % beyond the trims found", "alpha": said}
+
+
+def _lifting(aircraft: Aircraft, at: TrimmedFlight) -> tuple[float, str]:
+    """Return the angle of attack up to which lift rises, rad, at most the one assumed, and where it comes from."""
+    fdm = Executive(aircraft, RATE_HZ, at.condition)
+    fdm.command(dict(at.controls))
+    V, h_m, most = at.condition.V_m_s, at.condition.h_m, -math.inf
+    for alpha in np.arange(at.alpha, _ALPHA_DEG[1] * DEG_RAD, _ALPHA_STEP):
+        fdm.place(h_m, alpha + at.condition.gamma_rad, 0.0, (V * math.cos(alpha), 0.0, V * math.sin(alpha)))
+        fdm.evaluate(held=True)
+        lift = fdm.get("forces/fwz-aero-lbs")
+        if lift < most:
+            return float(alpha - _ALPHA_STEP), f"lowest: {ASSUMED}; highest: lift is greatest there at {V:g} m/s"
+        most = lift
+    return _ALPHA_DEG[1] * DEG_RAD, ASSUMED
 
 
 def _empty_feeds(fdm: Executive, tree: ET.Element) -> list[int]:

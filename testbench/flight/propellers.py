@@ -296,8 +296,8 @@ class Propellers:
         self._govern(True)
 
     def _stands(self) -> bool:
-        """Return whether a piston engine with a governed propeller stands still."""
-        pistons = [k for k in self._governed if self._file(self._numbers[k]).kind == "piston"]
+        """Return whether a piston engine stands still."""
+        pistons = [k for k, i in enumerate(self._numbers) if self._file(i).kind == "piston"]
         return any(self._nodes[k].get_double_value() < 1.0 for k in pistons)
 
     def _spin(self) -> None:
@@ -361,12 +361,12 @@ class Propellers:
 
     def _searched(self) -> bool:
         """Return whether JSBSim's own search has brought the propellers to rest; it is made where they are slow."""
-        if not self._slow:
+        if not self._slow or self._stands():
             return False
         self._fdm.fdm.get_propulsion().get_steady_state()
         rpm, rates = self._look()
         self._fdm.fdm.run_ic()
-        return bool(np.all(np.abs(rates) <= _BALANCED_1_S * np.maximum(rpm, 1.0)))
+        return not self._stands() and bool(np.all(np.abs(rates) <= _BALANCED_1_S * np.maximum(rpm, 1.0)))
 
     def rest(self, times: int) -> None:
         """Evaluate all forces again at the speeds found: what loops over evaluations has still those before in it.
@@ -446,7 +446,11 @@ class Propellers:
     def _begin(self, governor: _Governor, may_fill: bool) -> tuple[FloatArray, FloatArray]:
         """Make the engines ready for a search, governors off; return speeds (n,), rpm, and their rates, rpm/s."""
         if self._stands():
-            self.start()
+            levers = [n for i in self._numbers for n in (f"fcs/throttle-cmd-norm[{i}]", f"fcs/mixture-cmd-norm[{i}]")]
+            before = {n: self._fdm.get(n) for n in levers if self._fdm.has(n)}
+            self.start()  # which opens them
+            for name, value in before.items():
+                self._fdm.set(name, value)
         self._govern(False)
         if self._turboprops:
             self._march(_INSTANT_S)

@@ -145,6 +145,21 @@ def test_what_is_no_aircraft_is_refused_with_the_reason(name, why):
         adopted(name)
 
 
+def test_limits_are_found_and_say_where_they_come_from():
+    """The Cessna stalls at 25.3 m/s, where its lift is greatest, and not at 15 % below some speed that trims."""
+    aircraft = adopted("c172p").aircraft
+    slowest, fastest = aircraft.level_V_m_s
+    assert slowest == pytest.approx(25.3, abs=0.1)
+    assert fastest > 68.0  # its engine, once stalled in the search, is started again
+    h_m = aircraft.design_h_m
+    trim(aircraft, FlightCondition(slowest, h_m))
+    with pytest.raises(TrimError):
+        trim(aircraft, FlightCondition(0.985 * slowest, h_m))
+    assert "lift is greatest there" in aircraft.limit_source("alpha")
+    assert aircraft.limits["alpha"][1] == pytest.approx(16.0 * DEG_RAD, abs=0.3 * DEG_RAD)
+    assert aircraft.limit_source("beta") == "assumed by the testbench"
+
+
 def test_an_engine_without_thrust_counts_as_none():
     """The propellers of the C-130 are driven by engines that JSBSim takes for jets: pounds of thrust for power."""
     found = adopted("C130")
@@ -194,9 +209,12 @@ def test_propellers_are_taken_back_from_full_speed_only_where_thrust_is_short(mo
     assert adopt_module._lever(aircraft, 1, FlightCondition(50.0, 1000.0)) == lever
 
 
-@pytest.mark.parametrize(("lost", "slowest"), [((), 50.0), ((3,), 50.0), ((3, 4), 100.0 / 1.08**2)])
+@pytest.mark.parametrize(("lost", "slowest"), [((), 50.0), ((3,), 50.0), ((3, 4), 100.0 / 1.08**2.5)])
 def test_one_speed_at_which_the_search_for_a_trim_fails_ends_no_range(monkeypatch, lost, slowest):
-    """Steps of 8 % below 100 m/s: where one fails, the next says whether there is a trim; JSBSim's PC-7 loses one."""
+    """Steps of 8 % below 100 m/s: where one fails, the next says whether there is a trim; JSBSim's PC-7 loses one.
+
+    Where two fail, the end lies between the last that trims and the first that does not: here at half a step.
+    """
     first = SimpleNamespace(condition=FlightCondition(100.0, 1000.0))
 
     def trimmed(aircraft, condition, near, thorough):

@@ -97,9 +97,11 @@ def aircraft_toml(
     if said.motor is not None:
         out += ["[controls.thr]", 'command = "fcs/throttle-cmd-norm"']
     out += ["", "# A flight that leaves these is aborted.", "[limits]"]
-    for key, words in limits.sources.items():
+    for key in limits.sources:
         low, high = getattr(limits, key)
-        out.append(f"{key} = [{real(low)}, {real(high)}]  # {one_line(words)}")
+        out.append(f"{key} = [{real(low)}, {real(high)}]")
+    out += ["", "# Where those come from that nobody gave.", "[limit_sources]"]
+    out += [f"{k.split('_')[0]} = {quoted(one_line(words))}" for k, words in limits.sources.items() if words != "given"]
     out += [
         "",
         "# Relative standard deviation of every coefficient, by which the believed model may be off: how far computed "

@@ -70,6 +70,7 @@ def described(adopted: Adopted, model: str) -> str:
         f"model = {quoted(model)}",
         f"design_V_m_s = {aircraft.design_V_m_s!r}",
         f"design_h_m = {aircraft.design_h_m!r}",
+        f"level_V_m_s = [{adopted.slowest!r}, {adopted.fastest!r}]   # found by trimming at that altitude",
         "",
         *_comment(
             f"As flown: {m.mass_kg:.6g} kg, Ixx {m.Ixx:.5g}, Iyy {m.Iyy:.5g}, Izz {m.Izz:.5g}, Ixz {m.Ixz:.4g} kg m2, "
@@ -82,7 +83,7 @@ def described(adopted: Adopted, model: str) -> str:
     if adopted.engines:
         lines += _comment(f"Engines: {'; '.join(adopted.engines)}.")
     lines += _comment(
-        f"It trims from {adopted.slowest:g} to {adopted.fastest:g} m/s at {t.condition.h_m:g} m (in steps of 8 %); "
+        f"It trims from {adopted.slowest:g} to {adopted.fastest:g} m/s at {t.condition.h_m:g} m; "
         f"slower: {adopted.ends[0]}; faster: {adopted.ends[1]}."
     )
     lines += _comment(
@@ -105,12 +106,14 @@ def described(adopted: Adopted, model: str) -> str:
         lines += [f"{quoted(n)} = {v!r}" for n, v in adapter.neutral.items()]
     lines += [
         "",
-        "# A flight that leaves them is stopped. Speed: 15 % beyond the trims; the others are assumed.",
+        "# A flight that leaves them is stopped.",
         "[limits]",
     ]
     for channel, (low, high) in aircraft.limits.items():
         suffix, unit = _UNITS.get(channel, ("_deg", DEG_RAD))
         lines.append(f"{channel}{suffix} = [{real(low / unit, 6)}, {real(high / unit, 6)}]")
+    lines += ["", "# Where they come from.", "[limit_sources]"]
+    lines += [f"{channel} = {quoted(words)}" for channel, words in aircraft.limit_sources.items()]
     if aircraft.outline is not None:
         lines += ["", *_drawing(aircraft)]
     return "\n".join(lines) + "\n"

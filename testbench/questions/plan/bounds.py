@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from testbench.aircraft import Aircraft
+from testbench.aircraft.model import ASSUMED
+from testbench.core.atmosphere import air_density
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.flight import LinearModel
 from testbench.questions.plan.result import Point
@@ -41,13 +43,21 @@ def lift_per_rad(model: LinearModel, V_m_s: float) -> float:
 def stall_speed_m_s(aircraft: Aircraft, point: Point) -> float | None:
     """Return the speed at which level flight takes the highest angle of attack of the aircraft, or None if it has none.
 
-    From lift that is linear in alpha: (V / V_s)^2 = 1 + dn/dalpha (alpha_max - alpha), at the trim of the point.
+    An angle that was only assumed is none. From lift that is linear in alpha at the trim of the point:
+    (V / V_s)^2 = 1 + dn/dalpha (alpha_max - alpha).
     """
-    if "alpha" not in aircraft.limits:
+    if "alpha" not in aircraft.limits or aircraft.limit_source("alpha") == ASSUMED:
         return None
     room = aircraft.limits["alpha"][1] - point.trimmed.alpha
     ratio = 1.0 + lift_per_rad(point.model, point.V_m_s) * room
     return point.V_m_s / math.sqrt(ratio) if ratio > 0.0 else None
+
+
+def slowest_level_m_s(aircraft: Aircraft, point: Point) -> float | None:
+    """Return the slowest level flight found by trimming, at the density of the point; None if it was not sought."""
+    if aircraft.level_V_m_s is None:
+        return None
+    return aircraft.level_V_m_s[0] * math.sqrt(air_density(aircraft.design_h_m) / air_density(point.h_m))
 
 
 def bounds_at(
@@ -76,19 +86,20 @@ def bounds_at(
 
     if "az" in own:
         low, high = own["az"]
-        take("load_factor", "az", (-high / G0_M_S2, -low / G0_M_S2), f"limits of {name}")
+        take("load_factor", "az", (-high / G0_M_S2, -low / G0_M_S2), aircraft.limit_source("az"))
     else:
         take("load_factor", "az", _LOAD_FACTOR, f"0 to 2 taken, {name} states none")
     if "alpha" in own:
-        take("alpha_deg", "alpha", tuple(x / DEG_RAD for x in own["alpha"]), f"limits of {name}")
+        take("alpha_deg", "alpha", tuple(x / DEG_RAD for x in own["alpha"]), aircraft.limit_source("alpha"))
     elif limits.alpha_deg is not None:
         sources["alpha"] = GIVEN
     if "beta" in own:
-        take("beta_deg", "beta", min(abs(x) for x in own["beta"]) / DEG_RAD, f"limits of {name}")
+        take("beta_deg", "beta", min(abs(x) for x in own["beta"]) / DEG_RAD, aircraft.limit_source("beta"))
     elif limits.beta_deg is not None:
         sources["beta"] = GIVEN
     for key, channel in (("bank_deg", "phi"), ("pitch_change_deg", "theta")):
-        take(key, channel, *_angle_deg(channel, own, name, point))
+        who = f"{name} allows" if channel not in aircraft.limit_sources else f"are {aircraft.limit_source(channel)}"
+        take(key, channel, *_angle_deg(channel, own, who, name, point))
     above = max(point.h_m - field_m, 1.0)
     height = round(min(0.5 * above, _SECONDS * point.V_m_s), 1)
     words = "half the height above the field" if 0.5 * above <= _SECONDS * point.V_m_s else f"{_SECONDS:g} s of flight"
@@ -103,7 +114,9 @@ def bounds_at(
     return Bounds(limits.model_copy(update=new), sources)
 
 
-def _angle_deg(channel: str, own: Mapping[str, tuple[float, float]], name: str, point: Point) -> tuple[float, str]:
+def _angle_deg(
+    channel: str, own: Mapping[str, tuple[float, float]], who: str, name: str, point: Point
+) -> tuple[float, str]:
     """Return the largest bank, or change of pitch, deg: half the aircraft's own limit, but 30 to 45 deg."""
     least, most = _ANGLES_DEG
     span = own.get(channel)
@@ -113,8 +126,8 @@ def _angle_deg(channel: str, own: Mapping[str, tuple[float, float]], name: str, 
     room = min(span[1] - trim, trim - span[0]) / DEG_RAD
     taken = min(max(round(_OF_THE_ANGLE * room, 1), least), most)
     if taken >= room:
-        return round(0.9 * room, 1), f"0.9 of what {name} allows"
-    return taken, f"of the {room:.0f} deg that {name} allows"
+        return round(0.9 * room, 1), f"0.9 of the {room:.0f} deg that {who}"
+    return taken, f"of the {room:.0f} deg that {who}"
 
 
 def _speeds(
@@ -126,15 +139,19 @@ def _speeds(
         return
     low, high = aircraft.limits.get("V", (0.0, math.inf))
     stall = stall_speed_m_s(aircraft, point)
+    slowest = slowest_level_m_s(aircraft, point)
     said = []
     if limits.V_min_m_s is not None:
         said.append("lowest: as the plan says")
+    elif slowest is not None and slowest > max(low, _STALL_MARGIN * (stall or 0.0)):
+        new["V_min_m_s"] = slowest
+        said.append(f"lowest: slowest level flight, {slowest:.4g} m/s, found by trimming")
     elif stall is not None and _STALL_MARGIN * stall > low:
         new["V_min_m_s"] = _STALL_MARGIN * stall
         said.append(f"lowest: {_STALL_MARGIN:g} x {stall:.3g} m/s (stall)")
     elif low > 0.0:
         new["V_min_m_s"] = low
-        said.append(f"lowest: limits of {aircraft.name}")
+        said.append(f"lowest: {aircraft.limit_source('V')}")
     else:  # nobody knows the stall: no slower than a tenth below the speed of the card
         new["V_min_m_s"] = 0.9 * point.V_m_s
         said.append("lowest: stall unknown, 10 % below the card's speed taken")
@@ -142,7 +159,7 @@ def _speeds(
         said.append("highest: as the plan says")
     elif math.isfinite(high):
         new["V_max_m_s"] = high
-        said.append(f"highest: limits of {aircraft.name}")
+        said.append(f"highest: {aircraft.limit_source('V')}")
     else:
         new["V_max_m_s"] = 1.3 * point.V_m_s
         said.append("highest: no limit is stated, 30 % above the card's speed taken")

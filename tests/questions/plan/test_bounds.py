@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from testbench.aircraft.model import ASSUMED
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.flight import FlightCondition, linearise, trim
 from testbench.questions.plan.ask import make_plan
@@ -135,9 +136,16 @@ LIFT = 3.0 * 20.0 / G0_M_S2
 STALL = 20.0 / math.sqrt(1.0 + LIFT * 0.2)
 
 
+def stub_aircraft(limits=STATED, sources=None, level=None):
+    said = sources or {}
+    return SimpleNamespace(
+        name="it", limits=limits, limit_sources=said, limit_source=lambda c: said.get(c, "limits of it"),
+        level_V_m_s=level, design_h_m=0.0,
+    )  # fmt: skip
+
+
 def bounds(limits=STATED, given=None, point=None, field=60.0, onset=None):
-    aircraft = SimpleNamespace(name="it", limits=limits)
-    return bounds_at(given or PlanLimits(), aircraft, point or stub_point(theta=0.1), field, onset)
+    return bounds_at(given or PlanLimits(), stub_aircraft(limits), point or stub_point(theta=0.1), field, onset)
 
 
 def test_the_bounds_by_hand():
@@ -157,7 +165,7 @@ def test_the_bounds_by_hand():
 def test_an_angle_counts_from_trim_and_a_narrow_one_keeps_a_tenth():
     found = bounds({**STATED, "phi": (-0.4, 0.5), "theta": (-0.8, 1.4)}, point=stub_point(theta=0.6, phi=0.1))
     assert found.limits.bank_deg == round(0.9 * 0.4 / DEG_RAD, 1)
-    assert found.sources["phi"] == "0.9 of what it allows"
+    assert found.sources["phi"] == "0.9 of the 23 deg that it allows"
     assert found.limits.pitch_change_deg == 30.0  # half of 0.8 rad above is less than the least
     assert found.sources["theta"] == "of the 46 deg that it allows"
 
@@ -175,9 +183,9 @@ def test_the_height_is_half_of_that_above_the_field_but_five_seconds_at_most(fie
 def test_no_alpha_is_left_when_trim_lies_that_far_beyond_the_highest():
     beyond = stub_point(theta=0.1)
     beyond.trimmed.alpha = 0.25 + 1.001 / LIFT  # the ratio of the squares is below zero
-    assert stall_speed_m_s(SimpleNamespace(limits=STATED), beyond) is None
+    assert stall_speed_m_s(stub_aircraft(), beyond) is None
     beyond.trimmed.alpha = 0.25 + 0.96 / LIFT
-    assert stall_speed_m_s(SimpleNamespace(limits=STATED), beyond) == pytest.approx(20.0 / 0.2)
+    assert stall_speed_m_s(stub_aircraft(), beyond) == pytest.approx(20.0 / 0.2)
 
 
 def test_the_higher_of_the_lowest_speeds_holds_and_an_onset_below_the_fastest_is_said():
@@ -188,3 +196,14 @@ def test_the_higher_of_the_lowest_speeds_holds_and_an_onset_below_the_fastest_is
     change = PlanLimits(speed_change_m_s=4.0)
     for onset, said in ((24.0, GIVEN), (23.9, f"{GIVEN}; highest: onset of the instability")):
         assert bounds(given=change, onset=onset).sources["V"] == said
+
+
+def test_what_the_testbench_assumed_is_no_limit_of_the_aircraft():
+    """Neither a stall speed nor a word on a card; the slowest level flight that trims holds, at the density there."""
+    said = dict.fromkeys(STATED, ASSUMED)
+    point = stub_point(theta=0.1, h=2000.0)
+    found = bounds_at(PlanLimits(), stub_aircraft(sources=said, level=(14.0, 28.0)), point, 60.0)
+    assert not any("limits of it" in words or "it allows" in words for words in found.sources.values())
+    assert found.sources["alpha"] == found.sources["beta"] == ASSUMED
+    assert found.limits.V_min_m_s == pytest.approx(14.0 * math.sqrt(1.225 / 1.00649), rel=1e-4)
+    assert "slowest level flight" in found.sources["V"]
