@@ -154,10 +154,12 @@ def _longitudinal_owners(found: Spectrum, rest: Sequence[int]) -> dict[str, tupl
     """Return the owners of four eigenvalues by their shape: of the short period those in which w and q take part."""
     pairs = [k for k in rest if abs(found.poles[k].imag) > 1e-9]
     pitching = found.participation[[found.states.index("w"), found.states.index("q")]].sum(axis=0)
-    of = {k: float(np.mean(pitching[pairs])) if k in pairs and len(pairs) == 2 else float(pitching[k]) for k in rest}
-    if len(pairs) == 4:  # a conjugate has the same shape up to rounding
-        of = {k: round(of[k], 6) for k in rest}
-    ordered = sorted(rest, key=lambda k: (of[k], abs(found.poles[k]), k))
+    if len(pairs) == 2:  # neither is torn apart
+        real = [k for k in rest if k not in pairs]
+        slow, fast = sorted((pairs, real), key=lambda owned: float(pitching[owned].mean()))
+        return {"phugoid": tuple(slow), "short period": tuple(fast)}
+    # A conjugate has the same shape up to rounding.
+    ordered = sorted(rest, key=lambda k: (round(float(pitching[k]), 6), abs(found.poles[k]), k))
     return {"phugoid": tuple(ordered[:2]), "short period": tuple(ordered[2:])}
 
 

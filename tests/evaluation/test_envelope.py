@@ -78,6 +78,9 @@ def test_phugoid_and_short_period_are_told_by_their_shape_whichever_is_faster():
         f"{mode}, {root} root" for mode in ("phugoid", "short period") for root in ("slow", "fast")
     }
     assert longitudinal_modes(overdamped, {})["short period, slow root"] == pytest.approx(-1.0)
+    # Statically unstable: roots of w and q on both sides of the pair of speed and pitch, which stays together.
+    unstable = system(states, (("u", "theta"), pair(1.5, 0.66)), (("w", "q"), np.diag([0.7, -65.0])))
+    assert set(longitudinal_modes(unstable, {})) == {"phugoid", "short period, slow root", "short period, fast root"}
 
 
 def test_elastic_modes_are_named_by_their_own_states():
