@@ -47,7 +47,7 @@ _SETTINGS = {
     "propulsion/cutoff_cmd": 0.0,
     "propulsion/fuel_freeze": 1.0,
 }
-_END = 0.002  # of a speed, to which the ends of level flight are known
+_END = 0.002  # of a speed, to which the slowest level flight is known
 _FEED_LBS = 5.0
 _FAST_GLIDER_M_S = 60.0
 _LEVERS, _SHORT = (1.0, 0.75, 0.5, 0.25, 0.0), 0.1  # of propellers; thrust of the weight below which they are tried
@@ -485,9 +485,9 @@ def _range(aircraft: Aircraft, first: TrimmedFlight) -> tuple[float, float, tupl
                 failed = error.message
             else:
                 end, failed = V, ""
-        # The end between the last speed that trims and the first that does not.
+        # The slowest lies between the last speed that trims and the first that does not.
         beyond = end * factor
-        while failed and abs(beyond / end - 1.0) > _END:
+        while failed and factor < 1.0 and abs(beyond / end - 1.0) > _END:
             middle = 0.5 * (end + beyond)
             try:
                 near = trim(aircraft, FlightCondition(middle, h_m), near=near, thorough=False)
@@ -495,7 +495,7 @@ def _range(aircraft: Aircraft, first: TrimmedFlight) -> tuple[float, float, tupl
                 beyond, failed = middle, error.message
             else:
                 end = middle
-        ends.append(float(f"{end * (1.0 + _END if factor < 1.0 else 1.0 - _END):.3g}"))
+        ends.append(float(f"{end * (1.0 + _END if failed and factor < 1.0 else 1.0):.3g}"))
         reasons.append(failed or "no trim was sought beyond")
     return ends[0], ends[1], (reasons[0], reasons[1])
 

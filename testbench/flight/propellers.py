@@ -366,7 +366,8 @@ class Propellers:
         self._fdm.fdm.get_propulsion().get_steady_state()
         rpm, rates = self._look()
         self._fdm.fdm.run_ic()
-        return not self._stands() and bool(np.all(np.abs(rates) <= _BALANCED_1_S * np.maximum(rpm, 1.0)))
+        self._slow = not self._stands()  # or the search has stalled an engine
+        return self._slow and bool(np.all(np.abs(rates) <= _BALANCED_1_S * np.maximum(rpm, 1.0)))
 
     def rest(self, times: int) -> None:
         """Evaluate all forces again at the speeds found: what loops over evaluations has still those before in it.
