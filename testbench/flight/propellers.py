@@ -45,9 +45,9 @@ _SETTLED = 1e-10  # of the speed
 _HP_FTLB_S = 550.0
 _ITERATIONS, _ROUNDS = 80, 5
 _GIVEN_UP = 3  # searches without rest, after which each is one round only
-_FRAME_S, _LONGEST_S = 0.02, 5.0
-_QUICKEST_1_S = 1e7  # rate at which a speed comes to rest
-_MOST_CHANGE, _MOST_CHANGE_UNLAGGED = 0.15, 0.5  # of a speed in one frame; of one that no manifold lags behind
+_FRAME_S, _SHORTEST_S, _LONGEST_S = 0.02, 1e-3, 5.0
+_SHORTEST_OF_MOTORS_S = 1e-7
+_MOST_CHANGE, _MOST_CHANGE_OF_MOTORS = 0.15, 0.5  # of a speed in one frame
 _SEARCHES, _STIFF_1_S = 3, -3.0  # of JSBSim's own search, whose frames of 0.5 s go with slow propellers only
 _BALANCED_1_S = 1e-9  # change of a speed, of itself, that the judge of a search accepts
 LEAST_INERTIA = 1e-6  # slug ft2: JSBSim takes it for a propeller that has less (source of FGPropeller, 1.3.3)
@@ -112,6 +112,7 @@ class _Frames:
         trusted: longest frame that may fill the manifold yet, s; throttles may show some frames late.
         filling: length of a frame in which the manifold, as it fills, takes a speed off by no more than it may miss, s.
         filled: frames that filled the manifold in this search; -1 if none may.
+        motors: drive all of them: quick, and nothing lags behind them.
     """
 
     slowing: FloatArray
@@ -124,6 +125,7 @@ class _Frames:
     trusted: float = 0.0
     filling: float = 0.0
     filled: int = 0
+    motors: bool = False
 
     def begin(self, careful: bool, may_fill: bool) -> None:
         """Begin a search; ``careful`` after a change of throttle, as the manifold changes the power within a frame."""
@@ -166,8 +168,13 @@ class _Frames:
             if not self.full:
                 dt = min(dt, self.longest)
         fastest = float(np.max(np.abs(rates) / np.maximum(rpm, 1.0)))
-        most = _MOST_CHANGE if self.lag > _FRAME_S else _MOST_CHANGE_UNLAGGED
-        return float(min(dt, most / fastest if fastest else dt))
+        most = _MOST_CHANGE_OF_MOTORS if self.motors else _MOST_CHANGE
+        return float(max(min(dt, most / fastest if fastest else dt), self.shortest))
+
+    @property
+    def shortest(self) -> float:
+        """Shortest frame of a search, s."""
+        return _SHORTEST_OF_MOTORS_S if self.motors else _SHORTEST_S
 
     def learn_share(
         self, dt: float, before: FloatArray, after: FloatArray, stopped: BoolArray, scale: FloatArray
@@ -195,7 +202,7 @@ class _Frames:
 
         Where speeds hardly change, rates change by what still flows into a manifold that lags.
         """
-        moved, most = (_MOVED, 1.0 / _QUICK_S) if self.lag > _FRAME_S else (_MOVED_AT_ALL, _QUICKEST_1_S)
+        moved, most = (_MOVED, 1.0 / _QUICK_S) if self.lag > _FRAME_S else (_MOVED_AT_ALL, 1.0 / self.shortest)
         far = np.abs(change) > moved * np.abs(rpm)
         found = np.divide(rates, change, out=np.zeros(len(rpm)), where=far)
         self.slowing = np.where(found < 0.0, np.clip(found, -most, -1.0 / _LONGEST_S), self.slowing)
@@ -237,7 +244,8 @@ class Propellers:
             self.governed or self._turboprops or np.any(self._motors)
         )  # enough for JSBSim's own search, as far as is known
         fill = max([_FRAME_S, *(self._file(i).lag_s for i in self._numbers)])
-        self._frames = _Frames(np.full(len(self), -1.0 / _FRAME_S), fill, fill)
+        motors = len(self) > 0 and bool(np.all(self._motors))
+        self._frames = _Frames(np.full(len(self), -1.0 / _FRAME_S), fill, fill, motors=motors)
 
     def __len__(self) -> int:
         return len(self._nodes)
@@ -320,7 +328,7 @@ class Propellers:
             if not np.any(slow):
                 break
             # None of those that turn already may change by more than a part of its speed.
-            room = np.where(slow, wanted - speeds, _MOST_CHANGE_UNLAGGED * speeds)
+            room = np.where(slow, wanted - speeds, _MOST_CHANGE_OF_MOTORS * speeds)
             self._march(float(min(np.min(room / gained), _SPIN_S)))
         for name, value in before.items():
             self._fdm.set(name, value)
@@ -406,7 +414,7 @@ class Propellers:
             scale = _SETTLED * np.maximum(np.abs(rpm), 1.0)
             away = governor.wanted - rpm
             stopped = governor.stopped(pitch, away, scale)
-            still = np.abs(rates) <= scale * np.maximum(1.0, np.abs(frames.slowing))
+            still = np.abs(rates) <= scale * np.where(self._motors, np.maximum(1.0, np.abs(frames.slowing)), 1.0)
             at_rest = np.all(stopped | (np.abs(away) <= scale)) and np.all(
                 still | ((rpm < _STANDS) & (rates < _STANDS))
             )
