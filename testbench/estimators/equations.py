@@ -11,7 +11,7 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -24,6 +24,10 @@ from testbench.estimators.expressions import parse as tree
 
 TRIM = ("V_trim", "alpha_trim", "theta_trim")
 """Symbols for the steady flight that was removed from the records as trim: m/s and rad."""
+Meaning = Literal[
+    "short_period", "longitudinal", "flexible", "lateral_directional", "lateral_per_speed", "roll_yaw_rates"
+]
+"""Packaged structures whose parameters are derivatives."""
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _RESERVED = {"pi", *TRIM, *FUNCTIONS}
 
@@ -73,10 +77,13 @@ class Equations(Strict):
     states that are channels are outputs by their names, and so are their derivatives that are channels (qdot of q).
     ``definitions`` give names to intermediate quantities. ``inputs`` are those that must move; any channel that stands
     in the equations is an input. ``initial`` says where states begin: numbers, or expressions of channels at the first
-    sample; states that are channels begin at their first sample, others at zero.
+    sample; states that are channels begin at their first sample, others at zero. ``means`` says that parameters with
+    names of a packaged structure are what they are there: the values before a flight, coefficients and amendments need
+    to know it.
     """
 
     title: str = ""
+    means: Meaning | None = None
     states: Annotated[Symbols, Field(min_length=1)]
     inputs: Symbols | None = None
     equations: dict[str, str]

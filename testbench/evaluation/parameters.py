@@ -66,10 +66,10 @@ def true_parameters(structure: str, derivatives: Sequence[Derivative], V_m_s: fl
 
     A structure without elastic modes is compared with derivatives in which the modes follow statically, because slow
     motion cannot tell the two apart. A structure with modes is compared with derivatives at which the modes are held.
-    What the parameters of a user's own structure mean is not known, whatever their names are: they have no truth.
+    Parameters whose meaning nobody said, whatever their names are, have no truth.
 
     Args:
-        structure: name of the structure.
+        structure: name of a packaged structure, the ``meaning`` of any; "" where it is not known.
         derivatives: of :func:`testbench.evaluation.derivatives.dimensional_derivatives`.
         V_m_s: airspeed at trim.
     """

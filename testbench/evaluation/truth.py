@@ -143,7 +143,7 @@ def told_of(truth: Truth | None, model: IdentifiedModel, records: Sequence[Fligh
     known = {"true_poles": _possible(truth, structure), "true_response": response, "omega": omega}
     if structure is not None:
         derivatives = dimensional_derivatives(truth.linear, truth.trimmed)
-        known["true_parameters"] = true_parameters(structure.name, derivatives, truth.trimmed.condition.V_m_s)
+        known["true_parameters"] = true_parameters(structure.meaning, derivatives, truth.trimmed.condition.V_m_s)
     return known
 
 

@@ -97,6 +97,11 @@ class _BehindServos(ModelStructure):
     links: tuple[_Link, ...]
 
     @property
+    def meaning(self) -> str:
+        """That of the base."""
+        return self.base.meaning
+
+    @property
     def must_move(self) -> tuple[str, ...]:
         """Inputs of the base that must move."""
         return self.base.must_move

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from testbench.core.channels import channel
 from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.structured import STRUCTURE_NAMES
 
 STEP = 1e-30
 """Complex step: far below rounding, so that the derivative has no truncation error, and nothing is subtracted."""
@@ -114,6 +115,11 @@ class ModelStructure(ABC):
     @abstractmethod
     def output(self, x: AnyArray, u: AnyArray, params: AnyArray) -> AnyArray:
         """Return y, shape (..., p), of states (..., n), inputs (..., m) and parameters (..., k)."""
+
+    @property
+    def meaning(self) -> str:
+        """The packaged structure whose parameters these are, by name; "" where what they mean is not known."""
+        return self.name if self.name in STRUCTURE_NAMES else ""
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

@@ -79,7 +79,7 @@ def _parameter_errors(known: Known, model: IdentifiedModel) -> dict[Quantity, fl
         true = dict(zip(structure.parameter_names, structure.true.tolist(), strict=True))
     else:
         derivatives = dimensional_derivatives(known.linear, known.trimmed)
-        true = true_parameters(structure.name, derivatives, known.trimmed.condition.V_m_s)
+        true = true_parameters(structure.meaning, derivatives, known.trimmed.condition.V_m_s)
     free = {p.name for p in structure.parameters if p.free}
     return {
         Quantity("parameter", name): 100.0 * (model.values[name] - true[name]) / abs(true[name])

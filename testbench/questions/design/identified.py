@@ -199,12 +199,20 @@ def _equations(
         outputs[name] = text
     return {
         "title": f"the {structure.name}: deviations from trim, SI units and radians",
+        "means": _meaning(structure),
         "states": [*named, *more],
         "inputs": list(inputs),
         "equations": equations,
         "outputs": outputs,
         "parameters": parameters,
     }
+
+
+def _meaning(structure: AircraftStructure) -> str:
+    """Return the packaged structure whose parameters the derivatives are: with elastic modes those with modes held."""
+    if any(s.startswith("eta") for s in structure.states):
+        return "flexible"
+    return "longitudinal" if "w" in structure.states else "lateral_directional"
 
 
 def _terms(structure: AircraftStructure) -> tuple[list[list[Terms]], list[list[Terms]]]:

@@ -51,7 +51,7 @@ def coefficient(model: ParametricModel, name: str, scaling: Scaling) -> tuple[st
         name: of its parameter.
         scaling: condition, geometry and mass.
     """
-    found = weights(model.structure.name, model.structure.parameter_names, name, scaling)
+    found = weights(model.structure.meaning, model.structure.parameter_names, name, scaling)
     if found is None:
         return None
     symbol, row = found
@@ -61,10 +61,10 @@ def coefficient(model: ParametricModel, name: str, scaling: Scaling) -> tuple[st
 def weights(structure: str, names: Sequence[str], name: str, scaling: Scaling) -> tuple[str, FloatArray] | None:
     """Return the coefficient's name, and what it is made of: (k,) weights of the parameters; None if it has none.
 
-    What the parameters of a user's own structure mean is not known, whatever their names are.
+    Parameters whose meaning nobody said have none, whatever their names are.
 
     Args:
-        structure: name of the structure.
+        structure: name of a packaged structure, the ``meaning`` of any; "" where it is not known.
         names: (k,) of its parameters.
         name: one of them.
         scaling: condition, geometry and mass.

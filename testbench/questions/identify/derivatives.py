@@ -115,7 +115,7 @@ def found_derivatives(
         names = [p.name for p in model.structure.parameters if p.free]
         beliefs = dict.fromkeys(names, "replaced") if i in replaced else _beliefs(model, names)
         units = {d.name: d.unit for d in known.derivatives} if known else {}
-        told = true_parameters(model.structure.name, known.derivatives, known.condition.V_m_s) if known else {}
+        told = true_parameters(model.structure.meaning, known.derivatives, known.condition.V_m_s) if known else {}
         start: Mapping[str, float] = getattr(case.estimator, "start", {})
         for name in names:
             if name.endswith("_0"):
@@ -133,7 +133,7 @@ def found_derivatives(
                     value,
                     std,
                     stated,
-                    _unit(name, model.structure.name) or units.get(name, ""),
+                    _unit(name, model.structure.meaning) or units.get(name, ""),
                     before,
                     source,
                     scaled and (scaled[0], scaled[1], scaled[2] * std / stated if stated > 0.0 else scaled[2]),

@@ -40,6 +40,11 @@ class _Gust(ModelStructure):
     inertial: tuple[bool, ...]
 
     @property
+    def meaning(self) -> str:
+        """That of the structure without gust."""
+        return self.calm.meaning
+
+    @property
     def followers(self) -> tuple[str, ...]:
         """Those of the structure without gust."""
         return self.calm.followers

@@ -337,10 +337,17 @@ class Written(ModelStructure):
     Attributes:
         law: the equations.
         moving: inputs that must move for the parameters to be found.
+        means: packaged structure whose parameters these are; "" if that is not said.
     """
 
     law: Law
     moving: tuple[str, ...]
+    means: str = ""
+
+    @property
+    def meaning(self) -> str:
+        """What the equations say that their parameters mean."""
+        return self.means
 
     @property
     def must_move(self) -> tuple[str, ...]:
@@ -480,6 +487,7 @@ def written(
         parameters=parameters,
         law=law,
         moving=equations.must_move(inputs),
+        means=equations.means or "",
     )
 
 

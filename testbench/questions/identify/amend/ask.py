@@ -73,7 +73,7 @@ class _Part:
     def structure(self) -> str:
         model = self.found.cases[self.index].model
         assert isinstance(model, ParametricModel)
-        return model.structure.name
+        return model.structure.meaning
 
 
 @on_one_thread

@@ -46,8 +46,8 @@ def chosen_case(found: Identified) -> tuple[int, str]:
     if not known:
         raise EstimationError(
             f"an aircraft is amended by derivatives whose meaning is known, but {found.name} has no model with one of "
-            f"the structures {', '.join(n for n in STRUCTURE_NAMES if n != 'aerodynamic_longitudinal')}; what the "
-            "parameters of a structure of your own mean is not known, whatever their names"
+            f"the structures {', '.join(n for n in STRUCTURE_NAMES if n != 'aerodynamic_longitudinal')}; if "
+            'parameters of equations of your own are those of one of them, say so beside their states: means = "..."'
         )
     good = [i for i in known if found.cases[i].model.status != "wrong"]
     if not good:
@@ -70,8 +70,7 @@ def _has_meaning(case: Case) -> bool:
     return (
         isinstance(case.model, ParametricModel)
         and isinstance(case.estimator, Structured)
-        and case.model.structure.name in STRUCTURE_NAMES
-        and case.model.structure.name != "aerodynamic_longitudinal"
+        and case.model.structure.meaning not in ("", "aerodynamic_longitudinal")
     )
 
 

@@ -12,7 +12,6 @@ from testbench.core.advice import Advice, doubt, ranked
 from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.model import ParametricModel
-from testbench.estimators.structured import STRUCTURE_NAMES
 from testbench.evaluation.parameters import true_parameters
 from testbench.line import Case
 from testbench.questions.identify.coefficients import Scaling, weights
@@ -155,8 +154,11 @@ def _refused(case: Case, method: str | None) -> str:
         return _OTHER_METHOD.format(method)
     if not isinstance(case.model, ParametricModel):
         return "has no derivatives"
-    if case.model.structure.name not in STRUCTURE_NAMES:
-        return "what the parameters of a structure of your own stand for is not known"
+    if not case.model.structure.meaning:
+        return (
+            "its equations do not say what their parameters mean: give the packaged structure that has them, as in "
+            'means = "longitudinal"'
+        )
     if case.model.status == "wrong":
         return f"is not to be used: {next(a for a in ranked(case.model.advice) if a.severity == 'wrong')}"
     return ""
@@ -174,7 +176,7 @@ def _rows(model: ParametricModel, scaling: Scaling) -> Iterator[tuple[str, str |
             known = "_V" not in p.name
             yield p.name, p.name if known else None, row, "" if known else "is per reference speed of its own log"
             continue
-        found = weights(model.structure.name, names, p.name, scaling)
+        found = weights(model.structure.meaning, names, p.name, scaling)
         if found is not None:
             yield p.name, *found, ""
         else:
@@ -201,12 +203,12 @@ def _believed(found: Identified, model: ParametricModel, symbol_of: dict[str, st
         return {}
     m, c = known.aircraft.mass, known.condition
     scaling = Scaling(c.V_m_s, c.qbar_Pa, known.aircraft.geometry, PartialMass(m.mass_kg, m.Ixx, m.Iyy, m.Izz, m.Ixz))
-    told = true_parameters(model.structure.name, known.derivatives, c.V_m_s)
+    told = true_parameters(model.structure.meaning, known.derivatives, c.V_m_s)
     names = tuple(told)
     values = np.array(list(told.values()))
     out = {}
     for name, symbol in symbol_of.items():
-        made = weights(model.structure.name, names, name, scaling) if name in told else None
+        made = weights(model.structure.meaning, names, name, scaling) if name in told else None
         if made is not None:
             out[symbol] = float(made[1] @ values)
     return out

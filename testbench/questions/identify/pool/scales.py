@@ -54,7 +54,7 @@ def scaled(scaling: Scaling, quantity: str, log_change: float) -> Scaling:
 
 
 def _coefficients(model: ParametricModel, names: Sequence[str], scaling: Scaling) -> FloatArray:
-    made = (weights(model.structure.name, model.structure.parameter_names, name, scaling) for name in names)
+    made = (weights(model.structure.meaning, model.structure.parameter_names, name, scaling) for name in names)
     return np.array([0.0 if found is None else float(found[1] @ model.params) for found in made])
 
 
