@@ -11,9 +11,11 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 
 from testbench.aircraft.amend import Amendment, ScaleCoefficient
+from testbench.aircraft.geometry.coefficients import ROWS, relative_deviation
 from testbench.aircraft.model import Aircraft
 from testbench.core.errors import ModelError, nearest
 from testbench.core.generators import keyed_generator
@@ -83,6 +85,20 @@ def drawn(aircraft: Aircraft, seed: int, index: int) -> Aircraft:
         for name, std in stated_deviations(aircraft).items()
     )
     return aircraft.amended(Amendment(f"draw {index}", "coefficients within their stated uncertainty", changes))
+
+
+def as_it_may_be(aircraft: Aircraft, seed: int) -> Aircraft:
+    """Return the aircraft with its coefficients drawn by what it states of them, else by what handbooks reach.
+
+    Raises:
+        ModelError: see :func:`stated_deviations`.
+    """
+    values = {n: aircraft.coefficient(n) for n in coefficient_names(aircraft) if n in ROWS}
+    slope = values.get("CL_alpha", 0.0)
+    handbook = {
+        n: min(1.0, relative_deviation(n, abs(v), abs(slope))) for n, v in values.items() if abs(v) > _NOTHING and slope
+    }
+    return drawn(replace(aircraft, uncertainty=aircraft.uncertainty or handbook), seed, 0)
 
 
 @lru_cache(maxsize=16)

@@ -139,7 +139,7 @@ def _identified(
     known = None if aircraft is None else before(aircraft, flown)
     say("weigh the derivatives")
     derivatives = found_derivatives(
-        cases, known, scaling_of(flown, known), description.known_errors, replaced, reflights
+        cases, known, scaling_of(flown, known), description.simulated_errors, replaced, reflights
     )
     found = Identified(
         description.name,

@@ -95,9 +95,9 @@ def command(
             loaded = RecordDescription.load(file)
             asked.append(loaded if aircraft is None else loaded.changed(aircraft=aircraft))
     given = {"each": each, "prior": prior, "trend": trend and trend.value, "method": method}
-    settings = settings_of(asked, several=len(descriptions) > 1, **given)
+    settings = settings_of(asked, several=len(descriptions) > 1 and amend is None, **given)
     if settings is not None:
-        refuse(context, "with several logs or a prior, whose coefficients are pooled; amend by one log", "amend")
+        refuse(context, "with --each or a prior, whose coefficients are pooled", "amend")
         show_pooled(asked, out, data, settings, strict)
         return
     if amend is not None:

@@ -8,14 +8,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from testbench.core.advice import ranked
 from testbench.core.constants import WHITE
+from testbench.core.record import FloatArray
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.structured import per_speed
 from testbench.evaluation.parameters import true_parameters
+from testbench.inference.form import BY_INPUT
 from testbench.inference.reflown import Reflown
 from testbench.line import Case
 from testbench.questions.identify.before import Before
 from testbench.questions.identify.coefficients import Scaling, coefficient
+from testbench.questions.identify.scenario import SimulatedErrors
 
 
 class BeliefCriteria(NamedTuple):
@@ -39,6 +43,7 @@ class BeliefCriteria(NamedTuple):
 
 
 CRITERIA = BeliefCriteria()
+_OF_RESIDUALS = ("in doubt", "weak")  # what a derivative is by its stated error, and by what its residuals hold
 
 
 @dataclass(frozen=True)
@@ -78,8 +83,8 @@ class FoundDerivative:
 
     @property
     def simulated(self) -> bool:
-        """Whether ``std`` is what simulated flights show, which exceeds what the estimator states."""
-        return self.std > self.stated
+        """Whether ``std`` is what simulated flights show, in place of what the estimator states."""
+        return self.std != self.stated
 
     @property
     def changed(self) -> bool:
@@ -93,7 +98,7 @@ def found_derivatives(
     cases: Sequence[Case],
     known: Before | None,
     scaling: Scaling | None,
-    simulated: Mapping[str, float],
+    simulated: SimulatedErrors | None = None,
     replaced: Collection[int] = (),
     flights: Mapping[int, Reflown] | None = None,
 ) -> tuple[FoundDerivative, ...]:
@@ -103,15 +108,18 @@ def found_derivatives(
         cases: of one description.
         known: the aircraft before; None without one.
         scaling: what coefficients are made with; None if that is not known.
-        simulated: standard errors that simulated flights show, by derivative; they count where they are larger.
+        simulated: standard errors that simulated flights show; they count where they are larger, and alone where the
+            flights hold what the form of the model hides.
         replaced: cases whose fit another one mends.
         flights: case -> what flights of its model are identified as: errors are widened to what they show.
     """
     out = []
+    errors = {} if simulated is None else simulated.errors
     for i, case in enumerate(cases):
         model = case.model
         if not isinstance(model, ParametricModel):
             continue
+        whole = simulated is not None and simulated.flights > 0 and not by_input(model)
         names = [p.name for p in model.structure.parameters if p.free]
         beliefs = dict.fromkeys(names, "replaced") if i in replaced else _beliefs(model, names)
         units = {d.name: d.unit for d in known.derivatives} if known else {}
@@ -123,7 +131,9 @@ def found_derivatives(
             before = told.get(name, start.get(name))
             value, stated = model.values[name], model.standard_errors[name]
             again, added = _again((flights or {}).get(i), name)
-            std = max(float(np.sqrt(stated**2 + added)), simulated.get(name, 0.0))
+            std, belief = max(float(np.sqrt(stated**2 + added)), errors.get(name, 0.0)), beliefs[name]
+            if whole and name in errors:
+                std, belief = errors[name], "determined" if belief in _OF_RESIDUALS else belief
             scaled = coefficient(model, name, scaling) if scaling else None
             source = known.aircraft.name if known and name in told else "start" if name in start else ""
             out.append(
@@ -137,11 +147,28 @@ def found_derivatives(
                     before,
                     source,
                     scaled and (scaled[0], scaled[1], scaled[2] * std / stated if stated > 0.0 else scaled[2]),
-                    "weak" if beliefs[name] == "determined" and std > CRITERIA.weak * abs(value) else beliefs[name],
+                    "weak" if belief == "determined" and std > CRITERIA.weak * abs(value) else belief,
                     again,
                 )
             )
     return tuple(out)
+
+
+def covariance_of(derivatives: Sequence[FoundDerivative], index: int, model: ParametricModel) -> FloatArray:
+    """Return the covariance (k, k) of the parameters of a case, with the errors that simulated flights show.
+
+    What these add to the stated ones is independent: nobody says that it goes as the stated ones do.
+    """
+    own = {d.name: d for d in derivatives if d.case == index and d.simulated and d.stated > 0.0}
+    names = model.structure.parameter_names
+    less = np.array([min(own[n].std / own[n].stated, 1.0) if n in own else 1.0 for n in names])
+    more = np.array([max(own[n].std ** 2 - own[n].stated ** 2, 0.0) if n in own else 0.0 for n in names])
+    return np.asarray(less[:, None] * model.covariance * less + np.diag(more))
+
+
+def by_input(model: ParametricModel) -> bool:
+    """Return whether residuals go with the inputs, as those of a servo that is another than believed."""
+    return any(a.code in BY_INPUT and a.severity != "note" for a in ranked(model.advice))
 
 
 def _again(flights: Reflown | None, name: str) -> tuple[tuple[float, float, float] | None, float]:

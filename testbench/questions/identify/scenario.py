@@ -43,9 +43,12 @@ class SimulatedErrors(Strict):
 
     ``errors`` are those of all records together, by derivative, in SI units. ``source`` says which flights they are.
     `testbench plan close` writes them. They take the place of those that an estimator states where they are larger.
+    ``flights`` is how many flights of the nonlinear aircraft, in its air and through its sensors, they are of: what the
+    form of a linear model hides and what colours its residuals is in them. 0: in none.
     """
 
     source: Text
+    flights: Annotated[int, Field(ge=0)] = 0
     errors: Annotated[dict[str, Positive], Field(min_length=1)]
 
 

@@ -52,10 +52,8 @@ def _lead(campaign: Campaign, good: int, wanted: int) -> str:
     if promised:
         reached = sum(t.verdict == "reached" for t in promised)
         asked = [t for t in promised if math.isfinite(t.wanted)]
-        text = f"{reached or 'none'} of {counted(len(promised), 'target')} known as well as promised"
-        if asked:
-            text += f", {sum(t.error <= t.wanted for t in asked) or 'none'} of {len(asked)} as well as wanted"
-        return f"{text}, from {runs}"
+        goal = "promised" if not asked else "wanted" if len(asked) == len(promised) else "wanted or promised"
+        return f"{reached or 'none'} of {counted(len(promised), 'target')} known as well as {goal}, from {runs}"
     return f"{counted(known, 'derivative')} found, from {runs}" if known else f"nothing found, from {runs}"
 
 
@@ -64,21 +62,24 @@ def _all(campaign: Campaign, *verdicts: str) -> list[tuple[JudgedCard, Target]]:
 
 
 def _verdicts(campaign: Campaign) -> Sentences:
-    for verdict, words in (("reached", "known as well as promised"), ("found", "found, of which nothing was promised")):
+    for verdict, words in (("reached", "reached"), ("found", "found, of which nothing was promised")):
         told = [_value(c, t) for c, t in _all(campaign, verdict)]
         if told:
             yield "finding", f"{words}: {some(told, _MOST, ', ')}"
     for c, t in _first(_all(campaign, "not reached")):
         why = f": {t.causes[0]}" if t.causes else ""
-        limit = error_words(t, t.allowed)
-        yield "doubt", f"not as well known as promised: {_value(c, t)}, where {limit} would keep the promise{why}"
+        limit = error_words(t, t.goal)
+        short = (
+            f"not reached: {_value(c, t)}, where {limit} {'is wanted' if math.isfinite(t.wanted) else 'would keep it'}"
+        )
+        yield "doubt", f"{short if t.error > t.goal else f'not to be believed: {_value(c, t)}'}{why}"
     lost: dict[str, list[str]] = {}
     for c, t in _all(campaign, "not identifiable"):
         lost.setdefault(t.causes[0] if t.causes else "", []).append(f"{t.name} of card {c.card.number}")
     for why, names in list(lost.items())[:_MOST]:
         yield "doubt", f"not identifiable from these logs: {listed(names)}: {why}"
     for c in campaign.cards:
-        if c.flown.runs and c.flown.reason and not c.targets:
+        if c.flown.runs and c.flown.reason and not c.targets and c.card.spec.use != "validation":
             yield "doubt", f"card {c.card.number} is not identified: {c.flown.reason}"
     for c in campaign.cards:
         if c.flown.distrusted and any(t.verdict in ("reached", "found") for t in c.targets):
@@ -130,10 +131,11 @@ def _value(c: JudgedCard, t: Target) -> str:
 
 
 def error_words(t: Target, error: float) -> str:
-    """Return a standard error as people read it: in percent of the believed value, of a damping ratio as it is."""
+    """Return a standard error as people read it: in percent of the estimate, of a damping ratio as it is."""
     if not math.isfinite(error):
         return "no bound"
-    return f"{number(error / abs(t.believed) / PERCENT, 2)} %" if is_ratio(t.name) else number(error, 2)
+    value = t.believed if t.estimate is None or not t.estimate.value else t.estimate.value
+    return f"{number(error / abs(value) / PERCENT, 2)} %" if is_ratio(t.name) else number(error, 2)
 
 
 def _more_runs(campaign: Campaign) -> Sentences:

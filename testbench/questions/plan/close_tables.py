@@ -72,6 +72,7 @@ def targets_table(campaign: Campaign) -> Table:
 def _row(c: JudgedCard, t: Target) -> tuple[Value, ...]:
     e, ratio = t.estimate, is_ratio(t.name) and math.isfinite(t.believed)
     per = abs(t.believed) * PERCENT if ratio else 1.0
+    own = abs(e.value) * PERCENT if ratio and e is not None and e.value else per
     units = {} if c.flown.found is None else {d.name: d.unit for d in c.flown.found.derivatives}
     low, high = (None, None) if t.realised is None else (t.realised[1] / per, t.realised[2] / per)
     return (
@@ -85,12 +86,12 @@ def _row(c: JudgedCard, t: Target) -> tuple[Value, ...]:
         _number(t.error),
         "rad/s" if t.name.startswith("wn of") else units.get(t.name) or None,
         "%" if ratio else "",
-        _number(t.wanted / per),
+        _number(t.wanted / own),
         _number(t.promised / per),
         None if t.realised is None else t.realised[0] / per,
         low,
         high,
-        _number(t.error / per),
+        _number(t.error / own),
         _number(t.differs),
         t.verdict,
         t.more,

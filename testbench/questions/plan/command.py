@@ -164,11 +164,16 @@ def rehearse(
         str | None, typer.Option(help="What flies instead of the plan's aircraft: one that is not as believed.")
     ] = None,
     seed: SeedOption = None,
+    drawn: Annotated[
+        int | None,
+        typer.Option("--drawn", min=0, help="What flies is drawn by the uncertainty of the aircraft, with this seed."),
+    ] = None,
 ) -> None:
     """Fly the runs of a plan in the simulator, in its turbulence and through its sensors, and write a log per flight.
 
     Example: `testbench plan rehearse my_plan.toml`, then `testbench plan close my_plan.toml logs/*.csv`.
     """
+    from testbench.aircraft.believed import as_it_may_be
     from testbench.core.named import obtain
     from testbench.core.store import ResultFolder
     from testbench.flight import load_aircraft
@@ -180,6 +185,8 @@ def rehearse(
     with stages() as say, ResultFolder(out, adds=f"{loaded.name}_flight_*.csv") as place:  # others may lie there, too
         plan = make_plan(loaded, progress=say)
         other = None if aircraft is None else load_aircraft(aircraft, loaded.wings)
+        if drawn is not None:
+            other = as_it_may_be(other or plan.aircraft, drawn)
         logs = fly_all(plan, other, loaded.seed if seed is None else seed, say)
         files = [r.save_csv(place.new / f"{loaded.name}_flight_{k}.csv").name for k, r in logs.items()]
     for name in files:

@@ -20,12 +20,13 @@ from testbench.questions.run.scenario import Scenario
 class Taken:
     """A designed manoeuvre: its file, the scenario in it, the manoeuvre to identify from, and what was promised.
 
-    ``asked`` is the design scenario that lies beside, with limits and who flies; None where it does not.
+    ``judge`` is the manoeuvre that the design is judged by; None without one. ``asked`` is the design scenario that lies beside, with limits and who flies; None where it does not.
     """
 
     file: Path
     scenario: Scenario
     manoeuvre: Manoeuvre
+    judge: Manoeuvre | None
     promised: tuple[str, ...]
     asked: DesignScenario | None
 
@@ -69,7 +70,8 @@ def _taken(path: Path) -> Taken:
     lines = read_text(file, "scenario").splitlines()
     promised = tuple(line.lstrip("# ") for line in lines[: _comments(lines)] if line.startswith("#  "))
     asked = file.parent.parent / "design.toml"
-    return Taken(file, scenario, flown[0], promised, DesignScenario.load(asked) if asked.is_file() else None)
+    judge = next((m for m in scenario.manoeuvre if m.use == "validation"), None)
+    return Taken(file, scenario, flown[0], judge, promised, DesignScenario.load(asked) if asked.is_file() else None)
 
 
 def limits_of_designs(taken: Sequence[Taken]) -> dict[str, object]:
@@ -103,19 +105,20 @@ def _comments(lines: Sequence[str]) -> int:
     return next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))
 
 
-def planned(taken: Taken) -> PlannedManoeuvre:
-    """Return a designed manoeuvre as a plan has it.
+def planned(taken: Taken, manoeuvre: Manoeuvre) -> PlannedManoeuvre:
+    """Return a manoeuvre of a design as a plan has it.
 
     Raises:
         ScenarioError: a plan cannot fly it.
     """
     made = {
-        "name": taken.manoeuvre.name,
-        "duration_s": taken.manoeuvre.duration_s,
-        "settle_s": taken.manoeuvre.settle_s,
+        "name": manoeuvre.name,
+        "duration_s": manoeuvre.duration_s,
+        "settle_s": manoeuvre.settle_s,
         "repeats": 1,
         "design": taken.file.as_posix(),
-        "input": [i.model_dump() for i in taken.manoeuvre.input],
+        "use": "validation" if manoeuvre.use == "validation" else "identification",
+        "input": [i.model_dump() for i in manoeuvre.input],
     }
     try:
         return PlannedManoeuvre.model_validate(made)

@@ -28,6 +28,8 @@ from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.prepare import prepared
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, linearise, trim
+from testbench.inference.form import FORM_STD
+from testbench.inference.instruments import sound
 from testbench.information.modes import modes_of
 from testbench.information.targets import Targets, needed_parameters
 from testbench.line import Case
@@ -36,6 +38,7 @@ from testbench.questions.identify.ask import identify
 from testbench.questions.identify.derivatives import CRITERIA, FoundDerivative
 from testbench.questions.identify.result import Identified
 from testbench.questions.identify.scenario import RecordDescription
+from testbench.questions.importing.recipe import measured_in
 from testbench.questions.plan.card_text import card_stem
 from testbench.questions.plan.close import Closed, FlownRun
 from testbench.questions.plan.flown_recipe import FlownRecipe, design_file, recipe_of
@@ -133,6 +136,7 @@ def identify_cards(closed: Closed, folder: Path, say: Callable[[str], None] = la
     for card in closed.plan.cards:
         for k, run in enumerate(closed.of(card), 1):
             run.record.save(folder / RECORDS / f"{run_stem(card, k)}.nc")
+    for card in closed.plan.cards:
         if closed.good(card):
             say(f"identify card {card.number}")
         out.append(_flown(closed, card, folder))
@@ -146,6 +150,8 @@ def run_stem(card: Card, k: int) -> str:
 
 def _flown(closed: Closed, card: Card, folder: Path) -> FlownCard:
     plan, runs = closed.plan, tuple(closed.good(card))
+    if card.spec.use == "validation":
+        return FlownCard(card, runs, None, False, "it judges what other cards identify")
     design = design_file(plan, card)
     promise = None if design is None else read_promise(design)
     by_design = promise is not None
@@ -161,8 +167,13 @@ def _flown(closed: Closed, card: Card, folder: Path) -> FlownCard:
     try:
         recipe = recipe_of(plan, card, records)
         file = folder / DESCRIPTIONS / f"{card_stem(card)}.toml"
-        names = [run_stem(card, k) for k, run in enumerate(closed.of(card), 1) if not run.faults]
-        write_file(file, description_text(plan, card, runs, names, recipe))
+        judges = [r for c in plan.cards if _judges(c, card) for r in closed.good(c)]
+        judges = [r for r in judges if all(n in measured_in([r.record]) for n in recipe.channels)]
+        names = {run_stem(c, k): run for c in plan.cards for k, run in enumerate(closed.of(c), 1)}
+        text = description_text(plan, card, (*runs, *judges), names, recipe)
+        if promise is None or promise.realised is None:  # simulated flights would hold it
+            text += form_text(recipe, records[0].dt_s)
+        write_file(file, text)
         found = identify(RecordDescription.load(file), data_folder=folder / RECORDS)
     except Refusal as error:
         notes = (*notes, *(recipe.notes if recipe else ()))
@@ -177,18 +188,25 @@ def _flown(closed: Closed, card: Card, folder: Path) -> FlownCard:
     return FlownCard(card, runs, promise, by_design, "", estimates, bends, here, V, offset, recipe, found, file, notes)
 
 
+def _judges(other: Card, card: Card) -> bool:
+    """Return whether a card judges what another one identifies: of one design, at one point."""
+    own = (card.spec.design, card.point.number)
+    return other.spec.use == "validation" and (other.spec.design, other.point.number) == own
+
+
 def description_text(
-    plan: Plan, card: Card, runs: Sequence[FlownRun], names: Sequence[str], recipe: FlownRecipe
+    plan: Plan, card: Card, runs: Sequence[FlownRun], names: Mapping[str, FlownRun], recipe: FlownRecipe
 ) -> str:
     """Return the description of the runs of a card as `testbench identify` reads it.
 
     Args:
         plan: that was flown.
         card: of it.
-        runs: of the card, which are identified together.
-        names: of their records, without ending.
+        runs: of the card, which are identified together, and of those that judge it.
+        names: of the records of runs, without ending.
         recipe: how they are identified.
     """
+    named = [(next(n for n, r in names.items() if r is run), run.card.spec.use) for run in runs]
     settled = min(r.start_s - float(r.record.t_s[0]) for r in runs)
     logs = ", ".join(dict.fromkeys(r.log for r in runs))
     by_trim = settled >= _LEAST_TRIM_S
@@ -201,7 +219,7 @@ def description_text(
         "aircraft": plan.scenario.aircraft,
         "time": {"column": "t"},
         "preparation": {"bias": "trim" if by_trim else "mean"},
-        "record": [{"name": n, "file": f"{n}.nc", "use": "identification"} for n in names],
+        "record": [{"name": n, "file": f"{n}.nc", "use": use} for n, use in named],
         "channel": [{"name": c, "column": c, "unit": channel(c).unit, "missing": "mask"} for c in recipe.channels],
         "identification": recipe.identification,
         **({"servo": recipe.servo} if recipe.servo else {}),
@@ -210,6 +228,13 @@ def description_text(
     whose = f"of {recipe.design.name}" if recipe.design else "as the channels allow"
     head += [f"# {one_line(text)}" for text in (f"Estimator {whose}.", *recipe.notes)]
     return "\n".join([*head, *table_lines(table), ""])
+
+
+def form_text(recipe: FlownRecipe, dt_s: float) -> str:
+    """Return the tables of a description that say what sound instruments and a linear model may hide."""
+    used = dict.fromkeys(n for n in recipe.channels if n not in ("h", "qbar"))
+    stds = {name: std for channel in used for name, std in sound(channel, dt_s).items()}
+    return "\n".join([*table_lines({"instrument_std": stds, "form_std": dict(FORM_STD)}), ""])
 
 
 def _scaled(promise: Promise, card: Card) -> Promise:

@@ -11,6 +11,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.escape import one_line
 from testbench.core.paths import suite_names
+from testbench.core.scenario.base import Manoeuvre
 from testbench.core.toml_text import quoted
 from testbench.evaluation.modes import longitudinal_modes
 from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, linearise, trim
@@ -62,7 +63,9 @@ def plan_text(
     """
     V, h = _conditions(aircraft, designs)[0]
     point = _point(aircraft, V, h)
-    flown = [_design(t, designs) for t in designs] or _usual(aircraft, point.model, autopilot)
+    flown = [_design(t, m, designs) for t in designs for m in (t.manoeuvre, t.judge) if m is not None] or _usual(
+        aircraft, point.model, autopilot
+    )
     lines = _head(aircraft, name, autopilot, point, suite, designs, max(length for _, length in flown))
     lines += [line for made, _ in flown for line in made]
     return "\n".join(lines).rstrip() + "\n"
@@ -240,26 +243,31 @@ def _energy(aircraft: Aircraft, trimmed: TrimmedFlight, V: float, heights: Seque
     ]
 
 
-def _design(taken: Taken, designs: Sequence[Taken]) -> tuple[list[str], float]:
-    """Return the lines of a designed manoeuvre, and the time of one run."""
-    made = planned(taken)
+def _design(taken: Taken, manoeuvre: Manoeuvre, designs: Sequence[Taken]) -> tuple[list[str], float]:
+    """Return the lines of a manoeuvre of a design, and the time of one run."""
+    made = planned(taken, manoeuvre)
     name = made.name
-    if sum(t.manoeuvre.name == taken.manoeuvre.name for t in designs) > 1:
+    if sum(name in (t.manoeuvre.name, t.judge.name if t.judge else "") for t in designs) > 1:
         name = f"{name} {designs.index(taken) + 1}"
     condition = taken.scenario.condition
-    lines = [
+    judges = made.use == "validation"
+    promised = [
         f"# Taken from {one_line(taken.file.name)}. Promised standard errors of one run:",
         *(f"#     {text}" for text in taken.promised),
+    ]
+    lines = [
+        *(["# It judges what the manoeuvre before it gave."] if judges else promised),
         "[[manoeuvre]]",
         f"name = {quoted(name)}",
         f"duration_s = {_plain(made.duration_s)}",
         f"settle_s = {_plain(made.settle_s)}",
         "repeats = 1",
         f"design = {quoted(made.design or '')}",
+        *(['use = "validation"'] if judges else []),
         f"speeds_m_s = [{_plain(condition.V_m_s)}]",
         f"heights_m = [{_plain(condition.h_m)}]",
     ]
-    for entry in taken.manoeuvre.input:
+    for entry in manoeuvre.input:
         lines += ["[[manoeuvre.input]]", *_entry(entry.model_dump(exclude_defaults=True))]
     return [*lines, ""], made.settle_s + made.duration_s
 

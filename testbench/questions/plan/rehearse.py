@@ -13,16 +13,20 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.errors import RecordError
-from testbench.core.record import FlightRecord
+from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.air import LOWEST_M, AirSpec
 from testbench.flight import FlightCondition, trim
 from testbench.flight.air import air_of
-from testbench.line import fly_and_measure
+from testbench.inputs import InputSignal
+from testbench.line import Flight, fly_and_measure
 from testbench.questions.plan.commanded import commanded
 from testbench.questions.plan.response import scaled
 from testbench.questions.plan.result import Card, Plan
 
-_QUIET_S = 3.0  # of undisturbed flight before the settling time of every run
+QUIET_S = 3.0
+"""Undisturbed flight before the settling time of every run."""
+AFTER_S = 5.5
+"""Flight with the controls at trim after every run, as import wants the response to end in."""
 
 
 def rehearse(
@@ -59,22 +63,36 @@ def _measured(plan: Plan, card: Card, other: Aircraft | None, seed: int) -> Flig
     rms = scenario.turbulence_rms_m_s
     air = air_of(AirSpec(turbulence_rms_m_s=rms, height_m=max(point.h_m, LOWEST_M)), point.h_m, seed) if rms else None
     spec = card.spec
-    flight = fly_and_measure(
-        aircraft,
-        trimmed,
-        spec.name,
-        commanded(scaled(spec.input, card.factor), spec.duration_s, rate, scenario.held_ms),
-        log_rate_hz=rate,
-        settle_s=spec.settle_s + _QUIET_S,
-        suites=[suite],
-        seed=seed,
-        air=air,
-    )
+    given = commanded(scaled(spec.input, card.factor), spec.duration_s, rate, scenario.held_ms)
+
+    def flown(after_s: float) -> Flight:
+        still = np.zeros((round(after_s * rate), given.u.shape[1]))
+        u = np.vstack([given.u, still])
+        return fly_and_measure(
+            aircraft,
+            trimmed,
+            spec.name,
+            InputSignal(np.arange(len(u)) / rate, u, given.channels),
+            log_rate_hz=rate,
+            settle_s=spec.settle_s + QUIET_S,
+            suites=[suite],
+            seed=seed,
+            air=air,
+        )
+
+    after_s = AFTER_S
+    try:
+        flight = flown(after_s)
+    except FlightAborted:  # nobody would leave it alone as long
+        after_s = 0.0
+        flight = flown(after_s)
     record, truth = flight.measured[suite.name], flight.flown
     told = [f"{c}_cmd" for c in plan.aircraft.controls if f"{c}_cmd" in truth and f"{c}_cmd" not in record]
     rows = np.minimum(np.searchsorted(truth.t_s, record.t_s - 1e-9), len(truth) - 1)
     record = record.with_columns({name: truth[name][rows] for name in told})
-    return record.between(0.0, _QUIET_S + card.length_s)  # without the sample at its end, which begins the next run
+    return record.between(
+        0.0, QUIET_S + card.length_s + after_s
+    )  # without the sample at its end, which begins the next run
 
 
 def _joined(parts: list[FlightRecord]) -> FlightRecord:

@@ -21,7 +21,8 @@ class PlannedManoeuvre(Strict):
     Give either ``repeats`` or ``accuracy_percent``: the wanted standard errors of named parameters, in percent of their
     values, from which the repeats follow. ``estimated`` are the parameters that are estimated with them; if it is
     empty, those of the rigid motion that the moved controls enter. ``design`` is the file of the design that it was
-    taken from (`testbench plan --from`): after the flight it is identified as that file says.
+    taken from (`testbench plan --from`): after the flight it is identified as that file says. ``use`` "validation" is
+    a manoeuvre that nothing is identified from: it judges what the others of its design gave.
     """
 
     name: Name
@@ -34,6 +35,7 @@ class PlannedManoeuvre(Strict):
     speeds_m_s: Annotated[tuple[Positive, ...], Field(strict=False)] = ()
     heights_m: Annotated[tuple[float, ...], Field(strict=False)] = ()
     design: Name | None = None
+    use: Literal["identification", "validation"] = "identification"
     input: Annotated[tuple[Input, ...], Field(min_length=1, strict=False)]
 
     @model_validator(mode="after")

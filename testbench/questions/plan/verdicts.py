@@ -9,7 +9,8 @@ with s stated by the estimator, c the scatter of the runs and k what the scatter
 ones; m, c - 1 and k - 1 are zero where they may be chance. It keeps the promise below the value that it has with the
 stated error that simulated flights pass with a probability of one in a hundred. Where no flights of a design were
 simulated, m is what the estimator makes of the expected response of the card, k = 1, and s may be a quarter larger than
-promised.
+promised; s holds what the form of a linear model and sound instruments may hide. A target is reached where its error is
+what was wanted, as a share of the estimate, else what was promised, and the estimate is to be believed.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from scipy.stats import t
@@ -27,7 +28,9 @@ from testbench.core.record import FlightRecord
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.page.labels import number
 from testbench.page.words import listed
+from testbench.questions.design.answer import is_ratio
 from testbench.questions.design.realise import CHANCE, Realised
+from testbench.questions.identify.derivatives import by_input
 from testbench.questions.plan.close import Closed, FlownRun, command_of
 from testbench.questions.plan.flown_card import Estimate, FlownCard
 from testbench.questions.plan.result import Card, Plan
@@ -126,7 +129,8 @@ class JudgedCard:
     def lack(self) -> float:
         """The largest lack of its targets; infinite if none is known."""
         if not self.flown.runs or not self.targets:
-            return math.inf if self.missing or self.flown.runs else 0.0
+            judges = self.card.spec.use == "validation"
+            return math.inf if self.missing or (self.flown.runs and not judges) else 0.0
         return max(t.lack for t in self.targets)
 
 
@@ -211,6 +215,8 @@ def _target(f: FlownCard, k: int, name: str, found: Estimate | None, causes: tup
     if promise.realised is not None:
         allowed = max(SLACK * promised, math.hypot(factor * _limit(promise.realised, k) / math.sqrt(runs), lasting))
     wanted = float(promise.wanted[k])
+    if found is not None and is_ratio(name) and believed:  # what is wanted is a share of what is found
+        wanted *= abs(found.value / believed)
     base = (name, believed, here, wanted, promised, realised, runs)
     if not f.runs:
         return Target(*base, None, math.nan, allowed, math.nan, "not flown", (), None)
@@ -223,18 +229,31 @@ def _target(f: FlownCard, k: int, name: str, found: Estimate | None, causes: tup
     differs = (found.value - here) / spread if spread > 0.0 else math.nan
     if not f.asked:
         return Target(*base, found, error, math.nan, differs, "found", tuple(_distrust(f)), 0, factor, lasting)
-    unsure = f.distrusted and promise.realised is None  # simulated errors would hold what the model lacks
-    reached = error <= np.nanmax([allowed, wanted]) and not unsure
+    goal = wanted if math.isfinite(wanted) else allowed
+    reached = error <= goal and _believed(f, k, found, promised)
     told = causes if not reached else ()
     if found.scatter > 1.0 and not reached:
         told = (
             f"the runs differ by {found.scatter:.2g} times what their errors say: air, trim or speed differed",
             *told,
         )
-    goal = wanted if math.isfinite(wanted) else allowed
     more = 0 if reached and not math.isfinite(wanted) else more_runs(error, goal, runs, lasting)
     verdict: Verdict = "reached" if reached else "not reached"
     return Target(*base, found, error, allowed, differs, verdict, told, more, factor, lasting)
+
+
+def _believed(f: FlownCard, k: int, found: Estimate, promised: float) -> bool:
+    """Return whether an estimate stands with its error.
+
+    What the estimator doubts is counted where simulated flights of the design have it too: nothing that goes with the
+    inputs, and errors stated as those flights state them.
+    """
+    if found.believed == "determined":
+        return True
+    realised = None if f.promise is None else f.promise.realised
+    if realised is None or f.case is None or by_input(cast("ParametricModel", f.case.model)):
+        return False
+    return found.stated <= max(SLACK * promised, _limit(realised, k) / math.sqrt(len(f.runs)))
 
 
 def _distrust(f: FlownCard) -> Iterator[str]:

@@ -23,7 +23,7 @@ from testbench.questions.plan.close_answer import close_answer
 from testbench.questions.plan.close_page import close_page
 from testbench.questions.plan.flown_card import identify_cards
 from testbench.questions.plan.flown_recipe import recipe_of
-from testbench.questions.plan.rehearse import rehearse
+from testbench.questions.plan.rehearse import AFTER_S, QUIET_S, rehearse
 from testbench.questions.plan.verdicts import judge, more_runs
 
 
@@ -37,7 +37,7 @@ def of_cards(plan, log, *numbers):
     """The log with the runs of some cards alone."""
     starts, at = [], 0.0
     for run in plan.runs:
-        length = 3.0 + run.card.length_s
+        length = QUIET_S + run.card.length_s + AFTER_S
         starts.append((run.card.number, at, at + length))
         at += length
     parts = [log.between(a, b) for n, a, b in starts if n in numbers]
@@ -228,13 +228,13 @@ def test_broken_off_turned_weak_and_missing_runs_are_told_apart(flown, tmp_path)
     assert "other sign" in runs[0].faults[0]
     assert not runs[1].faults
     for after_s in (0.62, 0.75, 0.85):  # the switch goes low in the middle of the sequence
-        stop = one.t_s > 3.0 + plan.cards[0].spec.settle_s + after_s
+        stop = one.t_s > QUIET_S + plan.cards[0].spec.settle_s + after_s
         stopped = np.where(stop & (np.arange(de.size) < half), trim, de)
         runs = close_plan(plan, [("x", one.with_columns({"de_cmd": stopped}))]).runs
         assert [r.broken_s is None for r in runs] == [False, True]
         assert runs[0].broken_s == pytest.approx(after_s, abs=0.15)
         assert "broken off after" in runs[0].faults[0]
-    ends = one.between(0.0, 3.0 + length + 3.0 + plan.cards[0].spec.settle_s + 0.8)  # within the second run
+    ends = one.between(0.0, QUIET_S + length + AFTER_S + QUIET_S + plan.cards[0].spec.settle_s + 0.8)  # within the second run
     runs = close_plan(plan, [("x", ends)]).runs
     assert [r.broken_s is None for r in runs] == [True, False]
     closed = close_plan(plan, [("x", ends)])
@@ -340,7 +340,7 @@ def test_what_lasts_and_what_exceeds_is_told_from_chance():
 
 def test_a_rehearsal_is_the_runs_one_after_the_other_and_repeats_itself(flown):
     plan, log, *_ = flown
-    assert len(log) == round(sum(3.0 + r.card.length_s for r in plan.runs) / log.dt_s)
+    assert len(log) == round(sum(QUIET_S + r.card.length_s + AFTER_S for r in plan.runs) / log.dt_s)
     assert set(log.channels) == {*SENSORS, "de_cmd", "da_cmd", "dr_cmd", "thr_cmd"}
     (again,) = rehearse(plan, seed=5).values()
     np.testing.assert_array_equal(again.data, log.data)

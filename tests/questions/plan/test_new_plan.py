@@ -78,7 +78,8 @@ def test_a_design_is_taken_over_as_it_was_designed(designed, tmp_path):
     assert taken.file.name.startswith("1_")
     text = plan_text(load_aircraft("taurus"), "taurus", "pilot", None, [taken])
     scenario = loaded(text, tmp_path)
-    (manoeuvre,) = scenario.manoeuvre
+    manoeuvre, judge = scenario.manoeuvre
+    assert (judge.use, judge.design) == ("validation", manoeuvre.design)  # a flight that nothing is identified from
     one = build(manoeuvre.input, manoeuvre.duration_s, 200.0)
     two = build(taken.manoeuvre.input, taken.manoeuvre.duration_s, 200.0)
     assert one.channels == two.channels
@@ -92,7 +93,7 @@ def test_a_design_is_taken_over_as_it_was_designed(designed, tmp_path):
     assert all(f"#     {line}" in text for line in taken.promised)
     assert len(taken.promised) == 5
     plan = make_plan(scenario)
-    (card,) = plan.cards
+    card, _ = plan.cards
     assert card.status == "fly"  # inside the limits that it was designed for
     assert not any("for still air" in text for _, text in plan_answer(plan))  # filter error: a light aircraft
     text = taken.file.read_text("utf-8").replace('method = "filter_error"', 'method = "output_error"')
@@ -111,7 +112,7 @@ def test_the_command_takes_a_design_over_and_keeps_what_was_edited(designed, tmp
     folder = tmp_path / "plan_taurus_short_period"
     file = folder / "taurus_short_period.toml"
     assert 'flown_by = "pilot"' in file.read_text(encoding="utf-8")  # as it was designed
-    assert len(list((folder / "cards").glob("*.pdf"))) == 1
+    assert len(list((folder / "cards").glob("*.pdf"))) == 2
     again = command("plan", "--from", designed, "-o", tmp_path)
     assert again.returncode == 2
     assert "edit it and run testbench plan" in again.stderr
@@ -121,7 +122,7 @@ def test_the_command_takes_a_design_over_and_keeps_what_was_edited(designed, tmp
     )
     assert made.returncode == 0, made.stderr
     both = PlanScenario.load(tmp_path / "two.toml")
-    assert len(both.manoeuvre) == 2
+    assert [m.use for m in both.manoeuvre] == ["identification", "validation"] * 2
     assert both.autopilot.system == "px4"
 
 

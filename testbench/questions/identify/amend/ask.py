@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from testbench.estimators.parametric.model import ParametricModel
 from testbench.flight import FlightCondition, TrimmedFlight, load_aircraft, trim
 from testbench.line import Report
 from testbench.questions.identify.amend.choose import aims_of, chosen_case, servo_aims
+from testbench.questions.identify.amend.conditions import Told, together
 from testbench.questions.identify.amend.folder import (
     SOURCES,
     aircraft_files,
@@ -35,7 +36,7 @@ from testbench.questions.identify.amend.reach import (
     with_lag,
 )
 from testbench.questions.identify.amend.replay import replays
-from testbench.questions.identify.amend.result import Aim, Amended, Coefficient, ServoAim
+from testbench.questions.identify.amend.result import Aim, Amended, Coefficient, Replay, ServoAim
 from testbench.questions.identify.ask import without
 from testbench.questions.identify.before import Before, servos_of
 from testbench.questions.identify.instruments import agreement_in_words
@@ -58,6 +59,7 @@ class _Part:
     servos: tuple[ServoAim, ...]
     notes: tuple[str, ...]
     doubts: tuple[str, ...]
+    others: tuple[tuple[Identified, int], ...]
 
     @property
     def condition(self) -> FlightCondition:
@@ -135,7 +137,6 @@ def amend(found: Sequence[Identified], name: str, progress: Report | None = None
     write_folder({**files, SOURCES: origin}, folder)
     out = {}
     for part in parts:
-        case = part.found.cases[part.index]
         say(f"fly the records of {part.found.name} through both")
         own = {a.name.partition("_")[2] for a in part.aims if a.aimed is not None}
         out[part.found.name] = Amended(
@@ -150,11 +151,20 @@ def amend(found: Sequence[Identified], name: str, progress: Report | None = None
             part.aims,
             part.servos,
             tuple(c for c in changed if c.name.partition("_")[2] in own),
-            replays(case, _names(part.found), base, loaded, part.condition),
+            tuple(_flown(part, base, loaded)),
             part.notes,
             (*part.doubts, *refused),
         )
     return out
+
+
+def _flown(part: _Part, old: Aircraft, new: Aircraft) -> Iterator[Replay]:
+    """Yield the records of all conditions that a part speaks for, through both aircraft."""
+    outputs = part.found.cases[part.index].model.outputs
+    for found, index in ((part.found, part.index), *part.others):
+        case = found.cases[index]
+        if case.model.outputs == outputs and found.before is not None:
+            yield from replays(case, _names(found), old, new, found.before.condition)
 
 
 def check_aircraft(found: Sequence[Identified]) -> str:
@@ -212,16 +222,23 @@ def _parts(found: Sequence[Identified]) -> tuple[list[_Part], list[str]]:
     """
     parts: list[_Part] = []
     errors: list[EstimationError] = []
+    told, rules = [], dict[str, str]()
     for f in found:
+        try:
+            index, rules[f.name] = chosen_case(f)
+        except EstimationError as error:
+            errors.append(error)
+            continue
+        told.append(Told(f, index))
+    for f, index, doubts, others in together(told):
         assert f.before is not None
         try:
-            index, rule = chosen_case(f)
             aims, contradicted = aims_of(f, index)
             servos, left = servo_aims(f, index)
         except EstimationError as error:
             errors.append(error)
             continue
-        parts.append(_Part(f, f.before, index, rule, aims, servos, left, contradicted))
+        parts.append(_Part(f, f.before, index, rules[f.name], aims, servos, left, (*doubts, *contradicted), others))
     if not parts:
         raise errors[0]
     return parts, [f"nothing of another motion is written: {e.message}" for e in errors]

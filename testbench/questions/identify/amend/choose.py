@@ -12,6 +12,7 @@ So a derivative that is known only together with another is not written for that
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from testbench.line import Case
 from testbench.questions.identify.amend.reach import REACHED_BY
 from testbench.questions.identify.amend.result import Aim, ServoAim
 from testbench.questions.identify.before import servos_of
-from testbench.questions.identify.derivatives import CRITERIA, FoundDerivative
+from testbench.questions.identify.derivatives import CRITERIA, FoundDerivative, covariance_of
 from testbench.questions.identify.result import Identified
 from testbench.questions.run.labels import case_names
 
@@ -98,6 +99,7 @@ def aims_of(found: Identified, index: int) -> tuple[tuple[Aim, ...], tuple[str, 
         )
     at = {d.name: d.before for d in own if d.before is not None and d.std > 0.0} | _lags_left(found, index)
     agreeing = [d.name for d in found.derivatives if d.case == index and not _contradicts(d, at.get(d.name))]
+    model = replace(model, covariance=covariance_of(found.derivatives, index, model))
     told = _told(model, at, [d.name for d in own if not reasons[d.name]], agreeing)
     aims = []
     for d in own:

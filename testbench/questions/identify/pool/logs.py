@@ -141,13 +141,6 @@ def _known(flown: FlownCondition, log: str) -> None:
         )
 
 
-def _covariance(found: Identified, index: int, model: ParametricModel) -> FloatArray:
-    """Return the covariance of the parameters, with the errors of simulated flights where those are larger."""
-    larger = {d.name: d.std / d.stated for d in found.derivatives if d.case == index and d.simulated and d.stated > 0.0}
-    factors = np.array([larger.get(name, 1.0) for name in model.structure.parameter_names])
-    return np.asarray(factors[:, None] * model.covariance * factors)
-
-
 def _refused(case: Case, method: str | None) -> str:
     """Return why a model gives nothing to the pool; "" if it does."""
     if method is not None and case.estimator.method != method:
