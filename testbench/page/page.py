@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from testbench.core.door import read_text
 from testbench.core.files import write_file
+from testbench.core.project import remember
 from testbench.core.store import PAGE, ResultFolder
 from testbench.page.flown import flown_table, flown_words
 from testbench.page.terminal import manner, print_answer, print_table
@@ -154,6 +155,8 @@ class Page:
         """
         from rich.text import Text
 
+        if folder is not None:
+            remember(folder, next((line.text for line in answer_lines(self.answer)), ""))
         how = manner().how
         places = [(what, text.format(folder)) for what, text in (("Report", f"{{}}/{PAGE}"), *self.closing)]
         if how == "json":

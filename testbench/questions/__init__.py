@@ -74,6 +74,13 @@ QUESTIONS = (
         want="test input, sensors",
     ),
     Question(
+        "new",
+        "my_project --aircraft taurus --sensors eolo_alpha",
+        "begin a campaign",
+        "new:new_project",
+        room="project",
+    ),
+    Question(
         "identify",
         "my_records.toml",
         "the same for recorded flights",

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, model_v
 from testbench.core.door import read_toml
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import AIRCRAFT, SENSOR_SUITES, Family, find_scenario, resolve
+from testbench.core.project import completed
 from testbench.core.scenario.air import LOWEST_M, AirSpec
 from testbench.core.scenario.inputs import Input
 from testbench.core.schema import NonNegative, Positive, Strict, parse
@@ -101,7 +102,7 @@ class Asked(Strict):
     @classmethod
     def of(cls, content: Mapping[str, Any], file: Path | None) -> Self:
         """Check the content of a file and return it as a scenario; see :meth:`load`."""
-        asked, faults = parse(cls, content, file)
+        asked, faults = parse(cls, completed(content, cls.model_fields, file), file)
         if asked is not None:
             asked = asked.at(file)
             faults = [*faults, *asked.faults()]

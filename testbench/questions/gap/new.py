@@ -26,13 +26,10 @@ from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.evidence.held_out import HeldOutFlight, differences
 from testbench.questions.gap.evidence.signs import check_signs
 from testbench.questions.gap.new_suite import suite_of_records
-from testbench.questions.gap.records import Flights, flights_of, read_flights
+from testbench.questions.gap.records import WHOLE, Flights, flights_of, read_flights, without_wholes
 from testbench.questions.gap.starts import CUT, start_of
 from testbench.questions.gap.windows import as_they_start
 from testbench.sensors import SensorSuite, load_suite, suite_toml
-
-WHOLE = "whole.nc"
-"""Record of a whole log in a folder of `testbench import`, whose cuts lie beside it."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +125,7 @@ def record_files(given: Sequence[Path]) -> list[Path]:
                 raise RecordError(
                     f"a folder must hold records (.nc) that testbench import wrote, got '{path}', which has none"
                 )
-            out += [p for p in found if p.name != WHOLE] or found
+            out += found
         elif not path.is_file():
             raise RecordError(f"a record must be a file that exists, got {not_found(path)}")
         elif path.suffix.lower() == ".toml":
@@ -140,7 +137,7 @@ def record_files(given: Sequence[Path]) -> list[Path]:
             )
         else:
             out.append(path)
-    return out
+    return without_wholes(out)
 
 
 def read(files: Sequence[Path]) -> dict[str, FlightRecord]:
@@ -184,11 +181,14 @@ def most_different(flights: Flights) -> HeldOutFlight:
 
 def shared_with(name: str, records: Mapping[str, FlightRecord]) -> str:
     """Return in words how much of one log a record shares with the others, cut from it as well; "" if nothing."""
-    told = {n: (r.provenance.get("sha256"), r.provenance.get(CUT)) for n, r in records.items()}
+    told = {  # a record that was not cut is all of its log
+        n: (r.provenance.get("sha256"), r.provenance.get(CUT) or [float(r.t_s[0]), float(r.t_s[-1])])
+        for n, r in records.items()
+    }
     log, own = told[name]
     out = []
     for other, (of, span) in told.items():
-        if other == name or log is None or of != log or not own or not span:
+        if other == name or log is None or of != log:
             continue
         both_s = min(own[1], span[1]) - max(own[0], span[0])
         if both_s > 0.0:

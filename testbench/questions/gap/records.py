@@ -51,6 +51,16 @@ class Flights:
     drive: Drive = "both"
 
 
+WHOLE = "whole.nc"
+"""Record of a whole log in a folder of `testbench import`, whose cuts lie beside it."""
+
+
+def without_wholes(files: Sequence[Path]) -> list[Path]:
+    """Return records without those of whole logs whose cuts are among them: no sample counts twice or judges itself."""
+    cut = {f.parent.resolve() for f in files if f.suffix == ".nc" and f.name != WHOLE}
+    return [f for f in files if f.name != WHOLE or f.parent.resolve() not in cut]
+
+
 def load_flights(
     aircraft: str,
     files: Sequence[Path | str],
@@ -89,6 +99,7 @@ def load_flights(
         raise RecordError(f"measured records of {aircraft} must be given (.nc, or descriptions .toml), got none")
     naming: dict[str, FlightRecord] = {}
     held: dict[str, FlightRecord] = {}
+    files = without_wholes([Path(f) for f in files])
     kept = {Path(f).resolve() for f in hold_out}  # a pattern such as flown/*.nc names those held out, too
     for given, always in [
         *((f, False) for f in files if Path(f).resolve() not in kept),

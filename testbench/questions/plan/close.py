@@ -18,6 +18,7 @@ from scipy.signal import correlate
 
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.page.words import listed
 from testbench.questions.design.limits import breaches
 from testbench.questions.plan.result import Card, Plan
 
@@ -28,6 +29,8 @@ _GAIN = (0.2, 5.0)  # with an amplitude between these parts of the card's
 _OFF_GAIN = 0.2  # what a factor e of amplitude costs where several cards have one shape,
 _REVERSED = 0.1  # and what the other sign costs: cards are told apart by it
 _BROKEN = 0.4  # of the energy of a command, from which a run that was broken off is recognised
+_UNITS = {"deg for rad": 57.3, "rad for deg": 1.0 / 57.3, "g for m/s2": 1.0 / 9.807, "m/s2 for g": 9.807}
+_UNIT_OFF = 0.3  # judged: how far from a factor of units a response may be, of an aircraft that is not as believed
 _AFTER_S = 0.5  # in which the controls are back at trim after it
 _INSIDE = 0.8  # judged: a smaller part of the samples inside a 95 % band is no surprise of noise alone
 
@@ -44,7 +47,9 @@ class FlownRun:
         V_m_s: mean airspeed of the settling time; None if the log has none.
         inside: channel -> part of the samples inside the card's 95 % band, deviations from the settling time.
         faults: why it must be repeated, in words; empty if it need not.
-        unexpected: whether the aircraft met a limit or left the band of the card, whatever else is at fault.
+        met: whether the aircraft met a limit.
+        odd: what no aircraft explains of instruments, in sentences.
+        strange: channels that left the band of the card: the aircraft is not as believed. That is no fault of the run.
         record: from the settling time to the end of the manoeuvre.
         gain: amplitude of the recorded command over the card's; negative where its sign is the other one.
         broken_s: when it was broken off, from the start of the input; None if it was not.
@@ -60,16 +65,30 @@ class FlownRun:
     record: FlightRecord
     gain: float = 1.0
     broken_s: float | None = None
-    unexpected: bool = False
+    met: bool = False
+    strange: tuple[str, ...] = ()
+    odd: tuple[str, ...] = ()
+
+    @property
+    def anomalies(self) -> tuple[str, ...]:
+        """What no aircraft explains, and what to check before anything is flown."""
+        turned = "a command was recorded with the other sign than the card's: check the servo's direction on the ground"
+        return (*((turned,) if self.gain < 0.0 else ()), *self.odd)
+
+    @property
+    def unexpected(self) -> bool:
+        """Whether it must be evaluated before a faster one is flown."""
+        return self.met or bool(self.strange)
 
 
 @dataclass(frozen=True, eq=False)
 class Closed:
-    """A plan after its flights: the runs that were found, and the logs that were searched."""
+    """A plan after its flights: the runs that were found, the logs that were searched, and why nothing was found."""
 
     plan: Plan
     logs: tuple[str, ...]
     runs: tuple[FlownRun, ...]
+    why_none: str = ""
 
     def of(self, card: Card) -> list[FlownRun]:
         """Return the runs of a card."""
@@ -128,7 +147,7 @@ def close_plan(plan: Plan, records: Sequence[tuple[str, FlightRecord]]) -> Close
     order = {id(card): k for k, card in enumerate(plan.cards)}
     names = [name for name, _ in records]
     runs.sort(key=lambda r: (order[id(r.card)], names.index(r.log), r.start_s))
-    return Closed(plan, tuple(names), tuple(runs))
+    return Closed(plan, tuple(names), tuple(runs), "" if runs else why_none(plan, records))
 
 
 def command_of(record: FlightRecord, control: str) -> str | None:
@@ -272,10 +291,51 @@ def _run(plan: Plan, log: str, record: FlightRecord, m: _Match) -> FlownRun:
     faults += met
     inside = _inside(record, card, start, m.length, before)
     strange = [name for name, part in inside.items() if part < _INSIDE]
-    if strange:
-        faults.append(f"the response left its band: {', '.join(strange)}")
-    unexpected = bool(met or strange)
-    return FlownRun(card, log, t0, m.likeness, V, inside, tuple(faults), cut, m.gain, broken, unexpected)
+    odd = tuple(_odd(record, card, start, m, before, strange))
+    return FlownRun(
+        card, log, t0, m.likeness, V, inside, tuple(faults), cut, m.gain, broken, bool(met), tuple(strange), odd
+    )
+
+
+def _odd(
+    record: FlightRecord, card: Card, start: int, m: _Match, before: slice, strange: Sequence[str]
+) -> Iterator[str]:
+    """Yield what no aircraft explains of channels beside their bands: the other sign, or another unit."""
+    t = np.arange(m.length) * record.dt_s
+    for name in strange:
+        flown = record[name][start : start + m.length] - record[name][before].mean()
+        expected = np.interp(t, card.t_s, card.expected[name])
+        expected = (expected - expected[0]) * np.sign(m.gain)
+        size = float(np.linalg.norm(flown) * np.linalg.norm(expected))
+        like = float(flown @ expected) / size if size else 0.0
+        if like < -_SHAPE:
+            yield f"{name} answers with the other sign than expected: check the axis of its sensor"
+        slope = float(np.linalg.norm(flown) / max(float(np.linalg.norm(expected)), 1e-300))
+        if like > _SHAPE and (unit := next((u for u, k in _UNITS.items() if abs(slope / k - 1.0) < _UNIT_OFF), "")):
+            yield f"{name} answers {slope:.3g} times as large as expected: check its unit ({unit})"
+
+
+def why_none(plan: Plan, records: Sequence[tuple[str, FlightRecord]]) -> str:
+    """Return why no run of a plan was found in logs that hold its controls: unit, throw, or clock."""
+    for _, record in records:
+        for card in plan.cards:
+            x = _commands(record, card)
+            if x is None or not len(x):
+                continue
+            peak, wanted = float(np.ptp(x, axis=0).max()), float(np.ptp(card.signal.u, axis=0).max())
+            ratio = peak / wanted if wanted else 0.0
+            names = listed([command_of(record, c) or c for c in card.spec.controls])
+            if ratio < _GAIN[0]:
+                return f"{names} moves by {ratio:.2g} of what card {card.number} commands: check its unit and --throw"
+            if ratio > _GAIN[1]:
+                return (
+                    f"{names} moves {ratio:.3g} times as far as card {card.number} commands: check its unit and --throw"
+                )
+            if record.duration_s < card.spec.duration_s:
+                return f"the log lasts {record.duration_s:.3g} s, and card {card.number} {card.spec.duration_s:g} s"
+    return (
+        "the controls move as far as the cards command, but in no card's shape: check the clock of the log and its rate"
+    )
 
 
 def _faults_of_command(m: _Match, broken_s: float | None) -> Iterator[str]:

@@ -31,6 +31,9 @@ def close_answer(campaign: Campaign) -> list[tuple[str, str]]:
             f"{found} of {wanted} found in {logs}, {good} as {'its card says' if wanted == 1 else 'their cards say'}",
         )
     )
+    if closed.why_none:
+        out.append(("doubt", closed.why_none))
+    out += [("doubt", text) for text in dict.fromkeys(t for r in closed.runs for t in r.anomalies)]
     out += _verdicts(campaign)
     out += _beyond_stated(campaign)
     never = [str(c.number) for c in plan.cards if c.repeats and not closed.of(c)]
@@ -39,6 +42,9 @@ def close_answer(campaign: Campaign) -> list[tuple[str, str]]:
     bad = [f"card {r.card.number} at {r.start_s:.1f} s of {r.log} ({r.faults[0]})" for r in closed.runs if r.faults]
     if bad:
         out.append(("doubt", f"to be repeated: {some(bad)}"))
+    strange = [f"card {r.card.number} ({', '.join(r.strange)})" for r in closed.runs if r.strange]
+    if strange:
+        out.append(("finding", f"the response left its band: {some(strange)}; the aircraft is not as believed there"))
     out += _more_runs(campaign)
     out += _next(campaign)
     return out
@@ -68,10 +74,8 @@ def _verdicts(campaign: Campaign) -> Sentences:
             yield "finding", f"{words}: {some(told, _MOST, ', ')}"
     for c, t in _first(_all(campaign, "not reached")):
         why = f": {t.causes[0]}" if t.causes else ""
-        limit = error_words(t, t.goal)
-        short = (
-            f"not reached: {_value(c, t)}, where {limit} {'is wanted' if math.isfinite(t.wanted) else 'would keep it'}"
-        )
+        goal = f"{error_words(t, t.goal)} {'is wanted' if math.isfinite(t.wanted) else 'would keep the promise'}"
+        short = f"not reached: {_value(c, t)}, where {goal}"
         yield "doubt", f"{short if t.error > t.goal else f'not to be believed: {_value(c, t)}'}{why}"
     lost: dict[str, list[str]] = {}
     for c, t in _all(campaign, "not identifiable"):
@@ -166,7 +170,7 @@ def _in_the_way(targets: list[Target]) -> str:
 
 
 def _next(campaign: Campaign) -> Sentences:
-    held = [c for c in campaign.cards if c.missing and c.go]
+    held = [c for c in campaign.cards if c.more and c.go]
     if held:
         texts = [f"card {c.card.number}: {c.go}" for c in held]
         yield "finding", f"NO-GO for {some(texts)}"
@@ -174,7 +178,7 @@ def _next(campaign: Campaign) -> Sentences:
     if following is not None:
         card, left = following.card, counted(following.more, "run")
         yield "finding", f"next is card {card.number}, {card.title}: GO for {left}{_if_damped(campaign, card)}"
-    elif any(c.missing for c in campaign.cards):
+    elif any(c.more for c in campaign.cards):
         yield "doubt", "no card may be flown next"
     else:
         yield "finding", "every card is flown as often as it should be"

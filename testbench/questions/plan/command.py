@@ -175,6 +175,7 @@ def rehearse(
     """
     from testbench.aircraft.believed import as_it_may_be
     from testbench.core.named import obtain
+    from testbench.core.project import remember
     from testbench.core.store import ResultFolder
     from testbench.flight import load_aircraft
     from testbench.questions.plan.ask import make_plan
@@ -191,6 +192,7 @@ def rehearse(
         files = [r.save_csv(place.new / f"{loaded.name}_flight_{k}.csv").name for k, r in logs.items()]
     for name in files:
         print(f"Log: {out / name}")
+    remember(out, f"rehearsed: {', '.join(files)}")
     print(f"Next: testbench plan close {loaded.file} {out}/{loaded.name}_flight_*.csv")
 
 

@@ -20,7 +20,8 @@ from testbench.questions.run.scenario import Scenario
 class Taken:
     """A designed manoeuvre: its file, the scenario in it, the manoeuvre to identify from, and what was promised.
 
-    ``judge`` is the manoeuvre that the design is judged by; None without one. ``asked`` is the design scenario that lies beside, with limits and who flies; None where it does not.
+    ``judge`` is the manoeuvre that the design is judged by, None without one; ``asked`` the design scenario that lies
+    beside, with limits and who flies, None where it does not.
     """
 
     file: Path

@@ -90,9 +90,8 @@ def _measured(plan: Plan, card: Card, other: Aircraft | None, seed: int) -> Flig
     told = [f"{c}_cmd" for c in plan.aircraft.controls if f"{c}_cmd" in truth and f"{c}_cmd" not in record]
     rows = np.minimum(np.searchsorted(truth.t_s, record.t_s - 1e-9), len(truth) - 1)
     record = record.with_columns({name: truth[name][rows] for name in told})
-    return record.between(
-        0.0, QUIET_S + card.length_s + after_s
-    )  # without the sample at its end, which begins the next run
+    end_s = QUIET_S + card.length_s + after_s
+    return record.between(0.0, end_s)  # without the sample at its end, which begins the next run
 
 
 def _joined(parts: list[FlightRecord]) -> FlightRecord:

@@ -165,11 +165,15 @@ def judge(closed: Closed, flown: Sequence[FlownCard]) -> Campaign:
 def no_go(closed: Closed, card: Card) -> str:
     """Return why a card must not be flown next, in words; "" if it may.
 
-    A build-up goes from slow to fast: every card of the slower points at the same height comes first, and a limit that
-    was met there, or a response that left its band, is looked at on the ground.
+    What no aircraft explains, such as a reversed servo, is looked for first. A build-up goes from slow to fast: every
+    card of the slower points at the same height comes first, and a limit that was met there, or a response that left
+    its band, is looked at on the ground.
     """
     if card.status == "refused":
         return f"it is refused: {card.met[0]}"
+    odd = next((f"{text} (card {r.card.number})" for r in closed.runs for text in r.anomalies), "")
+    if odd:
+        return odd
     slower = [c for c in closed.plan.cards if c.point.h_m == card.point.h_m and c.point.V_m_s < card.point.V_m_s]
     lacking = [str(c.number) for c in slower if closed.missing(c)]
     if lacking:

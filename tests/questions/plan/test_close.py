@@ -105,18 +105,41 @@ def test_a_run_that_is_not_as_its_card_says_must_be_repeated(plan):
     off = off.with_columns({"V": off["V"] + 4.0})
     for record, words, unexpected in (
         (weak, "the command was not the card's", False),
-        (rough, "the response left its band: q", True),
         (hard, "az passes -19.61", True),
     ):
         (run,) = close_plan(plan, [("x", record)]).runs
         assert run.unexpected is unexpected
         assert any(words in fault for fault in run.faults), (words, run.faults)
+    (run,) = close_plan(plan, [("x", rough)]).runs  # the aircraft is not as believed, which is what was asked
+    assert (run.faults, run.strange, run.unexpected, run.anomalies) == ((), ("q",), True, ())
     (run,) = close_plan(plan, [("x", quick)]).runs
     assert run.card is slow  # 13.9 m/s is nearer to 13 than to 15
     assert not run.faults
     (run,) = close_plan(plan, [("x", off)]).runs
     assert run.card is plan.cards[2]  # 17 m/s
     assert run.V_m_s == pytest.approx(17.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"), [(-1.0, "q answers with the other sign"), (57.3, "check its unit (deg for rad)")]
+)
+def test_what_no_aircraft_explains_means_no_go(plan, factor, words):
+    log = log_of([(plan.cards[0], 1.0)])
+    closed = close_plan(plan, [("x", log.with_columns({"q": factor * log["q"]}))])
+    assert words in closed.runs[0].anomalies[0]
+    campaign = judged(closed)
+    assert campaign.following is None
+    assert all(words in c.go for c in campaign.cards)
+    assert any(words in text for _, text in close_answer(campaign))
+
+
+def test_where_nothing_is_found_the_cause_is_named(plan):
+    log = log_of([(plan.cards[0], 1.0)])
+    closed = close_plan(plan, [("x", log.with_columns({"de_cmd": 57.3 * log["de_cmd"]}))])
+    assert closed.runs == ()
+    assert any(
+        "57.3 times as far as card 1 commands: check its unit" in text for _, text in close_answer(judged(closed))
+    )
 
 
 def test_two_controls_are_one_run_and_each_has_its_sign():

@@ -234,7 +234,8 @@ def test_broken_off_turned_weak_and_missing_runs_are_told_apart(flown, tmp_path)
         assert [r.broken_s is None for r in runs] == [False, True]
         assert runs[0].broken_s == pytest.approx(after_s, abs=0.15)
         assert "broken off after" in runs[0].faults[0]
-    ends = one.between(0.0, QUIET_S + length + AFTER_S + QUIET_S + plan.cards[0].spec.settle_s + 0.8)  # within the second run
+    second_s = QUIET_S + length + AFTER_S + QUIET_S + plan.cards[0].spec.settle_s
+    ends = one.between(0.0, second_s + 0.8)  # within the second run
     runs = close_plan(plan, [("x", ends)]).runs
     assert [r.broken_s is None for r in runs] == [True, False]
     closed = close_plan(plan, [("x", ends)])

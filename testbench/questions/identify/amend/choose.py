@@ -50,7 +50,8 @@ def chosen_case(found: Identified) -> tuple[int, str]:
             f"the structures {', '.join(n for n in STRUCTURE_NAMES if n != 'aerodynamic_longitudinal')}; if "
             'parameters of equations of your own are those of one of them, say so beside their states: means = "..."'
         )
-    good = [i for i in known if found.cases[i].model.status != "wrong"]
+    held = {d.case for d in found.derivatives if d.determined and d.simulated}  # in spite of what residuals hold
+    good = [i for i in known if found.cases[i].model.status != "wrong" or i in held]
     if not good:
         why = next((str(a) for i in known for a in ranked(found.cases[i].model.advice) if a.severity == "wrong"), "")
         raise EstimationError(
@@ -91,7 +92,12 @@ def aims_of(found: Identified, index: int) -> tuple[tuple[Aim, ...], tuple[str, 
     model, aircraft = found.cases[index].model, found.before.aircraft if found.before else None
     assert isinstance(model, ParametricModel)
     own = [d for d in found.derivatives if d.case == index and not d.name.startswith(("tau_", "T_"))]
-    reasons = {d.name: _left(d, aircraft.name if aircraft else "") for d in own}
+    wrong = model.status == "wrong"
+    reasons = {
+        d.name: _left(d, aircraft.name if aircraft else "")
+        or (d.believed if wrong and not (d.determined and d.simulated) else "")
+        for d in own
+    }
     if all(reasons.values()):
         raise EstimationError(
             f"an aircraft is amended by derivatives that the data decide, but of {found.name} none is left: "

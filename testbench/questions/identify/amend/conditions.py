@@ -29,21 +29,21 @@ _BELIEF = ("determined", "in doubt", "weak")
 
 
 class Told(NamedTuple):
-    """An identification at one condition and the index of its case.
+    """An identification at one condition and the number of its case.
 
     ``doubts`` are sentences on conditions that disagree; ``others`` the identifications at other conditions that it
     speaks for.
     """
 
     found: Identified
-    index: int
+    case: int
     doubts: tuple[str, ...] = ()
     others: tuple[tuple[Identified, int], ...] = ()
 
     @property
     def model(self) -> ParametricModel:
         """The model of the case."""
-        model = self.found.cases[self.index].model
+        model = self.found.cases[self.case].model
         assert isinstance(model, ParametricModel)
         return model
 
@@ -68,13 +68,14 @@ def _pooled(group: Sequence[Told]) -> Told:
     for one in group:
         at = [one.model.structure.parameter_names.index(n) for n in names]
         before = np.array([_before(one, n) for n in names])
-        P = covariance_of(one.found.derivatives, one.index, one.model)[np.ix_(at, at)] / np.outer(before, before)
+        P = covariance_of(one.found.derivatives, one.case, one.model)[np.ix_(at, at)] / np.outer(before, before)
         factors.append(np.array([{d.name: d.value for d in _derivatives(one)}[n] for n in names]) / before)
         information.append(_inverse(P))
     P = _inverse(np.sum(information, axis=0))
     f = P @ np.sum([M @ x for M, x in zip(information, factors, strict=True)], axis=0)
     chi2 = float(sum((x - f) @ M @ (x - f) for M, x in zip(information, factors, strict=True)))
-    dof, doubts = len(names) * (len(group) - 1), ()
+    dof = len(names) * (len(group) - 1)
+    doubts: tuple[str, ...] = ()
     if chi_square.sf(chi2, dof) < _CHANCE:
         P = P * chi2 / dof
         doubts = (
@@ -98,18 +99,18 @@ def _read(
     beliefs = {n: _best([d.believed for one in group for d in _derivatives(one) if d.name == n]) for n in names}
     derivatives = tuple(
         replace(d, value=value[d.name], std=float(std[d.name]), stated=float(std[d.name]), believed=beliefs[d.name])
-        if d.case == middle.index and d.name in value
+        if d.case == middle.case and d.name in value
         else d
         for d in middle.found.derivatives
     )
     cases = list(middle.found.cases)
-    cases[middle.index] = replace(cases[middle.index], model=replace(model, params=params, covariance=covariance))
-    others = tuple((one.found, one.index) for one in group if one is not middle)
-    return Told(replace(middle.found, cases=tuple(cases), derivatives=derivatives), middle.index, doubts, others)
+    cases[middle.case] = replace(cases[middle.case], model=replace(model, params=params, covariance=covariance))
+    others = tuple((one.found, one.case) for one in group if one is not middle)
+    return Told(replace(middle.found, cases=tuple(cases), derivatives=derivatives), middle.case, doubts, others)
 
 
 def _derivatives(one: Told) -> list[FoundDerivative]:
-    return [d for d in one.found.derivatives if d.case == one.index]
+    return [d for d in one.found.derivatives if d.case == one.case]
 
 
 def _before(one: Told, name: str) -> float:

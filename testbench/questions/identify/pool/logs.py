@@ -15,6 +15,7 @@ from testbench.estimators.parametric.model import ParametricModel
 from testbench.evaluation.parameters import true_parameters
 from testbench.line import Case
 from testbench.questions.identify.coefficients import Scaling, weights
+from testbench.questions.identify.derivatives import covariance_of
 from testbench.questions.identify.flown import FlownCondition, PartialMass
 from testbench.questions.identify.pool.least_squares import LogCoefficients
 from testbench.questions.identify.pool.scales import changes_by_scale
@@ -107,7 +108,7 @@ def contribution(found: Identified, log: str, method: str | None = None) -> Cont
             continue
         doubts += [a for a in ranked(case.model.advice) if a.severity == "doubt" and a.code not in _SAID_BY_ERRORS]
         H = np.stack([row for _, row in kept.values()])
-        blocks.append((H @ case.model.params, H @ _covariance(found, i, case.model) @ H.T))
+        blocks.append((H @ case.model.params, H @ covariance_of(found.derivatives, i, case.model) @ H.T))
         moved.append(changes_by_scale(case.model, [name for name, _ in kept.values()], scaling))
         names += kept
         derivative_of |= {symbol: name for symbol, (name, _) in kept.items()}

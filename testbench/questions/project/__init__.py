@@ -1,0 +1,8 @@
+"""Where does a campaign stand, from the drawing to the amended aircraft, and what comes next?
+
+command (testbench new) -> new (the folder) -> standing (testbench alone in the folder)
+"""
+
+from testbench.core.lazily import lazily
+
+__getattr__ = lazily(__name__, new_project="new")

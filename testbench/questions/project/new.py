@@ -1,0 +1,117 @@
+"""The folder of a new campaign: project.toml, and a design for each motion that its sensors see."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from testbench.aircraft import Aircraft
+from testbench.core.errors import RecordError
+from testbench.core.files import write_new
+from testbench.core.paths import AIRCRAFT, SENSOR_SUITES, STOCK, resolve
+from testbench.core.project import FILE
+from testbench.core.toml_text import quoted, real
+from testbench.flight import load_aircraft
+from testbench.sensors import SensorSuite, load_suite
+
+WANTED: Mapping[str, Mapping[str, float]] = {
+    "longitudinal": {"Z_alpha": 5.0, "M_alpha": 5.0, "M_q": 10.0, "M_de": 5.0},
+    "lateral": {"L_beta": 10.0, "L_p": 5.0, "L_da": 5.0, "N_beta": 5.0, "N_r": 10.0, "N_dr": 5.0},
+}
+"""Motion -> derivative -> standard error that is wanted, percent."""
+_NEEDS = {"longitudinal": ("alpha", "q"), "lateral": ("beta", "p", "r")}
+_CONTROLS = {"longitudinal": ("de",), "lateral": ("da", "dr")}
+
+
+def new_project(name: Path | str, aircraft: str, sensors: str, speeds_m_s: Sequence[float] = ()) -> list[Path]:
+    """Write the folder of a campaign; return its files.
+
+    Args:
+        name: the folder, which must not be there.
+        aircraft: packaged, a path, or a name in ``aircraft/``.
+        sensors: a packaged suite, a file, or a name in ``suites/``.
+        speeds_m_s: true airspeeds to fly at; the aircraft's design speed if none is given.
+
+    Raises:
+        RecordError: the folder is there, or its sensors see no motion that a control moves.
+        ScenarioError, ModelError: no such aircraft or suite.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.new_project("my_project", "taurus", "eolo_alpha")  # doctest: +SKIP
+    """
+    folder = Path(name)
+    if folder.exists():
+        raise RecordError(f"a new project must go to a new folder, got '{folder}', which is there; give another name")
+    flown, suite = load_aircraft(aircraft), load_suite(sensors)
+    designs = {motion: _targets(motion, flown, suite) for motion in WANTED}
+    if not any(designs.values()):
+        raise RecordError(f"the sensors of a project must see a motion ({_needed()}), got {', '.join(suite.channels)}")
+    speeds = list(speeds_m_s) or [flown.design_V_m_s]
+    text = _text(folder.name, _named(aircraft, AIRCRAFT, folder), _named(sensors, SENSOR_SUITES, folder), flown, speeds)
+    unseen = [m for m, wanted in designs.items() if not wanted]
+    text += "\n[accuracies]                 # wanted standard errors, percent: what these sensors can tell\n"
+    text += "".join(f"{n} = {real(x)}\n" for wanted in designs.values() for n, x in wanted.items())
+    text += "".join(f"# Nothing of the {m} motion: that needs {_words(m)} among the sensors.\n" for m in unseen)
+    folder.mkdir(parents=True)
+    files = [write_new(folder / FILE, text, "a new project")]
+    for motion, wanted in designs.items():
+        if wanted:
+            files.append(write_new(folder / f"{motion}.toml", _design(motion, flown), "a new design"))
+    return files
+
+
+def _targets(motion: str, aircraft: Aircraft, suite: SensorSuite) -> dict[str, float]:
+    """Return the derivatives that the sensors can tell -> wanted error."""
+    moved = [c for c in _CONTROLS[motion] if c in aircraft.controls]
+    if not moved or not set(_NEEDS[motion]) & set(suite.channels):
+        return {}
+    felt = bool({"alpha", "az"} & set(suite.channels))
+    return {
+        name: error
+        for name, error in WANTED[motion].items()
+        if (felt or not name.startswith("Z")) and (name[2:] not in ("de", "da", "dr") or name[2:] in moved)
+    }
+
+
+def _needed() -> str:
+    return "; ".join(f"{_words(motion)} for the {motion} one" for motion in _NEEDS)
+
+
+def _words(motion: str) -> str:
+    return " or ".join(_NEEDS[motion])
+
+
+def _named(name: str, family: object, folder: Path) -> str:
+    """Return what a project calls an aircraft or suite: a path from its folder if it is the user's own."""
+    meant = resolve(name, family)  # type: ignore[arg-type]
+    if meant.startswith(STOCK) or not Path(meant).is_absolute():
+        return meant
+    return Path(os.path.relpath(meant, folder.resolve())).as_posix()
+
+
+def _text(title: str, aircraft: str, suite: str, flown: Aircraft, speeds: Sequence[float]) -> str:
+    return f"""# A campaign, made by `testbench new`. Files in this folder take what they leave out from here. Commands
+# that are run here add what they found to the end. `testbench` alone says where the campaign stands.
+title = {quoted(title)}
+aircraft = {quoted(aircraft)}  # structure, servos and stops: in its aircraft.toml
+suite = {quoted(suite)}  # sensors as sold, with places, lags and noise: `testbench list sensors`, or a file of yours
+speeds_m_s = [{", ".join(real(V) for V in speeds)}]  # true airspeeds; designs are for the middle one
+h_m = {real(flown.design_h_m)}  # above sea level
+by = "autopilot"  # or "pilot": who flies the cards
+
+[limits]                     # YOURS: of designs and plans that say nothing of them
+load_factor = [0.3, 1.7]
+# [air]                      # designs of aircraft below 25 kg take a calm morning, heavier ones still air
+# turbulence_rms_m_s = 0.3
+"""
+
+
+def _design(motion: str, aircraft: Aircraft) -> str:
+    controls = ", ".join(quoted(c) for c in _CONTROLS[motion] if c in aircraft.controls)
+    return f"""# What is left out here stands in {FILE}: the targets are the accuracies of this motion.
+title = {quoted(f"Which input tells the {motion} motion?")}
+controls = [{controls}]
+duration_s = 10.0
+"""
