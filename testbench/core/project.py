@@ -51,8 +51,8 @@ class Project(Strict):
     """What the questions of a campaign share.
 
     ``aircraft``, ``suite`` and ``wings`` are those of scenarios; ``speeds_m_s`` and ``h_m`` where it is flown; ``by``
-    who flies; ``air`` and ``limits`` the tables of a design or plan; ``accuracies`` the wanted standard errors of
-    derivatives, percent. ``history`` is written by the commands.
+    who flies; ``air``, ``limits`` and ``simulation`` the tables of a scenario; ``accuracies`` the wanted standard
+    errors of derivatives, percent. ``history`` is written by the commands.
     """
 
     title: Text
@@ -64,6 +64,7 @@ class Project(Strict):
     by: Literal["pilot", "autopilot"] = "autopilot"
     air: dict[str, Any] = {}
     limits: dict[str, Any] = {}
+    simulation: dict[str, Any] = {}
     accuracies: dict[str, Positive] = {}
     history: Annotated[tuple[Found, ...], Field(strict=False)] = ()
 
@@ -86,7 +87,8 @@ class Project(Strict):
             "speeds_m_s": list(self.speeds_m_s),
             "heights_m": [self.h_m],
         }
-        return out | {key: table for key, table in (("air", self.air), ("limits", self.limits)) if table}
+        tables = {"air": self.air, "limits": self.limits, "simulation": self.simulation}
+        return out | {key: table for key, table in tables.items() if table}
 
 
 def project_here() -> Project | None:

@@ -62,6 +62,7 @@ class FoundDerivative:
         coefficient: name, value and standard error of the nondimensional coefficient; None if not known.
         believed: "determined", or why not: "weak", "at bound", "correlated with NAME", "in doubt", "not
             converged", "replaced" by a model that fits better.
+        flown: whether its error is that of simulated flights, which holds what the residuals do.
     """
 
     case: int
@@ -75,6 +76,7 @@ class FoundDerivative:
     coefficient: tuple[str, float, float] | None
     believed: str
     again: tuple[float, float, float] | None = None
+    flown: bool = False
 
     @property
     def determined(self) -> bool:
@@ -149,6 +151,7 @@ def found_derivatives(
                     scaled and (scaled[0], scaled[1], scaled[2] * std / stated if stated > 0.0 else scaled[2]),
                     "weak" if belief == "determined" and std > CRITERIA.weak * abs(value) else belief,
                     again,
+                    whole and name in errors,
                 )
             )
     return tuple(out)

@@ -11,23 +11,17 @@ import math
 from testbench.core.door import read_text
 from testbench.core.files import write_file
 from testbench.core.toml_text import table_lines
-from testbench.questions.plan.flown_card import form_text
 from testbench.questions.plan.verdicts import Campaign, JudgedCard
 
 
 def keep_errors(campaign: Campaign) -> None:
     """Write the errors of every card that exceed those of its estimator behind the description of its runs."""
     for card in campaign.cards:
-        file, recipe, errors = card.flown.file, card.flown.recipe, _beyond(card)
-        if file is None or recipe is None:
-            continue
-        text = read_text(file, "scenario")
-        if "[form_std]" not in text:
-            text += form_text(recipe, card.flown.runs[0].record.dt_s)
-        if errors:
+        errors = _beyond(card)
+        if errors and card.flown.file is not None:
             table = {"simulated_errors": {"source": _source(card), "flights": _flights(card), "errors": errors}}
-            text = "\n".join([text.rstrip("\n"), "", *table_lines(table), ""])
-        write_file(file, text)
+            text = read_text(card.flown.file, "scenario")
+            write_file(card.flown.file, "\n".join([text.rstrip("\n"), "", *table_lines(table), ""]))
 
 
 def _beyond(card: JudgedCard) -> dict[str, float]:

@@ -172,7 +172,7 @@ def _flown(closed: Closed, card: Card, folder: Path) -> FlownCard:
         names = {run_stem(c, k): run for c in plan.cards for k, run in enumerate(closed.of(c), 1)}
         text = description_text(plan, card, (*runs, *judges), names, recipe)
         if promise is None or promise.realised is None:  # simulated flights would hold it
-            text += form_text(recipe, records[0].dt_s)
+            text += _form_text(recipe, records[0].dt_s)
         write_file(file, text)
         found = identify(RecordDescription.load(file), data_folder=folder / RECORDS)
     except Refusal as error:
@@ -210,6 +210,8 @@ def description_text(
     settled = min(r.start_s - float(r.record.t_s[0]) for r in runs)
     logs = ", ".join(dict.fromkeys(r.log for r in runs))
     by_trim = settled >= _LEAST_TRIM_S
+    point = (("V_m_s", "V", card.point.V_m_s), ("h_m", "h", card.point.h_m))
+    told = {key: value for key, channel_, value in point if channel_ not in recipe.channels}
     table = {
         "title": f"{plan.scenario.title}: card {card.number}, {card.title}",
         "source": f"{logs}, cut by testbench plan close",
@@ -221,6 +223,7 @@ def description_text(
         "preparation": {"bias": "trim" if by_trim else "mean"},
         "record": [{"name": n, "file": f"{n}.nc", "use": use} for n, use in named],
         "channel": [{"name": c, "column": c, "unit": channel(c).unit, "missing": "mask"} for c in recipe.channels],
+        "condition": told,
         "identification": recipe.identification,
         **({"servo": recipe.servo} if recipe.servo else {}),
     }
@@ -230,7 +233,7 @@ def description_text(
     return "\n".join([*head, *table_lines(table), ""])
 
 
-def form_text(recipe: FlownRecipe, dt_s: float) -> str:
+def _form_text(recipe: FlownRecipe, dt_s: float) -> str:
     """Return the tables of a description that say what sound instruments and a linear model may hide."""
     used = dict.fromkeys(n for n in recipe.channels if n not in ("h", "qbar"))
     stds = {name: std for channel in used for name, std in sound(channel, dt_s).items()}

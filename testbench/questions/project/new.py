@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -50,6 +51,9 @@ def new_project(name: Path | str, aircraft: str, sensors: str, speeds_m_s: Seque
         raise RecordError(f"the sensors of a project must see a motion ({_needed()}), got {', '.join(suite.channels)}")
     speeds = list(speeds_m_s) or [flown.design_V_m_s]
     text = _text(folder.name, _named(aircraft, AIRCRAFT, folder), _named(sensors, SENSOR_SUITES, folder), flown, speeds)
+    rate_hz = suite.rate_hz * math.ceil(flown.rate_hz / suite.rate_hz - 1e-9)
+    if not math.isclose(rate_hz, flown.rate_hz):
+        text += f"\n[simulation]\nrate_hz = {real(rate_hz)}  # a multiple of the rate of the sensors\n"
     unseen = [m for m, wanted in designs.items() if not wanted]
     text += "\n[accuracies]                 # wanted standard errors, percent: what these sensors can tell\n"
     text += "".join(f"{n} = {real(x)}\n" for wanted in designs.values() for n, x in wanted.items())

@@ -50,7 +50,7 @@ def chosen_case(found: Identified) -> tuple[int, str]:
             f"the structures {', '.join(n for n in STRUCTURE_NAMES if n != 'aerodynamic_longitudinal')}; if "
             'parameters of equations of your own are those of one of them, say so beside their states: means = "..."'
         )
-    held = {d.case for d in found.derivatives if d.determined and d.simulated}  # in spite of what residuals hold
+    held = {d.case for d in found.derivatives if d.determined and d.flown}  # in spite of what residuals hold
     good = [i for i in known if found.cases[i].model.status != "wrong" or i in held]
     if not good:
         why = next((str(a) for i in known for a in ranked(found.cases[i].model.advice) if a.severity == "wrong"), "")
@@ -95,7 +95,7 @@ def aims_of(found: Identified, index: int) -> tuple[tuple[Aim, ...], tuple[str, 
     wrong = model.status == "wrong"
     reasons = {
         d.name: _left(d, aircraft.name if aircraft else "")
-        or (d.believed if wrong and not (d.determined and d.simulated) else "")
+        or (d.believed if wrong and not (d.determined and d.flown) else "")
         for d in own
     }
     if all(reasons.values()):
