@@ -52,6 +52,7 @@ ASKS = {
     "exercise": set(),
     "results": set(),
     "dataset": {"campaign", "gap"},
+    "project": set(),
 }
 ONLY_IN = {"jsbsim": "flight", "gymnasium": "envs"}
 

@@ -16,6 +16,17 @@ from testbench.sensors.sensor import Sensor, responses, whole_ratio
 _COMMANDS = tuple(f"{name}_cmd" for name in CONTROLS)
 
 
+MOTIONS = {"longitudinal": ("alpha", "q"), "lateral": ("beta", "p", "r")}
+"""Motion -> channels of which one at least tells its derivatives."""
+
+
+def needed(motion: str = "") -> str:
+    """Return in words which channels a motion takes; of all motions if none is named."""
+    if motion:
+        return " or ".join(MOTIONS[motion])
+    return "; ".join(f"{needed(each)} for the {each} one" for each in MOTIONS)
+
+
 @dataclass(frozen=True)
 class SensorSuite:
     """The instruments of one aircraft and the rate of its log.
@@ -42,6 +53,10 @@ class SensorSuite:
         faults += _recorder_faults(self.sensors)
         if faults:
             raise ScenarioError(faults)
+
+    def sees(self, motion: str) -> bool:
+        """Return whether something of a motion of :data:`MOTIONS` is sensed that its derivatives could be told from."""
+        return bool(set(MOTIONS[motion]) & set(self.channels))
 
     @property
     def channels(self) -> tuple[str, ...]:

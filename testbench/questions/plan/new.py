@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.errors import ScenarioError
 from testbench.core.escape import one_line
 from testbench.core.paths import suite_names
 from testbench.core.scenario.base import Manoeuvre
@@ -21,6 +22,8 @@ from testbench.questions.plan.bounds import stall_speed_m_s
 from testbench.questions.plan.designs import Taken, limits_of_designs, planned
 from testbench.questions.plan.result import Point
 from testbench.questions.plan.scenario import Airspace
+from testbench.sensors import SensorSuite, load_suite
+from testbench.sensors.suite import MOTIONS, needed
 
 _SPEEDS = (0.9, 1.0, 1.1)  # of the design speed
 _ABOVE_STALL = 1.25  # 1.2 stall speeds are the lowest limit: a planned speed lies above it
@@ -63,9 +66,10 @@ def plan_text(
     """
     V, h = _conditions(aircraft, designs)[0]
     point = _point(aircraft, V, h)
-    flown = [_design(t, m, designs) for t in designs for m in (t.manoeuvre, t.judge) if m is not None] or _usual(
-        aircraft, point.model, autopilot
-    )
+    flown = [_design(t, m, designs) for t in designs for m in (t.manoeuvre, t.judge) if m is not None]
+    if not designs:
+        chosen, own = (suite, True) if suite else suite_of(aircraft)
+        flown = _usual(aircraft, point.model, autopilot, load_suite(chosen) if own else None)
     lines = _head(aircraft, name, autopilot, point, suite, designs, max(length for _, length in flown))
     lines += [line for made, _ in flown for line in made]
     return "\n".join(lines).rstrip() + "\n"
@@ -288,17 +292,29 @@ def _value(value: object) -> str:
     return repr(value) if isinstance(value, int) else repr(float(str(value)))
 
 
-def _usual(aircraft: Aircraft, model: LinearModel, autopilot: str) -> list[tuple[list[str], float]]:
+def _usual(
+    aircraft: Aircraft, model: LinearModel, autopilot: str, suite: SensorSuite | None
+) -> list[tuple[list[str], float]]:
     """Return the usual manoeuvres, and the time of one run of each.
 
-    A 3-2-1-1 on the elevator at the short period, doublets at the Dutch roll.
+    A 3-2-1-1 on the elevator at the short period, doublets at the Dutch roll; of a motion that the sensors do not see,
+    what it would take. ``suite`` is None where the sensors are a guess.
+
+    Raises:
+        ScenarioError: the sensors see neither motion.
     """
+    seen = [m for m in MOTIONS if suite is None or suite.sees(m)]
+    if not seen:
+        assert suite is not None
+        raise ScenarioError(
+            [f"the sensors of a plan must see a motion ({needed()}), got {', '.join(suite.channels)} of {suite.name}"]
+        )
     least = 1.0 if autopilot == "pilot" else 5.0 / _SIGNALS_PER_S
     out: list[tuple[list[str], float]] = []
     short = _period_s(longitudinal_modes(model, {}), "short period")
     step = _rounded(0.3 * short, least)
     pilot = ["pilot = { rise_s = 0.2, shortest_s = 1.0 }"] if autopilot == "pilot" else []
-    if "de" in aircraft.controls:
+    if "de" in aircraft.controls and "longitudinal" in seen:
         words = f"# Steps of 0.3 times the period of the short period, {number(short)} s at the design speed."
         lasts = _whole(1.0 + 7.0 * step + max(3.0, 3.0 * short))
         shape = _input(aircraft, "de", "3211", [f"step_s = {_plain(step)}"], pilot)
@@ -306,11 +322,14 @@ def _usual(aircraft: Aircraft, model: LinearModel, autopilot: str) -> list[tuple
     dutch = _dutch_roll_s(model)
     half = _rounded(0.5 * dutch, least)
     for control, name, parameter in (("da", "aileron doublet", "L_da"), ("dr", "rudder doublet", "N_dr")):
-        if control in aircraft.controls:
+        if control in aircraft.controls and "lateral" in seen:
             words = f"# One period of the Dutch roll, {number(dutch)} s at the design speed."
             lasts = _whole(1.0 + 2.0 * half + max(3.0, 2.0 * dutch))
             shape = _input(aircraft, control, "doublet", [f"period_s = {_plain(2.0 * half)}"], pilot)
             out.append(([words, *_manoeuvre(name, lasts, parameter), *shape], _SETTLE_S + lasts))
+    unseen = [m for m in MOTIONS if m not in seen]
+    if out and unseen:
+        out[-1][0].extend(f"# Nothing of the {m} motion: that needs {needed(m)} among the sensors." for m in unseen)
     return out
 
 

@@ -15,13 +15,13 @@ from testbench.core.project import FILE
 from testbench.core.toml_text import quoted, real
 from testbench.flight import load_aircraft
 from testbench.sensors import SensorSuite, load_suite
+from testbench.sensors.suite import needed
 
 WANTED: Mapping[str, Mapping[str, float]] = {
     "longitudinal": {"Z_alpha": 5.0, "M_alpha": 5.0, "M_q": 10.0, "M_de": 5.0},
     "lateral": {"L_beta": 10.0, "L_p": 5.0, "L_da": 5.0, "N_beta": 5.0, "N_r": 10.0, "N_dr": 5.0},
 }
 """Motion -> derivative -> standard error that is wanted, percent."""
-_NEEDS = {"longitudinal": ("alpha", "q"), "lateral": ("beta", "p", "r")}
 _CONTROLS = {"longitudinal": ("de",), "lateral": ("da", "dr")}
 
 
@@ -48,7 +48,7 @@ def new_project(name: Path | str, aircraft: str, sensors: str, speeds_m_s: Seque
     flown, suite = load_aircraft(aircraft), load_suite(sensors)
     designs = {motion: _targets(motion, flown, suite) for motion in WANTED}
     if not any(designs.values()):
-        raise RecordError(f"the sensors of a project must see a motion ({_needed()}), got {', '.join(suite.channels)}")
+        raise RecordError(f"the sensors of a project must see a motion ({needed()}), got {', '.join(suite.channels)}")
     speeds = list(speeds_m_s) or [flown.design_V_m_s]
     text = _text(folder.name, _named(aircraft, AIRCRAFT, folder), _named(sensors, SENSOR_SUITES, folder), flown, speeds)
     rate_hz = suite.rate_hz * math.ceil(flown.rate_hz / suite.rate_hz - 1e-9)
@@ -57,7 +57,7 @@ def new_project(name: Path | str, aircraft: str, sensors: str, speeds_m_s: Seque
     unseen = [m for m, wanted in designs.items() if not wanted]
     text += "\n[accuracies]                 # wanted standard errors, percent: what these sensors can tell\n"
     text += "".join(f"{n} = {real(x)}\n" for wanted in designs.values() for n, x in wanted.items())
-    text += "".join(f"# Nothing of the {m} motion: that needs {_words(m)} among the sensors.\n" for m in unseen)
+    text += "".join(f"# Nothing of the {m} motion: that needs {needed(m)} among the sensors.\n" for m in unseen)
     folder.mkdir(parents=True)
     files = [write_new(folder / FILE, text, "a new project")]
     for motion, wanted in designs.items():
@@ -69,7 +69,7 @@ def new_project(name: Path | str, aircraft: str, sensors: str, speeds_m_s: Seque
 def _targets(motion: str, aircraft: Aircraft, suite: SensorSuite) -> dict[str, float]:
     """Return the derivatives that the sensors can tell -> wanted error."""
     moved = [c for c in _CONTROLS[motion] if c in aircraft.controls]
-    if not moved or not set(_NEEDS[motion]) & set(suite.channels):
+    if not moved or not suite.sees(motion):
         return {}
     felt = bool({"alpha", "az"} & set(suite.channels))
     return {
@@ -77,14 +77,6 @@ def _targets(motion: str, aircraft: Aircraft, suite: SensorSuite) -> dict[str, f
         for name, error in WANTED[motion].items()
         if (felt or not name.startswith("Z")) and (name[2:] not in ("de", "da", "dr") or name[2:] in moved)
     }
-
-
-def _needed() -> str:
-    return "; ".join(f"{_words(motion)} for the {motion} one" for motion in _NEEDS)
-
-
-def _words(motion: str) -> str:
-    return " or ".join(_NEEDS[motion])
 
 
 def _named(name: str, family: object, folder: Path) -> str:

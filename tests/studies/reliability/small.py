@@ -210,6 +210,7 @@ CASES = {
     "compare suites": Case("compare {at}compare.toml -o {at}out", ("compare.toml",)),
     "compare benchmark": Case("compare benchmark -o {at}out --seeds 1 --only dsr_e --data clean --workers 1"),
     "plan show": Case("plan {at}plan.toml -o {at}out", ("plan.toml",), most=True),
+    "new": Case("new {at}out --aircraft taurus --sensors eolo_alpha"),
     "plan new": Case("plan new taurus -o {at}out/mine.toml"),
     "plan rehearse": Case("plan rehearse {at}plan.toml -o {at}out", ("plan.toml",)),
     "plan close": Case("plan close {at}plan.toml {at}logs/plan_flight_1.csv -o {at}out", ("plan.toml", "logs"),
