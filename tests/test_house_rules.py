@@ -329,6 +329,7 @@ WRITERS = {
         "questions/campaign/ask.py", "questions/campaign/store.py", "questions/compare/benchmark/ask.py",
         "questions/gap/kept.py",
     },
+    "a new folder that the user names": {"questions/project/new.py"},
     "a folder for temporary files": {"questions/exercise/catalogue/wrong_sign.py"},
 }  # fmt: skip
 _WRITES = frozenset({
