@@ -69,5 +69,5 @@ def following(project: Project) -> str:
         return f"testbench identify {closed.result}/identify/*.toml --amend {Path(project.aircraft).name}_flown"
     if _last(project, "gap") is None:
         own = amended.after("--amend")
-        return f"testbench gap {own} {closed.result}/identify/*.toml --sensors {project.suite}"
+        return f"testbench gap {own} {closed.result}/records/*.nc --sensors {project.suite}"
     return f"the loop is closed; the next flight: testbench design {asked[0].name} --after {closed.result}"
