@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from testbench.core.door import read_text
 from testbench.core.files import write_file
-from testbench.core.project import remember
 from testbench.core.store import PAGE, ResultFolder
 from testbench.page.flown import flown_table, flown_words
 from testbench.page.terminal import manner, print_answer, print_table
@@ -154,6 +153,8 @@ class Page:
         clauses, and those that do not fit are counted. :func:`testbench.page.terminal.manner` may be another.
         """
         from rich.text import Text
+
+        from testbench.core.project import remember
 
         if folder is not None:
             remember(folder, next((line.text for line in answer_lines(self.answer)), ""))
