@@ -17,7 +17,7 @@ from testbench.aircraft import Aircraft, ElasticMode
 from testbench.core.door import read_text
 from testbench.core.escape import markdown_cell, one_line
 from testbench.core.files import write_file
-from testbench.core.paths import AIRCRAFT_MODELS, STOCK
+from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, resolve
 from testbench.core.store import ResultFolder
 from testbench.core.toml_text import real
 from testbench.effects.base import MetGust
@@ -114,7 +114,7 @@ def aircraft_files(
         out["README.md"] = _how_to_command(aircraft, rate_hz)
         return out | {f"Engines/{file}": text for file, text in aircraft.engine_files.items()}
     out["aircraft.toml"] = _description(
-        read_text(AIRCRAFT_MODELS / (home or name) / "aircraft.toml", "aircraft"),
+        read_text(AIRCRAFT_MODELS / Path(resolve(str(home or name), AIRCRAFT)) / "aircraft.toml", "aircraft"),
         aircraft,
         AIRFRAME if AIRFRAME in out else f"{name}.xml",
         rate_hz,
