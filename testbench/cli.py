@@ -158,7 +158,10 @@ def start(
 ) -> None:
     """Take the options that stand before a command; without a command, say what may be wanted."""
     if context.invoked_subcommand is None:
-        overview()
+        from testbench.questions.project.command import show_standing
+
+        if not show_standing():
+            overview()
 
 
 def overview() -> None:
@@ -273,8 +276,6 @@ def _status() -> int:
     try:
         _need_folder()
         _settle_arguments()
-        if len(sys.argv) == 1 and _stands():
-            return 0
         return app(prog_name="testbench", standalone_mode=False) or 0
     except SystemExit as end:  # by click, with 1, if standard output is a pipe that was closed
         from testbench.core.bring import ends_in_brought, said
@@ -300,13 +301,6 @@ def _status() -> int:
         named = f"the names of files must be ones that this system's {error.encoding} can write, got '{error.object}'"
         print(f"error: {brief(named)}; set PYTHONUTF8=1, or another locale than LC_ALL gives", file=sys.stderr)
         return 3
-
-
-def _stands() -> bool:
-    """Say where the campaign of this folder stands; return whether it is the folder of one."""
-    from testbench.questions.project.command import show_standing
-
-    return show_standing()
 
 
 def _settle_arguments() -> None:

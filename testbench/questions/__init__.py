@@ -75,10 +75,11 @@ QUESTIONS = (
     ),
     Question(
         "new",
-        "my_project --aircraft taurus --sensors eolo_alpha",
+        "mine --aircraft taurus --sensors eolo_alpha",
         "begin a campaign",
         "new:new_project",
         room="project",
+        want="begin a campaign",
     ),
     Question(
         "identify",
@@ -165,7 +166,6 @@ QUESTIONS = (
         kind="campaign",
         folder="campaign",
         schema="scenario:CampaignSpec",
-        want="fly many times",
     ),
     Question(
         "dataset",
