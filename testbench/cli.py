@@ -167,7 +167,7 @@ def start(
 def overview() -> None:
     """Say in twelve lines what may be wanted, and which command gives it."""
     print("Fly an identification experiment before the aircraft does.")
-    wanted = [(q.want, f"{q.command} {q.example}".strip()) for q in QUESTIONS if q.want]
+    wanted = [(q.want, f"{q.command} {q.example}".partition(" --")[0].strip()) for q in QUESTIONS if q.want]
     for want, example in [*wanted, ("check a file", "check my_scenario.toml")]:
         print(f"  {want:<20} testbench {example}")
     print("testbench list scenarios: examples; testbench -h: the rest")
