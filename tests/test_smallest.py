@@ -51,4 +51,4 @@ def test_what_git_keeps_is_what_was_written(folder):
 
 
 def test_no_folder_that_git_keeps_is_without_a_manifest():
-    assert len(FOLDERS) > 10
+    assert len(FOLDERS) > 8

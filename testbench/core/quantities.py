@@ -66,7 +66,7 @@ _ROWS: dict[tuple[float, float, str], str] = {
     (1e-6, 1e9, "W h"): "Wh",
     (0.1, 500.0, "MJ/kg"): "MJ_kg",
     (-100.0, 100.0, "degC"): "degC",
-    (0.0, 1e4, "%"): "percent",
+    (0.0, 1e4, "%"): "percent accuracies",
     (-1e4, 1e4, "%"): "amplitude_percent",
     (-1e5, 1e5, "1e-6"): "ppm",
     (0.0, 1e9, "EUR"): "price_eur",

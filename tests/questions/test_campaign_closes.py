@@ -101,7 +101,7 @@ def test_what_is_no_project_is_left_alone(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("project.toml").write_text('name = "of another program"\n', encoding="utf-8")
     assert project_here() is None
-    assert "Start here" in command().stdout + command().stderr
+    assert "Fly an identification experiment" in command().stdout
     with pytest.raises(RecordError, match="which is there"):
         new_project(tmp_path, "taurus", "eolo_alpha")
     assert Path("project.toml").read_text("utf-8") == 'name = "of another program"\n'

@@ -24,7 +24,7 @@ STATED = {"airspeed": 0.02, "mass": 0.01, "Ixx": 0.05, "Izz": 0.03, "Ixz": 0.1}
 
 
 def model(x=X):
-    structure = SimpleNamespace(name="lateral_directional", parameter_names=NAMES)
+    structure = SimpleNamespace(name="lateral_directional", meaning="lateral_directional", parameter_names=NAMES)
     return SimpleNamespace(structure=structure, params=x, values=dict(zip(NAMES, x, strict=True)))
 
 
