@@ -286,9 +286,10 @@ def test_what_must_not_be_used_stands_first_and_notes_leave_the_answer(make_case
     lines = run_answer(found)
     kinds = [line.kind for line in lines]
     assert kinds[:2] == ["lead", "wrong"]
-    assert kinds.count("wrong") == 2
+    assert kinds.count("wrong") == 3  # in one sentence, and the reason of each
     assert kinds[-3:] == ["doubt", "doubt", "note"]
-    assert lines[1].text == "Do not use: eolo_no_alpha, dsr_e: a bound."
+    assert lines[1].text == "Do not use any of the 2 models: the reasons follow."
+    assert "Do not use: eolo_no_alpha, dsr_e: a bound." in [line.text for line in lines]
     assert lines[-1].text == "Give more."  # once: it holds for both models
     assert all("give more" not in text for text in found.findings)
     screen = Console(file=io.StringIO(), width=200)
