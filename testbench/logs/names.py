@@ -122,10 +122,13 @@ class Meaning(NamedTuple):
 def split_unit(name: str) -> tuple[str, str]:
     """Return name and unit of a heading such as ``q [rad/s]`` or ``q (deg/s)``; the unit is "" where none is there.
 
-    Digits in round brackets are no unit: ``Q(1)`` is the first of several.
+    Digits in brackets are no unit: ``Q(1)`` and ``q[0]`` are the first of several; but a throttle may be in [1].
     """
     match = _BRACKETS.fullmatch(name)
-    if match is None or not match[1] or (match[3] or "").strip().isdigit():
+    if match is None or not match[1]:
+        return name, ""
+    inside = (match[2] or match[3] or "").strip()
+    if inside.isdigit() and not (inside == "1" and match[2] and match[1] in CHANNELS and channel(match[1]).unit == "1"):
         return name, ""
     return match[1], match[2] if match[2] is not None else match[3]
 
@@ -177,8 +180,6 @@ def meaning(name: str, stated: str = "") -> Meaning | None:
     """
     name, inside = split_unit(name.strip())
     stated = stated.strip().strip("-")  # a dash says that there is nothing to say
-    if inside.isdigit() and not (inside == "1" and name in CHANNELS and channel(name).unit == "1"):
-        return None  # y[2] is a column of a matrix, thr [1] a number without unit
     if name in CHANNELS:
         return Meaning(name, stated_unit(name, stated or inside))
     for short in dict.fromkeys((name, name.rsplit(".", 1)[-1])):

@@ -11,29 +11,28 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from testbench.core.record import FloatArray
 from testbench.logs.rates import too_slow
 from testbench.logs.signals import AT_IMU, Log, Rule, filters, modes_of, placed, scaled, without
+from testbench.logs.vectors import euler
 
+CLOCK, SAMPLED = "timestamp", "timestamp_sample"
+"""When a topic was published, and when its sensor was read."""
 _COMMAND = "PX4 normalises commands to -1..1; positive turns right-handed about the body axis"
 _AXES = ("roll", "pitch", "yaw")
 _SURFACES = (("da_cmd", "R", 1.0), ("de_cmd", "P", -1.0), ("dr_cmd", "Y", -1.0))
 """Command of each axis, the letter of its torque setting, sign from a right-handed torque to the channel table."""
 
 
-def _roll(w: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-    return np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-
-
-def _pitch(w: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-    return np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-
-
-def _yaw(w: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+def sampled(published: NDArray[Any], read: NDArray[Any] | None) -> NDArray[Any]:
+    """Return the times of a topic: when its sensor was read, unless one sample of it was published several times."""
+    taken = read is not None and np.all((read > 0) & (read <= published)) and np.all(np.diff(read))
+    return read if taken and read is not None else published
 
 
 def _vector(names: str, topic: str, field: str, said: str, assumed: str = "") -> list[Rule]:
@@ -50,7 +49,8 @@ def _rules() -> tuple[Rule, ...]:
     rules += _vector("p q r", "sensor_combined", "gyro_rad", "rad/s, as logged")
     rules += _vector("pdot qdot rdot", "vehicle_angular_acceleration", "xyz", "rad/s2, as logged, filtered by PX4")
     rules += _vector("pdot qdot rdot", "vehicle_angular_velocity", "xyz_derivative", "rad/s2, filtered by PX4")
-    for name, angle in (("phi", _roll), ("theta", _pitch), ("psi", _yaw)):
+    for i, name in enumerate(("phi", "theta", "psi")):
+        angle = partial(euler, i, "frd")
         rules.append(Rule(name, "vehicle_attitude", q, angle, "Euler angle (3-2-1) of the quaternion"))
     rules += _vector("ax ay az", "vehicle_acceleration", "xyz", "m/s2, as logged", AT_IMU)
     rules += _vector("ax ay az", "sensor_combined", "accelerometer_m_s2", "m/s2, as logged", AT_IMU)

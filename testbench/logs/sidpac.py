@@ -6,7 +6,7 @@ SIDPAC (V. Klein, E. A. Morelli, Aircraft System Identification, AIAA 2006, soft
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -23,7 +23,18 @@ from testbench.logs.names import TIME_UNITS, Meaning, meaning
 from testbench.logs.signals import Log, Rule, Topic, dropped_in_words, make_topic, scaled
 from testbench.logs.tables import Table, read_table
 from testbench.logs.times import clock_unit, find_clock, read_times
+from testbench.logs.vectors import vectors_of
+from testbench.logs.writers import log_of_matrices, log_of_table
 
+
+class Told(NamedTuple):
+    """What the user says of a table: the axes of its vectors (see vectors.py), channel -> the unit of its column."""
+
+    axes: str | None = None
+    units: Mapping[str, str] = {}
+
+
+NOTHING = Told()
 UNSTATED = "the file states no unit"
 """Begins what is assumed of a channel whose unit nobody stated."""
 COLUMNS = 90
@@ -52,11 +63,11 @@ RULES = (
 )  # fmt: skip
 
 
-def read_columns(path: Path | str) -> tuple[Log, tuple[Rule, ...]]:
+def read_columns(path: Path | str, told: Told = NOTHING) -> tuple[Log, tuple[Rule, ...]]:
     """Read a table of any format that descriptions know; return it as a log, and the rules for its columns.
 
     A MAT file with a matrix ``fdata`` of 90 columns is SIDPAC's. Of any other table the columns whose names are those
-    of channels, or common words for them, are taken, in the units that the header states.
+    of channels, or common words for them, are taken, in the units that the header states, or those that are ``told``.
 
     Raises:
         RecordError: the file is damaged beyond use, has no column of times, or no column with a channel's name.
@@ -67,6 +78,9 @@ def read_columns(path: Path | str) -> tuple[Log, tuple[Rule, ...]]:
         found = _sidpac(path)
         if found is not None:
             return found, RULES
+        logged = log_of_matrices(path, read_mat(path))
+        if logged is not None:
+            return logged
     warnings: list[str] = []
     try:
         table = read_table(path, kind)
@@ -76,7 +90,7 @@ def read_columns(path: Path | str) -> tuple[Log, tuple[Rule, ...]]:
         table = _salvage(path, kind, error)
         lines = "1 line is damaged and was" if table.damaged == 1 else f"{table.damaged} lines are damaged and were"
         warnings.append(f"{lines} left out ({error.message})")
-    return _plain(path, table, warnings)
+    return (None if warnings else log_of_table(path, table)) or _plain(path, table, warnings, told)
 
 
 def _sidpac(path: Path) -> Log | None:
@@ -105,7 +119,7 @@ def _salvage(path: Path, kind: str, error: RecordError) -> Table:
     raise error
 
 
-def _plain(path: Path, table: Table, warnings: list[str]) -> tuple[Log, tuple[Rule, ...]]:
+def _plain(path: Path, table: Table, warnings: list[str], told: Told) -> tuple[Log, tuple[Rule, ...]]:
     if table.stated.get("kind") == "truth":
         raise RecordError(f"a log must be measured, but '{path}' says of itself that it is a simulated truth")
     if len(table.names) == 1:
@@ -122,20 +136,28 @@ def _plain(path: Path, table: Table, warnings: list[str]) -> tuple[Log, tuple[Ru
         )
     unit, assumed = clock_unit(table, clock)
     inputs = _inputs(table)
-    rules, columns = [], {}
+    vectors = vectors_of(table, told.axes)
+    rules = list(vectors.rules)
+    columns = {name: table.numbers(name) for name in table.names if name in vectors.columns}
     for i, called in enumerate(table.names):
-        found = None if i == clock or i in inputs else meaning(called, table.units[i])
+        found = None if i == clock or i in inputs or called in vectors.columns else meaning(called, table.units[i])
         if found is None:
             continue
         key = called if called not in columns else f"{called} (column {i + 1})"
         columns[key] = table.numbers(i + 1)
-        rules.append(_rule(path, found, key, table.units[i]))
-    own = _own_clocks(path, table, TIME_UNITS[unit], warnings)
+        rules.append(_rule(path, found, key, table.units[i], told.units))
+    own = _own_clocks(path, table, TIME_UNITS[unit], warnings, told.units)
     if not rules:
         raise RecordError(
             f"columns of '{path}' must carry names of channels ({', '.join(list(CHANNELS)[:12])}, ...), got "
             f"{_listed(table.names)}; {_to_describe(path)}"
         )
+    held = list(dict.fromkeys(rule.channel for rule in (*rules, *own.rules)))
+    for name in told.units:
+        if name not in held:
+            raise RecordError(f"--unit is for channels that '{path}' holds ({_listed(held)}), got {name}")
+    if told.axes is not None and not vectors.rules:
+        raise RecordError(f"--axes is for vectors (orientation.w, angular_velocity.x), '{path}' holds none")
     t = read_times(table, clock + 1, unit)
     if not np.isfinite(t).any():
         raise RecordError(
@@ -153,8 +175,8 @@ def _plain(path: Path, table: Table, warnings: list[str]) -> tuple[Log, tuple[Ru
             warnings=(*warnings, *dropped_in_words([lost])),
             unread=unread,
             reasons=own.reasons,
-            assumed=(assumed,) if assumed else (),
-            notes=_notes(table),
+            assumed=tuple(filter(None, (assumed, vectors.assumed))),
+            notes=(*_notes(table), *vectors.notes),
         ),
         (*rules, *own.rules),
     )
@@ -179,7 +201,7 @@ class _Own(NamedTuple):
     read: set[str]
 
 
-def _own_clocks(path: Path, table: Table, factor: float, warnings: list[str]) -> _Own:
+def _own_clocks(path: Path, table: Table, factor: float, warnings: list[str], units: Mapping[str, str]) -> _Own:
     """Return the channels among the vectors of other lengths; ``alpha`` has its times in ``t_alpha`` or alike."""
     own = _Own({}, [], {}, set())
     labels = {label.lower(): label for label in table.others}
@@ -200,7 +222,7 @@ def _own_clocks(path: Path, table: Table, factor: float, warnings: list[str]) ->
             continue
         own.topics[label], lost = make_topic(label, factor * times, {label: values})
         own.read.update((label, clock))
-        own.rules.append(replace(_rule(path, found, label, stated), topic=label))
+        own.rules.append(replace(_rule(path, found, label, stated, units), topic=label))
         warnings += dropped_in_words([lost])
     return own
 
@@ -213,8 +235,11 @@ def _inputs(table: Table) -> list[int]:
     return [i for i, name in enumerate(plain) if name == "u" and not table.units[i].strip()]
 
 
-def _rule(path: Path, found: Meaning, column: str, stated: str) -> Rule:
+def _rule(path: Path, found: Meaning, column: str, stated: str, units: Mapping[str, str]) -> Rule:
     si = channel(found.channel).unit
+    if found.channel in units:
+        factor = unit_factor(found.channel, units[found.channel])
+        return Rule(found.channel, "", (column,), scaled(factor), f"{units[found.channel]}, as told", in_si=True)
     if found.unit:
         return Rule(found.channel, "", (column,), scaled(unit_factor(*found)), found.unit, in_si=True)
     if stated.strip() and stated.strip() != "-":

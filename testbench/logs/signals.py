@@ -286,7 +286,9 @@ def find_channels(
             topic = log.topics[name]
             if not set(rule.fields) <= set(topic.columns):
                 continue
-            fields = "/".join(rule.fields)
+            path = rule.fields[0].rpartition(".")[0] + "."
+            shared = len(path) if all(field.startswith(path) for field in rule.fields) else 0
+            fields = rule.fields[0][:shared] + "/".join(field[shared:] for field in rule.fields)
             source = fields if name in ("", fields) else f"{name}.{fields}"
             if name in turned_down:
                 reason = _unless_zero(_raw(rule, topic), turned_down[name])

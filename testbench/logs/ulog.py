@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from testbench.core.door import read_bytes
 from testbench.core.errors import RecordError
 from testbench.logs import chain
-from testbench.logs.px4 import COLUMNS
+from testbench.logs.px4 import CLOCK, COLUMNS, SAMPLED, sampled
 from testbench.logs.signals import Log, Topic, dropped_in_words, make_topic
 from testbench.logs.ulog_messages import Subscription, Walk
 
@@ -24,7 +24,6 @@ MAGIC = b"ULog\x01\x12\x35"
 _NUMBERS = {"int32_t": "<i", "float": "<f", "int64_t": "<q", "uint32_t": "<I", "uint64_t": "<Q", "double": "<d",
             "int8_t": "<b", "uint8_t": "<B", "int16_t": "<h", "uint16_t": "<H", "bool": "<?"}  # fmt: skip
 _FACTS = ("sys_name", "ver_hw", "ver_sw")
-_CLOCK, _SAMPLED = "timestamp", "timestamp_sample"
 
 
 def read_ulog(path: Path | str) -> Log:
@@ -85,9 +84,7 @@ def _topics(walk: Walk) -> tuple[dict[str, Topic], list[str]]:
     said = []
     for name, pieces in sorted(parts.items()):
         columns = _joined(pieces)
-        clock, sampled = columns.pop(_CLOCK), columns.pop(_SAMPLED, None)
-        if sampled is not None and np.all((sampled > 0) & (sampled <= clock)) and np.all(np.diff(sampled)):
-            clock = sampled  # unless one sample of the sensor was used, and published, several times
+        clock = sampled(columns.pop(CLOCK), columns.pop(SAMPLED, None))
         topic, lost = make_topic(name, clock.astype(np.float64) * 1e-6, columns)
         said.append(lost)
         if topic.t_s.size:
@@ -98,9 +95,9 @@ def _topics(walk: Walk) -> tuple[dict[str, Topic], list[str]]:
 def _columns(walk: Walk, s: Subscription, places: Sequence[chain.Places]) -> dict[str, NDArray[Any]]:
     """Return the columns of one subscription that are read, {} if it has no clock."""
     at = np.concatenate(places)
-    wanted = {_CLOCK, _SAMPLED, *COLUMNS[s.topic]}
+    wanted = {CLOCK, SAMPLED, *COLUMNS[s.topic]}
     held = [f for f in s.fields if f.name in wanted]
-    if not any(f.name == _CLOCK for f in held) or not at.size:
+    if not any(f.name == CLOCK for f in held) or not at.size:
         return {}
     return {f.name: chain.field(walk.bytes, at, s.BODY + f.offset, f.dtype) for f in held}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections import Counter
@@ -13,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from testbench.core.channels import CONTROLS, SURFACES, channel
+from testbench.core.channels import CONTROLS, SURFACES, channel, unit_factor
 from testbench.core.constants import DEG_RAD
 from testbench.core.door import open_file, sha256
 from testbench.core.errors import RecordError
@@ -36,10 +37,11 @@ from testbench.logs.px4 import px4_rules
 from testbench.logs.question import Question
 from testbench.logs.read import read_records
 from testbench.logs.resampling import common_rate, resample
-from testbench.logs.sidpac import UNSTATED, read_columns
+from testbench.logs.sidpac import NOTHING, UNSTATED, Told, read_columns
 from testbench.logs.signals import Log, Mapped, Rule, Topic, find_channels, scaled
 from testbench.logs.stretches import Stretch, beyond_ground, flown_parts, not_flown, stretches_of
 from testbench.logs.ulog import MAGIC, read_ulog
+from testbench.logs.writers import log_of_folder
 from testbench.page.shown import Shown
 from testbench.page.words import listed, some
 from testbench.questions.identify.scenario import RecordDescription
@@ -242,25 +244,28 @@ class Imported(Shown, page="testbench.questions.importing.report:import_page"):
             return (
                 f"the heading of '{column}' states another one: correct it, or describe the file with unit = \"{unit}\""
             )
-        return (
-            f"write the unit in the header, '{column} [{unit}]', or describe the file (--describe) with "
-            f'unit = "{unit}"'
-        )
+        if mapped is None:
+            return f"write the unit in the header, '{column} [{unit}]', or describe the file with unit = \"{unit}\""
+        return f"--unit {name}={unit} reads '{column}' so"
 
 
 NOT_FLOWN = "not_flown"
 """Key of the provenance of records: how much of the log does not fly, in words."""
 
 
-def read_log(path: Path | str, part: str | None = None) -> tuple[Log, tuple[Rule, ...]]:
+def read_log(path: Path | str, part: str | None = None, told: Told = NOTHING) -> tuple[Log, tuple[Rule, ...]]:
     """Read a log of any known format, told by its first bytes, else by its suffix; return it and its rules.
 
-    ``part`` names one of several records of a description.
+    ``part`` names one of several records of a description, ``told`` says of a table what it does not say itself.
 
     Raises:
         RecordError: the file is missing, empty, of no known format, or damaged beyond use.
     """
     path = Path(path)
+    if told != NOTHING and path.suffix.lower() not in SUFFIXES:
+        raise RecordError(f"--unit and --axes are for tables ({', '.join(SUFFIXES)}), which '{path}' is not")
+    if path.is_dir():
+        return log_of_folder(path)
     if not path.is_file():
         raise RecordError(f"a log must be a file that exists, got {not_found(path)}")
     with open_file(path, "log") as file:
@@ -281,7 +286,7 @@ def read_log(path: Path | str, part: str | None = None) -> tuple[Log, tuple[Rule
     if is_paparazzi(head) and (suffix not in SUFFIXES or suffix == ".txt"):
         return read_paparazzi(path)
     if suffix in SUFFIXES:
-        return read_columns(path)
+        return read_columns(path, told)
     raise RecordError(
         f"a log must be PX4's ULog (.ulg), ArduPilot's DataFlash (.bin, .log), Paparazzi's messages (.data), a table "
         f"({', '.join(SUFFIXES)}) or the description of one (.toml), got '{path}', which begins as none of them"
@@ -331,6 +336,8 @@ def import_log(
     part: str | None = None,
     sensors: Mapping[str, int] | None = None,
     strict: bool = False,
+    units: Mapping[str, str] | None = None,
+    axes: str | None = None,
 ) -> Imported:
     """Read a log, map it to the channel table, put it on one clock and find its manoeuvres.
 
@@ -344,6 +351,8 @@ def import_log(
         sensors: kind of sensor ("imu", "airspeed", "gps", "baro", "ekf") -> the instance to read, counted from 0; the
             best if not given.
         strict: refuse values that are hardly meant (``questions``).
+        units: channel -> unit of its column, for a table that states none, or a wrong one.
+        axes: "frd" or "flu", those of the vectors in a table.
 
     Raises:
         RecordError: the log cannot be read, holds no channel of the table or not the sensor asked for, a number given
@@ -354,7 +363,7 @@ def import_log(
         >>> found = tb.import_log("flight.bin", sensors={"imu": 1})  # doctest: +SKIP
         >>> print([s.channel for s in found.balance.kept], found.asked)  # doctest: +SKIP
     """
-    log, rules = read_log(path, part)
+    log, rules = read_log(path, part, Told(axes, units or {}))
     found = find_channels(log, rules, throw_rad, sensors)
     channels = found.channels
     if not channels:
@@ -365,7 +374,7 @@ def import_log(
     rate = common_rate(channels) if rate_hz is None else rate_hz
     provenance: dict[str, Any] = {
         "file": log.file.name,
-        "sha256": sha256(log.file, "log"),
+        "sha256": _digest(log.file),
         "format": log.kind,
         "log": dict(log.facts),
         "warnings": list(log.warnings),
@@ -393,6 +402,14 @@ def import_log(
     if strict and imported.asked:
         raise RecordError(refusal(path, imported.asked))
     return imported
+
+
+def _digest(file: Path) -> str:
+    """Return the SHA-256 of a log, of a folder that of the digests of its tables, in the order of their names."""
+    if file.is_file():
+        return sha256(file, "log")
+    parts = "".join(sha256(table, "log") for table in sorted(file.glob("*.csv")))
+    return hashlib.sha256(parts.encode()).hexdigest()
 
 
 def _flown(
@@ -426,6 +443,20 @@ def busy_controls(record: FlightRecord, stretches: Sequence[Stretch], controls: 
 
 
 _STEERED = "its control moves most of the time: it steers, and nothing was designed"
+
+
+def parse_units(given: Sequence[str]) -> dict[str, str]:
+    """Return channel -> unit from texts such as "alpha=deg".
+
+    Raises:
+        RecordError, ChannelError: a text is not of that form, or the channel has no such unit.
+    """
+    out = {}
+    for text in given:
+        name, _, unit = text.partition("=")
+        unit_factor(name, unit)
+        out[name] = unit
+    return out
 
 
 def parse_throws(given: Sequence[str]) -> dict[str, float]:

@@ -11,7 +11,7 @@ from testbench.page.terminal import console, stages
 from testbench.questions.options import StrictOption, refuse, with_figures
 
 _NOT_TO_DESCRIBE = (
-    "out", "rate", "throw", "lead", "tail", "record", "imu", "airspeed", "gps", "baro", "ekf", "strict"
+    "out", "rate", "throw", "unit", "axes", "lead", "tail", "record", "imu", "airspeed", "gps", "baro", "ekf", "strict"
 )  # fmt: skip
 
 
@@ -36,6 +36,12 @@ def command(
     rate: Annotated[float | None, typer.Option(help="Rate of the records, Hz.")] = None,
     throw: Annotated[
         list[str] | None, typer.Option(help="Deflection at full command, deg, e.g. de=20. Default: 25.")
+    ] = None,
+    unit: Annotated[
+        list[str] | None, typer.Option(help="Unit of a table's column, by its channel, e.g. alpha=deg.")
+    ] = None,
+    axes: Annotated[
+        str | None, typer.Option(help="Axes of a table's vectors: frd or flu. Default: told by the specific force.")
     ] = None,
     lead: Annotated[float, typer.Option(help="Quiet flight to keep before each manoeuvre, s.")] = 2.0,
     tail: Annotated[float, typer.Option(help="Response to keep after each manoeuvre, s.")] = 5.0,
@@ -71,13 +77,15 @@ def command(
     from contextlib import nullcontext
 
     from testbench.core.store import PAGE, ResultFolder
-    from testbench.questions.importing.ask import import_log, parse_throws, write_import
+    from testbench.questions.importing.ask import import_log, parse_throws, parse_units, write_import
     from testbench.questions.importing.page import print_import
 
     with stages() as say, nullcontext() if out is None else ResultFolder(out) as place:
         say("read the log")
         given = {"imu": imu, "airspeed": airspeed, "gps": gps, "baro": baro, "ekf": ekf}
         sensors = {kind: number for kind, number in given.items() if number is not None}
-        found = import_log(log, rate, parse_throws(throw or []), lead, tail, record, sensors, strict)
+        found = import_log(
+            log, rate, parse_throws(throw or []), lead, tail, record, sensors, strict, parse_units(unit or []), axes
+        )
         paths = [] if place is None else [*write_import(found, place), place.path / PAGE]
     print_import(found, console(), paths)

@@ -1,0 +1,121 @@
+"""Vectors and quaternions in the columns of a table: attitude, rates and specific forces as ROS and others write them.
+
+Four columns of one name, with w, x, y, z or 0 to 3 behind, are a quaternion if the sum of their squares is 1 in every
+row: an attitude, whatever its parts are called. ROS (REP 103, sensor_msgs/Imu) counts forward, left, up in the body and
+east, north, up over ground; the specific force tells which axes a table has, because level flight has 1 g upwards.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from testbench.core.constants import G0_M_S2
+from testbench.core.errors import RecordError
+from testbench.core.record import FloatArray
+from testbench.logs.signals import AT_IMU, Rule, scaled
+from testbench.logs.tables import Table
+
+AXES = {"frd": "forward, right, down", "flu": "forward, left, up"}
+"""Axes of the body, and what they are called."""
+_PART = re.compile(r"(.+?)[._/ ]*\[?([wxyz]|[0-4])\]?")
+_VECTORS = {"angularvelocity": ("p", "q", "r"), "linearacceleration": ("ax", "ay", "az")}
+"""Names of ROS, without strokes -> the channels of x, y, z."""
+_UNIT = 0.02  # of the sum of squares of a quaternion's parts, which are written with few digits
+_UPRIGHT = 0.5 * G0_M_S2  # of the usual vertical force: beyond it, level flight tells what is up
+_EULER = ("phi", "theta", "psi")
+
+
+class Vectors(NamedTuple):
+    """Rules for the vectors in a table, the columns that they take, and what was assumed of their axes or told them."""
+
+    rules: tuple[Rule, ...]
+    columns: frozenset[str]
+    assumed: str
+    notes: tuple[str, ...] = ()
+
+
+def vectors_of(table: Table, axes: str | None = None) -> Vectors:
+    """Return the rules for the attitude, rates and specific forces that the columns of a table hold as vectors.
+
+    Args:
+        table: the table.
+        axes: those of the body, one of :data:`AXES`; told by the specific force if not given, else those of ROS.
+
+    Raises:
+        RecordError: ``axes`` is none of them.
+    """
+    if axes is not None and axes not in AXES:
+        raise RecordError(f"axes must be one of {', '.join(AXES)}, got '{axes}'")
+    groups: dict[str, dict[str, str]] = {}
+    for name in table.names:
+        if (match := _PART.fullmatch(name)) and table.names.count(name) == 1:
+            groups.setdefault(match[1].rstrip("._/ "), {})[match[2]] = name
+    turned = {base: parts for base, held in groups.items() if (parts := _quaternion(table, held))}
+    vectors = {base: [held[part] for part in "xyz"] for base, held in groups.items() if set("xyz") <= held.keys()}
+    known = {base: of for base in vectors for word, of in _VECTORS.items() if _plain(base).endswith(word)}
+    if not turned and not known:
+        return Vectors((), frozenset(), "")
+    up = next((float(np.nanmedian(table.numbers(vectors[b][2]))) for b, of in known.items() if of[2] == "az"), 0.0)
+    seen = "flu" if up > _UPRIGHT else "frd" if up < -_UPRIGHT else ""
+    taken = axes or seen or ("flu" if known or _of_ros(turned) else "frd")
+    other = next(name for name in AXES if name != taken)
+    said = f"axes {AXES[taken]}"
+    assumed = "" if axes or seen else f"{said}, which nothing tells: --axes {other} if they are {AXES[other]}"
+    notes = (f"vectors are read with {said}: the specific force is {up:.3g} m/s2 along z",) if seen and not axes else ()
+    rules = [rule for parts in turned.values() for rule in _attitude(parts, taken, said)]
+    rules += [rule for base, of in known.items() for rule in _components(vectors[base], of, taken, said)]
+    columns = {name for parts in turned.values() for name in parts}
+    return Vectors(tuple(rules), frozenset(columns | {name for rule in rules for name in rule.fields}), assumed, notes)
+
+
+def _plain(base: str) -> str:
+    return re.sub(r"[^a-z]", "", base.lower())
+
+
+def _of_ros(turned: Mapping[str, object]) -> bool:
+    return any(_plain(base).endswith("orientation") for base in turned)
+
+
+def _quaternion(table: Table, held: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the columns of a quaternion, its scalar part first; () if these are none."""
+    for parts in ("wxyz", "0123", "1234"):
+        if not set(parts) <= held.keys():
+            continue
+        size = np.sum([table.numbers(held[part]) ** 2 for part in parts], axis=0)
+        if np.isfinite(size).any() and np.all(np.abs(size[np.isfinite(size)] - 1.0) < _UNIT):
+            return tuple(held[part] for part in parts)
+    return ()
+
+
+def _attitude(parts: tuple[str, ...], axes: str, said: str) -> Iterator[Rule]:
+    world = "" if axes == "frd" else "; heading from east-north-up"
+    for i, name in enumerate(_EULER):
+        words = f"Euler angle (3-2-1) of the quaternion; {said}{world if name == 'psi' else ''}"
+        yield Rule(name, "", parts, partial(euler, i, axes), words, in_si=True)
+
+
+def euler(i: int, axes: str, w: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+    """Return an Euler angle (3-2-1), rad: bank (0), pitch (1) or heading (2).
+
+    The quaternion (w, x, y, z) turns the axes of the body to those of the ground: forward, right, down to north, east,
+    down ("frd"), or forward, left, up to east, north, up ("flu").
+    """
+    if i == 0:
+        return np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    if i == 1:
+        return (1.0 if axes == "frd" else -1.0) * np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    turned = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return turned if axes == "frd" else 0.5 * np.pi - turned
+
+
+def _components(columns: list[str], channels: tuple[str, ...], axes: str, said: str) -> Iterator[Rule]:
+    force = channels[0] == "ax"
+    for column, name, flipped in zip(columns, channels, (False, True, True), strict=True):
+        minus = flipped and axes == "flu"
+        words = f"{'minus ' if minus else ''}{'m/s2' if force else 'rad/s'}, as ROS has it; {said}"
+        yield Rule(name, "", (column,), scaled(-1.0 if minus else 1.0), words, AT_IMU if force else "", in_si=True)
