@@ -100,7 +100,7 @@ def _foreign_text(head: bytes, kind: str) -> tuple[str, str] | None:
             "sentences of a receiver (NMEA)",
             "they hold positions and speeds, no rates or controls: give the flight log",
         )
-    if lower.startswith("<?xml") or re.match(r"<[a-z_][\w:.-]*[\s>]", lower):
+    if lower.startswith("<?xml") or (re.match(r"<[a-z_][\w:.-]*[\s>]", lower) and re.search(r"</|/>|<!", text)):
         if "<configuration" in lower or "paparazzi" in lower:
             return "the message definitions of a Paparazzi log", "give the .data file that lies beside it"
         return "XML", "export the table as CSV"

@@ -25,6 +25,7 @@ SUFFIXES: dict[str, Format] = {
     ".txt": "text",
     ".asc": "text",
     ".dat": "text",
+    ".log": "text",
     ".mat": "mat",
     ".parquet": "parquet",
     ".nc": "netcdf",

@@ -11,12 +11,15 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from testbench.core.channels import CHANNELS, UNITS, channel
+from testbench.core.channels import CHANNELS, SURFACES, UNITS, channel, unit_factor
+from testbench.core.constants import PERCENT
 
 LARGEST = 1e100
 """No sample of any flight is larger in its unit; the squares of much larger numbers are infinite."""
 MISSING = ("", "nan", "na", "n/a", "null", "none", "-")
 """Cells of a text file, in lower case, that say that a sample was not taken."""
+THROWS = {"norm": 1.0, "%": PERCENT}
+"""Units of a surface or its command that are parts of full throw, and their factors."""
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 """Units of time that files may use, in s."""
 
@@ -30,8 +33,8 @@ _TIME_WORDS = {
 _CLOCKS = {
     "t", "time", "times", "timestamp", "timestamps", "datetime", "date_time", "elapsed", "elapsed_time", "time_elapsed",
     "sim_time", "real_time", "utc", "utc_time", "time_utc", "gps_time", "zulu_time", "boot_time", "time_boot",
-    "time_stamp", "zeit", "temps", "tiempo", "tempo", "simulation/sim_time", "sim/time/elapsed", "real,time",
-    "totl,time",
+    "lcl_time", "local_time", "time_stamp", "zeit", "temps", "tiempo", "tempo", "simulation/sim_time",
+    "sim/time/elapsed", "real,time", "totl,time",
 }  # fmt: skip
 _FUSED = {"timeus": ("time", "us"), "timems": ("time", "ms"), "timens": ("time", "ns"), "times": ("time", "")}
 
@@ -48,6 +51,8 @@ _NAMES = {
     "yaw": "psi", "yaw_angle": "psi", "heading": "psi", "true_heading": "psi", "heading_true": "psi",
     "altitude": "h", "altitude_asl": "h", "altitude_msl": "h", "alt": "h", "alt_msl": "h", "alt_asl": "h",
     "pressure_altitude": "h", "baro_altitude": "h", "baro_alt": "h", "barometric_altitude": "h",
+    "hdg": "psi", "altmsl": "h", "gndspd": "Vg", "vspd": "hdot",
+    "xaccel": "ax", "yaccel": "ay", "zaccel": "az", "vnorth": "v_north", "veast": "v_east",
     "groundspeed": "Vg", "ground_speed": "Vg", "gps_speed": "Vg", "gspeed": "Vg",
     "climb": "hdot", "climb_rate": "hdot", "vertical_speed": "hdot", "rate_of_climb": "hdot",
     "elevator": "de", "aileron": "da", "rudder": "dr", "throttle": "thr",
@@ -62,9 +67,21 @@ _NAMES = {
     "tascg": "V", "alfcg": "alpha", "betcg": "beta", "the": "theta", "delv": "de", "dail": "da", "drud": "dr",
     "pdyn": "qbar", "axcg": "ax", "aycg": "ay", "azcg": "az",
 }  # fmt: skip
+# What a writer gives in a unit, or a sign, of its own. X-Plane's yokes, pedals and surfaces are parts of full throw,
+# positive nose up, right wing down, nose right; its load factor is that of the lift. FlightGear's pedal is positive
+# nose right, its elevator trailing edge down, as JSBSim's.
+_OF_WRITERS = {
+    "hding,true": ("psi", "deg", 1.0), "gload,norml": ("az", "g", -1.0), "thro1,part": ("thr", "1", 1.0),
+    **{f"{word},{where}": (name + end, "norm", sign) for where, end in (("surf", ""), ("yoke1", "_cmd"))
+       for word, name, sign in (("elev", "de", -1.0), ("ailrn", "da", 1.0), ("ruddr", "dr", -1.0))},
+    "controls/flight/elevator": ("de_cmd", "norm", 1.0), "controls/flight/aileron": ("da_cmd", "norm", 1.0),
+    "controls/flight/rudder": ("dr_cmd", "norm", -1.0),
+    "vdown": ("hdot", "", -1.0), "v_down": ("hdot", "", -1.0), "velocity_down": ("hdot", "", -1.0),
+}  # fmt: skip
 # Only with a unit of theirs: without one, commands are numbers of a transmitter or of JSBSim, from -1 to 1, and an
 # abbreviation may be another word.
 _COMMAND_WORDS = ("command", "cmd", "commanded", "demand", "setpoint", "sp")
+_WHOLE = {"dynamic": "qbar"}
 _SHORT = {"elev": "de", "elv": "de", "ail": "da", "rud": "dr", "rudd": "dr", "thr": "thr"}
 _SURFACES = {"elevator": "de", "aileron": "da", "rudder": "dr", "throttle": "thr", **_SHORT}
 _WITH_UNIT = {
@@ -74,6 +91,7 @@ _WITH_UNIT = {
         for surface, control in _SHORT.items()
         for word in ("", "_pos", "_position", "_defl", "_deflection", "_angle")
     },
+    **_WHOLE,
 }
 _ANY_CASE = {name.lower(): name for name in CHANNELS if name.lower() not in ("u", "v", "h")}  # V and v are two channels
 # Properties of JSBSim and FlightGear, without their unit: those of the channel table, and those in other units.
@@ -81,8 +99,9 @@ _PROPERTIES = {
     **{
         re.sub(r"-(rad|rad_sec|rad_sec2|fps|ft|psf|rpm|norm)$", "", c.jsbsim_property): c.name
         for c in CHANNELS.values()
-        if c.jsbsim_property and not c.per_mass and c.name not in ("thrust", "de_cmd", "da_cmd", "dr_cmd")
+        if c.jsbsim_property and not c.per_mass and c.name != "thrust"
     },
+    **{f"fcs/{word}-cmd": f"{name}_cmd" for word, name in (("elevator", "de"), ("aileron", "da"), ("rudder", "dr"))},
     "velocities/vtrue": "V", "orientation/alpha": "alpha", "orientation/side-slip": "beta", "orientation/roll": "phi",
     "orientation/pitch": "theta", "orientation/heading": "psi", "orientation/roll-rate": "p",
     "orientation/pitch-rate": "q", "orientation/yaw-rate": "r", "position/altitude": "h",
@@ -93,6 +112,7 @@ _WORDS = {
     "dps": "deg/s", "degps": "deg/s", "deg_s": "deg/s", "rad_s": "rad/s", "radps": "rad/s",
     "deg_s2": "deg/s2", "rad_s2": "rad/s2",
     "metre": "m", "metres": "m", "meter": "m", "meters": "m", "feet": "ft", "foot": "ft", "mps": "m/s", "m_s": "m/s",
+    "fpm": "ft/min", "ftmsl": "ft", "ft msl": "ft", "ft baro": "ft",
     "fps": "ft/s", "ft_s": "ft/s", "feet/s": "ft/s", "kts": "kt", "knot": "kt", "knots": "kt", "ktas": "kt",
     "kn": "kt", "kph": "km/h", "kmh": "km/h", "km_h": "km/h", "kmph": "km/h", "m_s2": "m/s2", "mps2": "m/s2",
     "ft_s2": "ft/s2", "fps2": "ft/s2", "g's": "g",
@@ -113,10 +133,24 @@ _BRACKETS = re.compile(r"(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))\s*", re.DOTALL)
 
 
 class Meaning(NamedTuple):
-    """The channel that a column is called by, and its unit as the channel table writes it, "" if none is stated."""
+    """The channel that a column is called by, its unit as the channel table writes it, or one of :data:`THROWS`.
+
+    The unit is "" if none is stated; ``sign`` is -1 where the writer counts the other way.
+    """
 
     channel: str
     unit: str
+    sign: float = 1.0
+
+    @property
+    def factor(self) -> float:
+        """What turns a value into SI units, or into a part of full throw."""
+        return self.sign * (THROWS[self.unit] if self.of_throw else unit_factor(self.channel, self.unit))
+
+    @property
+    def of_throw(self) -> bool:
+        """Whether the unit is a part of full throw."""
+        return self.unit in THROWS and channel(self.channel).unit == "rad"
 
 
 def split_unit(name: str) -> tuple[str, str]:
@@ -154,12 +188,15 @@ def time_unit(stated: str) -> str:
     return plain if plain in TIME_UNITS else ""
 
 
-def clock_called(name: str) -> tuple[bool, str]:
+def clock_called(name: str, stated: str = "") -> tuple[bool, str]:
     """Say whether a column is called a time, and in which unit its name says that it is ("" if it does not).
 
-    ``TimeUS``, ``time_us``, ``t_ms``, ``timestamp (ms)``, ``sim-time-sec`` and the like are times; ``t_alpha`` is not.
+    A ``clock`` is one only in a unit of time, which the file may have ``stated``. ``TimeUS``, ``time_us``,
+    ``t_ms``, ``timestamp (ms)``, ``sim-time-sec`` and the like are times; ``t_alpha`` is not.
     """
     label, inside = _label(name), time_unit(split_unit(name)[1])
+    if label == "clock":
+        return bool(inside or time_unit(stated)), inside
     for short in (label, label.rsplit(".", 1)[-1]):
         if short in _FUSED:
             return True, inside or _FUSED[short][1]
@@ -185,7 +222,7 @@ def meaning(name: str, stated: str = "") -> Meaning | None:
     for short in dict.fromkeys((name, name.rsplit(".", 1)[-1])):
         if (found := _named(short)) is not None:
             unit = stated_unit(found.channel, stated or inside)
-            return Meaning(found.channel, unit if stated or inside else found.unit)
+            return found._replace(unit=unit) if stated or inside else found
     return _with_unit(name.rsplit(".", 1)[-1], stated or inside)
 
 
@@ -204,11 +241,13 @@ def _named(name: str) -> Meaning | None:
     if name in CHANNELS:
         return Meaning(name, "")
     path = re.sub(r"\[0\]", "", name.strip().lower()).removeprefix("/fdm/jsbsim").lstrip("/")
+    label = _label(name)
+    if (own := _OF_WRITERS.get(label) or _OF_WRITERS.get(path)) is not None:
+        return Meaning(*own)
     base, _, suffix = path.rpartition("-")
     for key in (base, path) if "/" in path else ():
         if key in _PROPERTIES:
             return Meaning(_PROPERTIES[key], _fitting(_PROPERTIES[key], suffix if key == base else ""))
-    label = _label(name)
     known = _NAMES.get(label) or _ANY_CASE.get(label) or _NAMES.get(_label(_CAPITALS.sub("_", name)))
     if known:
         return Meaning(known, "")
@@ -223,7 +262,7 @@ def _named(name: str) -> Meaning | None:
 
 def _label(name: str) -> str:
     """Return a name in lower case, its words joined by _: ``V_{Total}`` is v_total, ``__Q,rad/s`` is q,rad/s."""
-    plain = re.sub(r"[{}]", "", split_unit(name)[0].strip().strip("\"'").lower()).translate(_GREEK)
+    plain = re.sub(r"[{}<>]", "", split_unit(name)[0].strip().strip("\"'").lower()).translate(_GREEK)
     plain = re.sub(r"[\s\-]+", "_", plain).removeprefix("/fdm/jsbsim").strip("_/")
     return re.sub(r"_*([/,])_*", r"\1", plain).strip(",")
 
@@ -237,6 +276,8 @@ def stated_unit(name: str, stated: str) -> str:
     """Return the unit of channel ``name`` that a file states, as the channel table writes it; "" if it is none."""
     si = channel(name).unit
     units = UNITS.get(si, {si: 1.0})
+    if name.removesuffix("_cmd") in SURFACES and plain_unit(stated) in ("1", "%") and stated != "none":
+        return plain_unit(stated).replace("1", "norm")
     if stated.strip() in units:
         return stated.strip()  # "g" and "G", "Pa" and "pa": as written first
     fused = _FUSED_UNITS.get(stated.strip().lower(), ())

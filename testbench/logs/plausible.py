@@ -46,7 +46,7 @@ def implausible(
     """
     held = {name: (t, x) for name, (t, x) in signals.items() if x.size > 1}
     rates = _clock(held, criteria)
-    out = [] if rates else [*_angles_against_rates(held, criteria), *against_airspeed(held, criteria)]
+    out = [] if rates else [*angles_against_rates(held, criteria), *against_airspeed(held, criteria)]
     named = {question.channel for question in out}
     sooner = replace(criteria, flow_angle_rad=criteria.unstated_flow_rad, surface_rad=criteria.unstated_surface_rad)
     out += [q for q in _forces(held, criteria) if q.channel not in named]
@@ -160,10 +160,11 @@ def _limits(name: str, c: Criteria) -> tuple[float, float] | None:
 
 def _units(name: str) -> list[tuple[str, float]]:
     """Return the other units of a channel that make its values smaller, and their factors to SI."""
-    return [(unit, factor) for unit, factor in UNITS.get(channel(name).unit, {}).items() if factor < 1.0]
+    units = UNITS.get(channel(name).unit, {}).items()
+    return [(unit, factor) for unit, factor in units if factor < 1.0 and (unit != "ft/min" or name == "hdot")]
 
 
-def _angles_against_rates(signals: Signals, c: Criteria) -> list[Question]:
+def angles_against_rates(signals: Signals, c: Criteria) -> list[Question]:
     """Question q against the slope of theta, and p against that of phi, where one of the two is in degrees.
 
     The slope is that over half a second; quick oscillations do not count.

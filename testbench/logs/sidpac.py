@@ -19,8 +19,10 @@ from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
 from testbench.logs.layout import SUFFIXES
 from testbench.logs.mat import read_mat
-from testbench.logs.names import TIME_UNITS, Meaning, meaning
-from testbench.logs.signals import Log, Rule, Topic, dropped_in_words, make_topic, scaled
+from testbench.logs.names import LARGEST, TIME_UNITS, Meaning, meaning
+from testbench.logs.plausible import angles_against_rates
+from testbench.logs.question import CRITERIA
+from testbench.logs.signals import UNSTATED, Log, Rule, Topic, dropped_in_words, make_topic, scaled
 from testbench.logs.tables import Table, read_table
 from testbench.logs.times import clock_unit, find_clock, read_times
 from testbench.logs.vectors import vectors_of
@@ -35,9 +37,10 @@ class Told(NamedTuple):
 
 
 NOTHING = Told()
-UNSTATED = "the file states no unit"
-"""Begins what is assumed of a channel whose unit nobody stated."""
 COLUMNS = 90
+_ATTITUDE = {"theta": (0.51 * np.pi, 90.5), "phi": (4.0 * np.pi, 180.5), "psi": (8.0 * np.pi, 360.5)}
+"""Angle -> the largest that it may be in rad, turns counted on, and in deg."""
+_RATES = frozenset("pqr")
 _TITLES = 3  # that are quoted
 _TITLE = 60  # letters of one
 _CG = "columns 11 to 13 are reduced to the centre of gravity, as SIDPAC has it"
@@ -56,9 +59,9 @@ _PLAIN = (
 )  # fmt: skip
 RULES = (
     *(Rule(name, "fdata", (str(i),), scaled(unit_factor(name, unit)), f"column {i}, {unit}",
-           _CG if name in ("ax", "ay", "az") else "")
+           _CG if name in ("ax", "ay", "az") else "", in_si=True)
       for name, i, unit in _PLAIN),
-    Rule("da", "fdata", ("15",), scaled(-DEG_RAD), "minus column 15, deg", _RIGHT_DOWN),
+    Rule("da", "fdata", ("15",), scaled(-DEG_RAD), "minus column 15, deg", _RIGHT_DOWN, in_si=True),
     Rule("thrust", "fdata", tuple(map(str, range(38, 42))), _sum, "sum of columns 38 to 41, lbf"),
 )  # fmt: skip
 
@@ -165,6 +168,7 @@ def _plain(path: Path, table: Table, warnings: list[str], told: Told) -> tuple[L
             f"'{table.names[clock]}' of '{path}'; write them in one of these ways, or describe the table with rate_hz"
         )
     topic, lost = make_topic("", t, columns)
+    rules, settled = _settled(rules, topic)
     unread = {name: len(table) for i, name in enumerate(table.names) if name and name not in columns and i != clock}
     unread |= {name: values.size for name, values in table.others.items() if name not in own.read}
     return (
@@ -176,7 +180,7 @@ def _plain(path: Path, table: Table, warnings: list[str], told: Told) -> tuple[L
             unread=unread,
             reasons=own.reasons,
             assumed=tuple(filter(None, (assumed, vectors.assumed))),
-            notes=(*_notes(table), *vectors.notes),
+            notes=(*_notes(table), *vectors.notes, *settled),
         ),
         (*rules, *own.rules),
     )
@@ -241,14 +245,51 @@ def _rule(path: Path, found: Meaning, column: str, stated: str, units: Mapping[s
         factor = unit_factor(found.channel, units[found.channel])
         return Rule(found.channel, "", (column,), scaled(factor), f"{units[found.channel]}, as told", in_si=True)
     if found.unit:
-        return Rule(found.channel, "", (column,), scaled(unit_factor(*found)), found.unit, in_si=True)
+        said = f"{'minus ' if found.sign < 0.0 else ''}{found.unit}{' times full throw' if found.of_throw else ''}"
+        return Rule(found.channel, "", (column,), scaled(found.factor), said, in_si=not found.of_throw)
     if stated.strip() and stated.strip() != "-":
         raise RecordError(
             f"the unit of column '{column}' in '{path}' must be one of {', '.join(UNITS.get(si, {si: 1.0}))}, "
             f"got '{stated}'"
         )
     assumed = f"{UNSTATED}: {si}"
-    return Rule(found.channel, "", (column,), scaled(1.0), f"{si}, as in the file", assumed, in_si=True)
+    return Rule(found.channel, "", (column,), scaled(found.sign), f"{si}, as in the file", assumed, in_si=True)
+
+
+def _settled(rules: list[Rule], topic: Topic) -> tuple[list[Rule], list[str]]:
+    """Return the rules with the units that nobody stated and that the values leave no doubt of, and what told them.
+
+    An angle of attitude that is larger than one in rad may be is in degrees. A rate is in the unit in which it is the
+    slope of its angle; the rates of one table are in one unit.
+    """
+    said: list[str] = []
+    first = {rule.channel: rule for rule in reversed(rules)}
+    open_ = {name for name, rule in first.items() if rule.assumed.startswith(UNSTATED)}
+    units: dict[str, str] = {}
+    for name in open_ & _ATTITUDE.keys():
+        x = topic.columns[first[name].fields[0]]
+        x, (rad, deg) = x[np.isfinite(x)], _ATTITUDE[name]
+        if x.size and rad < np.max(np.abs(x)) <= deg:
+            units[name] = "deg"
+            said.append(f"{name} is taken in deg, which no unit says: it reaches from {x.min():.4g} to {x.max():.4g}")
+    signals = {}
+    for name in {*_RATES, "theta", "phi"} & first.keys():
+        rule = first[name]
+        x = rule.convert(*(topic.columns[field] for field in rule.fields)) * (DEG_RAD if name in units else 1.0)
+        ok = np.isfinite(x) & (np.abs(x) <= LARGEST)
+        signals[name] = topic.t_s[ok], x[ok]
+    for question in angles_against_rates({k: s for k, s in signals.items() if s[0].size > 1}, CRITERIA):
+        if question.channel in open_ and question.channel not in units:
+            alike = open_ & (_RATES if question.channel in _RATES else _ATTITUDE.keys())
+            units |= dict.fromkeys(sorted(alike - units.keys()), question.unit)
+            said.append(f"{', '.join(sorted(alike))}: taken in {question.unit}, which no unit says: {question.got}")
+    out = []
+    for rule in rules:
+        if rule.channel in units and rule.assumed.startswith(UNSTATED):
+            factor = unit_factor(rule.channel, units[rule.channel])
+            rule = replace(rule, convert=scaled(factor), said=units[rule.channel], assumed="")
+        out.append(rule)
+    return out, said
 
 
 def _listed(names: Sequence[str], most: int = 12) -> str:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.channels import SURFACES
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray
 from testbench.logs.clocks import gaps, usual_step
@@ -31,7 +32,11 @@ AT_IMU = "the inertial unit sits at the centre of gravity"
 """What is assumed of accelerations where no setting of the autopilot says where they were measured."""
 ONE_TURN = 2.02 * np.pi  # rad; beyond it an angle was not cut at half or whole turns, or is no angle in rad
 FAR = 2.0  # times the span of all but 2 % of the times, from its middle: what lies beyond is no time of the flight
-_SURFACES = ("de_cmd", "da_cmd", "dr_cmd")
+UNSTATED = "the file states no unit"
+"""Begins what is assumed of a channel whose unit nobody stated."""
+FULL_COMMAND = "full command is"
+"""Stands in what is assumed of a control that was logged as a part of full throw."""
+_SURFACES = (*SURFACES, "de_cmd", "da_cmd", "dr_cmd")
 _TURNING = ("phi", "psi")  # angles that jump by a turn where they pass half of one
 DEFAULT_THROW_RAD = 25.0 * DEG_RAD
 """Deflection at full command where a log holds commands without a unit: a usual value for models, nothing known."""
@@ -120,11 +125,11 @@ class Rule:
         channel: the channel of the table.
         topic: where the columns are.
         fields: the columns, in the order of the arguments of ``convert``.
-        convert: columns, each (n,) float -> channel (n,) in its SI unit; commands of surfaces as a fraction of full
-            throw, in the sign of the channel table.
+        convert: columns, each (n,) float -> channel (n,) in its SI unit; surfaces and their commands as a fraction of
+            full throw, in the sign of the channel table.
         said: the conversion in words.
         assumed: what the log does not say and was assumed.
-        in_si: True where commands of surfaces come out in rad and no throw is to be multiplied.
+        in_si: True where surfaces and their commands come out in rad, and no throw is to be multiplied.
         takes: the unit of the columns, where the log may state another one.
     """
 
@@ -357,12 +362,15 @@ def _mapped(log: Log, rule: Rule, topic: Topic, source: str, throws: Mapping[str
         assumed = ""
         where = ", ".join(f"{x:g}" for x in place)
         said += f"; by the log's settings {where} m forward, right, down of the centre of gravity"
-    if rule.channel in _SURFACES and not rule.in_si:
-        surface = rule.channel.removesuffix("_cmd")
+    surface = rule.channel.removesuffix("_cmd")
+    if rule.channel in _SURFACES and surface in throws and assumed.startswith(UNSTATED):
+        assumed, said = f"{FULL_COMMAND} {throws[surface] / DEG_RAD:g} deg (as given)", "times full throw"
+        values = values * throws[surface]
+    elif rule.channel in _SURFACES and not rule.in_si:
         throw = throws.get(surface, DEFAULT_THROW_RAD)
         values = values * throw
         known = "as given" if surface in throws else "assumed, the log does not hold it"
-        assumed = "; ".join(filter(None, [assumed, f"full command is {throw / DEG_RAD:g} deg ({known})"]))
+        assumed = "; ".join(filter(None, [assumed, f"{FULL_COMMAND} {throw / DEG_RAD:g} deg ({known})"]))
     finite = np.abs(values) <= LARGEST
     values = values[finite]
     if values.size < MIN_SAMPLES:

@@ -419,7 +419,9 @@ def _header(heads: Sequence[_Head], data: Sequence[str]) -> tuple[int, tuple[str
     if not fitting:
         return len(data), ("",) * len(data), ("",) * len(data), len(heads)
     if len(fitting) > 1 and (_as_names(fitting[0][1]) > _as_units(fitting[0][1])):
-        fitting = fitting[:1]  # a row of words above the names
+        above = fitting[1][1]
+        words = _as_units(above) <= _as_names(above)  # else a row of units above the names
+        fitting = fitting[:1] if words else [fitting[1], fitting[0]]
     top, names = fitting[min(1, len(fitting) - 1)]
     units = fitting[0][1] if len(fitting) > 1 else []
     return *_named(names, (units + [""] * len(names))[: len(names)]), top

@@ -121,7 +121,7 @@ def find_clock(table: Table) -> int | None:
 
     Of several columns that are called times the first that holds numbers or times counts.
     """
-    called = [i for i, name in enumerate(table.names) if clock_called(name)[0]]
+    called = [i for i, name in enumerate(table.names) if clock_called(name, table.units[i])[0]]
     for i in called:
         if holds_stamps(table.cells[i]) or np.isfinite(table.numbers(i + 1)).any():
             return i

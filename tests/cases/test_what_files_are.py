@@ -70,8 +70,7 @@ NONSENSE = [
     ("numpy.csv", b"\x93NUMPY\x01\0" + bytes(90), "an array of NumPy"),
     ("radio.tlog", b"\x00\x06\x0a\x24\x18\x1e\x40\x00\xfd\x09" + bytes(60), "a telemetry log of MAVLink"),
     ("gps.nmea", b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\n" * 9, "sentences of a receiver"),
-    ("table.log", TABLE, r"begins as none of them; if it is a table, name it \.csv or \.txt"),
-    ("table.csv.bak", TABLE, r"if it is a table, name it \.csv or \.txt"),
+    ("table.csv.bak", TABLE, r"begins as none of them; if it is a table, name it \.csv or \.txt"),
 ]  # fmt: skip
 
 

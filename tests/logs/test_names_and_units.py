@@ -54,14 +54,36 @@ from testbench.logs.names import clock_called, meaning, plain_unit, split_unit, 
     ],
 )  # fmt: skip
 def test_headings_of_many_writers(heading, stated, channel, unit):
-    assert meaning(heading, stated) == (channel, unit)
+    assert meaning(heading, stated) == (channel, unit, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("heading", "stated", "channel", "unit", "sign"),
+    [
+        ("hding,_true", "", "psi", "deg", 1.0),
+        ("Gload,norml", "", "az", "g", -1.0),
+        ("__alt,ftmsl", "", "h", "ft", 1.0),
+        ("_elev,yoke1", "", "de_cmd", "norm", -1.0),
+        ("ailrn,_surf", "", "da", "norm", 1.0),
+        ("ruddr,yoke1", "", "dr_cmd", "norm", -1.0),
+        ("/controls/flight/rudder", "", "dr_cmd", "norm", -1.0),
+        ("fcs/elevator-cmd-norm", "", "de_cmd", "norm", 1.0),
+        ("fcs/elevator-pos-norm", "", "de", "norm", 1.0),
+        ("elevator", "%", "de", "%", 1.0),
+        ("VSpd", "fpm", "hdot", "ft/min", 1.0),
+        ("AltMSL", "ft msl", "h", "ft", 1.0),
+        ("<VDown>", "m/s", "hdot", "m/s", -1.0),
+    ],
+)
+def test_what_a_writer_gives_in_its_own_unit_and_sign(heading, stated, channel, unit, sign):
+    assert meaning(heading, stated) == (channel, unit, sign)
 
 
 @pytest.mark.parametrize(
     "heading",
-    ["Q(1)_{LOCAL}", "Q_{inertial}", "V_{Inertial}", "q_s", "V_s", "hding,_true", "UBody", "y[1]", "q[2]", "Vind,_kias",
+    ["Q(1)_{LOCAL}", "Q_{inertial}", "V_{Inertial}", "q_s", "V_s", "UBody", "y[1]", "q[2]", "Vind,_kias",
      "Elevator Command", "RollRateCmd", "PitchRateSp",
-     "Elevator command [kg]", "velocities/vc-kts", "fcs/right-aileron-pos-rad", "fcs/elevator-cmd-norm", "",
+     "Elevator command [kg]", "velocities/vc-kts", "fcs/right-aileron-pos-rad", "",
      "flight.y", "elev", "elev_m", "elev [m]", "ail_cmd", "rud", "ias_kmh", "V_mss", "ax_ms"],
 )  # fmt: skip
 def test_what_is_no_channel_stays_none(heading):
@@ -82,8 +104,8 @@ def test_symbols_in_greek_letters(heading, channel):
 def test_every_channel_is_found_under_its_own_name_in_each_of_its_units():
     for name, channel in CHANNELS.items():
         for unit in UNITS.get(channel.unit, {channel.unit: 1.0}):
-            assert meaning(f"{name} [{unit}]") == (name, unit)
-            assert meaning(name, unit) == (name, unit)
+            assert meaning(f"{name} [{unit}]") == (name, unit, 1.0)
+            assert meaning(name, unit) == (name, unit, 1.0)
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ from testbench.core.paths import not_found
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.base import Preparation
 from testbench.core.store import ResultFolder
+from testbench.logs.answers import against_answer
 from testbench.logs.ardupilot import ardupilot_rules
 from testbench.logs.dataflash import HEAD, read_dataflash
 from testbench.logs.foreign import looks_like_text, refuse_foreign
@@ -34,11 +35,11 @@ from testbench.logs.noise import Noise, jump_of, noise_of, true_rate
 from testbench.logs.paparazzi import is_paparazzi, read_paparazzi
 from testbench.logs.plausible import implausible, refusal, to_set
 from testbench.logs.px4 import px4_rules
-from testbench.logs.question import Question
+from testbench.logs.question import CRITERIA, Question
 from testbench.logs.read import read_records
 from testbench.logs.resampling import common_rate, resample
-from testbench.logs.sidpac import NOTHING, UNSTATED, Told, read_columns
-from testbench.logs.signals import Log, Mapped, Rule, Topic, find_channels, scaled
+from testbench.logs.sidpac import NOTHING, Told, read_columns
+from testbench.logs.signals import FULL_COMMAND, UNSTATED, Log, Mapped, Rule, Topic, find_channels, scaled
 from testbench.logs.stretches import Stretch, beyond_ground, flown_parts, not_flown, stretches_of
 from testbench.logs.ulog import MAGIC, read_ulog
 from testbench.logs.writers import log_of_folder
@@ -52,6 +53,7 @@ from testbench.questions.importing.supported import FEWEST, moving, too_few, too
 LEAD_S, TAIL_S = 2.0, 5.0
 """Quiet flight before each manoeuvre and response after it that are cut out with it."""
 _HALF_S = 0.5  # over which a control that is used to fly moves by more than a dead band, more often than not
+_FULL = 1.01  # full throw, as it is written
 _REPEATS = 0.8  # of the rate at which it was logged: below it samples repeat those before
 _LONG_S = 60.0  # of flight: beyond it windows are taken
 WINDOW_S, MOST_WINDOWS = 15.0, 8
@@ -246,7 +248,10 @@ class Imported(Shown, page="testbench.questions.importing.report:import_page"):
             )
         if mapped is None:
             return f"write the unit in the header, '{column} [{unit}]', or describe the file with unit = \"{unit}\""
-        return f"--unit {name}={unit} reads '{column}' so"
+        surface = name.removesuffix("_cmd")
+        part = surface in SURFACES and np.max(np.abs(mapped.values)) <= _FULL
+        throw = f", --throw {surface}=25 as parts of a full throw of 25 deg" if part else ""
+        return f"--unit {name}={unit} reads '{column}' so{throw}"
 
 
 NOT_FLOWN = "not_flown"
@@ -283,7 +288,7 @@ def read_log(path: Path | str, part: str | None = None, told: Told = NOTHING) ->
         return px4_rules(read_ulog(path))
     if head.startswith(HEAD) or suffix == ".bin" or (suffix in (".log", ".txt") and b"FMT," in head):
         return ardupilot_rules(read_dataflash(path))
-    if is_paparazzi(head) and (suffix not in SUFFIXES or suffix == ".txt"):
+    if is_paparazzi(head) and (suffix not in SUFFIXES or suffix in (".txt", ".log")):
         return read_paparazzi(path)
     if suffix in SUFFIXES:
         return read_columns(path, told)
@@ -393,7 +398,10 @@ def import_log(
     unstated = [c.name for c in channels if c.assumed.startswith(UNSTATED)]
     described = Path(path) if Path(path).suffix.lower() == ".toml" else None
     stated = [] if described else [c.name for c in channels if c.name not in unstated]
-    questions = implausible({c.name: (c.t_s, c.values) for c in channels}, unstated=unstated, stated=stated)
+    signals = {c.name: (c.t_s, c.values) for c in channels}
+    doubtful = [c.name for c in channels if FULL_COMMAND in c.assumed] if log.kind.startswith("table") else []
+    questions = implausible(signals, unstated=unstated, stated=stated)
+    questions = (*questions, *against_answer(signals, doubtful, CRITERIA))
     rest = "" if log.vehicle in _WITHOUT_SURFACES else not_flown(stretches)
     record = replace(record, provenance={**record.provenance, **({NOT_FLOWN: rest} if rest else {})})
     imported = Imported(
@@ -472,8 +480,11 @@ def parse_throws(given: Sequence[str]) -> dict[str, float]:
             degrees = float(size)
         except ValueError:
             degrees = np.nan
-        if name not in ("de", "da", "dr") or not 0.0 < degrees <= 90.0:
-            raise RecordError(f"a throw must be de, da or dr = degrees above 0 and up to 90, as de=20, got '{text}'")
+        if name not in SURFACES or not 0.0 < abs(degrees) <= 90.0:
+            raise RecordError(
+                "a throw must be de, da or dr = degrees up to 90, as de=20, or de=-20 where full command moves it the "
+                f"other way, got '{text}'"
+            )
         out[name] = degrees * DEG_RAD
     return out
 

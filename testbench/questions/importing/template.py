@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from testbench.core.channels import CHANNELS, CONTROLS, UNITS, channel, unit_factor
+from testbench.core.channels import CHANNELS, CONTROLS, UNITS, channel
+from testbench.core.constants import DEG_RAD
 from testbench.core.door import open_file
 from testbench.core.errors import RecordError
 from testbench.core.escape import one_line
@@ -25,6 +26,7 @@ from testbench.logs.foreign import HEAD, refuse_foreign
 from testbench.logs.layout import SUFFIXES
 from testbench.logs.mat import read_mat
 from testbench.logs.names import clock_called, meaning, time_unit
+from testbench.logs.signals import DEFAULT_THROW_RAD
 from testbench.logs.structures import candidates
 from testbench.logs.tables import Table, read_table
 from testbench.logs.times import clock_unit, find_clock, holds_stamps, read_times
@@ -143,9 +145,9 @@ def _proposed(table: Table, columns: Sequence[FloatArray], clock: _Clock | None)
     sure = True
     for i, values in enumerate(columns):
         called = None if clock is not None and i == clock.number - 1 else meaning(table.names[i], table.units[i])
-        if called is None or called.channel in held or not np.all(np.isfinite(values)):
+        if called is None or called.of_throw or called.channel in held or not np.all(np.isfinite(values)):
             continue
-        held[called.channel] = values * (unit_factor(*called) if called.unit else 1.0)
+        held[called.channel] = values * (called.factor if called.unit else called.sign)
         sure = sure and bool(called.unit)
     if clock is None or not held or clock.t_s.size != len(columns[0]) or clock.t_s.size < FEWEST:
         return _TAIL
@@ -238,7 +240,10 @@ def _column_lines(table: Table, i: int, values: FloatArray) -> list[str]:
     extent = f"{taken.min():.5g} to {taken.max():.5g}" if taken.min() < taken.max() else f"{taken[0]:.5g} throughout"
     head += f": {extent}" + (f", {values.size - taken.size} missing" if taken.size < values.size else "")
     called = meaning(name, stated)
-    found, unit = called or ("", "")
+    found, unit, sign = called or ("", "", 1.0)
+    scale = [f"scale = {sign}"] if sign != 1.0 else []
+    if called is not None and called.of_throw:  # the deflection in deg at full command is for the user to give
+        unit, scale = "", [f"scale = {sign * DEFAULT_THROW_RAD / DEG_RAD:g}  # deg at full throw"]
     known = bool(found and unit and taken.size == values.size)
     entry = [
         "[[channel]]",
@@ -246,6 +251,7 @@ def _column_lines(table: Table, i: int, values: FloatArray) -> list[str]:
         f"column = {_key(table, i)}",
         f'unit = "{unit or "?"}"' + (f"  # one of {', '.join(_units(found))}" if found and not unit else ""),
     ]
+    entry += scale
     entry += ['missing = "mask"'] if taken.size < values.size else []
     return ["", head, *(entry if known else [f"# {line}" for line in entry])]
 
