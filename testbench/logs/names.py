@@ -75,7 +75,10 @@ _OF_WRITERS = {
     **{f"{word},{where}": (name + end, "norm", sign) for where, end in (("surf", ""), ("yoke1", "_cmd"))
        for word, name, sign in (("elev", "de", -1.0), ("ailrn", "da", 1.0), ("ruddr", "dr", -1.0))},
     "controls/flight/elevator": ("de_cmd", "norm", 1.0), "controls/flight/aileron": ("da_cmd", "norm", 1.0),
-    "controls/flight/rudder": ("dr_cmd", "norm", -1.0),
+    "controls/flight/rudder": ("dr_cmd", "norm", -1.0), "surface-positions/elevator-pos-norm": ("de", "norm", 1.0),
+    "surface-positions/left-aileron-pos-norm": ("da", "norm", 1.0),
+    "surface-positions/rudder-pos-norm": ("dr", "norm", -1.0),
+    **{f"accelerations/pilot/{axis}-accel-fps_sec": (f"a{axis}", "ft/s2", 1.0) for axis in "xyz"},
     "vdown": ("hdot", "", -1.0), "v_down": ("hdot", "", -1.0), "velocity_down": ("hdot", "", -1.0),
 }  # fmt: skip
 # Only with a unit of theirs: without one, commands are numbers of a transmitter or of JSBSim, from -1 to 1, and an
@@ -105,6 +108,7 @@ _PROPERTIES = {
     "velocities/vtrue": "V", "orientation/alpha": "alpha", "orientation/side-slip": "beta", "orientation/roll": "phi",
     "orientation/pitch": "theta", "orientation/heading": "psi", "orientation/roll-rate": "p",
     "orientation/pitch-rate": "q", "orientation/yaw-rate": "r", "position/altitude": "h",
+    "velocities/vertical-speed": "hdot",
 }  # fmt: skip
 
 _WORDS = {

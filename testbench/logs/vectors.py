@@ -3,6 +3,8 @@
 Four columns of one name, with w, x, y, z or 0 to 3 behind, are a quaternion if the sum of their squares is 1 in every
 row: an attitude, whatever its parts are called. ROS (REP 103, sensor_msgs/Imu) counts forward, left, up in the body and
 east, north, up over ground; the specific force tells which axes a table has, because level flight has 1 g upwards.
+So do the logs of Betaflight and iNav that blackbox_decode writes: rates in deg/s, counts of the accelerometer, of which
+the usual size is 1 g, attitude in tenths of a degree, pitch positive nose down (their MAVLink telemetry turns it).
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from testbench.core.constants import G0_M_S2
+from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
 from testbench.logs.signals import AT_IMU, Rule, scaled
@@ -23,11 +25,17 @@ from testbench.logs.tables import Table
 AXES = {"frd": "forward, right, down", "flu": "forward, left, up"}
 """Axes of the body, and what they are called."""
 _PART = re.compile(r"(.+?)[._/ ]*\[?([wxyz]|[0-4])\]?")
-_VECTORS = {"angularvelocity": ("p", "q", "r"), "linearacceleration": ("ax", "ay", "az")}
-"""Names of ROS, without strokes -> the channels of x, y, z."""
+_RATES, _FORCES, _EULER = ("p", "q", "r"), ("ax", "ay", "az"), ("phi", "theta", "psi")
+_VECTORS = {
+    "angularvelocity": (_RATES, "xyz", 1.0, "rad/s"), "linearacceleration": (_FORCES, "xyz", 1.0, "m/s2"),
+    "gyroadc": (_RATES, "012", DEG_RAD, "deg/s"),
+    "accsmooth": (_FORCES, "012", 0.0, "counts, of which the usual size is 1 g"),
+}  # fmt: skip
+"""Names of vectors, without strokes -> channels, what stands behind the name, factor to SI (0: 1 g), unit."""
+_BLACKBOX = ("loopIteration", "attitude", 0.1 * DEG_RAD, "tenths of a degree")
+"""The column that every blackbox has, its attitude, the factor to rad, and the unit."""
 _UNIT = 0.02  # of the sum of squares of a quaternion's parts, which are written with few digits
-_UPRIGHT = 0.5 * G0_M_S2  # of the usual vertical force: beyond it, level flight tells what is up
-_EULER = ("phi", "theta", "psi")
+_UPRIGHT = 0.5  # of the usual size of the specific force: beyond it, level flight tells what is up
 
 
 class Vectors(NamedTuple):
@@ -56,21 +64,46 @@ def vectors_of(table: Table, axes: str | None = None) -> Vectors:
         if (match := _PART.fullmatch(name)) and table.names.count(name) == 1:
             groups.setdefault(match[1].rstrip("._/ "), {})[match[2]] = name
     turned = {base: parts for base, held in groups.items() if (parts := _quaternion(table, held))}
-    vectors = {base: [held[part] for part in "xyz"] for base, held in groups.items() if set("xyz") <= held.keys()}
-    known = {base: of for base in vectors for word, of in _VECTORS.items() if _plain(base).endswith(word)}
+    known = [_Known([held[part] for part in of[1]], *of[::2], of[3]) for base, held in groups.items()
+             for word, of in _VECTORS.items() if _plain(base).endswith(word) and set(of[1]) <= held.keys()]  # fmt: skip
     if not turned and not known:
         return Vectors((), frozenset(), "")
-    up = next((float(np.nanmedian(table.numbers(vectors[b][2]))) for b, of in known.items() if of[2] == "az"), 0.0)
-    seen = "flu" if up > _UPRIGHT else "frd" if up < -_UPRIGHT else ""
+    up, known = _upright(table, known)
+    seen = "flu" if up > _UPRIGHT * G0_M_S2 else "frd" if up < -_UPRIGHT * G0_M_S2 else ""
     taken = axes or seen or ("flu" if known or _of_ros(turned) else "frd")
+    marker, attitude, factor, unit = _BLACKBOX
+    if marker in table.names and set("012") <= groups.get(attitude, {}).keys():
+        known.append(_Known([groups[attitude][part] for part in "012"], _EULER, factor, unit))
     other = next(name for name in AXES if name != taken)
     said = f"axes {AXES[taken]}"
     assumed = "" if axes or seen else f"{said}, which nothing tells: --axes {other} if they are {AXES[other]}"
     notes = (f"vectors are read with {said}: the specific force is {up:.3g} m/s2 along z",) if seen and not axes else ()
     rules = [rule for parts in turned.values() for rule in _attitude(parts, taken, said)]
-    rules += [rule for base, of in known.items() for rule in _components(vectors[base], of, taken, said)]
+    rules += [rule for vector in known for rule in _components(vector, taken, said)]
     columns = {name for parts in turned.values() for name in parts}
     return Vectors(tuple(rules), frozenset(columns | {name for rule in rules for name in rule.fields}), assumed, notes)
+
+
+class _Known(NamedTuple):
+    """A vector: its three columns, their channels, the factor to SI units, and its unit in words."""
+
+    columns: list[str]
+    channels: tuple[str, str, str]
+    factor: float
+    unit: str
+
+
+def _upright(table: Table, known: list[_Known]) -> tuple[float, list[_Known]]:
+    """Return the usual specific force along z, m/s2, 0 without one, and the vectors with counts scaled to 1 g."""
+    up, out = 0.0, []
+    for vector in known:
+        if vector.channels == _FORCES:
+            force = np.array([table.numbers(column) for column in vector.columns])
+            size = float(np.nanmedian(np.sqrt(np.sum(force**2, axis=0))))
+            vector = vector._replace(factor=vector.factor or (G0_M_S2 / size if size > 0.0 else 1.0))
+            up = vector.factor * float(np.nanmedian(force[2]))
+        out.append(vector)
+    return up, out
 
 
 def _plain(base: str) -> str:
@@ -113,9 +146,10 @@ def euler(i: int, axes: str, w: FloatArray, x: FloatArray, y: FloatArray, z: Flo
     return turned if axes == "frd" else 0.5 * np.pi - turned
 
 
-def _components(columns: list[str], channels: tuple[str, ...], axes: str, said: str) -> Iterator[Rule]:
-    force = channels[0] == "ax"
-    for column, name, flipped in zip(columns, channels, (False, True, True), strict=True):
-        minus = flipped and axes == "flu"
-        words = f"{'minus ' if minus else ''}{'m/s2' if force else 'rad/s'}, as ROS has it; {said}"
-        yield Rule(name, "", (column,), scaled(-1.0 if minus else 1.0), words, AT_IMU if force else "", in_si=True)
+def _components(vector: _Known, axes: str, said: str) -> Iterator[Rule]:
+    force = vector.channels == _FORCES
+    for column, name in zip(vector.columns, vector.channels, strict=True):
+        minus = axes == "flu" and name in ("q", "r", "ay", "az", "theta")
+        words = f"{'minus ' if minus else ''}{vector.unit}; {said}"
+        factor = -vector.factor if minus else vector.factor
+        yield Rule(name, "", (column,), scaled(factor), words, AT_IMU if force else "", in_si=True)

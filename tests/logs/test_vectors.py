@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from test_tables_of_topics import PITCH, Q, T, table
 
+from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import ChannelError, RecordError
 from testbench.questions.importing.ask import import_log, parse_units
 
@@ -83,3 +84,14 @@ def test_what_is_told_must_fit_the_table(tmp_path):
         import_log(path, units={"alpha": "deg"})
     with pytest.raises(ChannelError, match="measured in rad or deg, got unit 'm'"):
         parse_units(["alpha=m"])
+
+
+def test_a_blackbox_counts_nose_down_and_one_g_in_counts(tmp_path):
+    columns = {"loopIteration": np.arange(T.size), "time (us)": 1e6 * T, "gyroADC[0]": 0.1 * Q / DEG_RAD,
+               "gyroADC[1]": -Q / DEG_RAD, "gyroADC[2]": -0.2 * Q / DEG_RAD, "accSmooth[0]": 50.0 * Q,
+               "accSmooth[1]": -10.0 * Q, "accSmooth[2]": 512.0 + 0.0 * T, "attitude[0]": 10.0 * BANK / DEG_RAD,
+               "attitude[1]": -10.0 * PITCH / DEG_RAD, "attitude[2]": 10.0 * HEADING / DEG_RAD}  # fmt: skip
+    record = import_log(table(tmp_path / "LOG00001.01.csv", columns)).record
+    for name, values in (("phi", BANK), ("theta", PITCH), ("psi", HEADING), ("q", Q), ("r", 0.2 * Q)):
+        np.testing.assert_allclose(record[name], values, atol=1e-6, err_msg=name)
+    np.testing.assert_allclose(record["az"], -G0_M_S2, rtol=1e-3)

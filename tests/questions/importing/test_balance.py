@@ -215,7 +215,7 @@ def test_the_command_prints_the_balance_questions_and_refuses_when_strict(tmp_pa
     assert "1 signal that could be a channel is left out" in out
     assert "Q (column 6)" in out
     said = " ".join(out.split())
-    assert "read as -4 rad)? write the unit in the header, 'elevator [deg]'" in said
+    assert "read as -4 rad)? --unit de=deg reads 'elevator' so" in said
     done = command("import", path, "--strict", "--out", tmp_path / "out")
     assert done.returncode == 2
     assert "must be plausible (strict)" in done.stderr
