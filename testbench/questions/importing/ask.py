@@ -127,7 +127,8 @@ class Imported(Shown, page="testbench.questions.importing.report:import_page"):
         verb = "is" if len(found) == 1 else "are"
         return (
             f"; {listed(found)} {verb} called after one, but no rule knows the name together with an angle: "
-            'describe the table (--describe), with unit = "deg", and as scale the deflection in deg at 1 if it is none'
+            "write the unit in the header, [deg], or [norm] for parts of full throw (--throw de=25), or describe the "
+            "table (--describe)"
         )
 
     def _if_slower(self, record: FlightRecord) -> str:
@@ -269,7 +270,7 @@ def read_log(path: Path | str, part: str | None = None, told: Told = NOTHING) ->
     path = Path(path)
     if told != NOTHING and path.suffix.lower() not in SUFFIXES:
         raise RecordError(f"--unit and --axes are for tables ({', '.join(SUFFIXES)}), which '{path}' is not")
-    if path.is_dir():
+    if path.is_dir() and any(path.glob("*.csv")):
         return log_of_folder(path)
     if not path.is_file():
         raise RecordError(f"a log must be a file that exists, got {not_found(path)}")

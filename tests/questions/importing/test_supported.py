@@ -122,7 +122,7 @@ def test_the_command_ends_with_the_reason_and_no_traceback(tmp_path):
 def test_a_command_without_a_unit_is_named_with_what_to_do(tmp_path):
     t = 0.02 * np.arange(300)
     table = np.column_stack([t, np.sign(np.sin(t)) * 0.3, 0.1 * np.sin(t)])
-    heads = ["Time", "fcs/elevator-cmd-norm", "velocities/q-rad_sec"]
+    heads = ["Time", "elevator cmd", "velocities/q-rad_sec"]
     np.savetxt(tmp_path / "log.csv", table, "%.6g", ",", header=",".join(heads), comments="")
     (said,) = import_log(tmp_path / "log.csv").unusable
-    assert "'fcs/elevator-cmd-norm' is called after one, but no rule knows the name together with an angle" in said
+    assert "'elevator cmd' is called after one, but no rule knows the name together with an angle" in said
