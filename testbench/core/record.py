@@ -46,6 +46,10 @@ def _frozen(name: str, array: Any, dtype: type = np.float64) -> NDArray[Any]:
     return out
 
 
+AS_DESIGNED = "commanded_as_designed"
+"""Of a record's provenance: likeness of its commands to those of a plan made before the flight (1: the same)."""
+
+
 def _plain(provenance: Mapping[str, Any]) -> dict[str, Any]:
     """Return ``provenance`` as JSON gives it back, so that a record read from disk equals the one written."""
     try:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.estimators.state_space import Series
 from testbench.estimators.trajectories import Trajectories, carried
@@ -94,6 +95,9 @@ def errors(s: Matrices, series: Series, nuisance: FloatArray, layout: Layout, de
     The predictor x+ = (A - K M C) x + (B - K M D) u + K M (y - o), M = 1 where measured, is linear, and its
     sensitivities obey the same recursion with other inputs: sample by sample all of them at once, or, where it grows
     over the series, by :class:`.trajectories.Trajectories` in numbers that stay bounded (all outputs measured).
+
+    Raises:
+        EstimationError: it grows so fast that its initial state leaves nothing to be seen at the first sample.
     """
     u, y, valid = series
     n, p, N = layout.n, layout.p, len(u)
@@ -105,7 +109,11 @@ def errors(s: Matrices, series: Series, nuisance: FloatArray, layout: Layout, de
     if valid.all() and N * np.log(max(np.max(np.abs(np.linalg.eigvals(A[0]))), 1e-300)) > np.log(_GROWTH):
         paths = Trajectories(A[0], N)
         free = paths.free()
-        free = free @ np.linalg.inv(free[0])
+        try:
+            free = free @ np.linalg.inv(free[0])
+        except np.linalg.LinAlgError:
+            said = "the predictor grows so fast that no initial state can be found; lower the order"
+            raise EstimationError(said) from None
 
     def path(drive: FloatArray, first: FloatArray) -> FloatArray:
         """Return x (N, n, b) from ``first`` (n, b) under the drive (N, n, b)."""

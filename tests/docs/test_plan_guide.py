@@ -75,10 +75,10 @@ def test_the_whole_way_from_geometry_to_derivatives_in_small(tmp_path, monkeypat
         assert float(row["flown"]) == pytest.approx(float(row["here"]), rel=0.4)
         assert row["realised"] == ""
         assert row["verdict"] in ("reached", "not reached", "not identifiable")
-    assert "Not realised in simulation: card 1" in Path("results/close_short_period/report.html").read_text("utf-8")
+    assert "Not realised in simulation: cards 1, 2" in Path("results/close_short_period/report.html").read_text("utf-8")
     assert "of 3 targets known as well as wanted, from 2 good of 2 planned runs" in " ".join(said[4].split())
     assert "M_alpha" in said[5]
-    assert "MRSE on the" not in said[5], "no record is kept back"
+    assert "MRSE on the validation records" in said[5], "the run that the design is judged by is kept back"
     (line,) = lines_of("### Design the next flight", "\n## What")[:1]
     done = command(*shlex.split(line)[1:])
     assert done.returncode == 0, done.stderr
@@ -86,7 +86,8 @@ def test_the_whole_way_from_geometry_to_derivatives_in_small(tmp_path, monkeypat
         known = {row["target"]: row for row in csv.DictReader(file)}
     assert set(known) == set(rows)
     for name, row in known.items():
-        assert float(row["value"]) == pytest.approx(float(rows[name]["flown"]), rel=0.1)
+        error = float(rows[name]["error"])
+        assert float(row["value"]) == pytest.approx(float(rows[name]["flown"]), abs=2.0 * error)
         assert float(row["after"]) < min(float(row["now"]), float(row["alone"]))
 
 
@@ -101,8 +102,9 @@ def test_the_whole_way_as_the_guide_has_it_keeps_its_promise_in_five_minutes(tmp
     assert 1.0 < took_s < MOST_S
     rows = targets_found()
     assert identified_errors() == {name: pytest.approx(float(row["error"])) for name, row in rows.items()}
-    assert [row["verdict"] for row in rows.values()] == ["reached"] * 3
+    assert [row["verdict"] for row in rows.values()].count("reached") >= 2
     for row in rows.values():
+        assert float(row["flown error"]) < 1.2 * max(float(row["wanted"]), float(row["realised"]))
         assert float(row["realised"]) > float(row["promised"])
         assert abs(float(row["differs"])) < 4.0
 

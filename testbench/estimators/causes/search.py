@@ -13,8 +13,8 @@ from scipy.stats import f as f_distribution
 
 from testbench.core.advice import ranked
 from testbench.core.constants import WHITE
-from testbench.core.errors import Refusal
-from testbench.core.record import FloatArray
+from testbench.core.errors import EstimationError, Refusal
+from testbench.core.record import AS_DESIGNED, FlightRecord, FloatArray
 from testbench.estimators.causes import feedback
 from testbench.estimators.causes.board import (
     CHANCE,
@@ -67,6 +67,7 @@ _CHANCE_LOOP = 0.04
 _LITTLE_NEWS = 0.05  # of an input: less of it is new where it is smooth, and what it has bent before tells that
 _SCREEN = 1e-3  # of all regressors at once, before any of them is looked at
 _SHARE = 0.5  # of what any linear response explains: from here on a delay or lag is the better name
+_DESIGNED = 0.98  # likeness to planned commands; what is left is sampling, a servo and noise
 _LAGS_WHITE = 20  # samples over which innovations are tested for colour
 _NAMED = 2  # causes at most
 _NO_TIME = 0.02  # samples of delay or lag that are none
@@ -275,6 +276,12 @@ def _acting_later(model: IdentifiedModel, moved: Data, c: Candidate) -> list[Flo
     ]
 
 
+def _as_designed(record: FlightRecord) -> float:
+    """Return the likeness of a record's commands to planned ones, as it or the file that it was read from says."""
+    told = record.provenance
+    return float(told.get(AS_DESIGNED, told.get("recorded", {}).get(AS_DESIGNED, 0.0)))
+
+
 def _loop(model: IdentifiedModel, data: Data, steps: bool = True) -> Found | None:
     """Return feedback, if what is new in an input goes with what any linear response to its past leaves of the outputs.
 
@@ -283,6 +290,8 @@ def _loop(model: IdentifiedModel, data: Data, steps: bool = True) -> Found | Non
     bends would leave is taken out in a second test: the input is told by what it has bent before, without any loop.
     """
     apart = ~feeds_through(model)
+    if all(_as_designed(r) > _DESIGNED for r in data.records):
+        return None  # what was chosen before the flight does not react to it
     if not np.any(apart) or not feedback.testable(data.records, model.inputs):
         return None
     p, m = len(model.outputs), len(model.inputs)
@@ -343,7 +352,10 @@ def _coloured(model: IdentifiedModel, best: _Best) -> Found | None:
     if any(getattr(a, "code", "") == "coloured_residuals" and a.severity != "note" for a in ranked(model.advice)):
         return None
     if isinstance(model, StateSpaceModel):
-        innovations = [predict(model, record)[1][3 * model.order :] for record in best.data.records]
+        try:
+            innovations = [predict(model, record)[1][3 * model.order :] for record in best.data.records]
+        except EstimationError:
+            return None  # a predictor that cannot be run says nothing of colour
     elif model.method == "equation_error":
         innovations = [left.T for left in best.fit.left]
     else:

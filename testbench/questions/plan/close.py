@@ -9,7 +9,7 @@ has c^2 near 1: its amplitude, or its sign, is wrong. A run that was broken off 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ import numpy as np
 from scipy.signal import correlate
 
 from testbench.core.errors import RecordError
-from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.record import AS_DESIGNED, FlightRecord, FloatArray
 from testbench.page.words import listed
 from testbench.questions.design.limits import breaches
 from testbench.questions.plan.result import Card, Plan
@@ -279,6 +279,7 @@ def _run(plan: Plan, log: str, record: FlightRecord, m: _Match) -> FlownRun:
     before = _settled(record, card, start)
     t0 = float(record.t_s[start])
     cut = record.between(float(record.t_s[before.start]), float(record.t_s[start + m.length - 1]) + 0.5 * record.dt_s)
+    cut = replace(cut, provenance={**cut.provenance, AS_DESIGNED: m.likeness})
     window = plan.scenario.autopilot.speed_window_m_s
     whole = m.length >= round(card.spec.duration_s / record.dt_s)
     broken = None if whole else m.length * record.dt_s
