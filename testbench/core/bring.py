@@ -21,8 +21,7 @@ from typing import Any, NoReturn
 
 from testbench.core.door import read_text, sha256
 from testbench.core.errors import EstimationError, RecordError, ScenarioError, TestbenchError, nearest
-from testbench.core.interrupts import handled
-from testbench.core.time_limit import TimeUp
+from testbench.core.interrupts import TimeUp, handled
 
 MARK = ".py:"
 """The sign in the name of a user's file that packaged names do not have."""

@@ -2,28 +2,76 @@
 
 A link to a device, a pipe, a socket or a folder is refused before it is opened, so that nothing waits for bytes that
 never come or never end. Size comes before content. What a file holds may then be nonsense: that is for the schemas.
+
+The most memory that one thing may take: a file's numbers, a flight. Every door asks before memory is taken.
+
+A file of a kilobyte can say that it holds gigabytes, and a scenario of a line that it lasts for months. The limit is
+1 GB, or what the environment variable TESTBENCH_MEMORY_GB says. What a command takes in all is a few times as much.
+
+The one door to HDF5 files that somebody else wrote: NetCDF-4, and MAT files of version 7.3.
 """
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import hashlib
 import io
 import json
 import math
+import mmap
 import os
 import re
 import stat
+import struct
 import tomllib
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from testbench.core.errors import RecordError, ScenarioError
+from testbench.core.errors import RecordError, ScenarioError, SizeError
 from testbench.core.files import parsed
-from testbench.core.sizes import require_room
+
+VARIABLE = "TESTBENCH_MEMORY_GB"
+USUAL_GB = 1.0
+NUMBER = 8
+"""Bytes of a number in memory, whatever it is on disk."""
+
+
+def most_bytes() -> float:
+    """Return the limit in bytes.
+
+    Raises:
+        SizeError: the environment variable is set and is no number above 0.
+    """
+    text = os.environ.get(VARIABLE, "").strip()
+    try:
+        limit = float(text) if text else USUAL_GB
+    except ValueError:
+        limit = math.nan
+    if not limit > 0.0:
+        raise SizeError(f"{VARIABLE} must be a number of gigabytes above 0, got '{text[:60]}'")
+    return 1e9 * limit
+
+
+def require_room(what: str, size: float, fix: str) -> None:
+    """Check that something may be held in memory.
+
+    Args:
+        what: what it is, the subject of the message.
+        size: that it will take, bytes.
+        fix: what to do about it.
+
+    Raises:
+        SizeError: it takes more than the limit.
+    """
+    limit = most_bytes()
+    if not size <= limit:
+        raise SizeError(
+            f"{what} must take at most {limit / 1e9:g} GB of memory ({VARIABLE}), got {size / 1e9:.3g} GB; {fix}"
+        )
 
 
 class Kind(NamedTuple):
@@ -210,3 +258,58 @@ def sha256(path: Path, kind: str) -> str:
     """
     with open_file(path, kind) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+_HEAP = b"GCOL\x01"  # a global heap of version 1
+_HEAP_HEAD, _OBJECT_HEAD = 16, 16
+
+
+@contextlib.contextmanager
+def opened(path: Path) -> Iterator[Any]:
+    """Open an HDF5 file to read it; inside, h5py raises what it pleases.
+
+    Raises:
+        ValueError: a heap of the file is damaged in a way that HDF5 does not return from.
+    """
+    import h5py  # type: ignore[import-untyped]
+
+    _check_heaps(path)
+    with h5py.File(path, "r") as file:
+        yield file
+
+
+def memory_of(datasets: Iterable[Any]) -> int:
+    """Return the bytes that numbers of datasets take once they are read; a chunk of a file is read whole.
+
+    What does not lie in the file counts too: chunks that were never written are read as zeros, compressed ones unpack.
+    """
+    total = 0
+    for dataset in datasets:
+        chunk = math.prod(dataset.chunks) if dataset.chunks else 0
+        total += max(math.prod(dataset.shape or ()), chunk) * max(NUMBER, dataset.dtype.itemsize)
+    return total
+
+
+def _check_heaps(path: Path) -> None:
+    """Check that the objects of each global heap follow each other: HDF5 2.0 goes round for ever where one has no size.
+
+    A heap is "GCOL", its version, 3 bytes, its size (8 bytes), and objects of an index, a count (2 bytes each), 4
+    bytes, a size (8 bytes) and as many bytes, up to a multiple of 8. Index 0 is what is free, its head counted
+    (HDF5 File Format Specification, III.E).
+    """
+    with (
+        open_file(path, "record") as file,
+        contextlib.closing(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)) as data,
+    ):
+        at = data.find(_HEAP)
+        while at >= 0:
+            if at + _HEAP_HEAD <= len(data):
+                end = min(at + struct.unpack_from("<Q", data, at + 8)[0], len(data))
+                place = at + _HEAP_HEAD
+                while place + _OBJECT_HEAD <= end:
+                    index, size = struct.unpack_from("<H6xQ", data, place)
+                    step = size if index == 0 else _OBJECT_HEAD + -(-size // 8) * 8
+                    if step < _OBJECT_HEAD or place + step > end:
+                        raise ValueError(f"the heap at byte {at} holds an object of {size} bytes")
+                    place += step
+            at = data.find(_HEAP, at + 1)

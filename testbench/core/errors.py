@@ -149,7 +149,7 @@ class RecordError(Refusal):
 
 
 class SizeError(RecordError):
-    """What is asked for or read takes more memory than the limit of :mod:`testbench.core.sizes`."""
+    """What is asked for or read takes more memory than the limit of :mod:`testbench.core.door`."""
 
 
 class LimitError(Refusal):

@@ -21,8 +21,8 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from testbench.core.errors import EstimationError
+from testbench.core.files import Scratch
 from testbench.core.interrupts import held_back, leave_to_the_system
-from testbench.core.scratch import Scratch
 
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)

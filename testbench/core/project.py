@@ -16,9 +16,9 @@ from pydantic import Field
 
 from testbench.core.door import read_text, read_toml
 from testbench.core.errors import ScenarioError
+from testbench.core.escape import table_lines
 from testbench.core.files import write_file
 from testbench.core.schema import Positive, Strict, parse
-from testbench.core.toml_text import table_lines
 
 FILE = "project.toml"
 _OWN = {"aircraft", "suite", "speeds_m_s"}  # keys by which a file of this name is told to be of the testbench

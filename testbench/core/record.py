@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.channels import channel, require
+from testbench.core.door import memory_of, opened, require_room
 from testbench.core.errors import RecordError, Refusal, located
 from testbench.core.files import mat_bytes, netcdf_bytes, parsed, write_file
-from testbench.core.hdf5 import memory_of, opened
-from testbench.core.sizes import require_room
 
 FORMAT = "testbench-record-1"
 Kind = Literal["truth", "measured"]
@@ -345,7 +344,7 @@ def load_record(path: Path | str) -> FlightRecord:
 
     Raises:
         RecordError: the file is missing, damaged or not a record of the testbench; the message names the file.
-        SizeError: it takes more memory than the limit of :mod:`testbench.core.sizes`.
+        SizeError: it takes more memory than the limit of :mod:`testbench.core.door`.
 
     Example:
         >>> import testbench as tb

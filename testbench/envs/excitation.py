@@ -32,7 +32,7 @@ from testbench.core.record import FloatArray
 from testbench.envs.dynamics import JSBSimFlight, LinearFlight, Piece
 from testbench.envs.gain import Gain
 from testbench.envs.lifted import lift
-from testbench.envs.sensing import Display
+from testbench.envs.sensed import Display
 from testbench.envs.tasks import amplitude, prepare
 from testbench.information.fisher import Criterion
 

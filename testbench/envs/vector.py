@@ -19,7 +19,7 @@ from gymnasium.vector.utils import batch_space
 from testbench.core.errors import LimitError, ScenarioError
 from testbench.core.record import FloatArray
 from testbench.envs.excitation import LEVELS, RATE_TOLERANCE, ExcitationDesign, Observation
-from testbench.envs.gains import Gains
+from testbench.envs.gain import Gains
 from testbench.envs.tasks import Task
 from testbench.envs.together import BatchFlights, Flights, LinearFlights, Pieces, why_alone
 from testbench.flight.batch.check import judged

@@ -233,7 +233,7 @@ def estimate(
     row = _row(entry.method)
     if isinstance(entry, Structured):
         from testbench.estimators.parametric.servo import by_surfaces, in_front
-        from testbench.estimators.parametric.start import of_servos, started
+        from testbench.estimators.parametric.starts import of_servos, started
         from testbench.estimators.parametric.structures.written import Written
 
         entry = of_servos(entry)

@@ -129,7 +129,7 @@ def processor_s() -> float:
 def aside_for(entry: Settings) -> Aside | None:
     """Return the process for an estimator or structure of the user's own, outside the main thread; else None.
 
-    The main thread ends by a signal, also while it sleeps; see :func:`testbench.core.time_limit.time_limit`.
+    The main thread ends by a signal, also while it sleeps; see :func:`testbench.core.interrupts.time_limit`.
     """
     own = is_brought(entry.method) or is_brought(getattr(entry, "structure", ""))
     in_thread = threading.current_thread() is not threading.main_thread()

@@ -11,8 +11,8 @@ import numpy as np
 
 from testbench.core.bring import is_brought, running, short
 from testbench.core.errors import EstimationError
+from testbench.core.interrupts import TimeUp, time_limit
 from testbench.core.record import FlightRecord
-from testbench.core.time_limit import TimeUp, time_limit
 from testbench.estimators import METHODS
 from testbench.estimators.aside import time_is_up
 from testbench.estimators.settings import Settings
@@ -97,7 +97,7 @@ def contained(method: str, limit_s: float) -> Iterator[None]:
 
     Args:
         method: whose work the block is.
-        limit_s: s; see :func:`testbench.core.time_limit.time_limit`.
+        limit_s: s; see :func:`testbench.core.interrupts.time_limit`.
 
     Raises:
         EstimationError: the time is up, or an error that is not one of the testbench, with file and line.

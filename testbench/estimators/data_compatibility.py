@@ -39,8 +39,7 @@ from testbench.estimators.compatibility.choose import (
     linearise,
     significant,
 )
-from testbench.estimators.compatibility.drift import noise_std, too_long
-from testbench.estimators.compatibility.fit import Fit, Problem, stretch
+from testbench.estimators.compatibility.fit import Fit, Problem, noise_std, stretch, too_long
 from testbench.estimators.compatibility.result import INSTRUMENT_ERROR, DataCompatibility, InstrumentError
 from testbench.estimators.compatibility.take_out import correct, rebuild
 from testbench.estimators.coverage import approximate

@@ -29,7 +29,7 @@ from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records, continuous_poles
 from testbench.estimators.parametric.accuracy import coloured_covariance, whiteness
 from testbench.estimators.parametric.gauss_newton import Minimum, Problem, minimise
-from testbench.estimators.parametric.kalman.gain import steady_covariance
+from testbench.estimators.parametric.kalman.innovations import steady_covariance
 from testbench.estimators.parametric.sensitivities import Sensitivities, in_blocks, square_root
 from testbench.estimators.predictor import Layout, Matrices, errors, orbit
 from testbench.estimators.settings import PredictionError

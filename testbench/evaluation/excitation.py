@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from testbench.core.record import FloatArray
-from testbench.flight.linear_model import LinearModel
-from testbench.flight.modal import EXCITED_DB, REAL, ModalForm, half_power_band
+from testbench.flight.linear_model import EXCITED_DB, REAL, LinearModel, ModalForm, half_power_band
 from testbench.inputs.signal import energy_spectrum, held_spectrum, total_energy
 
 __all__ = ["EXCITED_DB", "ModeExcitation", "excitation"]

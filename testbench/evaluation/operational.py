@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from testbench.core.channels import require
 from testbench.estimators.model import ComplexArray
-from testbench.estimators.operational.likeness import mac
+from testbench.estimators.operational.realise import mac
 from testbench.estimators.operational.result import OperationalMode, OperationalModes
 from testbench.evaluation.modes import name_modes, spectrum
 from testbench.flight.linear_model import LinearModel

@@ -27,10 +27,9 @@ from testbench.aircraft import Aircraft
 from testbench.core.channels import CHANNELS, CONTROLS, modal_channels
 from testbench.core.constants import FT_M, LBF_N
 from testbench.core.errors import ModelError
-from testbench.core.files import write_file
+from testbench.core.files import Scratch, temporary, write_file
 from testbench.core.interrupts import held_back
 from testbench.core.record import FloatArray
-from testbench.core.scratch import Scratch, temporary
 from testbench.flight.condition import FlightCondition
 from testbench.flight.propellers import Propellers
 

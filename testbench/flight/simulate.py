@@ -14,10 +14,10 @@ from testbench.aircraft import Aircraft
 from testbench.aircraft.airframe import station_sources, with_stations
 from testbench.core.channels import CHANNELS, CONTROLS, channel, station_channels
 from testbench.core.constants import DEG_RAD, FT_M
+from testbench.core.door import NUMBER, require_room
 from testbench.core.errors import ChannelError, LimitError, nearest
 from testbench.core.named import Named, obtain
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
-from testbench.core.sizes import NUMBER, require_room
 from testbench.flight.air import Air
 from testbench.flight.condition import Start, TrimmedFlight
 from testbench.flight.executive import Executive
@@ -71,7 +71,7 @@ def require_room_to_fly(duration_s: float, rate_hz: float, log_rate_hz: float) -
     """Check that a flight's commands, and all its channels as logged, may be held in memory.
 
     Raises:
-        SizeError: they take more than the limit of :mod:`testbench.core.sizes`.
+        SizeError: they take more than the limit of :mod:`testbench.core.door`.
     """
     require_room(
         f"a flight of {duration_s:g} s at {rate_hz:g} Hz, logged at {log_rate_hz:g} Hz,",
@@ -177,7 +177,7 @@ def checked(
 
     Raises:
         LimitError: a rate, a command or the air breaks its law.
-        SizeError: the flight takes more memory than the limit of :mod:`testbench.core.sizes`.
+        SizeError: the flight takes more memory than the limit of :mod:`testbench.core.door`.
     """
     rate = trimmed.rate_hz
     if abs(manoeuvre.signal.dt_s * rate - 1.0) > 1e-6:

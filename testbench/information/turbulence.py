@@ -20,7 +20,7 @@ import numpy as np
 
 from testbench.core.record import FloatArray
 from testbench.core.scenario.air import AirSpec
-from testbench.estimators.parametric.kalman.gain import sampled_noise
+from testbench.estimators.parametric.kalman.innovations import sampled_noise
 from testbench.flight.air import scale_lengths, turbulence_rms
 from testbench.information.aircraft_structure import AircraftStructure
 from testbench.sensors import Sensor

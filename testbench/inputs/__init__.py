@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from testbench.core.channels import CONTROLS
+from testbench.core.door import NUMBER, require_room
 from testbench.core.errors import ScenarioError
 from testbench.core.record import FloatArray
 from testbench.core.scenario.inputs import Input
-from testbench.core.sizes import NUMBER, require_room
 from testbench.inputs import binary, multisine, multistep, sweep
 from testbench.inputs.signal import InputSignal, band_share, energy_spectrum, frequency_below, total_energy
 
@@ -56,7 +56,7 @@ def build(inputs: Sequence[Input], duration_s: float, rate_hz: float) -> InputSi
     Raises:
         ScenarioError: no input, a manoeuvre shorter than two samples, or an input that breaks a law of its family;
             the faults of all inputs are listed, each with its number.
-        SizeError: the signal takes more memory than the limit of :mod:`testbench.core.sizes`.
+        SizeError: the signal takes more memory than the limit of :mod:`testbench.core.door`.
     """
     if not inputs:
         raise ScenarioError(["a manoeuvre must have at least one input, got none"])

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from testbench.core.door import require_room
 from testbench.core.errors import ScenarioError
 from testbench.core.record import FloatArray
 from testbench.core.scenario.inputs import BinaryNoise, Prbs
-from testbench.core.sizes import require_room
 from testbench.inputs.multistep import sample_intervals
 
 _EDGE = 200  # bytes of a step while the signal is made

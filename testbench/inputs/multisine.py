@@ -10,10 +10,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from testbench.core.door import NUMBER, require_room
 from testbench.core.errors import ScenarioError
 from testbench.core.record import FloatArray
 from testbench.core.scenario.inputs import Multisine
-from testbench.core.sizes import NUMBER, require_room
 from testbench.inputs.multistep import end_fault, sample_count
 
 SAMPLES_PER_CYCLE = 10

@@ -15,10 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from testbench.core.door import open_file, read_bytes
+from testbench.core.door import NUMBER, memory_of, open_file, opened, read_bytes, require_room
 from testbench.core.files import parsed
-from testbench.core.hdf5 import memory_of, opened
-from testbench.core.sizes import NUMBER, require_room
 
 _DEEP = 32  # structures in structures; a file of references may go round in circles
 _OBJECT = 500  # bytes that an array, a text or a structure takes beside what it holds
@@ -52,7 +50,7 @@ def read_mat(path: Path) -> dict[str, Any]:
 
     Raises:
         RecordError: the file is of another format, damaged or cut short.
-        SizeError: it unpacks to more than the limit of :mod:`testbench.core.sizes`.
+        SizeError: it unpacks to more than the limit of :mod:`testbench.core.door`.
     """
     with parsed(path, "a complete MAT file"):
         with open_file(path, "log") as file:
@@ -172,7 +170,7 @@ def mat_variables(whole: bytes, room: _Room | None = None) -> dict[str, Any]:
 
     Raises:
         ValueError, LookupError, struct.error, zlib.error, RecursionError: the file is damaged or cut short.
-        SizeError: it unpacks to more than the limit of :mod:`testbench.core.sizes`.
+        SizeError: it unpacks to more than the limit of :mod:`testbench.core.door`.
     """
     order = "<" if whole[126:128] == b"IM" else ">"
     room = room or _Room("a MAT file")

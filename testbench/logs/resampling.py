@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.door import NUMBER, require_room
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.core.sizes import NUMBER, require_room
 from testbench.logs.clocks import shortest_step
 from testbench.logs.signals import Mapped
 
@@ -80,7 +80,7 @@ def resample(
 
     Raises:
         RecordError: the rate is not positive, there is no channel, or there is no stretch without gaps.
-        SizeError: the times span more than the limit of :mod:`testbench.core.sizes` holds.
+        SizeError: the times span more than the limit of :mod:`testbench.core.door` holds.
     """
     if not 0.0 < rate_hz < np.inf:
         raise RecordError(f"the rate of a record must be > 0 Hz and finite, got {rate_hz:g}")

@@ -17,12 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.channels import channel
-from testbench.core.door import open_file
+from testbench.core.door import NUMBER, memory_of, open_file, opened, require_room
 from testbench.core.errors import RecordError, given, nearest
 from testbench.core.files import parsed
-from testbench.core.hdf5 import memory_of, opened
 from testbench.core.record import FORMAT, NEEDS_PYARROW, FloatArray, load_record
-from testbench.core.sizes import NUMBER, require_room
 from testbench.logs.foreign import HEAD, refuse_foreign
 from testbench.logs.mat import StructArray, read_mat
 from testbench.logs.names import TIME_UNITS, clock_called, time_unit
@@ -137,7 +135,7 @@ def read_table(
 
     Raises:
         RecordError: the file is missing, empty, cut short, of another format, or holds no samples.
-        SizeError: it takes more memory than the limit of :mod:`testbench.core.sizes`.
+        SizeError: it takes more memory than the limit of :mod:`testbench.core.door`.
     """
     path = Path(path)
     if not path.is_file():

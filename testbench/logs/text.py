@@ -16,10 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from testbench.core.door import read_bytes
+from testbench.core.door import read_bytes, require_room
 from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
-from testbench.core.sizes import require_room
 from testbench.logs.names import MISSING, clock_called, meaning, plain_unit, split_unit, time_unit
 from testbench.logs.times import is_stamp
 
@@ -88,7 +87,7 @@ def read_text(
 
     Raises:
         RecordError: the file is binary, holds no rows of numbers, or a row has another number of cells than the first.
-        SizeError: it takes more memory than the limit of :mod:`testbench.core.sizes`.
+        SizeError: it takes more memory than the limit of :mod:`testbench.core.door`.
     """
     require_room(f"the table '{path}'", _IN_MEMORY * path.stat().st_size, "cut it into parts")
     text, encoding = _decode(path, lenient)

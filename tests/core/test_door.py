@@ -10,9 +10,19 @@ import pytest
 
 from testbench.aircraft.geometry.read import read_plan
 from testbench.core import door
-from testbench.core.door import KINDS, Kind, checked, read_bytes, read_json, read_text, read_toml, read_xml, sha256
+from testbench.core.door import (
+    KINDS,
+    VARIABLE,
+    Kind,
+    checked,
+    read_bytes,
+    read_json,
+    read_text,
+    read_toml,
+    read_xml,
+    sha256,
+)
 from testbench.core.errors import RecordError, ScenarioError, SizeError
-from testbench.core.sizes import VARIABLE
 from testbench.questions.exercise.roster import students_of
 from testbench.questions.export.matrices import load_matrices
 from testbench.questions.identify.pool.prior import prior_of_file

@@ -18,13 +18,13 @@ from testbench.core.escape import (
     markdown_cell,
     markdown_table,
     one_line,
+    quoted,
     shell_word,
     xml_attribute,
     xml_comment,
     xml_text,
 )  # fmt: skip
 from testbench.core.files import write_file
-from testbench.core.toml_text import quoted
 from testbench.page.figure_data import csv_of, curves_of, script_of
 from testbench.page.latex import latex_text
 from testbench.page.tables import Column, Table

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-MAKE = "from testbench.core.scratch import Scratch; s = Scratch(); print(s.name, flush=True); "
+MAKE = "from testbench.core.files import Scratch; s = Scratch(); print(s.name, flush=True); "
 KILLED = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
 OLD_S = 3600.0
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="folders are locked on POSIX systems only")

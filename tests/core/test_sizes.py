@@ -9,10 +9,10 @@ import h5py
 import numpy as np
 import pytest
 
+from testbench.core.door import VARIABLE, require_room
 from testbench.core.errors import RecordError, ScenarioError, SizeError
 from testbench.core.record import FlightRecord, load_record
 from testbench.core.scenario.inputs import Doublet, Multisine, Prbs
-from testbench.core.sizes import VARIABLE, require_room
 from testbench.inputs import build
 from testbench.logs.tables import read_table
 

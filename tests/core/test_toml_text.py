@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 
-from testbench.core.toml_text import table_lines
+from testbench.core.escape import table_lines
 
 
 def test_a_table_is_read_back_as_it_was_written():

@@ -20,7 +20,7 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from testbench.envs.baselines import as_text, baselines, designed_plan, fly_plan, main, multistep_plan  # noqa: E402
 from testbench.envs.excitation import LEVELS, ExcitationDesign  # noqa: E402
-from testbench.envs.sensing import Display  # noqa: E402
+from testbench.envs.sensed import Display  # noqa: E402
 
 LATERAL = """
 title = "two controls"

@@ -14,8 +14,7 @@ from scipy.signal import lfilter
 from testbench.core.errors import ChannelError, EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators.operational import Criteria, estimate, mac
-from testbench.estimators.operational.covariances import covariances
-from testbench.estimators.operational.realise import realise
+from testbench.estimators.operational.realise import covariances, realise
 from testbench.estimators.operational.stabilise import stabilise
 
 DT = 0.02

@@ -7,7 +7,7 @@ import pytest
 
 from testbench.core.paths import SCENARIOS
 from testbench.core.scenario.air import AirSpec
-from testbench.estimators.parametric.kalman.gain import sampled_noise
+from testbench.estimators.parametric.kalman.innovations import sampled_noise
 from testbench.estimators.parametric.response import respond
 from testbench.flight import linearise, load_aircraft
 from testbench.information.fisher import accuracy

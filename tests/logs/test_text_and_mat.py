@@ -9,8 +9,8 @@ import zlib
 import numpy as np
 import pytest
 
+from testbench.core.door import VARIABLE
 from testbench.core.errors import RecordError, SizeError
-from testbench.core.sizes import VARIABLE
 from testbench.logs.mat import Opaque, _matrix, mat_variables
 from testbench.logs.tables import read_table
 

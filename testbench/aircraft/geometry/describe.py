@@ -14,8 +14,7 @@ from testbench.aircraft.geometry.propulsion import Thrust
 from testbench.aircraft.geometry.read import Plan
 from testbench.aircraft.geometry.shape import Plane
 from testbench.core.constants import DEG_RAD
-from testbench.core.escape import markdown_cell, one_line
-from testbench.core.toml_text import quoted, real
+from testbench.core.escape import markdown_cell, one_line, quoted, real
 
 _BETA_DEG, _THETA_DEG, _PHI_DEG = 20.0, 60.0, 80.0
 _FASTEST, _CLIMB_M = 2.0, 1500.0

@@ -10,8 +10,8 @@ import numpy as np
 from testbench.aircraft.elastic import ElasticMode, WingShape
 from testbench.aircraft.strips.loads import StripModel
 from testbench.aircraft.strips.shapes import Shape, Wing
+from testbench.core.escape import quoted
 from testbench.core.record import FloatArray
-from testbench.core.toml_text import quoted
 
 MOTIONS = {True: ("zero", "alpha", "q", "de"), False: ("beta", "p", "r", "da", "dr")}
 """Symmetric or not -> the rigid motions and controls that drive such modes."""

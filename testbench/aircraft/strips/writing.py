@@ -9,8 +9,7 @@ from testbench.aircraft.strips.coupling import elastic_toml
 from testbench.aircraft.strips.flexible import ETA_LIMIT, FRAMES, Flexible
 from testbench.aircraft.strips.reading import GroundTest
 from testbench.core.errors import ModelError
-from testbench.core.escape import one_line
-from testbench.core.toml_text import quoted
+from testbench.core.escape import one_line, quoted
 
 _WIDTH = 118
 

@@ -36,9 +36,8 @@ from testbench.core.blas import on_one_thread
 from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
 from testbench.estimators.causes.found import Found, in_words
-from testbench.estimators.causes.leavings import busiest, gather
+from testbench.estimators.causes.leavings import Direction, all_poles, busiest, directions, gather
 from testbench.estimators.causes.search import search
-from testbench.estimators.causes.tangent import Direction, all_poles, directions
 from testbench.estimators.model import IdentifiedModel
 
 _LONGEST = 3000  # samples of all outputs looked at; of longer records the stretch where the inputs move most

@@ -41,19 +41,23 @@ from testbench.estimators.causes.leavings import (
     MOVES,
     Candidate,
     Data,
+    Direction,
     any_linear,
     bends,
+    directions,
     drifts,
     each,
+    feeds_through,
     gather,
     joined,
+    moved,
     moved_inputs,
+    moved_poles,
     nuisances,
     own,
     slow_response,
     turned,
 )
-from testbench.estimators.causes.tangent import Direction, directions, feeds_through, moved, moved_poles
 from testbench.estimators.discrete_transfer import TransferFunctionModel, in_free_run
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.parametric.model import ParametricModel

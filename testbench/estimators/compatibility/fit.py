@@ -3,6 +3,8 @@
 Noise of gyros and accelerometers is integrated by the kinematics and comes out as residuals that wander. An
 autoregressive filter whitens them, output by output. It is estimated from them, in turn with the errors (generalised
 least squares; D. Cochrane and G. H. Orcutt, Journal of the American Statistical Association 44, 1949).
+
+How far the noise of gyros and accelerometers makes the reconstruction drift over a record.
 """
 
 from __future__ import annotations
@@ -16,6 +18,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter
 
+from testbench.core.advice import Advice, note
+from testbench.core.constants import DEG_RAD
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.compatibility.catalogue import (
@@ -393,3 +397,46 @@ def _autoregression(v: Sequence[FloatArray], share: float, floor: float) -> Whit
     assert best is not None
     # estimated means count as spent: residuals are smaller than the noise by the unknowns fitted to them
     return Whitener(best[1], max(float(np.sqrt(best[2] / share)), floor))
+
+
+_LONG = 3.0
+_OF_RATE = {"p": "phi", "q": "theta", "r": "psi"}
+
+
+def noise_std(stretches: Sequence[Stretch], column: int, of_inputs: bool = True) -> float:
+    """Return the standard deviation of white noise in a column."""
+    return white_std([(s.u if of_inputs else s.y)[:, column] for s in stretches])
+
+
+def too_long(structure: KinematicStructure, stretches: Sequence[Stretch], dt_s: float) -> list[Advice]:
+    """Return in words where records are long for output error, which takes rates and accelerations as exact.
+
+    White noise of standard deviation s in the samples of a rate makes the angle drift by s sqrt(dt T) after T, and
+    through gravity a velocity by g s sqrt(dt T^3 / 3). A record is called long if that exceeds three times the noise of
+    the angle, or of the airspeed.
+    """
+    T = max(len(s.u) for s in stretches) * dt_s
+    drifts = []
+    for rate, angle in _OF_RATE.items():
+        if rate not in structure.inputs:
+            continue
+        gyro = noise_std(stretches, structure.inputs.index(rate))
+        pairs = [(angle, gyro * np.sqrt(dt_s * T), 1.0 / DEG_RAD, "deg")]
+        if rate != "r":
+            pairs.append(("V", structure.gravity_m_s2 * gyro * np.sqrt(dt_s * T**3 / 3.0), 1.0, "m/s"))
+        for name, drift, factor, unit in pairs:
+            if name not in structure.outputs:
+                continue
+            noise = noise_std(stretches, structure.outputs.index(name), False)
+            if drift > _LONG * noise > 0.0:
+                drifts.append(
+                    f"that of {rate} moves {name} by {drift * factor:.2g} {unit} (noise of {name}: "
+                    f"{noise * factor:.2g} {unit})"
+                )
+    if not drifts:
+        return []
+    said = (
+        f"records of {T:.0f} s are long for output error, because noise of the rates adds up: {'; '.join(drifts)}; the "
+        "standard errors allow for it, and shorter records would make them smaller"
+    )
+    return [note("long_records", said)]

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from testbench.core.record import FloatArray
-from testbench.estimators.compatibility.drift import noise_std
-from testbench.estimators.compatibility.fit import Fit, Problem, Stretch, Whitener
+from testbench.estimators.compatibility.fit import Fit, Problem, Stretch, Whitener, noise_std
 from testbench.estimators.compatibility.take_out import parameters
 from testbench.estimators.parametric.response import respond, runge_kutta
 from testbench.estimators.parametric.structure import STEP

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from testbench.estimators.operational.estimate import estimate
-from testbench.estimators.operational.likeness import mac
+from testbench.estimators.operational.realise import mac
 from testbench.estimators.operational.result import OperationalMode, OperationalModes
 from testbench.estimators.operational.stabilise import Criteria
 

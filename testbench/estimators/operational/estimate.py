@@ -11,10 +11,8 @@ import numpy as np
 from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import check_records
-from testbench.estimators.operational.advice import advise, remarks
-from testbench.estimators.operational.covariances import Masked, covariances
-from testbench.estimators.operational.realise import realise
-from testbench.estimators.operational.result import OperationalMode, OperationalModes
+from testbench.estimators.operational.realise import Masked, covariances, realise
+from testbench.estimators.operational.result import OperationalMode, OperationalModes, advise, remarks
 from testbench.estimators.operational.stabilise import Chain, Criteria, stabilise, view
 from testbench.estimators.prepare import prepare
 

@@ -27,10 +27,9 @@ from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
-from testbench.estimators.parametric.gauss_newton import Minimum, minimise
+from testbench.estimators.parametric.gauss_newton import Minimum, Rounds, minimise
 from testbench.estimators.parametric.likelihood import Initial, Likelihood, held_inputs
 from testbench.estimators.parametric.model import ParametricModel, named
-from testbench.estimators.parametric.rounds import Rounds
 from testbench.estimators.parametric.servo import none_shows
 from testbench.estimators.parametric.starts import first_points, point_of_filter_error, scattered
 from testbench.estimators.parametric.structure import ModelStructure

@@ -11,7 +11,7 @@ from testbench.core.advice import Advice, doubt, wrong
 from testbench.core.relative import percent_in_words, share_in_words
 
 if TYPE_CHECKING:
-    from testbench.estimators.subspace.outcome import Settings
+    from testbench.estimators.subspace.data import Settings
 
 _EXCITED = 1e-6  # weaker directions of the past inputs, relative to the strongest, count as not excited
 _WEAK = 5.0  # states below this many noise floors are found, but their poles are not to be trusted

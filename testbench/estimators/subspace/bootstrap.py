@@ -21,7 +21,7 @@ from testbench.estimators.subspace.data import LEAD, Stretch
 from testbench.estimators.subspace.tail import pair
 
 if TYPE_CHECKING:
-    from testbench.estimators.subspace.outcome import Outcome, Settings
+    from testbench.estimators.subspace.data import Outcome, Settings
 
 _POINTS = 50  # of the frequency grid
 

@@ -1,9 +1,14 @@
-"""The first steps of every subspace method: scale the records, measure the excitation, decimate."""
+"""The first steps of every subspace method: scale the records, measure the excitation, decimate.
+
+The model order from singular values.
+
+What a subspace method is asked for, and what it has found.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +17,38 @@ from scipy.signal import fftconvolve, firwin
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.hankel import window_starts
+
+EXACT = 1e-9
+"""Innovations below this share of an output's root mean square are rounding: the output is free of noise."""
+
+_FLOOR = 2.0  # singular values beyond this many noise floors belong to states
+_GAP = 3.0  # a fall by this factor from one singular value to the next is a clear gap
+
+
+def choose_order(values: FloatArray, noisy: bool, most: int) -> tuple[int, str]:
+    """Return the order and why, from singular values relative to the noise floor (noise-free: to the largest).
+
+    Raises:
+        EstimationError: no singular value stands above the floor.
+    """
+    floor = _FLOOR if noisy else EXACT
+    above = min(int(np.sum(values > floor)), most)
+    if above == 0:
+        raise EstimationError(
+            f"no state stands out of the noise: the largest singular value is {values[0]:.2g} times the noise floor, "
+            f"{floor:g} is needed; excite more strongly, or lengthen the future horizon"
+        )
+    following = np.append(values[1:], 0.0)[:most]
+    ratios = (values[:most] / np.maximum(following, 1e-3 * floor))[:above]
+    clear = np.flatnonzero(ratios >= _GAP)
+    n = int(clear[-1] if clear.size else np.argmax(ratios)) + 1
+    kind = "last clear" if clear.size else "widest, not clear"
+    return (
+        n,
+        f"{above} singular values stand above the noise floor; the {kind} gap, "
+        f"a factor {ratios[n - 1]:.3g}, follows number {n}",
+    )
+
 
 Offset = Literal["none", "offset", "trend"]
 LEAD = {"none": 0, "offset": 1, "trend": 2}
@@ -147,3 +184,30 @@ def decimate(stretches: Sequence[Stretch], stride: int) -> list[Stretch]:
         (u, valid_u), (y, valid_y) = parts
         out.append(Stretch(u, y, valid_u, valid_y))
     return out
+
+
+class Settings(NamedTuple):
+    """What :func:`estimate` was asked for, as JSON values by name."""
+
+    method: str
+    past_horizon: int
+    future_horizon: int
+    order: int | None
+    direct_feedthrough: bool
+    offset: Offset
+    decimate: int | Literal["auto"]
+    stable: bool
+    closed_loop: bool
+    bootstrap: int
+    seed: int
+
+
+class Outcome(NamedTuple):
+    """Matrices in units of the stretches, at the records' rate, and intermediate results."""
+
+    A: FloatArray
+    B: FloatArray
+    C: FloatArray
+    D: FloatArray
+    K: FloatArray
+    found: dict[str, Any]

@@ -61,17 +61,18 @@ from testbench.estimators.settings import DsrE
 from testbench.estimators.state_space import Series, StateSpaceModel, fit_inputs
 from testbench.estimators.subspace.advice import doubts
 from testbench.estimators.subspace.data import (
+    EXACT,
     LEAD,
     Offset,
     Stretch,
     automatic_stride,
     check_horizons,
     check_stride,
+    choose_order,
     scale,
 )
 from testbench.estimators.subspace.data import decimate as decimated
 from testbench.estimators.subspace.factor import RANK
-from testbench.estimators.subspace.order import EXACT, choose_order
 from testbench.estimators.subspace.projections import by_shift
 from testbench.estimators.subspace.tail import lost_poles, other_horizon, pole_distance, pole_shifts, reflect, to_rate
 

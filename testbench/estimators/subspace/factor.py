@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.estimators.hankel import block_factor, thin_svd, window_starts
-from testbench.estimators.subspace.data import Stretch
-from testbench.estimators.subspace.order import EXACT
+from testbench.estimators.subspace.data import EXACT, Stretch
 
 RANK = 1e-12
 """Truncation of projections of noise-free data, relative to the largest singular value."""

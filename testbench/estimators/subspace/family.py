@@ -30,6 +30,8 @@ from testbench.estimators.subspace.advice import advice_in_words
 from testbench.estimators.subspace.data import (
     LEAD,
     Offset,
+    Outcome,
+    Settings,
     Stretch,
     automatic_stride,
     check_horizons,
@@ -38,9 +40,7 @@ from testbench.estimators.subspace.data import (
     scale,
 )
 from testbench.estimators.subspace.factor import Factor, factorise, shortened
-from testbench.estimators.subspace.outcome import Outcome, Settings
-from testbench.estimators.subspace.predictors import PREDICTORS
-from testbench.estimators.subspace.projections import PROJECTIONS, Realisation
+from testbench.estimators.subspace.projections import PREDICTORS, PROJECTIONS, Realisation
 from testbench.estimators.subspace.tail import gain, lost_poles, other_horizon, pole_shifts, reflect, to_rate
 
 _PERSISTENT = 1e-3  # input Hankel matrices with weaker directions than this are decimated, if their band allows it

@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from testbench.core.constants import DEG_RAD
-from testbench.core.escape import one_line
+from testbench.core.escape import one_line, quoted, real
 from testbench.core.files import write_file
 from testbench.core.store import ResultFolder
-from testbench.core.toml_text import quoted, real
 from testbench.page.tables import Column, Table
 
 if TYPE_CHECKING:

@@ -20,9 +20,9 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.door import sha256
 from testbench.core.errors import CampaignError, Refusal, ScenarioError, WriteError
+from testbench.core.files import Scratch
 from testbench.core.record import FlightRecord
 from testbench.core.schema import parse
-from testbench.core.scratch import Scratch
 from testbench.estimators.aside import processor_s
 from testbench.evaluation.truth import Truth, true_model
 from testbench.flight import load_aircraft

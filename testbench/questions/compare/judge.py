@@ -15,7 +15,7 @@ from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.evaluation.metrics import mrse_percent
 from testbench.evaluation.parameters import true_parameters
 from testbench.evaluation.poles import match_poles
-from testbench.questions.compare.best_case import LaggedStructure, aircraft_poles
+from testbench.questions.compare.prediction import LaggedStructure, aircraft_poles
 from testbench.questions.compare.result import Quantity
 from testbench.questions.compare.seen import Known
 

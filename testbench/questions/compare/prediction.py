@@ -1,4 +1,18 @@
-"""What a manoeuvre tells through a suite, before anything is flown: noise of outputs and of measured inputs."""
+"""What a manoeuvre tells through a suite, before anything is flown: noise of outputs and of measured inputs.
+
+Can a bound be believed that takes the model as linear in its parameters over the errors that it predicts?
+
+Along each principal direction d_i of the predicted covariance, one standard error long, the response and the targets
+bend by
+
+    c_i = (y(p + d_i) + y(p - d_i)) / 2 - y(p),
+
+which moves an estimate by e_i z^2, z standard normal, e_i being the estimator's answer to c_i: terms of second order,
+as of M. J. Box, Journal of the Royal Statistical Society B 33(2), 1971. Their share of the standard error,
+(2 sum e_i^2)^1/2 over it, says how far it can be believed. Terms of two directions at once are left out.
+
+The best case: maximum likelihood that knows the aircraft's equations and instruments, started at the truth.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +21,156 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from testbench.core.record import FloatArray
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.base import Manoeuvre
+from testbench.estimators.parametric import input_noise
 from testbench.estimators.parametric.input_noise import Whitening
+from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.response import respond
+from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices
+from testbench.information.aircraft_structure import AircraftStructure
 from testbench.information.fisher import Accuracy, Experiment, accuracy
-from testbench.questions.compare.best_case import lagged_structure, noisy_inputs
-from testbench.questions.compare.curvature import Answer, second_order_share
-from testbench.questions.compare.seen import Known, experiment_of, in_percent, sensors_of, targets_of
+from testbench.information.targets import Targets
+from testbench.questions.compare.seen import Known, experiment_of, in_percent, sensors_of, structure_seen, targets_of
 from testbench.sensors import Sensor, SensorSuite
+
+_MOST_ITERATIONS = 30  # some ten are enough from the truth, unless the sensors do not tell the parameters
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LaggedStructure(LinearStructure):
+    """The linearised aircraft through first-order lags: tau y' + y = C x + D u where tau > 0.
+
+    Attributes:
+        base: the aircraft.
+        lags_s: (p,) time constants, 0 for none.
+    """
+
+    base: AircraftStructure
+    lags_s: FloatArray
+
+    def matrices(self, params: AnyArray) -> Matrices:
+        """Return the matrices of parameters (..., k)."""
+        m = self.base.matrices(params)
+        late = np.flatnonzero(self.lags_s > 0.0)
+        shape, n, k = m.A.shape[:-2], m.A.shape[-1], late.size
+        rate = 1.0 / self.lags_s[late][:, None]
+        A = np.zeros((*shape, n + k, n + k), m.A.dtype)
+        A[..., :n, :n] = m.A
+        A[..., n:, :n] = m.C[..., late, :] * rate
+        A[..., n:, n:] = -np.diag(rate[:, 0])
+        B = np.concatenate([m.B, m.D[..., late, :] * rate], axis=-2)
+        C = np.concatenate([m.C, np.zeros((*m.C.shape[:-1], k), m.C.dtype)], axis=-1)
+        D = m.D.copy()
+        C[..., late, :], D[..., late, :] = 0.0, 0.0
+        C[..., late, n + np.arange(k)] = 1.0
+        bx = np.concatenate([m.bx, np.zeros((*shape, k), m.bx.dtype)], axis=-1)
+        return Matrices(A, B, C, D, bx, m.by)
+
+    @property
+    def true(self) -> FloatArray:
+        """(k,) true values of the parameters."""
+        return self.base.true
+
+
+def lagged_structure(known: Known, sensors: tuple[Sensor, ...], inputs: tuple[str, ...]) -> LaggedStructure:
+    """Return the aircraft as the sensors show it, delays apart."""
+    base = structure_seen(known, sensors, inputs)
+    lags = np.array([s.lag_s for s in sensors])
+    return LaggedStructure(
+        name="linearised aircraft through its sensors",
+        states=(*base.states, *(f"lag_{s.channel}" for s in sensors if s.lag_s > 0.0)),
+        inputs=base.inputs,
+        outputs=base.outputs,
+        parameters=base.parameters,
+        base=base,
+        lags_s=lags,
+    )
+
+
+def best_estimate(record: FlightRecord, structure: LaggedStructure, suite: SensorSuite) -> ParametricModel:
+    """Return the maximum-likelihood estimate from a prepared record, with known noise of outputs and inputs.
+
+    Offsets of the sensors and of noisy inputs are estimated with the parameters.
+
+    Raises:
+        EstimationError: the record does not tell them.
+    """
+    outputs = {name: suite.noise_std[name] for name in structure.outputs}
+    noise = noisy_inputs(suite, structure.inputs)
+    return input_noise.estimate(record, structure, outputs, noise, max_iterations=_MOST_ITERATIONS)
+
+
+def noisy_inputs(suite: SensorSuite, inputs: Sequence[str]) -> dict[str, float]:
+    """Return the standard deviations of those inputs that have noise."""
+    return {name: suite.noise_std[name] for name in inputs if suite.noise_std[name] > 0.0}
+
+
+def aircraft_poles(model: ParametricModel) -> np.ndarray:
+    """Return the poles of the aircraft alone, rad/s, without those of its sensors."""
+    structure = model.structure
+    assert isinstance(structure, LaggedStructure)
+    return np.asarray(np.linalg.eigvals(structure.base.matrices(model.params).A), np.complex128)
+
+
+Answer = Callable[[FloatArray], FloatArray]
+
+
+def second_order_share(
+    response: Callable[[FloatArray], FloatArray],
+    structure: AircraftStructure,
+    aims: Targets,
+    poles: Mapping[str, complex],
+    known: Accuracy,
+    answer: Answer,
+) -> FloatArray:
+    """Return the terms of second order over the standard errors (t,) of the targets; inf where nothing is known.
+
+    Args:
+        response: parameters (k,) -> outputs (N, p) in units of the sensors' noise; not finite where the aircraft
+            diverges.
+        structure: the aircraft.
+        aims: the targets.
+        poles: name -> true pole, rad/s, of the modes among it.
+        known: predicted errors of the parameters.
+        answer: what the estimator makes of residuals (N, p, r) in units of the sensors' noise: errors (k, r).
+    """
+    std = aims.errors(known)
+    if not np.all(np.isfinite(known.std)):
+        return np.full(std.size, np.inf)
+    size = known.std
+    values, vectors = np.linalg.eigh(known.covariance / np.outer(size, size))
+    directions = size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    true = structure.true
+    y0 = response(true)
+    bends, turns = [], []
+    for d in directions.T:
+        bends.append(0.5 * (response(true + d) + response(true - d)) - y0)
+        if not np.all(np.isfinite(bends[-1])):  # within its errors the aircraft may diverge
+            return np.full(std.size, np.inf)
+        f0, up, down = (_values(structure, aims.names, poles, p) for p in (true, true + d, true - d))
+        turns.append(0.5 * (up + down) - f0)
+    moved = answer(np.stack(bends, axis=2))
+    squares = np.sum((aims.jacobian @ moved + np.stack(turns, axis=1)) ** 2, axis=1)
+    return np.asarray(np.sqrt(2.0 * squares) / std)
+
+
+def _values(
+    structure: AircraftStructure, targets: Sequence[str], modes: Mapping[str, complex], params: FloatArray
+) -> FloatArray:
+    """Return the targets (t,) of parameters (k,): of each mode the root nearest to the true one."""
+    poles = np.linalg.eigvals(structure.matrices(params).A)
+    names = structure.parameter_names
+    out = np.empty(len(targets))
+    for k, name in enumerate(targets):
+        kind, _, mode = name.partition(" of ")
+        if not mode:
+            out[k] = params[names.index(name)]
+            continue
+        s = poles[int(np.argmin(np.abs(poles - modes[mode])))]
+        out[k] = abs(s) if kind == "wn" else -s.real / abs(s)
+    return out
+
 
 FAR = 0.5
 """Share of second order up to which a standard error is believed: its square adds a quarter to the variance."""
@@ -32,7 +187,7 @@ class Prediction:
         values: (t,) their true values, SI.
         std: (t,) standard errors in ``units``.
         units: (t,) "%" of the true value; "" of damping ratios; SI where the truth is near zero (:mod:`.near_zero`).
-        beyond: (t,) terms of second order over those errors (:mod:`.curvature`); above :data:`FAR` the errors are too
+        beyond: (t,) terms of second order over those errors (:mod:`.prediction`); above :data:`FAR` the errors are too
             large, or the model too far from linear over them, to be believed.
         without: sensor -> (t,) factor by which the errors grow if that sensor is left out; inf if nothing is left.
         known: standard errors and covariance of the free parameters.

@@ -90,7 +90,7 @@ class Summary:
         predicted: standard error by information; None if information predicts another quantity.
         ratio: scatter over predicted with its 95 % interval, of the best case alone; None where it is not ``near``.
         of_flight: error of the best case from the flight without noise; None for other estimators, or if it is unknown.
-        near: whether the model is linear in its parameters over the predicted errors, see :mod:`.curvature`.
+        near: whether the model is linear in its parameters over the predicted errors, see :mod:`.prediction`.
     """
 
     case: CaseKey
@@ -262,7 +262,7 @@ class CompareResult(Shown, page="testbench.questions.compare.page:compare_page")
         """Compare the scatter of the best case with the predicted one.
 
         A sample standard deviation of n normal errors scatters as sqrt(chi2 / (n - 1)). Where the model is
-        not linear in its parameters over the predicted errors, the bound says little (:mod:`.curvature`).
+        not linear in its parameters over the predicted errors, the bound says little (:mod:`.prediction`).
         """
         asked = [s for s in self.summaries if s.case.estimator == BEST_CASE and s.predicted is not None and s.found > 2]
         near = [(s.ratio, s.found) for s in asked if s.ratio is not None]

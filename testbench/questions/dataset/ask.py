@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from testbench.core.blas import on_one_thread
-from testbench.core.door import checked
+from testbench.core.door import checked, require_room
 from testbench.core.errors import DatasetError, ScenarioError
 from testbench.core.named import Named, obtain
 from testbench.core.processes import Ahead, cores, processes
-from testbench.core.sizes import require_room
 from testbench.core.store import ResultFolder
 from testbench.flight.batch.jobs import Simulator
 from testbench.page.text import text_page

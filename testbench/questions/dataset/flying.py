@@ -20,10 +20,9 @@ from testbench.flight.batch.linear import linearise_many
 from testbench.flight.batch.trim import trim_many
 from testbench.inputs import InputSignal, build
 from testbench.questions.campaign.targets import change_aircraft, change_suites
-from testbench.questions.dataset.draws import Draw, aircraft_of, draw
+from testbench.questions.dataset.draws import Draw, aircraft_of, draw, true_figures
 from testbench.questions.dataset.layout import Layout, label
 from testbench.questions.dataset.scenario import SPLITS, DatasetScenario
-from testbench.questions.dataset.truths import true_figures
 from testbench.questions.gap.starts import Start
 from testbench.questions.hidden import Acting, Real
 from testbench.sensors import SensorSuite, load_suite

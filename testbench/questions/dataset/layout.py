@@ -13,10 +13,8 @@ from testbench.core.channels import channel
 from testbench.core.errors import located
 from testbench.effects import catalogue
 from testbench.flight import FlightCondition, linearise, trim
-from testbench.questions.dataset.draws import MOST_HIDDEN, aircraft_of
-from testbench.questions.dataset.kinds import right_names
+from testbench.questions.dataset.draws import MOST_HIDDEN, aircraft_of, right_names, true_figures
 from testbench.questions.dataset.scenario import SPLITS, DatasetScenario
-from testbench.questions.dataset.truths import true_figures
 from testbench.questions.gap.parts import part_names
 from testbench.sensors import load_suite
 

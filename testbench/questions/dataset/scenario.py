@@ -53,7 +53,7 @@ class Level(Strict):
     ``scale`` a factor on all inputs of a draw, ``noise`` one on noise, bias, drift and quantum of the sensors. A pair
     is the range of a uniform draw. ``vary`` takes the keys of a campaign that change the aircraft or a sensor.
     ``hidden`` lists effects of the library, of which each draw has one; "a + b" hides both. Their sizes are drawn from
-    the ranges of :mod:`.kinds`.
+    the ranges of :mod:`.draws`.
     """
 
     name: Annotated[str, Field(min_length=1)]

@@ -13,7 +13,7 @@ from testbench.core.door import read_bytes
 from testbench.core.errors import RecordError, nearest
 from testbench.core.files import parsed
 from testbench.core.proportion import proportion_interval
-from testbench.questions.dataset.kinds import right_names
+from testbench.questions.dataset.draws import right_names
 from testbench.questions.dataset.open import open_dataset, truth_of
 
 Rows = list[tuple[str, ...]]

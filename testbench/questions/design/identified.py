@@ -24,7 +24,7 @@ from testbench.estimators import estimate
 from testbench.estimators.identification import Identification
 from testbench.estimators.parametric.likelihood import held_inputs
 from testbench.estimators.parametric.response import respond
-from testbench.estimators.parametric.start import of_servos
+from testbench.estimators.parametric.starts import of_servos
 from testbench.estimators.parametric.structures.build import build
 from testbench.estimators.settings import FilterError
 from testbench.information.aircraft_structure import AircraftStructure

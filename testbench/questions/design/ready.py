@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from testbench.core.door import read_text
+from testbench.core.escape import quoted
 from testbench.core.record import FlightRecord
-from testbench.core.toml_text import quoted
 from testbench.page.labels import file_stem, number
 from testbench.questions.design.answer import family_label, is_ratio
 from testbench.questions.design.identified import toml_of

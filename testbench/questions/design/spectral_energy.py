@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.record import FloatArray
-from testbench.flight.linear_model import LinearModel
-from testbench.flight.modal import EXCITED_DB, ModalForm, half_power_band
+from testbench.flight.linear_model import EXCITED_DB, LinearModel, ModalForm, half_power_band
 from testbench.inputs.signal import frequency_below, total_energy
 
 _POINTS = 33  # frequencies per band

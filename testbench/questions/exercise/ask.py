@@ -8,10 +8,10 @@ from pathlib import Path
 
 from testbench.core.door import read_toml
 from testbench.core.errors import RecordError, ScenarioError
+from testbench.core.escape import quoted
 from testbench.core.files import write_file
 from testbench.core.schema import Strict, parse
 from testbench.core.store import OWN, ResultFolder, entry_of, manifest_of
-from testbench.core.toml_text import quoted
 from testbench.page.text import text_page
 from testbench.questions.exercise.answers import ANSWERS, template
 from testbench.questions.exercise.exercise import Case, Exercise, Handout

@@ -18,7 +18,7 @@ from testbench.line import Keep, condition_of
 from testbench.page.shown import Shown
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.brought import choose
-from testbench.questions.gap.evidence.compared import not_compared
+from testbench.questions.gap.evidence.commanded import not_compared
 from testbench.questions.gap.records import Flights, at_its_own, check_records, check_speeds
 from testbench.questions.gap.result import GapFinding
 from testbench.questions.gap.scenario import GapScenario, Loaded

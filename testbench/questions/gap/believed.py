@@ -28,14 +28,16 @@ from testbench.line import flown_already
 from testbench.questions.gap.added import grown_by, in_place, moved_by, raised, shaped_by
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.commanded import (
+    DRIFT_OVER_S,
     commands,
     held,
     key_of_start,
+    left_out,
     moves_on,
+    not_compared,
     starts_freely,
     surface_noise,
 )
-from testbench.questions.gap.evidence.compared import DRIFT_OVER_S, left_out, not_compared
 from testbench.questions.gap.evidence.gusts import linear_response, record_key
 from testbench.questions.gap.flights import (
     Flyer,

@@ -31,11 +31,12 @@ from testbench.questions.gap.evidence.commanded import (
     begins_quietly,
     between_samples,
     driven_by_surfaces,
+    rested,
+    stilled,
     stirs,
     surface_noise,
 )
 from testbench.questions.gap.evidence.control_path import SurfacePath
-from testbench.questions.gap.evidence.rested import rested, stilled
 from testbench.questions.gap.scenario import Drive
 from testbench.sensors import SensorSuite
 

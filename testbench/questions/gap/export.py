@@ -15,11 +15,10 @@ import numpy as np
 
 from testbench.aircraft import Aircraft, ElasticMode
 from testbench.core.door import read_text
-from testbench.core.escape import markdown_cell, one_line
+from testbench.core.escape import markdown_cell, one_line, real
 from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, resolve
 from testbench.core.store import ResultFolder
-from testbench.core.toml_text import real
 from testbench.effects.base import MetGust
 from testbench.flight import FlightCondition
 from testbench.page.labels import file_stem

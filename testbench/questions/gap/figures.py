@@ -1,13 +1,21 @@
-"""The figures of the gap workflow: where the residual sits, which effect explains it, before and after."""
+"""The figures of the gap workflow: where the residual sits, which effect explains it, before and after.
+
+The part that a verdict points to, drawn on a sketch of an aircraft from above and from the side.
+
+Figures of what would be stated of planned manoeuvres: how often each effect is named, and what it is taken for.
+"""
 
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from testbench.core.constants import PERCENT
+from testbench.core.record import FloatArray
 from testbench.page.labels import axis_label, number, shown_unit, symbol
 from testbench.page.plot import (
     BAND,
@@ -31,7 +39,7 @@ from testbench.questions.gap.evidence.locate import BANDS_HZ
 from testbench.questions.gap.evidence.stepwise import followed
 from testbench.questions.gap.explain import percent
 from testbench.questions.gap.explored import held_out, spectra
-from testbench.questions.gap.part_figure import part_plate
+from testbench.questions.gap.verdict import Verdict
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,6 +50,177 @@ if TYPE_CHECKING:
     from testbench.questions.gap.evidence.locate import ResidualMap
     from testbench.questions.gap.open_set import FirstLook
     from testbench.questions.gap.result import Shrink
+
+
+_MOST, _OTHERS, _SEEN = 24, 8, 0.05  # rows; columns beside them, of effects that are given so much
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from testbench.questions.gap.plan import GapPlan
+
+
+def plan_plates(plan: GapPlan) -> list[Plate]:
+    """Return how often each effect is named, and what those named least are taken for; none without flights."""
+    return [_power_plate(plan), _confusion_plate(plan)] if plan.power else []
+
+
+def _power_plate(plan: GapPlan) -> Plate:
+    power = plan.power
+
+    def make(wide: bool) -> Figure:
+        """Draw one bar per effect, the most often named on top."""
+        step = 0.17
+        figure = new_figure(wide, 0.3 + step * len(power) + 0.55, share=0.75)
+        axes = grid(figure, 0.2, [step * len(power)], left_in=1.75 if wide else 1.45)[0, 0]
+        at = range(len(power))
+        held, sure = ([100.0 * x for x in of] for of in zip(*((p.held, p.sure) for p in power.values()), strict=True))
+        axes.barh(at, held, height=0.65, facecolor="none", edgecolor=COLOURS[0], linewidth=0.8)
+        axes.barh(at, sure, height=0.65, color=COLOURS[0])
+        axes.set_yticks(at, list(power), fontsize=7)
+        axes.set_ylim(len(power) - 0.4, -0.6)
+        axes.grid(axis="y", visible=False)
+        axes.set_xlim(0.0, 100.0)
+        label(axes, "flights, %")
+        return figure
+
+    caption = (
+        "Flights with each effect in them, drawn from its prior. Filled: it is stated with 90 % or more. Outline: it "
+        "is in the set that holds 95 %."
+    )
+    return Plate("power", "How often each effect would be named", caption, make)
+
+
+def _confusion_plate(plan: GapPlan) -> Plate:
+    power = plan.power
+    truths = list(power)[-_MOST:]
+    taken = {n: p for t in truths for n, p in power[t].given.items() if n not in truths and p >= _SEEN}
+    others = sorted(taken.keys() - {"nothing", "unknown"}, key=lambda n: -taken[n])[:_OTHERS]
+    names = [*truths, *others, "nothing", "unknown"]
+    given = np.array([[power[t].given.get(n, 0.0) for n in names] for t in truths])
+
+    def make(wide: bool) -> Figure:
+        """Draw the matrix of mean probabilities."""
+        cell = 0.168 if wide else 0.088
+        left, top = (1.75, 1.85) if wide else (1.15, 1.5)
+        size = 7 if wide else 4
+        figure = new_figure(wide, top + cell * len(truths) + 0.75)
+        width = float(figure.get_size_inches()[0])
+        right = max(0.1, width - left - cell * len(names))
+        axes = grid(figure, top, [cell * len(truths)], left_in=left, right_in=right)[0, 0]
+        image = axes.imshow(given / PERCENT, cmap="Blues", vmin=0.0, vmax=100.0, aspect="auto")
+        axes.set_xticks(range(len(names)), names, rotation=90, fontsize=size)
+        axes.set_yticks(range(len(truths)), truths, fontsize=size)
+        axes.xaxis.tick_top()
+        axes.tick_params(length=0)
+        axes.grid(False)
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+        tall = float(figure.get_size_inches()[1])
+        bar = figure.add_axes((left / width, 0.33 / tall, 1.8 / width, 0.09 / tall))
+        colours = figure.colorbar(image, cax=bar, orientation="horizontal", ticks=[0.0, 50.0, 100.0])
+        colours.ax.set_title("mean probability that is given, %", fontsize=7, color=QUIET, loc="left")
+        colours.outline.set_visible(False)
+        return figure
+
+    caption = (
+        f"Row: an effect that is there; the {len(truths)} that are named least. Column: what it is taken for, by the "
+        "mean probability over its flights. A right answer lies on the diagonal; the last two columns are nothing, and "
+        "something that the library lacks."
+    )
+    return Plate("confusion", "What effects would be taken for", caption, make)
+
+
+_MARK = COLOURS[1]
+Outline = Sequence[tuple[float, float]]
+
+
+def _box(x: float, y: float, dx: float, dy: float) -> Outline:
+    return ((x, y), (x + dx, y), (x + dx, y + dy), (x, y + dy))
+
+
+def _round(x: float, y: float, r: float) -> Outline:
+    angle = np.linspace(0.0, 2.0 * np.pi, 40)
+    return tuple(zip(x + r * np.cos(angle), y + r * np.sin(angle), strict=True))
+
+
+# A sketch, nose to the left, half a span long: (from above, from the side), each outlines in that length.
+_BODY_X = (0.0, 0.07, 0.35, 1.0, 1.0, 0.35, 0.07, 0.0)
+_BODY_ABOVE: Outline = tuple(zip(_BODY_X, (-0.03, -0.06, -0.06, -0.02, 0.02, 0.06, 0.06, 0.03), strict=True))
+_BODY_SIDE: Outline = tuple(zip(_BODY_X, (-0.03, -0.07, -0.06, 0.0, 0.05, 0.08, 0.07, 0.03), strict=True))
+_WINGS: tuple[Outline, ...] = (_box(0.25, 0.06, 0.2, 0.94), _box(0.25, -1.0, 0.2, 0.94))
+_TAIL_ABOVE, _FIN = _box(0.85, -0.3, 0.15, 0.6), ((0.82, 0.05), (0.9, 0.28), (1.0, 0.28), (1.0, 0.05))
+_WING_SIDE, _TAIL_SIDE = _box(0.25, 0.06, 0.2, 0.03), _box(0.85, 0.03, 0.15, 0.025)
+_ELEVATOR = (_box(0.95, -0.3, 0.05, 0.6),), (_box(0.94, 0.03, 0.06, 0.025),)
+_AILERON = (_box(0.4, 0.55, 0.05, 0.42), _box(0.4, -0.97, 0.05, 0.42)), (_box(0.4, 0.06, 0.05, 0.03),)
+_RUDDER: tuple[tuple[Outline, ...], tuple[Outline, ...]] = ((), (_box(0.95, 0.05, 0.05, 0.23),))
+_PROPELLER = (_box(-0.03, -0.14, 0.03, 0.28),), (_box(-0.03, -0.14, 0.03, 0.28),)
+_BALANCE = (_round(0.32, 0.0, 0.045),), (_round(0.32, 0.02, 0.045),)
+_LIFTING = (*_WINGS, _TAIL_ABOVE), (_WING_SIDE, _TAIL_SIDE)
+_BOX = (_box(0.14, -0.035, 0.1, 0.07),), (_box(0.14, -0.03, 0.1, 0.06),)
+_NOSE = (_round(0.03, 0.0, 0.035),), (_round(0.03, 0.0, 0.035),)
+_REGIONS: Mapping[str, tuple[tuple[Outline, ...], tuple[Outline, ...]]] = {
+    **dict.fromkeys(("elevator path", "de sensor"), _ELEVATOR),
+    **dict.fromkeys(("aileron path", "da sensor"), _AILERON),
+    **dict.fromkeys(("rudder path", "dr sensor"), _RUDDER),
+    "thrust": _PROPELLER,
+    "mass": _BALANCE,
+    "structure": ((*_WINGS, _box(0.5, -0.045, 0.35, 0.09)), (_WING_SIDE, _box(0.5, -0.02, 0.35, 0.07))),
+    "lift": (_WINGS, (_WING_SIDE,)),
+    "drag": ((_BODY_ABOVE,), (_BODY_SIDE,)),
+    "pitching moment": _LIFTING,
+    "wing": (_WINGS, (_WING_SIDE,)),
+    "fin": ((_box(0.82, -0.015, 0.18, 0.03),), (_FIN,)),
+    "autopilot": _BOX,
+}
+
+
+def part_plate(verdict: Verdict) -> Plate | None:
+    """Return the figure of the parts that a verdict calls; None if it calls none."""
+    if not verdict.parts:
+        return None
+
+    def make(wide: bool) -> Figure:
+        """Draw the sketch from above and from the side, the parts filled."""
+        figure = new_figure(wide, 2.3 if wide else 2.0)
+        above, side = figure.subplots(1, 2)
+        figure.subplots_adjust(left=0.02, right=0.98, top=0.88, bottom=0.03, wspace=0.03)
+        _sketch(above, (_BODY_ABOVE, *_WINGS, _TAIL_ABOVE), "from above", (-1.1, 1.1))
+        _sketch(side, (_BODY_SIDE, _WING_SIDE, _TAIL_SIDE, _FIN), "from the side", (-0.35, 0.6))
+        for part in verdict.parts:
+            for axes, outlines in zip((above, side), _region(part.name), strict=True):
+                for outline in outlines:
+                    axes.fill(*np.transpose(outline), facecolor=_MARK, edgecolor=_MARK, linewidth=1.0)
+                if part.name == "air":
+                    _wind(axes)
+        return figure
+
+    caption = f"A sketch, not this aircraft. Filled: {verdict.where}. Probability: {percent(verdict.probability)}."
+    return Plate("part", "Where to look", caption, make)
+
+
+def _region(name: str) -> tuple[tuple[Outline, ...], tuple[Outline, ...]]:
+    """Return the outlines of a part from above and from the side; a sensor sits in the nose, a vane beside it."""
+    if name in _REGIONS:
+        return _REGIONS[name]
+    return _NOSE if name.endswith("sensor") else ((), ())
+
+
+def _sketch(axes: Axes, outlines: Sequence[Outline], title: str, height: tuple[float, float]) -> None:
+    for outline in outlines:
+        axes.fill(*np.transpose(outline), facecolor=FAINT, edgecolor=QUIET, linewidth=0.8)
+    axes.set(xlim=(-0.35, 1.1), ylim=height, aspect="equal")
+    axes.set_title(title, fontsize=9, color=QUIET)
+    axes.set_axis_off()
+
+
+def _wind(axes: Axes) -> None:
+    """Draw three gusts ahead of the nose."""
+    x: FloatArray = np.linspace(-0.32, -0.08, 40)
+    shift: Callable[[float], FloatArray] = lambda y: y + 0.025 * np.sin(2.0 * np.pi * (x + 0.32) / 0.12)  # noqa: E731
+    for y in (-0.15, 0.0, 0.15):
+        axes.plot(x, shift(y), color=_MARK, linewidth=1.6)
+
 
 _TOP_ENERGY = 100.0  # residual energies from 1 (noise) to this span the colour scale
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]

@@ -28,8 +28,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.explain import Explanation, Naming, Weighed, share_of_excess, wrong_coefficient
 from testbench.questions.gap.search.gust_search import sought
 from testbench.questions.gap.search.hypothesis import Hypothesis as Point
-from testbench.questions.gap.search.hypothesis import changes, fly_together
-from testbench.questions.gap.search.retune import retune
+from testbench.questions.gap.search.hypothesis import changes, fly_together, retune
 from testbench.questions.gap.starts import far_apart, times_of
 
 SIZE = 4.0  # prior standard deviation of a size, in multiples of its usual start

@@ -14,17 +14,16 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import RecordError, Refusal, located
-from testbench.core.escape import one_line
+from testbench.core.escape import one_line, quoted, real
 from testbench.core.paths import AIRCRAFT, STOCK, aircraft_names, not_found, resolve, suite_names
 from testbench.core.record import FlightRecord
 from testbench.core.store import settle
-from testbench.core.toml_text import quoted, real
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.logs.plausible import questions_of, refusal
+from testbench.questions.gap.evidence.check import check_signs
 from testbench.questions.gap.evidence.commanded import MOVED, commands
 from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.evidence.held_out import HeldOutFlight, differences
-from testbench.questions.gap.evidence.signs import check_signs
 from testbench.questions.gap.new_suite import suite_of_records
 from testbench.questions.gap.records import WHOLE, Flights, flights_of, read_flights, without_wholes
 from testbench.questions.gap.starts import CUT, start_of

@@ -14,8 +14,7 @@ from testbench.core.errors import RecordError
 from testbench.core.paths import suite_names
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.regression.smoothing import LEAST, noise_level
-from testbench.questions.gap.evidence.commanded import MOVED
-from testbench.questions.gap.evidence.rested import rests
+from testbench.questions.gap.evidence.commanded import MOVED, rests
 from testbench.sensors import SensorSuite, load_suite
 from testbench.sensors.kinds import KINDS
 from testbench.sensors.sensor import Sensor

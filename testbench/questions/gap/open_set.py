@@ -26,8 +26,16 @@ from testbench.effects.aerodynamics import followed
 from testbench.effects.base import Effect, Parameter, Values
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.felt import Felt, felt
-from testbench.questions.gap.evidence.stepwise import COPIES, FoundTerm, Regression, regress
-from testbench.questions.gap.evidence.vocabulary import CONTROLS, TIME, Factor, Term
+from testbench.questions.gap.evidence.stepwise import (
+    CONTROLS,
+    COPIES,
+    TIME,
+    Factor,
+    FoundTerm,
+    Regression,
+    Term,
+    regress,
+)
 from testbench.sensors import SensorSuite
 
 PLACES = {

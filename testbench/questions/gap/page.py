@@ -9,8 +9,7 @@ from testbench.page.page import Page, source_of
 from testbench.questions.compatibility.tables import compatibility_tables
 from testbench.questions.gap.drive import driven_by
 from testbench.questions.gap.export import amended_files
-from testbench.questions.gap.figures import gap_plates
-from testbench.questions.gap.plan_figures import plan_plates
+from testbench.questions.gap.figures import gap_plates, plan_plates
 from testbench.questions.gap.starts import start_of
 from testbench.questions.gap.tables import gap_tables, plan_tables
 

@@ -29,14 +29,13 @@ from testbench.inference.calibrate import SURE, Power, Reliability, calibrate_to
 from testbench.inference.first_order import Sums
 from testbench.inputs import build
 from testbench.line import condition_of
+from testbench.questions.gap.again import Kept, fingerprint
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.drive import comparing
 from testbench.questions.gap.evidence.air import AirFound, in_air
-from testbench.questions.gap.evidence.commanded import commands, quiet_samples, starts_freely
-from testbench.questions.gap.evidence.compared import not_compared
+from testbench.questions.gap.evidence.commanded import commands, not_compared, quiet_samples, starts_freely
 from testbench.questions.gap.explain import Explanation
 from testbench.questions.gap.foreseen import SIZES, Foreseen, usual_sizes
-from testbench.questions.gap.kept import Kept, fingerprint
 from testbench.questions.gap.name import not_sought
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import load_suite

@@ -17,8 +17,7 @@ from testbench.flight import FlightCondition, load_aircraft
 from testbench.logs.read import read_records
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.drive import drive_records
-from testbench.questions.gap.evidence.commanded import quiet_samples
-from testbench.questions.gap.evidence.compared import not_compared
+from testbench.questions.gap.evidence.commanded import not_compared, quiet_samples
 from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.scenario import Drive
 from testbench.questions.gap.starts import Start, marked, start_of, timed

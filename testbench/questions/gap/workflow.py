@@ -19,8 +19,8 @@ from testbench.questions.gap import onset
 from testbench.questions.gap.again import fly_again
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.drive import driven
-from testbench.questions.gap.evidence.air import AirFound, in_air, listen, listen_again, listen_in_flight
-from testbench.questions.gap.evidence.check import check_data
+from testbench.questions.gap.evidence.air import AirFound, in_air, listen, listen_again, listen_in_flight, smoothed
+from testbench.questions.gap.evidence.check import check_data, check_signs
 from testbench.questions.gap.evidence.control_path import paths_seen
 from testbench.questions.gap.evidence.forces import equation_errors
 from testbench.questions.gap.evidence.gusts import called
@@ -33,21 +33,17 @@ from testbench.questions.gap.evidence.locate import (
     locate_regions,
 )
 from testbench.questions.gap.evidence.noise_found import find_noise
-from testbench.questions.gap.evidence.signs import check_signs
-from testbench.questions.gap.evidence.smoothed import smoothed
 from testbench.questions.gap.explain import Explanation, Naming
 from testbench.questions.gap.flights import flights
-from testbench.questions.gap.in_windows import in_windows
 from testbench.questions.gap.name import ELSEWHERE, name_effect
 from testbench.questions.gap.open_set import first_look, proposals
 from testbench.questions.gap.plan import separate
 from testbench.questions.gap.result import GapFinding, Shrink
 from testbench.questions.gap.scenario import Drive
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.hypothesis import Hypothesis, retune
 from testbench.questions.gap.search.parallel import Ahead
-from testbench.questions.gap.search.retune import retune
 from testbench.questions.gap.window_length import Windows
-from testbench.questions.gap.windows import as_they_start, begin_freely
+from testbench.questions.gap.windows import as_they_start, begin_freely, in_windows
 
 SAME_AIR = 0.15  # share by which the rms of turbulence may change before the search is made again
 

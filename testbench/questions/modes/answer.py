@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from testbench.core.words import with_error
-from testbench.estimators.operational.advice import ASSUMPTION
+from testbench.estimators.operational.result import ASSUMPTION
 from testbench.page.labels import number
 from testbench.page.words import Line, advice_lines, counted, some
 

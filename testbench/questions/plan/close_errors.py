@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 from testbench.core.door import read_text
+from testbench.core.escape import table_lines
 from testbench.core.files import write_file
-from testbench.core.toml_text import table_lines
 from testbench.questions.plan.verdicts import Campaign, JudgedCard
 
 

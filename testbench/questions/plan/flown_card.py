@@ -18,11 +18,10 @@ from scipy.stats import chi2
 
 from testbench.core.channels import channel
 from testbench.core.errors import Refusal
-from testbench.core.escape import one_line
+from testbench.core.escape import one_line, table_lines
 from testbench.core.files import write_file
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.base import Preparation
-from testbench.core.toml_text import table_lines
 from testbench.estimators import estimate
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.prepare import prepared

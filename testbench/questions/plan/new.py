@@ -10,10 +10,9 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.errors import ScenarioError
-from testbench.core.escape import one_line
+from testbench.core.escape import one_line, quoted
 from testbench.core.paths import suite_names
 from testbench.core.scenario.base import Manoeuvre
-from testbench.core.toml_text import quoted
 from testbench.evaluation.modes import longitudinal_modes
 from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, linearise, trim
 from testbench.page.labels import number

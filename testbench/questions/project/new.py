@@ -9,10 +9,10 @@ from pathlib import Path
 
 from testbench.aircraft import Aircraft
 from testbench.core.errors import RecordError
+from testbench.core.escape import quoted, real
 from testbench.core.files import write_new
 from testbench.core.paths import AIRCRAFT, SENSOR_SUITES, STOCK, resolve
 from testbench.core.project import FILE
-from testbench.core.toml_text import quoted, real
 from testbench.flight import load_aircraft
 from testbench.sensors import SensorSuite, load_suite
 from testbench.sensors.suite import needed

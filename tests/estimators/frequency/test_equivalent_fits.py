@@ -7,8 +7,7 @@ from scipy.signal import cont2discrete, lfilter
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators.continuous import ContinuousTransferModel
-from testbench.estimators.frequency.equivalent import fit_equivalent
-from testbench.estimators.frequency.misfit import model_of, problem_of, residuals, slopes_of
+from testbench.estimators.frequency.equivalent import fit_equivalent, model_of, problem_of, residuals, slopes_of
 from testbench.estimators.frequency.response import FrequencyResponse
 
 DT = 0.02

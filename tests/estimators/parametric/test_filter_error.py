@@ -13,8 +13,8 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import filter_error, output_error
 from testbench.estimators.parametric.kalman.forms import chi_bar_square
-from testbench.estimators.parametric.kalman.gain import sampled_noise, steady_gain
 from testbench.estimators.parametric.kalman.gust import _Gust, with_gust
+from testbench.estimators.parametric.kalman.innovations import sampled_noise, steady_gain
 from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood
 from testbench.estimators.parametric.likelihood import Layout, Likelihood, stretch
 from testbench.estimators.parametric.structure import STEP

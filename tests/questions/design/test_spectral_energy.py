@@ -6,7 +6,7 @@ import pytest
 from testbench.core.scenario.inputs import Doublet, Pilot, StandardMultistep, Step, Sweep
 from testbench.evaluation.excitation import excitation
 from testbench.flight import linearise
-from testbench.flight.modal import half_power_band
+from testbench.flight.linear_model import half_power_band
 from testbench.information.modes import modes_of
 from testbench.inputs import build, energy_spectrum, frequency_below
 from testbench.questions.design.spectral_energy import ModeBands, spectral_energy

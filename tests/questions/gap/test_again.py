@@ -18,8 +18,7 @@ from testbench.questions.gap.again import flown_again, fly_again
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen
 from testbench.questions.gap.evidence.air import measure as measure_air
-from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.retune import retune
+from testbench.questions.gap.search.hypothesis import Hypothesis, retune
 from testbench.questions.gap.workflow import find_gap
 
 STILL = AirFound(False, 0.0, 547.0, 0.0, 9.55, 4.0)

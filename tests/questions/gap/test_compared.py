@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from testbench.core.errors import ScenarioError
 from testbench.flight import load_aircraft
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.evidence.compared import left_out, not_compared
+from testbench.questions.gap.evidence.commanded import left_out, not_compared
 from testbench.questions.gap.evidence.locate import locate, locate_regions, structure
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.workflow import _shrink

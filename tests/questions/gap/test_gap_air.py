@@ -16,11 +16,9 @@ from testbench.effects import EFFECTS
 from testbench.flight.air import scale_lengths
 from testbench.questions.gap.evidence import air
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen, listen_again
-from testbench.questions.gap.evidence.gust_filter import GustFilter
-from testbench.questions.gap.evidence.gust_model import GustModel
+from testbench.questions.gap.evidence.gust_filter import GustFilter, GustModel
 from testbench.questions.gap.name import name_effect, starts_of
-from testbench.questions.gap.search.hypothesis import Hypothesis, changes
-from testbench.questions.gap.search.retune import retune
+from testbench.questions.gap.search.hypothesis import Hypothesis, changes, retune
 from testbench.questions.gap.workflow import in_measured_air
 
 RMS = 0.25

@@ -20,7 +20,7 @@ from testbench.flight.air import turbulence_rms
 from testbench.flight.executive import Executive
 from testbench.questions.gap import figures, windows
 from testbench.questions.gap.evidence import felt
-from testbench.questions.gap.evidence.gust_model import _felt
+from testbench.questions.gap.evidence.gust_filter import _felt
 from testbench.questions.gap.evidence.stepwise import _Moments, _Slow
 from testbench.questions.gap.free_start import Directions
 from testbench.questions.gap.new import shared_with

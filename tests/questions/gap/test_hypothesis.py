@@ -18,8 +18,7 @@ from testbench.inputs import build
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.effect_contract import recorded
 from testbench.questions.gap.priors import PRIORS
-from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.retune import retune
+from testbench.questions.gap.search.hypothesis import Hypothesis, retune
 from testbench.sensors import load_suite
 
 

@@ -35,8 +35,7 @@ from testbench.questions.gap.plan import as_record, family
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS, priors_of
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.result import TOLERANCE
-from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.retune import retune
+from testbench.questions.gap.search.hypothesis import Hypothesis, retune
 from testbench.questions.gap.workflow import find_gap, in_measured_air
 from testbench.sensors import load_suite
 

@@ -15,7 +15,7 @@ from testbench.effects import EFFECTS
 from testbench.flight import Manoeuvre, fly
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.evidence.air import AirFound, in_air
-from testbench.questions.gap.evidence.gust_model import GustModel
+from testbench.questions.gap.evidence.gust_filter import GustModel
 
 WITH_MEMORY = {
     "wake_lag": ({"time_s": 0.3, "Cm_wake": -0.5}, "de"),

@@ -11,8 +11,7 @@ from open_flights import believe, lacking, measured, prop, truths
 from testbench.effects import EFFECTS
 from testbench.questions.gap import workflow
 from testbench.questions.gap.evidence.felt import felt
-from testbench.questions.gap.evidence.stepwise import FoundTerm, Regression
-from testbench.questions.gap.evidence.vocabulary import Factor, Term, columns, quantities
+from testbench.questions.gap.evidence.stepwise import Factor, FoundTerm, Regression, Term, columns, quantities
 from testbench.questions.gap.open_set import FirstLook, effect_of, first_look, proposals, title_of, told_of
 
 THR, ALPHA, DR = Factor("thr"), Factor("alpha"), Factor("dr", modulus=True)

@@ -14,7 +14,7 @@ from studies.blind.flights import fly_truth
 from studies.blind.run import believe
 from studies.blind.truths import TRUTHS
 
-from testbench.core.scratch import Scratch
+from testbench.core.files import Scratch
 from testbench.effects import EFFECTS
 from testbench.flight.executive import Executive
 from testbench.questions.gap.name import name_effect

@@ -11,8 +11,7 @@ from scipy.signal import lfilter
 
 from testbench.estimators.regression.smoothing import noise_level
 from testbench.questions.gap.drive import drive_records
-from testbench.questions.gap.evidence.commanded import quiet_samples
-from testbench.questions.gap.evidence.rested import rests, stilled
+from testbench.questions.gap.evidence.commanded import quiet_samples, rests, stilled
 from testbench.questions.gap.new_suite import suite_of_records
 
 DT_S, NOISE = 0.02, 1e-3

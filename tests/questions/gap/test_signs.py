@@ -10,8 +10,8 @@ from open_flights import FLOWN, believe, measured, truths
 
 from testbench.aircraft import Amendment, ScaleCoefficient
 from testbench.core.errors import RecordError
+from testbench.questions.gap.evidence.check import OWN_MOMENTS, check_signs, turned
 from testbench.questions.gap.evidence.felt import felt
-from testbench.questions.gap.evidence.signs import OWN_MOMENTS, check_signs, turned
 from testbench.questions.gap.windows import as_they_start
 from testbench.questions.gap.workflow import find_gap
 

@@ -11,13 +11,10 @@ from scipy.linalg import solve_discrete_are
 from test_surface_drive import NOISE_RAD, NOTHING, STILL_AIR, STOCK, believe, measure
 
 from testbench.questions.gap.drive import driven
-from testbench.questions.gap.evidence.air import filter_in, in_air
+from testbench.questions.gap.evidence.air import filter_in, in_air, smoothed
 from testbench.questions.gap.evidence.commanded import begins_quietly
-from testbench.questions.gap.evidence.gust_filter import GustFilter
-from testbench.questions.gap.evidence.gust_model import GustModel
-from testbench.questions.gap.evidence.smoothed import smoothed
-from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.retune import retune
+from testbench.questions.gap.evidence.gust_filter import GustFilter, GustModel
+from testbench.questions.gap.search.hypothesis import Hypothesis, retune
 
 HALF_A_DEGREE = 5.0 * NOISE_RAD
 

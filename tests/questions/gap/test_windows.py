@@ -45,11 +45,10 @@ from testbench.questions.gap.evidence.commanded import (
     starts_freely,
 )
 from testbench.questions.gap.free_start import FreeStart
-from testbench.questions.gap.in_windows import in_windows
 from testbench.questions.gap.name import name_effect
 from testbench.questions.gap.search.hypothesis import Hypothesis, fly_together
 from testbench.questions.gap.window_length import windows_of
-from testbench.questions.gap.windows import LEAD_S, LONGEST_S, begin_freely, cut, longest
+from testbench.questions.gap.windows import LEAD_S, LONGEST_S, begin_freely, cut, in_windows, longest
 from testbench.questions.gap.workflow import find_gap
 
 RARE = 1e-4

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from testbench.cli import app
 from testbench.core.errors import EstimationError, ScenarioError
-from testbench.core.time_limit import TimeUp, time_limit
+from testbench.core.interrupts import TimeUp, time_limit
 from testbench.questions.run.answer import run_answer
 from testbench.questions.run.ask import load_scenario, run
 from testbench.questions.run.page import run_page

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.gauss_newton import Problem
-from testbench.estimators.parametric.kalman.gain import Gain, sampled_noise, steady_gain
-from testbench.estimators.parametric.kalman.innovations import Rows, innovations
+from testbench.estimators.parametric.kalman.innovations import Gain, Rows, innovations, sampled_noise, steady_gain
 from testbench.estimators.parametric.likelihood import Likelihood
 from testbench.estimators.parametric.sensitivities import Sensitivities, in_blocks, square_root
 from testbench.estimators.parametric.structure import STEP, AnyArray, LinearStructure

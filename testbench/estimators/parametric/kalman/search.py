@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from testbench.core.record import FloatArray
-from testbench.estimators.parametric.gauss_newton import Minimum, minimise
+from testbench.estimators.parametric.gauss_newton import Minimum, Rounds, minimise
 from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood, Part
-from testbench.estimators.parametric.rounds import Rounds
 
 _SETTLED = 3e-3  # relative change of the innovations' variances between two rounds that ends them
 _ROUNDS = 60

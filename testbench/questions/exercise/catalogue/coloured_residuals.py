@@ -13,9 +13,17 @@ from scipy.signal import lfilter
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray, load_record
-from testbench.questions.exercise.accuracy import coloured_errors, sensitivities, standard_errors
 from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
-from testbench.questions.exercise.motion import draw_short_period, measured, multistep, respond, short_period_matrices
+from testbench.questions.exercise.motion import (
+    coloured_errors,
+    draw_short_period,
+    measured,
+    multistep,
+    respond,
+    sensitivities,
+    short_period_matrices,
+    standard_errors,
+)
 
 _DT, _SECONDS, _FLIGHTS = 0.04, 14.0, 8
 _NOISE = (0.25 * DEG_RAD, 0.5 * DEG_RAD)  # alpha, q

@@ -12,9 +12,16 @@ from numpy.random import Generator
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray, load_record
-from testbench.questions.exercise.accuracy import sensitivities, standard_errors
 from testbench.questions.exercise.exercise import Answer, Case, Exercise, Handout, Mistake, Number
-from testbench.questions.exercise.motion import doublet, draw_short_period, measured, respond, short_period_matrices
+from testbench.questions.exercise.motion import (
+    doublet,
+    draw_short_period,
+    measured,
+    respond,
+    sensitivities,
+    short_period_matrices,
+    standard_errors,
+)
 
 _DT, _SECONDS, _WANTED = 0.02, 12.0, 0.5  # s; s; percent
 _NOISE = (0.1 * DEG_RAD, 0.2 * DEG_RAD)  # alpha, q

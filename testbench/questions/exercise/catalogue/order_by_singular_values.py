@@ -11,7 +11,7 @@ from numpy.random import Generator
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import load_record
-from testbench.questions.exercise.describe import description
+from testbench.questions.exercise.answers import description
 from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
 from testbench.questions.exercise.motion import measured, respond
 

@@ -16,7 +16,7 @@ from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.flight import FlightCondition, TrimmedFlight, linearise, load_aircraft, trim
 from testbench.inputs.signal import InputSignal
 from testbench.line import fly_and_measure
-from testbench.questions.exercise.describe import description
+from testbench.questions.exercise.answers import description
 from testbench.questions.exercise.exercise import Answer, Case, Exercise, Handout, Mistake, Number
 from testbench.questions.exercise.motion import doublet
 from testbench.sensors import Sensor, SensorSuite

@@ -12,9 +12,16 @@ from numpy.random import Generator
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord, FloatArray, load_record
-from testbench.questions.exercise.accuracy import sensitivities, standard_errors
 from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
-from testbench.questions.exercise.motion import draw_short_period, measured, multistep, respond, short_period_matrices
+from testbench.questions.exercise.motion import (
+    draw_short_period,
+    measured,
+    multistep,
+    respond,
+    sensitivities,
+    short_period_matrices,
+    standard_errors,
+)
 
 _DT, _SECONDS = 0.02, 15.0
 _NOISE_Q = 0.2 * DEG_RAD

@@ -14,7 +14,7 @@ from testbench.core.record import load_record
 from testbench.flight import FlightCondition, load_aircraft, trim
 from testbench.inputs.signal import InputSignal
 from testbench.line import fly_and_measure
-from testbench.questions.exercise.describe import description
+from testbench.questions.exercise.answers import description
 from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
 from testbench.questions.exercise.motion import multistep
 from testbench.sensors import Sensor, SensorSuite

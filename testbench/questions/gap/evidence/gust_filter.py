@@ -2,11 +2,20 @@
 
 The filter about trim is cheap to set up; it tells how much turbulence there is. The filter along the flight of each
 record whitens the residuals of hypotheses.
+
+The believed aircraft in Dryden turbulence as a linear model: about trim, or along the flight of a record.
+
+The same gust moves an aircraft differently at another airspeed or angle of attack, so the answer to turbulence changes
+within a manoeuvre. To a filter about trim that change looks like an effect that is curved in speed or angle of attack.
+
+Where recorded surfaces drive the aircraft, their noise moves the prediction as a gust would: it is a further input,
+white from sample to sample, beside a constant error of each surface, which is all that is known of its zero.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,9 +24,202 @@ from scipy.linalg import solve_discrete_are
 from scipy.linalg.blas import dtbsv
 
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.parametric.kalman.innovations import sampled_noise
+from testbench.flight.air import scale_lengths, turbulence_rms
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.evidence.gust_model import GustModel
-from testbench.questions.gap.evidence.gusts import record_key
+from testbench.questions.gap.evidence.commanded import jumps, surface_noise
+from testbench.questions.gap.evidence.gusts import INERTIAL, record_key
+from testbench.questions.gap.flights import linear_along
+from testbench.sensors import Sensor
+
+_LATERAL = {"beta", "v", "p", "r", "phi", "psi", "ay", "pdot", "rdot"}
+_FORMING = 5  # states of the forming filters: one of u, two of v, two of w
+_LAG_SHARE = 0.2  # of a sample: shorter lags and delays of sensors are left out
+# Process noise per step on every state of the aircraft: keeps the filter stable where it feels nothing.
+_UNMODELLED = 1e-5
+_ZERO = "error of zero of "
+
+
+@dataclass(frozen=True, eq=False)
+class GustModel:
+    """x+ = F x + noise of covariance rms^2 Q + Q0, y = H x + white noise of variance 1: residuals in noise units.
+
+    The states are the aircraft's own, as they would be in still air (x - E g is what the air feels, g the gust), errors
+    of zero of the surfaces that drive it, those of the gust's forming filters, those of sensor lags, and the noise of
+    those surfaces; the first ``moving`` are the aircraft's and the errors of zero, of which nothing is known as a
+    record begins, the last ``renewed`` the noise, which is new at every sample. F, Q (k, n, n) and H (k, p, n) belong
+    to k points: to one, trim, or to every sample of a record.
+    """
+
+    F: FloatArray
+    Q: FloatArray
+    Q0: FloatArray
+    H: FloatArray
+    moving: int
+    renewed: int = 0
+
+    @classmethod
+    def at_trim(cls, believed: Believed, height_m: float, dt_s: float) -> GustModel:
+        """Put the believed aircraft, linear about trim, into Dryden turbulence of vertical rms 1 m/s."""
+        linear, names = believed.linear, _moving(believed)
+        i = [linear.states.index(s) for s in names]
+        theta = np.array([believed.trimmed.theta])
+        A, C = linear.A[np.ix_(i, i)][None], linear.C[:, i][None]
+        return cls._of(believed, height_m, dt_s, names, A, C, linear.outputs, theta)
+
+    @classmethod
+    def along(cls, believed: Believed, height_m: float, record: FlightRecord) -> GustModel:
+        """Do the same along the aircraft's flight through the commands of a record, linear about every sample."""
+        believed = believed.at(record)
+        names, flown = _moving(believed), believed.flown(record)
+        A, C, outputs = linear_along(believed.flyer, flown, names)
+        found = cls._of(believed, height_m, record.dt_s, names, A, C, outputs, flown["theta"])
+        for i, control in enumerate(believed.surface_noise):
+            if control in surface_noise(record):
+                found = found._with_jumps(i - len(believed.surface_noise), jumps(record, control))
+        return found
+
+    @classmethod
+    def _of(
+        cls,
+        believed: Believed,
+        height_m: float,
+        dt_s: float,
+        names: Sequence[str],
+        A: FloatArray,
+        C: FloatArray,
+        outputs: Sequence[str],
+        theta: FloatArray,
+    ) -> GustModel:
+        """Join aircraft (A (k, n, n), C (k, outputs, n), pitch angle theta (k,)), gust and sensors.
+
+        The transverse components of the gust are ẋ1 = -a x1 + sqrt(a) n, ẋ2 = a (x1 - x2), w = sqrt(3) x1 +
+        (1 - sqrt(3)) x2, the longitudinal one u̇ = -a u + sqrt(2 a) n, with a = V / L (MIL-F-8785C, 3.7.1.2).
+        """
+        names, A, C = _with_surfaces(believed, names, A, C)
+        n, rates = len(names), [believed.condition.V_m_s / length for length in scale_lengths(height_m)]
+        G, noise = np.zeros((_FORMING, _FORMING)), [np.sqrt(2.0 * rates[0])]
+        G[0, 0] = -rates[0]
+        for k, a in ((1, rates[1]), (3, rates[2])):
+            G[k, k] = G[k + 1, k + 1] = -a
+            G[k + 1, k] = a
+            noise.append(np.sqrt(a))
+        E = _felt(names, height_m, theta)
+        rows = np.array([0.0 if s in INERTIAL else 1.0 for s in names])[:, None]
+        # Climbing is over the ground; attitude angles turn with rates, which E leaves alone.
+        sensors = [s for s in believed.suite.sensors if s.channel in believed.outputs]
+        own, direct = _read(believed, sensors, C, outputs, E)
+        lags = [(k, s.lag_s + s.delay_s) for k, s in enumerate(sensors) if s.lag_s + s.delay_s > _LAG_SHARE * dt_s]
+        size, gust = n + _FORMING + len(lags), slice(n, n + _FORMING)
+        M, driven = np.zeros((len(A), size, size)), np.zeros(size)
+        M[:, :n, :n], M[:, :n, gust], M[:, gust, gust] = A, -rows * (A @ E), G
+        driven[[n, n + 1, n + 3]] = noise
+        H = np.concatenate([own, direct, np.zeros((*own.shape[:2], len(lags)))], axis=2)
+        for j, (k, lag) in enumerate(lags, n + _FORMING):  # a delay stands as a lag: close where turbulence is
+            M[:, j] = H[:, k] / lag
+            M[:, j, j] = -1.0 / lag
+            H[:, k] = np.eye(size)[j]
+        F, Q = sampled_noise(M, driven, dt_s)
+        Q = 0.5 * (Q + np.swapaxes(Q, -1, -2))
+        found = cls(F, Q, np.diag(np.where(np.arange(size) < n, _UNMODELLED**2, 1e-12)), H, n)
+        for control, std in believed.surface_noise.items():
+            found = found._with_noise(names.index(_ZERO + control), std)
+        return found
+
+    def _with_noise(self, zero: int, std: float) -> GustModel:
+        """Return the model with the noise of a surface whose error of zero is a state: one more state, new each time.
+
+        A surface moves on straight lines from sample to sample. So within one it does what half of the noise at either
+        end would do, were it an error of zero.
+        """
+        k, size = self.F.shape[:2]
+        F, Q, Q0 = (np.zeros((k, size + 1, size + 1)) for _ in range(3))
+        half = 0.5 * self.F[:, :, zero]
+        half[:, zero] = 0.0
+        F[:, :size, :size], Q[:, :size, :size], Q0[:, :size, :size] = self.F, self.Q, self.Q0
+        F[:, :size, size] = half
+        new = np.column_stack([half, np.ones(k)])
+        Q0 += std**2 * new[:, :, None] * new[:, None, :]
+        H = np.concatenate([self.H, self.H[:, :, zero : zero + 1]], axis=2)
+        return GustModel(F, Q, Q0, H, self.moving, self.renewed + 1)
+
+    def _with_jumps(self, noise: int, jumped: FloatArray) -> GustModel:
+        """Return the model with what a surface, whose noise is a state, may do besides: its jumps (n,) come anywhere
+        within their sample, and a straight line errs by as much as a uniform distribution over them.
+        """
+        if not jumped.any():
+            return self
+        does = 2.0 * self.F[:, :, noise]  # the state is that of half of it
+        more = (jumped**2 / 12.0)[:, None, None] * does[:, :, None] * does[:, None, :]
+        return replace(self, Q0=self.Q0 + more)
+
+
+def _with_surfaces(
+    believed: Believed, names: Sequence[str], A: FloatArray, C: FloatArray
+) -> tuple[list[str], FloatArray, FloatArray]:
+    """Return names, A and C with a constant error of every surface that drives the aircraft as a further state.
+
+    What a surface does is that about trim.
+    """
+    linear, driving = believed.linear, list(believed.surface_noise)
+    if not driving:
+        return list(names), A, C
+    columns = [linear.inputs.index(control) for control in driving]
+    states = [linear.states.index(s) for s in names if s in linear.states]
+    n, m = len(names), len(driving)
+    wide, B = np.zeros((len(A), n + m, n + m)), np.zeros((n, m))
+    B[[i for i, s in enumerate(names) if s in linear.states]] = linear.B[np.ix_(states, columns)]
+    wide[:, :n, :n], wide[:, :n, n:] = A, B
+    D = np.broadcast_to(linear.D[:, columns], (len(C), C.shape[1], m))
+    return [*names, *(_ZERO + control for control in driving)], wide, np.concatenate([C, D], axis=2)
+
+
+def _moving(believed: Believed) -> tuple[str, ...]:
+    """Return the states of the aircraft that turbulence moves and the outputs show.
+
+    Servos are among them if something is fed back to their commands, as in some amended aircraft.
+    """
+    outputs, modes = set(believed.outputs), believed.aircraft.flown_modes()
+    count = 0 if modes is None else len(modes)
+    modal = [f"{kind}_{i + 1}" for kind in ("eta", "etadot") for i in range(count)]
+    return (
+        *("u", "w", "q", "theta"),
+        *(("h",) if "h" in outputs else ()),
+        *modal,
+        *(("v", "p", "r", "phi") if _LATERAL & outputs else ()),
+        *(m.name for m in believed.aircraft.memories),
+        *believed.linear.fed_back,
+    )
+
+
+def _felt(names: Sequence[str], height_m: float, theta: FloatArray) -> FloatArray:
+    """Return E (k, n, 5): the air's velocity in body axes, wings level, of the states of the forming filters."""
+    rms, transverse = turbulence_rms(1.0, height_m), np.array([np.sqrt(3.0), 1.0 - np.sqrt(3.0)])
+    wind = np.zeros((3, _FORMING))  # along the heading, to the right, down
+    wind[0, 0], wind[1, 1:3], wind[2, 3:5] = rms[0], rms[1] * transverse, rms[2] * transverse
+    cos, sin = np.cos(theta)[:, None], np.sin(theta)[:, None]
+    felt = {"u": cos * wind[0] - sin * wind[2], "v": wind[1], "w": sin * wind[0] + cos * wind[2]}
+    E = np.zeros((theta.size, len(names), _FORMING))
+    for i, name in enumerate(names):
+        E[:, i] = felt.get(name, 0.0)
+    return E
+
+
+def _read(
+    believed: Believed, sensors: Sequence[Sensor], C: FloatArray, outputs: Sequence[str], E: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return what the sensors read, in units of their noise, of states (k, p, n) and of gust states (k, p, 5)."""
+    trim, names = believed.trimmed.state, list(outputs)
+    own, gust = np.zeros((len(C), len(sensors), C.shape[2])), np.zeros((len(C), len(sensors), E.shape[2]))
+    for i, sensor in enumerate(sensors):
+        factor = sensor.scale / believed.noise_std[i]
+        for name, weight in sensor.weights(trim).items():
+            c = factor * weight * C[:, names.index(name)]
+            own[:, i] += c
+            if name not in INERTIAL:
+                gust[:, i] -= (c[:, None, :] @ E)[:, 0]
+    return own, gust
+
 
 _INDEPENDENT = 1e-6  # share of the largest singular value below which free columns depend on each other
 

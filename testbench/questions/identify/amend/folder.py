@@ -10,10 +10,10 @@ from pathlib import Path
 from testbench.aircraft import Aircraft
 from testbench.core.door import read_text
 from testbench.core.errors import ScenarioError
+from testbench.core.escape import quoted, real
 from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, resolve
 from testbench.core.store import ResultFolder
-from testbench.core.toml_text import quoted, real
 from testbench.flight.load import adopted_at, stock
 from testbench.questions.aircraft.adopt import described
 from testbench.questions.aircraft.new import check_name
