@@ -72,7 +72,7 @@ def parse(schema: type[Model], content: Mapping[str, Any], file: Path | str | No
 
 
 _LONGEST = 255  # bytes of the name of a file on every system in use
-_PROSE = frozenset({"question", "source", "rights", "note"})
+_PROSE = frozenset({"question", "source", "rights", "note", "says", "command"})
 """Keys whose text is for people and may have several lines; every other text becomes a name somewhere."""
 _EXPRESSIONS = frozenset({"equations", "definitions", "outputs", "initial"})
 """Tables of expressions, which may be as long; they are parsed, and become no names."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from commands import command
 
 import testbench as tb
 from testbench.core.errors import RecordError
-from testbench.core.project import project_here
+from testbench.core.project import project_here, remember
 from testbench.questions.project.new import new_project
 from testbench.questions.project.standing import following, standing
 
@@ -105,3 +106,16 @@ def test_what_is_no_project_is_left_alone(tmp_path, monkeypatch):
     with pytest.raises(RecordError, match="which is there"):
         new_project(tmp_path, "taurus", "eolo_alpha")
     assert Path("project.toml").read_text("utf-8") == 'name = "of another program"\n'
+
+
+def test_long_answers_and_commands_of_many_files_are_kept_and_read_again(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert command("new", "mine", "--aircraft", "taurus", "--sensors", "eolo_alpha").returncode == 0
+    monkeypatch.chdir(tmp_path / "mine")
+    monkeypatch.setattr(sys, "argv", ["testbench", "gap", *(f"records/run_{i}.nc" for i in range(30))])
+    remember(
+        "results/gap_taurus", "one of these, which these data cannot tell apart: " + 10 * "a servo that is slower; or "
+    )
+    done = command()
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "one of these" in done.stdout.lower()
