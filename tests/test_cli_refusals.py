@@ -137,7 +137,7 @@ def test_wrong_names_and_places_are_refused(refused, words, law):
             for o in ("lead", "tail")
             for x in ("-1", "nan", "inf")
         ),
-        *((f"import a.csv --throw de={x}", "degrees above 0 and up to 90") for x in ("-20", "nan", "x")),
+        *((f"import a.csv --throw de={x}", "de, da or dr = degrees up to 90") for x in ("-91", "nan", "x")),
         ("studio taurus --port -1", "cannot be served: not a port"),
     ],
 )

@@ -28,6 +28,7 @@ LINE = 4096  # bytes of the request line
 HEAD = 16_384  # bytes of it and all headers; browsers send one or two thousand
 READ_S = 5.0  # for the whole request
 WRITE_S = 30.0  # for the whole answer
+ENDING_S = 1.0  # for threads to end once their connections are closed
 _HEADERS = (
     ("Cache-Control", "no-store"),
     ("X-Content-Type-Options", "nosniff"),
@@ -62,6 +63,7 @@ class Server(ThreadingHTTPServer):
     def __init__(self, port: int, answer: Callable[[str], Answer | None]) -> None:
         self.answer = answer
         self._room = BoundedSemaphore(CONNECTIONS)
+        self._open: set[Any] = set()
         try:
             super().__init__((HOST, port), _Handler)
         except (OSError, OverflowError) as error:
@@ -98,10 +100,22 @@ class Server(ThreadingHTTPServer):
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
         """Serve a connection, and make room for another."""
+        self._open.add(request)
         try:
             super().process_request_thread(request, client_address)
         finally:
+            self._open.discard(request)
             self._room.release()
+
+    def server_close(self) -> None:
+        """Close the server and the connections that are open, whose threads must not outlive the interpreter."""
+        super().server_close()
+        for request in list(self._open):
+            with _broken():
+                request.shutdown(socket.SHUT_RDWR)
+        end = time.monotonic() + ENDING_S
+        while self._open and time.monotonic() < end:
+            time.sleep(0.01)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a client that went away."""
