@@ -167,7 +167,7 @@ def _units(name: str) -> list[tuple[str, float]]:
 def angles_against_rates(signals: Signals, c: Criteria) -> list[Question]:
     """Question q against the slope of theta, and p against that of phi, where one of the two is in degrees.
 
-    The slope is that over half a second; quick oscillations do not count.
+    The slope is that over half a second, or between the samples of slower logs; quick oscillations do not count.
     """
     out = []
     for rate, angle in (("q", "theta"), ("p", "phi")):
@@ -177,11 +177,13 @@ def angles_against_rates(signals: Signals, c: Criteria) -> list[Question]:
         start, end = max(t[0], ta[0]), min(t[-1], ta[-1])
         if end - start < 2.0:
             continue
-        at = np.arange(start, end, 0.5)
+        step_s = max(0.5, float(np.median(np.diff(t))), float(np.median(np.diff(ta))))
+        at = np.arange(start, end, step_s)
         angles = about((ta, a), at, 0.1)  # the noise of single samples is no motion
         turned = np.r_[0.0, np.cumsum(0.5 * (x[1:] + x[:-1]) * np.minimum(np.diff(t), 1.0))]
         by_rate, by_angle = (float(np.std(np.diff(y))) for y in (np.interp(at, t, turned), angles))
-        if min(by_rate, by_angle) * 2.0 < c.moving_rad_s * DEG_RAD or max(by_rate, by_angle) * 2.0 < c.moving_rad_s:
+        slowest, fastest = min(by_rate, by_angle) / step_s, max(by_rate, by_angle) / step_s
+        if slowest < c.moving_rad_s * DEG_RAD or fastest < c.moving_rad_s:
             continue  # standing: noise against noise
         ratio = by_rate / by_angle
         if 1.0 / c.unit_match < ratio * DEG_RAD < c.unit_match:

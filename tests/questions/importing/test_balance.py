@@ -27,7 +27,9 @@ def found_in(path: Path) -> list[tuple[str, str]]:
     for rule in rules:
         for name in instances_of(rule.topic, log.topics):
             if set(rule.fields) <= set(log.topics[name].columns):
-                fields = "/".join(rule.fields)
+                path = rule.fields[0].rpartition(".")[0] + "."  # of a vector, said once
+                shared = path if all(field.startswith(path) for field in rule.fields) else ""
+                fields = shared + "/".join(field.removeprefix(shared) for field in rule.fields)
                 out.append((rule.channel, fields if name in ("", fields) else f"{name}.{fields}"))
     return sorted(out)
 
