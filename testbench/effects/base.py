@@ -23,6 +23,9 @@ from testbench.sensors import SensorSuite
 # Where an effect acts, from the forces up to the pilot's command; what acts farther up passes through all below it.
 FORCES, LINKAGE, SERVO, GEARING, AUTOPILOT, LINK = range(6)
 
+SIZE = 4.0
+"""Prior standard deviation of a size, in multiples of its usual start."""
+
 
 @dataclass(frozen=True)
 class Parameter:

@@ -86,8 +86,8 @@ class Columns:
     @classmethod
     def of(cls, columns: FloatArray, unknown: Motion, taken: NDArray[np.bool_]) -> Columns:
         """Return those of columns (n, p, K) and an unknown motion at samples (n, p) that were taken."""
-        X = np.where(taken[:, :, None], columns, 0.0).reshape(taken.size, -1)
-        return cls(X, unknown.response.transpose(1, 0, 2).reshape(taken.size, -1), float(taken.sum()))
+        X = columns if taken.all() else np.where(taken[:, :, None], columns, 0.0)
+        return cls(X.reshape(taken.size, -1), unknown.by_sample, float(taken.sum()))
 
     @cached_property
     def _own(self) -> tuple[FloatArray, FloatArray]:
@@ -104,7 +104,7 @@ class Columns:
     def sums(self) -> Sums:
         """Their inner products."""
         squares, along = self._own
-        A = (self.X.T @ self.X) - np.einsum("im,km,jm->kij", along, self._share, along, optimize=True)
+        A = (self.X.T @ self.X) - (along * self._share[:, None, :]) @ along.T
         return Sums(A, np.sum(np.log1p(np.array(KAPPAS)[:, None] ** 2 * squares), axis=1), self.count)
 
     def left(self, residuals: FloatArray) -> Left:
@@ -134,7 +134,7 @@ class Columns:
         return gram, vectors[:, seen] * np.sqrt(values[seen])
 
     def _left(self, by_column: FloatArray, along: FloatArray, square: FloatArray) -> Left:
-        b = by_column - np.einsum("im,km,mr->kir", self._own[1], self._share, along, optimize=True)
+        b = by_column - self._own[1] @ (self._share[:, :, None] * along)
         return Left(b, square - self._share @ along**2)
 
     def some(self, columns: Sequence[int]) -> Columns:

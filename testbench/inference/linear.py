@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,11 @@ class Motion:
     response: FloatArray
     gram: FloatArray
     size: FloatArray
+
+    @cached_property
+    def by_sample(self) -> FloatArray:
+        """``response`` as (n p, m)."""
+        return self.response.transpose(1, 0, 2).reshape(-1, self.size.size)
 
     @classmethod
     def none(cls, taken: NDArray[np.bool_]) -> Motion:

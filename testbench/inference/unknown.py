@@ -46,55 +46,65 @@ def pulses(linear: LinearModel, channels: Sequence[str], V_m_s: float, record: F
         >>> import testbench as tb
         >>> tb.pulses(linear, ("q", "alpha"), 13.0, record).shape  # doctest: +SKIP
     """
-    states = [s for s in _FORCED if s in linear.states]
-    if not states:
-        raise EstimationError(f"a model must have a state of motion, {', '.join(_FORCED)}, got {linear.states}")
+    states = forced_states(linear)
     n, dt = len(record), record.dt_s
     width, knot = (max(1, round(t / dt)) for t in (PULSE_S, PATH_S))
-    rows = [list(linear.outputs).index(c) if c in linear.outputs else None for c in channels]
     out = []
     for state in states:
         push, direct = np.zeros(len(linear.states)), np.zeros(len(channels))
         push[linear.states.index(state)] = 1.0
         if (read := _READ_AT_ONCE.get(state)) in channels:
             direct[list(channels).index(str(read))] = V_m_s if state in ("alpha", "beta") else 1.0
-        size = _acceleration(state, V_m_s, record)
-        out += _shifted(size * _response(linear, push, direct, rows, np.ones(width), n, dt), width)
+        pulse = np.where(np.arange(n) < width, rms_acceleration(state, V_m_s, record), 0.0)
+        out += _shifted(forced(linear, channels, push, direct, pulse[:, None], dt)[:, :, 0], width)
     hat = np.concatenate([np.arange(knot), np.arange(knot, 0, -1)]) / knot
     for surface in (c for c in channels if c in linear.inputs):
         k = linear.inputs.index(surface)
-        direct = np.array([0.0 if row is None else linear.D[row, k] for row in rows])
-        size = float(np.nanstd(record[surface]))
-        out += _shifted(size * _response(linear, linear.B[:, k], direct, rows, hat, n, dt), knot)
+        outputs = list(linear.outputs)
+        direct = np.array([linear.D[outputs.index(c), k] if c in outputs else 0.0 for c in channels])
+        pulse = float(np.nanstd(record[surface])) * np.pad(hat, (0, n))[:n]
+        out += _shifted(forced(linear, channels, linear.B[:, k], direct, pulse[:, None], dt)[:, :, 0], knot)
     return np.stack(out, axis=2)
 
 
-def _response(
+def forced_states(linear: LinearModel) -> list[str]:
+    """Return the states of motion that pulses of acceleration force.
+
+    Raises:
+        EstimationError: there is none.
+    """
+    states = [s for s in _FORCED if s in linear.states]
+    if not states:
+        raise EstimationError(f"a model must have a state of motion, {', '.join(_FORCED)}, got {linear.states}")
+    return states
+
+
+def forced(
     linear: LinearModel,
+    channels: Sequence[str],
     push: FloatArray,
     direct: FloatArray,
-    rows: Sequence[int | None],
-    pulse: FloatArray,
-    n: int,
-    dt: float,
+    inputs: FloatArray,
+    dt_s: float,
 ) -> FloatArray:
-    """Return what a pulse (k,) of an input, held from sample to sample, does to the channels (n, p).
+    """Return what inputs (n, h), held from sample to sample, do to the channels from rest, (n, p, h).
 
-    The input moves the states by ``push`` (states,) and the channels at once by ``direct`` (p,); ``rows`` are the
-    outputs that the channels are.
+    An input moves the states by ``push`` (states,) and the channels (p,) at once by ``direct`` (p,); channels that the
+    model does not give are moved at once alone.
     """
     size = len(push)
     M = np.zeros((size + 1, size + 1))
     M[:size, :size], M[:size, size] = linear.A, push
-    step = expm(M * dt)
-    u = np.zeros(n)
-    u[: len(pulse)] = pulse[:n]
-    x, response = np.zeros(size), np.zeros((n, len(rows)))
-    for t in range(n):
-        y = linear.C @ x
-        response[t] = [0.0 if row is None else y[row] for row in rows]
-        x = step[:size, :size] @ x + step[:size, size] * u[t]
-    return response + u[:, None] * direct
+    step = expm(M * dt_s)
+    A, b = step[:size, :size], step[:size, size, None]
+    x = np.zeros((len(inputs), size, inputs.shape[1]))
+    for t in range(len(inputs) - 1):
+        x[t + 1] = A @ x[t] + b * inputs[t]
+    C = np.zeros((len(channels), size))
+    for i, c in enumerate(channels):
+        if c in linear.outputs:
+            C[i] = linear.C[list(linear.outputs).index(c)]
+    return np.asarray(C @ x + direct[:, None] * inputs[:, None, :])
 
 
 def _shifted(response: FloatArray, by: int) -> list[FloatArray]:
@@ -103,7 +113,7 @@ def _shifted(response: FloatArray, by: int) -> list[FloatArray]:
     return [np.concatenate([np.zeros_like(response[:begin]), response[: n - begin]]) for begin in range(0, n, by)]
 
 
-def _acceleration(state: str, V_m_s: float, record: FlightRecord) -> float:
+def rms_acceleration(state: str, V_m_s: float, record: FlightRecord) -> float:
     """Return the rms of a state's derivative in the measured motion, SI; 0.1 if the state is not measured."""
     seen = _SEEN_AS.get(state, state)
     if seen not in record or len(record) <= 2 * _SMOOTHED:

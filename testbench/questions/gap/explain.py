@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import logsumexp
@@ -28,6 +28,9 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.parts import part_names
 from testbench.questions.gap.priors import LATERAL_PRIORS
 from testbench.sensors import SensorSuite
+
+if TYPE_CHECKING:
+    from testbench.questions.gap.open_set import OpenTerm
 
 # Prior probabilities before any flight; judged. Those of one kind share them alike.
 P_NOTHING, P_EFFECT, P_PAIR, P_COEFFICIENT, P_OPEN, P_STRANGER = 0.40, 0.30, 0.05, 0.10, 0.05, 0.10
@@ -267,6 +270,7 @@ class Naming:
         nuisances: nuisance -> value of that re-tuning.
         samples: number of samples in those sums.
         rejected: effect that was not flown -> why.
+        terms: of the open set that come nearest to first order, the most probable first.
     """
 
     outcome: str
@@ -278,6 +282,7 @@ class Naming:
     nuisances: Mapping[str, float]
     samples: int
     rejected: Mapping[str, str] = field(default_factory=dict)
+    terms: tuple[OpenTerm, ...] = ()
 
     @property
     def best(self) -> Explanation | None:

@@ -36,7 +36,6 @@ from testbench.page.plot import (
     time_axis,
 )
 from testbench.questions.gap.evidence.locate import BANDS_HZ
-from testbench.questions.gap.evidence.stepwise import followed
 from testbench.questions.gap.explain import percent
 from testbench.questions.gap.explored import held_out, spectra
 from testbench.questions.gap.verdict import Verdict
@@ -48,7 +47,6 @@ if TYPE_CHECKING:
     from testbench.core.record import FloatArray
     from testbench.questions.gap.ask import GapResult
     from testbench.questions.gap.evidence.locate import ResidualMap
-    from testbench.questions.gap.open_set import FirstLook
     from testbench.questions.gap.result import Shrink
 
 
@@ -230,8 +228,7 @@ _LOOKS: list[tuple[str, str, tuple[float, ...]]] = [
     (name, colour, () if isinstance(dash, str) else (float(dash[1][0]), float(dash[1][1])))
     for name, colour, dash in _MODELS
 ]
-_MOST_FORCES = 3  # manoeuvres side by side
-_SMALL_COEFFICIENT = 0.02  # below it a coefficient is drawn a thousand times as large
+_TOLD = 3.0  # standard errors
 _SEGMENTS = 8  # of a residual spectrum, averaged
 
 
@@ -242,10 +239,8 @@ def gap_plates(result: GapResult) -> list[Plate]:
     out = [_answer_plate(result)] if result.finding.shrink and result.finding.changed else []
     out += [] if where is None else [where]
     out += [_map_plate(result), _region_plate(result)] if result.finding.regions else [_map_plate(result)]
-    if result.finding.forces:
-        out.append(_force_plate(result))
-    if result.finding.first is not None and result.finding.first.terms:
-        out.append(_term_plate(result, result.finding.first))
+    if any(one.kappa > 0.0 for one in result.finding.lacks):
+        out.append(_lacking_plate(result))
     if result.finding.naming.ranking:
         out.append(_ranking_plate(result))
     if result.finding.changed:
@@ -330,85 +325,45 @@ def _region_plate(result: GapResult) -> Plate:
     return Plate("residual_regions", "Where in the flight region the residual sits", caption, make)
 
 
-def _force_plate(result: GapResult) -> Plate:
-    """Return the equation errors over time: a row per coefficient, a column per manoeuvre, the largest ones."""
-    names = [n for n in result.finding.forces[0].errors if all(n in f.errors for f in result.finding.forces)]
-    largest = sorted(
-        result.finding.forces,
-        key=lambda f: -max(float(np.std(f.errors[n])) / max(f.floor[n], 1e-12) for n in names),
-    )[:_MOST_FORCES]
-    forces = [f for f in result.finding.forces if f in largest]
+def _lacking_plate(result: GapResult) -> Plate:
+    """Return what the believed model lacks over time: a row for each state, a column for each manoeuvre."""
+    lacks = result.finding.lacks
+    ratio = {s: max(_largest(one.accelerations[s] / one.std[s]) for one in lacks) for s in lacks[0].accelerations}
+    states = [s for s in ratio if ratio[s] > _TOLD] or [max(ratio, key=lambda s: ratio[s])]
 
     def make(wide: bool) -> Figure:
-        """Draw one panel per coefficient and manoeuvre."""
-        columns = len(forces) if wide else 1
-        rows = len(names) * (1 if wide else len(forces))
+        """Draw one panel for each state and manoeuvre."""
+        columns, rows = (len(lacks), len(states)) if wide else (1, len(states) * len(lacks))
         gap = 0.5 if wide else 0.75
         figure = new_figure(wide, 0.35 + 1.05 * rows + gap * (rows - 1) + 0.5)
         panels = grid(figure, 0.3, [1.05] * rows, (1.0,) * columns, gap_in=gap, between_in=0.6)
-        panels = panels.reshape(len(names), len(forces)) if wide else panels.reshape(len(forces), len(names)).T
-        for r, name in enumerate(names):
-            top = max(float(np.abs(f.errors[name]).max()) for f in forces)
-            for c, found in enumerate(forces):
-                axes = panels[r, c]
-                axes.axhspan(-2.0 * found.floor[name], 2.0 * found.floor[name], color=BAND)
-                axes.plot(*envelope(found.t_s, found.errors[name]), color=COLOURS[0], linewidth=1.0)
-                axes.set_ylim(-1.05 * top, 1.05 * top)
-                last = r == len(names) - 1 or not wide
-                title = found.manoeuvre if r == 0 or not wide else ""
-                label(axes, "t, s" if last else "", f"Δ{name}" if c == 0 or not wide else "", title)
+        panels = panels.reshape(len(states), len(lacks)) if wide else panels.reshape(len(lacks), len(states)).T
+        for r, state in enumerate(states):
+            factor, unit = shown_unit(state)
+            top = factor * max(_largest(one.accelerations[state]) for one in lacks)
+            for c, one in enumerate(lacks):
+                axes, value, band = panels[r, c], factor * one.accelerations[state], 2.0 * factor * one.std[state]
+                axes.stairs(value + band, one.t_s, baseline=value - band, fill=True, color=BAND)
+                axes.stairs(value, one.t_s, baseline=None, color=COLOURS[0], linewidth=1.2)
+                axes.axhline(0.0, color=INK, linewidth=0.6)
+                axes.set_ylim(-1.3 * top, 1.3 * top)
+                last = r == len(states) - 1 or not wide
+                title = one.manoeuvre if r == 0 or not wide else ""
+                said = f"d{symbol(state)}/dt, {unit}/s"
+                label(axes, "t, s" if last else "", said if c == 0 or not wide else "", title)
                 time_axis(axes)
         return figure
 
     caption = (
-        "Equation errors: the measured motion is put into the believed equations at every instant, and this is what "
-        "they leave of the measured accelerations, as coefficients. Grey: two standard deviations of it in the quiet "
-        "flight before the commands."
-        + (
-            f" The {_MOST_FORCES} manoeuvres with the largest errors."
-            if len(forces) < len(result.finding.forces)
-            else ""
-        )
+        "Accelerations that an unknown motion would have to add to the believed model, in stretches of half a second, "
+        "of the manoeuvres with the largest residuals. Grey: two standard errors. States in which they are none to "
+        "within these are left out."
     )
-    return Plate("equation_errors", "Forces and moments without a cause", caption, make)
+    return Plate("lacking", "What the believed model lacks over time", caption, make)
 
 
-def _term_plate(result: GapResult, first: FirstLook) -> Plate:
-    """Return the error of a coefficient beside the surest term, a panel per record: those that the term moves most."""
-    best = first.terms[0]
-    every = followed(result.finding.believed, first.flights, first.terms, best.coefficient)
-    most = sorted(every, key=lambda f: -float(np.std(f.terms)))[:_MOST_FORCES]
-    shown = [f for f in every if f in most]
-
-    def make(wide: bool) -> Figure:
-        """Draw errors and terms over time."""
-        columns, rows = (len(shown), 1) if wide else (1, len(shown))
-        handles = line_handles([], [("felt less model", MEASURED), ("terms found", _AFTER, _AFTER_DASH)])
-        top = legend_in([h.get_label() for h in handles], wide) + 0.4
-        gap = 0.75
-        figure = new_figure(wide, top + 1.7 * rows + gap * (rows - 1) + 0.55)
-        panels = grid(figure, top, [1.7] * rows, (1.0,) * columns, gap_in=gap, between_in=0.6).ravel()
-        high = max(float(np.abs(f.error).max()) for f in shown)
-        times = 1000.0 if high < _SMALL_COEFFICIENT else 1.0
-        shown_as = f"{'1000 ' if times > 1.0 else ''}Δ{best.coefficient}"
-        for i, (axes, f) in enumerate(zip(panels, shown, strict=True)):
-            axes.axhspan(-2.0 * times * f.noise, 2.0 * times * f.noise, color=BAND)
-            axes.plot(f.t_s, times * f.error, color=MEASURED, linewidth=1.0)
-            axes.plot(f.t_s, times * f.terms, color=_AFTER, linewidth=1.5)
-            axes.set_ylim(-1.05 * times * high, 1.05 * times * high)
-            label(axes, "t, s", shown_as if i == 0 or not wide else "", f.name)
-            time_axis(axes)
-        legend(figure, handles)
-        return figure
-
-    names = " and ".join(f.term.label for f in first.terms if f.coefficient == best.coefficient)
-    caption = (
-        f"{best.coefficient} felt by the aircraft less that of the believed model in the motion that was recorded, "
-        f"and what {names} make{'s' if ' and ' not in names else ''} of it, both about their means and below the "
-        "cut-off of the regression. Grey: two standard deviations of what the sensors' noise makes of it. The records "
-        "that it moves most."
-    )
-    return Plate("terms", "The surest term", caption, make)
+def _largest(x: FloatArray) -> float:
+    return float(np.max(np.abs(x)))
 
 
 def _map_plate(result: GapResult) -> Plate:

@@ -15,6 +15,7 @@ import numpy as np
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.effects import Effect
+from testbench.effects.base import SIZE
 from testbench.inference.compare import WHOLE, whole_and_part
 from testbench.inference.first_order import Columns, FirstOrder, Left, Sums, sum_of
 from testbench.inference.linear import KAPPAS, fewer
@@ -25,7 +26,6 @@ from testbench.questions.gap.name import (
     COEFFICIENTS,
     INVISIBLE,
     MOST,
-    SIZE,
     WIDE,
     WIDER,
     columns_of,

@@ -16,9 +16,9 @@ import numpy as np
 
 from testbench.core.errors import LimitError, ModelError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
-from testbench.effects import Effect, library
+from testbench.effects import Effect, left_out, library
 from testbench.effects import Parameter as EffectParameter
-from testbench.effects.base import together
+from testbench.effects.base import SIZE, together
 from testbench.inference.compare import Hypothesis, Points, Row, compare_hypotheses
 from testbench.inference.first_order import Columns, FirstOrder, sum_of
 from testbench.inference.linear import Motion, fewer
@@ -26,16 +26,17 @@ from testbench.inference.parameters import Noise, Parameter, Source
 from testbench.inference.unknown import pulses
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.explain import Explanation, Naming, Weighed, share_of_excess, wrong_coefficient
+from testbench.questions.gap.open_set import OpenTerm, rank_terms
 from testbench.questions.gap.search.gust_search import sought
 from testbench.questions.gap.search.hypothesis import Hypothesis as Point
 from testbench.questions.gap.search.hypothesis import changes, fly_together, retune
 from testbench.questions.gap.starts import far_apart, times_of
 
-SIZE = 4.0  # prior standard deviation of a size, in multiples of its usual start
 WIDE = 10.0  # the same of a coefficient that is wrong, in multiples of that of its prior
 WIDER = (WIDE**2 - 1.0) ** 0.5  # of what it is wrong by, beside its prior
 SCALE = 0.7  # least prior standard deviation of ln of a parameter that is a scale: a factor of two either way
 MOST, COEFFICIENTS, TERMS = 7, 3, 3  # effects, coefficients and terms that forces follow that are flown, the nearest
+SHOWN = 12  # terms that are listed
 BEGINS = 2  # points from which an effect is fitted, the best first
 BESIDE = 4  # effects that are flown beside each of the best
 NEEDS = 0.1  # probability of something unknown from which another is sought beside the two best, not the best alone
@@ -53,8 +54,7 @@ def name_effect(
     pairs: bool = True,
     source: Source = "simulated",
     further: Mapping[str, Effect] | None = None,
-    terms: Mapping[str, Effect] | None = None,
-    tried: int = 1,
+    open_terms: bool = False,
     held_out: Sequence[FlightRecord] = (),
     elsewhere: Callable[[], bool] = lambda: False,
 ) -> Naming:
@@ -68,8 +68,7 @@ def name_effect(
         pairs: where one effect does not explain all, two at once are tried, or three.
         source: where the noise of the sensors comes from.
         further: effects that are sought only in a place where one of the library comes near.
-        terms: that forces and moments may follow, see :mod:`.open_set`.
-        tried: how many terms these are the best of.
+        open_terms: terms that no effect of the library holds are weighed, too (:mod:`.open_set`).
         held_out: measured records that judge.
         elsewhere: whether what is missing may act in a part of the flights alone, so that no second effect is sought
             where the library lacks something more probably than not (``ELSEWHERE``); asked there only, as it takes as
@@ -89,25 +88,27 @@ def name_effect(
     known = {n: sought(base, e) for n, e in known.items()}
     rejected = {n: why for n, e in known.items() if (why := not_sought(base, e))}
     known = {n: e for n, e in known.items() if n not in rejected}
-    near = asker.near([*known.values(), *(terms or {}).values()])
+    near = asker.near(list(known.values()))
     places = {one.effect.place for one in near[:MOST]}
     new = {n: e for n, e in (further or {}).items() if e.place in places and n not in known}
     new = {n: e for n, e in new.items() if not not_sought(base, e)}
     known |= new
     near = sorted([*near, *asker.near(list(new.values()))], key=lambda one: -one.log)
     rejected |= dict.fromkeys(known.keys() - {one.effect.name for one in near}, "these records cannot show it")
-    open_ = set(terms or {})
-    flown = [one for one in near if one.effect.name not in open_][:MOST]
-    flown += [one for one in near if one.effect.name in open_][:TERMS]
+    flown, terms, tried = near[:MOST], tuple[OpenTerm, ...](), 1
     wrong = asker.wrong()[:COEFFICIENTS]
     say(f"fly {len(flown)} explanations that come nearest")
     asked = {"nothing": asker.nothing(), **{n: asker.coefficient(n) for n in wrong}}
     shown = {n: wrong_coefficient(n) for n in wrong}
-    for one in flown:
-        if (hypothesis := asker.effect(one)) is None:
-            rejected[one.effect.name] = "nothing near its usual sizes flies the measured commands"
-        else:
-            asked[one.effect.name], shown[one.effect.name] = hypothesis, one.effect
+
+    def ask(some: Sequence[_Near]) -> None:
+        for one in some:
+            if (hypothesis := asker.effect(one)) is None:
+                rejected[one.effect.name] = "nothing near its usual sizes flies the measured commands"
+            else:
+                asked[one.effect.name], shown[one.effect.name] = hypothesis, one.effect
+
+    ask(flown)
     seen = max(1, len(known) - len(rejected.keys() & known.keys()))
 
     def weighed(before: Weighed | None = None) -> Weighed:
@@ -121,10 +122,15 @@ def name_effect(
             ahead=asker.ahead,
             before=None if before is None else before.table,
         )
-        named = tuple(n for n in shown if n in open_)
+        named = tuple(t.name for t in terms if t.name in shown)
         return Weighed.of(found, dict(shown), seen, len(base.priors), tried, named)
 
     out = weighed()
+    if open_terms and out.nothing <= 0.5 and out.unknown > NEEDS:
+        say("look at terms that no effect holds")
+        terms, tried = asker.open_terms()
+        ask([_Near(t.effect, (({"size": t.size}, base.by_name),), t.log, t.gain) for t in terms[:TERMS]])
+        out = weighed(out)
     for several in (1, 2) if pairs else ():
         if out.nothing > 0.5 or (several == 1 and out.unknown > ELSEWHERE and elsewhere()):
             break
@@ -148,7 +154,7 @@ def name_effect(
         n: f"ln p of its signature lies {behind[n]:.3g} behind the nearest"
         for n in behind.keys() - shown.keys() - rejected.keys()
     }
-    return asker.named(out, rejected)
+    return asker.named(out, rejected, terms)
 
 
 def _beside_the_best(
@@ -364,6 +370,24 @@ class _Asker:
         """Of each record, an unknown motion by its principal directions."""
         return [fewer(self._moved(r), self.believed.taken(r)) for r in self.records]
 
+    def open_terms(self) -> tuple[tuple[OpenTerm, ...], int]:
+        """Return the terms of the open set that the aircraft can have, the most probable first, and how many there are.
+
+        Raises:
+            FlightAborted, LimitError: the re-tuned model does not survive the measured commands.
+        """
+
+        def weigh(columns: FloatArray) -> list[FirstOrder]:
+            sizes = np.ones(columns.shape[1])
+            return [
+                self._weighed(b, -b.tangents, columns, -b.deviations * b.prior_std, b.prior_std, sizes)
+                for b in self.bases
+            ]
+
+        found, tried = rank_terms(self.tuned, weigh)
+        known = left_out({t.name: t.effect for t in found[:SHOWN]}, self.believed.aircraft, self.believed.suite)
+        return tuple(t for t in found[:SHOWN] if t.name not in known), tried
+
     def unknown(self, record: FlightRecord) -> FloatArray:
         """Return what an unknown motion does to a record, its mean and what an unknown start changes taken out."""
         return self._moved(record) * self.believed.noise_std[:, None]
@@ -486,7 +510,7 @@ class _Asker:
         except _NOT_FLOWN:
             return np.full((len(record), len(outputs)), np.nan)
 
-    def named(self, weighed: Weighed, rejected: Mapping[str, str]) -> Naming:
+    def named(self, weighed: Weighed, rejected: Mapping[str, str], terms: tuple[OpenTerm, ...]) -> Naming:
         """Return what is named by the probabilities, all explanations flown at their best points."""
         rows = {row.name: row for row in weighed.table.rows}
         at = {name: _split(weighed.effects.get(name), row) for name, row in rows.items()}
@@ -521,7 +545,7 @@ class _Asker:
         outcome, names = weighed.decide()
         ranking = tuple(sorted(fits, key=lambda f: (-f.probability, -rows[f.effect.name].log_evidence)))
         nuisances = at["nothing"][2]
-        return Naming(outcome, names, ranking, weighed, self.start.chi2, nothing, nuisances, samples, rejected)
+        return Naming(outcome, names, ranking, weighed, self.start.chi2, nothing, nuisances, samples, rejected, terms)
 
 
 def _split(

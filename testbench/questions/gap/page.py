@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 from testbench.core.door import read_text
 from testbench.page.page import Page, source_of
-from testbench.questions.compatibility.tables import compatibility_tables
+from testbench.questions.compatibility.tables import fault_table
 from testbench.questions.gap.drive import driven_by
 from testbench.questions.gap.export import amended_files
 from testbench.questions.gap.figures import gap_plates, plan_plates
 from testbench.questions.gap.starts import start_of
 from testbench.questions.gap.tables import gap_tables, plan_tables
+from testbench.questions.identify.instruments import agreement_in_words
 
 if TYPE_CHECKING:
     from testbench.questions.gap.ask import GapResult
@@ -38,8 +39,8 @@ def gap_page(result: GapResult) -> Page:
             "result": result,
             "starts": {n: f", from {s}" if (s := start_of(r)) else "" for n, r in result.records.items()},
             "driven_by": driven_by(list(result.records.values())),
-            "data_check": check.sentences if check else (),
-            "check_tables": compatibility_tables(check.result) if check and check.result else [],
+            "data_check": agreement_in_words(check) if check else (),
+            "check_tables": [fault_table(check)] if check and check.compared else [],
             "amended": list(amended),
             "diff": "\n".join(text for path, text in amended.items() if path.endswith(".diff")),
         },

@@ -11,18 +11,18 @@ from testbench.core.constants import DEG_RAD, G0_M_S2, KT_M_S
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.batch.jobs import Tally
 from testbench.inference.calibrate import Reliability
+from testbench.inference.instruments import Agreement
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.air import AirFound
-from testbench.questions.gap.evidence.check import DataCheck
 from testbench.questions.gap.evidence.control_path import SurfacePath
-from testbench.questions.gap.evidence.forces import EquationErrors
 from testbench.questions.gap.evidence.held_out import HeldOutFlight
+from testbench.questions.gap.evidence.lacking import Lacking
 from testbench.questions.gap.evidence.locate import RegionMap, ResidualMap, Structure
 from testbench.questions.gap.evidence.noise_found import NoiseFound
 from testbench.questions.gap.explain import VISIBLE, Naming
 from testbench.questions.gap.onset import Begun
-from testbench.questions.gap.open_set import FirstLook
 from testbench.questions.gap.verdict import Verdict, verdict_of
+from testbench.questions.identify.instruments import agreement_in_words
 
 # By so much a simulator may err in the short period and after a power change, in roll and yaw response and in a steady
 # sideslip, 14 CFR 60, appendix A, table A2A; the pitch angle's tolerance is taken for the angle of attack.
@@ -92,14 +92,13 @@ class GapFinding:
         air: what the residuals say of the air.
         noise: how large the noise of the sensors is, where that was found; None where it is known.
         regions: where in the flight envelope the residual of the believed model sits.
-        forces: equation errors of forces and moments, one per manoeuvre that has the channels for it.
+        lacks: accelerations that the believed model lacks, of the manoeuvres with the largest residuals.
         next_flight: the manoeuvre that would tell the rest apart, in words; "" if nothing is left to tell apart.
         check: what the instruments say of each other, or None if that was not asked.
         errors: channel -> largest error of the believed model over all records, about its mean in each, SI.
         left: where the residuals of ``amended`` are not white, if an effect is named in still air; None if they may be
             noise.
         again: what stated probabilities are worth here, if the flights were flown again with drawn truths.
-        first: what forces and moments say before anything is flown, or None if nobody looked.
         windows: how records without quiet flight were cut, a sentence for each.
         begun: what begins or ends in flight, if anything seems to.
         tally: by what the believed and the amended model were flown through every record.
@@ -114,13 +113,12 @@ class GapFinding:
     shrink: tuple[Shrink, ...]
     air: AirFound
     regions: tuple[RegionMap, ...] = ()
-    forces: tuple[EquationErrors, ...] = ()
+    lacks: tuple[Lacking, ...] = ()
     next_flight: str = ""
-    check: DataCheck | None = None
+    check: Agreement | None = None
     errors: Mapping[str, float] = field(default_factory=dict)
     left: Structure | None = None
     again: Reliability | None = None
-    first: FirstLook | None = None
     tally: Tally | None = None
     windows: tuple[str, ...] = ()
     begun: Begun | None = None
@@ -162,11 +160,10 @@ class GapFinding:
         if self.naming.outcome != "no gap":
             out += [m.sentence for m in self.maps]
             out += [max(self.regions, key=lambda r: r.contrast).sentence] if self.regions else []
-        news = self.check.sentences if self.check is not None and self.check.news else ()
+        news = agreement_in_words(self.check) if self.check is not None and self.check.contradicted else ()
         again = () if self.again is None else (self.again.sentence(max(self.naming.weighed.stated.values())),)
-        first = () if self.first is None else self.first.sentences
         noise = (self.noise.sentence,) if self.noise is not None and self.noise.sentence else ()
-        return (*out, *noise, *self.windows, *first, *again, self.air.sentence, *news)
+        return (*out, *noise, *self.windows, *again, self.air.sentence, *news)
 
     @property
     def immaterial(self) -> bool:

@@ -20,11 +20,11 @@ from testbench.questions.gap.again import fly_again
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.drive import driven
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen, listen_again, listen_in_flight, smoothed
-from testbench.questions.gap.evidence.check import check_data, check_signs
+from testbench.questions.gap.evidence.check import check_instruments, check_signs
 from testbench.questions.gap.evidence.control_path import paths_seen
-from testbench.questions.gap.evidence.forces import equation_errors
 from testbench.questions.gap.evidence.gusts import called
 from testbench.questions.gap.evidence.held_out import differences
+from testbench.questions.gap.evidence.lacking import lacking
 from testbench.questions.gap.evidence.locate import (
     ResidualMap,
     largest_errors,
@@ -35,8 +35,7 @@ from testbench.questions.gap.evidence.locate import (
 from testbench.questions.gap.evidence.noise_found import find_noise
 from testbench.questions.gap.explain import Explanation, Naming
 from testbench.questions.gap.flights import flights
-from testbench.questions.gap.name import ELSEWHERE, name_effect
-from testbench.questions.gap.open_set import first_look, proposals
+from testbench.questions.gap.name import ELSEWHERE, name_effect, unknown_motion
 from testbench.questions.gap.plan import separate
 from testbench.questions.gap.result import GapFinding, Shrink
 from testbench.questions.gap.scenario import Drive
@@ -45,6 +44,7 @@ from testbench.questions.gap.search.parallel import Ahead
 from testbench.questions.gap.window_length import Windows
 from testbench.questions.gap.windows import as_they_start, begin_freely, in_windows
 
+SHOWN = 3  # records of which it is shown over time what the model lacks: those with the largest residuals
 SAME_AIR = 0.15  # share by which the rms of turbulence may change before the search is made again
 
 
@@ -55,7 +55,7 @@ class Sought:
     Attributes:
         effects: the library, by name.
         further: effects that are sought only in a place where one of the library comes near.
-        terms: that forces and moments follow; ``tried``: how many they are the best of.
+        open_terms: terms that no effect of the library holds are weighed, too.
         source: where the noise of the sensors comes from.
         pairs: two effects at once are sought, too.
         held_out: records that judge.
@@ -64,8 +64,7 @@ class Sought:
 
     effects: Mapping[str, Effect]
     further: Mapping[str, Effect] = field(default_factory=dict)
-    terms: Mapping[str, Effect] = field(default_factory=dict)
-    tried: int = 1
+    open_terms: bool = True
     source: Source = "simulated"
     pairs: bool = True
     held_out: Sequence[FlightRecord] = ()
@@ -81,8 +80,7 @@ class Sought:
             self.pairs,
             self.source,
             self.further,
-            self.terms,
-            self.tried,
+            self.open_terms,
             self.held_out,
             self.elsewhere,
         )
@@ -156,14 +154,12 @@ def find_gap(
         say("measure the noise")
         noise_found = find_noise(believed, list(records.values()), noise)
         believed = replace(stated, suite=noise_found.corrected(stated.suite))
-    instruments = partial(check_data, believed, list(given.whole.values()), list(records.values()))
+    instruments = partial(check_instruments, believed.suite, list(given.whole.values()))
     with Ahead() as ahead:
         if check:
             say("check the instruments against each other")
             ahead.begin("check", instruments)  # the search needs nothing of it
         checked = ahead.take("check", instruments) if check and ahead.most == 1 else None
-        say("look at forces and moments")
-        first = first_look(believed, given.whole)
         say("listen to the air")
         air = listen(believed, list(records.values()))
         records, held_out = _smoothed(believed, air, records), _smoothed(believed, air, held_out)
@@ -174,11 +170,9 @@ def find_gap(
         sought = Sought(
             {n: e for n, e in known.items() if n not in unseen},
             {n: e for n, e in servos.items() if n not in unseen},
-            proposals(first, believed),
-            1 if first.found is None else first.found.tried,
-            "simulated" if noise == "simulated" else "measured",
-            not given.notes,  # where starts are fitted once more beside what comes nearest, two are sought after that
-            list(held_out.values()),
+            source="simulated" if noise == "simulated" else "measured",
+            pairs=not given.notes,  # where starts are fitted once more beside what comes nearest, two are sought after
+            held_out=list(held_out.values()),
         )
         as_believed = believed
         begun = _Begun(as_believed, records, air, sought, say)
@@ -214,7 +208,7 @@ def find_gap(
         def ask(measured: Sequence[FlightRecord], heard: AirFound) -> Naming:
             """Ask about a flight as the measured ones were asked about."""
             heard_in = smoothed(all_in, heard, measured)
-            return search(all_in, heard_in, heard, lambda stage: None, replace(sought, terms={}))[1]
+            return search(all_in, heard_in, heard, lambda stage: None, replace(sought, open_terms=False))[1]
 
         flights_again = fly_again(all_in, whole, air, sought.effects, again, ask, say, again_file)
     if naming.best is not None:
@@ -226,7 +220,8 @@ def find_gap(
     say("locate the residual")
     maps = tuple(_map(believed, name, record) for name, record in records.items())
     left, taken = zip(*((believed.residuals(r), believed.taken(r)) for r in flown), strict=True)
-    forces = [equation_errors(replace(believed, whiten=None), n, r) for n, r in records.items()]
+    of = sorted(zip(records.items(), left, strict=True), key=lambda one: -float(np.mean(one[1] ** 2)))[:SHOWN]
+    lacks = [lacking(believed, n, r, unknown_motion(believed, r, deflections=False), x) for (n, r), x in of]
     next_flight = ""
     alike = [f for f in naming.ranking if f.effect.name in naming.names and not f.coefficients]
     if naming.outcome == "set" and len(alike) > 1:
@@ -243,12 +238,11 @@ def find_gap(
         air=air,
         noise=noise_found,
         regions=locate_regions(flown, left, believed.outputs, taken),
-        forces=tuple(e for e in forces if e is not None),
+        lacks=tuple(lacks),
         next_flight=next_flight,
         check=checked,
         errors=largest_errors(believed, [*flown, *held_out.values()]),
         left=None if naming.best is None else left_by(amended, flown),
-        first=first,
         again=flights_again,
         windows=(*given.notes, *others.notes),
         begun=acting,
@@ -273,7 +267,7 @@ class _Begun:
         """Where it may, by an unknown motion alone, the most probable first."""
         self.say("seek what begins in flight")
         flown_in, _ = in_measured_air(self.believed, list(self.records.values()), self.air)
-        nothing = replace(self.sought, effects={}, further={}, terms={}, pairs=False, held_out=())
+        nothing = replace(self.sought, effects={}, further={}, open_terms=False, pairs=False, held_out=())
         naming = nothing.name(flown_in, list(self.records.values()), lambda stage: None)
         return [] if naming.weighed.nothing > 0.5 else onset.seek(flown_in, self.records, naming)
 
@@ -293,7 +287,7 @@ def _begun_somewhere(
     flown_in, naming, air = found
     for place in places:
         cut = onset.divided(believed, records, place)
-        there = replace(sought, effects=onset.later(sought.effects, place), further={}, terms={}, pairs=False)
+        there = replace(sought, effects=onset.later(sought.effects, place), further={}, open_terms=False, pairs=False)
         begins = believed
         if place.record:
             along = Hypothesis.towards_unknown(flown_in, tuple(records.values()), naming.beside_unknown)

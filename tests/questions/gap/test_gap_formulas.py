@@ -19,11 +19,10 @@ from testbench.flight import FlightCondition, load_aircraft
 from testbench.flight.air import turbulence_rms
 from testbench.flight.executive import Executive
 from testbench.questions.gap import figures, windows
-from testbench.questions.gap.evidence import felt
 from testbench.questions.gap.evidence.gust_filter import _felt
-from testbench.questions.gap.evidence.stepwise import _Moments, _Slow
 from testbench.questions.gap.free_start import Directions
 from testbench.questions.gap.new import shared_with
+from testbench.questions.gap.open_set import accelerations
 
 RNG = np.random.default_rng(12)
 
@@ -39,21 +38,19 @@ def test_a_boom_is_stepped_exactly_for_a_load_held_over_a_frame(monkeypatch):
         assert min(abs(np.array(numbers) - entry)) < 1e-9 * max(abs(entry), 1.0), entry
 
 
-def test_coefficients_are_the_components_of_a_force_along_and_across_the_wind(monkeypatch):
-    monkeypatch.setattr(felt, "smooth", lambda x, dt_s: x)
-    n, b, c, S = 20, 3.0, 0.4, 1.1
-    alpha, beta, qbar = 0.3 * RNG.normal(size=n), 0.2 * RNG.normal(size=n), 150.0 + 10.0 * RNG.normal(size=n)
-    force, moment = RNG.normal(size=(n, 3)), RNG.normal(size=(n, 3))
-    believed = SimpleNamespace(aircraft=SimpleNamespace(geometry=SimpleNamespace(b_m=b, cbar_m=c, S_m2=S)))
-    motion = SimpleNamespace(record=SimpleNamespace(dt_s=0.02), state={"alpha": alpha[None], "beta": beta[None]})
-    found = felt._coefficients(believed, motion, 0, force, moment, qbar)
-    for k in range(n):
-        x = np.array([1.0, np.tan(beta[k]) * np.hypot(1.0, np.tan(alpha[k])), np.tan(alpha[k])])  # where it flies
-        x /= np.linalg.norm(x)
-        z = np.array([-x[2], 0.0, x[0]]) / np.hypot(x[0], x[2])  # across it, in the plane of symmetry
-        wind = force[k] @ np.column_stack([x, np.cross(z, x), z])
-        expected = [-wind[2], -wind[0], wind[1], *(moment[k] / [b, c, b])]
-        np.testing.assert_allclose(found[k], np.array(expected) / (qbar[k] * S), rtol=1e-9, atol=1e-12)
+def test_a_unit_of_a_coefficient_accelerates_along_and_across_the_wind():
+    n = SimpleNamespace
+    alpha, m, S, qbar, b, c = 0.2, 3.0, 1.1, 150.0, 3.0, 0.4
+    mass = n(mass_kg=m, Ixx=1.0, Iyy=2.0, Izz=2.5, Ixz=0.0)
+    aircraft = n(mass=mass, geometry=n(S_m2=S, b_m=b, cbar_m=c))
+    there = n(trimmed=n(alpha=alpha), aircraft=aircraft, condition=n(V_m_s=20.0, qbar_Pa=qbar))
+    per = qbar * S / m
+    drag, lift, side = (accelerations(there, name) for name in ("CD", "CL", "CY"))
+    assert (drag["V"], lift["V"]) == pytest.approx((-per, 0.0))
+    assert (drag["alpha"], lift["alpha"], side["beta"]) == pytest.approx((0.0, -per / 20.0, per / 20.0))
+    assert (lift["u"], lift["w"]) == pytest.approx((per * np.sin(alpha), -per * np.cos(alpha)))
+    moments = [accelerations(there, name)[rate] for name, rate in (("Cl", "p"), ("Cm", "q"), ("Cn", "r"))]
+    assert moments == pytest.approx([qbar * S * b, qbar * S * c / 2.0, qbar * S * b / 2.5])
 
 
 def test_turbulence_is_felt_along_the_body_axes_with_drydens_transverse_filter():
@@ -82,26 +79,6 @@ def test_a_free_start_takes_out_of_residuals_what_its_covariance_whitens():
     assert np.max(np.abs(found.best(far.reshape(15, 2)))) < np.max(
         np.abs(np.linalg.solve(G.T @ G + np.eye(3), G.T @ far))
     )
-
-
-def test_moments_are_freed_of_the_noise_that_copies_show():
-    copies, n, p = 4, 25, 3
-    y, G = RNG.normal(size=(copies + 1, n)), RNG.normal(size=(copies + 1, n, p))
-    found = _Moments.of(y, G)
-    noise = sum((G[k] - G[0]).T @ (G[k] - G[0]) for k in range(1, copies + 1)) / copies
-    cross = sum((G[k] - G[0]).T @ (y[k] - y[0]) for k in range(1, copies + 1)) / copies
-    np.testing.assert_allclose(found.noise, noise)
-    np.testing.assert_allclose(found.corrected, G[0].T @ G[0] - noise)
-    np.testing.assert_allclose(found.with_y, G[0].T @ y[0] - cross)
-    assert found.y == pytest.approx(y[0] @ y[0])
-
-
-def test_slow_signals_pass_the_filter_at_the_rate_that_it_states():
-    dt = 0.01
-    slow = _Slow.of(dt)
-    t = dt * np.arange(4000)
-    out = slow(t[:, None], 0)
-    np.testing.assert_allclose(np.diff(out[:, 0]), 1.0 / slow.per_s(dt), rtol=1e-6)
 
 
 def test_play_and_a_reluctant_servo_follow_what_exceeds_their_band():

@@ -26,7 +26,7 @@ from recorded import flight_data
 from testbench.aircraft import Amendment, SetProperty
 from testbench.aircraft.seams import control_path
 from testbench.flight import FlightCondition, linearise, trim
-from testbench.questions.gap.evidence.check import check_data
+from testbench.questions.gap.evidence.check import check_instruments
 from testbench.questions.gap.workflow import find_gap
 
 RECORDS = ("1 aileron", "1 rudder", "2 aileron", "2 rudder")
@@ -63,16 +63,13 @@ def test_side_force_is_what_one_record_says():
     assert side_force(attas_lateral_record(flight_data(), "1 rudder")) == pytest.approx(ATTAS_SIDE, rel=0.01)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", RECORDS)
-def test_kinematics_say_that_sideslip_was_read_late(tmp_path, name):
-    """Without any aerodynamics, in each record by itself."""
-    record = attas_lateral_record(flight_data(), name, everything=True)
-    believed = believe(attas(tmp_path / "attas"), record, quiet_noise([record]), ATTAS_V, ATTAS_H)
-    news = {found.name: found for found, _ in check_data(believed, [record]).news}
-    (late,) = (f for n, f in news.items() if n in ("beta_lag", "beta_delay"))
-    assert late.estimate == pytest.approx(ATTAS_LATE_S, abs=0.01)
-    assert late.estimate > 10.0 * late.standard_error
+def test_kinematics_say_that_sideslip_was_read_late(tmp_path):
+    """Without any aerodynamics, of all records together."""
+    records = [attas_lateral_record(flight_data(), name, everything=True) for name in RECORDS]
+    believed = believe(attas(tmp_path / "attas"), records[0], quiet_noise(records), ATTAS_V, ATTAS_H)
+    found = check_instruments(believed.suite, records)
+    print(found)
+    assert found.fault.channel == "beta"
 
 
 @pytest.mark.slow

@@ -77,7 +77,7 @@ def test_page_figures_tables_and_amended_aircraft(result, tmp_path):
         "figures/answer.png",
         "figures/residual_maps.png",
         "figures/residual_regions.png",
-        "figures/equation_errors.png",
+        "figures/lacking.png",
         "tables/ranking.csv",
         "amended/eolo/eolo.xml",
         "amended/eolo/aircraft.toml",
@@ -179,13 +179,3 @@ def test_every_diff_is_on_the_page(result, tmp_path):
     page = gap_page(both).write(tmp_path)[-1].read_text(encoding="utf-8")
     for head in ("--- believed suite", "--- believed model"):
         assert head in page
-
-
-def test_forces_that_only_some_records_have_the_channels_for_are_left_out(result):
-    first, *others = result.finding.forces
-    more = replace(
-        first, errors={**first.errors, "CX": first.errors["CZ"]}, floor={**first.floor, "CX": first.floor["CZ"]}
-    )
-    uneven = replace(result, finding=replace(result.finding, forces=(more, *others)))
-    (plate,) = [p for p in gap_plates(uneven) if p.name == "equation_errors"]
-    assert {a.get_ylabel() for a in plate.make(True).axes} <= {"ΔCZ", "ΔCm", ""}

@@ -24,7 +24,6 @@ from testbench.questions.gap import ask
 from testbench.questions.gap.ask import run_gap
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.air import in_air, listen
-from testbench.questions.gap.evidence.felt import felt
 from testbench.questions.gap.name import name_effect
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.search.gust_search import GustSearch
@@ -134,12 +133,9 @@ def test_turbulence_is_heard_and_whitened_at_each_speed():
     assert energies == pytest.approx([1.0, 1.0], abs=5 * 0.028)
 
 
-def test_forces_and_gusts_are_looked_at_from_each_condition():
-    """What a right model lacks is noise from every start, and the filters of gusts are those of a record alone."""
+def test_gusts_are_looked_at_from_each_condition():
+    """The filters of gusts are those of a record alone."""
     b, records = believe(), measure(NOTHING, SLOW, FAST, HEAVY)
-    for each in felt(b, dict(zip("abc", records, strict=True)), 4):
-        lacking = each.errors[0] - each.errors[0].mean(axis=0)
-        assert np.all(lacking.std(axis=0) < 2.0 * np.sqrt((each.std**2).mean(axis=0)))
     together = GustSearch.at(Hypothesis.at(b, b, tuple(records)))
     for i, record in enumerate(records):
         alone = GustSearch.at(Hypothesis.at(b, b, (record,)))
