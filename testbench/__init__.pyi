@@ -86,8 +86,6 @@ from testbench.questions.files import ask as ask
 from testbench.questions.files import load as load
 from testbench.questions.gap.ask import GapResult as GapResult
 from testbench.questions.gap.ask import run_gap as run_gap
-from testbench.questions.gap.open_set import FirstLook as FirstLook
-from testbench.questions.gap.open_set import first_look as first_look
 from testbench.questions.gap.result import GapFinding as GapFinding
 from testbench.questions.gap.workflow import find_gap as find_gap
 from testbench.questions.global_model.ask import global_model as global_model

@@ -119,12 +119,12 @@ def show(
     if case is None:
         raise RecordError("the believed aircraft must be given with its records, or a gap case, got nothing")
     from testbench.core.paths import aircraft_names
+    from testbench.core.processes import cores, processes
     from testbench.core.store import ResultFolder, folder_in
     from testbench.page.write import record_keeper
     from testbench.questions.gap.ask import run_flights, run_gap
     from testbench.questions.gap.page import gap_page
     from testbench.questions.gap.records import load_flights
-    from testbench.questions.gap.search.parallel import cores, processes
 
     measured = bool(records) or case in aircraft_names()
     if measured:

@@ -23,11 +23,8 @@ class Criteria:
     Attributes:
         false_alarm: see :data:`FALSE_ALARM`.
         air_false_alarm: probability of hearing turbulence in still air. Judged.
-        instrument_false_alarm: probability of finding any error of an instrument where there is none. Judged.
         least: gain below which nothing is found; noise reaches it less often than any threshold. Calibrated, seed
             20261208.
-        too_close: a runner-up with this share of the best gain is not told apart while more than noise is left. Judged.
-        false_terms: share of false terms among those that forces and moments are said to follow. Judged.
         turned_rad: a surface that moves by more with other coefficients is turned by what the believed model measures.
             Derived: a thousand times what rounding leaves.
         faintest_rad: noise of a surface that is said to have none. Derived: no servo is simulated better between
@@ -40,15 +37,12 @@ class Criteria:
             servo does that settles by less than 80 % within a sample, which is one below 80 rad/s at 50 Hz.
         reversed: a control whose moment is less than so many times the believed one, and ``sure`` to be negative, is
             counted the other way. Judged: no linkage, servo or feedback turns a moment about.
-        sure: both need a distance from 1 of so many standard errors, which must be smaller than the prior's. Judged.
+        sure: standard errors below zero, likewise. Judged.
     """
 
     false_alarm: float = FALSE_ALARM
     air_false_alarm: float = 1e-3
-    instrument_false_alarm: float = 0.01
     least: float = 25.0
-    too_close: float = 0.85
-    false_terms: float = 0.01
     turned_rad: float = 1e-6
     faintest_rad: float = 2e-5
     stirs: float = 5.0
@@ -58,17 +52,11 @@ class Criteria:
     sure: float = 4.0
 
     @property
-    def told_apart(self) -> float:
-        """Gain by which one of two effects must lead to exclude the other. Derived: 2 ln(1 / false_alarm).
-
-        A wrong effect leads the true one by as much with a probability of ``false_alarm`` at most (Markov's bound on a
-        likelihood ratio).
-        """
-        return float(2.0 * np.log(1.0 / self.false_alarm))
-
-    @property
     def air_refuted(self) -> float:
-        """Fall of twice the log-likelihood of the quiet flight that turbulence does not survive. Derived, likewise."""
+        """Fall of twice the log-likelihood of the quiet flight that turbulence does not survive.
+
+        Derived: 2 ln(1 / air_false_alarm), Markov's bound on a likelihood ratio.
+        """
         return float(2.0 * np.log(1.0 / self.air_false_alarm))
 
 

@@ -20,7 +20,7 @@ from testbench.effects.base import LINK, Effect
 from testbench.flight import FlightCondition, load_aircraft, trim
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.brought import load_effect
-from testbench.questions.gap.name import name_effect
+from testbench.questions.gap.name import Sought, name_effect
 from testbench.sensors import load_suite
 
 CONDITION = FlightCondition(16.0, 547.0)
@@ -173,7 +173,7 @@ def it_goes_from_process_to_process(t: Trial) -> None:
 def it_is_found_again_in_data_that_it_made(t: Trial) -> None:
     """From noise-free records with the effect in them, fitting it leaves no more than a fiftieth of the gap."""
     records = recorded(t.believed.with_effect(t.effect, t.put_in), commands())
-    naming = name_effect(t.believed, records, effects={t.effect.name: t.effect}, pairs=False)
+    naming = name_effect(t.believed, records, Sought({t.effect.name: t.effect}, pairs=False))
     if t.effect.name in naming.rejected:
         return  # these flights do not show it, which is no fault of the effect
     found = next((f for f in naming.ranking if not f.coefficients), None)

@@ -46,51 +46,62 @@ INVISIBLE = 1e-2  # chi-square of what an effect changes at its starts, below wh
 _NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
 
 
+@dataclass(frozen=True)
+class Sought:
+    """All that is weighed as an explanation, and what is known beside the records.
+
+    Attributes:
+        effects: the library, by name; that of the suite if not given.
+        further: effects that are sought only in a place where one of the library comes near.
+        open_terms: terms that no effect of the library holds are weighed, too (:mod:`.open_set`).
+        source: where the noise of the sensors comes from.
+        pairs: where one effect does not explain all, two at once are tried, or three.
+        held_out: measured records that judge.
+        elsewhere: whether what is missing may act in a part of the flights alone, so that no second effect is sought
+            where the library lacks something more probably than not (``ELSEWHERE``); asked there only, as it takes as
+            long as all the rest.
+    """
+
+    effects: Mapping[str, Effect] | None = None
+    further: Mapping[str, Effect] = field(default_factory=dict)
+    open_terms: bool = False
+    source: Source = "simulated"
+    pairs: bool = True
+    held_out: Sequence[FlightRecord] = ()
+    elsewhere: Callable[[], bool] = lambda: False
+
+
 def name_effect(
     believed: Believed,
     records: Sequence[FlightRecord],
+    what: Sought | None = None,
     progress: Callable[[str], None] | None = None,
-    effects: Mapping[str, Effect] | None = None,
-    pairs: bool = True,
-    source: Source = "simulated",
-    further: Mapping[str, Effect] | None = None,
-    open_terms: bool = False,
-    held_out: Sequence[FlightRecord] = (),
-    elsewhere: Callable[[], bool] = lambda: False,
 ) -> Naming:
     """Weigh all that the library explains of ``records``, and name what is probable.
 
     Args:
         believed: aircraft, sensors and condition as believed.
         records: measured records.
+        what: is weighed; the library alone if not given.
         progress: called with a few words as each stage begins.
-        effects: the library, by name; that of the suite if not given.
-        pairs: where one effect does not explain all, two at once are tried, or three.
-        source: where the noise of the sensors comes from.
-        further: effects that are sought only in a place where one of the library comes near.
-        open_terms: terms that no effect of the library holds are weighed, too (:mod:`.open_set`).
-        held_out: measured records that judge.
-        elsewhere: whether what is missing may act in a part of the flights alone, so that no second effect is sought
-            where the library lacks something more probably than not (``ELSEWHERE``); asked there only, as it takes as
-            long as all the rest.
 
     Raises:
         FlightAborted, TrimError, LimitError: the believed aircraft itself does not survive the measured commands.
     """
-    say = progress or (lambda text: None)
+    say, what = progress or (lambda text: None), what or Sought()
     for record in records:
         believed.check_commands(record)
-    asker = _Asker(believed, tuple(records), source)
+    asker = _Asker(believed, tuple(records), what.source)
     say("re-tune the believed model")
     base = asker.tuned
     say("look through the library")
-    known = library(believed.suite, believed.aircraft) if effects is None else effects
+    known = library(believed.suite, believed.aircraft) if what.effects is None else what.effects
     known = {n: sought(base, e) for n, e in known.items()}
     rejected = {n: why for n, e in known.items() if (why := not_sought(base, e))}
     known = {n: e for n, e in known.items() if n not in rejected}
     near = asker.near(list(known.values()))
     places = {one.effect.place for one in near[:MOST]}
-    new = {n: e for n, e in (further or {}).items() if e.place in places and n not in known}
+    new = {n: e for n, e in what.further.items() if e.place in places and n not in known}
     new = {n: e for n, e in new.items() if not not_sought(base, e)}
     known |= new
     near = sorted([*near, *asker.near(list(new.values()))], key=lambda one: -one.log)
@@ -117,7 +128,7 @@ def name_effect(
             list(asked.values()),
             asker.noise,
             asker.unknown,
-            held_out,
+            what.held_out,
             samples=0,
             ahead=asker.ahead,
             before=None if before is None else before.table,
@@ -126,13 +137,13 @@ def name_effect(
         return Weighed.of(found, dict(shown), seen, len(base.priors), tried, named)
 
     out = weighed()
-    if open_terms and out.nothing <= 0.5 and out.unknown > NEEDS:
+    if what.open_terms and out.nothing <= 0.5 and out.unknown > NEEDS:
         say("look at terms that no effect holds")
         terms, tried = asker.open_terms()
         ask([_Near(t.effect, (({"size": t.size}, base.by_name),), t.log, t.gain) for t in terms[:TERMS]])
         out = weighed(out)
-    for several in (1, 2) if pairs else ():
-        if out.nothing > 0.5 or (several == 1 and out.unknown > ELSEWHERE and elsewhere()):
+    for several in (1, 2) if what.pairs else ():
+        if out.nothing > 0.5 or (several == 1 and out.unknown > ELSEWHERE and what.elsewhere()):
             break
         others = [e for e in known.values() if e.name not in rejected]
         more = _beside_the_best(asker, out, several, others, say)

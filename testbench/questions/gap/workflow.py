@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from testbench.core.blas import on_one_thread
 from testbench.core.errors import RecordError, located
+from testbench.core.processes import Ahead
 from testbench.core.record import FlightRecord
 from testbench.effects import OTHER_SERVOS, Effect, library
 from testbench.flight.batch.jobs import Tally
@@ -35,55 +36,16 @@ from testbench.questions.gap.evidence.locate import (
 from testbench.questions.gap.evidence.noise_found import find_noise
 from testbench.questions.gap.explain import Explanation, Naming
 from testbench.questions.gap.flights import flights
-from testbench.questions.gap.name import ELSEWHERE, name_effect, unknown_motion
+from testbench.questions.gap.name import ELSEWHERE, Sought, name_effect, unknown_motion
 from testbench.questions.gap.plan import separate
 from testbench.questions.gap.result import GapFinding, Shrink
 from testbench.questions.gap.scenario import Drive
 from testbench.questions.gap.search.hypothesis import Hypothesis, retune
-from testbench.questions.gap.search.parallel import Ahead
 from testbench.questions.gap.window_length import Windows
 from testbench.questions.gap.windows import as_they_start, begin_freely, in_windows
 
 SHOWN = 3  # records of which it is shown over time what the model lacks: those with the largest residuals
 SAME_AIR = 0.15  # share by which the rms of turbulence may change before the search is made again
-
-
-@dataclass(frozen=True)
-class Sought:
-    """All that is weighed as an explanation, and what is known beside the records.
-
-    Attributes:
-        effects: the library, by name.
-        further: effects that are sought only in a place where one of the library comes near.
-        open_terms: terms that no effect of the library holds are weighed, too.
-        source: where the noise of the sensors comes from.
-        pairs: two effects at once are sought, too.
-        held_out: records that judge.
-        elsewhere: whether what is missing may act in a part of the flights alone, see :func:`.name.name_effect`.
-    """
-
-    effects: Mapping[str, Effect]
-    further: Mapping[str, Effect] = field(default_factory=dict)
-    open_terms: bool = True
-    source: Source = "simulated"
-    pairs: bool = True
-    held_out: Sequence[FlightRecord] = ()
-    elsewhere: Callable[[], bool] = lambda: False
-
-    def name(self, believed: Believed, records: Sequence[FlightRecord], say: Callable[[str], None]) -> Naming:
-        """Return what is named of records."""
-        return name_effect(
-            believed,
-            records,
-            say,
-            self.effects,
-            self.pairs,
-            self.source,
-            self.further,
-            self.open_terms,
-            self.held_out,
-            self.elsewhere,
-        )
 
 
 @on_one_thread
@@ -170,6 +132,7 @@ def find_gap(
         sought = Sought(
             {n: e for n, e in known.items() if n not in unseen},
             {n: e for n, e in servos.items() if n not in unseen},
+            open_terms=True,
             source="simulated" if noise == "simulated" else "measured",
             pairs=not given.notes,  # where starts are fitted once more beside what comes nearest, two are sought after
             held_out=list(held_out.values()),
@@ -210,7 +173,7 @@ def find_gap(
             heard_in = smoothed(all_in, heard, measured)
             return search(all_in, heard_in, heard, lambda stage: None, replace(sought, open_terms=False))[1]
 
-        flights_again = fly_again(all_in, whole, air, sought.effects, again, ask, say, again_file)
+        flights_again = fly_again(all_in, whole, air, sought.effects or {}, again, ask, say, again_file)
     if naming.best is not None:
         amended = naming.best.added_to(believed)
     else:
@@ -268,7 +231,7 @@ class _Begun:
         self.say("seek what begins in flight")
         flown_in, _ = in_measured_air(self.believed, list(self.records.values()), self.air)
         nothing = replace(self.sought, effects={}, further={}, open_terms=False, pairs=False, held_out=())
-        naming = nothing.name(flown_in, list(self.records.values()), lambda stage: None)
+        naming = name_effect(flown_in, list(self.records.values()), nothing)
         return [] if naming.weighed.nothing > 0.5 else onset.seek(flown_in, self.records, naming)
 
 
@@ -285,13 +248,13 @@ def _begun_somewhere(
     ``found`` is what was found of the records as they are.
     """
     flown_in, naming, air = found
+    along = Hypothesis.towards_unknown(flown_in, tuple(records.values()), naming.beside_unknown)
+    tuned, effects = flown_in.with_nuisances(along.by_name), sought.effects or {}
     for place in places:
         cut = onset.divided(believed, records, place)
-        there = replace(sought, effects=onset.later(sought.effects, place), further={}, open_terms=False, pairs=False)
+        there = replace(sought, effects=onset.later(effects, place), further={}, open_terms=False, pairs=False)
         begins = believed
         if place.record:
-            along = Hypothesis.towards_unknown(flown_in, tuple(records.values()), naming.beside_unknown)
-            tuned = flown_in.with_nuisances(along.by_name)
             begins = onset.begin_there(believed, cut, place, records[place.record], tuned)
         named = search(begins, list(cut.values()), air, say, there)
         if named[1].weighed.unknown < ELSEWHERE:
@@ -326,7 +289,7 @@ def search(
     if air.moves:
         say("measure the air")
     flown_in, air = in_measured_air(believed, records, air)
-    naming = sought.name(flown_in, records, say)
+    naming = name_effect(flown_in, records, sought, say)
     if not air.moves and naming.outcome in ("no gap", "named", "set"):
         return flown_in, naming, air
     say("listen to the air again")
@@ -337,7 +300,7 @@ def search(
     if again.moves == air.moves and abs(again.rms_m_s - air.rms_m_s) <= SAME_AIR * air.rms_m_s:
         return flown_in, naming, air
     flown_in = in_air(believed, again, beside)
-    return flown_in, sought.name(flown_in, records, say), again
+    return flown_in, name_effect(flown_in, records, sought, say), again
 
 
 def in_measured_air(believed: Believed, records: Sequence[FlightRecord], air: AirFound) -> tuple[Believed, AirFound]:

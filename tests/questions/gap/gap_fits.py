@@ -11,13 +11,13 @@ from testbench.effects import Effect
 from testbench.inference.compare import compare_hypotheses
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.explain import Explanation, Naming
-from testbench.questions.gap.name import _Asker, _split, name_effect
+from testbench.questions.gap.name import Sought, _Asker, _split, name_effect
 from testbench.questions.gap.search.gust_search import sought
 
 
 def weighed(believed: Believed, records: Sequence[FlightRecord], *effects: Effect) -> Naming:
     """Return what is named among some effects."""
-    return name_effect(believed, records, effects={e.name: e for e in effects}, pairs=False)
+    return name_effect(believed, records, Sought({e.name: e for e in effects}, pairs=False))
 
 
 def fits(believed: Believed, records: Sequence[FlightRecord], *effects: Effect) -> list[Explanation | None]:

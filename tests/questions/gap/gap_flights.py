@@ -11,7 +11,7 @@ from testbench.flight.air import Air, turbulence_rms
 from testbench.inputs import build
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.name import name_effect
+from testbench.questions.gap.name import Sought, name_effect
 from testbench.sensors import load_suite
 
 CONDITION = FlightCondition(16.0, 547.0)
@@ -43,6 +43,6 @@ def measure(
 
 def among(effects, pairs=False):
     """Return a search among ``effects`` only, to be patched in place of ``workflow.name_effect``; all if None."""
-    return lambda believed, records, say, _=None, both=True, source="simulated", *more: name_effect(
-        believed, records, say, effects, pairs and both, source
+    return lambda believed, records, what, say=None: name_effect(
+        believed, records, Sought(effects, pairs=pairs and what.pairs, source=what.source), say
     )

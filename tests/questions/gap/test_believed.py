@@ -12,7 +12,7 @@ from studies.blind.truth import Truth
 
 from testbench.core.errors import LimitError
 from testbench.core.record import FlightAborted
-from testbench.questions.gap.name import name_effect
+from testbench.questions.gap.name import Sought, name_effect
 
 
 @pytest.fixture(scope="module")
@@ -51,4 +51,4 @@ def test_commands_that_the_believed_aircraft_cannot_take_are_refused(throttled):
     column = throttled.channels.index("thr_cmd")
     data[:, column] = data[0, column] + 5.0 * (data[:, column] - data[0, column])
     with pytest.raises(LimitError, match="reduce the amplitude"):
-        name_effect(believe("eolo"), [replace(throttled, data=data)], effects={})
+        name_effect(believe("eolo"), [replace(throttled, data=data)], Sought({}))

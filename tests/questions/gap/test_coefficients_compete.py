@@ -14,7 +14,7 @@ from gap_flights import believe, measure
 from testbench.effects import EFFECTS
 from testbench.questions.gap.effect_contract import recorded
 from testbench.questions.gap.explain import Naming
-from testbench.questions.gap.name import name_effect
+from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.workflow import find_gap
 
 
@@ -39,7 +39,7 @@ def test_a_coefficient_far_off_its_prior_is_named_with_its_size_and_the_aircraft
 def test_two_coefficients_far_off_are_one_explanation():
     believed = believe()
     records = measure(believed.with_nuisances({"Cm_alpha": 1.6, "Cm_q": 2.2}), 11)
-    naming = name_effect(believed, records, effects={})
+    naming = name_effect(believed, records, Sought({}))
     assert set(naming.names[0].split(" + ")) == {"Cm_alpha", "Cm_q"}, naming.sentence
     best = naming.best
     for name, true in (("Cm_alpha", 1.6), ("Cm_q", 2.2)):

@@ -17,7 +17,7 @@ from testbench.flight.air import scale_lengths
 from testbench.questions.gap.evidence import air
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen, listen_again
 from testbench.questions.gap.evidence.gust_filter import GustFilter, GustModel
-from testbench.questions.gap.name import name_effect, starts_of
+from testbench.questions.gap.name import Sought, name_effect, starts_of
 from testbench.questions.gap.search.hypothesis import Hypothesis, changes, retune
 from testbench.questions.gap.workflow import in_measured_air
 
@@ -206,7 +206,7 @@ FEW = {n: EFFECTS[n] for n in ("actuator_lag", "alpha_scale", "thrust_line", "ma
 
 def test_no_effect_is_named_in_turbulence(turbulent, moved):
     """The false-alarm probability is 1e-3."""
-    assert name_effect(moved, turbulent[0], effects=FEW, pairs=False).outcome == "no gap"
+    assert name_effect(moved, turbulent[0], Sought(FEW, pairs=False)).outcome == "no gap"
 
 
 @pytest.mark.parametrize("hidden", [True, False])
@@ -227,7 +227,7 @@ def test_the_likeliest_air_misfits_least(believed, turbulent):
 @pytest.mark.slow
 def test_turbulence_that_is_not_whitened_is_a_gap(believed, turbulent):
     records, _ = turbulent
-    assert name_effect(believed, records, effects=FEW, pairs=False).outcome != "no gap"
+    assert name_effect(believed, records, Sought(FEW, pairs=False)).outcome != "no gap"
 
 
 def test_the_lengths_of_the_specification_are_those_that_are_flown():

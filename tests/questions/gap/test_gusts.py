@@ -23,7 +23,7 @@ from testbench.flight.air import Gust
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.gusts import called, manoeuvre_of, record_key
 from testbench.questions.gap.export import air_text
-from testbench.questions.gap.name import name_effect
+from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.search.gust_search import GustSearch
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.workflow import find_gap
@@ -198,7 +198,7 @@ def test_the_air_is_written_as_a_scenario_reads_it(finding, tmp_path):
 
 def test_calm_flights_are_no_gap(believed, calm):
     """False alarm 1e-3 for all effects together, and as much for energy left over; the seed is fixed."""
-    naming = name_effect(believed, list(calm.values()), effects=FEW)
+    naming = name_effect(believed, list(calm.values()), Sought(FEW))
     assert naming.outcome == "no gap", naming.sentence
     assert "no gust stands out" in naming.rejected["gust"]
 
@@ -209,7 +209,7 @@ def test_calm_flights_are_no_gap(believed, calm):
 )
 def test_what_recurs_in_several_manoeuvres_or_in_one_channel_is_no_gust(believed, kind, sizes):
     records = list(fly_truth("taurus", TRUTHS[kind](sizes, "taurus"), "short", 8).values())
-    naming = name_effect(believed, records, effects={"gust": GUST})
+    naming = name_effect(believed, records, Sought({"gust": GUST}))
     assert naming.weighed["gust"] < 0.01
     assert naming.weighed.unknown > 0.9, naming.sentence
 
@@ -221,6 +221,6 @@ def test_what_recurs_in_several_manoeuvres_or_in_one_channel_is_no_gust(believed
 )
 def test_a_gust_is_named_with_its_place_wherever_it_is(believed, gust):
     records = list(fly_truth("taurus", Truth(gust=gust), "short", 8).values())
-    naming = name_effect(believed, records, effects={"gust": GUST})
+    naming = name_effect(believed, records, Sought({"gust": GUST}))
     assert naming.names == ("gust",), naming.sentence
     assert abs(naming.best.values["start_s"] - SETTLE_S - gust.start_s) < 4.0 * naming.best.errors["start_s"] + 0.05

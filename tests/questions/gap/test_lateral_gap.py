@@ -30,7 +30,7 @@ from testbench.questions.gap.evidence.commanded import moves_laterally
 from testbench.questions.gap.evidence.locate import locate_regions
 from testbench.questions.gap.explain import Naming
 from testbench.questions.gap.foreseen import Foreseen, usual_sizes
-from testbench.questions.gap.name import _Asker, name_effect, not_sought
+from testbench.questions.gap.name import Sought, _Asker, name_effect, not_sought
 from testbench.questions.gap.plan import as_record, family
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS, priors_of
 from testbench.questions.gap.records import load_flights
@@ -83,7 +83,7 @@ def named(aircraft: str, truth: Truth) -> Naming:
     if (aircraft, id(truth)) not in NAMED:
         b = believe(aircraft)
         lib = library(b.suite)
-        found = name_effect(b, hidden(aircraft, truth), effects={n: lib[n] for n in FEW}, pairs=False)
+        found = name_effect(b, hidden(aircraft, truth), Sought({n: lib[n] for n in FEW}, pairs=False))
         NAMED[aircraft, id(truth)] = truth, found
     return NAMED[aircraft, id(truth)][1]
 
@@ -116,7 +116,7 @@ def test_lateral_coefficients_off_by_their_priors_are_no_gap():
     signs = [(-1.0) ** i for i in range(len(LATERAL_PRIORS))]
     off = {n: 1.0 + s * d for s, (n, d) in zip(signs, LATERAL_PRIORS.items(), strict=True)}
     records = recorded(b.with_nuisances(off), hidden("eolo", NOTHING))
-    naming = name_effect(b, records, effects={n: library(b.suite)[n] for n in FEW})
+    naming = name_effect(b, records, Sought({n: library(b.suite)[n] for n in FEW}))
     assert (naming.outcome, naming.best) == ("no gap", None), naming.sentence
     assert naming.chi2_believed > 1.2 * naming.chi2_tuned
 
@@ -317,8 +317,8 @@ def test_in_turbulence_nothing_lateral_is_named_and_a_slow_rudder_is():
     slow = b.with_effect(EFFECTS["rudder_lag"], {"lag_rad_s": 5.0})
     nothing, late = (measure_longitudinal(truth, 31, 0.25, inputs, 10.0) for truth in (b, slow))
     moved, by_late = (in_measured_air(b, records, listen(b, records))[0] for records in (nothing, late))
-    assert name_effect(moved, nothing, effects=effects, pairs=False).outcome == "no gap"
-    naming = name_effect(by_late, late, effects=effects, pairs=False)
+    assert name_effect(moved, nothing, Sought(effects, pairs=False)).outcome == "no gap"
+    naming = name_effect(by_late, late, Sought(effects, pairs=False))
     assert naming.names == ("rudder_lag",), naming.sentence
     best = naming.best
     assert abs(best.values["lag_rad_s"] - 5.0) < 4.0 * best.errors["lag_rad_s"]

@@ -12,14 +12,14 @@ from studies.blind.truth import Truth
 from studies.blind.truths import TRUTHS
 
 from testbench.effects import EFFECTS
-from testbench.questions.gap.name import name_effect, size_of
+from testbench.questions.gap.name import Sought, name_effect, size_of
 
 FEW = ("actuator_lag", "second_order_actuator", "transport_delay", "alpha_scale", "pitch_damper")
 
 
 def named(plan: Truth, names: tuple[str, ...] = FEW, seed: int = 11, flown: str = "short", aircraft: str = "taurus"):
     records = list(fly_truth(aircraft, plan, flown, seed).values())
-    return name_effect(believe(aircraft), records, effects={n: EFFECTS[n] for n in names})
+    return name_effect(believe(aircraft), records, Sought({n: EFFECTS[n] for n in names}))
 
 
 SLOW = TRUTHS["slow servo"]({"lag_rad_s": 12.0}, "taurus")
@@ -64,7 +64,7 @@ def test_the_name_and_its_size_do_not_depend_on_how_large_the_noise_is_said_to_b
     told = replace(believed, suite=replace(believed.suite, sensors=sensors))
     few = {n: EFFECTS[n] for n in ("actuator_lag", "alpha_scale")}
     for plan, names in ((SLOW, ("actuator_lag",)), (Truth(), ())):
-        naming = name_effect(told, list(fly_truth("taurus", plan, "short", 11).values()), effects=few, source="stated")
+        naming = name_effect(told, list(fly_truth("taurus", plan, "short", 11).values()), Sought(few, source="stated"))
         assert naming.names == names, naming.sentence
         for scale, error in naming.weighed.table.noise.values():
             assert abs(scale * stated - 1.0) < 5.0 * error  # ten channels and cases: false alarm 2e-5
@@ -209,6 +209,6 @@ def test_a_lag_has_a_prior_of_its_order_and_a_size_one_about_nothing():
 def test_whitening_that_halves_residuals_quarters_chi_square(slow):
     records = list(fly_truth("taurus", SLOW, "short", 11).values())
     half = replace(believe("taurus"), whiten=lambda record, r: 0.5 * r)
-    naming = name_effect(half, records, effects={})
+    naming = name_effect(half, records, Sought({}))
     assert naming.chi2_believed == pytest.approx(slow.chi2_believed / 4.0, rel=1e-9)
     assert np.isfinite(naming.chi2_tuned)

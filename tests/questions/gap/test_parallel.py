@@ -15,10 +15,10 @@ from studies.blind.run import believe
 from studies.blind.truths import TRUTHS
 
 from testbench.core.files import Scratch
+from testbench.core.processes import Ahead, processes, spread
 from testbench.effects import EFFECTS
 from testbench.flight.executive import Executive
-from testbench.questions.gap.name import name_effect
-from testbench.questions.gap.search.parallel import Ahead, processes, spread
+from testbench.questions.gap.name import Sought, name_effect
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux only")
 
@@ -122,9 +122,9 @@ def test_two_processes_name_what_one_does_with_the_same_numbers():
     plan = TRUTHS["slow servo"]({"lag_rad_s": 12.0}, "taurus")
     records = list(fly_truth("taurus", plan, "short", 3).values())
     effects = {n: EFFECTS[n] for n in ("actuator_lag", "transport_delay", "q_lag")}
-    alone = name_effect(believe("taurus"), records, effects=effects)
+    alone = name_effect(believe("taurus"), records, Sought(effects))
     with processes(2):
-        both = name_effect(believe("taurus"), records, effects=effects)
+        both = name_effect(believe("taurus"), records, Sought(effects))
     assert (both.outcome, both.names, both.rejected) == (alone.outcome, alone.names, alone.rejected)
     assert both.nuisances == alone.nuisances
     assert [(f.effect.name, f.values, f.chi2) for f in both.ranking] == [

@@ -24,7 +24,7 @@ from testbench.questions.gap import ask
 from testbench.questions.gap.ask import run_gap
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.air import in_air, listen
-from testbench.questions.gap.name import name_effect
+from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.search.gust_search import GustSearch
 from testbench.questions.gap.search.hypothesis import Hypothesis
@@ -58,11 +58,11 @@ def measure(hidden, *starts: Start, seed: int = 3):
 def test_two_speeds_separate_a_damper_from_the_coefficient_that_hides_it_at_one():
     """The moment of a pitch damper grows with dynamic pressure, that of Cm_q with speed."""
     at = Start(FlightCondition(16.0, H_M))
-    hidden_in = name_effect(believe(), measure(DAMPER, at, at), effects=FEW, pairs=False)
+    hidden_in = name_effect(believe(), measure(DAMPER, at, at), Sought(FEW, pairs=False))
     assert hidden_in.outcome == "no gap", hidden_in.sentence
     assert max(f.gain for f in hidden_in.ranking) < 10.0
     assert hidden_in.nuisances["Cm_q"] > 1.1  # in which it hides
-    naming = name_effect(believe(), measure(DAMPER, SLOW, FAST), effects=FEW, pairs=False)
+    naming = name_effect(believe(), measure(DAMPER, SLOW, FAST), Sought(FEW, pairs=False))
     assert (naming.outcome, naming.names) == ("named", ("pitch_damper",)), naming.sentence
     best = naming.best
     assert abs(best.values["gain_s"] - GAIN_S) < 4.0 * best.errors["gain_s"] < 0.5 * GAIN_S
@@ -72,7 +72,7 @@ def test_two_speeds_separate_a_damper_from_the_coefficient_that_hides_it_at_one(
 
 def test_nothing_is_no_gap_at_two_speeds_with_a_load_and_one_condition_would_be_wrong():
     records = measure(NOTHING, SLOW, FAST, HEAVY)
-    naming = name_effect(believe(), records, effects=FEW, pairs=False)
+    naming = name_effect(believe(), records, Sought(FEW, pairs=False))
     assert naming.outcome == "no gap", naming.sentence
     # 5 channels of about 500 samples each: the mean of so many squares of white noise scatters by 0.028 about 1
     energies = [float(np.mean(believe().residuals(r) ** 2)) for r in records]

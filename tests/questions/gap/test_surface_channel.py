@@ -43,7 +43,7 @@ from testbench.questions.gap.drive import comparing
 from testbench.questions.gap.evidence.air import AirFound
 from testbench.questions.gap.evidence.control_path import SurfacePath
 from testbench.questions.gap.explain import Naming
-from testbench.questions.gap.name import name_effect
+from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.parts import parts_of
 from testbench.questions.gap.result import GapFinding
 from testbench.questions.gap.tables import gap_tables
@@ -169,7 +169,7 @@ def test_the_surface_tells_apart_what_the_motion_cannot():
     lags = few(b, "transport_delay", "second_order_actuator", "wake_lag")
 
     def asked(model: Believed) -> Naming:
-        return name_effect(model, records, effects=lags, pairs=False)
+        return name_effect(model, records, Sought(lags, pairs=False))
 
     assert {"transport_delay", "second_order_actuator"} <= set(asked(b).names)
     both = asked(comparing(b, records))
@@ -181,8 +181,8 @@ def test_a_feedback_too_small_for_the_motion_is_named_by_the_surface():
     b = believe(NOISE_RAD)
     records = list(measure(b, rate_feedback(0.04), ELEVATOR).values())
     dampers = few(b, "pitch_damper", "alpha_dot")
-    assert name_effect(b, records, effects=dampers, pairs=False).weighed["pitch_damper"] < 0.9
-    both = name_effect(comparing(b, records), records, effects=dampers, pairs=False)
+    assert name_effect(b, records, Sought(dampers, pairs=False)).weighed["pitch_damper"] < 0.9
+    both = name_effect(comparing(b, records), records, Sought(dampers, pairs=False))
     assert (both.outcome, both.names) == ("named", ("pitch_damper",))
     assert abs(both.best.values["gain_s"] - 0.04) < 3.0 * both.best.errors["gain_s"]
 
@@ -199,7 +199,7 @@ def test_a_fault_of_the_servo_that_is_not_held_is_no_effect_of_the_air(hidden):
     """
     b = believe(NOISE_RAD)
     records = list(measure(b, hidden).values())
-    naming = name_effect(comparing(b, records), records, effects=few(b, *OF_AIR), pairs=False)
+    naming = name_effect(comparing(b, records), records, Sought(few(b, *OF_AIR), pairs=False))
     assert naming.outcome in ("unexplained", "partial"), naming.sentence
     assert max(naming.weighed[n] for n in naming.weighed.effects) < 1e-3
     assert naming.weighed.table["nothing"].posterior.kappa > 1e-2
@@ -213,7 +213,7 @@ def test_a_wrong_servo_a_wrong_elevator_and_a_wrong_sensor_of_it_are_told_apart(
     hidden = {"servo": slow_servo(12.0), "elevator": Truth(factors={"Cm_de": 1.8}), "sensor": scaled_sensor("de", 0.9)}
     records = list(measure(b, hidden[wrong], aircraft=aircraft).values())
     names = (*OF_SERVO, "alpha_dot", "wake_lag", "de_scale", "de_lag")
-    naming = name_effect(comparing(b, records), records, effects=few(b, *names), pairs=False)
+    naming = name_effect(comparing(b, records), records, Sought(few(b, *names), pairs=False))
     acts = naming.weighed.holds(SurfacePath("de").effects)
     if wrong == "servo":
         assert_named(naming, "actuator_lag", {"lag_rad_s": 12.0})
@@ -337,7 +337,7 @@ def test_an_interconnect_that_the_library_lacks_accuses_no_coefficient():
     real = Truth(changes=(interconnect(-0.38),)).real("eolo")
     records = list(measure_hidden(real, b.suite, b.condition, turns, 3, b.rate_hz).values())
     known = few(b, "yaw_damper", "rudder_lag", "beta_scale", "r_cross", "r_scale", "rudder_surface_scale", "dr_scale")
-    naming = name_effect(comparing(b, records), records, effects=known, pairs=False)
+    naming = name_effect(comparing(b, records), records, Sought(known, pairs=False))
     assert naming.outcome in ("partial", "unexplained"), naming.sentence
     assert naming.weighed["Cn_da"] < 1e-6
     assert {p.name for f in naming.ranking[:1] for p in parts_of([f.effect])} <= {"autopilot", "rudder path"}

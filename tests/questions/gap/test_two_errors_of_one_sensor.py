@@ -7,7 +7,7 @@ from axes import believe, commands
 
 from testbench.core.record import FlightRecord
 from testbench.effects import library
-from testbench.questions.gap.name import name_effect
+from testbench.questions.gap.name import Sought, name_effect
 
 
 def test_a_lag_and_a_delay_of_one_attitude_are_named_with_both_sizes():
@@ -26,7 +26,7 @@ def test_a_lag_and_a_delay_of_one_attitude_are_named_with_both_sizes():
         channels = (*command.channels, *late.outputs)
         flown.append(FlightRecord(command.t_s, channels, np.column_stack([command.data, read]), "measured"))
     few = {n: known[n] for n in ("phi_lag", "phi_delay", "phi_scale", "p_lag")}
-    naming = name_effect(believed, flown[:2], effects=few)
+    naming = name_effect(believed, flown[:2], Sought(few))
     assert naming.names[0] == "phi_lag + phi_delay", naming.sentence
     for name, true in (("phi_lag.lag_s", 0.3), ("phi_delay.delay_s", 0.085)):
         assert abs(naming.best.values[name] - true) < 4.0 * naming.best.errors[name]

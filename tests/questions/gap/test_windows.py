@@ -45,7 +45,7 @@ from testbench.questions.gap.evidence.commanded import (
     starts_freely,
 )
 from testbench.questions.gap.free_start import FreeStart
-from testbench.questions.gap.name import name_effect
+from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.search.hypothesis import Hypothesis, fly_together
 from testbench.questions.gap.window_length import windows_of
 from testbench.questions.gap.windows import LEAD_S, LONGEST_S, begin_freely, cut, in_windows, longest
@@ -210,7 +210,7 @@ def test_a_wrong_coefficient_is_measured_from_a_hand_flown_record(believed):
     truth = believed.with_nuisances({"Cm_alpha": 1.3})
     records = cut(believed, {"by hand": hand_flown(truth, 3, 7.0)}).records
     began = begin_freely(believed, records)
-    naming = name_effect(began, list(records.values()), effects={})
+    naming = name_effect(began, list(records.values()), Sought({}))
     value, error = naming.measured["Cm_alpha"]
     assert error < 0.1  # an unknown motion may be beside it
     assert abs(value - 1.3) < 4.0 * error  # 6e-5

@@ -25,7 +25,7 @@ from testbench.questions.gap.ask import run_flights, run_gap
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.questions.gap.evidence.locate import left_by, locate, structure
-from testbench.questions.gap.name import name_effect
+from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.priors import PRIORS
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.scenario import GapScenario
@@ -356,9 +356,9 @@ def test_a_set_gets_a_manoeuvre_to_fly_next(monkeypatch, case):
 
     two = {"thrust_line": 0.05, "mass_error": 1.1}
 
-    def undecided(belief, records, say, *_):
+    def undecided(belief, records, *_):
         """Say two effects that change nothing much here."""
-        found = name_effect(belief, records, effects={n: EFFECTS[n] for n in two}, pairs=False)
+        found = name_effect(belief, records, Sought({n: EFFECTS[n] for n in two}, pairs=False))
         fits = tuple(
             replace(f, values={next(iter(f.values)): two[f.effect.name]}) for f in found.ranking if f.effect.name in two
         )

@@ -18,9 +18,10 @@ from testbench.flight.batch.jobs import Simulator
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.air import listen
 from testbench.questions.gap.explain import Naming
+from testbench.questions.gap.name import Sought
 from testbench.questions.gap.parts import parts_of
 from testbench.questions.gap.result import GapFinding
-from testbench.questions.gap.workflow import Sought, search
+from testbench.questions.gap.workflow import search
 
 
 def believe(aircraft: str, simulator: Simulator = "auto") -> Believed:
