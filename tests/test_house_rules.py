@@ -27,6 +27,7 @@ RANKS = (
     {"evaluation"},
     {"information"},
     {"line"},
+    {"design"},
     {"page"},
     {"questions"},
     {"envs"},

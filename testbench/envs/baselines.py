@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,10 +23,10 @@ import numpy as np
 from testbench.core.errors import LimitError, TestbenchError
 from testbench.core.files import write_file
 from testbench.core.record import FloatArray
+from testbench.design.refine import Steps, Switching, designed_signs
 from testbench.envs.train import TRUST, agent_actions
 from testbench.information.fisher import cost
 from testbench.inputs.multistep import PATTERNS
-from testbench.questions.design.switching import design_switching, switching
 
 if TYPE_CHECKING:
     from testbench.envs.excitation import ExcitationDesign  # needs gymnasium, which --help does not
@@ -88,7 +88,7 @@ def designed_plan(env: ExcitationDesign, starts: Sequence[Plan] = (), seed: int 
     """Return the switching input of least cost: coordinate exchange over steps of whole decisions.
 
     Three forms cover the flight, by steps so long that there are no more than 48 in all, half as long again, and twice
-    as long; the other repeats a sequence of decisions. See :mod:`testbench.questions.design.switching`.
+    as long; the other repeats a sequence of decisions. See :mod:`testbench.design.refine`.
 
     Args:
         env: the environment.
@@ -103,18 +103,9 @@ def designed_plan(env: ExcitationDesign, starts: Sequence[Plan] = (), seed: int 
     forms = {*((n, env.steps // n, 1) for n in wider), (1, min(most, env.steps), max(env.steps // most, 1))}
     plans = []
     for n, count, repeats in sorted(forms):
-        form = switching(
-            problem.experiment,
-            problem.prediction,
-            problem.targets.gradient,
-            env.criterion,
-            n * R,
-            begin,
-            count,
-            repeats,
-        )
+        form = Switching.of(replace(problem, criterion=env.criterion), Steps(n * R, begin, count, repeats))
         points = [np.sign(p.actions[: n * count : n].T.ravel()) for p in starts]
-        signs, _ = design_switching(form, [p for p in points if np.any(p)], _RANDOM_STARTS, seed)
+        signs = designed_signs(form, points, _RANDOM_STARTS, seed)
         actions = np.zeros((env.steps, m))
         actions[: repeats * n * count] = np.tile(np.repeat(signs.reshape(m, count).T, n, axis=0), (repeats, 1))
         words = f"{count} steps of {n * env.decision_s:g} s" + (f", {repeats} times" if repeats > 1 else "")

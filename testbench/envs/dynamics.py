@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from testbench.core.record import FloatArray
+from testbench.design.problem import Problem
 from testbench.envs.lifted import Lifted
 from testbench.envs.sensed import Sensed
 from testbench.envs.tasks import Task
 from testbench.flight.step import SteppedFlight
-from testbench.questions.design.problem import Problem
 
 
 class Piece(NamedTuple):

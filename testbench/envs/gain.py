@@ -21,9 +21,9 @@ from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtrs
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
+from testbench.design.problem import Problem
 from testbench.flight.batch.compiled import compiled
 from testbench.information.fisher import Criterion
-from testbench.questions.design.problem import Problem
 
 
 class Known(NamedTuple):

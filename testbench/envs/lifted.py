@@ -16,9 +16,9 @@ import numpy as np
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
+from testbench.design.problem import Problem
 from testbench.estimators.parametric.response import discretise
 from testbench.estimators.parametric.structure import STEP
-from testbench.questions.design.problem import Problem
 from testbench.sensors import Sensor
 
 

@@ -13,12 +13,10 @@ from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ScenarioError
 from testbench.core.record import FloatArray
-from testbench.flight import TrimmedFlight, linearise, load_aircraft
-from testbench.information.modes import modes_of
-from testbench.line import trim_for
-from testbench.questions.design.build import limits_of, problem_of
+from testbench.design.problem import Problem
+from testbench.flight import TrimmedFlight, load_aircraft
 from testbench.questions.design.check import check
-from testbench.questions.design.problem import Problem
+from testbench.questions.design.pose import limits_of, place, problem_of
 from testbench.questions.design.scenario import DesignScenario
 from testbench.sensors import SensorSuite, load_suite
 
@@ -120,11 +118,6 @@ def prepare(name: str, wings: str = "rigid") -> Task:
     if faults:
         raise ScenarioError(faults)
     aircraft = load_aircraft(scenario.aircraft, scenario.wings)
-    trimmed = trim_for(scenario, aircraft)
-    linear = linearise(aircraft, trimmed)
-    suite = load_suite(scenario.suites[0])
-    modes = modes_of(linear, aircraft, scenario.plane)
-    limits = limits_of(scenario, aircraft, trimmed)
-    return Task(
-        scenario, aircraft, trimmed, suite, problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits)
-    )
+    at, suite = place(scenario, aircraft), load_suite(scenario.suites[0])
+    problem = problem_of(scenario, at, suite, limits_of(scenario, aircraft, at.trimmed))
+    return Task(scenario, aircraft, at.trimmed, suite, problem)

@@ -19,17 +19,17 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "questions" / "design"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "design"))
 
 from clock import since
 from design_problems import problem
 
 from testbench.core.scenario.inputs import Multisine
+from testbench.design.candidates import Candidate, sampled
+from testbench.design.problem import judge
+from testbench.design.refine import designed_multisine
 from testbench.information.fisher import accuracy
 from testbench.information.targets import targets
-from testbench.questions.design.candidates import Candidate, sampled
-from testbench.questions.design.problem import judge
-from testbench.questions.design.refine import designed_multisine
 
 FREE = ("Z_alpha", "M_alpha", "M_q", "M_de")
 LINES = 5

@@ -16,15 +16,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from clock import since, some
 from smallest import sized
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "questions" / "design"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "design"))
 
 from design_problems import problem
 
 from testbench.core.paths import SCENARIOS
+from testbench.design.refine import designed_multisine
+from testbench.design.search import best_of_families, screen
 from testbench.questions.design.ask import run_design
-from testbench.questions.design.refine import designed_multisine
 from testbench.questions.design.scenario import DesignScenario
-from testbench.questions.design.search import best_of_families, screen
 
 AEROID_S = 181.0  # measured once, for a 10 s multisine
 

@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from smallest import results, sized
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "questions" / "design"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "design"))
 
 from design_problems import RUNS, write_tables
 

@@ -26,7 +26,7 @@ from testbench.questions.campaign.summary import summarise
 from testbench.questions.campaign.tidy import tidy_store
 from testbench.questions.compare.benchmark.ask import Kept
 from testbench.questions.dataset.store import SUMS, damaged
-from testbench.questions.design.promised import promise_of_file
+from testbench.questions.design.ready import promise_of_file
 from testbench.questions.exercise.answers import read_answers, template
 from testbench.questions.exercise.names import load_exercise
 from testbench.questions.exercise.roster import TABLE, exercises_of, students_of

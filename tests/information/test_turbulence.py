@@ -9,12 +9,10 @@ from testbench.core.paths import SCENARIOS
 from testbench.core.scenario.air import AirSpec
 from testbench.estimators.parametric.kalman.innovations import sampled_noise
 from testbench.estimators.parametric.response import respond
-from testbench.flight import linearise, load_aircraft
+from testbench.flight import load_aircraft
 from testbench.information.fisher import accuracy
-from testbench.information.modes import modes_of
 from testbench.information.turbulence import Turbulence
-from testbench.line import trim_for
-from testbench.questions.design.build import limits_of, problem_of
+from testbench.questions.design.pose import limits_of, place, problem_of
 from testbench.questions.design.scenario import DesignScenario
 from testbench.sensors import load_suite
 
@@ -24,11 +22,8 @@ def case():
     """EOLO with its air data boom, as designed for in light turbulence."""
     scenario = DesignScenario.load(SCENARIOS / "design" / "eolo_short_period.toml")
     aircraft = load_aircraft(scenario.aircraft)
-    trimmed = trim_for(scenario, aircraft)
-    linear, suite = linearise(aircraft, trimmed), load_suite(scenario.suites[0])
-    modes = modes_of(linear, aircraft, scenario.plane)
-    limits = limits_of(scenario, aircraft, trimmed)
-    return problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits, starts=True)
+    at, suite = place(scenario, aircraft), load_suite(scenario.suites[0])
+    return problem_of(scenario, at, suite, limits_of(scenario, aircraft, at.trimmed), starts=True)
 
 
 @pytest.fixture(scope="module")

@@ -53,11 +53,11 @@ _LIBRARIES = ("scipy.optimize", "scipy.signal", "scipy.stats", "scipy.integrate"
 ROOMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "aircraft": ("testbench/aircraft", ("tests/aircraft", "tests/contracts/test_aircraft_contract.py")),
     "flight": ("testbench/flight", ("tests/flight",)),
-    "inputs": ("testbench/inputs", ("tests/inputs", "tests/questions/design/test_spectral_energy.py")),
+    "inputs": ("testbench/inputs", ("tests/inputs", "tests/design/test_spectral_energy.py")),
     "sensors": ("testbench/sensors", ("tests/sensors", "tests/contracts/test_suite_contract.py")),
     "estimators": ("testbench/estimators", ("tests/estimators", "tests/contracts/test_estimator_contract.py")),
     "evaluation": ("testbench/evaluation", ("tests/evaluation",)),
-    "design": ("testbench/questions/design", ("tests/questions/design",)),
+    "design": ("testbench/design", ("tests/design", "tests/questions/design")),
     "gap": ("testbench/questions/gap", ("tests/questions/gap",)),
     "logs": ("testbench/logs", ("tests/logs", "tests/cases")),
     "information": ("testbench/information", ("tests/information", "tests/questions/design/test_known.py")),

@@ -20,8 +20,7 @@ from smallest import results, sized
 from studies.kept_rows import read_rows, write_rows
 
 from testbench.core.schema import parse
-from testbench.flight.batch.jobs import Tally
-from testbench.questions.design.ask import range_of, run_design
+from testbench.questions.design.ask import run_design
 from testbench.questions.design.scenario import DesignScenario
 
 TABLE = results("design", "promise.csv")
@@ -92,7 +91,7 @@ def rows_of(name: str, seeds: int) -> list[dict[str, Any]]:
     scenario = scenario_of(name)
     result = run_design(scenario)
     best, t = result.best, result.problem.targets
-    range_ = range_of(scenario, result.aircraft, result.trimmed, result.problem, result.suite, "auto", Tally())
+    range_ = result.ensemble.range_
     fresh = None
     for first in range(FIRST, FIRST + seeds, BLOCK):
         n = min(BLOCK, FIRST + seeds - first)

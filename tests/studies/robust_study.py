@@ -21,9 +21,9 @@ from studies.promise_study import DESIGNS
 
 from testbench.core.paths import AIRCRAFT_MODELS
 from testbench.core.schema import parse
-from testbench.flight.batch.jobs import Tally
+from testbench.design.ensemble import Flier, draw, told
 from testbench.questions.design.ask import run_design
-from testbench.questions.design.draws import draw_aircraft, told
+from testbench.questions.design.pose import setting_of
 from testbench.questions.design.scenario import DesignScenario
 
 TABLE = results("design", "robust.csv")
@@ -55,12 +55,12 @@ def row_of(name: str, folder: Path) -> dict[str, Any]:
     assert nominal.over is not None
     ours, theirs = best.over.told, nominal.over.told
     other = scenario.changed(seed=scenario.seed + 1)
-    fresh = draw_aircraft(other, r.aircraft, r.problem, r.suite, r.onsets, best.design, "auto", Tally())
-    assert fresh is not None
+    setting = setting_of(other, r.believed, r.ensemble.range_.suite)
+    fresh = draw(setting, r.aircraft, DRAWS, other.seed, best.design, Flier())
     names = r.problem.targets.names
-    again = [told(e.design, fresh, names).costs.max() for e in (nominal, best)]
+    again = [told(e.design, fresh.judged, names).costs.max() for e in (nominal, best)]
     words = [f"{e.design.family}: {e.design.words}" for e in (best, nominal)]
-    ratios = theirs.costs.max() / ours.costs.max(), theirs.median_cost / ours.median_cost, again[0] / again[1]
+    ratios = theirs.costs.max() / ours.costs.max(), nominal.over.rank[1] / best.over.rank[1], again[0] / again[1]
     worst, median, later = (f"{x:.3g}" for x in ratios)
     cells = (name, len(ours.costs), *words, worst, median, len(fresh.judged), later)
     return dict(zip(COLUMNS, cells, strict=True))

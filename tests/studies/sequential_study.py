@@ -30,18 +30,17 @@ from studies.robust_study import STATED
 from testbench.core.errors import Refusal
 from testbench.core.scenario.base import Preparation
 from testbench.core.schema import parse
+from testbench.design.amplitude import BIAS, Ensemble
+from testbench.design.ensemble import Flier, Member
+from testbench.design.limits import Envelope
+from testbench.design.problem import Design
+from testbench.design.realise import Range
+from testbench.design.search import screen, search
 from testbench.estimators.prepare import prepared
 from testbench.flight import load_aircraft
-from testbench.flight.batch.jobs import Tally
-from testbench.questions.design.ask import range_of
-from testbench.questions.design.flown import Envelope, fly_designs
-from testbench.questions.design.known import AllKnown, together
-from testbench.questions.design.misled import weighed
-from testbench.questions.design.posed import Posed, believe, pose
-from testbench.questions.design.problem import Design
-from testbench.questions.design.realise import Range
+from testbench.questions.design.known import AllKnown, believe, together
+from testbench.questions.design.pose import pose, range_of
 from testbench.questions.design.scenario import DesignScenario
-from testbench.questions.design.search import screen, search
 from testbench.questions.identify.amend.folder import aircraft_files, base_texts, write_folder
 from testbench.questions.identify.amend.reach import with_increments
 from testbench.questions.identify.pool.prior import Prior
@@ -87,7 +86,7 @@ def scenario_of(name: str, aircraft: str) -> DesignScenario:
     return scenario
 
 
-def design(scenario: DesignScenario, posed: Posed, family: str | None = None) -> tuple[Design, Range]:
+def design(scenario: DesignScenario, posed: Member, family: str | None = None) -> tuple[Design, Range]:
     """Return the best design, or that of one family, as it is flown with the believed aircraft, and its range.
 
     It keeps limits in still air, at the amplitude that misleads least, as ``testbench design`` does before margins.
@@ -95,21 +94,18 @@ def design(scenario: DesignScenario, posed: Posed, family: str | None = None) ->
     problem, suite = posed.problem, load_suite(scenario.suites[0])
     found = search(problem, None, screen(problem))
     taken = [d for d in found if d.family == family] if family else found[:_FLOWN]
-    envelope = Envelope.of(posed.limits, problem)
-    flown = fly_designs(posed.aircraft, posed.trimmed, problem, taken, envelope, "auto", Tally())
-    range_ = range_of(scenario, posed.aircraft, posed.trimmed, problem, suite, "auto", Tally())
-    told = weighed(range_, [f for f in flown if f.admissible], envelope)
-    return min((f.design for f in told), key=lambda d: d.cost), range_
+    ensemble = Ensemble(range_of(scenario, posed, suite, Flier()), flights=scenario.realise)
+    told = ensemble.chosen([f for f in ensemble.started(taken) if f.admissible], BIAS)
+    return min((f.design for f in told), key=lambda d: d.cost), ensemble.range_
 
 
 def flown(truth: Range, envelope: Envelope, designed: Design, by: Range, number: int) -> tuple[Prior, bool]:
     """Fly a design with the true aircraft; return what its estimator finds, and whether a limit was met."""
-    channels = (*(n for s in truth.suite.sensors for n in s.needs), *envelope.channels)
-    ((record,),) = truth.fly_each([designed], truth.airs(number, 1), channels)
+    ((record,),) = truth.fly([designed], truth.airs(number, 1), envelope.channels)
     if isinstance(record, str):
         raise Refusal(record)
     met = bool(np.max(envelope.shares(record)) > 1.0)
-    measured = prepared(truth.suite.measure(record, truth.seed + number), by.problem.start_s, Preparation())
+    measured = prepared(truth.suite.measure(record, truth.seed + number), by.member.problem.start_s, Preparation())
     with np.errstate(all="ignore"):
         params, P = by.identified.estimate(measured)
     return Prior(by.identified.structure.parameter_names, params, 0.5 * (P + P.T), f"flight {number}"), met
@@ -120,9 +116,9 @@ def rows_of(name: str, trial: int) -> list[dict[str, Any]]:
     true_scenario = scenario_of(name, DESIGNS[name]["aircraft"])
     suite = load_suite(true_scenario.suites[0])
     real = pose(true_scenario, load_aircraft(true_scenario.aircraft), suite)
-    truth = range_of(true_scenario, real.aircraft, real.trimmed, real.problem, suite, "auto", Tally())
-    envelope = Envelope.of(real.limits, real.problem)
-    values = dict(zip(truth.targets.names, truth.targets.values.tolist(), strict=True))
+    truth = range_of(true_scenario, real, suite, Flier())
+    envelope, targets = real.problem.envelope, real.problem.targets
+    values = dict(zip(targets.names, targets.values.tolist(), strict=True))
     out: list[dict[str, Any]] = []
     with TemporaryDirectory() as folder:
         scenario = scenario_of(name, str(wrong(name, trial, Path(folder))))

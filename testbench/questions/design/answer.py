@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
+from testbench.design.amplitude import AIR, BELIEVED, BIAS, DRAWS, STABILITY
+from testbench.design.limits import limit_words
+from testbench.design.realise import CAUSES
 from testbench.page.labels import number, shown_unit, symbol
 from testbench.page.words import counted, listed
-from testbench.questions.design.air import LIGHT_KG
-from testbench.questions.design.elsewhere import stiffness_words
-from testbench.questions.design.flown import limit_words
-from testbench.questions.design.realise import CAUSES
+from testbench.questions.design.pose import LIGHT_KG
 
 if TYPE_CHECKING:
     from testbench.core.record import FloatArray
-    from testbench.questions.design.draws import OverDraws
-    from testbench.questions.design.problem import Design
-    from testbench.questions.design.result import DesignResult, Ranked
+    from testbench.design.amplitude import Flown
+    from testbench.design.problem import Design
+    from testbench.questions.design.result import DesignResult
 
 _LABELS = {"3211": "3-2-1-1", "211": "2-1-1", "123": "1-2-3", "prbs": "PRBS", "gbn": "binary noise"}
 
@@ -84,7 +83,7 @@ def design_sentences(result: DesignResult) -> list[str]:
         + _in_the_way(result)
     )
     out += _modes(result) + _other_suites(result)
-    for onset in result.onsets:
+    for onset in result.believed.onsets:
         if onset.V_m_s is not None:
             V = result.scenario.condition.V_m_s
             side = f"{onset.V_m_s - V:.1f} m/s above" if onset.V_m_s >= V else f"{V - onset.V_m_s:.1f} m/s BELOW"
@@ -97,7 +96,7 @@ def _verdict(result: DesignResult) -> list[str]:
     best, over = result.best.design, result.best.over
     robust = over is not None and result.scenario.robust
     t = result.problem.targets
-    errors = errors_over(result, over.told.worst) if over is not None and robust else result.total(result.best)
+    errors = over.told.over(np.max) * t.wanted if over is not None and robust else result.total(result.best)
     k = worst_target(result, errors)
     what = f"the {family_label(best.family)} on the {controls_words(best)} ({best.words}), peak {peak_words(best)}"
     left = f"with a standard error of {error_words(result, errors, k)}"
@@ -162,8 +161,8 @@ def _realised(result: DesignResult) -> list[str]:
     if r is None:
         return ["The errors are promised by information alone and have not been realised: realise = 0"]
     flights = r.found.n + len(r.found.failed)
-    assert result.identified is not None
-    head = f"Flown, sensed and identified by {result.identified.words} {flights} times in {air_words(result)}"
+    by = result.ensemble.range_.identified.words
+    head = f"Flown, sensed and identified by {by} {flights} times in {air_words(result)}"
     out = []
     if r.found.n < 3:
         out.append(f"{head}, it gives {counted(r.found.n, 'estimate')}: no error can be promised")
@@ -193,33 +192,32 @@ def _realised(result: DesignResult) -> list[str]:
         out.append(
             f"{len(r.found.failed)} of {flights} flights give no estimate; the first: {r.found.failed[0].split(';')[0]}"
         )
-    if result.best.flown.curbed < 1.0:
+    if (curbed := result.best.share(BIAS)) < 1.0:
         out.append(
-            f"The amplitude is {100 * result.best.flown.curbed:.0f} % of what the limits allow: a larger one would "
+            f"The amplitude is {100 * curbed:.0f} % of what the limits allow: a larger one would "
             "mislead the estimator by more than it tells it"
         )
     return out + _margin(result)
 
 
 def _margin(result: DesignResult) -> list[str]:
-    m, share = result.best.flown.margin, result.best.flown.for_others
-    if share < 1.0:
+    best, asked = result.best, result.best.bounds.get(AIR)
+    if (share := best.share(STABILITY)) < 1.0:
         return [
             f"The amplitude is {100 * share:.0f} % of what the believed aircraft allows, so that the limits hold with "
-            f"{stiffness_words(result.scenario)}, too"
+            f"{listed([m.words for m in result.ensemble.others])}, too"
         ]
-    if m is None:
+    if asked is None:
         return []
-    claim = 100.0 * (1.0 - 0.05 ** (1.0 / m.n))
-    limit = limit_words(m.name).removeprefix("the ")
-    text = f"Over {m.n} flights in that air the input meets a limit in {m.met}; the extreme uses "
-    text += f"{100 * m.mean:.0f} +- {100 * m.deviation:.0f} % of the limit on {limit}"
-    if m.lowered < 1.0:
-        text += f", at {100 * m.lowered:.0f} % of the amplitude that still air allows"
-    if m.reach > 1.0:
-        return [f"{text}. No amplitude keeps this limit in this air with {100 * m.probability:g} %: widen it, or wait"]
-    told = f"; the flights alone show less than {claim:.0f} % with 95 % confidence" if m.met == 0 else ""
-    return [f"{text}. The next flight meets it with at most {100 * m.probability:g} % if extremes are normal{told}"]
+    claim, chance = 100.0 * (1.0 - 0.05 ** (1.0 / asked.flights)), 100 * result.ensemble.probability
+    text = f"Over {asked.flights} flights in that air the input meets a limit in {asked.met}; the extreme uses "
+    text += f"{100 * asked.mean:.0f} +- {100 * asked.deviation:.0f} % of the limit on {_limit_words(asked.limit, '')}"
+    if asked.share < 1.0:
+        text += f", at {100 * asked.share:.0f} % of the amplitude that still air allows"
+    if asked.reach > 1.0:
+        return [f"{text}. No amplitude keeps this limit in this air with {chance:g} %: widen it, or wait"]
+    told = f"; the flights alone show less than {claim:.0f} % with 95 % confidence" if asked.met == 0 else ""
+    return [f"{text}. The next flight meets it with at most {chance:g} % if extremes are normal{told}"]
 
 
 def _elsewhere(result: DesignResult) -> list[str]:
@@ -237,20 +235,9 @@ def _elsewhere(result: DesignResult) -> list[str]:
             rms, name = float(e.found.rms[k]), t.names[k]
             error = _error(name, rms, float(e.values[k]))
             out.append(f"{text}, the realised error of {name} is {error}")
-        if e.breach:
-            out[-1] += f"; in still air {e.breach}"
+        if e.flight is not None and e.flight.breach:
+            out[-1] += f"; in still air {e.flight.breach}"
     return out
-
-
-def errors_over(result: DesignResult, ratio: Callable[[int], float]) -> FloatArray:
-    """Return the median, say, or the largest standard errors (t,) over the draws.
-
-    Args:
-        result: the design.
-        ratio: number of a target -> its error over the wanted one; NaN if no draw has the target.
-    """
-    t = result.problem.targets
-    return np.array([ratio(k) for k in range(len(t.names))]) * t.wanted
 
 
 def _over_draws(result: DesignResult) -> list[str]:
@@ -261,7 +248,7 @@ def _over_draws(result: DesignResult) -> list[str]:
     out = []
     if over is not None:
         n = len(over.told.costs)
-        worst, median = (errors_over(result, ratio) for ratio in (over.told.worst, over.told.median))
+        worst, median = (over.told.over(how) * result.problem.targets.wanted for how in (np.max, np.median))
         k = worst_target(result, worst)
         out.append(
             f"Over {counted(n, 'aircraft', 'aircraft')} drawn by the uncertainty that {name} states, the standard "
@@ -270,7 +257,7 @@ def _over_draws(result: DesignResult) -> list[str]:
             f"{error_words(result, result.best.design.errors, k)} of the believed one; every wanted accuracy is "
             f"reached in {over.told.reached} of {n}"
         )
-        out += _limits_over_draws(result, over)
+        out += _limits_over_draws(result)
         nominal = None if result.nominal is None else result.ranking[result.nominal]
         if nominal is not None and nominal.over is not None:
             more = float(nominal.over.told.costs.max() / over.told.costs.max())
@@ -293,14 +280,14 @@ def _over_draws(result: DesignResult) -> list[str]:
     return out
 
 
-def _limits_over_draws(result: DesignResult, over: OverDraws) -> list[str]:
+def _limits_over_draws(result: DesignResult) -> list[str]:
+    over, out, asked = result.best.over, [], result.best.bounds.get(DRAWS)
+    assert over is not None
     n, names = len(over.told.costs), [f.tightest.name for f in over.broken]
-    out = []
-    if over.lowered < 1.0:
-        binding = max((f.tightest for f in over.flights), key=lambda t: t.share).name
+    if asked is not None and asked.share < 1.0:
         out.append(
-            f"For the drawn aircraft the amplitude was lowered to {100 * over.lowered:.0f} % of what the believed one "
-            f"takes; the limit that binds in the worst of them is {_limit_words(binding)}"
+            f"For the drawn aircraft the amplitude was lowered to {100 * asked.share:.0f} % of what the believed one "
+            f"takes; the limit that binds in the worst of them is {_limit_words(asked.limit)}"
         )
     if names:
         most = max(dict.fromkeys(names), key=names.count)
@@ -313,12 +300,14 @@ def _limits_over_draws(result: DesignResult, over: OverDraws) -> list[str]:
     return out
 
 
-def _limit_words(name: str) -> str:
+def _limit_words(name: str, head: str = "that on ") -> str:
     """Return a limit in words; one without a name has ended the flight."""
-    return f"that on {limit_words(name)}" if name else "one of the aircraft itself, which ends the flight"
+    if not name:
+        return "one of the aircraft itself, which ends the flight"
+    return head + (limit_words(name) if head else limit_words(name).removeprefix("the "))
 
 
-def _refuted(entry: Ranked) -> bool:
+def _refuted(entry: Flown) -> bool:
     """Return whether realised errors contradict what information promises of a design."""
     return entry.realised is not None and bool(np.any(entry.realised.differs))
 
@@ -336,7 +325,7 @@ def _shortest(result: DesignResult) -> list[str]:
 def _against_classics(result: DesignResult) -> list[str]:
     parts, robust = [], result.scenario.robust
 
-    def cost(ranked: Ranked) -> float:
+    def cost(ranked: Flown) -> float:
         """Return the criterion by which designs are compared."""
         return float(ranked.over.told.costs.max()) if ranked.over and robust else ranked.design.cost
 
@@ -350,19 +339,16 @@ def _against_classics(result: DesignResult) -> list[str]:
     return [f"Compared with the pilots' usual inputs{how}, {' and '.join(parts)}"] if parts else []
 
 
-def _in_flight(best: Ranked) -> list[str]:
-    flown, lowered = best.flown, best.over.lowered if best.over else 1.0
-    tight = flown.tightest
+def _in_flight(best: Flown) -> list[str]:
+    tight = best.tightest
     text = (
         f"Flown in the nonlinear simulator it uses {100 * tight.share:.0f} % of the limit on "
-        f"{limit_words(tight.name).removeprefix('the ')}, most at t = {tight.t_s:.2f} s"
+        f"{_limit_words(tight.name, '')}, most at t = {tight.t_s:.2f} s"
     )
-    if flown.breach:
-        margin = flown.margin.lowered if flown.margin else 1.0
-        share = 100 * flown.factor / (lowered * flown.curbed * flown.for_others * margin)
+    if best.breach:
         text += (
-            f"; the amplitude was lowered to {share:.0f} % of what the linearised aircraft allows, "
-            f"because at that amplitude {flown.breach}"
+            f"; the amplitude was lowered to {100 * best.share(BELIEVED):.0f} % of what the linearised aircraft "
+            f"allows, because at that amplitude {best.breach}"
         )
     return [text]
 
@@ -379,7 +365,7 @@ def _in_the_way(result: DesignResult) -> list[str]:
 
 
 def _modes(result: DesignResult) -> list[str]:
-    energy = result.best.energy
+    energy = result.energy(result.best.design)
     unseen = [m for m in energy.modes if not energy.excited(m)]
     if not unseen:
         return ["It excites every mode of this plane above the noise of some sensor"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from testbench.aircraft import Aircraft
 from testbench.aircraft.believed import stated_deviations
 from testbench.core.constants import DEG_RAD, PERCENT
 from testbench.core.errors import Faults, Refusal, ScenarioError, nearest
@@ -9,10 +10,18 @@ from testbench.flight import load_aircraft
 from testbench.flight.simulate import stride
 from testbench.information.aircraft_structure import parameter_names
 from testbench.information.modes import RIGID_MODES, elastic_modes
-from testbench.questions.design.build import outputs_of
-from testbench.questions.design.draws import draws_of
+from testbench.questions.design.pose import outputs_of
 from testbench.questions.design.scenario import DesignScenario
 from testbench.sensors import load_suite
+
+_DRAWS = 20  # of an aircraft that states its uncertainty
+
+
+def draws_of(scenario: DesignScenario, aircraft: Aircraft) -> int:
+    """Return how many aircraft a design is judged over; 0: the believed one alone."""
+    if scenario.draws is not None:
+        return scenario.draws
+    return _DRAWS if aircraft.uncertainty or scenario.robust else 0
 
 
 def check(scenario: DesignScenario) -> list[str]:
@@ -62,9 +71,9 @@ def check(scenario: DesignScenario) -> list[str]:
                     note(
                         f"suites[{i}]", f"suite '{name}' must sense {control} or {control}_cmd: no model without input"
                     )
-            if not outputs_of(suite, aircraft):
+            if not outputs_of(suite):
                 note(f"suites[{i}]", f"suite '{name}' senses nothing but controls; add a sensor of the motion")
-            for sensor in outputs_of(suite, aircraft):
+            for sensor in outputs_of(suite):
                 if sensor.noise_std == 0.0 and sensor.quantum == 0.0:
                     note(f"suites[{i}]", f"sensor '{sensor.channel}' must have noise or a quantum, got none")
             stride(rate, suite.rate_hz)

@@ -24,16 +24,20 @@ from testbench.core.errors import EstimationError, RecordError, Refusal
 from testbench.core.files import parsed
 from testbench.core.record import FloatArray
 from testbench.core.store import settle
+from testbench.design.ensemble import Member
+from testbench.design.identified import STRUCTURE
+from testbench.design.problem import Problem
 from testbench.estimators.structured import per_speed
 from testbench.flight import TrimmedFlight
 from testbench.information.aircraft_structure import AircraftStructure
 from testbench.information.fisher import accuracy
 from testbench.page.words import listed
-from testbench.questions.design.identified import STRUCTURE
-from testbench.questions.design.problem import Design, Problem
-from testbench.questions.design.promised import promise_of_file
+from testbench.questions.design.pose import pose
+from testbench.questions.design.ready import promise_of_file
+from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.identify.amend.reach import REACHED_BY, coefficient_errors, reached
 from testbench.questions.identify.pool.prior import Prior
+from testbench.sensors import SensorSuite
 
 MODEL = 0.5
 """Relative standard deviation that a derivative of the model counts with where flights say another; judged."""
@@ -260,6 +264,29 @@ def of_problem(prior: Prior, problem: Problem) -> tuple[Prior, FloatArray]:
     return replace(part, notes=tuple(notes)), 0.5 * (M + M.T)
 
 
+def believe(scenario: DesignScenario, believed: Member, suite: SensorSuite, flown: Prior) -> tuple[Member, Known]:
+    """Return the design problem at the values that earlier flights gave, with their information, and what is known.
+
+    Raises:
+        AllKnown: every target is known as well as wanted.
+    """
+    part, M = of_problem(flown, believed.problem)
+    before = believed.problem.targets
+    aircraft, notes = with_values(believed.aircraft, believed.trimmed, believed.problem.experiment.structure, part)
+    now = pose(scenario, aircraft, suite)
+    names = now.problem.targets.names
+    if names == before.names:  # a mode may split, or join: wanted errors stay those of the scenario where they can
+        values = before.values
+    else:
+        had = dict(zip(before.names, before.values.tolist(), strict=True))
+        values = np.array([had.get(n, np.nan) for n in names])
+    problem = replace(now.problem, known=M)
+    known = Known(part, problem.targets.errors(accuracy(M)), values, (*part.notes, *notes))
+    if np.all(known.errors <= problem.targets.wanted):
+        raise AllKnown(problem, known)
+    return replace(now, problem=problem), known
+
+
 def with_values(
     aircraft: Aircraft, trimmed: TrimmedFlight, structure: AircraftStructure, prior: Prior
 ) -> tuple[Aircraft, tuple[str, ...]]:
@@ -295,29 +322,3 @@ def with_values(
             if value > 0.0:
                 stated[key] = max(min(stated[key], std * errors[name] / value), 1e-6)
     return replace(new, uncertainty=stated), tuple(notes)
-
-
-def total_errors(problem: Problem, design: Design, headline: FloatArray | None = None) -> FloatArray:
-    """Return the standard errors (t,) of the targets after a flight, what was known before included.
-
-    Args:
-        problem: of the design.
-        design: that is flown.
-        headline: (t,) errors of this flight alone to plan with; those of the design if not given.
-
-    Where headline errors h exceed those of the information, s, the covariance C of the flight grows by K diag(h^2 -
-    s^2) K', K = C J' (J C J')^-1, J the targets by the parameters: the least that gives the targets the errors h.
-    """
-    M, known, targets = design.information, problem.known, problem.targets
-    alone = design.errors if headline is None else headline
-    if known is None:
-        return alone
-    own = accuracy(M)
-    more = alone**2 - targets.errors(own) ** 2
-    if not (np.all(np.isfinite(own.std)) and np.all(np.isfinite(more))):
-        return targets.errors(accuracy(known))
-    J, C = targets.jacobian, own.covariance
-    L = C @ J.T @ np.linalg.pinv(J @ C @ J.T) * np.sqrt(np.maximum(more, 0.0))
-    felt = M @ L  # (C + L L')^-1 = M - M L (1 + L' M L)^-1 L' M
-    own_wider = M - felt @ np.linalg.solve(np.eye(L.shape[1]) + L.T @ felt, felt.T)
-    return targets.errors(accuracy(0.5 * (own_wider + own_wider.T) + known))

@@ -37,7 +37,7 @@ def design_page(result: DesignResult) -> Page:
         asked=[
             ("aircraft", result.aircraft.title),
             ("condition", f"{scenario.condition.V_m_s:g} m/s at {scenario.condition.h_m:g} m"),
-            ("sensors", result.suite.title),
+            ("sensors", result.ensemble.range_.suite.title),
             ("flown by", f"{scenario.by}, steps of {scenario.shortest_s:g} s or longer"),
             ("time", f"{scenario.duration_s:g} s, the first {scenario.start_s:g} s undisturbed"),
             *([("flown before", result.known.prior.source)] if result.known is not None else []),

@@ -1,27 +1,34 @@
-"""Designs ready to fly: scenarios for `testbench run`, and signals as CSV and MAT."""
+"""Files of a design: scenarios for `testbench run`, signals as CSV and MAT, and what it promises.
+
+A flight plan that took the design over reads promises/NAME.json after the flight. All errors are standard errors in SI
+units.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.core.door import read_text
-from testbench.core.escape import quoted
-from testbench.core.record import FlightRecord
+from testbench.core.door import read_json, read_text
+from testbench.core.errors import RecordError
+from testbench.core.escape import table_lines
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.design.realise import Errors, Realised
 from testbench.page.labels import file_stem, number
-from testbench.questions.design.answer import family_label, is_ratio
-from testbench.questions.design.identified import toml_of
-from testbench.questions.design.promised import promise_of, promise_text
-from testbench.questions.files import PROMISES
+from testbench.questions.design.answer import air_words, family_label, is_ratio
+from testbench.questions.files import PROMISES, promise_beside
 
 if TYPE_CHECKING:
+    from testbench.core.scenario.inputs import Input
+    from testbench.design.amplitude import Flown
+    from testbench.design.problem import Design
     from testbench.page.page import Content
-    from testbench.questions.design.problem import Design
-    from testbench.questions.design.result import DesignResult, Ranked
-
-_DEFAULTS = {"start_s", "repeats", "spacing", "fade_s", "periods", "stride", "first", "powers", "bits", "seed"}
+    from testbench.questions.design.result import DesignResult
 
 
 def ready_to_fly(result: DesignResult) -> Mapping[str, Content]:
@@ -52,88 +59,182 @@ def ready_to_fly(result: DesignResult) -> Mapping[str, Content]:
 
 def scenario_toml(result: DesignResult, design: Design) -> str:
     """Return a design as the text of a scenario: flown for identification, another input for validation."""
-    s = result.scenario
+    s, t, start = result.scenario, result.problem.targets, result.problem.start_s
     judge = next((r.design for r in result.ranking if r.design.family != design.family), design)
-    wings = [] if s.wings == "flexible" else [f'wings = "{s.wings}"']
-    rate = [] if s.simulation.rate_hz is None else [f"rate_hz = {s.simulation.rate_hz:g}"]
-    lines = [
-        f"# Designed input: {family_label(design.family)}, {design.words}. {_told(result, design)}:",
-        *(f"#   {text}" for text in _error_lines(result, design)),
-        f"title = {quoted(f'{s.title}: {family_label(design.family)}')}",
-        f"aircraft = {quoted(s.aircraft)}",
-        *wings,
-        f"seed = {s.seed}",
-        f"suites = [{', '.join(quoted(name) for name in s.suites[:1])}]",
-        "",
-        "[condition]",
-        f"V_m_s = {float(s.condition.V_m_s)!r}",
-        f"h_m = {float(s.condition.h_m)!r}",
-        f"gamma_deg = {float(s.condition.gamma_deg)!r}",
-        "",
-        "[simulation]",
-        *rate,
-        f"log_rate_hz = {result.problem.rate_hz!r}",
-        *_air_lines(result),
+    manoeuvres = [
+        {
+            "name": family_label(one.family) + ("" if use == "identification" else " to judge"),
+            "use": use,
+            "duration_s": round(one.duration_s - start, 6),
+            "settle_s": round(start, 6),
+            "input": [_entry(spec, start) for spec in one.specs],
+        }
+        for use, one in (("identification", design), ("validation", judge))
     ]
-    for use, one in (("identification", design), ("validation", judge)):
-        start = result.problem.start_s
-        lines += [
-            "",
-            "[[manoeuvre]]",
-            f"name = {quoted(family_label(one.family) + ('' if use == 'identification' else ' to judge'))}",
-            f'use = "{use}"',
-            f"duration_s = {round(one.duration_s - start, 6)!r}",
-            f"settle_s = {round(start, 6)!r}",
-        ]
-        for spec in one.specs:
-            lines += ["[[manoeuvre.input]]", *_entry(spec, start)]
-    assert result.identified is not None
-    lines += ["", *toml_of(result.identified.table, quoted)]
-    return "\n".join(lines) + "\n"
-
-
-def _air_lines(result: DesignResult) -> list[str]:
-    """Return the table of the air in which the design was realised, if it moves."""
-    if result.air is None:
-        return []
-    given = result.air.model_dump(exclude_defaults=True)
-    return ["", "[air]", *(f"{k} = {v!r}" for k, v in given.items() if k != "gust")] if given else []
-
-
-def _entry_of(result: DesignResult, design: Design) -> Ranked | None:
-    entries = [*result.ranking, *([result.shortest] if result.shortest else [])]
-    return next((e for e in entries if e.design is design), None)
-
-
-def _told(result: DesignResult, design: Design) -> str:
-    entry = _entry_of(result, design)
+    air = result.air.model_dump(exclude_defaults=True, exclude={"gust"}) if result.air else {}
+    condition = {key: float(getattr(s.condition, key)) for key in ("V_m_s", "h_m", "gamma_deg")}
+    table = {
+        "title": f"{s.title}: {family_label(design.family)}",
+        "aircraft": s.aircraft,
+        "wings": None if s.wings == "flexible" else s.wings,
+        "seed": s.seed,
+        "suites": s.suites[:1],
+        "condition": condition,
+        "simulation": {"rate_hz": s.simulation.rate_hz, "log_rate_hz": result.problem.rate_hz},
+        "air": air or None,
+        "manoeuvre": manoeuvres,
+        "identification": result.ensemble.range_.identified.table,
+    }
+    entry = next((e for e in (*result.ranking, result.shortest) if e is not None and e.design is design), None)
     realised = entry is not None and entry.realised is not None
-    return "Errors to plan with, promised and realised" if realised else "Predicted standard errors"
-
-
-def _error_lines(result: DesignResult, design: Design) -> list[str]:
-    t, entry = result.problem.targets, _entry_of(result, design)
+    told = "Errors to plan with, promised and realised" if realised else "Predicted standard errors"
     errors = design.errors if entry is None else entry.errors
-    return [
-        f"{name}: {number(100 * e / abs(v))} %" if is_ratio(name) else f"{name}: {number(e)}"
+    lines = [
+        f"#   {name}: {number(100 * e / abs(v))} %" if is_ratio(name) else f"#   {name}: {number(e)}"
         for name, e, v in zip(t.names, errors, t.values, strict=True)
     ]
+    head = f"# Designed input: {family_label(design.family)}, {design.words}. {told}:"
+    return "\n".join([head, *lines, *table_lines(table)]) + "\n"
 
 
-def _entry(spec: Any, start_s: float) -> list[str]:
-    out = []
-    for key, value in spec.model_dump().items():
-        if value is None or (key in _DEFAULTS and value == type(spec).model_fields[key].default):
-            continue
-        if key == "start_s":
-            value = round(max(value - start_s, 0.0), 9)
-        out.append(f"{key} = {_value(value)}")
-    return out
+def _entry(spec: Input, start_s: float) -> dict[str, Any]:
+    """Return an entry of a manoeuvre whose clock starts when the input does."""
+    entry = spec.model_dump(exclude_defaults=True)
+    return {**entry, "start_s": round(max(spec.start_s - start_s, 0.0), 9)}
 
 
-def _value(value: Any) -> str:
-    if isinstance(value, tuple):
-        return f"[{', '.join(_value(v) for v in value)}]"
-    if isinstance(value, str):
-        return quoted(value)
-    return repr(value) if isinstance(value, int) else repr(float(value))
+# --- promises ---------------------------------------------------------------------------------------------------------
+
+
+Modes = dict[str, complex | tuple[complex, complex]]
+
+
+@dataclass(frozen=True, eq=False)
+class Promise:
+    """The promise of one design.
+
+    Attributes:
+        names: (t,) targets: parameters such as "M_q", and "wn of MODE", "zeta of MODE".
+        values: (t,) of the believed aircraft.
+        wanted: (t,) standard errors that were asked for; NaN where none was.
+        promised: (t,) standard errors by information.
+        modes: mode -> its believed pole, or its two real roots.
+        V_m_s: true airspeed of the design.
+        h_m: its height above sea level.
+        air: in which it was flown in simulation, in words; "" if it was not.
+        realised: over simulated flights; None if it was not computed.
+    """
+
+    names: tuple[str, ...]
+    values: FloatArray
+    wanted: FloatArray
+    promised: FloatArray
+    modes: Modes
+    V_m_s: float
+    h_m: float
+    air: str = ""
+    realised: Realised | None = None
+
+    @property
+    def headline(self) -> FloatArray:
+        """(t,) the errors of one run to plan with: realised where they contradict the promised ones."""
+        return self.promised if self.realised is None else self.realised.headline
+
+
+def promise_of(result: DesignResult, entry: Flown) -> Promise:
+    """Return the promise of one of the designs of a result."""
+    t = result.problem.targets
+    return Promise(
+        t.names,
+        t.values,
+        t.wanted,
+        entry.design.errors,
+        dict(t.modes),
+        result.scenario.condition.V_m_s,
+        result.scenario.condition.h_m,
+        air_words(result) if entry.realised is not None else "",
+        entry.realised,
+    )
+
+
+def promise_text(promise: Promise) -> str:
+    """Return the text of the file; an error without bound, or that nobody wanted, is null."""
+    r = promise.realised
+    realised = None
+    if r is not None:
+        realised = {
+            "errors": r.found.errors.tolist(),
+            "stated": r.found.stated.tolist(),
+            "failed": list(r.found.failed),
+            "counts": r.differs.tolist(),
+            "causes": [dict(c) for c in r.causes],
+        }
+    content = {
+        "targets": list(promise.names),
+        "believed": promise.values.tolist(),
+        "wanted": _finite(promise.wanted),
+        "promised": _finite(promise.promised),
+        "modes": {name: [[z.real, z.imag] for z in _roots(pole)] for name, pole in promise.modes.items()},
+        "V_m_s": promise.V_m_s,
+        "h_m": promise.h_m,
+        "air": promise.air,
+        "realised": realised,
+    }
+    return json.dumps(content, indent=1, allow_nan=False) + "\n"
+
+
+def read_promise(design: Path) -> Promise | None:
+    """Return the promise of a design's file ``designs/NAME.toml``; None if none lies beside it.
+
+    Raises:
+        RecordError: it is not as :func:`promise_text` writes it.
+    """
+    file = promise_beside(design)
+    return None if file is None else promise_of_file(file)
+
+
+def promise_of_file(file: Path) -> Promise:
+    """Return the promise that a file ``promises/NAME.json`` holds.
+
+    Raises:
+        RecordError: it is not as :func:`promise_text` writes it, or cannot be read.
+    """
+    found = read_json(file, "promise")
+    try:
+        return _read(found)
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
+        raise RecordError(
+            f"a promise must be as `testbench design` writes it, got '{file}' ({type(error).__name__}: {error}); "
+            "design again, or remove it"
+        ) from error
+
+
+def _read(found: Mapping[str, Any]) -> Promise:
+    names, realised = tuple(str(n) for n in found["targets"]), None
+    t = len(names)
+    values = _row(found["believed"], t)
+    wanted = _row([np.nan if e is None else e for e in found["wanted"]], t)
+    promised = _row([np.inf if e is None else e for e in found["promised"]], t)
+    modes: Modes = {}
+    for name, roots in found["modes"].items():
+        poles = [complex(*root) for root in roots]
+        modes[name] = (poles[0], poles[1]) if len(poles) == 2 else poles[0]
+    if found["realised"] is not None:
+        r = found["realised"]
+        errors, stated = (np.array(r[key], float).reshape(-1, t) for key in ("errors", "stated"))
+        counts = np.array(r["counts"], bool).reshape(t)
+        realised = Realised(promised, Errors(errors, stated, tuple(r["failed"])), counts, tuple(r["causes"]))
+    V_m_s, h_m = float(found["V_m_s"]), float(found["h_m"])
+    return Promise(names, values, wanted, promised, modes, V_m_s, h_m, str(found["air"]), realised)
+
+
+def _finite(values: FloatArray) -> list[float | None]:
+    return [float(e) if np.isfinite(e) else None for e in values]
+
+
+def _row(values: Any, t: int) -> FloatArray:
+    return np.array(values, float).reshape(t)
+
+
+def _roots(pole: complex | tuple[complex, complex]) -> tuple[complex, ...]:
+    return pole if isinstance(pole, tuple) else (pole,)

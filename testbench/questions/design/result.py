@@ -3,50 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.record import FloatArray
 from testbench.core.scenario.air import AirSpec
-from testbench.evaluation.envelope import Onset
-from testbench.flight import LinearModel, TrimmedFlight
+from testbench.design.amplitude import Ensemble, Flown
+from testbench.design.ensemble import Draws, Member
+from testbench.design.limits import Envelope
+from testbench.design.problem import Design, ModeBands, Obstacles, Problem, SpectralEnergy, total_errors
+from testbench.design.realise import Elsewhere
 from testbench.flight.batch.jobs import Tally
 from testbench.inputs.signal import energy_spectrum
 from testbench.page.shown import Shown
-from testbench.questions.design.draws import Draws, OverDraws
-from testbench.questions.design.elsewhere import Elsewhere
-from testbench.questions.design.flown import Envelope, Flown
-from testbench.questions.design.identified import Identified
-from testbench.questions.design.known import Known, total_errors
-from testbench.questions.design.limits import Limits
-from testbench.questions.design.obstacles import Obstacles
-from testbench.questions.design.problem import Design, Problem
-from testbench.questions.design.realise import Realised
+from testbench.questions.design.known import Known
 from testbench.questions.design.scenario import DesignScenario
-from testbench.questions.design.spectral_energy import SpectralEnergy
-from testbench.sensors import SensorSuite
-
-
-@dataclass(frozen=True, eq=False)
-class Ranked:
-    """One design as it was flown, what it does to the modes, over the drawn aircraft if there are any, and realised."""
-
-    flown: Flown
-    energy: SpectralEnergy
-    over: OverDraws | None = None
-    realised: Realised | None = None
-
-    @property
-    def design(self) -> Design:
-        """The design at its flown amplitude."""
-        return self.flown.design
-
-    @property
-    def errors(self) -> FloatArray:
-        """(t,) the errors to plan with: realised where they contradict the promised ones."""
-        return self.design.errors if self.realised is None else self.realised.headline
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +29,8 @@ class DesignResult(Shown, page="testbench.questions.design.page:design_page"):
 
     Attributes:
         scenario: what was asked.
-        aircraft, trimmed, linear: what is flown.
-        problem: what was optimised.
-        modes: name -> pole of all modes of the plane.
+        believed: the believed aircraft, and what was optimised.
+        ensemble: what amplitudes were chosen for: draws, air, sensors and estimator.
         screened: how many candidates, and how long that took in s.
         families: family -> (candidates, lowest cost, best signal-to-noise ratio of the worst mode, dB).
         ranking: designs flown and admissible, best first.
@@ -65,37 +38,21 @@ class DesignResult(Shown, page="testbench.questions.design.page:design_page"):
         shortest: the shortest input that reaches the wanted accuracy, as flown, or None.
         others: further suite -> standard errors that it would give the best design.
         obstacles: what prevents more accuracy.
-        onsets: elastic modes that become unstable at some speed.
-        draws: the aircraft drawn by the stated uncertainty; None if none are asked for.
-        tally: by what all flights were flown.
-        identified: the estimator of the scenarios that it writes.
-        air: in which designs were realised; None if they were not.
         elsewhere: the best design where the aircraft is another than believed.
         nominal: of a robust design, the index in the ranking of the one that the believed aircraft alone would get.
         known: what earlier flights gave; None without them.
     """
 
     scenario: DesignScenario
-    aircraft: Aircraft
-    trimmed: TrimmedFlight
-    linear: LinearModel
-    suite: SensorSuite
-    problem: Problem
-    modes: Mapping[str, complex]
-    limits: Limits
-    envelope: Envelope
+    believed: Member
+    ensemble: Ensemble
     screened: tuple[int, float]
     families: Mapping[str, tuple[int, float, float]]
-    ranking: tuple[Ranked, ...]
+    ranking: tuple[Flown, ...]
     rejected: tuple[Flown, ...]
-    shortest: Ranked | None
+    shortest: Flown | None
     others: Mapping[str, FloatArray]
     obstacles: Obstacles
-    onsets: tuple[Onset, ...]
-    draws: Draws | None = None
-    tally: Tally | None = None
-    identified: Identified | None = None
-    air: AirSpec | None = None
     elsewhere: tuple[Elsewhere, ...] = ()
     nominal: int | None = None
     known: Known | None = None
@@ -106,11 +63,55 @@ class DesignResult(Shown, page="testbench.questions.design.page:design_page"):
         return self.scenario.name
 
     @property
-    def best(self) -> Ranked:
+    def aircraft(self) -> Aircraft:
+        """What is believed to fly."""
+        return self.believed.aircraft
+
+    @property
+    def problem(self) -> Problem:
+        """What was optimised."""
+        return self.believed.problem
+
+    @property
+    def modes(self) -> Mapping[str, complex]:
+        """Name -> pole of all modes of the plane."""
+        return self.believed.modes
+
+    @property
+    def envelope(self) -> Envelope:
+        """The limits."""
+        return self.problem.envelope
+
+    @property
+    def draws(self) -> Draws | None:
+        """The aircraft drawn by the stated uncertainty; None if none are asked for."""
+        return self.ensemble.draws
+
+    @property
+    def air(self) -> AirSpec | None:
+        """In which designs were realised; None if they were not."""
+        return self.ensemble.range_.air if self.scenario.realise else None
+
+    @property
+    def tally(self) -> Tally:
+        """By what all flights were flown."""
+        return self.ensemble.range_.flier.tally
+
+    @property
+    def best(self) -> Flown:
         """The best design."""
         return self.ranking[0]
 
-    def total(self, entry: Ranked) -> FloatArray:
+    @cached_property
+    def _bands(self) -> ModeBands:
+        assert self.problem.bands is not None
+        return replace(self.problem.bands, modes=dict(self.modes))  # of all modes, targets or not
+
+    def energy(self, design: Design) -> SpectralEnergy:
+        """Return what a design does to all modes of the plane."""
+        return self._bands.analyse(design.u)
+
+    def total(self, entry: Flown) -> FloatArray:
         """Return the errors (t,) to plan with after a flight of a design, what was known before included."""
         return total_errors(self.problem, entry.design, entry.errors)
 

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from testbench.design.realise import FALSE_ALARM, INTERVAL, TRUST
 from testbench.page.labels import number, symbol
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.design.answer import air_words, family_label, is_ratio, peak_words
-from testbench.questions.design.realise import FALSE_ALARM, INTERVAL, TRUST
 
 if TYPE_CHECKING:
     from testbench.core.record import FloatArray
-    from testbench.questions.design.draws import OverDraws
+    from testbench.design.problem import Problem
     from testbench.questions.design.known import Known
-    from testbench.questions.design.problem import Design, Problem
-    from testbench.questions.design.result import DesignResult, Ranked
+    from testbench.questions.design.result import DesignResult
 
 _DRAWN = "over drawn aircraft"
 _MOST_COLUMNS = 5  # targets beyond which a terminal shows the criterion alone
@@ -38,38 +37,47 @@ def design_tables(result: DesignResult) -> list[Table]:
     return [t for t in out if t.rows]
 
 
+def _columns(group: str = "", digits: int = 3, **heads: str) -> list[Column]:
+    """Return columns by key and head."""
+    return [Column(key, head, "", group, digits=digits) for key, head in heads.items()]
+
+
+def _errors(name: str, value: float, *errors: float) -> tuple[str, str, list[float | None]]:
+    """Return a target, the unit of its errors and the errors in it: percent of the value but for damping ratios."""
+    factor = 100.0 / abs(value) if is_ratio(name) else 1.0
+    return name, "%" if is_ratio(name) else "", [float(factor * e) if np.isfinite(e) else None for e in errors]
+
+
 def ranking_table(result: DesignResult) -> Table:
     """Return every design flown, best first, with predicted standard errors and the limit that binds."""
-    t = result.problem.targets
+    t, drawn = result.problem.targets, result.best.over is not None
     columns = [
         Column("rank", "", given=True),
-        Column("signal", "signal"),
-        Column("quantities", "free quantities"),
-        Column("peak", "peak command"),
+        *_columns(signal="signal", quantities="free quantities", peak="peak command"),
         Column("end", "input ends", "s", decimals=2),
         Column("record", "record ends", "s", decimals=2),
         Column("worst", "criterion", "", digits=3),
     ]
-    drawn = result.best.over is not None
     if drawn:
-        columns += [
-            Column("median", "median", "", _DRAWN, digits=3),
-            Column("worst of draws", "worst", "", _DRAWN, digits=3),
-        ]
-    for k, name in enumerate(t.names):
-        wanted = 100.0 * t.wanted[k] / abs(t.values[k]) if is_ratio(name) else t.wanted[k]
-        unit = f"{'% ' if is_ratio(name) else ''}(wanted {wanted:.3g})"
-        columns.append(Column(f"error of {name}", name, unit, "predicted standard errors", digits=2))
+        columns += [Column("median", "median", "", _DRAWN), Column("worst of draws", "worst", "", _DRAWN)]
+    for name, value, wanted in zip(t.names, t.values, t.wanted, strict=True):
+        _, unit, (shown,) = _errors(name, value, wanted)
+        words = f"{unit} (wanted {shown:.3g})".lstrip()
+        columns.append(Column(f"error of {name}", name, words, "predicted standard errors", digits=2))
     columns += [Column("limit", "limit met", "", "flown"), Column("share", "used", "%", "flown", decimals=0)]
     columns += [Column("note", "at the linear prediction's amplitude", "", "flown")]
+    entries = [(str(rank), entry) for rank, entry in enumerate(result.ranking, 1)]
+    entries += [("shortest", result.shortest)] if result.shortest is not None else []
+    entries += [("rejected", flown) for flown in result.rejected]
     rows: list[tuple[Value, ...]] = []
-    entries: list[tuple[Value, Ranked]] = [*enumerate(result.ranking, 1)]
-    if result.shortest is not None:
-        entries.append(("shortest", result.shortest))
-    for rank, entry in entries:
-        rows.append((str(rank), *_ranking_row(result, entry.design, entry.over), *_flown_cells(entry.flown)))
-    for flown in result.rejected:
-        rows.append(("rejected", *_ranking_row(result, flown.design, None), *_flown_cells(flown)))
+    for rank, f in entries:
+        d = f.design
+        head = (rank, family_label(d.family), d.words, peak_words(d), d.end_s, d.duration_s, float(d.cost))
+        costs: tuple[Value, ...] = (f.over.rank[::-1] if f.over else (None, None)) if drawn else ()
+        each = zip(t.names, t.values, d.errors, strict=True)
+        errors = [float(100.0 * e / abs(v)) if is_ratio(n) else float(e) for n, v, e in each]
+        limit = limit_symbol(f.tightest.name), 100.0 * f.tightest.share, f.breach or "all limits kept"
+        rows.append((*head, *costs, *errors, *limit))
     counted = "" if result.known is None else ", with what was flown before; the errors are those of the flight alone"
     caption = (
         f"Each design has its largest admissible amplitude in the nonlinear simulator. Criterion "
@@ -96,85 +104,42 @@ def known_table(
         after: (t,) errors after the flight of the recommended input; None: nothing is to be flown.
         alone: (t,) errors of that flight alone.
     """
-    t, flown = problem.targets, after is not None
-    columns = [
-        Column("target", "target"),
-        Column("unit", "unit"),
-        Column("model", "value of the model", digits=3),
-        Column("value", "value now", digits=3),
-        Column("wanted", "wanted error", digits=2),
-        Column("now", "known now", digits=2),
-    ]
-    if flown:
-        columns += [
-            Column("alone", "this flight alone", digits=2),
-            Column("after", "after this flight", digits=2),
-        ]
-    columns.append(Column("verdict", "verdict"))
+    t, flown = problem.targets, [] if after is None or alone is None else [alone, after]
+    columns = _columns(target="target", unit="unit", model="value of the model", value="value now")
+    columns += _columns(digits=2, wanted="wanted error", now="known now")
+    columns += _columns(digits=2, alone="this flight alone", after="after this flight") if flown else []
     rows: list[tuple[Value, ...]] = []
     for k, name in enumerate(t.names if known is not None else ()):
         assert known is not None
-        shown = 100.0 / abs(t.values[k]) if is_ratio(name) else 1.0
-        errors = [t.wanted[k], known.errors[k]]
-        if alone is not None and after is not None:
-            errors += [alone[k], after[k]]
-        met = "met" if known.errors[k] <= t.wanted[k] else None
-        if met is None:
-            met = "met after this flight" if after is not None and after[k] <= t.wanted[k] else "not met"
-        cells = (float(shown * e) if np.isfinite(e) else None for e in errors)
+        _, unit, cells = _errors(name, t.values[k], *(e[k] for e in (t.wanted, known.errors, *flown)))
+        met = "met after this flight" if flown and flown[1][k] <= t.wanted[k] else "not met"
+        met = "met" if known.errors[k] <= t.wanted[k] else met
         model = float(known.before[k]) if np.isfinite(known.before[k]) else None
-        rows.append((name, "%" if is_ratio(name) else "", model, float(t.values[k]), *cells, met))
+        rows.append((name, unit, model, float(t.values[k]), *cells, met))
     caption = (
         "Standard errors by all flights before, by this flight alone (realised where it was realised), and by both "
         "together. The input is designed at the values that are believed now: those of the flights, and of the model "
         "where they hardly tell."
     )
+    columns += _columns(verdict="verdict")
     return Table("known", "Known now, promised after this flight", caption, tuple(columns), tuple(rows))
-
-
-def _ranking_row(result: DesignResult, design: Design, over: OverDraws | None) -> tuple[Value, ...]:
-    t = result.problem.targets
-    errors = [
-        float(100.0 * e / abs(v)) if is_ratio(n) else float(e)
-        for n, e, v in zip(t.names, design.errors, t.values, strict=True)
-    ]
-    head = (family_label(design.family), design.words, peak_words(design), design.end_s, design.duration_s)
-    costs: tuple[Value, ...] = ()
-    if result.best.over is not None:
-        costs = (None, None) if over is None else (float(np.median(over.told.costs)), float(over.told.costs.max()))
-    return (*head, float(design.cost), *costs, *errors)
-
-
-def _flown_cells(flown: Any) -> tuple[Value, ...]:
-    return (limit_symbol(flown.tightest.name), 100.0 * flown.tightest.share, flown.breach or "all limits kept")
 
 
 def draws_table(result: DesignResult) -> Table:
     """Return the errors of the recommended input over the drawn aircraft; without draws a table without rows."""
     t, over = result.problem.targets, result.best.over
-    columns = (
-        Column("target", "target"),
-        Column("unit", "unit"),
-        Column("wanted", "wanted", digits=2),
-        Column("believed", "believed aircraft", digits=2),
-        Column("median", "median", "", _DRAWN, digits=2),
-        Column("worst", "worst", "", _DRAWN, digits=2),
-        Column("reached", "reach it", "", _DRAWN),
-        Column("have", "have it", "", _DRAWN),
+    columns = _columns(target="target", unit="unit") + _columns(digits=2, wanted="wanted", believed="believed aircraft")
+    columns += _columns(_DRAWN, 2, median="median", worst="worst") + _columns(
+        _DRAWN, reached="reach it", have="have it"
     )
     rows: list[tuple[Value, ...]] = []
+    kinds = [t.wanted, result.best.design.errors]
+    kinds += [over.told.over(how) * t.wanted for how in (np.median, np.max)] if over is not None else []
     for k, name in enumerate(t.names if over is not None else ()):
         assert over is not None
-        shown = 100.0 / abs(t.values[k]) if is_ratio(name) else 1.0
-        errors = (
-            t.wanted[k],
-            result.best.design.errors[k],
-            over.told.median(k) * t.wanted[k],
-            over.told.worst(k) * t.wanted[k],
-        )
+        name, unit, cells = _errors(name, t.values[k], *(e[k] for e in kinds))
         ratios = over.told.ratios[:, k]
-        counts = (int(np.count_nonzero(ratios <= 1.0)), int(np.count_nonzero(~np.isnan(ratios))))
-        rows.append((name, "%" if is_ratio(name) else "", *(float(shown * e) for e in errors), *counts))
+        rows.append((name, unit, *cells, int(np.sum(ratios <= 1.0)), int(np.sum(~np.isnan(ratios)))))
     n = 0 if over is None else len(over.told.costs)
     caption = (
         f"Predicted standard errors of the recommended input over {n} aircraft whose coefficients are drawn, each on "
@@ -182,43 +147,28 @@ def draws_table(result: DesignResult) -> Table:
         "Errors in percent count from the values of the believed aircraft. A mode that has split into two real roots "
         "keeps wn = sqrt(s1 s2) and zeta = -(s1 + s2) / (2 wn). No prior is counted: output error has none."
     )
-    return Table("draws", "Over the aircraft's own uncertainty", caption, columns, tuple(rows))
+    return Table("draws", "Over the aircraft's own uncertainty", caption, tuple(columns), tuple(rows))
 
 
 def realised_table(result: DesignResult) -> Table:
     """Return promised against realised errors of the designs that were flown and identified; else no rows."""
     t = result.problem.targets
-    columns = (
-        Column("signal", "signal"),
-        Column("target", "target"),
-        Column("unit", "unit"),
-        Column("wanted", "wanted", digits=2),
-        Column("promised", "promised", digits=2),
-        Column("realised", "rms", "", "realised", digits=2),
-        Column("low", "from", "", "realised", digits=2),
-        Column("high", "to", "", "realised", digits=2),
-        Column("bias", "mean", "", "realised", digits=2),
-        Column("stated", "stated by the estimator", digits=2),
-        Column("flights", "estimates"),
-        Column("failed", "none"),
-        Column("counts", "counts"),
-        Column("headline", "to plan with", digits=2),
-        Column("cause", "most of it"),
-    )
+    columns = _columns(signal="signal", target="target", unit="unit")
+    columns += _columns(digits=2, wanted="wanted", promised="promised")
+    columns += _columns("realised", 2, realised="rms", low="from", high="to", bias="mean")
+    columns += _columns(digits=2, stated="stated by the estimator")
+    columns += _columns(flights="estimates", failed="none", counts="counts")
+    columns += _columns(digits=2, headline="to plan with") + _columns(cause="most of it")
     rows: list[tuple[Value, ...]] = []
-    entries = [(family_label(e.design.family), e) for e in result.ranking]
-    for label, entry in entries:
-        r = entry.realised
-        if r is None:
+    for entry in result.ranking:
+        if (r := entry.realised) is None:
             continue
-        low, high = r.found.interval()
+        found, label = r.found, family_label(entry.design.family)
+        kinds = (t.wanted, r.promised, found.rms, *found.interval(), found.bias, found.claimed, r.headline)
         for k, name in enumerate(t.names):
-            shown = 100.0 / abs(t.values[k]) if is_ratio(name) else 1.0
-            errors = (t.wanted, r.promised, r.found.rms, low, high, r.found.bias, r.found.claimed, r.headline)
-            *cells, head = (float(shown * e[k]) if np.isfinite(e[k]) else None for e in errors)
+            _, unit, (*cells, head) = _errors(name, t.values[k], *(e[k] for e in kinds))
             counts = "realised" if r.differs[k] else "both"
-            unit, flights = "%" if is_ratio(name) else "", (r.found.n, len(r.found.failed))
-            rows.append((label, name, unit, *cells, *flights, counts, head, r.cause(k)))
+            rows.append((label, name, unit, *cells, found.n, len(found.failed), counts, head, r.cause(k)))
     caption = (
         f"Flown in {air_words(result)}, sensed by the suite and identified by the estimator of the scenario. Promised: "
         "by information in that air, and by what the estimates are off by without noise. The interval holds "
@@ -226,7 +176,7 @@ def realised_table(result: DesignResult) -> Table:
         f"probability of a false alarm {100 * FALSE_ALARM:g} % per design. Elsewhere both count, the promise like "
         f"{TRUST} flights."
     )
-    return Table("realised", "Promised and realised", caption, columns, tuple(rows), wide=True)
+    return Table("realised", "Promised and realised", caption, tuple(columns), tuple(rows), wide=True)
 
 
 def short_realised(result: DesignResult) -> Table:
@@ -244,35 +194,23 @@ def short_realised(result: DesignResult) -> Table:
 
 def elsewhere_table(result: DesignResult) -> Table:
     """Return the errors of the recommended input where the aircraft's fast mode lies elsewhere; else no rows."""
-    t = result.problem.targets
-    columns = (
-        Column("aircraft", "aircraft"),
-        Column("target", "target"),
-        Column("unit", "unit"),
-        Column("value", "true value", digits=3),
-        Column("predicted", "predicted", digits=2),
-        Column("realised", "realised rms", digits=2),
-        Column("bias", "realised mean", digits=2),
-        Column("flights", "estimates"),
-        Column("limit", "limit met"),
-        Column("used", "used", "%", decimals=0),
-    )
+    columns = _columns(aircraft="aircraft", target="target", unit="unit", value="true value")
+    columns += _columns(digits=2, predicted="predicted", realised="realised rms", bias="realised mean")
+    columns += [*_columns(flights="estimates", limit="limit met"), Column("used", "used", "%", decimals=0)]
     rows: list[tuple[Value, ...]] = []
     for e in result.elsewhere:
-        if e.found is None or e.values is None or e.predicted is None or e.tightest is None:
+        if e.found is None or e.values is None or e.predicted is None or e.flight is None:
             continue
-        for k, name in enumerate(t.names):
-            shown = 100.0 / abs(e.values[k]) if is_ratio(name) else 1.0
-            errors = (e.predicted[k], e.found.rms[k], e.found.bias[k])
-            cells = (float(shown * x) if np.isfinite(x) else None for x in errors)
-            limit = (limit_symbol(e.tightest.name), 100.0 * e.tightest.share)
-            rows.append((e.what, name, "%" if is_ratio(name) else "", float(e.values[k]), *cells, e.found.n, *limit))
+        limit = limit_symbol(e.flight.tightest.name), 100.0 * e.flight.tightest.share
+        for k, name in enumerate(result.problem.targets.names):
+            _, unit, cells = _errors(name, e.values[k], e.predicted[k], e.found.rms[k], e.found.bias[k])
+            rows.append((e.what, name, unit, float(e.values[k]), *cells, e.found.n, *limit))
     caption = (
         "The commands of the recommended input with an aircraft that is not the believed one; the estimator is that of "
         "the scenario, which holds what it does not estimate at the believed values. Limits are those of one flight in "
         "still air."
     )
-    return Table("elsewhere", "If the fast mode lies elsewhere", caption, columns, tuple(rows), wide=True)
+    return Table("elsewhere", "If the fast mode lies elsewhere", caption, tuple(columns), tuple(rows), wide=True)
 
 
 def limit_symbol(name: str) -> str:
@@ -285,7 +223,8 @@ def limit_symbol(name: str) -> str:
 
 def energy_table(result: DesignResult) -> Table:
     """Return for each design and mode the share of its energy and the signal-to-noise ratio at the best sensor."""
-    modes = result.best.energy.modes
+    energies = [result.energy(entry.design) for entry in result.ranking]
+    modes = energies[0].modes
     columns = [
         Column("rank", "", given=True),
         Column("signal", "signal"),
@@ -296,8 +235,7 @@ def energy_table(result: DesignResult) -> Table:
         columns.append(Column(f"share {m}", "share", "%", f"{m}, {wn} rad/s", digits=2))
         columns.append(Column(f"snr {m}", "best sensor", "", f"{m}, {wn} rad/s"))
     rows = []
-    for rank, entry in enumerate(result.ranking, 1):
-        e = entry.energy
+    for rank, (entry, e) in enumerate(zip(result.ranking, energies, strict=True), 1):
         cells: list[Value] = []
         for i, m in enumerate(modes):
             sensor, snr = e.seen(m)

@@ -18,8 +18,8 @@ from scipy.signal import correlate
 
 from testbench.core.errors import RecordError
 from testbench.core.record import AS_DESIGNED, FlightRecord, FloatArray
+from testbench.design.limits import breaches
 from testbench.page.words import listed
-from testbench.questions.design.limits import breaches
 from testbench.questions.plan.result import Card, Plan
 
 _FOUND = 0.5  # judged: below this a movement is no run of a card

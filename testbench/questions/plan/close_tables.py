@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from testbench.core.constants import PERCENT
+from testbench.design.realise import INTERVAL
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.design.answer import is_ratio
-from testbench.questions.design.realise import INTERVAL
 from testbench.questions.plan.verdicts import CHANCE, SLACK, Campaign, JudgedCard, Target
 
 

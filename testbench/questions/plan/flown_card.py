@@ -32,7 +32,7 @@ from testbench.inference.instruments import sound
 from testbench.information.modes import modes_of
 from testbench.information.targets import Targets, needed_parameters
 from testbench.line import Case
-from testbench.questions.design.promised import Promise, read_promise
+from testbench.questions.design.ready import Promise, read_promise
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.derivatives import CRITERIA, FoundDerivative
 from testbench.questions.identify.result import Identified

@@ -15,6 +15,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import EstimationError, LimitError, Refusal
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.inputs import Input
+from testbench.design.limits import Limits, breaches
 from testbench.estimators.parametric.response import respond
 from testbench.flight.air import Air, turbulence_rms
 from testbench.flight.batch.jobs import Job, Simulator, Tally
@@ -22,7 +23,6 @@ from testbench.flight.simulate import aborted
 from testbench.information.aircraft_structure import aircraft_structure, parameter_names
 from testbench.inputs import InputSignal
 from testbench.line import manoeuvre_of
-from testbench.questions.design.limits import Limits, breaches
 from testbench.questions.plan.commanded import commanded
 from testbench.questions.plan.repeats import command_names
 from testbench.questions.plan.result import Point

@@ -25,11 +25,11 @@ from scipy.stats import t
 
 from testbench.core.constants import PERCENT
 from testbench.core.record import FlightRecord
+from testbench.design.realise import CHANCE, Realised
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.page.labels import number
 from testbench.page.words import listed
 from testbench.questions.design.answer import is_ratio
-from testbench.questions.design.realise import CHANCE, Realised
 from testbench.questions.identify.derivatives import by_input
 from testbench.questions.plan.close import Closed, FlownRun, command_of
 from testbench.questions.plan.flown_card import Estimate, FlownCard

@@ -21,6 +21,8 @@ from testbench.aircraft import Aircraft
 from testbench.core.errors import ScenarioError, TrimError
 from testbench.core.paths import AIRCRAFT, SENSOR_SUITES, aircraft_names, resolve, suite_names
 from testbench.core.record import FloatArray
+from testbench.design.ensemble import Placed
+from testbench.design.problem import Problem
 from testbench.estimators.parametric.structure import STEP
 from testbench.evaluation.modes import roots_of
 from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, linearise, load_aircraft, trim
@@ -28,8 +30,7 @@ from testbench.information.aircraft_structure import AircraftStructure, Plane, a
 from testbench.information.modes import RIGID_MODES, elastic_modes, modes_of
 from testbench.information.targets import targets
 from testbench.inputs.multisine import phases
-from testbench.questions.design.build import limits_of, problem_of
-from testbench.questions.design.problem import Problem
+from testbench.questions.design.pose import limits_of, problem_of
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.plan.new import plan_head
 from testbench.sensors import SensorSuite, load_suite
@@ -269,7 +270,7 @@ def _problem(
         }
     )
     limits = limits_of(scenario, aircraft, trimmed)
-    return problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits)
+    return problem_of(scenario, Placed(aircraft, trimmed, linear, modes), suite, limits)
 
 
 def _suite(problem: Problem, suite: SensorSuite, control: str) -> Json:

@@ -10,15 +10,15 @@ import pytest
 from pydantic import ValidationError
 
 from testbench.core.record import FlightRecord
+from testbench.design.candidates import _tidy
+from testbench.design.identified import _product, _sum
+from testbench.design.limits import Envelope
+from testbench.design.problem import _flights
+from testbench.design.realise import Errors, repeats
 from testbench.flight import LinearModel
 from testbench.page.tables import Column, Table
-from testbench.questions.design import draws, tables
-from testbench.questions.design.build import _input_rate, with_positions
-from testbench.questions.design.candidates import _tidy
-from testbench.questions.design.flown import Envelope
-from testbench.questions.design.identified import _product, _sum
-from testbench.questions.design.obstacles import _flights
-from testbench.questions.design.realise import Errors, repeats
+from testbench.questions.design import tables
+from testbench.questions.design.pose import _input_rate, with_positions
 from testbench.questions.design.scenario import DesignLimits
 from testbench.questions.design.tables import limit_symbol
 from testbench.sensors.sensor import ROTATION, Sensor, lever
@@ -131,16 +131,3 @@ def test_limits_have_the_symbols_of_their_channels():
     assert limit_symbol("") == "aborted"
     for kind in ("rate of ", "command of "):
         assert limit_symbol(f"{kind}de") == kind + limit_symbol("de")
-
-
-def test_a_design_that_breaks_no_limit_in_any_draw_stays_as_it_was_flown(monkeypatch):
-    """Nothing was lowered: its amplitude, its record and its limit are still those of the believed one."""
-    kept = draws.InDraw(draws.Tightest("alpha", 0.8, 0.0), "")
-    monkeypatch.setattr(draws, "flown_in", lambda *_: (kept, kept))
-    monkeypatch.setattr(draws, "told", lambda *_: "what it tells")
-    problem = SimpleNamespace(targets=SimpleNamespace(names=("M_alpha",)))
-    flown = SimpleNamespace(design=SimpleNamespace(limit="V"))
-    found, over = draws.kept_in_all(None, None, problem, flown, None, None, "auto", None)
-    assert found is flown
-    assert over.lowered == 1.0
-    assert over.flights == (kept, kept)

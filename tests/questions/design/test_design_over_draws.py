@@ -14,16 +14,17 @@ from believed_taurus import believed_taurus
 from testbench.aircraft.believed import drawn
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import SCENARIOS
+from testbench.design.amplitude import DRAWS
+from testbench.design.ensemble import Flier, draw, told
+from testbench.design.refine import Steps, Switching, exchange
+from testbench.design.search import worst_of
 from testbench.flight import FlightCondition, linearise, load_aircraft, trim
-from testbench.flight.batch.jobs import Tally
 from testbench.information.fisher import cost
 from testbench.questions.design.answer import design_sentences
 from testbench.questions.design.ask import run_design
-from testbench.questions.design.draws import draw_aircraft, told
-from testbench.questions.design.for_all import exchange_for_all, worst_of
 from testbench.questions.design.page import design_page
+from testbench.questions.design.pose import setting_of
 from testbench.questions.design.scenario import DesignScenario
-from testbench.questions.design.switching import switching
 from testbench.questions.design.tables import draws_table, ranking_table
 from testbench.questions.plan.response import relative_spread
 
@@ -77,10 +78,7 @@ def test_the_exchange_for_all_draws_comes_near_the_best_of_all_signs(judged):
     problem, draws = judged.problem, judged.draws
     one = replace(draws, judged=draws.judged[:3])
     step, start, count = round(0.4 * problem.rate_hz), round(2.0 * problem.rate_hz), 7
-    forms = [
-        switching(p.experiment, p.prediction, p.targets.gradient, p.criterion, step, start, count)
-        for p in (d.problem for d in one.judged)
-    ]
+    forms = [Switching.of(d.problem, Steps(step, start, count)) for d in one.judged]
 
     def worst(signs):
         u = np.zeros((problem.experiment.samples * problem.experiment.stride, 1))
@@ -93,7 +91,7 @@ def test_the_exchange_for_all_draws_comes_near_the_best_of_all_signs(judged):
 
     best = min(worst(np.array([1.0, *rest])) for rest in product((1.0, -1.0, 0.0), repeat=count - 1))
     starts = np.random.default_rng(0).choice([1.0, -1.0, 0.0], (30, count))
-    found = [exchange_for_all(forms, s) for s in starts if np.any(s)]
+    found = [exchange(forms, s) for s in starts if np.any(s)]
     for signs, value in found:
         assert worst(signs) == pytest.approx(value, rel=1e-6)
     assert best * (1.0 - 1e-6) <= min(value for _, value in found) < 1.02 * best
@@ -104,15 +102,16 @@ def test_inputs_for_all_draws_do_as_well_in_the_worst_as_any_other(robust):
     family = "switching for all draws"
     made, others = ([r for r in robust.ranking if (r.design.family == family) is same] for same in (True, False))
     assert len(made) == 2
-    best, other = (min(worst_of(robust.draws, r.design.u) for r in of) for of in (made, others))
+    best, other = (min(worst_of(robust.draws.judged, r.design.u) for r in of) for of in (made, others))
     assert best <= other * (1.0 + 1e-9)
 
 
 def test_an_aircraft_that_is_known_well_has_the_errors_of_the_believed_one_in_every_draw(judged):
     known = replace(judged.aircraft, uncertainty=dict.fromkeys(STATED, 1e-7))
     best = judged.best.design
-    draws = draw_aircraft(judged.scenario, known, judged.problem, judged.suite, (), best, "auto", Tally())
-    ratios = told(best, draws, judged.problem.targets.names).ratios
+    setting = setting_of(judged.scenario, judged.believed, judged.ensemble.range_.suite)
+    draws = draw(setting, known, 8, judged.scenario.seed, best, Flier())
+    ratios = told(best, draws.judged, judged.problem.targets.names).ratios
     assert ratios.shape == (8, len(judged.problem.targets.names))
     believed = best.errors / judged.problem.targets.wanted
     np.testing.assert_allclose(ratios, np.tile(believed, (8, 1)), rtol=1e-3)
@@ -167,10 +166,10 @@ def test_tables_agree_with_the_result(judged, tmp_path):
 def test_a_robust_design_keeps_the_limits_in_every_draw_and_has_the_smallest_worst_error(robust, judged):
     for ranked in robust.ranking:
         assert not ranked.over.broken
-        assert ranked.over.lowered <= 1.0
+        assert ranked.share(DRAWS) <= 1.0
     worst = [r.over.told.costs.max() for r in robust.ranking]
     assert worst == sorted(worst)
-    assert robust.best.over.lowered < 1.0
+    assert robust.best.share(DRAWS) < 1.0
     assert max(f.tightest.share for f in robust.best.over.flights) > 0.9  # no smaller than it must be
     assert "in each of" in design_sentences(robust)[0]
     assert "in the worst of them" in design_sentences(robust)[0]

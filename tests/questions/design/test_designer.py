@@ -11,17 +11,17 @@ import testbench as tb
 from testbench.core.errors import EstimationError, LimitError, ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.core.scenario.inputs import Pilot, StandardMultistep
+from testbench.design.candidates import sampled
+from testbench.design.problem import ModeBands
 from testbench.estimators.parametric import output_error
 from testbench.flight import Manoeuvre, fly, linearise
 from testbench.information.aircraft_structure import aircraft_structure, held_accelerations
 from testbench.information.modes import elastic_modes, modes_of
 from testbench.inputs import build
 from testbench.questions.design.ask import run_design
-from testbench.questions.design.build import limits_of, outputs_of, with_positions
-from testbench.questions.design.candidates import sampled
+from testbench.questions.design.pose import limits_of, outputs_of, with_positions
 from testbench.questions.design.ready import scenario_toml
 from testbench.questions.design.scenario import DesignScenario
-from testbench.questions.design.spectral_energy import spectral_energy
 from testbench.sensors import Sensor, load_suite
 
 FOLDER = SCENARIOS / "design"
@@ -49,7 +49,7 @@ def designed():
 def shown_modes():
     """The design for the modes of EOLO, without the shortest input that would do, which takes as long again."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("testbench.questions.design.ask._shortest", lambda *_: None)
+        patch.setattr("testbench.design.amplitude.Ensemble.shortest", lambda *_: None)
         return run_design(DesignScenario.load(FOLDER / "eolo_modes.toml").changed(realise=0))
 
 
@@ -70,8 +70,8 @@ def test_every_scenario_gives_a_ranking_inside_its_limits(path, designed):
     assert costs == sorted(costs)
     assert np.isfinite(costs).all()
     for ranked in result.ranking:
-        assert ranked.flown.tightest.share <= 1.0
-        assert result.envelope.broken(ranked.flown.record) == []
+        assert ranked.tightest.share <= 1.0
+        assert result.envelope.broken(ranked.record) == []
     families = {r.design.family for r in result.ranking}
     assert {"designed switching", "doublet", "3211"} <= families
     assert result.best.design.family.startswith("designed")
@@ -91,7 +91,7 @@ def test_the_written_scenario_flies_the_design_and_identifies(path, designed, tm
         assert flight.settle_s + flight.duration_s == pytest.approx(entry.design.duration_s, abs=0.01)
     run = tb.run(tb.load_scenario(_best(result, tmp_path)))
     truth = run.flights[0].truth
-    own = result.best.flown.record
+    own = result.best.record
     for name in ("V", "q"):
         n = min(len(truth), int(own.t_s[-1] / truth.dt_s))
         np.testing.assert_allclose(
@@ -121,7 +121,7 @@ def test_the_modes_of_eolo_are_shown_by_the_design_and_not_by_the_papers_3211(sh
     """At 16 m/s through five accelerometers, against the 3-2-1-1 by hand through the paper's own sensors."""
     result = shown_modes
     wanted = result.scenario.targets.modes
-    assert all(result.best.energy.excited(mode) for mode in wanted)
+    assert all(result.energy(result.best.design).excited(mode) for mode in wanted)
     assert result.best.design.cost < 1.0
     by_hand = StandardMultistep(
         signal="3211", control="de", amplitude_deg=5.0, step_s=0.5, pilot=Pilot(rise_s=0.2), start_s=2.0
@@ -130,7 +130,9 @@ def test_the_modes_of_eolo_are_shown_by_the_design_and_not_by_the_papers_3211(sh
     suite = load_suite("eolo_no_alpha")
     noise = {c: (suite.noise_std[c], 1.0 / suite.rate_hz) for c in suite.outputs}
     modes = {m: result.modes[m] for m in wanted}
-    papers = spectral_energy(result.linear, modes, ("de_cmd",), u, 1.0 / result.problem.rate_hz, noise)
+    papers = ModeBands(result.believed.linear, modes, ("de_cmd",), noise, 1.0 / result.problem.rate_hz, len(u)).analyse(
+        u
+    )
     assert not any(papers.excited(mode) for mode in wanted)
     other = result.others["eolo_no_alpha"] / result.problem.targets.wanted
     assert other.max() > 10.0  # the paper's sensors show the fastest mode to nobody
@@ -143,14 +145,14 @@ def identified(result, specs, suite_name):
         Whether the estimate converged, and per mode the relative error of wn and the error of zeta.
     """
     suite = load_suite(suite_name)
-    truth = fly(result.aircraft, result.trimmed, Manoeuvre("m", build(specs, 12.0, 500.0), 0.0), 500.0)
+    truth = fly(result.aircraft, result.believed.trimmed, Manoeuvre("m", build(specs, 12.0, 500.0), 0.0), 500.0)
     record = suite.measure(truth, 3)
     record = replace(record, data=record.data - record.data[:150].mean(axis=0))
-    outputs = [s.channel for s in outputs_of(suite, result.aircraft)]
-    held = {c: held_accelerations(result.linear, c) for c in outputs if c.startswith("az_wing")}
+    outputs = [s.channel for s in outputs_of(suite)]
+    held = {c: held_accelerations(result.believed.linear, c) for c in outputs if c.startswith("az_wing")}
     names = result.problem.experiment.structure.parameter_names
-    at = (16.0, result.trimmed.alpha, "longitudinal", (1, 5, 7), ("de",), outputs, names, held)
-    s = aircraft_structure(result.linear, *at)
+    at = (16.0, result.believed.trimmed.alpha, "longitudinal", (1, 5, 7), ("de",), outputs, names, held)
+    s = aircraft_structure(result.believed.linear, *at)
     off = 1.0 + 0.10 * np.random.default_rng(5).standard_normal(len(names))
     start = replace(s, parameters=tuple(replace(p, value=p.value * k) for p, k in zip(s.parameters, off, strict=True)))
     model = output_error.estimate([record], start, initial_states="zero", output_biases=outputs, max_iterations=15)
@@ -236,7 +238,7 @@ def test_above_the_onset_only_when_asked_for(tmp_path):
     short = ("duration_s = 20.0", "duration_s = 4.0\nallow_above_onset = true")
     result = run_design(DesignScenario.load(written(tmp_path, "eolo_short_period", fast, short)).changed(realise=0))
     assert result.ranking
-    assert result.limits.V_max_m_s is None
+    assert result.problem.prediction.limits.V_max_m_s is None
 
 
 def test_unreachable_targets_are_said_with_what_stands_in_the_way(tmp_path):
@@ -292,7 +294,7 @@ def test_a_lateral_design_on_two_controls(tmp_path):
     result = run_design(DesignScenario.load(file).changed(realise=0))
     assert result.problem.targets.names == ("L_da", "N_dr", "wn of Dutch roll", "zeta of Dutch roll", "wn of roll")
     assert np.all(np.abs(result.best.design.u).max(axis=0) > 0.0)
-    assert np.abs(result.best.flown.record["phi"]).max() <= np.radians(45.0)
+    assert np.abs(result.best.record["phi"]).max() <= np.radians(45.0)
     assert next(iter(result.modes)) == "spiral"
 
 

@@ -13,15 +13,15 @@ from commands import command
 import testbench as tb
 from testbench.core.errors import EstimationError, RecordError
 from testbench.core.paths import SCENARIOS
+from testbench.design.problem import seen_in, total_errors
+from testbench.design.realise import Errors, Realised
 from testbench.flight import load_aircraft
 from testbench.information.fisher import accuracy
 from testbench.questions.design.ask import run_design
-from testbench.questions.design.known import AllKnown, known_after, of_problem, together, total_errors, with_values
+from testbench.questions.design.known import AllKnown, known_after, of_problem, together, with_values
 from testbench.questions.design.page import design_page
-from testbench.questions.design.posed import pose
-from testbench.questions.design.problem import seen_in
-from testbench.questions.design.promised import Promise, promise_text
-from testbench.questions.design.realise import Errors, Realised
+from testbench.questions.design.pose import pose
+from testbench.questions.design.ready import Promise, promise_text
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.design.tables import known_table
 from testbench.questions.files import promise_beside
@@ -156,7 +156,7 @@ def test_the_believed_aircraft_has_the_derivatives_that_were_flown(name):
     wanted = np.array([own[n] for n in names]) * np.array([1.1, 0.8, 1.3, 0.9])[: len(names)]
     sure = tb.Prior(names, wanted, np.diag((1e-6 * wanted) ** 2), "flown")
     new, notes = with_values(p.aircraft, p.trimmed, s, sure)
-    again = posed(asked)._replace(aircraft=new)
+    again = replace(posed(asked), aircraft=new)
     q = pose(asked, again.aircraft, load_suite(asked.suites[0])).problem.experiment.structure
     found = dict(zip(q.parameter_names, q.true.tolist(), strict=True))
     np.testing.assert_allclose([found[n] for n in names], wanted, rtol=1e-4)

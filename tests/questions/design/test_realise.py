@@ -1,7 +1,6 @@
 """Promised and realised: the estimator that a design writes, the statistics of its flights, causes, margins, air."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,19 +10,17 @@ from testbench.core.door import read_toml
 from testbench.core.errors import EstimationError, ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.core.scenario.air import AirSpec
+from testbench.design.amplitude import AIR, Ensemble
+from testbench.design.ensemble import Setting, with_mode
+from testbench.design.identified import STRUCTURE, identified_by
+from testbench.design.realise import FALSE_ALARM, TRUST, Errors, Realised, without_noise
 from testbench.estimators.parametric.structures.written import written
-from testbench.flight import linearise, load_aircraft
-from testbench.flight.batch.jobs import Tally
+from testbench.flight import load_aircraft
 from testbench.information.modes import modes_of
-from testbench.line import trim_for
-from testbench.questions.design import elsewhere as module
-from testbench.questions.design.air import expected_air
 from testbench.questions.design.answer import design_sentences
-from testbench.questions.design.ask import range_of, run_design
-from testbench.questions.design.build import limits_of, problem_of
-from testbench.questions.design.identified import STRUCTURE, identified_by
+from testbench.questions.design.ask import run_design
 from testbench.questions.design.page import design_page
-from testbench.questions.design.realise import FALSE_ALARM, TRUST, Errors, Realised, without_noise
+from testbench.questions.design.pose import expected_air, limits_of, place, problem_of
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.design.tables import elsewhere_table, realised_table
 from testbench.questions.run.scenario import Scenario
@@ -33,12 +30,8 @@ from testbench.sensors import load_suite
 def problem(name, aircraft=None):
     scenario = DesignScenario.load(SCENARIOS / "design" / f"{name}.toml")
     aircraft = aircraft or load_aircraft(scenario.aircraft)
-    trimmed = trim_for(scenario, aircraft)
-    linear = linearise(aircraft, trimmed)
-    suite = load_suite(scenario.suites[0])
-    limits = limits_of(scenario, aircraft, trimmed)
-    modes = modes_of(linear, aircraft, scenario.plane)
-    return problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits, starts=True), suite
+    at, suite = place(scenario, aircraft), load_suite(scenario.suites[0])
+    return problem_of(scenario, at, suite, limits_of(scenario, aircraft, at.trimmed), starts=True), suite
 
 
 @pytest.mark.parametrize("name", ["taurus_short_period", "eolo_short_period", "eolo_modes"])
@@ -224,14 +217,14 @@ def test_where_only_noise_disturbs_a_small_input_the_promise_is_kept(small):
     assert not best.differs.any()
     np.testing.assert_allclose(small.best.errors, small.best.design.errors, rtol=0.3)
     assert any("it has the promised errors within what 20 flights can tell" in s for s in design_sentences(small))
-    assert small.best.flown.margin is None  # still air has no extremes of its own
+    assert AIR not in small.best.bounds  # still air has no extremes of its own
 
 
 def test_the_written_scenario_is_read_and_its_estimator_gives_the_targets(small, tmp_path):
     design_page(small).write(tmp_path)
     (first,) = (tmp_path / "designs").glob("1_*.toml")
     scenario = Scenario.load(first)
-    assert scenario.identification.model_dump() == small.identified.asked.model_dump()
+    assert scenario.identification.model_dump() == small.ensemble.range_.identified.asked.model_dump()
     for target in small.problem.targets.names:
         assert target in scenario.identification.structures[STRUCTURE].parameters
     rows = realised_table(small).rows
@@ -250,33 +243,29 @@ def test_the_aircraft_elsewhere_has_the_frequency_that_it_should(small):
 
 
 def test_amplitudes_keep_a_margin_in_turbulence(small):
-    from testbench.questions.design.margins import with_margins
-
-    r = range_of(small.scenario, small.aircraft, small.trimmed, small.problem, small.suite, "auto", Tally())
-    windy = replace(r, air=AirSpec(turbulence_rms_m_s=0.3))
-    flown = small.best.flown
-    (kept,) = with_margins(windy, [flown], small.envelope, 10, 0.05)
-    m = kept.margin
-    assert m.n == 10
-    assert kept.design.peak.max() == pytest.approx(m.lowered * flown.design.peak.max(), rel=1e-3)
-    assert (m.reach <= 1.0) or m.lowered == 0.25
-    assert m.lowered < 1.0  # still air left no room for as much wind
+    windy = replace(small.ensemble.range_, air=AirSpec(turbulence_rms_m_s=0.3))
+    (kept,) = Ensemble(windy, flights=10).chosen([small.best], AIR)
+    m = kept.bounds[AIR]
+    assert m.flights == 10
+    assert kept.design.peak.max() == pytest.approx(m.share * small.best.design.peak.max(), rel=1e-3)
+    assert (m.reach <= 1.0) or m.share == 0.25
+    assert m.share < 1.0  # still air left no room for as much wind
     assert m.reach > m.mean
 
 
-def test_a_mode_that_damping_makes_is_not_moved_beyond_static_stability(small, monkeypatch):
+def test_a_mode_that_damping_makes_is_not_moved_beyond_static_stability(small):
     """Of a short period with two real roots, 0.7 times its frequency takes a divergent aircraft: that says nothing."""
-    scenario, range_ = small.scenario, SimpleNamespace(aircraft=small.aircraft, trimmed=small.trimmed)
-    believed = module.linearise(small.aircraft, small.trimmed)
+    scenario, believed = small.scenario, small.believed.linear
     row, column = believed.states.index("q"), believed.states.index("w")
     assert believed.A[row, column] < 0.0
 
-    def hardly_stable(aircraft, trimmed):
-        linear = linearise(aircraft, trimmed)
-        A = linear.A.copy()
+    def hardly_stable(aircraft):
+        at = place(scenario, aircraft)
+        A = at.linear.A.copy()
         A[row, column] -= 0.9 * believed.A[row, column]  # what is left of the stiffness is a tenth of it
-        return replace(linear, A=A)
+        linear = replace(at.linear, A=A)
+        return at._replace(linear=linear, modes=modes_of(linear, aircraft, scenario.plane))
 
-    monkeypatch.setattr(module, "linearise", hardly_stable)
+    setting = Setting(scenario.plane, hardly_stable, None)
     with pytest.raises(EstimationError, match=r"damping makes most .* Cm_alpha \+.* without static stability"):
-        module._with_mode(scenario, range_, 0.7)
+        with_mode(setting, small.believed, 0.7)

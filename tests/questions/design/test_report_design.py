@@ -126,7 +126,7 @@ def test_the_error_of_the_best_stands_at_the_end_of_its_bar(designed):
     targets = designed.problem.targets
     wanted = 0.05 * targets.wanted
     problem = replace(designed.problem, targets=replace(targets, wanted=wanted))
-    strict = replace(designed, problem=problem)
+    strict = replace(designed, believed=replace(designed.believed, problem=problem))
     ranking = compared(strict)
     plate = next(p for p in design_plates(strict) if p.name == "errors")
     (axes,) = plate.make(True).axes[:1]

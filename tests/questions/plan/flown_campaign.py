@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from test_bounds import CONTENT
 
+from testbench.design.realise import Errors, Realised
 from testbench.evaluation.derivatives import dimensional_derivatives
-from testbench.questions.design.promised import Promise, promise_text
-from testbench.questions.design.realise import Errors, Realised
+from testbench.questions.design.ready import Promise, promise_text
 from testbench.questions.plan.ask import make_plan
 from testbench.questions.plan.close import close_plan
 from testbench.questions.plan.flown_card import identify_cards

@@ -12,9 +12,9 @@ from flown_campaign import NAMES, SENSORS, flown_campaign, promise_of
 from writers import dataflash_of, ulog_of
 
 from testbench.core.errors import RecordError, ScenarioError
+from testbench.design.realise import Errors, Realised
 from testbench.information.modes import modes_of
-from testbench.questions.design.promised import promise_text, read_promise
-from testbench.questions.design.realise import Errors, Realised
+from testbench.questions.design.ready import promise_text, read_promise
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.ask import import_log

@@ -10,8 +10,8 @@ import pytest
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import EstimationError, LimitError
 from testbench.core.record import FlightRecord
+from testbench.design.limits import Limits
 from testbench.information.targets import needed_parameters
-from testbench.questions.design.limits import Limits
 from testbench.questions.plan import repeats, response
 from testbench.questions.plan.response import Flown, limits_of, log_rate_of, relative_spread, scaled
 from testbench.questions.plan.scenario import PlanLimits, PlannedManoeuvre

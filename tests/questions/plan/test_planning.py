@@ -11,10 +11,10 @@ import pytest
 
 from testbench.core.errors import EstimationError, ScenarioError
 from testbench.core.paths import SCENARIOS
+from testbench.design.limits import breaches
 from testbench.estimators.parametric.response import respond
 from testbench.evaluation.envelope import fly_envelope
 from testbench.information.aircraft_structure import aircraft_structure, parameter_names
-from testbench.questions.design.limits import breaches
 from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.ask import first_onset, make_plan
 from testbench.questions.plan.check import check

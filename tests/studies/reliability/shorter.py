@@ -26,10 +26,10 @@ def few_speeds() -> None:
 
 def few_designs() -> None:
     """Search few designs, with few blocks and starts, and fly two."""
-    _set("questions.design.ask", _FLOWN=2, _REALISED=1, _CLASSICS=("doublet",))
-    _set("questions.design.refine", BLOCKS=8, _RANDOM_STARTS=1, _POWER_ROUNDS=5, _ROUNDS=2, _BISECTIONS=3)
-    _set("questions.design.search", _REFINED=1, _UPPER=0.1)
-    _set("questions.design.flown", _FLIGHTS=2)
+    _set("questions.design.ask", _FLOWN=2, _CLASSICS=("doublet",))
+    _set("design.refine", BLOCKS=8, _RANDOM_STARTS=1, _POWER_ROUNDS=5, _ROUNDS=2, _BISECTIONS=3)
+    _set("design.search", _REFINED=1, _UPPER=0.1)
+    _set("design.amplitude", _ROUNDS=2, REALISED=1)
 
 
 def one_height() -> None:

@@ -317,7 +317,7 @@ const core = (() => {
     });
   }
 
-  // testbench.questions.design.spectral_energy.half_power_band
+  // testbench.design.spectral_energy.half_power_band
   function band([re, im], duration) {
     const wn = Math.hypot(re, im), half = Math.min(Math.max(Math.abs(re), Math.PI / duration), 0.95 * wn);
     return [wn - half, Math.abs(im) > 1e-9 * wn ? wn + half : wn];

@@ -1,39 +1,104 @@
-"""From a design scenario to the design problem: limits, structure, sensors, rates."""
+"""From a design scenario to the design problem of an aircraft: condition, limits, structure, sensors, rates, air."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import Any
+from functools import partial
+from math import ceil
 
 import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD, PERCENT
-from testbench.core.errors import LimitError
+from testbench.core.errors import LimitError, located
 from testbench.core.record import FloatArray
+from testbench.core.scenario.air import LOWEST_M, AirSpec
+from testbench.design.ensemble import Flier, Member, Placed, Setting
+from testbench.design.identified import identified_by, starts_free
+from testbench.design.limits import Limits, Prediction
+from testbench.design.problem import ModeBands, Problem
+from testbench.design.realise import Range
 from testbench.evaluation.envelope import Onset, fly_envelope
 from testbench.evaluation.modes import roots_of
-from testbench.flight import LinearModel, TrimmedFlight
+from testbench.flight import LinearModel, TrimmedFlight, linearise
 from testbench.information.aircraft_structure import AircraftStructure, aircraft_structure, held_accelerations
 from testbench.information.fisher import Experiment
-from testbench.information.modes import elastic_modes
+from testbench.information.modes import elastic_modes, modes_of
 from testbench.information.targets import needed_parameters, targets
 from testbench.information.turbulence import Turbulence
-from testbench.questions.design.air import expected_air
-from testbench.questions.design.identified import starts_free
-from testbench.questions.design.limits import Limits
-from testbench.questions.design.prediction import Prediction
-from testbench.questions.design.problem import Problem
+from testbench.line import trim_for
 from testbench.questions.design.scenario import DesignScenario
-from testbench.questions.design.spectral_energy import ModeBands
 from testbench.sensors import Sensor, SensorSuite
 from testbench.sensors.sensor import ACCELEROMETERS
 
+LIGHT_KG = 25.0
+"""Mass below which light turbulence is expected if a scenario does not say."""
+LIGHT_RMS_M_S = 0.3
+"""Vertical rms of that turbulence: a tenth of a wind of 3 m/s at 20 ft (MIL-F-8785C), a calm morning."""
 _LOWEST_RATE_HZ = 40.0  # of the inputs
+_SPEEDS = 11  # that the onset of vibration is sought over
 
 
-def outputs_of(suite: SensorSuite, aircraft: Aircraft) -> tuple[Sensor, ...]:
+def place(scenario: DesignScenario, aircraft: Aircraft) -> Placed:
+    """Return an aircraft at the condition of a scenario: trimmed, linearised, with the modes of its plane."""
+    trimmed = trim_for(scenario, aircraft)
+    with located(scenario.file, "condition"):
+        linear = linearise(aircraft, trimmed)
+    return Placed(aircraft, trimmed, linear, modes_of(linear, aircraft, scenario.plane))
+
+
+def pose(scenario: DesignScenario, aircraft: Aircraft, suite: SensorSuite) -> Member:
+    """Return the believed aircraft as a design problem.
+
+    Raises:
+        TestbenchError: above the onset of vibration, without room inside the limits, or at a rate that the suite's does
+            not divide; with the scenario's file and key.
+    """
+    at = place(scenario, aircraft)
+    with located(scenario.file, "condition"):
+        onsets = onsets_of(aircraft, scenario)
+    with located(scenario.file, "limits"):
+        limits = limits_of(scenario, aircraft, at.trimmed, onsets)
+        rate, wanted = at.trimmed.rate_hz, suite.rate_hz
+        if scenario.realise and abs(rate / wanted - round(rate / wanted)) > 1e-9:
+            raise LimitError(
+                f"the rate of the suite {suite.name} must divide that of the simulation, {rate:g} Hz, got {wanted:g} "
+                f"Hz; give [simulation] rate_hz = {ceil(rate / wanted) * wanted:g}"
+            )
+        return Member(*at, problem_of(scenario, at, suite, limits, starts=True), onsets)
+
+
+def setting_of(scenario: DesignScenario, believed: Member, suite: SensorSuite) -> Setting:
+    """Return how any aircraft comes to the condition, with the targets and the highest speed of the believed one.
+
+    A mode that oscillates there keeps frequency and damping in aircraft where it splits into two real roots.
+    """
+    wanted = believed.problem.targets
+    whole = [m for m in scenario.targets.modes if f"wn of {m}" in wanted.names]
+    errors = dict(zip(wanted.names, wanted.wanted, strict=True))
+
+    def like(aircraft: Aircraft) -> Member:
+        at = place(scenario, aircraft)
+        limits = limits_of(scenario, aircraft, at.trimmed, believed.onsets)
+        problem = problem_of(scenario, at, suite, limits, whole, starts=True)
+        own = problem.targets
+        same = np.array([errors.get(name, w) for name, w in zip(own.names, own.wanted, strict=True)])
+        problem = replace(problem, targets=replace(own, wanted=same), known=believed.problem.known)
+        return Member(*at, problem, believed.onsets)
+
+    return Setting(scenario.plane, partial(place, scenario), like)
+
+
+def expected_air(scenario: DesignScenario, aircraft: Aircraft) -> AirSpec:
+    """Return the air that a scenario expects: as given, else light turbulence for a light aircraft, else still."""
+    if "air" in scenario.model_fields_set or aircraft.mass.mass_kg >= LIGHT_KG:
+        return scenario.air
+    height = None if scenario.condition.h_m >= LOWEST_M else LOWEST_M
+    return AirSpec(turbulence_rms_m_s=LIGHT_RMS_M_S, height_m=height)
+
+
+def outputs_of(suite: SensorSuite) -> tuple[Sensor, ...]:
     """Return the sensors of the motion: what is neither control nor command."""
     return tuple(s for s in suite.sensors if s.channel in suite.outputs)
 
@@ -72,10 +137,7 @@ def limits_of(
 
 def problem_of(
     scenario: DesignScenario,
-    aircraft: Aircraft,
-    trimmed: TrimmedFlight,
-    linear: LinearModel,
-    modes: Mapping[str, complex],
+    at: Placed,
     suite: SensorSuite,
     limits: Limits,
     whole: Collection[str] = (),
@@ -90,7 +152,7 @@ def problem_of(
     Raises:
         TestbenchError: sensors without noise, limits without room, or targets that do not exist.
     """
-    plane, asked = scenario.plane, scenario.targets
+    (aircraft, trimmed, linear, modes), plane, asked = at, scenario.plane, scenario.targets
     elastic = elastic_modes(aircraft, plane)
     aimed = {name: pole for mode in asked.modes for name, pole in roots_of(modes, mode).items()}
     aims: dict[str, complex | tuple[complex, complex]] = {}
@@ -102,10 +164,11 @@ def problem_of(
         else:
             aims |= roots
     numbers = [i for i, name in elastic.items() if name in asked.modes]
-    numbers += [i for i in elastic if i not in numbers and any(_belongs(p, i) for p in _asked(asked))]
+    named = (*asked.parameters, *asked.also_unknown)
+    numbers += [i for i in elastic if i not in numbers and any(_belongs(p, i) for p in named)]
     free = needed_parameters(plane, scenario.controls, "phugoid" in asked.modes, numbers)
-    free = tuple(dict.fromkeys([*free, *asked.parameters, *asked.also_unknown]))
-    sensors = outputs_of(suite, aircraft)
+    free = tuple(dict.fromkeys([*free, *named]))
+    sensors = outputs_of(suite)
     model = with_positions(linear, sensors)
     inputs = [f"{c}_cmd" if f"{c}_cmd" in model.inputs else c for c in scenario.controls]
     held = {
@@ -125,8 +188,9 @@ def problem_of(
         structure = structure_by(inputs)
     deflected = structure_by(scenario.controls)
     of_interest = aimed or {n: p for n, p in modes.items() if n not in elastic.values() and abs(p) > 0.3}
-    band = _band(of_interest)
-    rate = _input_rate(suite.rate_hz, trimmed.rate_hz, 12.0 * max(abs(p) for p in of_interest.values()) / (2.0 * np.pi))
+    wn = [abs(p) for p in of_interest.values()]
+    band = 0.3 * min(wn) / (2.0 * np.pi), 1.6 * max(wn) / (2.0 * np.pi)
+    rate = _input_rate(suite.rate_hz, trimmed.rate_hz, 12.0 * max(wn) / (2.0 * np.pi))
     per_sample = round(rate / suite.rate_hz)
     samples = int(scenario.duration_s * suite.rate_hz + 1e-9)
     free_start = starts and starts_free(structure)
@@ -138,14 +202,15 @@ def problem_of(
     experiment = Experiment(
         structure, sensors, 1.0 / rate, samples, per_sample, initial_states=free_start, turbulence=turbulence
     )
-    at = {**trimmed.state, "alpha": trimmed.alpha, "V": scenario.condition.V_m_s, **trimmed.controls}
-    prediction = Prediction(linear, scenario.controls, limits, at, 1.0 / rate, samples * per_sample)
+    values = {**trimmed.state, "alpha": trimmed.alpha, "V": scenario.condition.V_m_s, **trimmed.controls}
+    prediction = Prediction(linear, scenario.controls, limits, values, 1.0 / rate, samples * per_sample)
     noise = {
         s.channel: (float(sigma), 1.0 / (s.rate_hz or suite.rate_hz))
         for s, sigma in zip(sensors, experiment.sigma, strict=True)
     }
     states = [s for s in structure.states if not s.startswith("servo") or s in linear.states]
     bands = ModeBands(model.subsystem(states), of_interest, inputs, noise, 1.0 / rate, samples * per_sample)
+    servos = {c: model.states.index(f"servo_{c}") for c in scenario.controls if f"servo_{c}" in model.states}
     wanted = {name: percent * PERCENT for name, percent in asked.parameters.items()}
     return Problem(
         experiment,
@@ -161,7 +226,7 @@ def problem_of(
         scenario.seed,
         bands,
         deflected,
-        {c: -1.0 / float(model.A[at_servo, at_servo]) for c, at_servo in _servos(model, scenario.controls).items()},
+        {c: -1.0 / float(model.A[k, k]) for c, k in servos.items()},
     )
 
 
@@ -178,23 +243,8 @@ def _noise_of_inputs(deflected: AircraftStructure, structure: AircraftStructure,
     return out
 
 
-def _servos(model: LinearModel, controls: Sequence[str]) -> dict[str, int]:
-    """Return control -> the state of its servo, of those that have one."""
-    return {c: model.states.index(f"servo_{c}") for c in controls if f"servo_{c}" in model.states}
-
-
-def _asked(asked: Any) -> tuple[str, ...]:
-    return (*asked.parameters, *asked.also_unknown)
-
-
 def _belongs(parameter: str, mode: int) -> bool:
     return parameter in (f"omega_{mode}", f"zeta_{mode}") or parameter.startswith(f"Q{mode}_")
-
-
-def _band(modes: Mapping[str, complex]) -> tuple[float, float]:
-    """Return the band of frequencies that modes are excited in, Hz."""
-    wn = [abs(p) for p in modes.values()]
-    return 0.3 * min(wn) / (2.0 * np.pi), 1.6 * max(wn) / (2.0 * np.pi)
 
 
 def _input_rate(suite_hz: float, simulation_hz: float, wanted_hz: float) -> float:
@@ -215,9 +265,6 @@ def with_positions(linear: LinearModel, sensors: Sequence[Sensor]) -> LinearMode
             for part, old in ((C, linear.C), (D, linear.D)):
                 part[row] += sensor.position_m[i] * old[a] - sensor.position_m[k] * old[b]
     return replace(linear, C=C, D=D)
-
-
-_SPEEDS = 11  # that the onset of vibration is sought over
 
 
 def onsets_of(aircraft: Aircraft, scenario: DesignScenario) -> tuple[Onset, ...]:
@@ -241,3 +288,13 @@ def onsets_of(aircraft: Aircraft, scenario: DesignScenario) -> tuple[Onset, ...]
                 f"({onset.sentence}); fly slower, or set allow_above_onset = true"
             )
     return onsets
+
+
+def range_of(scenario: DesignScenario, believed: Member, suite: SensorSuite, flier: Flier) -> Range:
+    """Return where designs are flown and identified."""
+    problem = believed.problem
+    assert problem.deflected is not None
+    air = expected_air(scenario, believed.aircraft)
+    moves = air.turbulence_rms_m_s > 0.0
+    identified = identified_by(problem.deflected, suite, problem.servo_lag_s, problem.experiment.samples, moves)
+    return Range(believed, suite, identified, air, scenario.condition.h_m, scenario.seed, flier)

@@ -11,29 +11,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.stats import chi2, t
 
-from testbench.aircraft import Aircraft
 from testbench.core.errors import EstimationError, Refusal
 from testbench.core.processes import cores, processes, spread
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.air import AirSpec
 from testbench.core.scenario.base import Preparation
+from testbench.design.ensemble import FACTORS, Flier, Flight, Member, Setting, mode_words, with_mode
+from testbench.design.identified import Identified
+from testbench.design.problem import Design, misled, rescaled, seen_in
 from testbench.estimators.prepare import prepared
-from testbench.flight import TrimmedFlight
 from testbench.flight.air import Air, air_of
-from testbench.flight.batch.jobs import Job, Simulator, Tally
+from testbench.flight.batch.jobs import Job
 from testbench.information.fisher import accuracy
-from testbench.information.targets import Targets
 from testbench.line import manoeuvre_of
-from testbench.questions.design.flown import Envelope, Flown, fly_all
-from testbench.questions.design.identified import Identified
-from testbench.questions.design.problem import Design, Problem, misled, rescaled
 from testbench.sensors import Sensor, SensorSuite
 
 FALSE_ALARM = 0.01
@@ -197,129 +194,94 @@ class Range:
     """Where designs are flown and identified: aircraft, air, sensors, estimator, truth.
 
     Attributes:
-        aircraft, trimmed: what flies.
-        problem: its design problem.
-        targets: whose values are true.
+        member: what flies, with its true targets.
         suite: what senses.
         identified: the estimator.
         air: expected.
         h_m: height of the flight, m.
         seed: of noise and air.
-        simulator, tally: see :mod:`testbench.flight.batch.jobs`.
+        flier: what flies.
     """
 
-    aircraft: Aircraft
-    trimmed: TrimmedFlight
-    problem: Problem
-    targets: Targets
+    member: Member
     suite: SensorSuite
     identified: Identified
     air: AirSpec
     h_m: float
     seed: int
-    simulator: Simulator
-    tally: Tally
+    flier: Flier = field(default_factory=Flier)
 
     @property
     def moves(self) -> bool:
         """Whether the air of one flight differs from that of the next."""
         return self.air.turbulence_rms_m_s > 0.0
 
-    def airs(self, first: int, n: int) -> list[Air | None]:
+    def airs(self, first: int, n: int) -> tuple[Air | None, ...]:
         """Return the air of ``n`` flights, from number ``first`` on."""
-        return [air_of(self.air, self.h_m, self.seed + i) for i in range(first, first + n)]
+        return tuple(air_of(self.air, self.h_m, self.seed + i) for i in range(first, first + n))
 
-    def flown_as(self, flown: Sequence[Flown], designs: Mapping[int, Design], envelope: Envelope) -> list[Flown]:
-        """Return flown designs, those of ``designs`` (by number) at the amplitudes of these, flown in still air."""
-        out = list(flown)
-        flights = fly_all(self.aircraft, self.trimmed, list(designs.values()), envelope, self.simulator, self.tally)
-        for (i, design), flight in zip(designs.items(), flights, strict=True):
-            out[i] = replace(out[i], design=design, record=flight.record, tightest=flight.tightest)
-        return out
-
-    def fly(self, design: Design, airs: Sequence[Air | None]) -> list[FlightRecord | str]:
-        """Return the truth of a design's flights through several airs; why, of one that did not end well."""
-        return self.fly_each([design], airs)[0]
-
-    def fly_each(
-        self,
-        designs: Sequence[Design],
-        airs: Sequence[Air | None],
-        channels: Sequence[str] | None = None,
-        fewest: int | None = None,
+    def fly(
+        self, designs: Sequence[Design], airs: Sequence[Air | None], more: Sequence[str] = ()
     ) -> list[list[FlightRecord | str]]:
-        """Return the truth of several designs' flights, each through the same airs; why, of one that did not end well.
+        """Return the truth of each design's flights through the same airs; why, of one that did not end well.
 
-        Args:
-            designs: what is flown.
-            airs: one flight in each.
-            channels: of the records; what the sensors need if not given.
-            fewest: flights that are worth a batch; as :mod:`testbench.flight.batch.fly` has it, or any number where
-                something has been flown in batches before, if not given.
+        Records have the channels that the sensors need, and ``more``.
         """
-        from testbench.flight.batch.fly import FEWEST, fly_jobs
-
-        rate = self.trimmed.rate_hz
-        needed = [name for s in self.suite.sensors for name in s.needs] if channels is None else channels
-        wanted = tuple(dict.fromkeys(needed))
+        member = self.member
+        rate = member.trimmed.rate_hz
+        wanted = tuple(dict.fromkeys([*(name for s in self.suite.sensors for name in s.needs), *more]))
         flown = [manoeuvre_of(d.family, d.specs, d.duration_s, 0.0, rate) for d in designs]
-        jobs = [Job(self.aircraft, self.trimmed, m, self.problem.rate_hz, wanted, air) for m in flown for air in airs]
-        fewest = (1 if self.tally.batch else FEWEST) if fewest is None else fewest
+        head = member.aircraft, member.trimmed
+        jobs = [Job(*head, m, member.problem.rate_hz, wanted, air) for m in flown for air in airs]
         out: list[FlightRecord | str] = []
-        for found in fly_jobs(jobs, self.simulator, self.tally, fewest):
+        for found in self.flier.fly(jobs):
             if isinstance(found, Refusal):
                 out.append(found.message)
-            elif found.outcome == "aborted":
-                out.append(f"the flight ends early: {found.reason}")
             else:
-                out.append(found)
+                out.append(f"the flight ends early: {found.reason}" if found.outcome == "aborted" else found)
         n = len(airs)
         return [out[i * n : (i + 1) * n] for i in range(len(designs))]
 
-    def estimate(
-        self, truths: Sequence[FlightRecord | str], suite: SensorSuite, first: int, say: Callable[[int], None]
-    ) -> Errors:
-        """Sense and identify flights; number ``first`` is that of the noise of the first one."""
+    def errors(self, design: Design, first: int, n: int, say: Callable[[str], None] = lambda text: None) -> Errors:
+        """Return the errors over ``n`` flights, the first with number ``first`` of noise and air."""
+        (truths,) = self.fly([design], self.airs(first, n) if self.moves else self.airs(0, 1))
+        truths = truths if self.moves else truths * n
 
         def one(i: int) -> tuple[FloatArray, FloatArray] | str:
             try:
-                return self._estimated(truths[i], suite, first + i)
+                return self._estimated(truths[i], first + i)
             except Refusal as error:
                 return error.message
 
         found: list[tuple[FloatArray, FloatArray] | str] = []
         step = _BLOCK * cores()
         with processes(cores()):
-            for begin in range(0, len(truths), step):
-                say(begin + 1)
-                found += spread([partial(one, i) for i in range(begin, min(begin + step, len(truths)))])
+            for begin in range(0, n, step):
+                say(f"identify flight {begin + 1} of {n}")
+                found += spread([partial(one, i) for i in range(begin, min(begin + step, n))])
         good = [f for f in found if not isinstance(f, str)]
         failed = tuple(f for f in found if isinstance(f, str))
-        errors, stated = (np.array([f[k] for f in good]).reshape(-1, len(self.targets.names)) for k in (0, 1))
+        shape = (-1, len(self.member.problem.targets.names))
+        errors, stated = (np.array([f[k] for f in good]).reshape(shape) for k in (0, 1))
         return Errors(errors, stated, failed)
 
-    def _estimated(self, truth: FlightRecord | str, suite: SensorSuite, number: int) -> tuple[FloatArray, FloatArray]:
+    def _estimated(self, truth: FlightRecord | str, number: int) -> tuple[FloatArray, FloatArray]:
         """Return errors and stated standard errors (t,) of the targets from one flight."""
         if isinstance(truth, str):
             raise EstimationError(truth)
-        record = prepared(suite.measure(truth, self.seed + number), self.problem.start_s, Preparation())
+        problem, structure = self.member.problem, self.identified.structure
+        record = prepared(self.suite.measure(truth, self.seed + number), problem.start_s, Preparation())
         with np.errstate(all="ignore"):  # a search may pass values at which it overflows, and turns back
             params, covariance = self.identified.estimate(record)
-        value = self.targets.at(self.identified.structure, params)
+        value = problem.targets.at(structure, params)
         if not np.all(np.isfinite(value)):
             raise EstimationError("a mode of the estimate has no frequency")
-        jacobian = self.targets.slopes(self.identified.structure, params)
+        jacobian = problem.targets.slopes(structure, params)
         stated = np.sqrt(np.maximum(np.einsum("ti,ij,tj->t", jacobian, covariance, jacobian), 0.0))
-        return value - self.targets.values, stated
+        return value - problem.targets.values, stated
 
     def realised(self, design: Design, n: int, say: Callable[[str], None]) -> Realised:
-        """Return the errors of a design over ``n`` flights.
-
-        Args:
-            design: at the amplitude that is flown.
-            n: flights.
-            say: called with a few words as the flights are identified.
-        """
+        """Return the errors of a design over ``n`` flights; ``say`` is called as they are identified."""
         found = self.errors(design, 0, n, say)
         return Realised(design.errors, found, found.departs(design.errors))
 
@@ -331,26 +293,21 @@ class Range:
         found, differs = first.found, first.differs
         if np.any(differs) and len(found.failed) <= _LOST * n:
             found = found.and_(self.errors(design, n, MORE * n, say))
-        if found.n < _FEWEST:
-            return Realised(design.errors, found, differs)
-        return Realised(design.errors, found, differs, self._causes(design, found, differs))
-
-    def errors(self, design: Design, first: int, n: int, say: Callable[[str], None] = lambda text: None) -> Errors:
-        """Return the errors over ``n`` flights, the first with number ``first`` of noise and air."""
-        truths = self.fly(design, self.airs(first, n)) if self.moves else self.fly(design, self.airs(0, 1)) * n
-        return self.estimate(truths, self.suite, first, _counting(say, "identify flight", n))
+        causes = self._causes(design, found, differs) if found.n >= _FEWEST else ()
+        return Realised(design.errors, found, differs, causes)
 
     def _causes(self, design: Design, found: Errors, differs: np.ndarray) -> tuple[dict[str, float], ...]:
         """Return what each cause makes of the mean square error of each target.
 
         What bends the estimates grows with the amplitude, what the equations leave out does not.
         """
-        targets = self.problem.targets
-        still = replace(self.problem.experiment, turbulence=None)
-        alone = replace(self.problem, experiment=still).until(design.duration_s).information(design.u)
+        problem = self.member.problem
+        targets = problem.targets
+        still = replace(problem.experiment, turbulence=None)
+        alone = replace(problem, experiment=still).until(design.duration_s).information(design.u)
         noise = targets.errors(accuracy(alone)) ** 2
         random = targets.errors(accuracy(design.information)) ** 2
-        (small, _), (whole, _) = self.off([rescaled(self.problem, design, _SMALL, design.limit), design])
+        small, whole = self.off([rescaled(problem, design, _SMALL), design])
         off, little = (np.zeros(noise.size) if d.off is None else targets.jacobian @ d.off for d in (whole, small))
         bends = (off - little) / (1.0 - _SMALL)
         square, mean = found.rms**2, found.bias**2
@@ -360,20 +317,21 @@ class Range:
         parts = (noise, np.maximum(random - noise, 0.0), bends**2, (off - bends) ** 2, bias, more - bias)
         return tuple(dict(zip(CAUSES, (float(x[k]) for x in parts), strict=True)) for k in range(noise.size))
 
-    def off(self, designs: Sequence[Design]) -> list[tuple[Design, FloatArray | None]]:
-        """Return designs that tell what their estimates are off by without any noise, and that (k,).
+    def off(self, designs: Sequence[Design]) -> list[Design]:
+        """Return designs that tell what their estimates are off by without any noise, where a flight ends well.
 
-        None if a flight does not end well.
+        What the sensors show in still air differs from what the estimator's model has at the true parameters: the
+        aircraft bends, servos and commands move between samples, sensors lag. To first order, the estimates move by the
+        least-squares answer to that difference.
         """
-        records = replace(self, air=AirSpec()).fly_each(designs, [None])
-        out: list[tuple[Design, FloatArray | None]] = []
-        for design, (truth,) in zip(designs, records, strict=True):
+        out = []
+        for design, (truth,) in zip(designs, self.fly(designs, [None]), strict=True):
             by = None if isinstance(truth, str) else self._off(design, truth)
-            out.append((design if by is None else misled(self.problem, design, by), by))
+            out.append(design if by is None else misled(self.member.problem, design, by))
         return out
 
     def _off(self, design: Design, truth: FlightRecord) -> FloatArray | None:
-        problem = self.problem
+        problem = self.member.problem
         try:
             record = prepared(without_noise(self.suite).measure(truth, self.seed), problem.start_s, Preparation())
             difference = record.columns(problem.experiment.structure.outputs) - self.identified.modelled(record)
@@ -384,6 +342,53 @@ class Range:
         whole[:n] = difference[:n]
         by = problem.until(design.duration_s).misled(design.u, whole)
         return by if np.all(np.isfinite(by)) else None
+
+
+@dataclass(frozen=True, eq=False)
+class Elsewhere:
+    """The same commands with one aircraft that is not believed: its fast mode lies lower or higher.
+
+    Attributes:
+        factor: natural frequency over the believed one.
+        what: in words: the mode, and the coefficient with its factor.
+        predicted: (t,) standard errors by information there.
+        values: (t,) true values there.
+        found: errors of the estimator, which still believes the first aircraft, over flights.
+        flight: one in still air, held against the limits.
+        why_not: why nothing can be said; "" otherwise.
+    """
+
+    factor: float
+    what: str
+    predicted: FloatArray | None = None
+    values: FloatArray | None = None
+    found: Errors | None = None
+    flight: Flight | None = None
+    why_not: str = ""
+
+
+def elsewhere(
+    setting: Setting, range_: Range, design: Design, n: int, say: Callable[[str], None]
+) -> tuple[Elsewhere, ...]:
+    """Return what a design does over ``n`` flights of each aircraft whose fast mode lies elsewhere."""
+    out = []
+    for factor in FACTORS:
+        what = mode_words(setting.plane, factor)
+        say(f"fly it with the {what}")
+        try:
+            there = with_mode(setting, range_.member, factor)
+            targets = there.problem.targets
+            if targets.names != range_.member.problem.targets.names:
+                raise EstimationError("its modes have other names")
+            (flight,) = range_.flier.held([(there, design, None)])
+            if isinstance(flight, Refusal):
+                raise flight
+            found = replace(range_, member=there).errors(design, 0, n)
+            seen = seen_in(there.problem, design)
+            out.append(Elsewhere(factor, there.words, seen.errors, targets.values, found, flight))
+        except Refusal as error:
+            out.append(Elsewhere(factor, what, why_not=error.message))
+    return tuple(out)
 
 
 def repeats(n: int) -> int:
@@ -398,10 +403,3 @@ def without_noise(suite: SensorSuite) -> SensorSuite:
         return replace(sensor, **{k: v for k, v in _RANDOM.items() if hasattr(sensor, k)})
 
     return replace(suite, sensors=tuple(one(s) for s in suite.sensors))
-
-
-def _counting(say: Callable[[str], None], words: str, n: int) -> Callable[[int], None]:
-    def count(i: int) -> None:
-        say(f"{words} {i} of {n}")
-
-    return count

@@ -7,21 +7,24 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import LimitError
 from testbench.core.paths import SCENARIOS
 from testbench.core.record import FlightRecord
+from testbench.core.scenario.air import AirSpec
 from testbench.core.scenario.inputs import Doublet
+from testbench.design.amplitude import Ensemble
+from testbench.design.candidates import Candidate, sampled
+from testbench.design.ensemble import Member, Placed
+from testbench.design.limits import Limits, limit_words
+from testbench.design.problem import Screened, design_of
+from testbench.design.realise import Range
 from testbench.flight import linearise
-from testbench.flight.batch.jobs import Tally
 from testbench.information.modes import modes_of
-from testbench.questions.design.build import problem_of
-from testbench.questions.design.candidates import Candidate, sampled
-from testbench.questions.design.flown import Envelope, fly_designs, limit_words
-from testbench.questions.design.limits import Limits
-from testbench.questions.design.problem import Screened, design_of
+from testbench.questions.design.pose import problem_of
 from testbench.questions.design.scenario import DesignScenario
 from testbench.sensors import load_suite
 
 
-def fly_one(aircraft, trimmed, problem, one, limits):
-    (flown,) = fly_designs(aircraft, trimmed, problem, [one], limits, "auto", Tally())
+def fly_one(aircraft, trimmed, problem, one):
+    member = Member(aircraft, trimmed, problem.prediction.model, {}, problem)
+    (flown,) = Ensemble(Range(member, None, None, AirSpec(), 100.0, 0)).started([one])
     return flown
 
 
@@ -34,7 +37,7 @@ def taurus_problem(taurus, taurus_trim):
     suite = load_suite("taurus_8hz")
 
     def make(limits):
-        return problem_of(scenario, taurus, taurus_trim, linear, modes, suite, limits)
+        return problem_of(scenario, Placed(taurus, taurus_trim, linear, modes), suite, limits)
 
     return make
 
@@ -53,7 +56,7 @@ def limits(**changes):
 def test_what_breaks_a_limit_is_named_with_its_moment_and_scaled_back(taurus, taurus_trim, taurus_problem):
     p = taurus_problem(limits())
     d = design(p, 3.0)
-    flown = fly_one(taurus, taurus_trim, p, d, Envelope.of(limits(), p))
+    flown = fly_one(taurus, taurus_trim, p, d)
     assert flown.breach.startswith("V passes ")
     assert " at t = " in flown.breach
     assert flown.admissible
@@ -65,13 +68,13 @@ def test_what_breaks_a_limit_is_named_with_its_moment_and_scaled_back(taurus, ta
 
 def test_what_has_room_is_scaled_up_but_not_beyond_the_surface(taurus, taurus_trim, taurus_problem):
     p = taurus_problem(limits())
-    flown = fly_one(taurus, taurus_trim, p, design(p, 0.5), Envelope.of(limits(), p))
+    flown = fly_one(taurus, taurus_trim, p, design(p, 0.5))
     assert flown.breach == ""
     assert 1.2 < flown.factor <= 1.5 + 1e-6
     at_trim = taurus_trim.controls["de"] / DEG_RAD
     narrow = limits(deflection={"de": (abs(at_trim) + 1.0) * DEG_RAD})
     p = taurus_problem(narrow)
-    flown = fly_one(taurus, taurus_trim, p, design(p, 0.9), Envelope.of(narrow, p))
+    flown = fly_one(taurus, taurus_trim, p, design(p, 0.9))
     assert flown.admissible
     assert np.degrees(flown.design.peak[0]) <= 1.0 + 1e-4
 
@@ -79,7 +82,7 @@ def test_what_has_room_is_scaled_up_but_not_beyond_the_surface(taurus, taurus_tr
 def test_a_flight_out_of_the_aircrafts_limits_says_so(taurus, taurus_trim, taurus_problem):
     wild = limits(speed_change_m_s=4.9)
     p = taurus_problem(wild)
-    flown = fly_one(taurus, taurus_trim, p, design(p, 4.0, 6.0), Envelope.of(wild, p))
+    flown = fly_one(taurus, taurus_trim, p, design(p, 4.0, 6.0))
     assert "leaves the aircraft's limits at t = " in flown.breach or "passes" in flown.breach
     assert flown.factor < 1.0
 
@@ -87,7 +90,7 @@ def test_a_flight_out_of_the_aircrafts_limits_says_so(taurus, taurus_trim, tauru
 def test_rates_are_those_of_the_servo(taurus_problem):
     fast = limits(rate={"de": 40.0 * DEG_RAD})
     p = taurus_problem(fast)
-    e = Envelope.of(fast, p)
+    e = p.envelope
     lag, most = e.rates["de"]
     t = np.arange(3) / 10.0
     data = np.array([[0.0, 0.0, 12.0], [0.1, 0.0, 12.0], [0.1, 0.05, 12.0]])

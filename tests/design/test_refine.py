@@ -7,13 +7,19 @@ import pytest
 from design_problems import best_of_all_signs, problem
 
 from testbench.core.errors import EstimationError
+from testbench.design.candidates import candidates
+from testbench.design.problem import by_energy, judge, obstacles, rescaled
+from testbench.design.refine import (
+    Steps,
+    Switching,
+    designed_multisine,
+    designed_switching,
+    exchange,
+    minimum_time,
+    worst_cost,
+)
+from testbench.design.search import best_of_families, screen, search
 from testbench.information.fisher import Experiment, cost
-from testbench.questions.design.candidates import candidates
-from testbench.questions.design.obstacles import obstacles
-from testbench.questions.design.problem import by_energy, judge, rescaled
-from testbench.questions.design.refine import designed_multisine, designed_switching, minimum_time
-from testbench.questions.design.search import best_of_families, screen, search
-from testbench.questions.design.switching import switching
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +34,7 @@ def ranked(small):
 
 @pytest.fixture(scope="module")
 def form(small):
-    return switching(small.experiment, small.prediction, small.targets.gradient, "worst", 4, 8, 10)
+    return Switching.of(small, Steps(4, 8, 10))
 
 
 def test_screening_is_ordered_and_judges_at_the_largest_amplitude(small, ranked):
@@ -48,20 +54,20 @@ def test_the_quadratic_form_is_the_information_and_repeats_repeat(small, form):
     u[8:48, 0] = np.repeat(s, 4)
     M = np.einsum("i,j,ijkl->kl", s, s, form.K)
     np.testing.assert_allclose(M, small.experiment.information(u), rtol=1e-6, atol=1e-9 * np.abs(M).max())
-    twice = switching(small.experiment, small.prediction, small.targets.gradient, "worst", 4, 8, 5, 2)
+    twice = Switching.of(small, Steps(4, 8, 5, 2))
     u[8:48, 0] = np.repeat(np.tile(s[:5], 2), 4)
     M = np.einsum("i,j,ijkl->kl", s[:5], s[:5], twice.K)
     np.testing.assert_allclose(M, small.experiment.information(u), rtol=1e-6, atol=1e-9 * np.abs(M).max())
 
 
-def test_exchange_comes_near_the_best_of_all_signs(form):
+def test_exchange_comes_near_the_best_of_all_signs(small, form):
     _, best = best_of_all_signs(form)
     starts = [np.ones(10), np.tile([1.0, -1.0], 5), np.repeat([1.0, -1.0], 5)]
-    found = min(form.exchange(s)[1] for s in starts)
+    found = min(exchange([form], s)[1] for s in starts)
     assert found <= 1.05 * best  # exchange may also rest, and so may even be better
     for s in starts:
-        value = form.value(np.einsum("i,j,ijkl->kl", s, s, form.K), np.tensordot(s, form.y, axes=1))
-        assert form.exchange(s)[1] <= value
+        M, moved = form.at(s)
+        assert exchange([form], s)[1] <= worst_cost([small], [M], [moved])
 
 
 def test_designs_beat_the_families(small, ranked):
@@ -151,6 +157,6 @@ def test_no_signal_fits(small):
 
 
 def test_energy_comes_first_and_costs_nothing_of_information(small):
-    one = next(iter(candidates(("de",), 8.0, 0.5, small.band_hz, small.rate_hz, True, 1.0)))
+    one = next(iter(candidates(small)))
     assert np.isinf(by_energy(small, one).cost)
     assert np.isfinite(judge(small, one).cost)

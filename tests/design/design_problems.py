@@ -17,6 +17,11 @@ import numpy as np
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray
 from testbench.core.scenario.inputs import Doublet, Multisine, StandardMultistep, Sweep
+from testbench.design.candidates import UNIT_DEG, Candidate, sampled
+from testbench.design.limits import Limits, Prediction
+from testbench.design.problem import Problem, judge
+from testbench.design.refine import Steps, Switching, designed_switching, worst_cost
+from testbench.design.search import screen
 from testbench.evaluation.modes import roots_of
 from testbench.flight import FlightCondition, linearise, load_aircraft, trim
 from testbench.information.aircraft_structure import aircraft_structure
@@ -24,13 +29,6 @@ from testbench.information.fisher import Experiment, accuracy, cost
 from testbench.information.modes import elastic_modes, modes_of
 from testbench.information.monte_carlo import estimates
 from testbench.information.targets import needed_parameters, targets
-from testbench.questions.design.candidates import UNIT_DEG, Candidate, sampled
-from testbench.questions.design.limits import Limits
-from testbench.questions.design.prediction import Prediction
-from testbench.questions.design.problem import Problem, judge
-from testbench.questions.design.refine import designed_switching
-from testbench.questions.design.search import screen
-from testbench.questions.design.switching import Switching, switching
 from testbench.sensors import load_suite
 
 RUNS = 200
@@ -42,7 +40,8 @@ def best_of_all_signs(form: Switching) -> tuple[FloatArray, float]:
     best, found = np.inf, np.zeros(len(form.K))
     for rest in product((1.0, -1.0), repeat=len(form.K) - 1):  # the first sign is free: both are one signal
         s = np.array([1.0, *rest])
-        value = form.value(np.einsum("i,j,ijkl->kl", s, s, form.K), np.tensordot(s, form.y, axes=1))
+        M, moved = form.at(s)
+        value = worst_cost([form.problem], [M], [moved])
         if value < best:
             best, found = value, s
     return found, best
@@ -209,7 +208,7 @@ def against_rules(name: str, by_modes: bool) -> list[Rule]:
         moves = 2.0 if family == "doublet" else 1.75
         step = max(round(moves * p.rate_hz / 14), 1)
         start, count = round(p.start_s * p.rate_hz), int(moves * p.rate_hz) // step
-        form = switching(p.experiment, p.prediction, p.targets.gradient, p.criterion, step, start, count)
+        form = Switching.of(p, Steps(step, start, count))
         _, short = best_of_all_signs(form)
         aims = "wn and zeta of the short period" if by_modes else "derivatives of the short period"
         out.append(Rule(name, aims, family, duration, 0.01 * rule.cost, 0.01 * designed.cost, 0.01 * short))

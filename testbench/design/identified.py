@@ -142,11 +142,11 @@ def _offsets(structure: AircraftStructure, duration_s: float, free: bool) -> lis
         return list(structure.outputs)
     n = max(20, round(duration_s * 10.0))
     felt = start_responses(structure, n, duration_s / n)  # (n, p, states)
+    columns = felt.reshape(-1, felt.shape[2])
+    size = np.linalg.norm(columns, axis=0)
+    Q, _ = np.linalg.qr(columns[:, size > 0.0] / size[size > 0.0])
     out = []
     for i, name in enumerate(structure.outputs):
-        columns = felt.reshape(-1, felt.shape[2])
-        size = np.linalg.norm(columns, axis=0)
-        Q, _ = np.linalg.qr(columns[:, size > 0.0] / size[size > 0.0])
         offset = np.zeros(felt.shape[:2])
         offset[:, i] = 1.0
         left = offset.ravel() - Q @ (Q.T @ offset.ravel())
@@ -269,35 +269,3 @@ def _product(factor: float, term: str) -> str:
     number = f"{factor:.15g}"
     number = f"({number})" if factor < 0.0 else number
     return number if not term else term if factor == 1.0 else f"{number}*{term}"
-
-
-def toml_of(table: Mapping[str, Any], quoted: Any) -> list[str]:
-    """Return the table ``identification`` as lines of TOML.
-
-    Args:
-        table: of :class:`Identified`.
-        quoted: makes a text a TOML string.
-    """
-
-    def value(x: Any) -> str:
-        if isinstance(x, str):
-            return str(quoted(x))
-        if isinstance(x, bool):
-            return "true" if x else "false"
-        if isinstance(x, Mapping):
-            return "{ " + ", ".join(f"{k} = {value(v)}" for k, v in x.items()) + " }"
-        if isinstance(x, (list, tuple)):
-            return f"[{', '.join(value(v) for v in x)}]"
-        return repr(x)
-
-    lines = ["[identification]", f"inputs = {value(table['inputs'])}"]
-    for name, equations in table["structures"].items():
-        head = f"identification.structures.{name}"
-        lines += ["", f"[{head}]"]
-        lines += [f"{k} = {value(v)}" for k, v in equations.items() if not isinstance(v, Mapping)]
-        for part in ("equations", "outputs", "parameters"):
-            if equations[part]:
-                lines += ["", f"[{head}.{part}]", *(f"{k} = {value(v)}" for k, v in equations[part].items())]
-    for entry in table["estimators"]:
-        lines += ["", "[[identification.estimators]]", *(f"{k} = {value(v)}" for k, v in entry.items())]
-    return lines

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from testbench.core.scenario.inputs import Doublet, Pilot, StandardMultistep, Step, Sweep
+from testbench.design.problem import ModeBands
 from testbench.evaluation.excitation import excitation
 from testbench.flight import linearise
 from testbench.flight.linear_model import half_power_band
 from testbench.information.modes import modes_of
 from testbench.inputs import build, energy_spectrum, frequency_below
-from testbench.questions.design.spectral_energy import ModeBands, spectral_energy
 
 DT = 0.01
 NOISE = {"q": (0.0035, 0.01), "theta": (0.0035, 0.01), "az": (0.2, 0.01)}
@@ -35,7 +35,7 @@ def flown_3211():
 def test_the_3211_of_eolo_stays_below_10_rad_s_and_does_not_excite_the_flexible_modes(eolo_linear, eolo_modes):
     """EOLO paper, Figure 4 and section 3.2."""
     signal = flown_3211()
-    found = spectral_energy(eolo_linear, eolo_modes, ("de",), signal.u, DT, NOISE)
+    found = ModeBands(eolo_linear, eolo_modes, ("de",), NOISE, DT, len(signal.u)).analyse(signal.u)
     assert found.below_95[0] < 10.0
     assert found.excited("phugoid")
     assert found.excited("short period, slow root")
@@ -84,7 +84,7 @@ def test_the_fast_form_agrees_with_the_reference_form(eolo_linear, eolo_modes):
     noise = {n: s for n, (s, _) in NOISE.items()}
     model = eolo_linear.longitudinal((1, 5, 7))
     old = excitation(model, eolo_modes, ("de",), u, DT, noise, DT, len(u) * DT)
-    new = spectral_energy(model, eolo_modes, ("de",), u, DT, NOISE)
+    new = ModeBands(model, eolo_modes, ("de",), NOISE, DT, len(u)).analyse(u)
     for k, mode in enumerate(old):
         assert new.share[k] == pytest.approx(mode.input_share, rel=0.02, abs=1e-6)
         for j, sensor in enumerate(new.sensors):
