@@ -10,12 +10,12 @@ import base64
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.page.plot import COLOURS, DASHES, INK, MEASURED, QUIET
+from testbench.page.figure import BAND, INK, MEASURED, QUIET, Curve, Panel, Rule, Span
 
 if TYPE_CHECKING:
     from testbench.core.record import FloatArray
@@ -25,48 +25,6 @@ MOST_VALUES = 30_000
 _LEAST_POINTS = 300  # of a curve, however many there are
 _TOKENS = {INK: "ink", QUIET: "quiet", MEASURED: "measured"}
 _HUGE = float(np.finfo(np.float32).max)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Curve:
-    """One line or set of signs: ``name`` is that of the legend, ``x`` and ``y`` (n,) are in the units of the panel.
-
-    ``marker`` draws signs instead of a line: "o", "s", "D", "^", "v", "P" or "+".
-    """
-
-    name: str
-    x: FloatArray
-    y: FloatArray
-    colour: str = INK
-    dash: tuple[float, ...] = ()
-    width: float = 1.4
-    marker: str = ""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Panel:
-    """Curves over one pair of axes.
-
-    Attributes:
-        title: symbol and unit, such as "q, deg/s"; it is the name of the channel that a reader switches.
-        x: quantity and unit of the horizontal axis.
-        curves: what is drawn.
-        log_x, log_y: logarithmic axes.
-        limits: lowest and highest y that is shown; None shows all. Numbers beyond are still read under the cursor.
-        band: from and to on the horizontal axis, shaded.
-        marks: (place on the horizontal axis, name), drawn as vertical lines.
-        hidden: switched off until the reader asks for it.
-    """
-
-    title: str
-    x: str
-    curves: Sequence[Curve]
-    log_x: bool = False
-    log_y: bool = False
-    limits: tuple[float, float] | None = None
-    band: tuple[float, float] | None = None
-    marks: Sequence[tuple[float, str]] = ()
-    hidden: bool = False
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,25 +46,13 @@ class View:
     link: str = ""
 
 
-@dataclass(frozen=True, eq=False)
-class Explorable:
-    """A figure as numbers: one or more views."""
-
-    views: Sequence[View] = field(default_factory=tuple)
-
-    def to_json(self) -> str:
-        """Return the figure as one line of JSON; what is not finite is a gap in its curve."""
-        curves = sum(len(p.curves) for v in self.views for p in v.panels)
-        most = max(_LEAST_POINTS, MOST_VALUES // max(curves, 1))
-        axes: dict[Any, int] = {}
-        views = [_view(v, most, axes) for v in self.views]
-        return json.dumps({"x": list(map(_clock, axes)), "views": views}, ensure_ascii=False, separators=(",", ":"))
-
-
-def line_style(k: int) -> dict[str, Any]:
-    """Return colour and dash of the k-th model for a :class:`Curve`, as in the drawn figures."""
-    dash = DASHES[(k + k // 6) % 6]
-    return {"colour": COLOURS[k % 6], "dash": () if dash == "-" else tuple(dash[1])}
+def to_json(views: Sequence[View]) -> str:
+    """Return a figure as one line of JSON; what is not finite is a gap in its curve."""
+    curves = sum(len(p.curves) for v in views for p in v.panels)
+    most = max(_LEAST_POINTS, MOST_VALUES // max(curves, 1))
+    axes: dict[Any, int] = {}
+    shown = [_view(v, most, axes) for v in views]
+    return json.dumps({"x": list(map(_clock, axes)), "views": shown}, ensure_ascii=False, separators=(",", ":"))
 
 
 def peaks_kept(x: FloatArray, y: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
@@ -137,38 +83,43 @@ def _view(view: View, most: int, axes: dict[Any, int]) -> dict[str, Any]:
 
 
 def _panel(panel: Panel, most: int, axes: dict[Any, int]) -> dict[str, Any]:
-    longest = max((c.x.size for c in panel.curves if not c.marker), default=0)
+    curves = [c for c in panel.curves if c.name]
+    longest = max((np.size(c.x) for c in curves if not _signs(c)), default=0)
     out: dict[str, Any] = {
-        "title": panel.title,
+        "title": panel.name or panel.y,
         "x": panel.x,
-        "curves": [_curve(c, most, axes, panel) for c in panel.curves],
+        "curves": [_curve(c, most, axes, panel) for c in curves],
     }
     out |= _given(logX=panel.log_x, logY=panel.log_y, hidden=panel.hidden)
-    if panel.limits is not None and all(map(math.isfinite, panel.limits)):
-        out["limits"] = panel.limits
-    if panel.band is not None:
-        out["band"] = panel.band
-    if panel.marks:
-        out["marks"] = [(float(x), text) for x, text in panel.marks if math.isfinite(x)]
+    if panel.y_range is not None and all(v is not None and math.isfinite(v) for v in panel.y_range):
+        out["limits"] = panel.y_range
+    out |= _given(band=next(((d.low, d.high) for d in panel.draws if isinstance(d, Span) and d.colour == BAND), None))
+    rules = [d for d in panel.draws if isinstance(d, Rule) and d.of == "x" and math.isfinite(d.at)]
+    out |= _given(marks=[(float(d.at), d.text.rsplit("\n")[0]) for d in rules])
     stretch = -(-2 * longest // most)
     if stretch > 2:
         out["stretch"] = stretch
     return out
 
 
+def _signs(curve: Curve) -> bool:
+    return bool(curve.marker) and not curve.joined
+
+
 def _curve(curve: Curve, most: int, axes: dict[Any, int], panel: Panel) -> dict[str, Any]:
-    x = np.asarray(curve.x, float)
-    y = np.where(np.abs(curve.y) < _HUGE, curve.y, np.nan)
+    x, y = np.asarray(curve.x, float), np.asarray(curve.y, float)
+    y = np.where(np.abs(y) < _HUGE, y, np.nan)
     if panel.log_y:
         y = np.where(y > 0.0, y, np.nan)
     if panel.log_x:
         x, y = x[x > 0.0], y[x > 0.0]
-    if not curve.marker:
+    if not _signs(curve):
         x, y = peaks_kept(x, y, most)
     key = _uniform(x) or x.astype("<f4").tobytes()
     colour = _TOKENS.get(curve.colour, curve.colour)
     out = {"name": curve.name, "x": axes.setdefault(key, len(axes)), "y": _packed(y.astype("<f4").tobytes())}
-    return out | {"colour": colour, "width": curve.width} | _given(dash=list(curve.dash), marker=curve.marker)
+    out |= {"colour": colour, "width": curve.width}
+    return out | _given(dash=list(curve.dash), marker=curve.marker if _signs(curve) else "")
 
 
 def _uniform(x: FloatArray) -> tuple[float, float, int] | None:

@@ -16,7 +16,7 @@ from testbench.page.words import Answer, Line, advice_lines, answer_lines, brief
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-    from testbench.page.plot import Plate
+    from testbench.page.figure import Plate
 
 _TEMPLATES = Path(__file__).resolve().parent / "templates"
 _UPLOT = _TEMPLATES.parent / "uplot"
@@ -46,8 +46,10 @@ class Picture:
 
 def picture(plate: Plate, wide_svg: str | None = None) -> Picture:
     """Return ``plate`` as a picture; ``wide_svg`` is its wide form if it has been drawn already."""
+    from testbench.page.explore import to_json
+
     wide = wide_svg if wide_svg is not None else plate.draw(png=False).svg
-    numbers = plate.explore().to_json() if plate.explore is not None else ""
+    numbers = to_json(plate.explore()) if plate.explore is not None else ""
     # What is explored fits any screen as it is; its drawing is for print, and for readers without a script.
     narrow = "" if numbers else svg_uri(plate.draw(wide=False, png=False).svg)
     return Picture(plate.name, plate.title, plate.caption, svg_uri(wide), narrow, numbers, _is_tall(wide))

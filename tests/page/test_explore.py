@@ -8,14 +8,15 @@ import json
 import numpy as np
 import pytest
 
-from testbench.page.explore import MOST_VALUES, Curve, Explorable, Panel, View, peaks_kept
+from testbench.page.explore import MOST_VALUES, View, peaks_kept, to_json
+from testbench.page.figure import Curve, Panel, Rule
 from testbench.page.svg import small_svg
 
 pytestmark = pytest.mark.drawn
 
 
-def read(figure: Explorable) -> dict:
-    out = json.loads(figure.to_json())
+def read(views: list[View]) -> dict:
+    out = json.loads(to_json(views))
     clocks = [numbers(x) if isinstance(x, str) else x[0] + x[1] * np.arange(x[2]) for x in out["x"]]
     for view in out["views"]:
         for panel in view["panels"]:
@@ -28,9 +29,9 @@ def numbers(text: str) -> np.ndarray:
     return np.frombuffer(base64.b64decode(text), "<f4")
 
 
-def one(x: np.ndarray, y: np.ndarray, **panel) -> dict:
-    curve = Curve(name="a", x=x, y=y)
-    (view,) = read(Explorable([View(name="v", panels=[Panel(title="p", x="t, s", curves=[curve], **panel)])]))["views"]
+def one(x: np.ndarray, y: np.ndarray, *more, **panel) -> dict:
+    draws = [Curve(name="a", x=x, y=y), *more]
+    (view,) = read([View(name="v", panels=[Panel(y="p", x="t, s", draws=draws, **panel)])])["views"]
     return view["panels"][0]
 
 
@@ -76,7 +77,8 @@ def test_what_is_not_finite_is_a_gap_and_no_logarithm_takes_what_has_none():
 
 
 def test_marks_and_limits_without_a_number_are_left_out():
-    panel = one(np.arange(3.0), np.ones(3), limits=(np.nan, 1.0), marks=[(np.inf, "never"), (1.0, "once")])
+    marks = [Rule(at=np.inf, text="never"), Rule(at=1.0, text="once")]
+    panel = one(np.arange(3.0), np.ones(3), *marks, y_range=(np.nan, 1.0))
     assert "limits" not in panel
     assert panel["marks"] == [[1.0, "once"]]
 

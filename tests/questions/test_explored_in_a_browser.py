@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from testbench.page.explore import Curve, Explorable, Panel, View
+from testbench.page.explore import View
+from testbench.page.figure import Chart, Curve, Panel, Plate
 from testbench.page.html import picture
 from testbench.page.page import COMPUTED, Page
-from testbench.page.plot import Plate, grid, new_figure
 
 pytestmark = pytest.mark.drawn
 
@@ -21,23 +21,19 @@ MOST_BYTES = 1_500_000
 MOST_MS = 1000.0
 
 
-def plate(explorable: Explorable, name: str = "one") -> Plate:
-    def make(wide: bool):
-        figure = new_figure(wide, 2.0)
-        grid(figure, 0.2, [1.4])[0, 0].plot([0.0, 1.0], [0.0, 1.0])
-        return figure
-
-    return Plate(name, "A figure", "Its caption.", make, lambda: explorable)
+def plate(views: list[View], name: str = "one") -> Plate:
+    chart = Chart([[Panel(draws=[Curve(x=[0.0, 1.0], y=[0.0, 1.0])])]])
+    return Plate(name, "A figure", "Its caption.", chart, lambda: views)
 
 
-def flight(seconds: float = 20.0, rate: float = 50.0, channels: int = 3, name: str = "model") -> Explorable:
+def flight(seconds: float = 20.0, rate: float = 50.0, channels: int = 3, name: str = "model") -> list[View]:
     t = np.arange(round(seconds * rate)) / rate
     panels = []
     for k in range(channels):
         measured = np.sin(0.5 * t + k)
         curves = [Curve(name="measured", x=t, y=measured), Curve(name=name, x=t, y=measured + 0.25, colour="#0072B2")]
-        panels.append(Panel(title=f"y{k}, m", x="t, s", curves=curves))
-    return Explorable([View(name="first", panels=panels, reference="measured"), View(name="second", panels=panels[:1])])
+        panels.append(Panel(y=f"y{k}, m", x="t, s", draws=curves))
+    return [View(name="first", panels=panels, reference="measured"), View(name="second", panels=panels[:1])]
 
 
 def html(*plates: Plate) -> str:
@@ -98,9 +94,8 @@ def test_all_channels_zoom_and_move_together_by_mouse_and_by_buttons(show) -> No
     assert ranges(page) == whole
 
 
-def linked(seconds: float, link: str) -> Explorable:
-    view = flight(seconds).views[0]
-    return Explorable([View(name="only", panels=view.panels, link=link)])
+def linked(seconds: float, link: str) -> list[View]:
+    return [View(name="only", panels=flight(seconds)[0].panels, link=link)]
 
 
 def test_figures_over_one_flight_zoom_together_and_those_over_another_do_not(show) -> None:
@@ -204,8 +199,8 @@ def test_hostile_names_stay_names(show) -> None:
 def test_signs_in_a_plane_are_read_and_zoomed_in_both_directions(show) -> None:
     poles = Curve(name="found", x=np.array([-3.0, -3.0, -1.0]), y=np.array([-2.0, 2.0, 0.5]), marker="o")
     true = Curve(name="true", x=np.array([-1.1]), y=np.array([0.5]), marker="+")
-    panel = Panel(title="Im s, rad/s", x="Re s, rad/s", curves=[true, poles], limits=(-3.0, 3.0))
-    page = show(html(plate(Explorable([View(name="all", panels=[panel], plane=True)]))))
+    panel = Panel(y="Im s, rad/s", x="Re s, rad/s", draws=[true, poles], y_range=(-3.0, 3.0))
+    page = show(html(plate([View(name="all", panels=[panel], plane=True)])))
     ready(page)
     where = page.evaluate(
         "(() => { const u = document.querySelector('figure').explorer.plots[0], b = u.over.getBoundingClientRect();"
@@ -251,8 +246,8 @@ async () => {
 def test_logarithmic_axes_zoom_at_once_from_any_beginning_and_keep_numbers(show, low: float) -> None:
     x = np.geomspace(0.1232, 50.27, 300)
     curve = Curve(name="model", x=x, y=np.geomspace(1.2752, low, 300))
-    panel = Panel(title="magnitude, deg/deg", x="frequency, rad/s", curves=[curve], log_x=True, log_y=True)
-    page = show(html(plate(Explorable([View(name="only", panels=[panel])]))))
+    panel = Panel(y="magnitude, deg/deg", x="frequency, rad/s", draws=[curve], log_x=True, log_y=True)
+    page = show(html(plate([View(name="only", panels=[panel])])))
     ready(page)
     found = [page.evaluate(ZOOMED) for _ in range(8)]
     assert max(ms for ms, _ in found) < MOST_MS

@@ -6,18 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib import rc_context
 
-from testbench.page.plot import INK, line_handles, style
-from testbench.questions.run.answer_figures import answer_plates
+from testbench.page.draw import styled
+from testbench.page.figure import DOTTED, Chart, Curve, Panel, line_look
+from testbench.questions.run.figures import answer_plates
 
 pytestmark = pytest.mark.drawn
 
 
 def drawn(result, wide: bool = True):
     (plate,) = answer_plates(result)
-    with rc_context(style()):
-        return plate, plate.make(wide)
+    return plate, plate.make(wide)
 
 
 def signs(axes) -> list[np.ndarray]:
@@ -57,6 +56,13 @@ def test_a_prediction_that_diverges_is_drawn_at_the_edge(make_result) -> None:
 
 
 def test_lines_of_a_legend_keep_their_dash() -> None:
-    handles = line_handles(["a", "b"], [("flown", INK), ("limit", INK, ":")])
-    assert [h.get_linestyle() for h in handles[:2]] == ["-", ":"]
-    assert handles[2].get_linestyle() != handles[3].get_linestyle()
+    x = np.arange(3.0)
+    looks = [{}, {"dash": DOTTED}, line_look(0), line_look(1)]
+    curves = [Curve(x=x, y=x, name=str(k), **look) for k, look in enumerate(looks)]
+    (shown,) = styled(Chart([[Panel(draws=curves)]])).legends
+    dashes = [
+        line.get_linestyle() if k < 2 else line._unscaled_dash_pattern for k, line in enumerate(shown.get_lines())
+    ]
+    assert dashes[0] == "-"
+    assert dashes[1] == "--"
+    assert dashes[2] != dashes[3]

@@ -12,9 +12,16 @@ import numpy as np
 import pytest
 
 from testbench.inputs.signal import energy_spectrum
-from testbench.page.plot import Drawing, Plate, envelope, grid, label, new_figure, notes, rows_of, spread, style
-from testbench.questions.run.figures import _worst, history_plates, input_plates, plates, singular_value_plates
-from testbench.questions.run.frequency_figures import bode_plates
+from testbench.page.draw import envelope, spread, styled
+from testbench.page.figure import Chart, Drawing, Panel, Plate, grid, rows_of
+from testbench.questions.run.figures import (
+    _worst,
+    bode_plates,
+    history_plates,
+    input_plates,
+    plates,
+    singular_value_plates,
+)
 
 pytestmark = pytest.mark.drawn
 
@@ -22,8 +29,7 @@ DEG = 180.0 / np.pi
 
 
 def axes_of(plate: Plate, wide: bool = True) -> list:
-    with matplotlib.rc_context(style()):
-        return plate.make(wide).axes
+    return plate.make(wide).axes
 
 
 def titled(plate: Plate, text: str):
@@ -216,8 +222,8 @@ def test_the_envelope_leaves_a_short_signal_alone() -> None:
 
 
 def test_figures_have_the_width_of_the_page() -> None:
-    assert new_figure(True, 2.0).get_size_inches().tolist() == [8.6, 2.0]
-    assert new_figure(False, 2.0).get_size_inches().tolist() == [3.75, 2.0]
+    chart = Chart([[Panel(draws=())]])
+    assert [styled(chart, wide).get_size_inches()[0] for wide in (True, False)] == [8.6, 3.75]
 
 
 def test_rows_are_equally_long() -> None:
@@ -226,12 +232,9 @@ def test_rows_are_equally_long() -> None:
 
 
 def test_a_title_is_cut_and_notes_are_left_out_where_there_is_no_room() -> None:
-    figure = new_figure(True, 2.0)
-    axes = grid(figure, 0.3, [1.0], [1.0, 1.0, 1.0, 1.0])[0, 0]
-    label(axes, title="a title far too long for a panel of an inch and a half")
-    assert axes.get_title(loc="center").endswith("…") or axes.get_title(loc="left").endswith("…")
-    before = len(axes.artists)
-    notes(axes, [("MRSE, %", "k"), *[("12.3", "k")] * 20])
-    assert len(axes.artists) == before
-    notes(axes, [("MRSE, %", "k")])
-    assert len(axes.artists) == before + 1
+    long = "a title far too long for a panel of an inch and a half, whatever the size of its letters and lines"
+    for count, shown in ((20, 0), (1, 1)):
+        panel = Panel(draws=(), title=long, notes=[("MRSE, %", "k"), *[("12.3", "k")] * count])
+        axes = styled(grid([panel] * 4, 4)).axes[0]
+        assert axes.get_title(loc="left").endswith("…")
+        assert len(axes.artists) == shown
