@@ -50,6 +50,7 @@ PNG_DPI = 144
 _LETTER = 0.58  # width of a letter of DejaVu Sans over its size, on average
 _LINE = 1.25  # height of a line over the size of its letters
 _TICKS_PT, _LABEL_PT, _TITLE_PT, _LEGEND_PT = 8.0, 9.0, 9.0, 8.5
+_BROAD_IN = 5.0  # a panel that has room for more ticks, and for names in larger letters
 _EDGE_IN = 0.18  # right of the last panel
 _ENOUGH = 1000  # points of all curves of a panel from which on each is drawn by its envelope
 _FEWEST, _MOST = 200, 500  # stretches of an envelope
@@ -234,6 +235,7 @@ def _handle(d: Any) -> Any:
         errors = d.x_error is not None or d.y_error is not None
         look = _look(d) | ({"linestyle": "-"} if errors else {})
         look |= {"linewidth": max(d.width, 1.3), "alpha": None, "clip_on": True}
+        look |= {"markersize": 7.0 if d.marker == "." else min(max(d.size, 5.0), 9.0)} if d.marker else {}
         return Line2D([], [], label=d.name, **look)
     if isinstance(d, Rule):
         return Line2D([], [], label=d.name, color=d.colour, linewidth=max(d.width, 1.0), linestyle=_dash(d.dash))
@@ -323,7 +325,7 @@ def _look(c: Curve) -> dict[str, Any]:
         out["drawstyle"] = "steps-post"
     if c.marker:
         inside = "none" if c.hollow is True else c.hollow or c.colour
-        edge = 1.4 if c.hollow or c.marker in "+|" else 1.0 if c.marker != "." else 0.0
+        edge = 1.4 if c.hollow or c.marker in "+|" else 0.5 if c.marker == "." else 1.0
         out |= {"marker": c.marker, "markersize": c.size, "markerfacecolor": inside, "markeredgewidth": edge}
     return out
 
@@ -505,7 +507,7 @@ class _Placed:
             axes.xaxis.set_label_coords(0.5, -(below - 0.06) / high)
         if panel.y and self.y_shown:
             axes.set_ylabel(in_lines(panel.y, int((high + 0.5) * 72.0 / (_LETTER * _LABEL_PT))))
-            axes.yaxis.set_label_coords(0.13 / wide - (self.room_in or self.left_in(0.0)) / wide, 0.5)
+            axes.yaxis.set_label_coords(0.14 / wide - (self.room_in or self.left_in(0.0)) / wide, 0.5)
         if panel.y_colour:
             axes.tick_params(axis="y", colors=panel.y_colour)
             axes.yaxis.label.set_color(panel.y_colour)
@@ -539,7 +541,7 @@ class _Placed:
     def _few_ticks(self, wide: float) -> None:
         """Give the horizontal axis as many round ticks as their labels leave room for."""
         low, high = sorted(self.axes.get_xlim())
-        for count in range(6, 0, -1):
+        for count in range(8 if wide > _BROAD_IN else 6, 0, -1):
             locator = MaxNLocator(count, steps=[1, 2, 2.5, 5, 10] if count < 4 else [1, 2, 5, 10],
                                   integer="x" in self.panel.whole)  # fmt: skip
             self.axes.xaxis.set_major_locator(locator)
@@ -602,7 +604,7 @@ class _Placed:
 
     def _names(self, wide: float) -> tuple[float, list[str]]:
         """Return size, points, and texts of rules that are named above a panel so wide."""
-        size = 7.4 if wide > 5.0 else 6.4
+        size = 7.4 if wide > _BROAD_IN else 6.4
         return size, [in_lines(d.text, 26, 3) for d in self._named]
 
     def _name_rules(self, wide: float) -> None:

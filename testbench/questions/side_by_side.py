@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,20 +13,24 @@ from testbench.core.record import FloatArray
 from testbench.evaluation.calibration import calibration
 from testbench.evaluation.ranks import Ranks, ranks
 from testbench.evaluation.statistics import LEAST_PAIRS, Test, holm, paired
-from testbench.page.plot import COLOURS, INK, MEASURED, Plate, grid, label, new_figure
+from testbench.page.figure import COLOURS, Chart, Curve, Drawn, Panel, Plate, Words, band, grid
 from testbench.page.tables import Column, Table, Value
 from testbench.page.words import listed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 MOST_EXACT = 100
 """Pairs up to which the signed rank test is taken; beyond, the mean of so many differences is normal, and t is apt."""
 _MOST_PLATES = 3
-_ROW_IN, _HEAD_IN = 0.24, 0.75
+_ROW_IN = 0.24
+_FEW, _POINTS = 300, 2000  # points below which each is drawn large; most that are drawn
+CALIBRATION = (
+    "Estimate minus truth over the standard error that the estimator states, sorted, against the normal distribution. "
+    "On the line the stated errors are true; steeper, the errors are larger than stated; beside it, they are biased. "
+    "Shaded: where each point lies with 95 % if they are true. What is beyond 1000 stated errors is drawn there."
+)
+_MOST_RATIO = 1000.0  # of errors to stated ones that are drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,87 +165,27 @@ def rank_plates(contests: Sequence[Contest], over: str) -> list[Plate]:
     ]
 
 
-def _diagram(contest: Contest, found: Ranks) -> Callable[[bool], Figure]:
+def _diagram(contest: Contest, found: Ranks) -> Chart:
+    """Return one row per estimator and one bar per group below."""
     k, groups = len(contest.methods), found.groups()
-
-    def make(wide: bool) -> Figure:
-        """Draw one row per estimator and one bar per group below."""
-        rows = k + len(groups) + 2
-        figure = new_figure(wide, 0.2 + _ROW_IN * rows + _HEAD_IN)
-        axes = grid(figure, 0.2, [_ROW_IN * rows], left_in=0.2)[0, 0]
-        order = np.argsort(found.mean, kind="stable").tolist()
-        middle = 0.5 * (1 + k)
-        for row, i in enumerate(order):
-            rank = float(found.mean[i])
-            axes.plot(rank, row, "o", color=COLOURS[0], markersize=6)
-            left = rank > middle
-            axes.annotate(
-                f"{contest.methods[i]}  {rank:.2f}",
-                (rank, row),
-                xytext=(-8 if left else 8, 0),
-                textcoords="offset points",
-                ha="right" if left else "left",
-                va="center",
-                fontsize=8,
-                color=INK,
-                parse_math=False,
-            )
-        for row, group in enumerate(groups, start=k):
-            ends = [float(found.mean[i]) for i in (group[0], group[-1])]
-            axes.plot(ends, [row, row], color=INK, linewidth=3.0, solid_capstyle="butt")
-        last = rows - 2
-        axes.plot([1.0, 1.0 + found.critical], [last, last], color=COLOURS[1], linewidth=1.5, marker="|", markersize=8)
-        axes.annotate(
-            f"critical difference {found.critical:.2f}",
-            (1.0, last + 1),  # below its line: beside it there may be no room
-            va="center",
-            fontsize=8,
-            color=INK,
-        )
-        axes.set_xlim(0.85, max(k, 1.0 + found.critical) + 0.15)
-        axes.set_ylim(rows - 0.4, -0.6)
-        axes.set_yticks([])
-        axes.grid(axis="y", visible=False)
-        axes.set_xlabel("mean rank")
-        return figure
-
-    return make
-
-
-_TALL_IN, _GAP_IN, _POINTS = 1.75, 0.86, 2000
-_TITLE_IN = 0.44  # of two lines
-_FEW = 300  # points below which each is drawn large
-LEFT_IN = 0.8  # beside the first panel: room for tick labels of seven letters and the label of the axis
-CALIBRATION = (
-    "Estimate minus truth over the standard error that the estimator states, sorted, against the normal distribution. "
-    "On the line the stated errors are true; steeper, the errors are larger than stated; beside it, they are biased. "
-    "Shaded: where each point lies with 95 % if they are true. What is beyond 1000 stated errors is drawn there."
-)
-_MOST_RATIO = 1000.0  # of errors to stated ones that are drawn
-
-
-def panel_each(names: Sequence[str], draw: Callable[[Axes, str, bool], None]) -> Callable[[bool], Figure]:
-    """Return what makes a figure of one panel per name, three to a row of a wide one.
-
-    ``draw`` takes the panel, the name, and whether the panel is the first of its row, which names the axis.
-    """
-
-    def make(wide: bool) -> Figure:
-        """Draw one panel per name."""
-        columns = min(3, len(names)) if wide else 1
-        rows = -(-len(names) // columns)
-        figure = new_figure(wide, _TITLE_IN + rows * _TALL_IN + (rows - 1) * _GAP_IN + 0.48)
-        panels = grid(
-            figure, _TITLE_IN, [_TALL_IN] * rows, (1.0,) * columns, gap_in=_GAP_IN, between_in=0.72, left_in=LEFT_IN
-        )
-        for i, axes in enumerate(panels.ravel()):
-            if i >= len(names):
-                axes.set_visible(False)
-            else:
-                draw(axes, names[i], i % columns == 0)
-        return figure
-
-    return make
+    middle, draws = 0.5 * (1 + k), list[Drawn]()
+    for row, i in enumerate(np.argsort(found.mean, kind="stable").tolist()):
+        rank = float(found.mean[i])
+        side = -1 if rank > middle else 1
+        draws.append(Curve(x=[rank], y=[row], colour=COLOURS[0], marker="o", size=6.0))
+        draws.append(Words(x=rank, y=row, text=f"{contest.methods[i]}  {rank:.2f}", shift=(8 * side, 0),
+                           across="right" if side < 0 else "left"))  # fmt: skip
+    for row, group in enumerate(groups, start=k):
+        draws.append(Curve(x=[float(found.mean[i]) for i in (group[0], group[-1])], y=[row, row], width=3.0))
+    last = k + len(groups)
+    draws.append(Curve(x=[1.0, 1.0 + found.critical], y=[last, last], colour=COLOURS[1], width=1.5, marker="|",
+                       size=8.0, joined=True))  # fmt: skip
+    # Below its line: beside it there may be no room.
+    draws.append(Words(x=1.0, y=last + 1, text=f"critical difference {found.critical:.2f}"))
+    return Chart([[Panel(
+        draws=draws, x="mean rank", x_range=(0.85, max(k, 1.0 + found.critical) + 0.15), y_ticks=[],
+        y_range=(last + 1.6, -0.6), tall_in=_ROW_IN * (last + 2),
+    )]])  # fmt: skip
 
 
 def calibration_plates(of: Mapping[str, FloatArray]) -> list[Plate]:
@@ -252,27 +196,22 @@ def calibration_plates(of: Mapping[str, FloatArray]) -> list[Plate]:
     """
     if not of:
         return []
-    names = list(of)
-
-    def draw(axes: Axes, name: str, first: bool) -> None:
-        draw_calibration(axes, *of[name].T)
-        label(axes, "normal", "error / stated" if first else "", name, lines=2)
-
-    make = panel_each(names, draw)
-    return [Plate("calibration", "Errors over stated errors", CALIBRATION, make)]
+    panels = [calibration_panel(name, *pair.T) for name, pair in of.items()]
+    return [Plate("calibration", "Errors over stated errors", CALIBRATION, grid(panels, 3))]
 
 
-def point_size(count: int) -> float:
-    """Return the size of a marker, points, at which few points are seen and many do not cover one another."""
-    return 3.5 if count > _FEW else 7.0
+def points(x: FloatArray, y: FloatArray, **look: Any) -> Curve:
+    """Return one sign each of at most some thousand points; few are seen, and many do not cover one another."""
+    every = slice(None, None, max(1, x.size // _POINTS))
+    size = 3.5 if x.size > _FEW else 7.0
+    return Curve(x=x[every], y=y[every], **{"colour": COLOURS[0], "marker": ".", "size": size, "alpha": 0.6} | look)
 
 
-def draw_calibration(axes: Axes, errors: FloatArray, stated: FloatArray) -> None:
-    """Draw errors over stated errors against normal quantiles, with the line and the band of true ones."""
+def calibration_panel(name: str, errors: FloatArray, stated: FloatArray) -> Panel:
+    """Return errors over stated errors against normal quantiles, with the line and the band of true ones."""
     z = calibration(errors, stated)
-    every = max(1, z.found.size // _POINTS)
-    axes.fill_between(z.expected, z.low, z.high, color=MEASURED, alpha=0.5, linewidth=0)
     end = float(np.abs(z.expected).max(initial=1.0))
-    axes.plot([-end, end], [-end, end], color=INK, linewidth=0.9)
-    found = np.clip(z.found[::every], -_MOST_RATIO, _MOST_RATIO)  # a stated error of nearly zero hides all others
-    axes.plot(z.expected[::every], found, ".", color=COLOURS[0], markersize=point_size(z.found.size), alpha=0.6)
+    found = np.clip(z.found, -_MOST_RATIO, _MOST_RATIO)  # a stated error of nearly zero hides all others
+    line = Curve(x=[-end, end], y=[-end, end], width=0.9)
+    draws = [band(z.expected, z.low, z.high, alpha=0.5), line, points(z.expected, found)]
+    return Panel(draws=draws, title=name, x="normal", y="error / stated", tall_in=1.75)

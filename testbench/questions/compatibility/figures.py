@@ -5,27 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from testbench.page.figure import COLOURS, MEASURED, Chart, Curve, Panel, Plate, rows_of, widths
 from testbench.page.labels import axis_label, shown_unit
-from testbench.page.plot import (
-    COLOURS,
-    INK,
-    MEASURED,
-    Plate,
-    envelope,
-    grid,
-    label,
-    legend,
-    legend_in,
-    line_handles,
-    new_figure,
-    rows_of,
-    time_axis,
-    widths,
-)
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from testbench.core.record import FlightRecord
     from testbench.estimators.data_compatibility import DataCompatibility
 
@@ -40,33 +23,25 @@ def compatibility_plates(result: DataCompatibility, records: Records) -> list[Pl
 
 
 def _plate(result: DataCompatibility, records: Records, parts: list[tuple[str, FlightRecord]], number: int) -> Plate:
-    outputs = result.structure.outputs
     caption = (
         "Grey: measured. Blue: rebuilt from the corrected rates and accelerations by the kinematics alone, as a "
         "perfect instrument would have read it. The difference is the instrument's error and noise."
     )
+    rows = [
+        [
+            _panel(output, name, records[name], rebuilt, wide)
+            for (name, rebuilt), wide in zip(parts, widths([r for _, r in parts]), strict=True)
+        ]
+        for output in result.structure.outputs
+    ]
+    chart = Chart(rows, share_x=True, share_y=True)
+    return Plate(f"rebuilt_{number}" if number else "rebuilt", "Measured and rebuilt by the kinematics", caption, chart)
 
-    def make(wide: bool) -> Figure:
-        """Draw one row of panels per output, one column per record."""
-        names = [("measured", MEASURED), ("rebuilt", COLOURS[0])]
-        top = legend_in([n for n, _ in names], wide) + 0.28
-        tall = [1.0] * len(outputs) * (1 if wide else len(parts))
-        gap = 0.26 if wide else 0.5
-        figure = new_figure(wide, top + sum(tall) + gap * (len(tall) - 1) + 0.5)
-        panels = grid(figure, top, tall, widths([r for _, r in parts]) if wide else (1.0,), gap_in=gap, between_in=0.4)
-        panels = panels.reshape(len(outputs), len(parts))
-        for r, output in enumerate(outputs):
-            factor = shown_unit(output)[0]
-            for c, (name, rebuilt) in enumerate(parts):
-                axes, measured = panels[r, c], records[name]
-                axes.plot(*envelope(measured.t_s, factor * measured[output]), color=MEASURED, linewidth=1.2)
-                axes.plot(*envelope(rebuilt.t_s, factor * rebuilt[output]), color=COLOURS[0], linewidth=1.1)
-                last = r == len(outputs) - 1 or not wide
-                title = name if r == 0 or not wide else ""
-                label(axes, "t, s" if last else "", axis_label(output, False) if c == 0 or not wide else "", title, INK)
-                time_axis(axes)
-        legend(figure, line_handles([], names))
-        return figure
 
-    suffix = f"_{number}" if number else ""
-    return Plate(f"rebuilt{suffix}", "Measured and rebuilt by the kinematics", caption, make)
+def _panel(output: str, name: str, measured: FlightRecord, rebuilt: FlightRecord, broad: float) -> Panel:
+    factor = shown_unit(output)[0]
+    draws = [
+        Curve(name="measured", x=measured.t_s, y=factor * measured[output], colour=MEASURED, width=1.2),
+        Curve(name="rebuilt", x=rebuilt.t_s, y=factor * rebuilt[output], colour=COLOURS[0], width=1.1),
+    ]
+    return Panel(draws=draws, title=name, x="t, s", y=axis_label(output), tall_in=1.0, broad=broad)

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from testbench.core.constants import DEG_RAD
-from testbench.page.plot import COLOURS, MEASURED, Plate, grid, label, legend, legend_in, line_handles, new_figure
-from testbench.questions.global_model.result import GlobalFound
+from testbench.page.figure import COLOURS, INTERVAL, MEASURED, Curve, Drawn, Panel, Plate, band, grid
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from testbench.core.record import FloatArray
+    from testbench.questions.global_model.result import GlobalFound
 
-_INTERVAL = 1.96
 _SLOPES = (
     ("CL", "alpha"), ("CL", "de"), ("Cm", "alpha"), ("Cm", "q_hat"), ("Cm", "de"), ("CY", "beta"), ("Cl", "beta"),
     ("Cn", "beta"), ("Cl", "p_hat"), ("Cl", "da"), ("Cn", "r_hat"), ("Cn", "dr"),
@@ -39,66 +34,45 @@ def global_plates(found: GlobalFound) -> list[Plate]:
     flights = [f.signals for f in found.of_use("identification")]
     flown = np.concatenate([f["alpha"] for f in flights]) / DEG_RAD
     some = slice(None, None, max(1, flown.size // _POINTS))
-
-    def value(axes: Axes, c: str) -> None:
-        f = functions[c]
+    values, slopes = list[Panel](), list[Panel]()
+    for c, f in functions.items():
         felt = np.concatenate([s[c] - f.beside(s) for s in flights])
-        axes.plot(flown[some], felt[some], ".", color=MEASURED, markersize=1.5)
-        _band(axes, alpha, *f.at(at))
-        label(axes, "alpha, deg", "", c)
-
-    def slope(axes: Axes, shown: tuple[str, str]) -> None:
-        c, s = shown
+        points = Curve(x=flown[some], y=felt[some], name="felt", colour=MEASURED, marker=".", size=2.5)
+        values.append(_panel(c, alpha, *f.at(at), points))
+    for c, s in _SLOPES:
+        if s != "alpha" and s not in domain.signals:
+            continue
         half = np.full_like(alpha, _ALPHA_STEP)
         if s != "alpha":
             half = _STEP * np.interp(alpha, domain.alpha, domain.half[:, domain.signals.index(s)])
         change, std = functions[c].at({**at, s: at[s] + half}, {**at, s: at[s] - half})
-        _band(axes, alpha, change / (2.0 * half), std / (2.0 * half))
-        low, high = axes.get_ylim()
-        spare = max(0.0, _LEAST_SHARE * max(abs(low), abs(high)) - (high - low)) / 2.0
-        axes.set_ylim(low - spare, high + spare)
-        label(axes, "alpha, deg", "", f"{c} by {s}")
-
-    shown = [(c, s) for c, s in _SLOPES if s == "alpha" or s in domain.signals]
+        slopes.append(_panel(f"{c} by {s}", alpha, change / (2.0 * half), std / (2.0 * half)))
     middle = "with the V and de of the middle of the flown domain at that alpha; all other signals are zero"
     return [
-        _plate(
-            "functions", "Coefficients over the angle of attack", list(functions), value,
+        Plate(
+            "functions",
+            "Coefficients over the angle of attack",
             "Points: coefficients felt in the flights of the fit, at all deflections, rates and sideslips: where data "
             f"lie. Line and band: the function and its 95 % interval {middle}.",
-            [("felt", MEASURED), ("function, 95 %", COLOURS[0])],
+            grid(values, 3),
         ),
-        _plate(
-            "slopes", "Derivatives over the angle of attack", shown, slope,
+        Plate(
+            "slopes",
+            "Derivatives over the angle of attack",
             "Differences of the functions across half of the flown range of one signal (of alpha, 2 deg), per rad or "
             f"per nondimensional rate, with 95 % intervals, {middle}.",
-            [("function, 95 %", COLOURS[0])],
+            grid(slopes, 3),
         ),
-    ]  # fmt: skip
+    ]
 
 
-def _band(axes: Axes, alpha: FloatArray, value: FloatArray, std: FloatArray) -> None:
-    x, wide = alpha / DEG_RAD, _INTERVAL * std
-    axes.fill_between(x, value - wide, value + wide, color=COLOURS[0], alpha=0.3, linewidth=0)
-    axes.plot(x, value, color=COLOURS[0], linewidth=1.4)
-
-
-def _plate(
-    name: str, title: str, items: Sequence[Any], draw: Callable[[Axes, Any], None], caption: str,
-    lines: Sequence[tuple[str, str]],
-) -> Plate:  # fmt: skip
-    def make(wide: bool) -> Figure:
-        """Draw one panel per item."""
-        across = 3 if wide else 1
-        rows, top = -(-len(items) // across), legend_in([n for n, _ in lines], wide) + 0.3
-        figure = new_figure(wide, top + 1.5 * rows + 0.55 * (rows - 1) + 0.5)
-        panels = grid(figure, top, [1.5] * rows, [1.0] * across, gap_in=0.55).ravel()
-        for i, axes in enumerate(panels):
-            if i < len(items):
-                draw(axes, items[i])
-            else:
-                axes.set_visible(False)
-        legend(figure, line_handles([], lines))
-        return figure
-
-    return Plate(name, title, caption, make)
+def _panel(title: str, alpha: FloatArray, value: FloatArray, std: FloatArray, *behind: Drawn) -> Panel:
+    x, half = alpha / DEG_RAD, INTERVAL * std
+    line = Curve(x=x, y=value, colour=COLOURS[0], width=1.4, name="function, 95 %")
+    drawn = [*(c.y for c in behind if isinstance(c, Curve)), value - half, value + half]
+    low, high = float(min(map(np.min, drawn))), float(max(map(np.max, drawn)))
+    room = 0.05 * (high - low) + max(0.0, _LEAST_SHARE * max(abs(low), abs(high)) - (high - low)) / 2.0
+    return Panel(
+        draws=[*behind, band(x, value - half, value + half, COLOURS[0]), line], title=title, x="alpha, deg",
+        y_range=(low - room, high + room),
+    )  # fmt: skip

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from testbench.logs.stretches import FLOWN, KINDS
-from testbench.page.explore import Curve, Explorable, Panel, View
+from testbench.page.explore import View
+from testbench.page.figure import COLOURS, Chart, Curve, Panel, Plate, Rule, Span, bars, rows
 from testbench.page.labels import axis_label, number, shown_unit
 from testbench.page.page import COMPUTED, Page
-from testbench.page.plot import BAND, COLOURS, Plate, envelope, grid, label, new_figure, time_axis
 from testbench.page.tables import Column, Table
 from testbench.page.words import counted
 from testbench.questions.importing.page import (
@@ -22,8 +23,6 @@ from testbench.questions.importing.page import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from testbench.questions.importing.ask import Imported
 
 _FIRST = ("de", "de_cmd", "da", "dr", "V", "alpha", "q", "az", "theta", "p", "r", "h")
@@ -71,43 +70,36 @@ def _plate(imported: Imported) -> Plate:
     record = imported.record
     order = [n for n in _FIRST if n in record] + [n for n in record.channels if n not in _FIRST]
     kinds = [kind for kind in KINDS if any(s.kind == kind for s in imported.stretches)]
-    spans = [(m.start_s, m.end_s) for m in imported.search.manoeuvres]
-
-    def make(wide: bool) -> Figure:
-        """Draw what was flown when, and the first channels one below the other, manoeuvres shaded."""
-        shown = order[:_DRAWN]
-        figure = new_figure(wide, 0.3 + 0.25 * len(kinds) + 0.2 + 0.85 * len(shown) + 0.2 * (len(shown) - 1) + 0.55)
-        strip, *panels = grid(figure, 0.2, [0.25 * len(kinds), *[0.85] * len(shown)], gap_in=0.2)[:, 0]
-        for k, kind in enumerate(kinds):
-            bars = [(s.start_s, s.end_s - s.start_s) for s in imported.stretches if s.kind == kind]
-            strip.broken_barh(bars, (k - 0.4, 0.8), color=COLOURS[0] if kind in FLOWN else COLOURS[4], linewidth=0)
-        strip.set_yticks(range(len(kinds)), kinds)
-        strip.set_ylim(len(kinds) - 0.5, -0.5)
-        strip.set_xlim(float(record.t_s[0]), float(record.t_s[-1]))
-        strip.tick_params(labelbottom=False)
-        for i, (axes, name) in enumerate(zip(panels, shown, strict=True)):
-            for a, b in spans:
-                axes.axvspan(a, b, color=BAND, linewidth=0, zorder=0)
-            axes.plot(*envelope(record.t_s, shown_unit(name)[0] * record[name]), color=COLOURS[0], linewidth=0.9)
-            last = i == len(shown) - 1
-            label(axes, "t, s" if last else "", axis_label(name))
-            time_axis(axes)
-            axes.tick_params(labelbottom=last)
-        return figure
-
-    def explore() -> Explorable:
-        """Return every channel; those that are not drawn are switched off at first."""
-        panels = [
-            Panel(
-                title=axis_label(name),
-                x="t, s",
-                curves=[Curve(name="as logged", x=record.t_s, y=shown_unit(name)[0] * record[name], colour=COLOURS[0])],
-                marks=[(a, str(k)) for k, (a, _) in enumerate(spans, 1)],
-                hidden=i >= _DRAWN,
+    spans = [Span(low=m.start_s, high=m.end_s) for m in imported.search.manoeuvres]
+    look = {"name": "as logged", "colour": COLOURS[0], "width": 0.9}
+    panels = [
+        Panel(
+            draws=[Curve(x=record.t_s, y=shown_unit(name)[0] * record[name], **look), *spans], x="t, s",
+            y=axis_label(name), tall_in=0.85,
+        )
+        for name in order
+    ]  # fmt: skip
+    ends = (float(record.t_s[0]), float(record.t_s[-1]))
+    strip = Panel(
+        draws=[
+            bars(
+                [k] * len(found),
+                [s.start_s for s in found],
+                [s.end_s for s in found],
+                0.8,
+                colour=COLOURS[0] if kind in FLOWN else COLOURS[4],
             )
-            for i, name in enumerate(order)
-        ]
-        return Explorable([View(name="record", panels=panels)])
+            for k, kind in enumerate(kinds)
+            for found in [[s for s in imported.stretches if s.kind == kind]]
+        ],
+        x="t, s", x_range=ends, **rows(kinds, 0.25),
+    )  # fmt: skip
+
+    def explore() -> list[View]:
+        """Return every channel, manoeuvres numbered; those that are not drawn are switched off at first."""
+        marks = [Rule(at=s.low, text=str(k)) for k, s in enumerate(spans, 1)]
+        shown = [replace(p, draws=[*p.curves, *marks], hidden=k >= _DRAWN) for k, p in enumerate(panels)]
+        return [View(name="record", panels=shown)]
 
     caption = (
         f"The record on one clock of {number(imported.rate_hz)} Hz. At the top the kind of flight: blue flies, yellow "
@@ -116,4 +108,5 @@ def _plate(imported: Imported) -> Plate:
     )
     if len(order) > _DRAWN:
         caption += f" {len(order) - _DRAWN} channels more can be switched on."
-    return Plate("record", "Channels over time", caption, make, explore)
+    chart = Chart([*([[strip]] if kinds else []), *([p] for p in panels[:_DRAWN])], share_x=True, keys=())
+    return Plate("record", "Channels over time", caption, chart, explore)

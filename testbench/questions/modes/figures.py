@@ -6,28 +6,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.estimators.model import ComplexArray
-from testbench.page.labels import number
-from testbench.page.plot import (
+from testbench.page.figure import (
     COLOURS,
     FAINT,
     INK,
     MARKERS,
     MEASURED,
     QUIET,
+    Chart,
+    Curve,
+    Drawn,
+    Panel,
     Plate,
+    Rule,
+    Span,
     grid,
-    label,
-    legend,
-    legend_in,
-    log_axis,
-    new_figure,
 )
+from testbench.page.labels import number
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
+    from testbench.estimators.model import ComplexArray
     from testbench.evaluation.operational import TrueMode
     from testbench.questions.modes.result import ModesResult
 
@@ -41,9 +39,6 @@ def modes_plates(result: ModesResult) -> list[Plate]:
     return [_stabilisation(result), *([_shapes(result)] if len(set(places)) >= _FEWEST else [])]
 
 
-# --- stabilisation diagram --------------------------------------------------------------------------------------------
-
-
 def _stabilisation(result: ModesResult) -> Plate:
     truth = " Ticks at the upper edge: modes of the linear model." if result.true else ""
     caption = (
@@ -51,78 +46,42 @@ def _stabilisation(result: ModesResult) -> Plate:
         "with their 95 % intervals shaded. Rings: stable from one order to the next, but at too few orders or with "
         f"too large errors. Dots: the rest, which is noise. Grey line: mean spectrum of the outputs.{truth}"
     )
-
-    def make(wide: bool) -> Figure:
-        """Draw the poles over the spectrum."""
-        handles = _handles(result)
-        top = legend_in([str(h.get_label()) for h in handles], wide) + 0.12
-        figure = new_figure(wide, top + 3.6 + 0.5)
-        axes = grid(figure, top, [3.6])[0, 0]
-        _draw_spectrum(axes, result)
-        _draw_poles(axes, result)
-        label(axes, "frequency, Hz", "model order")
-        legend(figure, handles)
-        return figure
-
-    return Plate("stabilisation", "Stabilisation diagram", caption, make)
-
-
-def _draw_spectrum(axes: Axes, result: ModesResult) -> None:
-    low, high = result.found.settings["band_hz"]
-    f, density = result.found.spectrum.T
-    shown = (f >= low) & (f <= high)
-    behind = axes.twinx()
-    behind.set_zorder(0)
-    axes.set_zorder(1)
-    axes.patch.set_visible(False)
-    if np.any(density[shown] > 0.0):
-        peak = float(density[shown].max())
-        behind.plot(f[shown], density[shown], color=MEASURED, linewidth=1.1)
-        log_axis(behind, "y", powers=True)
-        behind.set_ylim(peak * 10.0**-_DECADES, peak * 10.0**0.4)
-    behind.grid(False)
-    behind.tick_params(right=False, labelright=False, which="both")
-    axes.set_xlim(low, high)
-
-
-def _draw_poles(axes: Axes, result: ModesResult) -> None:
-    found, q = result.found, result.found.quantile
-    for k, mode in enumerate(found.modes):
-        half = q * mode.frequency_std_hz
-        axes.axvspan(mode.frequency_hz - half, mode.frequency_hz + half, color=COLOURS[k % 6], alpha=0.16, linewidth=0)
-    for at in found.views:
-        order = np.full(at.frequency_hz.size, at.order)
-        loose, stable = ~at.stable, at.stable & (at.mode < 0)
-        axes.plot(at.frequency_hz[loose], order[loose], ".", color=QUIET, markersize=2.5)
-        axes.plot(at.frequency_hz[stable], order[stable], "o", color=QUIET, markersize=4.5, markerfacecolor="white")
-        for k in range(len(found.modes)):
-            mine = at.mode == k
-            axes.plot(at.frequency_hz[mine], order[mine], MARKERS[k % 6], color=COLOURS[k % 6], markersize=5)
+    found, draws = result.found, list[Drawn]()
+    low, high = found.settings["band_hz"]
+    f = np.concatenate([v.frequency_hz for v in found.views])
+    order = np.concatenate([np.full(v.frequency_hz.size, v.order) for v in found.views])
+    stable, mode = (np.concatenate([getattr(v, what) for v in found.views]) for what in ("stable", "mode"))
+    looks: list[tuple[Any, dict[str, Any]]] = [
+        (mode == k, {"marker": MARKERS[k % 6], "colour": COLOURS[k % 6], "order": 3.0,
+                     "name": f"{number(m.frequency_hz)} Hz, ζ {number(m.damping, 2)}"})
+        for k, m in enumerate(found.modes)
+    ]  # fmt: skip
+    looks.append((stable & (mode < 0), {"marker": "o", "size": 4.5, "hollow": "white", "name": "stable, no mode"}))
+    looks.append((~stable, {"marker": ".", "size": 3.5, "name": "not stable"}))
+    draws += [Curve(x=f[these], y=order[these], **{"colour": QUIET} | look) for these, look in looks]
+    for k, m in enumerate(found.modes):
+        half = found.quantile * m.frequency_std_hz
+        draws.append(Span(low=m.frequency_hz - half, high=m.frequency_hz + half, colour=COLOURS[k % 6], alpha=0.16))
     top = found.views[-1].order + 2.0
-    for true in result.true:
-        axes.plot([abs(true.pole) / (2.0 * np.pi)] * 2, [top - 1.4, top], color=INK, linewidth=1.4)
-    axes.set_ylim(0.0, top)
-
-
-def _handles(result: ModesResult) -> list[Any]:
-    from matplotlib.lines import Line2D
-
-    def handle(text: str, **look: Any) -> Line2D:
-        """Return the legend's entry of one look."""
-        return Line2D([], [], **{"linestyle": "none", **look}, label=text)
-
-    out = [
-        handle(f"{number(m.frequency_hz)} Hz, ζ {number(m.damping, 2)}", marker=MARKERS[k % 6], color=COLOURS[k % 6])
-        for k, m in enumerate(result.found.modes)
-    ]
-    out.append(handle("stable, no mode", marker="o", color=QUIET, markerfacecolor="white"))
-    out.append(handle("not stable", marker=".", color=QUIET, markersize=4))
     if result.true:
-        out.append(handle("linear model", marker="|", color=INK, markersize=9, markeredgewidth=1.4))
-    return out
+        x = np.array([abs(t.pole) / (2.0 * np.pi) for t in result.true])
+        draws.append(Curve(x=x, y=np.full(x.size, top), marker="|", size=20.0, name="linear model"))
+    panel = Panel(
+        draws=draws, x="frequency, Hz", y="model order", x_range=(low, high), y_range=(0.0, top), tall_in=3.6,
+        right=_spectrum(found.spectrum, low, high),
+    )  # fmt: skip
+    return Plate("stabilisation", "Stabilisation diagram", caption, Chart([[panel]]))
 
 
-# --- shapes -----------------------------------------------------------------------------------------------------------
+def _spectrum(spectrum: Any, low: float, high: float) -> Panel | None:
+    """Return the mean spectrum of the outputs, to lie behind the poles; None if it is nothing."""
+    f, density = spectrum.T
+    shown = (f >= low) & (f <= high)
+    peak = float(density[shown].max(initial=0.0))
+    if peak <= 0.0:
+        return None
+    line = Curve(x=f[shown], y=density[shown], colour=MEASURED, width=1.1)
+    return Panel(draws=[line], log_y=True, y_range=(peak * 10.0**-_DECADES, peak * 10.0**0.4), behind=True)
 
 
 def _shapes(result: ModesResult) -> Plate:
@@ -131,38 +90,27 @@ def _shapes(result: ModesResult) -> Plate:
         "the largest. Circles: accelerometers; squares: strain gauges. Line without colour: the matching mode of the "
         "linear model, with the MAC of the two. A sensor off the elastic axis feels twist as well as bending."
     )
-    modes = result.found.modes
     true = {m.index: m for m in result.matches if m.index is not None}
-
-    def make(wide: bool) -> Figure:
-        """Draw one panel per mode."""
-        columns = min(len(modes), 3) if wide else 1
-        rows = -(-len(modes) // columns)
-        figure = new_figure(
-            wide, 0.3 + rows * 1.7 + (rows - 1) * 0.75 + 0.5, 1.0 if columns == 3 else columns / 3.0 + 0.1
-        )
-        panels = grid(figure, 0.3, [1.7] * rows, [1.0] * columns, gap_in=0.75, between_in=0.3).ravel()
-        for axes in panels[len(modes) :]:
-            axes.set_axis_off()
-        for k, (axes, mode) in enumerate(zip(panels, modes, strict=False)):
-            match = true.get(k)
-            _draw_shape(axes, result, mode.shape, match.true if match else None, COLOURS[k % 6])
-            likeness = f", MAC {match.mac:.3f}" if match is not None and match.mac is not None else ""
-            y = "motion over the largest" if k % columns == 0 else ""
-            label(axes, "y along the span, m", y, f"{number(mode.frequency_hz)} Hz{likeness}")
-            axes.tick_params(labelleft=k % columns == 0)
-        return figure
-
-    return Plate("shapes", "Mode shapes at the sensors", caption, make)
+    panels = []
+    for k, mode in enumerate(result.found.modes):
+        match = true.get(k)
+        likeness = f", MAC {match.mac:.3f}" if match is not None and match.mac is not None else ""
+        draws = _shape(result, mode.shape, match.true if match else None, COLOURS[k % 6])
+        panels.append(
+            Panel(draws=draws, title=f"{number(mode.frequency_hz)} Hz{likeness}", x="y along the span, m",
+                  y="motion over the largest", y_range=(-1.15, 1.15), tall_in=1.7)
+        )  # fmt: skip
+    columns = min(len(panels), 3)
+    chart = grid(panels, columns, share_y=True, share=1.0 if columns == 3 else columns / 3.0 + 0.1)
+    return Plate("shapes", "Mode shapes at the sensors", caption, chart)
 
 
-def _draw_shape(axes: Axes, result: ModesResult, shape: ComplexArray, true: TrueMode | None, colour: str) -> None:
-    axes.axhline(0.0, color=FAINT, linewidth=0.9)
-    names = result.found.channels
+def _shape(result: ModesResult, shape: ComplexArray, true: TrueMode | None, colour: str) -> list[Drawn]:
+    out: list[Drawn] = [Rule(at=0.0, of="y", colour=FAINT)]
     for kind, marker in (("az_wing_", "o"), ("strain_wing_", "s")):
         here = [
             (y, i)
-            for i, (name, y) in enumerate(zip(names, result.stations_m, strict=True))
+            for i, (name, y) in enumerate(zip(result.found.channels, result.stations_m, strict=True))
             if y is not None and name.startswith(kind)
         ]
         if not here:
@@ -172,10 +120,9 @@ def _draw_shape(axes: Axes, result: ModesResult, shape: ComplexArray, true: True
         if true is not None:
             line = _real(true.shape[rows])
             sign = np.sign(found @ line) or 1.0
-            axes.plot(y, sign * line, color=INK, linewidth=1.0)
-        axes.plot(y, found, marker, color=colour, markersize=5.5)
-    axes.set_ylim(-1.15, 1.15)
-    axes.margins(x=0.06)
+            out.append(Curve(x=y, y=sign * line, colour=INK, width=1.0))
+        out.append(Curve(x=y, y=found, marker=marker, colour=colour, size=5.5))
+    return out
 
 
 def _real(shape: ComplexArray) -> Any:

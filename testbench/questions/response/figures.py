@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from testbench.estimators.frequency.response import COHERENT, USABLE
-from testbench.page.figure import COLOURS, DOTTED, Chart, Curve, Panel, Plate, Rule, Span, band, bode, unwrapped
+from testbench.page.figure import COLOURS, DOTTED, Chart, Curve, Panel, Plate, Rule, Span, bode, unwrapped
 from testbench.page.labels import file_stem, ratio_unit, symbol
 
 if TYPE_CHECKING:
