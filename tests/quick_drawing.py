@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from unittest import mock
 
-from testbench.page.plot import Drawing, Plate, style
-from testbench.questions.plan import cards
+from testbench.page import draw
+from testbench.page.figure import Drawing, Plate
 
 _PIXEL = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
@@ -20,17 +20,12 @@ _PIXEL = base64.b64decode(
 
 
 def _made(self: Plate, wide: bool = True, png: bool = True) -> Drawing:
-    from matplotlib import rc_context
-
-    width, height = 270.0, 200.0
-    if wide:
-        with rc_context(style()):
-            width, height = 72.0 * self.make(wide).get_size_inches()
+    width, height = 72.0 * self.make(wide).get_size_inches() if wide else (270.0, 200.0)
     svg = f'<svg width="{width:g}pt" height="{height:g}pt" viewBox="0 0 {width:g} {height:g}" xmlns="http://www.w3.org/2000/svg"/>'
     return Drawing(svg, _PIXEL if png else b"")
 
 
-_RENDER, _PDF = Plate.draw, cards.pdf_bytes
+_RENDER, _PDF = Plate.draw, draw.pdf_pages
 
 
 class Quick:
@@ -44,7 +39,7 @@ def quick_drawing() -> Iterator[None]:
     """Render no figure within the block, nor in the commands that it runs."""
     with (
         mock.patch.object(Plate, "draw", _made),
-        mock.patch.object(cards, "pdf_bytes", return_value=b"%PDF-1.4\n"),
+        mock.patch.object(draw, "pdf_pages", return_value=b"%PDF-1.4\n"),
         mock.patch.object(Quick, "on", True),
     ):
         yield
@@ -55,7 +50,7 @@ def rendering() -> Iterator[None]:
     """Render figures within the block after all."""
     with (
         mock.patch.object(Plate, "draw", _RENDER),
-        mock.patch.object(cards, "pdf_bytes", _PDF),
+        mock.patch.object(draw, "pdf_pages", _PDF),
         mock.patch.object(Quick, "on", False),
     ):
         yield

@@ -7,7 +7,7 @@ placed in inches, once what is written beside them is known: automatic layouts d
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -105,9 +105,10 @@ def style() -> dict[str, Any]:
     }
 
 
-def styled(chart: Chart, wide: bool = True) -> Figure:
-    """Return a figure in the style of the testbench, on a canvas that needs no screen."""
-    with rc_context(style()):
+def styled(chart: Chart, wide: bool = True, settings: Mapping[str, Any] | None = None) -> Figure:
+    """Return a figure in the style of the testbench, or by other settings, on a canvas that needs no screen."""
+    told: Any = style() if settings is None else settings  # matplotlib types its keys one by one
+    with rc_context(told):
         figure = render(chart, wide)
         FigureCanvasAgg(figure)
     return figure
@@ -134,13 +135,13 @@ def pixels(chart: Chart, dpi: float) -> Any:
     return np.asarray(canvas.buffer_rgba(), np.uint8)[:, :, :3].copy()
 
 
-def pdf_pages(charts: Sequence[Chart]) -> bytes:
-    """Return figures as the pages of one PDF, always the same bytes."""
+def pdf_pages(figures: Sequence[Figure]) -> bytes:
+    """Return figures from :func:`styled` as the pages of one PDF, always the same bytes."""
     out = io.BytesIO()
-    with rc_context(style()), PdfPages(out, metadata={"CreationDate": None, "Creator": "flight-testbench",
-                                                      "Producer": None}) as file:  # fmt: skip
-        for chart in charts:
-            file.savefig(styled(chart))
+    told = {"CreationDate": None, "Creator": "flight-testbench", "Producer": None}
+    with rc_context(style()), PdfPages(out, metadata=told) as file:
+        for figure in figures:
+            file.savefig(figure)
     return out.getvalue()
 
 
@@ -160,10 +161,13 @@ def render(chart: Chart, wide: bool = True) -> Figure:
         _lay_out(figure, chart, rows, wide)
     else:
         for p in placed:
-            p.place(p.panel.box_in or (0.0, 0.0, *size))
+            box = p.panel.box_in or (0.0, 0.0, *size)
+            p.head_in(box[2])  # which breaks the title
+            p.place(box)
     for p in placed:
         p.letter()
-    figure.panels = [(p.panel, p.axes) for p in placed]  # type: ignore[attr-defined]  # for what publishes their data
+    every = [q for p in placed for q in (p, p.beside) if q is not None]
+    figure.panels = [(p.panel, p.axes) for p in every]  # type: ignore[attr-defined]  # for what publishes their data
     return figure
 
 
@@ -325,7 +329,7 @@ def _look(c: Curve) -> dict[str, Any]:
         out["drawstyle"] = "steps-post"
     if c.marker:
         inside = "none" if c.hollow is True else c.hollow or c.colour
-        edge = 1.4 if c.hollow or c.marker in "+|" else 0.5 if c.marker == "." else 1.0
+        edge = 1.4 if c.hollow or c.marker in "+|x" else 0.5 if c.marker == "." else 1.0
         out |= {"marker": c.marker, "markersize": c.size, "markerfacecolor": inside, "markeredgewidth": edge}
     return out
 
@@ -438,7 +442,7 @@ class _Placed:
             self.axes.set_yticks(
                 [at for at, _ in panel.y_ticks], [in_lines(text, letters, lines) for _, text in panel.y_ticks]
             )
-        return max(0.2, self._numbers_in(self.axes.yaxis) + 0.1 + (0.24 if panel.y else 0.0))
+        return max(0.2, self._numbers_in(self.axes.yaxis) + 0.1 + (0.27 if panel.y else 0.0))
 
     @property
     def right_in(self) -> float:
@@ -507,7 +511,7 @@ class _Placed:
             axes.xaxis.set_label_coords(0.5, -(below - 0.06) / high)
         if panel.y and self.y_shown:
             axes.set_ylabel(in_lines(panel.y, int((high + 0.5) * 72.0 / (_LETTER * _LABEL_PT))))
-            axes.yaxis.set_label_coords(0.14 / wide - (self.room_in or self.left_in(0.0)) / wide, 0.5)
+            axes.yaxis.set_label_coords(0.18 / wide - (self.room_in or self.left_in(0.0)) / wide, 0.5)
         if panel.y_colour:
             axes.tick_params(axis="y", colors=panel.y_colour)
             axes.yaxis.label.set_color(panel.y_colour)
@@ -521,7 +525,7 @@ class _Placed:
         if self.beside is not None and not self.beside.panel.behind:
             right = self.beside
             right.axes.set_ylabel(right.panel.y, color=right.panel.y_colour or INK)
-            right.axes.yaxis.set_label_coords(1.0 + (self.right_in - 0.12) / wide, 0.5)
+            right.axes.yaxis.set_label_coords(1.0 + (self.right_in - 0.24) / wide, 0.5)
             right.axes.tick_params(axis="y", colors=right.panel.y_colour or INK)
         self._notes(wide)
         self._name_rules(wide)

@@ -10,7 +10,7 @@ import contextlib
 import textwrap
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -48,6 +48,14 @@ def line_look(k: int) -> dict[str, Any]:
 def marker_look(k: int) -> dict[str, Any]:
     """Return colour and marker of the k-th model of a figure; no two of 36 look alike."""
     return {"colour": COLOURS[k % 6], "marker": MARKERS[(k + k // 6) % 6]}
+
+
+def shades(count: int) -> list[str]:
+    """Return colours from dark to light."""
+    from matplotlib import colormaps
+    from matplotlib.colors import to_hex
+
+    return [to_hex(colormaps["viridis"](x)) for x in np.linspace(0.0, 0.82, count)]
 
 
 # --- what a panel shows -----------------------------------------------------------------------------------------------
@@ -293,6 +301,17 @@ class Chart:
 def grid(panels: Sequence[Panel], columns: int, **settings: Any) -> Chart:
     """Return a chart of panels, so many in a row of its wide form."""
     return Chart([panels[k : k + columns] for k in range(0, len(panels), columns)], aligned=True, **settings)
+
+
+def recoloured(item: Any, swap: Mapping[str, str]) -> Any:
+    """Return a chart, or a part of one, with some colours in the place of others."""
+    if isinstance(item, str):
+        return swap.get(item, item)
+    if is_dataclass(item) and not isinstance(item, type):
+        return replace(item, **{f.name: recoloured(getattr(item, f.name), swap) for f in fields(item)})
+    if isinstance(item, (list, tuple)):
+        return type(item)(recoloured(part, swap) for part in item)
+    return item
 
 
 def _of(panel: Panel) -> list[Drawn]:

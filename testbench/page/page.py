@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from testbench.core.scenario.base import Asked
     from testbench.flight.batch.jobs import Tally
+    from testbench.page.figure import Plate
     from testbench.page.html import Picture
-    from testbench.page.plot import Plate
     from testbench.page.tables import Table
 
 COMPUTED = ("numpy", "scipy")

@@ -1,4 +1,4 @@
-"""Figures for a paper: the file formats, the width of a column, a style of the reader's own, text set by LaTeX.
+"""Figures for a paper: the file formats, the width of a column, a style of the reader's own, text set by LaTeX, data.
 
 What is asked for holds within :func:`published`, and :func:`testbench.page.write.write_plates` obeys it. The page
 itself is drawn as always.
@@ -7,27 +7,33 @@ itself is drawn as always.
 from __future__ import annotations
 
 import contextlib
+import csv
 import io
 import logging
-from collections.abc import Generator, Mapping
+from collections.abc import Generator
 from contextvars import ContextVar
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
+from pprint import pformat
 from typing import TYPE_CHECKING, Any
 
 from testbench.core.errors import EstimationError, RecordError
+from testbench.core.escape import csv_cell, one_line, python_docstring
 from testbench.core.files import reason_of, write_file
 from testbench.page.labels import file_stem
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from testbench.page.plot import Plate
+    from testbench.page.figure import Panel, Plate
 
 FORMATS = ("pdf", "svg", "png")
 SINGLE_IN, DOUBLE_IN = 3.5, 7.16  # of the IEEE's journals; a style's figure.figsize says another width
 PRINT_DPI = 300
 _LEAST_IN, _MOST_IN = 3.0, 20.0  # widths in which the panels have room
+_TITLE_IN = 0.2
 _METADATA: dict[str, dict[str, None]] = {
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     "svg": {"Date": None, "Creator": None},
@@ -58,10 +64,10 @@ class Publication:
             RecordError: the style file is missing, or matplotlib does not take a line of it.
             MissingPackage: LaTeX is asked for and not found.
         """
+        from testbench.page.draw import style
         from testbench.page.latex import PREAMBLE, find_latex
-        from testbench.page.plot import style
 
-        out = {**style(), "pdf.fonttype": 42, "savefig.dpi": PRINT_DPI}  # 42: journals refuse Type 3 fonts
+        out = {**style(), "savefig.dpi": PRINT_DPI}
         if self.style is not None:
             out |= read_style(self.style)
         if self.latex or out.get("text.usetex"):
@@ -162,47 +168,29 @@ def publish(plate: Plate, folder: Path, how: Publication) -> list[Path]:
         EstimationError: LaTeX fails at a text.
     """
     from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    from testbench.page.figure_data import csv_of, curves_of, maps_of, script_of
+    from testbench.page.draw import styled
+    from testbench.page.figure import COLOURS, of_width, recoloured
     from testbench.page.latex import set_by_latex
-    from testbench.page.plot import of_width
 
     stem, settings = file_stem(plate.name), how.settings()
+    cycle = settings["axes.prop_cycle"].by_key().get("color", ()) if "axes.prop_cycle" in settings else ()
+    swap = {colour: _hex(cycle[k % len(cycle)]) for k, colour in enumerate(COLOURS)} if cycle else {}
     told: Any = settings  # matplotlib types its keys one by one
     with rc_context(told), of_width(how.width_in()):
-        figure = plate.make(how.double)
-        FigureCanvasAgg(figure)
-        _recolour(figure, settings)
-        curves = curves_of(figure)
-        texts = {".csv": csv_of(figure, curves), ".py": script_of(figure, curves, stem)}
-        maps = {file.removeprefix(stem): text for _, file, _, text in maps_of(figure, stem)}
+        figure = styled(recoloured(plate.chart_of(how.double), swap), how.double, settings)
+        texts = data_of(figure, stem)
         if settings.get("text.usetex"):
             set_by_latex(figure)
         made = {f".{name}": _bytes(figure, name, plate.name) for name in how.formats}
-    files: dict[str, str | bytes] = {**made, **texts, **maps}
+    files: dict[str, str | bytes] = {**made, **texts}
     return [write_file(folder / f"{stem}{end}", content) for end, content in files.items()]
 
 
-def _recolour(figure: Figure, settings: Mapping[str, Any]) -> None:
-    """Draw what has the house's colours of curves in those of a style's axes.prop_cycle, if it has one."""
-    from matplotlib.colors import to_hex, to_rgba_array
+def _hex(colour: str) -> str:
+    from matplotlib.colors import to_hex
 
-    from testbench.page.plot import COLOURS
-
-    cycle = settings["axes.prop_cycle"].by_key().get("color", ()) if "axes.prop_cycle" in settings else ()
-    if not cycle:
-        return
-    swap = {colour.lower(): cycle[k % len(cycle)] for k, colour in enumerate(COLOURS)}
-    for artist in figure.findobj():
-        for name in ("color", "facecolor", "edgecolor", "markerfacecolor", "markeredgecolor"):
-            found = getattr(artist, f"get_{name}", lambda: None)()
-            if found is None or not hasattr(artist, f"set_{name}"):
-                continue
-            rows = to_rgba_array(found)
-            if any(to_hex(row) in swap and row[3] > 0.0 for row in rows):
-                new = [swap.get(to_hex(row), to_hex(row)) if row[3] > 0.0 else "none" for row in rows]
-                getattr(artist, f"set_{name}")(new[0] if len(new) == 1 else new)
+    return to_hex(colour)
 
 
 def _bytes(figure: Figure, name: str, of: str) -> bytes:
@@ -218,3 +206,100 @@ def _bytes(figure: Figure, name: str, of: str) -> bytes:
             "install the LaTeX package that it names"
         ) from error
     return out.getvalue()
+
+
+# --- what a figure shows, as data, and a program that draws it from them ----------------------------------------------
+
+_SCRIPT = '''\
+"""Draws {name} again from {name}.csv: python {name}.py writes {name}_redrawn.png."""
+
+import csv
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+
+HERE = Path(__file__).resolve()
+plt.rcParams.update({{"font.size": 9, "axes.titlelocation": "left", "axes.titlesize": 9}})
+SIZE_IN = {size}
+PANELS = {panels}  # place in the figure, and settings of the axes
+CURVES = {curves}  # panel, how it is drawn, and how it looks; in the order of the file's columns
+MAPS = {maps}  # panel, file of its values, and how they are shown
+figure = plt.figure(figsize=SIZE_IN)
+panels = [figure.add_axes(place, **settings) for place, settings in PANELS]
+with HERE.with_suffix(".csv").open(encoding="utf-8", newline="") as file:
+    heads, *rows = csv.reader(file)
+for k, (panel, how, look) in enumerate(CURVES):
+    points = [(float(row[2 * k]), float(row[2 * k + 1])) for row in rows if row[2 * k]]
+    getattr(panels[panel], how)(*zip(*points), **look)
+for panel, file, settings in MAPS:
+    values = [[float(v) for v in row] for row in csv.reader(HERE.with_name(file).open(encoding="utf-8"))]
+    panels[panel].imshow(values, **settings)
+for panel, (_, settings) in zip(panels, PANELS):
+    panel.set(xlim=settings["xlim"], ylim=settings["ylim"])
+    panel.xaxis.set_minor_formatter("")
+    panel.yaxis.set_minor_formatter("")
+if any("label" in look for _, _, look in CURVES):
+    figure.legend(loc="lower left", bbox_to_anchor=(0, {above}), frameon=False)
+figure.savefig(HERE.with_name(HERE.stem + "_redrawn.png"), dpi=150, bbox_inches="tight")
+'''
+
+
+def data_of(figure: Figure, name: str) -> dict[str, str]:
+    """Return what a figure shows: end of a file's name -> text.
+
+    ".csv" has two columns for each curve: x and y, under "PANEL.CURVE label of the axis", that of y followed by the
+    panel's title and the curve's name. It holds what is drawn: long records are drawn by their envelopes, and the
+    records themselves hold every sample. "_map_1.csv" has the values of the first image. ".py" is a program that draws
+    all of it again; it needs matplotlib alone.
+    """
+    from testbench.page.draw import artists
+    from testbench.page.figure import Image
+
+    heads, columns, looks, maps, panels = list[str](), list[list[str]](), list[Any](), list[Any](), list[Any]()
+    out: dict[str, str] = {}
+    open_names = {str(text.get_text()) for legend in figure.legends for text in legend.get_texts()}
+    shown: list[tuple[Panel, Axes]] = figure.panels  # type: ignore[attr-defined]
+    for k, (panel, axes) in enumerate(shown):
+        place = tuple(round(float(v), 4) for v in axes.get_position().bounds)
+        panels.append((place, _settings(panel, axes)))
+        for i, a in enumerate(artists(panel, (axes.get_xlim(), axes.get_ylim())), 1):
+            heads.append(f"{k + 1}.{i} {panel.x or 'x'}")
+            heads.append(" | ".join(filter(None, (f"{k + 1}.{i} {panel.y or panel.name or 'y'}", panel.title, a.name))))
+            columns += [[f"{value:.10g}" for value in values] for values in (a.x, a.y)]
+            named = {"label": a.name} if a.name in open_names else {}
+            open_names -= {a.name}
+            looks.append((k, a.how, {key: v for key, v in a.look.items() if v is not None} | named))
+        for image, d in zip(axes.images, (d for d in panel.draws if isinstance(d, Image)), strict=True):
+            end = f"_map_{len(maps) + 1}.csv"
+            settings = {"extent": tuple(float(v) for v in image.get_extent()), "origin": "upper", "aspect": "auto",
+                        "cmap": "Blues", "vmin": d.low, "vmax": d.high}  # fmt: skip
+            maps.append((k, name + end, settings))
+            out[end] = "".join(",".join(f"{v:.10g}" for v in row) + "\n" for row in d.values)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([csv_cell(one_line(head)) for head in heads])
+    writer.writerows(zip_longest(*columns, fillvalue=""))
+    width, height = (round(float(v), 3) for v in figure.get_size_inches())
+    above = max((place[1] + place[3] for place, _ in panels), default=1.0) + _TITLE_IN / height
+    parts = [pformat(part, width=116, compact=True, sort_dicts=False) for part in (panels, looks, maps)]
+    program = _SCRIPT.format(
+        name=python_docstring(name),
+        size=(width, height),
+        panels=parts[0],
+        curves=parts[1],
+        maps=parts[2],
+        above=round(above, 4),
+    )
+    return {".csv": text.getvalue(), ".py": program, **out}
+
+
+def _settings(panel: Panel, axes: Axes) -> dict[str, Any]:
+    """Return the settings of a panel that ``Figure.add_axes`` takes."""
+    out: dict[str, Any] = {"title": panel.title, "xlabel": panel.x, "ylabel": panel.y}
+    for which, ticks in (("x", panel.x_ticks), ("y", panel.y_ticks)):
+        out[f"{which}scale"] = str(getattr(axes, f"get_{which}scale")())
+        out[f"{which}lim"] = tuple(float(f"{v:.6g}") for v in getattr(axes, f"get_{which}lim")())
+        if ticks is not None:
+            out[f"{which}ticks"] = [float(at) for at, _ in ticks]
+            out[f"{which}ticklabels"] = [text for _, text in ticks]
+    return out

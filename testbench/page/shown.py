@@ -50,7 +50,7 @@ class Shown:
         Raises:
             RecordError: there is no figure of that name; the message has the names.
         """
-        return _named("figure", {p.name: p for p in self.page.plates}, figure).figure()
+        return _named("figure", {p.name: p for p in self.page.plates}, figure).make()
 
     def to_dict(self) -> dict[str, Any]:
         """Return title, question, answer and tables as JSON values, as ``--json`` of the command line prints them."""

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from testbench.core.record import FlightRecord
     from testbench.core.store import ResultFolder
     from testbench.line import Keep
+    from testbench.page.figure import Plate
     from testbench.page.html import Picture
-    from testbench.page.plot import Plate
     from testbench.page.tables import Table
 
 

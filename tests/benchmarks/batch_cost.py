@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -36,10 +35,7 @@ from testbench.aircraft import Aircraft
 from testbench.flight.batch import fly as batch
 from testbench.flight.batch.check import judged
 from testbench.flight.condition import TrimmedFlight
-from testbench.page.plot import Plate, grid, label, new_figure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from testbench.page.figure import COLOURS, Curve, Panel, Plate, grid
 
 ROUNDS, FLIGHTS, SECONDS = sized((7, 64, 10.0), (1, 4, 2.0))
 NUMBERS, LENGTHS_S = sized(((32, 64, 128, 256, 512), (2.5, 5.0, 10.0, 20.0)), ((2, 4), (1.0, 2.0)))
@@ -213,24 +209,24 @@ def stream(varied: bool) -> None:
 def plate(lines: Sequence[Line]) -> Plate:
     """Return the figure: one panel per line, points and the straight line through them."""
 
-    def draw(wide: bool) -> Figure:
-        columns = 2 if wide else 1
-        rows = -(-len(lines) // columns)
-        figure = new_figure(wide, 0.35 + rows * 2.4)
-        panels = grid(figure, 0.35, [1.6] * rows, [1.0] * columns, gap_in=0.8).ravel()
-        for spare in panels[len(lines) :]:
-            spare.remove()
-        for axes, of in zip(panels, lines, strict=False):
-            slope, start = of.fit
-            x = np.array([0.0, max(of.x)])
-            axes.plot(x, start + slope * x)
-            axes.plot(of.x, of.y, "o")
-            axes.set_xlim(0.0, 1.05 * max(of.x))
-            axes.set_ylim(0.0, 1.15 * max(of.y))
-            label(axes, of.what, of.unit, f"{slope:.3g} {of.unit} per {of.per}")
-        return figure
-
-    return Plate("batch_cost", "Cost of flights in batches", "Points: medians. Lines: fitted.", draw)
+    panels = []
+    for of in lines:
+        slope, start = of.fit
+        x = np.array([0.0, max(of.x)])
+        fitted = Curve(x=x, y=start + slope * x, colour=COLOURS[0])
+        panels.append(
+            Panel(
+                draws=[fitted, Curve(x=of.x, y=of.y, marker="o", colour=COLOURS[1])],
+                title=f"{slope:.3g} {of.unit} per {of.per}",
+                x=of.what,
+                y=of.unit,
+                x_range=(0.0, 1.05 * max(of.x)),
+                y_range=(0.0, 1.15 * max(of.y)),
+                tall_in=1.6,
+            )
+        )
+    caption = "Points: medians. Lines: fitted."
+    return Plate("batch_cost", "Cost of flights in batches", caption, grid(panels, 2))
 
 
 def main() -> None:

@@ -25,8 +25,10 @@ from testbench.core.escape import (
     xml_text,
 )  # fmt: skip
 from testbench.core.files import write_file
-from testbench.page.figure_data import csv_of, curves_of, script_of
+from testbench.page.draw import styled
+from testbench.page.figure import Chart, Curve, Panel
 from testbench.page.latex import latex_text
+from testbench.page.publish import data_of
 from testbench.page.tables import Column, Table
 from testbench.page.text import text_page
 from testbench.questions.exercise.answers import template
@@ -115,14 +117,10 @@ def test_a_model_in_python_and_in_xml_has_its_name_as_a_text(name):
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_the_program_of_a_figure_has_its_labels_as_literals(name):
-    from matplotlib.figure import Figure
-
     def drawn(text: str) -> tuple[str, str]:
-        figure = Figure()
-        axes = figure.subplots()
-        axes.plot([0.0, 1.0], [1.0, 2.0], label=text)
-        axes.set(title=text, xlabel=text)
-        return script_of(figure, curves_of(figure), text), csv_of(figure, curves_of(figure))
+        panel = Panel(draws=[Curve(x=[0.0, 1.0], y=[1.0, 2.0], name=text)], title=text, x=text)
+        data = data_of(styled(Chart([[panel]])), text)
+        return data[".py"], data[".csv"]
 
     (program, table), (plain, _) = drawn(name), drawn("e")
     tree, kinds = ast.parse(program), shape_of(plain)

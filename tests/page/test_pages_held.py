@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from studies.pages_held import faults_of
 
+from testbench.page.figure import Chart, Curve, Panel, Plate
 from testbench.page.html import picture
 from testbench.page.page import COMPUTED, Page
-from testbench.page.plot import Plate, grid, new_figure
 from testbench.page.tables import Column, Table
 
 pytestmark = pytest.mark.drawn
@@ -75,12 +75,9 @@ def test_links_open_what_they_lead_into_and_print_opens_everything(tab):
 
 @pytest.mark.parametrize(("height_in", "tall"), [(4.0, False), (6.0, True), (7.4, True), (8.5, False)])
 def test_two_figures_of_more_than_half_a_sheet_share_one_in_print(tab, height_in, tall):
-    def make(wide: bool):
-        figure = new_figure(wide, height_in)
-        grid(figure, 0.2, [height_in - 1.0])[0, 0].plot([0.0, 1.0], [0.0, 1.0])
-        return figure
-
-    drawn = picture(Plate("one", "A figure", "Its caption.", make))
+    line = Curve(x=[0.0, 1.0], y=[0.0, 1.0])
+    chart = Chart([[Panel(draws=[line])]], size_in=(8.6, height_in))
+    drawn = picture(Plate("one", "A figure", "Its caption.", chart))
     assert drawn.tall is tall
     page = tab(Page(kicker="k", title="t", answer=["it is"], packages=COMPUTED).html([drawn]))
     page.emulate_media(media="print")

@@ -13,8 +13,9 @@ from matplotlib import rc_context
 from typer.testing import CliRunner
 
 from testbench.core.errors import MissingPackage, RecordError
+from testbench.page.draw import styled
+from testbench.page.figure import Chart, Curve, Panel, Plate, bars, line_look
 from testbench.page.latex import latex_text, set_by_latex
-from testbench.page.plot import Plate, grid, label, legend, line_handles, line_look, log_axis, new_figure
 from testbench.page.publish import Publication, asked, publish, published
 from testbench.questions.options import with_figures
 
@@ -23,27 +24,23 @@ pytestmark = pytest.mark.drawn
 T_S = np.linspace(0.0, 2.0, 7)
 
 
-def draw(wide: bool):
-    figure = new_figure(wide, 3.0)
-    upper, lower = grid(figure, 0.6, (0.7, 0.7)).ravel()
-    upper.plot(T_S, 1.0 / 3.0 + T_S, **line_look(0))
-    upper.plot(T_S[:4], -T_S[:4], **line_look(1))
-    lower.barh(1.0, 5.0, left=1.0, height=0.5, color="#888888")
-    lower.plot([1.0], [1.0], "s", color="#0072B2")  # the colour of case 0, which it is not
-    log_axis(lower, "x", powers=False)
-    label(upper, "", "Δα, deg", "upper")
-    label(lower, "t, s", "rate, deg/s", "lower")
-    legend(figure, line_handles(["first, 50 %", "second"]))
-    return figure
-
-
-PLATE = Plate("some_lines", "A title", "a caption", draw)
+UPPER = Panel(
+    draws=[Curve(x=T_S, y=1.0 / 3.0 + T_S, name="first, 50 %", **line_look(0)),
+           Curve(x=T_S[:4], y=-T_S[:4], name="second", **line_look(1))],
+    title="upper", x="t, s", y="Δα, deg", tall_in=0.7,
+)  # fmt: skip
+LOWER = Panel(
+    draws=[bars([1.0], 1.0, [6.0], 0.5), Curve(x=[1.0], y=[1.0], marker="s", colour="#0072B2")],
+    title="lower", x="t, s", y="rate, deg/s", log_x=True, tall_in=0.7,
+)  # fmt: skip
+CHART = Chart([[UPPER], [LOWER]])
+PLATE = Plate("some_lines", "A title", "a caption", CHART)
 
 
 def test_a_figure_comes_in_each_format_of_the_column_with_data_that_draw_it_again(tmp_path: Path, monkeypatch) -> None:
     paths = publish(PLATE, tmp_path, Publication(("pdf", "svg", "png"), double=False))
     assert {path.suffix for path in paths} == {".pdf", ".svg", ".png", ".csv", ".py"}
-    assert b"/MediaBox [ 0 0 252 216 ]" in (tmp_path / "some_lines.pdf").read_bytes()  # 3.5 in, 72 points each
+    assert b"/MediaBox [ 0 0 252 " in (tmp_path / "some_lines.pdf").read_bytes()  # 3.5 in, 72 points each
     assert 'width="252pt"' in (tmp_path / "some_lines.svg").read_text(encoding="utf-8")
     heads, *rows = csv.reader((tmp_path / "some_lines.csv").open(encoding="utf-8"))
     assert heads == [
@@ -52,7 +49,7 @@ def test_a_figure_comes_in_each_format_of_the_column_with_data_that_draw_it_agai
     ]  # fmt: skip
     first = np.array([[float(v) for v in row[:2]] for row in rows if row[0]])
     np.testing.assert_allclose(first, np.column_stack([T_S, 1.0 / 3.0 + T_S]), rtol=1e-9)
-    bar = np.array([[float(v) for v in row[6:8]] for row in rows if row[6]])
+    bar = np.array([[float(v) for v in row[4:6]] for row in rows if row[4]])
     assert (bar.min(axis=0).tolist(), bar.max(axis=0).tolist()) == ([1.0, 0.75], [6.0, 1.25])
     monkeypatch.setenv("MPLBACKEND", "Agg")
     with rc_context():
@@ -95,7 +92,7 @@ def test_latex_is_refused_where_there_is_none_and_texts_are_no_commands(monkeypa
         raise AssertionError("the block must not be entered")
     assert latex_text(r"a_b & 5 % \x{$}") == r"a\_b \& 5 \% \textbackslash{}x\{\$\}"
     assert latex_text("10⁻², η₁ 3°") == r"10$^{-2}$, $\eta$$_{1}$ 3\textdegree{}"
-    figure = draw(True)
+    figure = styled(CHART)
     with rc_context({"text.parse_math": False}):
         set_by_latex(figure)
     assert figure.axes[0].get_ylabel() == r"$\Delta$$\alpha$, deg"

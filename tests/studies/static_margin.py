@@ -158,38 +158,36 @@ def read() -> list[dict[str, str]]:
 
 def draw(rows: list[dict[str, str]]) -> bytes:
     """Return the figure: errors with alpha over errors without, over the margin; one panel per input."""
-    from testbench.page.plot import COLOURS, INK, Plate, grid, label, legend, legend_in, log_axis, new_figure
+    from testbench.page.figure import COLOURS, INK, Chart, Curve, Panel, Plate, Rule
 
     chosen = [r for r in rows if r["estimator"] == "best case" and r["quantity"] in DERIVATIVES]
-    inputs = list(dict.fromkeys(r["input"] for r in chosen))
-
-    def make(wide: bool):  # type: ignore[no-untyped-def]
-        """Draw lines as predicted and dots as found."""
-        from matplotlib.lines import Line2D
-
-        words = [*DERIVATIVES, "predicted by information", "found, medians of 16"]
-        top = legend_in(words, wide) + 0.3
-        figure = new_figure(wide, top + 2.5 + 0.5)
-        panels = grid(figure, top, [2.5], [1.0] * len(inputs)).ravel()
-        for axes, name in zip(panels, inputs, strict=True):
-            for colour, q in zip(COLOURS, DERIVATIVES, strict=False):
-                of = [r for r in chosen if r["input"] == name and r["quantity"] == q]
-                x = [float(r["flown_margin_percent"]) for r in of]
-                axes.plot(x, [float(r["predicted"]) for r in of], color=colour)
-                axes.plot(x, [float(r["with"]) / float(r["without"]) for r in of], "o", color=colour, markersize=4)
-            axes.axhline(1.0, color=INK, linewidth=0.7)
-            axes.set_xlim(0.25, 12.0)
-            axes.set_ylim(0.05, 5.0)
-            log_axis(axes, "x", powers=False)
-            log_axis(axes, "y", powers=False)
-            label(axes, "static margin in flight, %", "error with alpha / without", name)
-        handles = [Line2D([], [], color=c, label=q) for c, q in zip(COLOURS, DERIVATIVES, strict=False)]
-        handles += [Line2D([], [], color=INK, label=words[-2])]
-        handles += [Line2D([], [], color=INK, linestyle="", marker="o", markersize=4, label=words[-1])]
-        legend(figure, handles)
-        return figure
-
-    return Plate("static_margin", "What alpha buys over the static margin", "", make).draw().png
+    panels = []
+    for name in dict.fromkeys(r["input"] for r in chosen):
+        draws = []
+        for colour, q in zip(COLOURS, DERIVATIVES, strict=False):
+            of = [r for r in chosen if r["input"] == name and r["quantity"] == q]
+            x = [float(r["flown_margin_percent"]) for r in of]
+            found = [float(r["with"]) / float(r["without"]) for r in of]
+            draws.append(Curve(x=x, y=[float(r["predicted"]) for r in of], name=q, colour=colour))
+            draws.append(Curve(x=x, y=found, colour=colour, marker="o", size=4.0))
+        panels.append(
+            Panel(
+                draws=[*draws, Rule(at=1.0, of="y", colour=INK, width=0.7)],
+                title=name,
+                x="static margin in flight, %",
+                y="error with alpha / without",
+                log_x=True,
+                log_y=True,
+                x_range=(0.25, 12.0),
+                y_range=(0.05, 5.0),
+                tall_in=2.5,
+            )
+        )
+    named = Chart([panels]).legend
+    keys = [*named, Curve(x=[], y=[], name="predicted by information"),
+            Curve(x=[], y=[], name="found, medians of 16", marker="o", size=4.0)]  # fmt: skip
+    chart = Chart([panels], keys=keys)
+    return Plate("static_margin", "What alpha buys over the static margin", "", chart).draw().png
 
 
 def summary(rows: list[dict[str, str]]) -> list[str]:

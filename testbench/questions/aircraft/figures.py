@@ -3,40 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from testbench.core.constants import DEG_RAD, PERCENT
-from testbench.page.labels import axis_label, ratio_unit, symbol
-from testbench.page.plot import (
+from testbench.page.figure import (
+    AXIS,
     COLOURS,
     DASHES,
-    INK,
+    DOTTED,
     QUIET,
+    Chart,
+    Curve,
+    Drawn,
+    Panel,
     Plate,
+    Rule,
+    Span,
+    bode,
     grid,
-    label,
-    legend,
-    legend_in,
-    log_axis,
-    new_figure,
-    notes,
+    shades,
+    unwrapped,
 )
+from testbench.page.labels import axis_label, ratio_unit, symbol
 from testbench.questions.aircraft.three_view_figures import three_view_plates
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from testbench.aircraft.elastic import ElasticMode
     from testbench.core.record import FloatArray
     from testbench.evaluation.envelope import Envelope
     from testbench.questions.aircraft.ask import Survey
 
 _UNSTABLE = "#fbe9e0"
-_MOST_LETTERS = 42  # of a name in a narrow legend
 _RESPONSES = ("V", "q", "alpha", "theta")
 
 
@@ -52,36 +51,27 @@ def aircraft_plates(survey: Survey) -> list[Plate]:
     return out
 
 
-@dataclass(frozen=True)
-class _Line:
-    """How one mode is drawn and what it is called."""
-
-    name: str
-    text: str
-    colour: str
-    dash: Any
-
-    def handle(self, wide: bool) -> Any:
-        """Return the legend handle, its text cut for narrow figures."""
-        from matplotlib.lines import Line2D
-
-        short = wide or len(self.text) <= _MOST_LETTERS
-        text = self.text if short else self.text[: _MOST_LETTERS - 1] + "…"
-        return Line2D([], [], color=self.colour, linestyle=self.dash, label=text)
+def _elastic_looks(envelope: Envelope, motion: str) -> dict[str, dict[str, Any]]:
+    """Return mode -> its name in the legend, colour and dash."""
+    return {
+        n: {"name": f"{symbol(f'eta_{envelope.elastic[n]}')} {n}", "colour": COLOURS[k % 6], "dash": DASHES[k % 6]}
+        for k, n in enumerate(envelope.names(motion, elastic=True))
+    }
 
 
-def _elastic_lines(envelope: Envelope, motion: str) -> list[_Line]:
-    names = envelope.names(motion, elastic=True)
-    return [
-        _Line(n, f"{symbol(f'eta_{envelope.elastic[n]}')} {n}", COLOURS[k % 6], DASHES[k % 6])
-        for k, n in enumerate(names)
-    ]
+def _over_speed(envelope: Envelope, draws: Sequence[Drawn], **settings: Any) -> Panel:
+    """Return a panel over the speeds of an envelope, with the design speed dotted."""
+    low, high = envelope.speeds[0], envelope.speeds[-1]
+    pad = 0.5 if high == low else 0.0
+    design = Rule(at=envelope.speeds[envelope.design], dash=DOTTED, width=0.8)
+    return Panel(draws=[*draws, design], x="V, m/s", x_range=(low - pad, high + pad), **settings)
 
 
 # --- trim -------------------------------------------------------------------------------------------------------------
 
 
 def _trim_plate(survey: Survey) -> Plate:
+    """Return one panel per trimmed quantity, and one for all static deflections."""
     envelope = survey.envelope
     V = np.array(envelope.speeds)
     marked = [envelope.nearest(v) for v in survey.tabled]
@@ -89,82 +79,45 @@ def _trim_plate(survey: Survey) -> Plate:
     for name, unit in (("de", DEG_RAD), ("thr", PERCENT)):
         if name in envelope.aircraft.controls:
             curves[name] = np.array([t.controls[name] for t in envelope.trims]) / unit
-    lines = _elastic_lines(envelope, "longitudinal")
-    count = len(curves) + bool(lines)
-
-    def make(wide: bool) -> Figure:
-        """Draw one panel per trimmed quantity, and one for all static deflections."""
-        columns = (2 if count == 4 else count) if wide else 1
-        rows = -(-count // columns)
-        handles = [line.handle(wide) for line in lines]
-        top = (legend_in([h.get_label() for h in handles], wide) if handles else 0.0) + 0.16
-        figure = new_figure(wide, top + 1.6 * rows + 0.45 * (rows - 1) + 0.5)
-        panels = grid(figure, top, [1.6] * rows, [1.0] * columns, gap_in=0.45, between_in=0.8).ravel()
-        for i, axes in enumerate(panels):
-            _speed_axis(axes, envelope)
-            name = list(curves)[i] if i < len(curves) else ""
-            if name:
-                axes.plot(V, curves[name], color=INK)
-                axes.plot(V[marked], curves[name][marked], "o", color=INK, markersize=3, clip_on=False)
-            for line in () if name else lines:
-                eta = [t.state[f"eta_{envelope.elastic[line.name]}"] for t in envelope.trims]
-                axes.plot(V, eta, color=line.colour, linestyle=line.dash)
-            low, high = axes.get_ylim()
-            axes.set_ylim(low, high)  # zero is shown where it is near
-            if low < 0.0 < high:
-                axes.axhline(0.0, color="#9aa1a9", linewidth=0.7)
-            last = i >= len(panels) - columns
-            label(axes, "V, m/s" if last else "", axis_label(name) if name else "static deflection η")
-        if handles:
-            legend(figure, handles)
-        return figure
-
+    panels = []
+    for name, y in curves.items():
+        draws = [Curve(x=V, y=y), Curve(x=V[marked], y=y[marked], marker="o", size=3.0, clip=False)]
+        panels.append(_over_speed(envelope, [*draws, *_zero(y)], y=axis_label(name), tall_in=1.6))
+    looks = _elastic_looks(envelope, "longitudinal")
+    if looks:
+        eta = {n: np.array([t.state[f"eta_{envelope.elastic[n]}"] for t in envelope.trims]) for n in looks}
+        lines = [Curve(x=V, y=eta[n], **look) for n, look in looks.items()]
+        zero = _zero(np.concatenate(list(eta.values())))
+        panels.append(_over_speed(envelope, [*lines, *zero], y="static deflection η", tall_in=1.6))
     caption = (
         f"Steady level flight at {envelope.h_m:g} m; dots: the speeds of the table. Dotted: the design speed."
-        f"{' Deflections of the symmetric modes, in the unit of each mode.' if lines else ''}"
+        f"{' Deflections of the symmetric modes, in the unit of each mode.' if looks else ''}"
     )
-    return Plate("trim", "Trim over speed", caption, make)
+    columns = 2 if len(panels) == 4 else len(panels)
+    return Plate("trim", "Trim over speed", caption, grid(panels, columns, share_x=True))
 
 
-def _speed_axis(axes: Axes, envelope: Envelope) -> None:
-    low, high = envelope.speeds[0], envelope.speeds[-1]
-    pad = 0.5 if high == low else 0.0
-    axes.set_xlim(low - pad, high + pad)
-    axes.axvline(envelope.speeds[envelope.design], color=QUIET, linewidth=0.8, linestyle=":")
+def _zero(y: FloatArray) -> list[Drawn]:
+    """Return the line at zero where curves pass it."""
+    return [Rule(at=0.0, of="y", colour=AXIS, width=0.7)] if y.min() < 0.0 < y.max() else []
 
 
 # --- modes over speed -------------------------------------------------------------------------------------------------
 
 
 def _mode_plate(survey: Survey, motion: str) -> Plate:
+    """Return damping ratio above frequency, rigid modes beside elastic ones; those of a rigid aircraft in one row."""
     envelope = survey.envelope
-    rigid = [
-        _Line(n, n, INK, dash)
-        for n, dash in zip(envelope.names(motion, elastic=False), ("-", DASHES[1], DASHES[4]), strict=False)
-    ]
-    elastic = _elastic_lines(envelope, motion)
-    groups = [("rigid modes", rigid), *([("elastic modes", elastic)] if elastic else [])]
-    onsets = [envelope.onset(line.name) for line in elastic]
+    dashes = (DASHES[0], DASHES[1], DASHES[4])
+    rigid = {n: {"name": n, "dash": d} for n, d in zip(envelope.names(motion, elastic=False), dashes, strict=False)}
+    elastic = _elastic_looks(envelope, motion)
+    pairs = [_damping_and_frequency(envelope, "rigid modes", rigid, {})]
+    onsets = [envelope.onset(n) for n in elastic]
     unstable = [o for o in onsets if o.V_m_s is not None]
-
-    def make(wide: bool) -> Figure:
-        """Draw damping ratio above frequency, rigid modes beside elastic ones; those of a rigid aircraft in one row."""
-        handles = [line.handle(wide) for _, lines in groups for line in lines]
-        top = legend_in([h.get_label() for h in handles], wide) + 0.32
-        across = wide and len(groups) == 2
-        rows, gap = (2, 0.55) if across else (1, 0.0) if wide else (2 * len(groups), 0.75)
-        figure = new_figure(wide, top + 2.1 * rows + gap * (rows - 1) + 0.5)
-        panels = grid(figure, top, [2.1] * rows, [1.0] * (2 if wide else 1), gap_in=gap, between_in=0.8)
-        pairs = panels.T if across else panels.reshape(len(groups), 2)
-        for (damping, frequency), (title, lines) in zip(pairs, groups, strict=True):
-            _draw_modes(damping, frequency, envelope, lines)
-            label(damping, "V, m/s" if wide and not across else "", "damping ratio ζ", title)
-            label(frequency, "V, m/s", "|s|/2π, Hz")
-        if elastic:
-            _mark_onsets(pairs[-1], envelope, elastic)
-        legend(figure, handles)
-        return figure
-
+    if elastic:
+        found = {n: o.V_m_s for n, o in zip(elastic, onsets, strict=True) if o.V_m_s is not None}
+        pairs.append(_damping_and_frequency(envelope, "elastic modes", elastic, found))
+    rows = list(zip(*pairs, strict=True)) if elastic else pairs
     said = "; ".join(o.sentence for o in unstable) or (
         f"none up to {envelope.speeds[-1]:g} m/s" if elastic else "no elastic modes in this motion"
     )
@@ -174,35 +127,43 @@ def _mode_plate(survey: Survey, motion: str) -> Plate:
         f"roots is drawn as two lines. Shaded: unstable. Onset of instability of an elastic mode: {said}."
         f"{' Drawn is the quasi-steady air that flies; it is no flutter clearance.' if elastic else ''}"
     )
-    word = motion.capitalize()
-    return Plate(f"modes_{motion.replace('-', '_')}", f"{word} modes over speed", caption, make)
+    name = f"modes_{motion.replace('-', '_')}"
+    return Plate(name, f"{motion.capitalize()} modes over speed", caption, Chart(rows, share_x=bool(elastic)))
 
 
-def _draw_modes(damping: Axes, frequency: Axes, envelope: Envelope, lines: Sequence[_Line]) -> None:
-    V = np.array(envelope.speeds)
-    everything: list[FloatArray] = []
-    for line in lines:
-        f, zeta = envelope.history(line.name)
-        everything.append(f[np.isfinite(f)])
+def _damping_and_frequency(
+    envelope: Envelope, title: str, looks: Mapping[str, dict[str, Any]], onsets: Mapping[str, float]
+) -> tuple[Panel, Panel]:
+    """Return damping ratio and frequency of modes over speed; ``onsets`` are the speeds at which they lose damping."""
+    V, zetas, sizes = np.array(envelope.speeds), list[Curve](), list[Curve]()
+    for name, look in looks.items():
+        f, zeta = envelope.history(name)
         for j in (0, 1):
-            look: dict[str, Any] = {"color": line.colour, "linestyle": line.dash, "linewidth": 1.4}
-            damping.plot(*_broken(V, zeta[:, j]), **look)
-            frequency.plot(V, f[:, j], **look)
-    for axes in (damping, frequency):
-        _speed_axis(axes, envelope)
-    low, high = damping.get_ylim()
-    low, high = min(low, -0.06 * (high - low)), max(high, 0.02)
-    damping.set_ylim(low, high)
-    damping.axhspan(low, 0.0, color=_UNSTABLE, linewidth=0, zorder=0)
-    damping.axhline(0.0, color="#9aa1a9", linewidth=0.9)
-    values = np.concatenate(everything) if everything else np.ones(1)
+            x, y = _broken(V, zeta[:, j])
+            zetas.append(Curve(x=x, y=y, width=1.4, **look))
+            sizes.append(Curve(x=V, y=f[:, j], width=1.4, **look))
+    every = [np.concatenate([np.asarray(c.y) for c in curves] or [np.ones(1)]) for curves in (zetas, sizes)]
+    shown, values = (y[np.isfinite(y)] for y in every)
+    low, high = float(shown.min(initial=0.0)), float(shown.max(initial=0.02))
+    low, high = low - 0.06 * (high - low), high + 0.05 * (high - low)
+    marks: list[Drawn] = [Rule(at=at, colour=looks[n]["colour"], dash=(2, 2)) for n, at in onsets.items()]
+    dots = [Curve(x=[at], y=[0.0], colour=looks[n]["colour"], marker="o", order=5.0) for n, at in onsets.items()]
+    notes = [("onset", QUIET), *((f"{at:.3g} m/s", looks[n]["colour"]) for n, at in onsets.items())]
+    if title.startswith("elastic") and not onsets:
+        notes = [(f"onset: none up to {envelope.speeds[-1]:g} m/s", QUIET)]
+    damping = _over_speed(
+        envelope, [*zetas, *dots, *marks, Span(low=low, high=0.0, of="y", colour=_UNSTABLE),
+                   Rule(at=0.0, of="y", colour=AXIS)],
+        title=title, y="damping ratio ζ", y_range=(low, high), tall_in=2.1, notes=notes if title[0] == "e" else (),
+    )  # fmt: skip
     positive = values[values > 1e-6]
-    if positive.size and positive.max() > 8.0 * positive.min():
-        # a root that crosses zero goes down without end
-        frequency.set_ylim(max(0.8 * positive.min(), 1e-4 * positive.max()), 1.25 * positive.max())
-        log_axis(frequency, "y", powers=False)
-    else:
-        frequency.set_ylim(0.0, 1.1 * float(values.max()))
+    far = positive.size > 0 and positive.max() > 8.0 * positive.min()
+    # A root that crosses zero goes down without end.
+    ends = (
+        (max(0.8 * positive.min(), 1e-4 * positive.max()), 1.25 * positive.max()) if far else (0.0, 1.1 * values.max())
+    )
+    frequency = _over_speed(envelope, [*sizes, *marks], y="|s|/2π, Hz", log_y=far, y_range=ends, tall_in=2.1)
+    return damping, frequency
 
 
 def _broken(V: FloatArray, zeta: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -211,76 +172,40 @@ def _broken(V: FloatArray, zeta: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.insert(V, jumps, np.nan), np.insert(zeta, jumps, np.nan)
 
 
-def _mark_onsets(pair: Sequence[Axes], envelope: Envelope, lines: Sequence[_Line]) -> None:
-    damping, frequency = pair
-    found = [(line, envelope.onset(line.name)) for line in lines]
-    unstable = [(line, o) for line, o in found if o.V_m_s is not None]
-    for line, onset in unstable:
-        V = float(onset.V_m_s or 0.0)
-        for axes in (damping, frequency):
-            axes.axvline(V, color=line.colour, linewidth=0.9, linestyle=(0, (2, 2)))
-        damping.plot(V, 0.0, "o", color=line.colour, markersize=5, zorder=5)
-    if unstable:  # above the panel, where no curve runs
-        notes(damping, [("onset", QUIET), *((f"{o.V_m_s:.3g} m/s", line.colour) for line, o in unstable)])
-    if not unstable:
-        damping.set_title(f"onset: none up to {envelope.speeds[-1]:g} m/s", loc="right", fontsize=8, color=QUIET, pad=4)
-
-
 # --- mode shapes ------------------------------------------------------------------------------------------------------
 
 
 def _shape_plate(survey: Survey) -> Plate:
+    """Return one panel per mode: displacement on its left axis, twist on its right one."""
     flown = survey.envelope.aircraft.flown_modes()
     assert flown is not None
-    modes = survey.shaped
     y, deg_m = np.array(flown.stations_m), 1.0 / (flown.cbar_m * DEG_RAD)
     span = np.concatenate([-y[::-1], y])
-    looks: list[dict[str, Any]] = [{"color": COLOURS[k], "linestyle": DASHES[k], "linewidth": 1.4} for k in (0, 1)]
-
-    def make(wide: bool) -> Figure:
-        """Draw one panel per mode: displacement on its left axis, twist on its right one."""
-        from matplotlib.lines import Line2D
-        from matplotlib.ticker import MaxNLocator
-
-        texts = ("displacement, m per unit of η (left axis)", "twist, deg per unit of η (right axis)")
-        handles = [Line2D([], [], label=text, **look) for text, look in zip(texts, looks, strict=True)]
-        columns = min(2, len(modes)) if wide else 1
-        rows = -(-len(modes) // columns)
-        top = legend_in(texts, wide) + 0.32
-        figure = new_figure(wide, top + 1.25 * rows + 0.45 * (rows - 1) + 0.5)
-        panels = grid(figure, top, [1.25] * rows, [1.0] * columns, gap_in=0.45, between_in=1.3, right_in=0.66).ravel()
-        for k, (axes, (i, mode)) in enumerate(zip(panels, modes.items(), strict=False)):
-            bend, twist = _both_wings(mode)
-            right = axes.twinx()
-            axes.axhline(0.0, color="#9aa1a9", linewidth=0.7)
-            axes.plot(span, bend, **looks[0])
-            right.plot(span, twist / DEG_RAD, **looks[1])
-            reach = 1.1 * max(float(np.abs(bend).max()), float(np.abs(twist).max()) * flown.cbar_m) or 1.0
-            axes.set_ylim(-reach, reach)
-            right.set_ylim(-reach * deg_m, reach * deg_m)
-            axes.set_xlim(-y[-1], y[-1])
-            for one, look, text in ((axes, looks[0], "m per η"), (right, looks[1], "deg per η")):
-                one.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10], symmetric=True))
-                one.tick_params(axis="y", colors=look["color"])
-                one.set_ylabel(text, color=look["color"])
-            right.grid(False)
-            last = k >= len(modes) - columns
-            label(axes, "y, m (left wing negative)" if last else "")
-            width = float(axes.get_position().width * figure.get_size_inches()[0])
-            right.yaxis.set_label_coords(1.0 + 0.45 / width, 0.5)
-            axes.set_title(_shape_title(i, mode, most=int(17.0 * (width + 0.6))), fontsize=8.0, pad=4.0)
-        for axes in panels[len(modes) :]:
-            axes.remove()
-        legend(figure, handles)
-        return figure
-
+    names = ("displacement, m per unit of η (left axis)", "twist, deg per unit of η (right axis)")
+    looks: list[dict[str, Any]] = [
+        {"name": name, "colour": COLOURS[k], "dash": DASHES[k], "width": 1.4} for k, name in enumerate(names)
+    ]
+    panels = []
+    for i, mode in survey.shaped.items():
+        bend, twist = _both_wings(mode)
+        reach = 1.1 * max(float(np.abs(bend).max()), float(np.abs(twist).max()) * flown.cbar_m) or 1.0
+        turn = Curve(x=span, y=twist / DEG_RAD, **looks[1])
+        panels.append(
+            Panel(
+                draws=[Curve(x=span, y=bend, **looks[0]), Rule(at=0.0, of="y", colour=AXIS, width=0.7)],
+                title=_shape_title(i, mode), x="y, m (left wing negative)", y="m per η", y_colour=COLOURS[0],
+                x_range=(-y[-1], y[-1]), y_range=(-reach, reach), tall_in=1.25,
+                right=Panel(draws=[turn], y="deg per η", y_range=(-reach * deg_m, reach * deg_m), y_colour=COLOURS[1]),
+            )
+        )  # fmt: skip
     caption = (
         "Displacement of the elastic axis, positive up, and twist, positive nose up, along both wings for one unit of "
         "each mode's coordinate, in vacuo; titles give the frequency in vacuo. Symmetric modes move both wings alike, "
         "asymmetric ones oppositely. Panels differ in scale; in each, equal height on both axes is equal displacement "
         f"at one mean chord ({flown.cbar_m:.3g} m) ahead of the elastic axis."
     )
-    return Plate("mode_shapes", "Shapes of the elastic modes along the wing", caption, make)
+    title = "Shapes of the elastic modes along the wing"
+    return Plate("mode_shapes", title, caption, grid(panels, min(2, len(panels)), share_x=True))
 
 
 def _both_wings(mode: ElasticMode) -> tuple[FloatArray, FloatArray]:
@@ -291,53 +216,30 @@ def _both_wings(mode: ElasticMode) -> tuple[FloatArray, FloatArray]:
     return np.concatenate([sign * bend[::-1], bend]), np.concatenate([sign * twist[::-1], twist])
 
 
-def _shape_title(i: int, mode: ElasticMode, most: int) -> str:
-    """Return number, frequency and name in at most so many letters; the frequency stands first, as names are cut."""
+def _shape_title(i: int, mode: ElasticMode) -> str:
+    """Return number, frequency and name; the frequency stands first, as names are cut."""
     name = mode.name.replace("asymmetric", "asym.").replace("symmetric", "sym.").replace(" and ", " + ")
-    text = f"{symbol(f'eta_{i}')}, {mode.f_hz:.3g} Hz: {name}"
-    return text if len(text) <= most else text[: most - 1].rstrip() + "…"
+    return f"{symbol(f'eta_{i}')}, {mode.f_hz:.3g} Hz: {name}"
 
 
 # --- frequency responses ----------------------------------------------------------------------------------------------
 
 
 def _response_plate(survey: Survey) -> Plate:
+    """Return magnitude and phase of each output, one line per speed."""
     envelope = survey.envelope
     omega = np.geomspace(*_band(envelope), 600)
     curves = {V: _response(envelope, V, omega) for V in survey.responses}
     phases = {V: _phases(H, curves[survey.responses[0]]) for V, H in curves.items()}
-    texts = [f"{V:g} m/s" for V in survey.responses]
-
-    def make(wide: bool) -> Figure:
-        """Draw magnitude and phase of each output, one line per speed."""
-        from matplotlib.lines import Line2D
-        from matplotlib.ticker import MultipleLocator
-
-        rows, columns = (len(_RESPONSES), 2) if wide else (2 * len(_RESPONSES), 1)
-        looks = [{"color": c, "linestyle": DASHES[k % 6]} for k, c in enumerate(_shades(len(texts)))]
-        handles = [Line2D([], [], label=text, **look) for text, look in zip(texts, looks, strict=True)]
-        top = legend_in(texts, wide) + 0.3
-        figure = new_figure(wide, top + 1.3 * rows + 0.45 * (rows - 1) + 0.5)
-        panels = grid(figure, top, [1.3] * rows, [1.0] * columns, gap_in=0.45, between_in=0.74)
-        for i, (pair, output) in enumerate(zip(panels.reshape(len(_RESPONSES), 2), _RESPONSES, strict=True)):
-            factor, unit = ratio_unit(output, "de")
-            for V, look in zip(survey.responses, looks, strict=True):
-                pair[0].plot(omega, factor * np.abs(curves[V][:, i]), linewidth=1.3, **look)
-                pair[1].plot(omega, phases[V][:, i], linewidth=1.3, **look)
-            log_axis(pair[0], "y", powers=True)
-            last = i == len(_RESPONSES) - 1
-            name = f"{symbol(output)} / {symbol('de')}"
-            label(pair[0], "frequency, rad/s" if last and wide else "", unit, f"{name}, magnitude")
-            label(pair[1], "frequency, rad/s" if last else "", "deg", f"{name}, phase")
-            span = float(np.ptp(pair[1].get_ylim()))
-            pair[1].yaxis.set_major_locator(MultipleLocator(next((s for s in (45, 90, 180) if span <= 5 * s), 360)))
-            for k, axes in enumerate(pair):
-                log_axis(axes, "x", powers=False)
-                axes.set_xlim(omega[0], omega[-1])
-                axes.tick_params(labelbottom=last and (wide or k == 1))
-        legend(figure, handles)
-        return figure
-
+    looks = {
+        V: {"name": f"{V:g} m/s", "colour": colour, "dash": DASHES[k % 6]}
+        for k, (V, colour) in enumerate(zip(curves, shades(len(curves)), strict=True))
+    }
+    panels = []
+    for i, output in enumerate(_RESPONSES):
+        factor, unit = ratio_unit(output, "de")
+        lines = [(omega, factor * np.abs(H[:, i]), phases[V][:, i], looks[V]) for V, H in curves.items()]
+        panels.append(bode(f"{symbol(output)} / {symbol('de')}", unit, lines))
     left_out = {u.V_m_s for u in survey.untrimmed if u not in survey.range.beyond}
     missing = (
         f" Speeds that cannot be trimmed are left out: {', '.join(f'{V:g}' for V in sorted(left_out))} m/s."
@@ -355,14 +257,7 @@ def _response_plate(survey: Survey) -> Plate:
         f"True airspeed, pitch rate, angle of attack and pitch angle to elevator deflection at {envelope.h_m:g} m, "
         f"rigid and elastic motion together, without servo and sensor lags.{missing}{unstable}"
     )
-    return Plate("bode_de", f"Frequency responses to {symbol('de')}", caption, make)
-
-
-def _shades(count: int) -> list[Any]:
-    """Return colours from dark to light, slow to fast."""
-    from matplotlib import colormaps
-
-    return [colormaps["viridis"](x) for x in np.linspace(0.0, 0.82, count)]
+    return Plate("bode_de", f"Frequency responses to {symbol('de')}", caption, Chart(panels, share_x=True))
 
 
 def _band(envelope: Envelope) -> tuple[float, float]:
@@ -381,7 +276,7 @@ def _phases(response: Any, first: Any) -> FloatArray:
 
     An unstable phugoid turns the phase the other way: without this it would stand a whole turn off.
     """
-    turned, goal = (np.degrees(np.unwrap(np.angle(H), axis=0)) for H in (response, first))
+    turned, goal = unwrapped(response), unwrapped(first)
     middle = len(turned) // 2
     start = goal - 360.0 * np.round(goal[middle] / 360.0)
     return np.asarray(turned + 360.0 * np.round((start[middle] - turned[middle]) / 360.0), np.float64)

@@ -4,27 +4,42 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.page.plot import COLOURS, FAINT, INK, QUIET, Plate, new_figure, width_in
+from testbench.page.figure import (
+    COLOURS,
+    DASHED,
+    FAINT,
+    INK,
+    QUIET,
+    Area,
+    Chart,
+    Curve,
+    Drawn,
+    Panel,
+    Plate,
+    Words,
+    width_in,
+)
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from testbench.aircraft import Aircraft
     from testbench.aircraft.outline import Outline, Surface
+    from testbench.core.record import FloatArray
     from testbench.questions.aircraft.ask import Survey
 
 _MARGIN_IN, _GAP_IN = 0.3, 0.75  # round the drawing, and between the views; dimension lines stand in both
 _TALLEST_IN, _ROW_IN = 8.0, 0.18
+_BELOW_IN = 0.62  # a view: dimension lines
 _THICKNESS = 0.12  # of every section as drawn, in chords
 _ALIKE = 0.02  # difference up to which drawn and reference mean chord count as the same
 _BOLD = COLOURS[0]
+_CG_IN = 0.06  # radius of the mark of the centre of gravity
 Points = list[tuple[float, float]]
 
 
@@ -39,11 +54,7 @@ def outline_plates(aircraft: Aircraft) -> list[Plate]:
     if outline is None:
         return []
 
-    def make(wide: bool) -> Figure:
-        """Draw top view above front view, and the side view beside them if there is room, else below."""
-        return _draw(aircraft, outline, wide)
-
-    return [Plate("three_view", "Three-view drawing", _caption(aircraft, outline), make)]
+    return [Plate("three_view", "Three-view drawing", _caption(aircraft, outline), partial(_chart, aircraft, outline))]
 
 
 def _caption(aircraft: Aircraft, outline: Outline) -> str:
@@ -85,109 +96,111 @@ def _wide_in(text: str) -> float:
 
 @dataclass(frozen=True)
 class _View:
-    """One view: its axes, how many metres an inch of paper is, and the radius of the mark of the CG, in."""
+    """One view of the aircraft in metres, to be drawn on paper.
 
-    axes: Axes
+    Attributes:
+        x_in, y_in: of the aircraft's centre of gravity from the paper's lower left corner.
+        m_in: how many metres an inch of paper is.
+        draws: what is drawn so far, in inches of paper.
+    """
+
+    x_in: float
+    y_in: float
     m_in: float
-    marker_in: float
+    draws: list[Drawn] = field(default_factory=list)
 
-    def surface(self, outline: Points, order: float) -> None:
+    def at(self, points: Sequence[tuple[float, float]]) -> tuple[FloatArray, FloatArray]:
+        """Return where points (n, 2), m, lie on the paper, in."""
+        x, y = np.asarray(points, float).T / self.m_in
+        return self.x_in + x, self.y_in + y
+
+    def surface(self, outline: Points, order: float, colour: str = FAINT, edge: str = INK) -> None:
         """Draw a filled shape."""
-        look: dict[str, Any] = {"facecolor": FAINT, "edgecolor": INK, "linewidth": 0.8, "clip_on": False}
-        self.axes.fill(*zip(*outline, strict=True), zorder=order, **look)
+        self.draws.append(Area(outlines=[self.at(outline)], colour=colour, edge=edge, order=order, clip=False))
 
     def line(self, points: Points, **look: Any) -> None:
         """Draw a line through ``points``."""
-        plain: dict[str, Any] = {"color": INK, "linewidth": 0.8, "clip_on": False}
-        self.axes.plot(*zip(*points, strict=True), **(plain | look))
+        x, y = self.at(points)
+        self.draws.append(Curve(x=x, y=y, **{"width": 0.8, "clip": False} | look))
+
+    def words(self, place: tuple[float, float], text: str, **look: Any) -> None:
+        """Write a text."""
+        (x,), (y,) = self.at([place])
+        self.draws.append(Words(x=float(x), y=float(y), text=text, **look))
 
     def dimension(self, begin: tuple[float, float], end: tuple[float, float], words: str, size_m: float) -> None:
-        """Draw a dimension line with arrows at both ends and its text on it; if short, its last word, or beside it."""
-        arrow = {
-            "arrowstyle": "<|-|>",
-            "color": QUIET,
-            "linewidth": 0.7,
-            "shrinkA": 0,
-            "shrinkB": 0,
-            "mutation_scale": 7,
-        }
-        self.axes.annotate("", begin, end, arrowprops=arrow, zorder=6, annotation_clip=False)
-        room = math.dist(begin, end) / self.m_in
-        size = f"{_length(size_m)} m"
+        """Draw a level dimension line with arrows and its text on it, of a short one the last word, or beside it."""
+        left, right = sorted((begin[0], end[0]))
+        self.line([begin, end], colour=QUIET, width=0.7, order=6.0)
+        long, thick = min(0.085 * self.m_in, 0.4 * (right - left)), 0.022 * self.m_in
+        for tip, way in ((left, 1.0), (right, -1.0)):
+            head = [(tip, end[1]), (tip + way * long, end[1] + thick), (tip + way * long, end[1] - thick)]
+            self.surface(head, 6.0, QUIET, QUIET)
+        room, size = (right - left) / self.m_in, f"{_length(size_m)} m"
         text = next((t for t in (f"{words} {size}", f"{words.split()[-1]} {size}") if _wide_in(t) + 0.3 < room), "")
-        x, y = 0.5 * (begin[0] + end[0]), 0.5 * (begin[1] + end[1])
-        if not text:
-            x, text = max(begin[0], end[0]) + 0.06 * self.m_in, f"{words} {size}"
-        self.axes.text(
-            x, y, text, ha="left" if x > max(begin[0], end[0]) else "center", va="center", fontsize=8.0, color=INK,
-            zorder=7, bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.2},
-        )  # fmt: skip
+        look: dict[str, Any] = {"on_white": True, "order": 7.0}
+        if text:
+            self.words((0.5 * (left + right), end[1]), text, across="center", **look)
+        else:
+            self.words((right + 0.06 * self.m_in, end[1]), f"{words} {size}", **look)
 
     def extension(self, begin: tuple[float, float], end: tuple[float, float]) -> None:
         """Draw a thin line from the shape to a dimension line."""
-        self.line([begin, end], color=QUIET, linewidth=0.5, zorder=1)
+        self.line([begin, end], colour=QUIET, width=0.5, order=1.0)
 
     def centre_of_gravity(self) -> None:
         """Draw the quartered circle at the origin."""
-        from matplotlib.patches import Circle, Wedge
-
-        radius = self.marker_in * self.m_in
-        self.axes.add_patch(
-            Circle((0.0, 0.0), radius, facecolor="white", edgecolor=INK, linewidth=0.8, zorder=8, clip_on=False)
-        )
-        for turn in (0.0, 180.0):
-            self.axes.add_patch(
-                Wedge((0.0, 0.0), radius, turn, turn + 90.0, facecolor=INK, linewidth=0, zorder=9, clip_on=False)
-            )
-
-    def title(self, text: str) -> None:
-        """Write what view it is above its left corner."""
-        self.axes.set_title(text, fontsize=8.5, color=QUIET, pad=2.0)
+        self.surface(_arc(0.0, 2.0 * np.pi, _CG_IN * self.m_in), 8.0, "white")
+        for turn in (0.0, np.pi):
+            quarter = [(0.0, 0.0), *_arc(turn, turn + 0.5 * np.pi, _CG_IN * self.m_in)]
+            self.surface(quarter, 9.0, INK)
 
 
-def _draw(aircraft: Aircraft, outline: Outline, wide: bool) -> Figure:
+def _arc(begin: float, end: float, radius: float, flat: float = 1.0) -> Points:
+    """Return points of a circle, or of an ellipse ``flat`` times as high, between two angles, rad."""
+    angle = np.linspace(begin, end, 48)
+    return list(zip((radius * np.cos(angle)).tolist(), (flat * radius * np.sin(angle)).tolist(), strict=True))
+
+
+def _chart(aircraft: Aircraft, outline: Outline, wide: bool) -> Chart:
+    """Return top view above front view, and the side view beside them if there is room, else below."""
     nose, end = outline.ends_m
-    half = 0.5 * max(s.span_m for s in _flat(outline))
+    span = max(s.span_m for s in _flat(outline))
     low, high = _heights(outline)
-    length, span, tall = nose - end, 2.0 * half, high - low
-    paper = width_in(wide) - 2.0 * _MARGIN_IN
+    length, tall = nose - end, high - low
+    width = width_in(wide)
+    paper = width - 2.0 * _MARGIN_IN
     across = (paper - _GAP_IN) / (span + length) if wide else paper / max(span, length)
     down = (_TALLEST_IN - 3.0 * _GAP_IN) / (length + tall * (1 if wide else 2))
     m_in = 1.0 / min(across, down)
-    # Room for dimension lines: right of the top view and below the others.
-    heights = [length / m_in, tall / m_in, tall / m_in]
-    top, below = 0.25, 0.62
-    rows = _particulars(aircraft, outline)
-    narrow = 0.0 if wide else 0.3 + heights[2] + below + _ROW_IN * len(rows)
-    total = top + heights[0] + 0.62 + heights[1] + below + narrow
-    figure = new_figure(wide, total)
-    width = width_in(wide)
+    facts = _particulars(aircraft, outline)
+    top = 0.25
+    front = _BELOW_IN + (0.0 if wide else 0.3 + tall / m_in + _BELOW_IN + _ROW_IN * len(facts))
+    total = front + tall / m_in + _BELOW_IN + length / m_in + top
     used = (span + length) / m_in + _GAP_IN if wide else max(span, length) / m_in
-    left = 0.5 * (width - used)
-    first = left if wide else 0.5 * (width - span / m_in)
-    y_front = total - top - heights[0] - 0.62 - heights[1]
-    x_side, y_side = (
-        (left + span / m_in + _GAP_IN, y_front)
-        if wide
-        else (0.5 * (width - length / m_in), below + _ROW_IN * len(rows))
+    left = 0.5 * (width - (used if wide else span / m_in))
+    x_side = left + span / m_in + _GAP_IN if wide else 0.5 * (width - length / m_in)
+    y_side = front if wide else _BELOW_IN + _ROW_IN * len(facts)
+    middle = left + 0.5 * span / m_in
+    views = (
+        _View(middle, total - top - nose / m_in, m_in),
+        _View(middle, front - low / m_in, m_in),
+        _View(x_side + nose / m_in, y_side - low / m_in, m_in),
     )
-    views = []
-    for x, y, (x0, x1), (y0, y1) in (
-        (first, total - top - heights[0], (-half, half), (end, nose)),
-        (first, y_front, (-half, half), (low, high)),
-        (x_side, y_side, (-nose, -end), (low, high)),
-    ):
-        size = ((x1 - x0) / m_in, (y1 - y0) / m_in)
-        axes = figure.add_axes((x / width, y / total, size[0] / width, size[1] / total))
-        axes.set_xlim(x0, x1)
-        axes.set_ylim(y0, y1)
-        axes.set_axis_off()
-        views.append(_View(axes, m_in, 0.065 if wide else 0.05))
     _top_view(views[0], aircraft, outline)
     _front_view(views[1], outline, low)
     _side_view(views[2], outline, low)
-    _write(figure, rows, x_side if wide else _MARGIN_IN, top if wide else total - _ROW_IN * len(rows))
-    return figure
+    draws = [d for view in views for d in view.draws]
+    for name, x, y in (
+        ("top", left, total - top), ("front", left, front + tall / m_in), ("side", x_side, y_side + tall / m_in)
+    ):  # fmt: skip
+        draws.append(Words(x=x, y=y + 0.05, text=name, colour=QUIET, size=8.5, up="bottom"))
+    x, y = (x_side, total - top) if wide else (_MARGIN_IN, _ROW_IN * len(facts))
+    for k, pair in enumerate(facts):
+        for text, shift, colour in zip(pair, (0.0, 1.45), (QUIET, INK), strict=True):
+            draws.append(Words(x=x + shift, y=y - _ROW_IN * k, text=text, colour=colour, up="top"))
+    panel = Panel(draws=draws, bare=True, x_range=(0.0, width), y_range=(0.0, total), box_in=(0.0, 0.0, width, total))
+    return Chart([[panel]], keys=(), size_in=(width, total))
 
 
 def _flat(outline: Outline) -> list[Surface]:
@@ -223,14 +236,6 @@ def _particulars(aircraft: Aircraft, outline: Outline) -> list[tuple[str, str]]:
     if _alike(aircraft, outline):
         out.append(("CG, as drawn", f"{100.0 * (0.25 + _mean_quarter_chord(wing) / wing.mean_chord_m):.0f} % of c̄"))
     return out
-
-
-def _write(figure: Figure, rows: Sequence[tuple[str, str]], x_in: float, top_in: float) -> None:
-    width, height = (float(x) for x in figure.get_size_inches())
-    for i, (name, value) in enumerate(rows):
-        y = 1.0 - (top_in + _ROW_IN * i) / height
-        figure.text(x_in / width, y, name, fontsize=8.0, color=QUIET, va="top")
-        figure.text((x_in + 1.45) / width, y, value, fontsize=8.0, color=INK, va="top")
 
 
 # --- views ------------------------------------------------------------------------------------------------------------
@@ -269,46 +274,29 @@ def _top_view(view: _View, aircraft: Aircraft, outline: Outline) -> None:
         ends = [fin.point(s, fin.span_m, f)[0] for s, f in ((0.0, 0.0), (fin.span_m, 1.0))]
         for y in sorted({fin.y_m, -fin.y_m}):
             rear = min(ends[1], fin.point(0.0, fin.span_m, 1.0)[0])
-            view.line([(y, ends[0]), (y, rear)], linewidth=1.6, zorder=5)
+            view.line([(y, ends[0]), (y, rear)], width=1.6, order=5)
     half = 0.5 * wing.span_m
     g = aircraft.geometry
     if _alike(aircraft, outline) and wing.root_chord_m != wing.tip_chord_m:
         y = -half * (wing.root_chord_m - wing.mean_chord_m) / (wing.root_chord_m - wing.tip_chord_m)
         ends = [_along(wing, f, (y,))[0][1] for f in (0.0, 1.0)]
-        view.line([(y, ends[0]), (y, ends[1])], color=_BOLD, linewidth=1.8, zorder=6)
-        view.axes.text(
-            y,
-            max(ends) + 0.06 * view.m_in,
-            f"c̄ {_length(g.cbar_m)} m",
-            color=_BOLD,
-            fontsize=8.0,
-            ha="center",
-            va="bottom",
-        )
+        view.line([(y, ends[0]), (y, ends[1])], colour=_BOLD, width=1.8, order=6)
+        place = (y, max(ends) + 0.06 * view.m_in)
+        view.words(place, f"c̄ {_length(g.cbar_m)} m", colour=_BOLD, across="center", up="bottom")
     stations = _stations(aircraft, outline)
     if stations and outline.elastic_axis is not None:
         both = sorted({*stations, *(-y for y in stations)})
-        view.line(_along(wing, outline.elastic_axis, both), color=_BOLD, linewidth=0.7, linestyle=(0, (4, 2)), zorder=5)
-        view.line(
-            _along(wing, outline.elastic_axis, stations),
-            color=_BOLD,
-            linestyle="none",
-            marker="o",
-            markersize=2.4,
-            zorder=6,
-        )
+        view.line(_along(wing, outline.elastic_axis, both), colour=_BOLD, width=0.7, dash=DASHED, order=5.0)
+        view.line(_along(wing, outline.elastic_axis, stations), colour=_BOLD, marker="o", size=2.4, order=6.0)
     if tail is not None:
         tail_end = outline.ends_m[1] - 0.18 * view.m_in
         for y in (-0.5 * tail.span_m, 0.5 * tail.span_m):
             view.extension((y, _along(tail, 1.0, (y,))[0][1]), (y, tail_end))
         view.dimension((-0.5 * tail.span_m, tail_end), (0.5 * tail.span_m, tail_end), "tail span", tail.span_m)
     view.centre_of_gravity()
-    view.title("top")
 
 
 def _front_view(view: _View, outline: Outline, low: float) -> None:
-    from matplotlib.patches import Ellipse
-
     for surface in _flat(outline):
         order = 3.0 if surface is outline.wing else 2.0
         half = 0.5 * surface.span_m
@@ -325,19 +313,14 @@ def _front_view(view: _View, outline: Outline, low: float) -> None:
         for y in sorted({fin.y_m, -fin.y_m}):
             view.surface([(y - foot, fin.z_m), (y - tip, top), (y + tip, top), (y + foot, fin.z_m)], 1.8)
     _, width, bottom, roof = max(outline.body_m, key=lambda row: row[1] * (row[3] - row[2]))
-    view.axes.add_patch(
-        Ellipse(
-            (0.0, 0.5 * (bottom + roof)), 2.0 * width, roof - bottom, facecolor=FAINT, edgecolor=INK, linewidth=0.8,
-            zorder=3.5, clip_on=False,
-        )
-    )  # fmt: skip
+    middle = 0.5 * (bottom + roof)
+    view.surface([(y, middle + z) for y, z in _arc(0.0, 2.0 * np.pi, width, 0.5 * (roof - bottom) / width)], 3.5)
     half, at = 0.5 * outline.wing.span_m, low - 0.22 * view.m_in
     tip_z = outline.wing.z_m + outline.wing.point(half, half, 0.25)[1]
     for y in (-half, half):
         view.extension((y, tip_z), (y, at))
     view.dimension((-half, at), (half, at), "span", outline.wing.span_m)
     view.centre_of_gravity()
-    view.title("front")
 
 
 def _side_view(view: _View, outline: Outline, low: float) -> None:
@@ -364,7 +347,6 @@ def _side_view(view: _View, outline: Outline, low: float) -> None:
         view.extension((-place, 0.0), (-place, further))
     view.dimension((-nose, further), (-end, further), "length", nose - end)
     view.centre_of_gravity()
-    view.title("side")
 
 
 def _mean_quarter_chord(surface: Surface) -> float:
@@ -391,4 +373,4 @@ def _section(view: _View, surface: Surface) -> None:
         sections.append([(float(a), float(b)) for a, b in edge])
     both = np.array(sections[0] + sections[1])
     view.surface([(float(a), float(b)) for a, b in both[ConvexHull(both).vertices]], 3.5)
-    view.line([*sections[0], sections[0][0]], linewidth=0.6, zorder=3.6)
+    view.line([*sections[0], sections[0][0]], width=0.6, order=3.6)

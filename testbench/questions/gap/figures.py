@@ -7,55 +7,59 @@ Figures of what would be stated of planned manoeuvres: how often each effect is 
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from testbench.core.constants import PERCENT
-from testbench.core.record import FloatArray
-from testbench.page.labels import axis_label, number, shown_unit, symbol
-from testbench.page.plot import (
-    BAND,
+from testbench.page.explore import View
+from testbench.page.figure import (
     COLOURS,
     FAINT,
     INK,
     MEASURED,
     QUIET,
+    Area,
+    Chart,
+    Curve,
+    Dash,
+    Drawn,
+    Image,
+    Panel,
     Plate,
-    envelope,
+    Rule,
+    Span,
+    bars,
     grid,
-    label,
-    legend,
-    legend_in,
-    line_handles,
-    log_axis,
-    new_figure,
-    time_axis,
+    rows,
 )
+from testbench.page.labels import axis_label, number, shown_unit, symbol
 from testbench.questions.gap.evidence.locate import BANDS_HZ
+from testbench.questions.gap.evidence.stepwise import followed
 from testbench.questions.gap.explain import percent
-from testbench.questions.gap.explored import held_out, spectra
-from testbench.questions.gap.verdict import Verdict
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from testbench.core.record import FloatArray
     from testbench.questions.gap.ask import GapResult
     from testbench.questions.gap.evidence.locate import ResidualMap
+    from testbench.questions.gap.open_set import FirstLook
+    from testbench.questions.gap.plan import GapPlan
     from testbench.questions.gap.result import Shrink
-
+    from testbench.questions.gap.verdict import Verdict
 
 _MOST, _OTHERS, _SEEN = 24, 8, 0.05  # rows; columns beside them, of effects that are given so much
+_MARK = COLOURS[1]
+_TOP_ENERGY = 100.0  # residual energies from 1 (noise) to this span the colour scale
+_FLOOR: Dash = (2, 2)
+_BEFORE: dict[str, Any] = {"name": "believed model", "colour": COLOURS[1], "dash": (5, 1.5), "width": 1.2}
+_AFTER: dict[str, Any] = {"name": "amended model", "colour": COLOURS[0], "width": 1.2}  # told apart in grey print too
+_MOST_FORCES = 3  # manoeuvres side by side
+_SMALL_COEFFICIENT = 0.02  # below it a coefficient is drawn a thousand times as large
+_SEGMENTS = 8  # of a residual spectrum, averaged
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
-    from testbench.questions.gap.plan import GapPlan
+# --- what would be stated of planned manoeuvres -----------------------------------------------------------------------
 
 
 def plan_plates(plan: GapPlan) -> list[Plate]:
@@ -64,29 +68,19 @@ def plan_plates(plan: GapPlan) -> list[Plate]:
 
 
 def _power_plate(plan: GapPlan) -> Plate:
-    power = plan.power
-
-    def make(wide: bool) -> Figure:
-        """Draw one bar per effect, the most often named on top."""
-        step = 0.17
-        figure = new_figure(wide, 0.3 + step * len(power) + 0.55, share=0.75)
-        axes = grid(figure, 0.2, [step * len(power)], left_in=1.75 if wide else 1.45)[0, 0]
-        at = range(len(power))
-        held, sure = ([100.0 * x for x in of] for of in zip(*((p.held, p.sure) for p in power.values()), strict=True))
-        axes.barh(at, held, height=0.65, facecolor="none", edgecolor=COLOURS[0], linewidth=0.8)
-        axes.barh(at, sure, height=0.65, color=COLOURS[0])
-        axes.set_yticks(at, list(power), fontsize=7)
-        axes.set_ylim(len(power) - 0.4, -0.6)
-        axes.grid(axis="y", visible=False)
-        axes.set_xlim(0.0, 100.0)
-        label(axes, "flights, %")
-        return figure
-
+    """Return one bar per effect, the most often named on top."""
+    at = range(len(plan.power))
+    held, sure = ([100.0 * x for x in of] for of in zip(*((p.held, p.sure) for p in plan.power.values()), strict=True))
+    draws = [
+        bars(at, 0.0, held, 0.65, colour="none", edge=COLOURS[0]),
+        bars(at, 0.0, sure, 0.65, colour=COLOURS[0]),
+    ]
+    panel = Panel(draws=draws, x="flights, %", x_range=(0.0, 100.0), **rows(list(plan.power), 0.17))
     caption = (
         "Flights with each effect in them, drawn from its prior. Filled: it is stated with 90 % or more. Outline: it "
         "is in the set that holds 95 %."
     )
-    return Plate("power", "How often each effect would be named", caption, make)
+    return Plate("power", "How often each effect would be named", caption, Chart([[panel]], share=0.75))
 
 
 def _confusion_plate(plan: GapPlan) -> Plate:
@@ -96,40 +90,23 @@ def _confusion_plate(plan: GapPlan) -> Plate:
     others = sorted(taken.keys() - {"nothing", "unknown"}, key=lambda n: -taken[n])[:_OTHERS]
     names = [*truths, *others, "nothing", "unknown"]
     given = np.array([[power[t].given.get(n, 0.0) for n in names] for t in truths])
-
-    def make(wide: bool) -> Figure:
-        """Draw the matrix of mean probabilities."""
-        cell = 0.168 if wide else 0.088
-        left, top = (1.75, 1.85) if wide else (1.15, 1.5)
-        size = 7 if wide else 4
-        figure = new_figure(wide, top + cell * len(truths) + 0.75)
-        width = float(figure.get_size_inches()[0])
-        right = max(0.1, width - left - cell * len(names))
-        axes = grid(figure, top, [cell * len(truths)], left_in=left, right_in=right)[0, 0]
-        image = axes.imshow(given / PERCENT, cmap="Blues", vmin=0.0, vmax=100.0, aspect="auto")
-        axes.set_xticks(range(len(names)), names, rotation=90, fontsize=size)
-        axes.set_yticks(range(len(truths)), truths, fontsize=size)
-        axes.xaxis.tick_top()
-        axes.tick_params(length=0)
-        axes.grid(False)
-        for spine in axes.spines.values():
-            spine.set_visible(False)
-        tall = float(figure.get_size_inches()[1])
-        bar = figure.add_axes((left / width, 0.33 / tall, 1.8 / width, 0.09 / tall))
-        colours = figure.colorbar(image, cax=bar, orientation="horizontal", ticks=[0.0, 50.0, 100.0])
-        colours.ax.set_title("mean probability that is given, %", fontsize=7, color=QUIET, loc="left")
-        colours.outline.set_visible(False)
-        return figure
-
+    image = Image(
+        values=given / PERCENT, low=0.0, high=100.0, title="mean probability that is given, %",
+        ticks=[(at, f"{at:g}") for at in (0.0, 50.0, 100.0)],
+    )  # fmt: skip
+    panel = Panel(
+        draws=[image], x_ticks=list(enumerate(names)), y_ticks=list(enumerate(truths)), tall_in=0.168 * len(truths)
+    )
     caption = (
         f"Row: an effect that is there; the {len(truths)} that are named least. Column: what it is taken for, by the "
         "mean probability over its flights. A right answer lies on the diagonal; the last two columns are nothing, and "
         "something that the library lacks."
     )
-    return Plate("confusion", "What effects would be taken for", caption, make)
+    return Plate("confusion", "What effects would be taken for", caption, Chart([[panel]]))
 
 
-_MARK = COLOURS[1]
+# --- where to look ----------------------------------------------------------------------------------------------------
+
 Outline = Sequence[tuple[float, float]]
 
 
@@ -177,24 +154,27 @@ def part_plate(verdict: Verdict) -> Plate | None:
     """Return the figure of the parts that a verdict calls; None if it calls none."""
     if not verdict.parts:
         return None
-
-    def make(wide: bool) -> Figure:
-        """Draw the sketch from above and from the side, the parts filled."""
-        figure = new_figure(wide, 2.3 if wide else 2.0)
-        above, side = figure.subplots(1, 2)
-        figure.subplots_adjust(left=0.02, right=0.98, top=0.88, bottom=0.03, wspace=0.03)
-        _sketch(above, (_BODY_ABOVE, *_WINGS, _TAIL_ABOVE), "from above", (-1.1, 1.1))
-        _sketch(side, (_BODY_SIDE, _WING_SIDE, _TAIL_SIDE, _FIN), "from the side", (-0.35, 0.6))
-        for part in verdict.parts:
-            for axes, outlines in zip((above, side), _region(part.name), strict=True):
-                for outline in outlines:
-                    axes.fill(*np.transpose(outline), facecolor=_MARK, edgecolor=_MARK, linewidth=1.0)
-                if part.name == "air":
-                    _wind(axes)
-        return figure
-
+    sketches = (
+        ((_BODY_ABOVE, *_WINGS, _TAIL_ABOVE), "from above", (-1.1, 1.1)),
+        ((_BODY_SIDE, _WING_SIDE, _TAIL_SIDE, _FIN), "from the side", (-0.35, 0.6)),
+    )
+    panels = []
+    for k, (outlines, title, height) in enumerate(sketches):
+        draws: list[Drawn] = [Area(outlines=[_xy(o) for o in outlines], colour=FAINT, edge=QUIET)]
+        marked = [_xy(o) for part in verdict.parts for o in _region(part.name)[k]]
+        draws.append(Area(outlines=marked, colour=_MARK, edge=_MARK, width=1.0, order=2.0))
+        if any(part.name == "air" for part in verdict.parts):  # three gusts ahead of the nose
+            x = np.linspace(-0.32, -0.08, 40)
+            wave = 0.025 * np.sin(2.0 * np.pi * (x + 0.32) / 0.12)
+            draws += [Curve(x=x, y=y + wave, colour=_MARK, width=1.6) for y in (-0.15, 0.0, 0.15)]
+        panels.append(Panel(draws=draws, title=title, bare=True, x_range=(-0.35, 1.1), y_range=height, tall_in=1.9))
     caption = f"A sketch, not this aircraft. Filled: {verdict.where}. Probability: {percent(verdict.probability)}."
-    return Plate("part", "Where to look", caption, make)
+    return Plate("part", "Where to look", caption, Chart([panels], narrow=2))
+
+
+def _xy(outline: Outline) -> tuple[FloatArray, FloatArray]:
+    x, y = np.transpose(outline)
+    return x, y
 
 
 def _region(name: str) -> tuple[tuple[Outline, ...], tuple[Outline, ...]]:
@@ -204,325 +184,236 @@ def _region(name: str) -> tuple[tuple[Outline, ...], tuple[Outline, ...]]:
     return _NOSE if name.endswith("sensor") else ((), ())
 
 
-def _sketch(axes: Axes, outlines: Sequence[Outline], title: str, height: tuple[float, float]) -> None:
-    for outline in outlines:
-        axes.fill(*np.transpose(outline), facecolor=FAINT, edgecolor=QUIET, linewidth=0.8)
-    axes.set(xlim=(-0.35, 1.1), ylim=height, aspect="equal")
-    axes.set_title(title, fontsize=9, color=QUIET)
-    axes.set_axis_off()
-
-
-def _wind(axes: Axes) -> None:
-    """Draw three gusts ahead of the nose."""
-    x: FloatArray = np.linspace(-0.32, -0.08, 40)
-    shift: Callable[[float], FloatArray] = lambda y: y + 0.025 * np.sin(2.0 * np.pi * (x + 0.32) / 0.12)  # noqa: E731
-    for y in (-0.15, 0.0, 0.15):
-        axes.plot(x, shift(y), color=_MARK, linewidth=1.6)
-
-
-_TOP_ENERGY = 100.0  # residual energies from 1 (noise) to this span the colour scale
-_BEFORE, _AFTER = COLOURS[1], COLOURS[0]
-_BEFORE_DASH, _AFTER_DASH, _FLOOR_DASH = (0, (5, 1.5)), "-", (0, (2, 2))  # told apart in grey print too
-_MODELS = (("believed model", _BEFORE, _BEFORE_DASH), ("amended model", _AFTER, _AFTER_DASH))
-_LOOKS: list[tuple[str, str, tuple[float, ...]]] = [
-    (name, colour, () if isinstance(dash, str) else (float(dash[1][0]), float(dash[1][1])))
-    for name, colour, dash in _MODELS
-]
-_TOLD = 3.0  # standard errors
-_SEGMENTS = 8  # of a residual spectrum, averaged
+# --- what was found ---------------------------------------------------------------------------------------------------
 
 
 def gap_plates(result: GapResult) -> list[Plate]:
     """Return the figures of a gap case: where to look, maps, ranking, and before and after on held-out manoeuvres."""
-    verdict = result.finding.verdict
-    where = None if verdict is None else part_plate(verdict)
-    out = [_answer_plate(result)] if result.finding.shrink and result.finding.changed else []
+    finding = result.finding
+    where = None if finding.verdict is None else part_plate(finding.verdict)
+    out = [_answer_plate(result)] if finding.shrink and finding.changed else []
     out += [] if where is None else [where]
-    out += [_map_plate(result), _region_plate(result)] if result.finding.regions else [_map_plate(result)]
-    if any(one.kappa > 0.0 for one in result.finding.lacks):
-        out.append(_lacking_plate(result))
-    if result.finding.naming.ranking:
+    out += [_map_plate(result), _region_plate(result)] if finding.regions else [_map_plate(result)]
+    if finding.forces:
+        out.append(_force_plate(result))
+    if finding.first is not None and finding.first.terms:
+        out.append(_term_plate(result, finding.first))
+    if finding.naming.ranking:
         out.append(_ranking_plate(result))
-    if result.finding.changed:
-        for k, shrink in enumerate(result.finding.shrink, 1):
+    if finding.changed:
+        for k, shrink in enumerate(finding.shrink, 1):
             out += [_history_plate(result, shrink, k), _spectrum_plate(result, shrink, k)]
     return out
 
 
+def _flown(shrink: Shrink, i: int, name: str) -> list[Curve]:
+    """Return the i-th output of a held-out manoeuvre: measured, and as both models predict it."""
+    factor, t = shown_unit(name)[0], shrink.record.t_s
+    return [
+        Curve(x=t, y=factor * shrink.record[name], name="measured", colour=MEASURED, width=1.0),
+        Curve(x=t, y=factor * shrink.before[:, i], **_BEFORE),
+        Curve(x=t, y=factor * shrink.after[:, i], **_AFTER),
+    ]
+
+
 def _answer_plate(result: GapResult) -> Plate:
     """Return the one figure that shows the answer: the worst held-out channel, and all channels' energies."""
-    finding = result.finding
-    shrink = max(finding.shrink, key=lambda s: float(s.energy_before.max()))
-    outputs = finding.believed.outputs
+    shrink = max(result.finding.shrink, key=lambda s: float(s.energy_before.max()))
+    outputs = result.finding.believed.outputs
     k = int(np.argmax(shrink.energy_before))
-    t = shrink.record.t_s
-
-    def make(wide: bool) -> Figure:
-        """Draw measurement and both models beside the energies of their residuals."""
-        handles = line_handles([], [("measured", MEASURED), *_MODELS])
-        top = legend_in([h.get_label() for h in handles], wide) + 0.28
-        heights = [2.1] if wide else [1.9, 0.28 * len(outputs) + 0.2]
-        figure = new_figure(wide, top + sum(heights) + 0.62 * (len(heights) - 1) + 0.55)
-        panels = grid(figure, top, heights, (1.6, 1.0) if wide else (1.0,), gap_in=0.62, between_in=0.75).ravel()
-        axes, bars = panels[0], panels[1]
-        factor = shown_unit(outputs[k])[0]
-        axes.plot(*envelope(t, factor * shrink.record[outputs[k]]), color=MEASURED, linewidth=1.0)
-        axes.plot(t, factor * shrink.before[:, k], color=_BEFORE, linestyle=_BEFORE_DASH, linewidth=1.3)
-        axes.plot(t, factor * shrink.after[:, k], color=_AFTER, linewidth=1.3)
-        label(axes, "t, s", axis_label(outputs[k]), shrink.manoeuvre)
-        time_axis(axes)
-        rows = np.arange(len(outputs))
-        low = 0.5
-        open_bar, full_bar = {"facecolor": "white", "edgecolor": _BEFORE, "linewidth": 1.2}, {"color": _AFTER}
-        for energy, look, shift in ((shrink.energy_before, open_bar, -0.19), (shrink.energy_after, full_bar, 0.19)):
-            bars.barh(rows + shift, np.maximum(energy - low, 0.0), left=low, height=0.34, **look)
-        bars.axvline(1.0, color=INK, linewidth=0.9, linestyle=_FLOOR_DASH)
-        bars.set_yticks(rows, [symbol(o) for o in outputs])
-        bars.set_ylim(len(outputs) - 0.4, -0.6)
-        bars.grid(axis="y", visible=False)
-        bars.set_xlim(low, max(2.0, 1.5 * float(shrink.energy_before.max())))
-        log_axis(bars, "x", powers=False)
-        label(bars, "mean squared residual, noise = 1")
-        legend(figure, handles)
-        return figure
-
+    history = Panel(
+        draws=_flown(shrink, k, outputs[k]), title=shrink.manoeuvre, x="t, s", y=axis_label(outputs[k]), tall_in=2.1,
+        broad=1.6,
+    )  # fmt: skip
+    at, low = np.arange(len(outputs)), 0.5
+    draws = [
+        bars(at - 0.19, low, np.maximum(shrink.energy_before, low), 0.34, colour="white", edge=COLOURS[1]),
+        bars(at + 0.19, low, np.maximum(shrink.energy_after, low), 0.34, colour=COLOURS[0]),
+        Rule(at=1.0, colour=INK, dash=_FLOOR),
+    ]
+    energies = Panel(
+        draws=draws, x="mean squared residual, noise = 1", log_x=True,
+        x_range=(low, max(2.0, 1.5 * float(shrink.energy_before.max()))),
+        **rows([symbol(o) for o in outputs], 0.28),
+    )  # fmt: skip
     caption = (
         f"The manoeuvre '{shrink.manoeuvre}' was used neither to name nor to fit. Left: {symbol(outputs[k])}, in which "
         "the believed model is furthest off. Right: residuals of all channels. Open bars are those of the believed "
         "model, full bars those of the amended one; the dashed line is the noise floor."
     )
-    return Plate("answer", "What the amendment does to a flight that it has not seen", caption, make)
+    title = "What the amendment does to a flight that it has not seen"
+    return Plate("answer", title, caption, Chart([[history, energies]]))
+
+
+def _energy(channels: Sequence[str], energy: FloatArray) -> dict[str, Any]:
+    """Return the settings of a panel that shows the energy (n, channels) of residuals as colours."""
+    image = Image(
+        values=energy.T, low=1.0, high=_TOP_ENERGY, log=True, title="residual energy, noise = 1",
+        ticks=[(at, f"{'≥' * (at >= _TOP_ENERGY)}{at}") for at in (1, 3, 10, 30, 100)],
+    )  # fmt: skip
+    return {
+        "draws": [image], "y_ticks": [(k, symbol(c)) for k, c in enumerate(channels)],
+        "tall_in": 0.19 * len(channels) + 0.3,
+    }  # fmt: skip
 
 
 def _region_plate(result: GapResult) -> Plate:
     """Return maps of residual energy over the flight region: one quantity per panel, channel by bin."""
-    regions = result.finding.regions
-
-    def make(wide: bool) -> Figure:
-        """Draw one map per quantity."""
-        per_row = min(3, len(regions)) if wide else 1
-        rows = -(-len(regions) // per_row)
-        height = 0.19 * len(regions[0].channels) + 0.25
-        figure = new_figure(wide, 0.95 + rows * height + (rows - 1) * 0.66 + 0.55)
-        panels = grid(figure, 0.95, [height] * rows, (1.0,) * per_row, gap_in=0.66, between_in=0.55).ravel()
-        image = None
-        for axes in panels[len(regions) :]:
-            axes.set_visible(False)
-        for axes, region in zip(panels, regions, strict=False):
-            image = _draw_energy(axes, region.channels, region.energy)
-            factor = shown_unit(region.quantity)[0]
-            ticks = [0, len(region.edges) // 2, len(region.edges) - 1]
-            axes.set_xticks([k - 0.5 for k in ticks], [number(factor * region.edges[k]) for k in ticks])
-            axes.get_xticklabels()[-1].set_horizontalalignment("right")  # the last panel ends where the figure does
-            label(axes, axis_label(region.quantity))
-        _energy_bar(figure, image)
-        return figure
-
+    panels = []
+    for region in result.finding.regions:
+        factor = shown_unit(region.quantity)[0]
+        ticks = [
+            (k - 0.5, number(factor * region.edges[k])) for k in (0, len(region.edges) // 2, len(region.edges) - 1)
+        ]
+        shown = _energy(region.channels, region.energy)
+        panels.append(Panel(x=axis_label(region.quantity), x_ticks=ticks, **shown))
     caption = (
         "The same residuals over angle of attack, airspeed, pitch rate and the commands, all manoeuvres together. A "
         "gap that sits at one end of a quantity depends on that quantity. Grey: too few samples."
     )
-    return Plate("residual_regions", "Where in the flight region the residual sits", caption, make)
-
-
-def _lacking_plate(result: GapResult) -> Plate:
-    """Return what the believed model lacks over time: a row for each state, a column for each manoeuvre."""
-    lacks = result.finding.lacks
-    ratio = {s: max(_largest(one.accelerations[s] / one.std[s]) for one in lacks) for s in lacks[0].accelerations}
-    states = [s for s in ratio if ratio[s] > _TOLD] or [max(ratio, key=lambda s: ratio[s])]
-
-    def make(wide: bool) -> Figure:
-        """Draw one panel for each state and manoeuvre."""
-        columns, rows = (len(lacks), len(states)) if wide else (1, len(states) * len(lacks))
-        gap = 0.5 if wide else 0.75
-        figure = new_figure(wide, 0.35 + 1.05 * rows + gap * (rows - 1) + 0.5)
-        panels = grid(figure, 0.3, [1.05] * rows, (1.0,) * columns, gap_in=gap, between_in=0.6)
-        panels = panels.reshape(len(states), len(lacks)) if wide else panels.reshape(len(lacks), len(states)).T
-        for r, state in enumerate(states):
-            factor, unit = shown_unit(state)
-            top = factor * max(_largest(one.accelerations[state]) for one in lacks)
-            for c, one in enumerate(lacks):
-                axes, value, band = panels[r, c], factor * one.accelerations[state], 2.0 * factor * one.std[state]
-                axes.stairs(value + band, one.t_s, baseline=value - band, fill=True, color=BAND)
-                axes.stairs(value, one.t_s, baseline=None, color=COLOURS[0], linewidth=1.2)
-                axes.axhline(0.0, color=INK, linewidth=0.6)
-                axes.set_ylim(-1.3 * top, 1.3 * top)
-                last = r == len(states) - 1 or not wide
-                title = one.manoeuvre if r == 0 or not wide else ""
-                said = f"d{symbol(state)}/dt, {unit}/s"
-                label(axes, "t, s" if last else "", said if c == 0 or not wide else "", title)
-                time_axis(axes)
-        return figure
-
-    caption = (
-        "Accelerations that an unknown motion would have to add to the believed model, in stretches of half a second, "
-        "of the manoeuvres with the largest residuals. Grey: two standard errors. States in which they are none to "
-        "within these are left out."
-    )
-    return Plate("lacking", "What the believed model lacks over time", caption, make)
-
-
-def _largest(x: FloatArray) -> float:
-    return float(np.max(np.abs(x)))
+    title = "Where in the flight region the residual sits"
+    return Plate("residual_regions", title, caption, grid(panels, min(3, len(panels))))
 
 
 def _map_plate(result: GapResult) -> Plate:
-    maps = result.finding.maps
-
-    def make(wide: bool) -> Figure:
-        """Draw two maps per manoeuvre: by frequency band and by time."""
-        from matplotlib.ticker import MaxNLocator
-
-        rows = len(maps) if wide else 2 * len(maps)
-        height = 0.19 * len(maps[0].channels) + 0.35
-        gap = 0.62 if wide else 0.8  # one below the other, every panel has its axis label
-        figure = new_figure(wide, 0.95 + rows * height + (rows - 1) * gap + 0.55)
-        panels = grid(figure, 0.95, [height] * rows, (1.0, 1.6) if wide else (1.0,), gap_in=gap, between_in=0.5)
-        panels = panels.reshape(len(maps), 2)
-        for r, m in enumerate(maps):
-            image = _draw_map(panels[r, 0], m, m.by_band)
-            _draw_map(panels[r, 1], m, m.by_time)
-            panels[r, 0].set_xticks(range(len(BANDS_HZ)), [f"{b[0]:g}–{b[1]:g}" for b in BANDS_HZ], fontsize=7)
-            panels[r, 1].xaxis.set_major_locator(MaxNLocator(integer=True))
-            last = r == len(maps) - 1 or not wide
-            label(panels[r, 0], "frequency, Hz" if last else "", "", m.manoeuvre)
-            label(panels[r, 1], f"t, windows of {m.window_s:g} s" if last else "", "", "" if wide else m.manoeuvre)
-        _energy_bar(figure, image)
-        return figure
-
+    """Return two maps per manoeuvre: by frequency band and by time."""
+    maps = [_maps(m) for m in result.finding.maps]
     caption = (
         "Energy of measured minus predicted, in units of the noise energy, in the manoeuvres that the effect was "
         "sought in: each channel over frequency bands and over time. The left end of the colour bar is noise, the "
         "right end what the model does not explain."
     )
-    return Plate("residual_maps", "Where the residual sits", caption, make)
+    return Plate("residual_maps", "Where the residual sits", caption, Chart(maps))
 
 
-def _energy_bar(figure: Figure, image: Any) -> None:
-    width, tall = figure.get_size_inches()
-    bar = figure.add_axes((0.66 / width, 1.0 - 0.36 / tall, 1.8 / width, 0.09 / tall))
-    colours = figure.colorbar(image, cax=bar, orientation="horizontal", ticks=[1, 3, 10, 30, 100])
-    colours.ax.set_xticklabels(["1", "3", "10", "30", "≥100"])
-    colours.ax.set_title("residual energy, noise = 1", fontsize=8, color=QUIET)
-    colours.outline.set_visible(False)
+def _maps(m: ResidualMap) -> list[Panel]:
+    bands = [(k, f"{low:g}–{high:g}") for k, (low, high) in enumerate(BANDS_HZ)]
+    return [
+        Panel(title=m.manoeuvre, x="frequency, Hz", x_ticks=bands, **_energy(m.channels, m.by_band)),
+        Panel(x=f"t, windows of {m.window_s:g} s", whole="x", broad=1.6, **_energy(m.channels, m.by_time)),
+    ]
 
 
-def _draw_map(axes: Axes, m: ResidualMap, energy: FloatArray) -> Any:
-    return _draw_energy(axes, m.channels, energy)
-
-
-def _draw_energy(axes: Axes, channels: tuple[str, ...], energy: FloatArray) -> Any:
-    from matplotlib.colors import LogNorm
-
-    image = axes.imshow(
-        np.clip(energy.T, 1.0, _TOP_ENERGY), aspect="auto", cmap="Blues", norm=LogNorm(1.0, _TOP_ENERGY)
+def _force_plate(result: GapResult) -> Plate:
+    """Return the equation errors over time: a row per coefficient, a column per manoeuvre, the largest ones."""
+    every = result.finding.forces
+    names = [n for n in every[0].errors if all(n in f.errors for f in every)]
+    largest = sorted(every, key=lambda f: -max(float(np.std(f.errors[n])) / max(f.floor[n], 1e-12) for n in names))
+    forces = [f for f in every if f in largest[:_MOST_FORCES]]
+    panels = [
+        [
+            Panel(
+                draws=[Curve(x=f.t_s, y=f.errors[name], colour=COLOURS[0], width=1.0),
+                       Span(low=-2.0 * f.floor[name], high=2.0 * f.floor[name], of="y")],
+                title=f.manoeuvre, x="t, s", y=f"Δ{name}", tall_in=1.05,
+            )
+            for f in forces
+        ]
+        for name in names
+    ]  # fmt: skip
+    caption = (
+        "Equation errors: the measured motion is put into the believed equations at every instant, and this is what "
+        "they leave of the measured accelerations, as coefficients. Grey: two standard deviations of it in the quiet "
+        "flight before the commands."
+        + (f" The {_MOST_FORCES} manoeuvres with the largest errors." if len(forces) < len(every) else "")
     )
-    axes.set_facecolor(FAINT)  # what is not a number shows it
-    axes.set_yticks(range(len(channels)), [symbol(c) for c in channels])
-    axes.grid(False)
-    axes.tick_params(length=0)
-    return image
+    chart = Chart(panels, share_x=True, share_y=True)
+    return Plate("equation_errors", "Forces and moments without a cause", caption, chart)
+
+
+def _term_plate(result: GapResult, first: FirstLook) -> Plate:
+    """Return the error of a coefficient beside the surest term, a panel per record: those that the term moves most."""
+    best = first.terms[0]
+    every = followed(result.finding.believed, first.flights, first.terms, best.coefficient)
+    most = sorted(every, key=lambda f: -float(np.std(f.terms)))[:_MOST_FORCES]
+    shown = [f for f in every if f in most]
+    times = 1000.0 if max(float(np.abs(f.error).max()) for f in shown) < _SMALL_COEFFICIENT else 1.0
+    panels = [
+        Panel(
+            draws=[Curve(x=f.t_s, y=times * f.error, name="felt less model", colour=MEASURED, width=1.0),
+                   Curve(x=f.t_s, y=times * f.terms, name="terms found", colour=COLOURS[0], width=1.5),
+                   Span(low=-2.0 * times * f.noise, high=2.0 * times * f.noise, of="y")],
+            title=f.name, x="t, s", y=f"{'1000 ' if times > 1.0 else ''}Δ{best.coefficient}", tall_in=1.7,
+        )
+        for f in shown
+    ]  # fmt: skip
+    names = " and ".join(f.term.label for f in first.terms if f.coefficient == best.coefficient)
+    caption = (
+        f"{best.coefficient} felt by the aircraft less that of the believed model in the motion that was recorded, "
+        f"and what {names} make{'s' if ' and ' not in names else ''} of it, both about their means and below the "
+        "cut-off of the regression. Grey: two standard deviations of what the sensors' noise makes of it. The records "
+        "that it moves most."
+    )
+    return Plate("terms", "The surest term", caption, Chart([panels], share_y=True))
 
 
 def _ranking_plate(result: GapResult) -> Plate:
-    fits = result.finding.naming.ranking
-
-    def make(wide: bool) -> Figure:
-        """Draw one bar per effect, the best on top."""
-        row, left, letters, lines = (0.34, 2.6, 38, 2) if wide else (0.44, 1.6, 23, 3)
-        titles = [textwrap.wrap(f.effect.title, letters, max_lines=lines, placeholder=" …") for f in fits]
-        figure = new_figure(wide, 0.3 + row * len(fits) + 0.55)
-        axes = grid(figure, 0.25, [row * len(fits)], left_in=left)[0, 0]
-        for i, fit in enumerate(fits):
-            whole, part = 100.0 * fit.probability, 100.0 * fit.imitates
-            axes.barh(i, whole, height=0.55, color=COLOURS[0])
-            axes.barh(i, part, left=whole, height=0.55, color=MEASURED)
-        axes.set_yticks(range(len(fits)), ["\n".join(title) for title in titles])
-        axes.invert_yaxis()
-        axes.grid(axis="y", visible=False)
-        axes.set_xlim(0.0, 100.0)
-        label(axes, "probability, %")
-        return figure
-
-    weighed = result.finding.naming.weighed
+    """Return one bar per effect, the best on top."""
+    fits, weighed = result.finding.naming.ranking, result.finding.naming.weighed
+    at, whole = range(len(fits)), [100.0 * f.probability for f in fits]
+    both = [a + 100.0 * f.imitates for a, f in zip(whole, fits, strict=True)]
+    draws = [bars(at, 0.0, whole, 0.55, colour=COLOURS[0]), bars(at, whole, both, 0.55)]
+    panel = Panel(draws=draws, x="probability, %", x_range=(0.0, 100.0), **rows([f.effect.title for f in fits], 0.36))
     caption = (
         "Blue: probability that this is all that the model lacks. Grey: that something which the library lacks does "
         f"nearly this. Nothing is missing: {percent(weighed.nothing)}; something is, and nothing is near it: "
         f"{percent(weighed.imitates('nothing'))}."
     )
-    return Plate("ranking", "Which effect explains it", caption, make)
+    return Plate("ranking", "Which effect explains it", caption, Chart([[panel]]))
+
+
+# --- before and after -------------------------------------------------------------------------------------------------
 
 
 def _history_plate(result: GapResult, shrink: Shrink, nth: int) -> Plate:
-    outputs = result.finding.believed.outputs
-    t = shrink.record.t_s
-
-    def make(wide: bool) -> Figure:
-        """Draw one panel per output."""
-        handles = line_handles([], [("measured", MEASURED), *_MODELS])
-        top = legend_in([h.get_label() for h in handles], wide) + 0.2
-        figure = new_figure(wide, top + 1.0 * len(outputs) + 0.28 * (len(outputs) - 1) + 0.5)
-        panels = grid(figure, top, [1.0] * len(outputs), gap_in=0.28)[:, 0]
-        for i, (axes, name) in enumerate(zip(panels, outputs, strict=True)):
-            factor = shown_unit(name)[0]
-            axes.plot(*envelope(t, factor * shrink.record[name]), color=MEASURED, linewidth=1.0)
-            axes.plot(t, factor * shrink.before[:, i], color=_BEFORE, linestyle=_BEFORE_DASH, linewidth=1.2)
-            axes.plot(t, factor * shrink.after[:, i], color=_AFTER, linewidth=1.2)
-            last = i == len(outputs) - 1
-            text = f"{number(shrink.energy_before[i])} → {number(shrink.energy_after[i])}"
-            axes.set_title(text, loc="right", fontsize=8, color=QUIET, pad=2)
-            label(axes, "t, s" if last else "", axis_label(name))
-            time_axis(axes)
-            axes.tick_params(labelbottom=last)
-        legend(figure, handles)
-        return figure
-
+    panels = [
+        Panel(
+            draws=_flown(shrink, i, name), x="t, s", y=axis_label(name), tall_in=1.0,
+            notes=[(f"{number(shrink.energy_before[i])} → {number(shrink.energy_after[i])}", QUIET)],
+        )
+        for i, name in enumerate(result.finding.believed.outputs)
+    ]  # fmt: skip
     caption = (
         "This manoeuvre was used neither to name nor to fit. Numbers above a panel: mean squared residual before and "
         "after, the noise being 1. Predictions are shifted to the mean of the measurement, as sensor biases are "
         "unknown."
     )
+
+    def explore() -> list[View]:
+        """Return all outputs; residuals are differences to the measurement."""
+        return [View(name=shrink.manoeuvre, panels=panels, reference="measured")]
+
     title = f"Before and after on a held-out manoeuvre: {shrink.manoeuvre}"
-    explore = partial(held_out, shrink, outputs, _LOOKS)
-    return Plate(f"held_out_{nth}", title, caption, make, explore)
+    return Plate(f"held_out_{nth}", title, caption, grid(panels, 1, share_x=True), explore)
 
 
 def _spectrum_plate(result: GapResult, shrink: Shrink, nth: int) -> Plate:
-    outputs = result.finding.believed.outputs
-    dt = shrink.record.dt_s
     believed = result.finding.believed
-    measured, share = shrink.record.columns(outputs), shrink.taken / len(shrink.record)
+    measured, share = shrink.record.columns(believed.outputs), shrink.taken / len(shrink.record)
     sides = [believed.in_noise_units(shrink.record, measured - y) for y in (shrink.before, shrink.after)]
-
-    def make(wide: bool) -> Figure:
-        """Draw one panel per output."""
-        per_row = 3 if wide else 1
-        rows = -(-len(outputs) // per_row)
-        handles = line_handles([], [*_MODELS, ("noise floor", INK, _FLOOR_DASH)])
-        top = legend_in([h.get_label() for h in handles], wide) + 0.3
-        figure = new_figure(wide, top + 1.3 * rows + 0.55 * (rows - 1) + 0.5)
-        panels = grid(figure, top, [1.3] * rows, (1.0,) * per_row, gap_in=0.55).ravel()
-        for i, axes in enumerate(panels):
-            if i >= len(outputs):
-                axes.set_visible(False)
-                continue
-            for residual, (_, colour, dash) in zip(sides, _MODELS, strict=True):
-                f, density = _spectrum(residual[:, i], dt)
-                axes.plot(f, density / max(share[i], 1e-9), color=colour, linestyle=dash, linewidth=1.2)
-            axes.axhline(1.0, color=INK, linewidth=0.9, linestyle=_FLOOR_DASH)
-            axes.set_xlim(f[0], f[-1])
-            log_axis(axes, "x", powers=False)
-            log_axis(axes, "y", powers=True)
-            side = "residual, noise = 1" if i % per_row == 0 else ""
-            label(axes, "f, Hz" if i >= len(outputs) - per_row else "", side, symbol(outputs[i]))
-        legend(figure, handles)
-        return figure
-
+    panels = []
+    for i, name in enumerate(believed.outputs):
+        found = [_spectrum(side[:, i], shrink.record.dt_s) for side in sides]
+        draws = [
+            Curve(x=f, y=density / max(float(share[i]), 1e-9), **look)
+            for (f, density), look in zip(found, (_BEFORE, _AFTER), strict=True)
+        ]
+        f = found[0][0]
+        floor = Curve(x=f, y=np.ones_like(f), name="noise floor", width=0.9, dash=_FLOOR)
+        panels.append(
+            Panel(draws=[*draws, floor], title=symbol(name), x="f, Hz", y="residual, noise = 1", log_x=True, log_y=True,
+                  tall_in=1.3, name=f"{symbol(name)}, noise = 1", hidden=i > 3)
+        )  # fmt: skip
     caption = "Spectrum of the residual in units of the noise density, averaged over overlapping segments."
     if result.finding.air.moves:
         caption += " Turbulence is taken out by the Kalman filter in which the effect was sought."
-    explore = partial(spectra, sides, outputs, share, _LOOKS, partial(_spectrum, dt_s=dt))
-    return Plate(f"held_out_{nth}_spectrum", f"The same by frequency: {shrink.manoeuvre}", caption, make, explore)
+    return Plate(
+        f"held_out_{nth}_spectrum",
+        f"The same by frequency: {shrink.manoeuvre}",
+        caption,
+        grid(panels, 3, share_x=True),
+        lambda: [View(name="spectra", panels=panels)],
+    )
 
 
 def _spectrum(residual: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:

@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
-import io
 import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from testbench.page.figure import (
+    AXIS,
+    COLOURS,
+    DASHED,
+    INK,
+    QUIET,
+    WARN,
+    Chart,
+    Curve,
+    Drawn,
+    Panel,
+    Plate,
+    Rule,
+    Words,
+    band,
+)
 from testbench.page.labels import axis_label, shown_unit, symbol
-from testbench.page.plot import COLOURS, INK, QUIET, Plate, envelope, grid, label, new_figure, style, time_axis
 from testbench.questions.plan.card_text import CONTROL_NAMES, CardText, card_text, levels
 from testbench.questions.plan.response import SHOWN
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from testbench.core.record import FloatArray
     from testbench.questions.plan.result import Card, Plan
 
@@ -25,143 +37,126 @@ _A4_IN = (8.27, 11.69)
 _LEFT, _RIGHT, _MIDDLE = 0.55, 7.75, 4.3
 _LINE_IN = 0.138
 _ROW_IN = 0.118  # of the table of limits
-_BINS = 400  # stretches of a curve that are drawn
-_WARN = "#b34700"
+_BINS = 400  # stretches of a band that are drawn
+_MOST_LEVELS = 14  # whose sizes are written
 
 
 def card_plate(card: Card) -> Plate:
     """Return control sequence and expected response of a card as a figure of a page."""
-
-    def make(wide: bool) -> Figure:
-        """Draw controls over responses."""
-        controls = len(card.signal.channels)
-        rows = 2 if wide else 4
-        figure = new_figure(wide, 0.35 + controls * 1.75 + rows * 1.85)
-        heights = [1.25] * controls
-        top = grid(figure, 0.3, heights, gap_in=0.5)
-        draw_controls(top[:, 0].tolist(), card)
-        below = grid(
-            figure, 0.3 + controls * 1.75, [1.3] * rows, (1.0, 1.0) if wide else (1.0,), gap_in=0.55, between_in=0.75
-        )
-        draw_responses(below.ravel().tolist(), card)
-        return figure
-
+    controls, responses = _controls(card), _responses(card)
+    rows = [*([p] for p in controls), *(responses[k : k + 2] for k in range(0, len(responses), 2))]
     return Plate(
         "card",
         "Control sequence and expected response",
         "t = 0 is the start of the input, after the settling time. Line: flight in the simulator; grey: 95 % band.",
-        make,
+        Chart(rows),
     )
 
 
-def draw_controls(panels: Sequence[Axes], card: Card) -> None:
-    """Draw what is commanded, with times and amplitudes of its steps."""
-    signal = card.signal
-    for j, (axes, name) in enumerate(zip(panels, signal.channels, strict=True)):
+def _controls(card: Card) -> list[Panel]:
+    """Return what is commanded, with times and amplitudes of its steps."""
+    signal, out = card.signal, list[Panel]()
+    for j, name in enumerate(signal.channels):
         factor, _ = shown_unit(name)
         u = factor * signal.u[:, j]
-        t, y = envelope(signal.t_s, u, _BINS)
-        axes.plot(t, y, color=COLOURS[0], drawstyle="steps-post", linewidth=1.4)
-        axes.axhline(0.0, color=QUIET, linewidth=0.6)
         peak = max(float(np.abs(u).max()), 1e-9)
-        axes.set_ylim(-2.4 * peak, 2.4 * peak)
-        axes.set_xlim(0.0, card.spec.duration_s)
+        draws: list[Drawn] = [
+            Curve(x=signal.t_s, y=u, colour=COLOURS[0], steps=True, width=1.4),
+            Rule(at=0.0, of="y", width=0.6),
+        ]
         held = levels(signal.t_s, signal.u[:, j])
-        width = card.spec.duration_s
-        if held and len(held) <= 14:
+        if held and len(held) <= _MOST_LEVELS:
             for begin, end, level in held:
-                value = factor * level
-                axes.annotate(
-                    f"{value:+.3g}".replace("-", "−"),
-                    (0.5 * (begin + end), value),
-                    xytext=(0, 3 if value > 0.0 else -3),
-                    textcoords="offset points",
-                    ha="center",
-                    va="bottom" if value > 0.0 else "top",
-                    fontsize=7.0,
-                )
-            _edge_times(axes, held, width)
-        title = f"{CONTROL_NAMES[name]}, commanded, from trim"
-        label(axes, "t, s" if j == len(panels) - 1 else "", axis_label(name, deviation=True), title)
+                value, side = factor * level, 1 if level > 0.0 else -1
+                look: dict[str, Any] = {
+                    "shift": (0, 3 * side),
+                    "across": "center",
+                    "up": "bottom" if side > 0 else "top",
+                }
+                text = f"{value:+.3g}".replace("-", "−")
+                draws.append(Words(x=0.5 * (begin + end), y=value, text=text, size=7.0, **look))
+            draws += _edges(held, card.spec.duration_s)
+        out.append(
+            Panel(draws=draws, title=f"{CONTROL_NAMES[name]}, commanded, from trim", tall_in=1.25,
+                  x="t, s" if j == len(signal.channels) - 1 else "", y=axis_label(name, deviation=True),
+                  x_range=(0.0, card.spec.duration_s), y_range=(-2.4 * peak, 2.4 * peak))
+        )  # fmt: skip
+    return out
 
 
-def _edge_times(axes: Axes, held: Sequence[tuple[float, float, float]], width: float) -> None:
-    """Write the times of the edges along the lower border, leaving out those that would overlap."""
-    last = -width
+def _edges(held: Sequence[tuple[float, float, float]], width: float) -> list[Drawn]:
+    """Return the times of the edges along the lower border, without those that would overlap."""
+    out, last = list[Drawn](), -width
     for t in sorted({round(x, 3) for begin, end, _ in held for x in (begin, end)}):
-        axes.axvline(t, color="#c9ced4", linewidth=0.6, linestyle=(0, (2, 2)), zorder=0)
+        out.append(Rule(at=t, colour="#c9ced4", width=0.6, dash=(2, 2), order=0.5))
         if t - last > 0.035 * width:
-            axes.annotate(
-                f"{t:.3g}", (t, 0.0), xycoords=("data", "axes fraction"), xytext=(1, 2), textcoords="offset points",
-                fontsize=6.0, color=QUIET,
-            )  # fmt: skip
+            look: dict[str, Any] = {"of_panel": "y", "shift": (1, 2), "up": "bottom", "size": 6.0, "colour": QUIET}
+            out.append(Words(x=t, y=0.0, text=f"{t:.3g}", **look))
             last = t
+    return out
 
 
-def draw_responses(panels: Sequence[Axes], card: Card) -> None:
-    """Draw the expected response of the shown channels with its band and the limits that lie near."""
-    limits = {limit.channel: limit for limit in card.limits}
-    for axes, name in zip(panels, SHOWN[card.spec.plane], strict=True):
+def _responses(card: Card) -> list[Panel]:
+    """Return the expected response of the shown channels with its band and the limits that lie near."""
+    limits, out = {limit.channel: limit for limit in card.limits}, list[Panel]()
+    for name in SHOWN[card.spec.plane]:
         factor, _ = shown_unit(name)
-        y, t = factor * card.expected[name], card.t_s
-        half = factor * card.band[name]
-        axes.fill_between(*_band(t, y - half, y + half), color="#d5dae0", linewidth=0.0)
-        axes.plot(*envelope(t, y, _BINS), color=COLOURS[0] if card.status != "refused" else _WARN)
+        y, half = factor * card.expected[name], factor * card.band[name]
+        colour = COLOURS[0] if card.status != "refused" else WARN
+        draws: list[Drawn] = [
+            band(*_fewer(card.t_s, y - half, y + half), "#d5dae0", alpha=None),
+            Curve(x=card.t_s, y=y, colour=colour),
+        ]
         low, high = float((y - half).min()), float((y + half).max())
         room = 0.12 * max(high - low, 1e-9)
-        if name in limits:
-            for edge in (factor * limits[name].low, factor * limits[name].high):
-                if low - 0.6 * (high - low) <= edge <= high + 0.6 * (high - low):
-                    axes.axhline(edge, color=_WARN, linewidth=1.0, linestyle=(0, (5, 2)))
-                    low, high = min(low, edge), max(high, edge)
-        axes.set_ylim(low - room, high + room)
-        axes.set_xlim(-card.spec.settle_s, card.spec.duration_s)
-        time_axis(axes)
-        label(axes, "t, s", axis_label(name), f"{symbol(name)} expected")
+        for edge in (factor * limits[name].low, factor * limits[name].high) if name in limits else ():
+            if low - 0.6 * (high - low) <= edge <= high + 0.6 * (high - low):
+                draws.append(Rule(at=edge, of="y", colour=WARN, width=1.0, dash=DASHED))
+                low, high = min(low, edge), max(high, edge)
+        out.append(
+            Panel(draws=draws, title=f"{symbol(name)} expected", x="t, s", y=axis_label(name), tall_in=1.3,
+                  x_range=(-card.spec.settle_s, card.spec.duration_s), y_range=(low - room, high + room))
+        )  # fmt: skip
+    return out
 
 
-def _band(t: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _fewer(t: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return a band that looks the same with fewer points: the lowest and highest of each of some stretches."""
     n = -(-t.size // _BINS)
     if n < 2:
         return t, low, high
     count = t.size // n
     blocks = [x[: count * n].reshape(count, n) for x in (t, low, high)]
-    ends = (t[-1:], low[-1:], high[-1:])
     parts = (blocks[0].mean(axis=1), blocks[1].min(axis=1), blocks[2].max(axis=1))
-    joined = [np.concatenate([part, end]) for part, end in zip(parts, ends, strict=True)]
-    return joined[0], joined[1], joined[2]
+    t, low, high = (np.append(part, x[-1]) for part, x in zip(parts, (t, low, high), strict=True))
+    return t, low, high
 
 
-def card_pdf_page(card: Card, plan: Plan) -> Figure:
+def card_page(card: Card, plan: Plan) -> Chart:
     """Return the card as one page A4 portrait."""
-    from matplotlib.figure import Figure
-
-    text = card_text(card, plan)
-    figure = Figure(figsize=_A4_IN)
-    page = _Page(figure)
+    text, page = card_text(card, plan), _Page()
     page.write(_LEFT, 0.5, f"Flight card {card.number} of {len(plan.cards)}  ·  {plan.scenario.title}", 8.0, QUIET)
-    page.write(_LEFT, 0.76, card.title[:1].upper() + card.title[1:], 14.0, INK, weight="bold")
-    colour = "#00704a" if text.standing == "fly" else _WARN
-    page.write(_LEFT, 1.0, text.status[:150], 8.5, colour, weight="bold")
+    page.write(_LEFT, 0.76, card.title[:1].upper() + card.title[1:], 14.0, bold=True)
+    page.write(_LEFT, 1.0, text.status[:150], 8.5, "#00704a" if text.standing == "fly" else WARN, bold=True)
     left = page.pairs(_LEFT, _MIDDLE - 0.2, 1.3, "Set-up", text.setup)
     right = page.lines(_MIDDLE, _RIGHT, 1.3, "Go or no-go", [*text.before, text.go], bullet=True) - 0.16
     y = page.limits(_LEFT, _RIGHT, max(left, right) + 0.2, text) + 0.2
     y = page.lines(_LEFT, _RIGHT, y, "Control sequence", text.sequence)
-    controls = len(card.signal.channels)
+    controls, responses = _controls(card), _responses(card)
     tail = _tail_in(text)
     free = _A4_IN[1] - y - tail - 0.55
-    tall = min(1.45, max(0.33, (free - 0.62 * controls - 2 * 0.62) / (controls + 2)))
-    panels = grid(figure, y + 0.12, [tall] * controls, gap_in=0.55, left_in=_LEFT + 0.5, right_in=_A4_IN[0] - _RIGHT)
-    draw_controls(panels[:, 0].tolist(), card)
-    y += 0.12 + controls * (tall + 0.6)
-    panels = grid(
-        figure, y, [tall] * 2, (1.0, 1.0), gap_in=0.55, between_in=0.75, left_in=_LEFT + 0.5,
-        right_in=_A4_IN[0] - _RIGHT,
-    )  # fmt: skip
-    draw_responses(panels.ravel().tolist(), card)
+    tall = min(1.45, max(0.33, (free - 0.62 * len(controls) - 2 * 0.62) / (len(controls) + 2)))
+    begin, wide = _LEFT + 0.5, _RIGHT - _LEFT - 0.5
+    placed = [replace(p, box_in=(begin, y + 0.12 + k * (tall + 0.55), wide, tall)) for k, p in enumerate(controls)]
+    y += 0.12 + len(controls) * (tall + 0.6)
+    half = 0.5 * (wide - 0.75)
+    for k, p in enumerate(responses):
+        row, column = divmod(k, 2)
+        placed.append(replace(p, box_in=(begin + column * (half + 0.75), y + row * (tall + 0.55), half, tall)))
     _tail(page, text, _A4_IN[1] - tail - 0.3)
-    return figure
+    ranges: dict[str, Any] = {"x_range": (0.0, _A4_IN[0]), "y_range": (_A4_IN[1], 0.0)}
+    sheet = Panel(draws=page.draws, bare=True, box_in=(0.0, 0.0, *_A4_IN), **ranges)
+    return Chart([[sheet], placed], keys=(), size_in=_A4_IN)
 
 
 def _tail_in(text: CardText) -> float:
@@ -178,12 +173,12 @@ def _tail(page: _Page, text: CardText, y: float) -> None:
     width = _MIDDLE - 0.2 - _LEFT
     xs = (_LEFT, _LEFT + 0.64 * width, _LEFT + 0.76 * width, _LEFT + 0.88 * width, _LEFT + width)
     for x, head in zip(xs[1:], ("Hz", "ζ here", "ζ next", "go: ζ ≥"), strict=True):
-        page.write(x, here, head, 6.5, QUIET, ha="right")
+        page.write(x, here, head, 6.5, QUIET, across="right")
     for name, f, zeta, later, go in text.modes:
         here += _LINE_IN
-        page.write(_LEFT, here, name, 6.2, INK)
+        page.write(_LEFT, here, name, 6.2)
         for x, value in zip(xs[1:], (f.removesuffix(" Hz"), zeta, later, go.removeprefix("≥ ")), strict=True):
-            page.write(x, here, value, 6.5, INK, ha="right")
+            page.write(x, here, value, 6.5, across="right")
     end = page.lines(_MIDDLE, _RIGHT, y, "Log", text.log, bullet=True)
     page.lines(_MIDDLE, _RIGHT, end + 0.04, "Notes", text.notes, bullet=True)
 
@@ -196,22 +191,17 @@ def _wrapped(text: str, width_in: float, size: float) -> list[str]:
 class _Page:
     """Text placed on a page in inches from its upper left corner."""
 
-    def __init__(self, figure: Figure) -> None:
-        self.figure = figure
+    def __init__(self) -> None:
+        self.draws: list[Drawn] = []
 
-    def write(self, x: float, y: float, text: str, size: float, colour: str, **other: Any) -> None:
+    def write(self, x: float, y: float, text: str, size: float, colour: str = INK, **other: Any) -> None:
         """Write one line with its base line at ``y``."""
-        self.figure.text(x / _A4_IN[0], 1.0 - y / _A4_IN[1], text, fontsize=size, color=colour, **other)
+        self.draws.append(Words(x=x, y=y, text=text, size=size, colour=colour, up="baseline", **other))
 
     def head(self, left: float, right: float, y: float, text: str) -> None:
         """Write a heading over a rule."""
-        from matplotlib.lines import Line2D
-
-        self.write(left, y, text, 8.5, INK, weight="bold")
-        level = 1.0 - (y + 0.045) / _A4_IN[1]
-        self.figure.add_artist(
-            Line2D([left / _A4_IN[0], right / _A4_IN[0]], [level, level], color="#9aa1a9", linewidth=0.7)
-        )
+        self.write(left, y, text, 8.5, bold=True)
+        self.draws.append(Curve(x=[left, right], y=[y + 0.045, y + 0.045], colour=AXIS, width=0.7))
 
     def pairs(self, left: float, right: float, y: float, title: str, rows: Sequence[tuple[str, str]]) -> float:
         """Write (what, value) rows; return where they end."""
@@ -222,7 +212,7 @@ class _Page:
                 y += _LINE_IN
                 if k == 0:
                     self.write(left, y, what, 7.4, QUIET)
-                self.write(left + 0.85, y, line, 7.4, INK)
+                self.write(left + 0.85, y, line, 7.4)
         return y
 
     def limits(self, left: float, right: float, y: float, text: CardText) -> float:
@@ -231,8 +221,8 @@ class _Page:
         y += 0.06
         for name, span, what, who in text.limits:
             lines = _wrapped(what, 2.85, 6.4), _wrapped(who, right - left - 4.65, 6.0)
-            self.write(left, y + _ROW_IN, name, 7.0, INK, weight="bold")
-            self.write(left + 0.75, y + _ROW_IN, span, 6.8, INK)
+            self.write(left, y + _ROW_IN, name, 7.0, bold=True)
+            self.write(left + 0.75, y + _ROW_IN, span, 6.8)
             for x, size, colour, part in ((1.75, 6.4, INK, lines[0]), (4.65, 6.0, QUIET, lines[1])):
                 for k, line in enumerate(part, 1):
                     self.write(left + x, y + k * _ROW_IN, line, size, colour)
@@ -248,24 +238,5 @@ class _Page:
         for text in lines:
             for k, line in enumerate(_wrapped(text, right - left - 0.1, 7.0)):
                 y += _LINE_IN
-                self.write(left, y, ("· " if bullet and k == 0 else "  " if bullet else "") + line, 7.0, INK)
+                self.write(left, y, ("· " if bullet and k == 0 else "  " if bullet else "") + line, 7.0)
         return y + 0.16
-
-
-def pdf_bytes(pages: Sequence[Figure]) -> bytes:
-    """Return pages as one PDF, always the same bytes."""
-    from matplotlib.backends.backend_pdf import PdfPages
-
-    out = io.BytesIO()
-    with PdfPages(out, metadata={"CreationDate": None, "Creator": "flight-testbench", "Producer": None}) as file:
-        for page in pages:
-            file.savefig(page)
-    return out.getvalue()
-
-
-def draw_pages(cards: Sequence[Card], plan: Plan) -> list[tuple[Card, Figure]]:
-    """Return every card with its page, drawn in the style of the reports."""
-    from matplotlib import rc_context
-
-    with rc_context({**style(), "pdf.fonttype": 42}):
-        return [(card, card_pdf_page(card, plan)) for card in cards]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from testbench.core.files import write_file
 from testbench.page.html import picture, render
-from testbench.questions.plan.card_figures import card_plate, draw_pages, pdf_bytes
+from testbench.questions.plan.card_figures import card_page, card_plate
 from testbench.questions.plan.card_text import card_stem, card_text
 from testbench.questions.plan.injection import injected_signal, lua_script, px4_script, signal_csv
 from testbench.questions.plan.injection.lua import injectable
@@ -20,9 +20,11 @@ _HAND_PERIOD_MS = 20
 
 def write_cards(plan: Plan, folder: Path) -> list[Path]:
     """Write cards/NAME.html and NAME.pdf, one page A4 each, and cards.pdf with all of them; return the paths."""
+    from testbench.page.draw import pdf_pages, styled
+
     out = []
-    pages = draw_pages(plan.cards, plan)
-    for card, page in pages:
+    pages = [styled(card_page(card, plan)) for card in plan.cards]
+    for card, page in zip(plan.cards, pages, strict=True):
         stem = card_stem(card)
         html = render(
             "questions/plan/card.html.j2",
@@ -33,8 +35,8 @@ def write_cards(plan: Plan, folder: Path) -> list[Path]:
             picture=picture(card_plate(card)),
         )
         out.append(write_file(folder / "cards" / f"{stem}.html", html))
-        out.append(write_file(folder / "cards" / f"{stem}.pdf", pdf_bytes([page])))
-    out.append(write_file(folder / "cards.pdf", pdf_bytes([page for _, page in pages])))
+        out.append(write_file(folder / "cards" / f"{stem}.pdf", pdf_pages([page])))
+    out.append(write_file(folder / "cards.pdf", pdf_pages(pages)))
     return out
 
 

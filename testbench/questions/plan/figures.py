@@ -6,29 +6,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from testbench.page.plot import (
+from testbench.page.figure import (
     COLOURS,
-    DASHES,
+    DASHED,
+    DOTTED,
     INK,
-    QUIET,
+    WARN,
+    Chart,
+    Curve,
+    Drawn,
+    Panel,
     Plate,
-    grid,
-    label,
-    legend,
-    legend_in,
-    line_handles,
-    new_figure,
+    Rule,
+    Words,
+    line_look,
 )
 from testbench.questions.plan.card_text import short_name
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from testbench.questions.plan.result import Plan
 
 _SHOWN_MODES = 4
-_WARN = "#b34700"
 
 
 def plan_plates(plan: Plan) -> list[Plate]:
@@ -55,21 +53,8 @@ def _build_up(plan: Plan) -> Plate:
         if names
         else "The aircraft has no elastic modes: only its limits bound the build-up."
     )
-
-    def make(wide: bool) -> Figure:
-        """Draw the points, and the damping above them where there are elastic modes."""
-        shown = [short_name(n) for n in names]
-        head = 0.3 + (legend_in(shown, wide) if names else 0.0)
-        heights = [2.3, 1.1] if names else [1.6]
-        figure = new_figure(wide, head + sum(heights) + (1.05 if names else 0.55))
-        panels = grid(figure, head, heights, gap_in=0.5)
-        if names:
-            _damping(panels[0, 0], plan, names)
-            legend(figure, line_handles(shown))
-        _points(panels[-1, 0], plan)
-        return figure
-
-    return Plate("build_up", "Build-up", caption, make)
+    panels = [*([[_damping(plan, names)]] if names else []), [_points(plan, 1.1 if names else 1.6)]]
+    return Plate("build_up", "Build-up", caption, Chart(panels))
 
 
 def _span(plan: Plan) -> tuple[float, float]:
@@ -81,79 +66,73 @@ def _span(plan: Plan) -> tuple[float, float]:
     return low - room, high + room
 
 
-def _damping(axes: Axes, plan: Plan, names: list[str]) -> None:
+def _damping(plan: Plan, names: list[str]) -> Panel:
     low, high = _span(plan)
-    top = 0.0
+    draws, top = list[Drawn](), 0.0
     for envelope in plan.envelopes:
         V = np.array(envelope.speeds)
         inside = (low <= V) & (high * 1.08 >= V)
         for k, name in enumerate(names):
             zeta = np.nanmin(envelope.history(name)[1], axis=1)
-            axes.plot(V[inside], zeta[inside], color=COLOURS[k % 6], linestyle=DASHES[k % 6])
+            draws.append(Curve(x=V[inside], y=zeta[inside], name=short_name(name), **line_look(k)))
             at = [p for p in plan.points if p.h_m == envelope.h_m]
-            here = [m.zeta for p in at for m in p.modes if m.name == name]
-            axes.plot([p.V_m_s for p in at], here, "o", color=COLOURS[k % 6], markersize=4.0)
-            top = max(top, max(here, default=0.0))
-    axes.axhline(0.0, color=INK, linewidth=0.7)
-    axes.axhline(plan.scenario.least_damping, color=_WARN, linewidth=0.9, linestyle=(0, (1, 1.5)))
-    axes.set_xlim(low, high)
-    axes.set_ylim(-0.25 * top, 1.15 * top)
-    _onset_lines(axes, plan)
-    label(axes, "", "damping ratio ζ", "least damped elastic modes")
+            here = np.array([(p.V_m_s, m.zeta) for p in at for m in p.modes if m.name == name]).reshape(-1, 2)
+            draws.append(Curve(x=here[:, 0], y=here[:, 1], colour=COLOURS[k % 6], marker="o", size=4.0))
+            top = max(top, float(here[:, 1].max(initial=0.0)))
+    rules = [
+        Rule(at=0.0, of="y", colour=INK, width=0.7),
+        Rule(at=plan.scenario.least_damping, of="y", colour=WARN, dash=DOTTED),
+        *_onsets(plan),
+    ]
+    return Panel(
+        draws=[*draws, *rules], title="least damped elastic modes", y="damping ratio ζ", x_range=(low, high),
+        y_range=(-0.25 * top, 1.15 * top), tall_in=2.3,
+    )  # fmt: skip
 
 
-def _onset_lines(axes: Axes, plan: Plan) -> None:
+def _onsets(plan: Plan) -> list[Rule]:
+    out = []
     for onset in {p.onset.V_m_s for p in plan.points if p.onset is not None and p.onset.V_m_s is not None}:
-        axes.axvline(onset, color=_WARN, linewidth=1.1, linestyle=(0, (5, 2)))
+        out.append(Rule(at=onset, colour=WARN, width=1.1, dash=DASHED))
         if not plan.scenario.allow_above_onset:
-            kept = onset * (1.0 - plan.scenario.onset_margin_percent / 100.0)
-            axes.axvline(kept, color=QUIET, linewidth=0.9, linestyle=(0, (5, 2)))
+            out.append(Rule(at=onset * (1.0 - plan.scenario.onset_margin_percent / 100.0), dash=DASHED))
+    return out
 
 
-def _points(axes: Axes, plan: Plan) -> None:
+def _points(plan: Plan, tall_in: float) -> Panel:
     heights = sorted({p.h_m for p in plan.points})
+    draws: list[Drawn] = []
+    looks = {"refused": ("s", WARN), "scaled": ("D", COLOURS[4]), "": ("o", COLOURS[2])}
     for p in plan.points:
-        cards = [c for c in plan.cards if c.point is p]
-        refused = any(c.status == "refused" for c in cards)
-        scaled = any(c.status == "scaled" for c in cards)
-        colour = _WARN if refused else COLOURS[4] if scaled else COLOURS[2]
-        axes.plot([p.V_m_s], [p.h_m], "s" if refused else "D" if scaled else "o", color=colour, markersize=7.0)
-        axes.annotate(
-            str(p.number), (p.V_m_s, p.h_m), xytext=(0, 7), textcoords="offset points", ha="center", fontsize=7.5
-        )
+        found = {c.status for c in plan.cards if c.point is p}
+        marker, colour = looks[next((status for status in looks if status in found), "")]
+        draws.append(Curve(x=[p.V_m_s], y=[p.h_m], marker=marker, colour=colour, size=7.0, order=3.0))
+        draws.append(Words(x=p.V_m_s, y=p.h_m, text=str(p.number), shift=(0, 7), across="center", up="bottom"))
     room = max(0.25 * (heights[-1] - heights[0]), 20.0)
-    axes.set_ylim(heights[0] - room, heights[-1] + 1.6 * room)
-    axes.set_xlim(*_span(plan))
-    if len(heights) < 5:
-        axes.set_yticks(heights)
-    _onset_lines(axes, plan)
-    label(axes, "true airspeed V, m/s", "h, m", "test points")
+    return Panel(
+        draws=[*draws, *_onsets(plan)], title="test points", x="true airspeed V, m/s", y="h, m", x_range=_span(plan),
+        y_range=(heights[0] - room, heights[-1] + 1.6 * room), tall_in=tall_in,
+        y_ticks=[(h, f"{h:g}") for h in heights] if len(heights) < 5 else None,
+    )  # fmt: skip
 
 
 def _energy(plan: Plan) -> Plate:
-    def make(wide: bool) -> Figure:
-        """Draw the energy used over the time of each flight, one after the other."""
-        figure = new_figure(wide, 2.6)
-        axes = grid(figure, 0.3, [1.75])[0, 0]
-        before = 0.0
-        usable = plan.flights[0].usable_J / 3600.0
-        for leg in plan.flights:
-            mine = [r for r in plan.runs if r.flight == leg.number]
-            ends = [r.start_s + r.card.length_s + plan.scenario.timing.turn_s for r in mine]
-            t = before + np.array([0.0, mine[0].start_s, *ends]) / 60.0
-            first = mine[0].used_J - mine[0].card.point.power_W * (ends[0] - mine[0].start_s)
-            used = np.array([0.0, first, *(r.used_J for r in mine)]) / 3600.0
-            axes.plot(t, used, color=COLOURS[0], marker=".", markersize=3.5, linewidth=1.2)
-            axes.annotate(
-                f"flight {leg.number}", (t[0], usable), xytext=(3, 3), textcoords="offset points", fontsize=7.5
-            )
-            before += leg.time_s / 60.0
-        axes.axhline(usable, color=_WARN, linewidth=1.0, linestyle=(0, (5, 2)))
-        axes.set_ylim(0.0, 1.12 * usable)
-        axes.set_xlim(0.0, 1.01 * before)
-        label(axes, "time in the air, min", "energy, Wh", "energy used in each flight")
-        return figure
-
-    return Plate(
-        "energy", "Energy and time", "One dot per run; time between flights is left out. Dashed: usable energy.", make
-    )
+    """Return the energy used over the time of each flight, one after the other."""
+    draws, before = list[Drawn](), 0.0
+    usable = plan.flights[0].usable_J / 3600.0
+    for leg in plan.flights:
+        mine = [r for r in plan.runs if r.flight == leg.number]
+        ends = [r.start_s + r.card.length_s + plan.scenario.timing.turn_s for r in mine]
+        t = before + np.array([0.0, mine[0].start_s, *ends]) / 60.0
+        first = mine[0].used_J - mine[0].card.point.power_W * (ends[0] - mine[0].start_s)
+        used = np.array([0.0, first, *(r.used_J for r in mine)]) / 3600.0
+        draws.append(Curve(x=t, y=used, colour=COLOURS[0], marker=".", size=4.5, joined=True, width=1.2))
+        draws.append(Words(x=t[0], y=usable, text=f"flight {leg.number}", shift=(3, 3), up="bottom", size=7.5))
+        before += leg.time_s / 60.0
+    panel = Panel(
+        draws=[*draws, Rule(at=usable, of="y", colour=WARN, width=1.0, dash=DASHED)], x="time in the air, min",
+        y="energy, Wh", title="energy used in each flight", x_range=(0.0, 1.01 * before),
+        y_range=(0.0, 1.12 * usable), tall_in=1.75,
+    )  # fmt: skip
+    caption = "One dot per run; time between flights is left out. Dashed: usable energy."
+    return Plate("energy", "Energy and time", caption, Chart([[panel]]))

@@ -12,12 +12,12 @@ from testbench.estimators.identification import Estimator
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepare
 from testbench.estimators.settings import PredictionError
+from testbench.page.figure import Panel, Plate
 from testbench.page.labels import shown_unit, symbol
-from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table, Value
 from testbench.page.words import listed
 from testbench.questions.reproduce.bench import attempt, bench, dsr_e, scores, subspace
-from testbench.questions.reproduce.figures import Line, Panel, plate
+from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.printed import B1_FUTURE, B1_PAST, TABLE_4
 from testbench.questions.reproduce.section import Comparison, Say, Section
 from testbench.questions.reproduce.verdict import Why, claim_row, judge_number, number_row, taken_over
@@ -312,11 +312,11 @@ def _history_plates(flight: Flight) -> list[Plate]:
         made = [(n, attempt(spec, [record], ["de"], OUTPUTS[which]), k) for n, spec, k in models]
         for o in OUTPUTS[which]:
             factor, unit = shown_unit(o)
-            lines = [Line(record.t_s, factor * record[o], "measured", "measured", width=2.4)]
+            lines = [line(record.t_s, factor * record[o], "measured", "measured", width=2.4)]
             lines += [
-                Line(record.t_s, factor * m.simulate(record)[:, m.outputs.index(o)], n, k) for n, m, k in made if m
+                line(record.t_s, factor * m.simulate(record)[:, m.outputs.index(o)], n, k) for n, m, k in made if m
             ]
-            panels.append(Panel("", "t, s", f"Δ{symbol(o)}, {unit}", tuple(lines)))
+            panels.append(Panel(x="t, s", y=f"Δ{symbol(o)}, {unit}", draws=lines))
         out.append(
             plate(
                 f"b1_figure{figure}",
@@ -335,13 +335,13 @@ def _study_plate(study: Study) -> Plate:
     lines = []
     for k, (name, points) in enumerate(study.items()):
         span = np.array([p[0] for p in points])
-        lines.append(Line(span, np.array([p[1] for p in points]), f"{name}, without α", k, marker="o"))
-        lines.append(Line(span, np.array([p[2] for p in points]), f"{name}, with α", k, marker="^", width=0.8))
+        lines.append(line(span, np.array([p[1] for p in points]), f"{name}, without α", k, marker="o"))
+        lines.append(line(span, np.array([p[2] for p in points]), f"{name}, with α", k, marker="^", width=0.8))
     return plate(
         "b1_future",
         "When α matters",
         "Mean MRSE of q, V and θ over the time that the future horizon spans; circles without α, triangles with it.",
-        (Panel("", "future horizon, s", "mean MRSE of q, V, θ, %", tuple(lines), True, True),),
+        (Panel(x="future horizon, s", y="mean MRSE of q, V, θ, %", draws=lines, log_x=True, log_y=True),),
         columns=1,
         height_in=2.6,
     )

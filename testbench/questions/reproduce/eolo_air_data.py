@@ -16,12 +16,12 @@ from testbench.estimators.prepare import prepare
 from testbench.evaluation.envelope import fly_envelope
 from testbench.evaluation.poles import match_poles
 from testbench.flight import FlightCondition, trim
+from testbench.page.figure import Panel, Plate
 from testbench.page.labels import number, symbol
-from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table, Value
 from testbench.page.words import listed
 from testbench.questions.reproduce.bench import Bench, attempt, bench, dsr_e, lost_poles
-from testbench.questions.reproduce.figures import Line, Panel, plate
+from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.printed import EOLO_FUTURE, EOLO_PAST
 from testbench.questions.reproduce.section import Comparison, Say, Section
 from testbench.questions.reproduce.verdict import Why, claim_row
@@ -275,14 +275,14 @@ def _plate(motion: Motion) -> Plate:
     panels = []
     for o in (motion.vane, *motion.outputs):
         scale = float(np.degrees(1.0))
-        lines = [Line(record.t_s, scale * record[o], "measured", "measured", width=2.0)]
+        lines = [line(record.t_s, scale * record[o], "measured", "measured", width=2.0)]
         lines += [
-            Line(record.t_s, scale * m.simulate(record)[:, m.outputs.index(o)], n, k)
+            line(record.t_s, scale * m.simulate(record)[:, m.outputs.index(o)], n, k)
             for n, m, k in models
             if m is not None
         ]
         unit = "deg" if o in ("beta", "phi") else "deg/s"
-        panels.append(Panel("", "t, s", f"Δ{symbol(o)}, {unit}", tuple(lines)))
+        panels.append(Panel(x="t, s", y=f"Δ{symbol(o)}, {unit}", draws=lines))
     return plate(
         "eolo_beta",
         "Lateral motion with β measured",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -11,11 +12,11 @@ from testbench.estimators.model import ComplexArray
 from testbench.evaluation.bode import bode_error
 from testbench.evaluation.envelope import Envelope, fly_envelope
 from testbench.evaluation.modes import frequency_and_damping
+from testbench.page.figure import DOTTED, PHASE_STEPS, Panel, Plate, Rule
 from testbench.page.labels import ratio_unit, symbol
-from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table, Value
 from testbench.page.words import listed
-from testbench.questions.reproduce.figures import Line, Panel, plate
+from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.printed import BAND_RAD_S, HEIGHT_M, RATE_HZ, SPEEDS_M_S, VIBRATION_M_S, A, B, C, D
 from testbench.questions.reproduce.section import Comparison, Say, Section
 from testbench.questions.reproduce.verdict import Why, claim_row
@@ -204,14 +205,13 @@ def _plate(found: Envelope, result: RunResult) -> Plate:
             angle = np.degrees(np.unwrap(np.angle(H)))
             middle = float(np.interp(3.0, omega, angle))
             angle = angle - 360.0 * np.round((middle - _PHASES[output]) / 360.0)
-            size.append(Line(omega, factor * np.abs(H), name, colour, width=width))
-            phase.append(Line(omega, angle, name, colour, width=width))
-        mark = ((10.0, "10 rad/s"),)
+            size.append(line(omega, factor * np.abs(H), name, colour, width=width))
+            phase.append(line(omega, angle, name, colour, width=width))
+        mark = Rule(at=10.0, text="10 rad/s", dash=DOTTED)
+        axis: dict[str, Any] = {"x": "ω, rad/s", "log_x": True, "x_range": (0.1, 60.0)}
         head = f"{symbol(output)} / δe"
-        panels.append(
-            Panel(f"{head}, {unit}", "ω, rad/s", "magnitude", tuple(size), True, True, (0.1, 60.0), None, mark)
-        )
-        panels.append(Panel(head, "ω, rad/s", "phase, deg", tuple(phase), True, False, (0.1, 60.0), None, mark))
+        panels.append(Panel(title=f"{head}, {unit}", y="magnitude", draws=[*size, mark], log_y=True, **axis))
+        panels.append(Panel(title=head, y="phase, deg", draws=[*phase, mark], y_steps=PHASE_STEPS, **axis))
     return plate(
         "eolo_figure8",
         "EOLO figure 8: frequency responses to the elevator",

@@ -12,10 +12,10 @@ from testbench.core.scenario.inputs import StandardMultistep
 from testbench.estimators.identification import Estimator
 from testbench.estimators.prepare import prepare
 from testbench.inputs import build
-from testbench.page.plot import Plate
+from testbench.page.figure import Panel, Plate
 from testbench.page.tables import Column, Table
 from testbench.questions.reproduce.bench import Bench, attempt, bench, dsr_e, subspace
-from testbench.questions.reproduce.figures import Line, Panel, plate
+from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.section import Comparison, Say, Section
 from testbench.questions.reproduce.verdict import Why, claim_row, span
 from testbench.sensors import load_suite
@@ -181,13 +181,13 @@ def _plate(errors: Mapping[float, Mapping[str, float]]) -> Plate:
         y = np.array([errors[a][name] for a in AMPLITUDES_DEG])
         closed = name in CLOSED_LOOP
         lines.append(
-            Line(x, y, name, k if k < 6 else "ink", marker="^" if closed else "o", width=2.0 if closed else 1.0)
+            line(x, y, name, k if k < 6 else "ink", marker="^" if closed else "o", width=2.0 if closed else 1.0)
         )
     return plate(
         "eolo_closed_loop",
         "Feedback biases methods that do not allow for it",
         "Triangles: methods that allow for feedback; circles: methods that assume an open loop.",
-        (Panel("", "amplitude of the 3-2-1-1, deg", "error of q per elevator, %", tuple(lines), True, True),),
+        [Panel(x="amplitude of the 3-2-1-1, deg", y="error of q per elevator, %", draws=lines, log_x=True, log_y=True)],
         columns=1,
         height_in=2.4,
     )

@@ -13,11 +13,11 @@ from testbench.core.scenario.inputs import Input, StandardMultistep
 from testbench.estimators.prepare import prepare
 from testbench.evaluation.excitation import excitation
 from testbench.evaluation.poles import match_poles
+from testbench.page.figure import Panel, Plate
 from testbench.page.labels import symbol
-from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.reproduce.bench import Bench, attempt, bench, subspace
-from testbench.questions.reproduce.figures import Line, Panel, plate
+from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.section import Comparison, Say, Section
 from testbench.questions.reproduce.verdict import Why, claim_row, not_printed
 from testbench.sensors import load_suite
@@ -329,10 +329,10 @@ def _count_plate(results: Results) -> Plate:
         lines = []
         for k, name in enumerate((STEPS, SINE)):
             shares = [100.0 * np.mean([f.share for f in results[name, s, noisy].values()]) for s in SUITES]
-            lines.append(Line(places + 0.06 * (2 * k - 1), np.array(shares), name, k, marker="os"[k], joined=False))
+            lines.append(line(places + 0.06 * (2 * k - 1), np.array(shares), name, k, marker="os"[k], joined=False))
         title = f"all noise, mean over {_SEEDS}" if noisy else "no noise"
         panels.append(
-            Panel(title, "", "modes found, %", tuple(lines), x_range=(-0.5, 2.5), y_range=(-5.0, 105.0), ticks=ticks)
+            Panel(title=title, y="modes found, %", draws=lines, x_range=(-0.5, 2.5), y_range=(-5, 105), x_ticks=ticks)
         )
     return plate(
         "eolo_flexible",
@@ -370,10 +370,11 @@ def _coordinate_plate(truth: FlightRecord, found: Mapping[str, tuple[FloatArray,
     for key in ("eta_1", "etaddot_1", "etaddot_5", "etaddot_7"):
         true, own = found[key]
         lines = (
-            Line(truth.t_s[rows], true[rows], "true", "ink", width=2.0),
-            Line(truth.t_s[rows], own[rows], "least squares from the wing's sensors", 1),
+            line(truth.t_s[rows], true[rows], "true", "ink", width=2.0),
+            line(truth.t_s[rows], own[rows], "least squares from the wing's sensors", 1),
         )
-        panels.append(Panel(f"{symbol(key)}: error {relative_error(found[key]):.0f} %", "t, s", symbol(key), lines))
+        title = f"{symbol(key)}: error {relative_error(found[key]):.0f} %"
+        panels.append(Panel(title=title, x="t, s", y=symbol(key), draws=lines))
     return plate(
         "eolo_modal_coordinates",
         "Modal coordinates from strain and acceleration",

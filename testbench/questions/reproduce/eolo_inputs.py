@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from testbench.inputs.signal import band_share, energy_spectrum, frequency_below
+from testbench.page.figure import DOTTED, Panel, Plate, Rule
 from testbench.page.labels import number
-from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table
 from testbench.page.words import listed
-from testbench.questions.reproduce.figures import Line, Panel, plate
+from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.printed import BAND_RAD_S, EOLO_PAST, IDENTIFICATION
 from testbench.questions.reproduce.section import Comparison, Say, Section
 from testbench.questions.reproduce.verdict import Why, claim_row
@@ -204,7 +204,7 @@ def _seven_plate(result: RunResult) -> Plate:
         energy = energy_spectrum(u, record.dt_s, omega)[:, 0] * np.degrees(1.0) ** 2
         chosen = flight.name.startswith("6")
         lines.append(
-            Line(omega, energy, flight.name, "ink" if chosen else "quiet" if k > 5 else k, width=2.2 if chosen else 1.2)
+            line(omega, energy, flight.name, "ink" if chosen else "quiet" if k > 5 else k, width=2.2 if chosen else 1.2)
         )
     return plate(
         "eolo_figure4",
@@ -212,8 +212,8 @@ def _seven_plate(result: RunResult) -> Plate:
         "Measured elevator deflection. The floor on the right is the noise of the elevator's sensor.",
         (
             Panel(
-                "", "ω, rad/s", "|Δδe(ω)|², deg² s²", tuple(lines), True, True, (0.1, 40.0), None,
-                ((BAND_RAD_S, "10 rad/s"),),
+                x="ω, rad/s", y="|Δδe(ω)|², deg² s²", log_x=True, log_y=True, x_range=(0.1, 40.0),
+                draws=[*lines, Rule(at=BAND_RAD_S, text="10 rad/s", dash=DOTTED)],
             ),
         ),
         columns=1,
@@ -225,11 +225,11 @@ def _wing_plate(result: RunResult) -> Plate:
     omega = np.geomspace(0.3, 150.0, 300)
     record = result.flights[0].measured["eolo_five_accelerometers"]
     assert result.truth is not None
-    marks = tuple(
-        (abs(s), name.split(" and")[0].replace("symmetric wing ", ""))
+    marks = [
+        Rule(at=abs(s), text=name.split(" and")[0].replace("symmetric wing ", ""), dash=DOTTED)
         for name, s in result.truth.modes.items()
         if abs(s) > 20.0
-    )
+    ]
     width = 2.0 ** (1.0 / 6.0)
     lines = []
     names = [c for c in record.channels if c.startswith("az_wing")]
@@ -237,13 +237,17 @@ def _wing_plate(result: RunResult) -> Plate:
     for k, name in enumerate(names):
         energy = energy_spectrum(record[name] - np.mean(record[name][:150]), record.dt_s, fine)[:, 0]
         smooth = np.array([energy[(fine > w / width) & (fine < w * width)].mean() for w in omega])
-        lines.append(Line(omega, smooth, f"accelerometer {name.removeprefix('az_wing_')}", k))
+        lines.append(line(omega, smooth, f"accelerometer {name.removeprefix('az_wing_')}", k))
     return plate(
         "eolo_figure5",
         "EOLO figure 5: energy spectra of five accelerometers along the wing",
         "Response to the 3-2-1-1, means over a third of an octave; the flat right part is the noise of the sensors. "
         "Dotted: the flexible modes in flight.",
-        (Panel("", "ω, rad/s", "|Δaz(ω)|², (m/s)²", tuple(lines), True, True, (0.3, 150.0), None, marks),),
+        [
+            Panel(
+                x="ω, rad/s", y="|Δaz(ω)|², (m/s)²", draws=[*lines, *marks], log_x=True, log_y=True, x_range=(0.3, 150)
+            )
+        ],
         columns=1,
         height_in=2.6,
     )

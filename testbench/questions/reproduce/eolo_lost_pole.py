@@ -15,12 +15,12 @@ from testbench.estimators.identification import Estimator
 from testbench.estimators.prepare import prepare
 from testbench.estimators.settings import OutputError, PredictionError
 from testbench.evaluation.poles import match_poles
+from testbench.page.figure import DOTTED, Panel, Plate, Rule
 from testbench.page.labels import number
-from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table
 from testbench.page.words import listed
 from testbench.questions.reproduce.bench import Bench, bench, dsr_e, lost_poles, subspace
-from testbench.questions.reproduce.figures import Line, Panel, plate
+from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.printed import EOLO_FUTURE, EOLO_PAST, STATED_Z3
 from testbench.questions.reproduce.section import Comparison, Say, Section
 from testbench.questions.reproduce.verdict import Why, claim_row, span
@@ -300,8 +300,9 @@ def _plate(curves: Mapping[str, Sequence[Trial]], decimated: Sequence[Trial]) ->
     lost, fourth = [], []
     for k, (name, trials) in enumerate([*curves.items(), ("one sample in 2 to 10, L = 4", list(decimated))]):
         span = np.array([t.span_s for t in trials])
-        lost.append(Line(span, np.array([100.0 * t.lost for t in trials]), name, k, marker="osD^"[k]))
-        fourth.append(Line(span, np.array([t.fourth for t in trials]), name, k, marker="osD^"[k]))
+        lost.append(line(span, np.array([100.0 * t.lost for t in trials]), name, k, marker="osD^"[k]))
+        fourth.append(line(span, np.array([t.fourth for t in trials]), name, k, marker="osD^"[k]))
+    floor = Rule(at=1.0, of="y", dash=DOTTED)
     return plate(
         "eolo_lost_poles",
         "A short future loses a pole to the noise",
@@ -309,8 +310,14 @@ def _plate(curves: Mapping[str, Sequence[Trial]], decimated: Sequence[Trial]) ->
         "paper: "
         "0.04 s). Right: the fourth singular value, median; below 1 it is noise.",
         (
-            Panel("", "future horizon, s", "runs with a lost pole, %", tuple(lost), True, y_range=(-3.0, 103.0)),
-            Panel("", "future horizon, s", "4th singular value", tuple(fourth), True, True, levels=(1.0,)),
+            Panel(x="future horizon, s", y="runs with a lost pole, %", draws=lost, log_x=True, y_range=(-3.0, 103.0)),
+            Panel(
+                x="future horizon, s",
+                y="4th singular value",
+                draws=[*fourth, floor],
+                log_x=True,
+                log_y=True,
+            ),
         ),
         height_in=2.1,
     )

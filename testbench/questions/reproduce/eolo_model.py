@@ -10,12 +10,12 @@ from testbench.core.record import FloatArray
 from testbench.estimators.model import ComplexArray
 from testbench.estimators.state_space import StateSpaceModel
 from testbench.line import Case
+from testbench.page.figure import DOTTED, Panel, Plate, Rule
 from testbench.page.labels import number, shown_unit, symbol
-from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table, Value
 from testbench.page.words import listed
 from testbench.questions.reproduce.bench import from_rest, scores
-from testbench.questions.reproduce.figures import Line, Panel, plate
+from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.printed import (
     EOLO_FUTURE,
     EOLO_PAST,
@@ -340,8 +340,9 @@ def _singular_plate(result: RunResult) -> Plate:
         f"above {SEPARATE:g} times it.",
         (
             Panel(
-                "", "number", "size over the noise floor", (Line(n, values, "", 0, marker="o", joined=False),), False,
-                True, (0.5, values.size + 0.5), (0.4, 2.0 * values[0]), (), (1.0,),
+                x="number", y="size over the noise floor", log_y=True, x_range=(0.5, values.size + 0.5), whole="x",
+                y_range=(0.4, 2.0 * values[0]),
+                draws=[line(n, values, "", 0, marker="o", joined=False), Rule(at=1.0, of="y", dash=DOTTED)],
             ),
         ),
         columns=1,
@@ -359,11 +360,11 @@ def _prediction_plate(result: RunResult) -> Plate:
         for use, record in (("identification", case.identification[0]), ("validation", case.validation[0])):
             free, rest = case.model.simulate(record), from_rest(case.model, record)
             lines = (
-                Line(record.t_s, factor * record[name], "measured, detrended", "measured", width=2.0),
-                Line(record.t_s, factor * rest[:, k], "n = 4, from rest", 1),
-                Line(record.t_s, factor * free[:, k], "n = 4, initial state fitted", 0),
+                line(record.t_s, factor * record[name], "measured, detrended", "measured", width=2.0),
+                line(record.t_s, factor * rest[:, k], "n = 4, from rest", 1),
+                line(record.t_s, factor * free[:, k], "n = 4, initial state fitted", 0),
             )
-            panels.append(Panel(use, "t, s", f"Δ{symbol(name)}, {unit}", lines))
+            panels.append(Panel(title=use, x="t, s", y=f"Δ{symbol(name)}, {unit}", draws=lines))
     return plate(
         "eolo_figure7",
         "EOLO figure 7: predicted outputs",

@@ -12,10 +12,10 @@ from testbench.core.escape import markdown_table
 from testbench.core.files import write_file
 from testbench.core.store import INDEX as PAGE
 from testbench.core.store import ResultFolder
+from testbench.page.figure import Plate
 from testbench.page.html import Picture, data_uri, render, svg_uri
 from testbench.page.labels import file_stem
 from testbench.page.page import versions
-from testbench.page.plot import Plate
 from testbench.page.publish import asked, publish
 from testbench.page.tables import Table
 from testbench.page.terminal import print_answer

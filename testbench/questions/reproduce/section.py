@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from testbench.page.plot import Plate
+from testbench.page.figure import Plate
 from testbench.page.tables import Column, Table
 
 Verdict = Literal["agrees", "agrees in kind", "differs", "cannot be compared", "taken over"]

@@ -17,12 +17,12 @@ from testbench.evaluation.truth import true_model
 from testbench.flight import FlightCondition, TrimmedFlight, load_aircraft, trim
 from testbench.flight.air import Air, turbulence_rms
 from testbench.line import fly_and_measure
+from testbench.page.figure import Panel, Plate
 from testbench.page.labels import symbol
-from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.plan.scenario import PlanScenario
 from testbench.questions.reproduce.bench import attempt
-from testbench.questions.reproduce.figures import Line, Panel, plate
+from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.printed import (
     DOUBLET_S,
     LATERAL,
@@ -321,17 +321,17 @@ def _sweep_table(sweep: Sweep) -> Table:
 
 def _sweep_plate(sweep: Sweep, short: float) -> Plate:
     cutoff = np.array(list(sweep))
-    lines = [Line(cutoff, 2.0 * np.pi * cutoff, "cut-off of the filter", "quiet", width=2.0)]
+    lines = [line(cutoff, 2.0 * np.pi * cutoff, "cut-off of the filter", "quiet", width=2.0)]
     for k, o in enumerate(OUTPUTS):
         sizes = np.array([np.nan if (s := poles[o]) is None else abs(s) for poles, _ in sweep.values()])
-        lines.append(Line(cutoff, sizes, symbol(o), k, marker="osD^"[k]))
-    lines.append(Line(cutoff, np.full(cutoff.size, short), "true short period", "ink", width=2.0))
+        lines.append(line(cutoff, sizes, symbol(o), k, marker="osD^"[k]))
+    lines.append(line(cutoff, np.full(cutoff.size, short), "true short period", "ink", width=2.0))
     return plate(
         "taurus_cutoffs",
         "The fast pole follows the filter, not the aircraft",
         "Natural frequency of the fastest pole pair of pooled four-pole fits over the cut-off of the zero-phase filter "
         "that input and outputs pass.",
-        (Panel("", "cut-off, Hz", "ωn of the fast pole, rad/s", tuple(lines), True, True),),
+        (Panel(x="cut-off, Hz", y="ωn of the fast pole, rad/s", draws=lines, log_x=True, log_y=True),),
         columns=1,
         height_in=2.4,
     )
@@ -341,22 +341,18 @@ def _wander_plate(alone: dict[str, list[complex]], short: complex) -> Plate:
     lines = []
     for k, o in enumerate(OUTPUTS):
         s = np.array(alone[o])
-        lines.append(Line(s.real, s.imag, f"{symbol(o)}, single runs", k, marker="osD^"[k], joined=False))
+        lines.append(line(s.real, s.imag, f"{symbol(o)}, single runs", k, marker="osD^"[k], joined=False))
     printed = np.array([p[0] for p in printed_poles().values()])
-    lines.append(Line(printed.real, printed.imag, "printed, equations 6 to 9", "ink", marker="x", joined=False))
+    lines.append(line(printed.real, printed.imag, "printed, equations 6 to 9", "ink", marker="x", joined=False))
     true = np.array([short])
-    lines.append(Line(true.real, true.imag, "true short period", "ink", marker="*", joined=False))
+    lines.append(line(true.real, true.imag, "true short period", "ink", marker="*", joined=False))
     return plate(
         "taurus_wandering",
         "The wandering poles",
         f"Fastest pole pair of four-pole fits to each elevator doublet by itself, filtered at {PAPER_LIKE_HZ:g} Hz, "
         "the "
         "printed ones, and the short period that all of these runs excited.",
-        (
-            Panel(
-                "", "Re s, rad/s", "Im s, rad/s", tuple(lines), x_range=(-8.0, 1.5), y_range=(0.0, 8.0), levels=(0.0,)
-            ),
-        ),
+        (Panel(x="Re s, rad/s", y="Im s, rad/s", draws=lines, x_range=(-8.0, 1.5), y_range=(-0.2, 8.0)),),
         columns=1,
         height_in=2.8,
     )

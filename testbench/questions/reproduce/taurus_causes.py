@@ -11,10 +11,10 @@ from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.inputs import Doublet
 from testbench.estimators.prepare import prepare
 from testbench.estimators.settings import TransferFunctions
-from testbench.page.plot import Plate
+from testbench.page.figure import Panel, Plate
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.reproduce.bench import Bench, attempt, bench
-from testbench.questions.reproduce.figures import Line, Panel, plate
+from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.printed import DOUBLET_S, LOG_HZ
 from testbench.questions.reproduce.section import Comparison, Say, Section
 from testbench.questions.reproduce.taurus_model import fast_pair
@@ -168,15 +168,15 @@ def _plate(poles: Mapping[Setting, complex | None], short_period: complex) -> Pl
     for k, cutoff in enumerate(CUTOFFS_HZ):
         s = np.array([v for (_, _, c), v in poles.items() if c == cutoff and v is not None])
         name = "no filter" if cutoff is None else f"filtered at {cutoff:g} Hz"
-        lines.append(Line(s.real, s.imag, name, k, marker="osD"[k], joined=False))
+        lines.append(line(s.real, s.imag, name, k, marker="osD"[k], joined=False))
     true = np.array([short_period])
-    lines.append(Line(true.real, true.imag, "true short period", "ink", marker="*", joined=False))
+    lines.append(line(true.real, true.imag, "true short period", "ink", marker="*", joined=False))
     return plate(
         "taurus_causes",
         "What keeps the short period away",
         f"Fast pole of q, doublets of {PERIODS_S[0]:g} and {PERIODS_S[1]:g} s, logs of {RATES_HZ[0]:g} and "
         f"{RATES_HZ[1]:g} Hz: the filter sorts them.",
-        (Panel("", "Re s, rad/s", "Im s, rad/s", tuple(lines)),),
+        (Panel(x="Re s, rad/s", y="Im s, rad/s", draws=lines),),
         columns=1,
         height_in=2.4,
     )

@@ -9,10 +9,10 @@ import numpy as np
 from testbench.core.scenario.inputs import Doublet, Input, StandardMultistep
 from testbench.estimators.model import ComplexArray
 from testbench.inputs import build
+from testbench.page.figure import DOTTED, Panel, Plate, Rule
 from testbench.page.labels import number, shown_unit, symbol
-from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table
-from testbench.questions.reproduce.figures import Line, Panel, plate
+from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.printed import DOUBLET_S, LOG_HZ, TRANSFER_FUNCTIONS, polynomial
 from testbench.questions.reproduce.section import Comparison, Say, Section
 from testbench.questions.reproduce.verdict import Why, claim_row, not_printed, number_row, span
@@ -231,9 +231,10 @@ def _inputs_plate(short_period: float) -> Plate:
     for k, (name, entry) in enumerate(signals.items()):
         signal = build((entry,), duration, rate)
         energy = signal.energy_spectrum(omega)[:, 0]
-        time.append(Line(signal.t_s, np.degrees(signal.u[:, 0]), name, k))
-        spectra.append(Line(omega, energy / energy.max(), name, k))
-    marks = ((short_period, "short period"), (_SAMPLING_LIMIT, "8 Hz"))
+        time.append(line(signal.t_s, np.degrees(signal.u[:, 0]), name, k))
+        spectra.append(line(omega, energy / energy.max(), name, k))
+    named = ((short_period, "short period"), (_SAMPLING_LIMIT, "8 Hz"))
+    marks = [Rule(at=at, text=text, dash=DOTTED) for at, text in named]
     return plate(
         "taurus_inputs",
         "Taurus figures 2 and 3: the inputs and their spectra",
@@ -241,10 +242,10 @@ def _inputs_plate(short_period: float) -> Plate:
         f"{peak_rad_s():.1f} rad/s, the short period of the simulated aircraft lies at {short_period:.1f} rad/s. The "
         "paper's 3-2-1-1 has no printed step length; 1 s is assumed.",
         (
-            Panel("inputs", "t, s", "Δδe, deg", tuple(time)),
+            Panel(title="inputs", x="t, s", y="Δδe, deg", draws=time),
             Panel(
-                "energy spectra", "ω, rad/s", "share of the peak", tuple(spectra), True, True, (0.1, 60.0), (1e-4, 2.0),
-                marks,
+                title="energy spectra", x="ω, rad/s", y="share of the peak", draws=[*spectra, *marks], log_x=True,
+                log_y=True, x_range=(0.1, 60.0), y_range=(1e-4, 2.0),
             ),
         ),
     )  # fmt: skip
@@ -258,10 +259,11 @@ def _fit_plate(result: RunResult, fit: dict[str, float]) -> Plate:
         factor, unit = shown_unit(name)
         k = case.model.outputs.index(name)
         lines = (
-            Line(record.t_s, factor * record[name], "measured, prepared", "measured", width=2.2),
-            Line(record.t_s, factor * predicted[:, k], "four-pole model", 0),
+            line(record.t_s, factor * record[name], "measured, prepared", "measured", width=2.2),
+            line(record.t_s, factor * predicted[:, k], "four-pole model", 0),
         )
-        panels.append(Panel(f"{_FIGURE[name]}: fit {fit[name]:.1f} %", "t, s", f"Δ{symbol(name)}, {unit}", lines))
+        title = f"{_FIGURE[name]}: fit {fit[name]:.1f} %"
+        panels.append(Panel(title=title, x="t, s", y=f"Δ{symbol(name)}, {unit}", draws=lines))
     return plate(
         "taurus_fits",
         "Taurus figures 5 to 8: pitch angle, altitude, airspeed and pitch rate, validation",

@@ -16,10 +16,11 @@ from typer.testing import CliRunner
 from testbench.cli import app
 from testbench.core.paths import SCENARIOS
 from testbench.evaluation.envelope import fly_envelope
+from testbench.page.figure import Words
 from testbench.questions.plan import ask
 from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.ask import make_plan
-from testbench.questions.plan.card_figures import draw_pages
+from testbench.questions.plan.card_figures import card_page
 from testbench.questions.plan.card_text import beyond_limits, card_stem, card_text, levels, sequence_lines, standing
 from testbench.questions.plan.cards import write_cards
 from testbench.questions.plan.page import plan_page
@@ -182,13 +183,13 @@ def test_each_autopilot_gets_its_scripts(eolo_plan, tmp_path, system, suffix, sh
 
 def test_nothing_overlaps_on_the_page_of_a_card(eolo_plan, taurus_plan):
     for plan in (eolo_plan, taurus_plan):
-        for _, page in draw_pages(plan.cards, plan):
-            tail = next(text.get_position()[1] for text in page.texts if text.get_text() == "Damping")
-            head = next(text.get_position()[1] for text in page.texts if text.get_text() == "Control sequence")
-            inches = page.get_size_inches()[1]
-            assert min(axes.get_position().y0 for axes in page.axes) > tail + 0.3 / inches  # room for "t, s"
-            assert max(axes.get_position().y1 for axes in page.axes) < head - 0.2 / inches
-            assert min(text.get_position()[1] for text in page.texts) > 0.0
+        for card in plan.cards:
+            sheet, *panels = card_page(card, plan).panels  # places are inches from the upper edge
+            written = {d.text: d.y for d in sheet.draws if isinstance(d, Words)}
+            boxes = [p.box_in for p in panels]
+            assert max(y + tall for _, y, _, tall in boxes) < written["Damping"] - 0.3  # room for "t, s"
+            assert min(y for _, y, _, _ in boxes) > written["Control sequence"] + 0.2
+            assert max(written.values()) < sheet.box_in[3]
 
 
 def test_a_step_that_the_prediction_forbids_is_a_no_go():

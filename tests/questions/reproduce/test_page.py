@@ -18,9 +18,10 @@ import pytest
 
 from testbench.core.errors import ScenarioError, WriteError
 from testbench.core.store import LOCK, ResultFolder
+from testbench.page.figure import Panel, Rule
 from testbench.questions.reproduce import paper_checks, printed
 from testbench.questions.reproduce.ask import CHAPTERS, reproduce
-from testbench.questions.reproduce.figures import Line, Panel, plate
+from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.page import PAGE, groups, summary, write_reproduction
 from testbench.questions.reproduce.printed import polynomial
 from testbench.questions.reproduce.section import VERDICTS, Chapter, Section
@@ -76,8 +77,8 @@ def chapter(ours: float) -> Chapter:
         number_row("the number", "Table 9", 10.0, ours, "%", why, headline=True),
         claim_row("the statement", "section 9", "it is so", f"{ours:g}", ours > 5.0, why),
     )
-    line = Line(np.linspace(0.0, 1.0, 50), np.linspace(0.0, ours, 50), "ours", 0)
-    drawn = plate("nine_figure", "A figure", "What to see.", [Panel("", "t, s", "y", (line,), marks=((0.95, "end"),))])
+    draws = [line(np.linspace(0.0, 1.0, 50), np.linspace(0.0, ours, 50), "ours", 0), Rule(at=0.95, text="end")]
+    drawn = plate("nine_figure", "A figure", "What to see.", [Panel(title="one", x="t, s", y="y", draws=draws)])
     own = Section(
         "nine", "Section nine", (f"We found {ours:g}",), rows, plates=(drawn,), head="It hangs on the horizon"
     )
