@@ -55,7 +55,7 @@ ASKS = {
     "dataset": {"campaign", "gap"},
     "project": set(),
 }
-ONLY_IN = {"jsbsim": "flight", "gymnasium": "envs"}
+ONLY_IN = {"jsbsim": "flight", "gymnasium": "envs", "matplotlib": "page"}
 
 
 def room(path: Path) -> str:
@@ -114,8 +114,6 @@ def misplaced_imports(path: Path) -> Iterator[str]:
         place, top = f"{path.relative_to(ROOT)}:{line}", module.split(".")[0]
         if ONLY_IN.get(top, here) != here:
             yield f"{place}: {top} belongs in {ONLY_IN.get(top)}/"
-        if top == "matplotlib" and here != "page" and not path.stem.endswith("figures"):
-            yield f"{place}: a drawing lies in figures.py"
         if top in ("dask", "distributed") and path.parent != PACKAGE / "questions" / "campaign":
             yield f"{place}: {top} belongs in campaign/"
         if top == "numba" and path.name != "compiled.py":
@@ -472,7 +470,6 @@ READS_ITSELF = {
     "core/lazily.py": "the stub of the package",
     "page/html.py": "templates",
     "page/terminal.py": "the null device in the place of a stream that is closed",
-    "page/figure_data.py": "colour maps",
     "flight/batch/compiled.py": "sources of the package",
     "questions/studio/page/__init__.py": "parts of its page",
     "questions/plan/injection/lua.py": "the body of the script",

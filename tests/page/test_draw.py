@@ -40,7 +40,7 @@ def test_nothing_that_is_written_leaves_the_paper_or_lies_over_another(wide, sha
     found = written(figure)
     paper = figure.bbox
     assert [t for t, box in found if box.x0 < 0.0 or box.y0 < 0.0 or box.x1 > paper.x1 or box.y1 > paper.y1] == []
-    small = [(t, box.shrunk(0.9)) for t, box in found]
+    small = [(t, box.shrunk(0.9, 0.9)) for t, box in found]
     assert [(t, other) for k, (t, box) in enumerate(small) for other, there in small[:k] if box.overlaps(there)] == []
 
 

@@ -13,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import AIRCRAFT_MODELS, aircraft_names
 from testbench.flight import load_aircraft
+from testbench.page.figure import INK, Area, Words
 from testbench.questions.aircraft.three_view_figures import three_view_plates
 
 pytestmark = pytest.mark.drawn
@@ -21,12 +22,6 @@ pytestmark = pytest.mark.drawn
 def plate(aircraft):
     (found,) = three_view_plates(SimpleNamespace(envelope=SimpleNamespace(aircraft=aircraft)))
     return found
-
-
-def texts(figure):
-    return [t.get_text() for axes in figure.axes for t in axes.texts if t.get_text()] + [
-        t.get_text() for t in figure.texts
-    ]
 
 
 @pytest.mark.parametrize("name", aircraft_names())
@@ -43,17 +38,15 @@ def test_the_drawing_has_the_span_and_area_of_the_model(name):
 @pytest.mark.parametrize("wide", [True, False])
 def test_views_share_one_scale_and_say_the_main_dimensions(name, wide):
     aircraft = load_aircraft(name)
-    figure = plate(aircraft).make(wide)
-    size = figure.get_size_inches()
-    scales = []
-    for axes in figure.axes:
-        box = axes.get_position()
-        for low_high, paper in ((axes.get_xlim(), box.width * size[0]), (axes.get_ylim(), box.height * size[1])):
-            scales.append(np.ptp(low_high) / paper)
-    assert len(figure.axes) == 3
-    assert scales == pytest.approx([scales[0]] * 6, rel=1e-9)
-    said = texts(figure)
+    (panel,) = plate(aircraft).chart_of(wide).panels
+    width, tall = panel.box_in[2:]
+    assert (panel.x_range, panel.y_range) == ((0.0, width), (0.0, tall))  # inches of paper
     nose, end = aircraft.outline.ends_m
+    across = [float(np.ptp(x)) for d in panel.draws if isinstance(d, Area) for x, _ in d.outlines]
+    twice = sorted({x for k, x in enumerate(across) for y in across[:k] if abs(x / y - 1.0) < 1e-9})
+    wing, tail = twice[-1], twice[-2]  # from above and from ahead
+    assert wing / tail == pytest.approx(aircraft.geometry.b_m / aircraft.outline.tail.span_m)
+    said = [d.text for d in panel.draws if isinstance(d, Words)]
     for word, value in (("span", aircraft.geometry.b_m), ("length", nose - end)):
         (text,) = (
             t for t in said if t.startswith(f"{word} ") and float(t.split()[1]) == pytest.approx(value, rel=5e-3)
@@ -83,9 +76,14 @@ def test_no_text_leaves_the_paper_or_covers_another(name, wide):
 
 
 def test_the_centre_of_gravity_is_marked_in_all_three_views():
-    figure = plate(load_aircraft("eolo")).make(True)
-    for axes in figure.axes:
-        assert any(getattr(p, "center", None) == (0.0, 0.0) and hasattr(p, "theta1") for p in axes.patches)
+    (panel,) = plate(load_aircraft("eolo")).chart_of(True).panels
+    discs = [d for d in panel.draws if isinstance(d, Area) and d.colour == "white"]
+    quarters = [d for d in panel.draws if isinstance(d, Area) and d.colour == INK]
+    assert (len(discs), len(quarters)) == (3, 6)
+    for k, quarter in enumerate(quarters):
+        (x, y), disc = quarter.outlines[0], discs[k // 2].outlines[0]
+        centre = [0.5 * (c.min() + c.max()) for c in disc]
+        assert [x[0], y[0]] == pytest.approx(centre, abs=1e-3)
 
 
 def test_the_same_aircraft_gives_the_same_bytes_and_has_a_narrow_form():
@@ -96,9 +94,13 @@ def test_the_same_aircraft_gives_the_same_bytes_and_has_a_narrow_form():
 
 def test_stations_of_the_mode_shapes_are_drawn_where_they_are_known():
     aircraft = load_aircraft("eolo")
-    top = plate(aircraft).make(True).axes[0]
-    dots = next(line for line in top.lines if line.get_marker() == "o")
-    assert dots.get_xdata() == pytest.approx(aircraft.elastic.stations_m)
+    (panel,) = plate(aircraft).chart_of(True).panels
+    dots = next(c for c in panel.curves if c.marker == "o")
+    stations = np.array(aircraft.elastic.stations_m)
+    assert len(dots.x) == len(stations)
+    np.testing.assert_allclose(
+        np.diff(dots.x) / np.diff(dots.x)[0], np.diff(stations) / np.diff(stations)[0], rtol=1e-9
+    )
     assert "stations" in plate(aircraft).caption
     assert "stations" not in plate(aircraft.with_rigid_wings()).caption
 
