@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from matplotlib import rc_context
@@ -58,7 +58,7 @@ _SHARE_OF_NAMES = 0.36  # of a figure's width, that names of rows may take
 _BAR_IN, _BAR_HEAD_IN = (1.8, 0.09), 0.52  # of the colours of an image
 
 
-def style() -> dict[str, Any]:
+def style() -> Any:
     """Return the settings of all figures of the testbench: light, quiet, and the same at every run."""
     return {
         "font.family": "sans-serif",
@@ -255,7 +255,7 @@ def _colour_bar(figure: Figure, placed: Sequence[_Placed], image: Image, x: floa
     colours.ax.set_xticks([at for at, _ in image.ticks], [text for _, text in image.ticks])
     colours.ax.minorticks_off()
     colours.ax.set_title(image.title, fontsize=_TICKS_PT, color=QUIET, loc="left")
-    colours.outline.set_visible(False)  # type: ignore[operator]
+    colours.outline.set_visible(False)
 
 
 def _text_in(text: str, points: float) -> float:
@@ -294,8 +294,8 @@ def _artists(d: Drawn, panel: Panel, stretches: int, limits: Any) -> Iterator[Ar
     if isinstance(d, Curve):
         x, y = np.atleast_1d(np.asarray(d.x, float)), np.atleast_1d(np.asarray(d.y, float))
         if panel.y_range and None not in panel.y_range and not panel.log_y and not d.marker:
-            low, high = sorted(panel.y_range)  # type: ignore[type-var]
-            y = np.clip(y, 5.0 * low - 4.0 * high, 5.0 * high - 4.0 * low)  # type: ignore[operator]  # of what diverges
+            low, high = sorted(v for v in panel.y_range if v is not None)
+            y = np.clip(y, 5.0 * low - 4.0 * high, 5.0 * high - 4.0 * low)  # of what diverges
         if stretches and not d.marker and not panel.log_x and np.all(np.diff(x) > 0.0):
             x, y = envelope(x, y, stretches)
         for error, cap, across in ((d.x_error, "|", True), (d.y_error, "_", False)):
@@ -304,7 +304,7 @@ def _artists(d: Drawn, panel: Panel, stretches: int, limits: Any) -> Iterator[Ar
                 base, other = (x, y) if across else (y, x)
                 ends = np.column_stack([base - half, base + half, np.full_like(half, np.nan)]).ravel()
                 look = {"color": d.colour, "linewidth": 1.2, "marker": cap, "markersize": 4.0, "zorder": d.order}
-                yield Artist("plot", *((ends, np.repeat(other, 3)) if across else (np.repeat(other, 3), ends)), look)
+                yield _along("plot", across, ends, np.repeat(other, 3), look)
         yield Artist("plot", x, y, _look(d), d.name)
     elif isinstance(d, Area):
         look = {"facecolor": d.colour, "edgecolor": d.edge or "none", "linewidth": d.width if d.edge else 0.0}
@@ -315,11 +315,16 @@ def _artists(d: Drawn, panel: Panel, stretches: int, limits: Any) -> Iterator[Ar
         ends, (low, high) = np.array([d.low, d.high, d.high, d.low]), limits[d.of == "x"]
         other = np.array([low, low, high, high])
         look = {"facecolor": d.colour, "linewidth": 0.0, "alpha": d.alpha, "zorder": 0.5}
-        yield Artist("fill", *((ends, other) if d.of == "x" else (other, ends)), look, d.name)
+        yield _along("fill", d.of == "x", ends, other, look, d.name)
     elif isinstance(d, Rule):
         place, other = np.full(2, d.at), np.asarray(limits[d.of == "x"], float)
         look = {"color": d.colour, "linewidth": d.width, "linestyle": _dash(d.dash), "zorder": d.order}
-        yield Artist("plot", *((place, other) if d.of == "x" else (other, place)), look, d.name)
+        yield _along("plot", d.of == "x", place, other, look, d.name)
+
+
+def _along(how: str, x: bool, at: FloatArray, other: FloatArray, look: dict[str, Any], name: str = "") -> Artist:
+    """Return what lies ``at`` places of the x axis, or of the y axis."""
+    return Artist(how, at, other, look, name) if x else Artist(how, other, at, look, name)
 
 
 def _look(c: Curve) -> dict[str, Any]:
@@ -382,8 +387,8 @@ class _Placed:
             getattr(self.axes, a.how)(a.x, a.y, label=a.name or None, **a.look)
 
     def _draw_image(self, d: Image) -> None:
-        norm = {"norm": LogNorm(d.low, d.high)} if d.log else {"vmin": d.low, "vmax": d.high}
-        self.axes.imshow(np.clip(d.values, d.low, d.high), cmap="Blues", aspect="auto", **norm)  # type: ignore[arg-type]
+        norm: dict[str, Any] = {"norm": LogNorm(d.low, d.high)} if d.log else {"vmin": d.low, "vmax": d.high}
+        self.axes.imshow(np.clip(d.values, d.low, d.high), cmap="Blues", aspect="auto", **norm)
         self.axes.set_facecolor(FAINT)  # what is not a number shows it
         self.axes.tick_params(length=0)
 
@@ -517,7 +522,8 @@ class _Placed:
             axes.yaxis.label.set_color(panel.y_colour)
         if panel.x_too is not None:
             name, factor = panel.x_too
-            other: Any = axes.secondary_xaxis(-0.5 / high, functions=(lambda x: x * factor, lambda x: x / factor))
+            there_and_back: Any = (lambda x: x * factor, lambda x: x / factor)
+            other: Any = axes.secondary_xaxis(-0.5 / high, functions=there_and_back)
             other.set_xlabel(name, labelpad=1)
             if panel.log_x:
                 low, top = (factor * v for v in axes.get_xlim())
@@ -534,13 +540,13 @@ class _Placed:
                 self._words(d)
 
     def _words(self, d: Words) -> None:
-        where = {"": "data", "y": ("data", "axes fraction"), "xy": "axes fraction"}[d.of_panel]
-        box = {"bbox": {"facecolor": "white", "edgecolor": "none", "pad": 1.2}} if d.on_white else {}
+        where: Any = {"": "data", "y": ("data", "axes fraction"), "xy": "axes fraction"}[d.of_panel]
+        box: dict[str, Any] = {"bbox": {"facecolor": "white", "edgecolor": "none", "pad": 1.2}} if d.on_white else {}
         self.axes.annotate(
             d.text, (d.x, d.y), xytext=d.shift, textcoords="offset points", xycoords=where, ha=d.across, va=d.up,
             fontsize=d.size, color=d.colour, rotation=d.turn, weight="bold" if d.bold else "normal", zorder=d.order,
             annotation_clip=False, **box,
-        )  # type: ignore[arg-type]  # fmt: skip
+        )  # fmt: skip
 
     def _few_ticks(self, wide: float) -> None:
         """Give the horizontal axis as many round ticks as their labels leave room for."""
@@ -562,12 +568,12 @@ class _Placed:
         places = places[(limits[0] <= places) & (places <= limits[1])]
         if len(decades) > 9 or self.panel.behind:
             return
-        zeros = np.zeros_like(places)
+        zeros, marker = np.zeros_like(places), cast(Any, TICKDOWN if which == "x" else TICKLEFT)
         # matplotlib makes an object with three lines and two texts of each minor tick; here they are one line.
         self.figure.add_artist(
             Line2D(
                 *((places, zeros) if which == "x" else (zeros, places)), linestyle="none", markersize=2.0,
-                clip_on=False, marker=TICKDOWN if which == "x" else TICKLEFT, markeredgewidth=0.4, color="#4b5258",
+                clip_on=False, marker=marker, markeredgewidth=0.4, color="#4b5258",
                 transform=getattr(self.axes, f"get_{which}axis_transform")(which="grid"),
             )
         )  # fmt: skip

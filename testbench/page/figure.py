@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 # Okabe and Ito, "Color Universal Design", 2008: told apart with any colour vision; each has its own dash, for print.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 Dash = tuple[float, ...]
+Numbers = NDArray[Any] | Sequence[float]
 DASHES: tuple[Dash, ...] = ((), (6, 1.5), (3, 1.2), (6, 1.5, 1.2, 1.5), (1.2, 1.2), (9, 2))
 MARKERS = "osD^vP"
 DASHED: Dash = (4, 2)
@@ -79,8 +81,8 @@ class Curve:
         clip: what lies beyond the axes is cut off.
     """
 
-    x: FloatArray | Sequence[float]
-    y: FloatArray | Sequence[float]
+    x: Numbers
+    y: Numbers
     name: str = ""
     colour: str = INK
     dash: Dash = ()
@@ -101,7 +103,7 @@ class Curve:
 class Area:
     """One or more filled outlines of one look, each (x, y); see :func:`band` and :func:`bars`."""
 
-    outlines: Sequence[tuple[FloatArray | Sequence[float], FloatArray | Sequence[float]]]
+    outlines: Sequence[tuple[Numbers, Numbers]]
     name: str = ""
     colour: str = MEASURED
     edge: str = ""
@@ -402,8 +404,8 @@ def bode(
             of the magnitude and of the phase, each (low, high).
     """
     behind = more.pop("draws", ())
-    about = [[band(curves[0][0], *ends, COLOURS[0])] for ends in more.pop("bands", ())] or [[], []]
-    given = {"x": "frequency, rad/s", "log_x": True, "tall_in": 1.25} | more
+    about = [[band(curves[0][0], low, high, COLOURS[0])] for low, high in more.pop("bands", ())] or [[], []]
+    given: dict[str, Any] = {"x": "frequency, rad/s", "log_x": True, "tall_in": 1.25} | more
     w = np.concatenate([c[0] for c in curves])
     given.setdefault("x_range", (float(w.min()), float(w.max())))
     size = [*behind, *about[0], *(Curve(x=w, y=size, **look) for w, size, _, look in curves)]
@@ -437,7 +439,7 @@ def mode_marks(modes: Mapping[str, complex], elastic: Iterable[str], low: float,
     return out
 
 
-def within(low: float, high: float, shown: Sequence[FloatArray], reach: float = 0.6) -> tuple[float, float]:
+def within(low: float, high: float, shown: Sequence[NDArray[Any]], reach: float = 0.6) -> tuple[float, float]:
     """Return a range that shows all of low to high, and of curves (n,) what lies within ``reach`` of it on each side.
 
     What diverges so does not squash what was measured.

@@ -6,8 +6,8 @@ import csv
 import io
 import json
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from testbench.core.escape import csv_cell
@@ -35,6 +35,9 @@ class Column:
     ``decimals`` fixes the places behind the point; None gives ``digits`` significant ones. ``given`` marks a column of
     values that were chosen, not found: they are shown without trailing zeros. ``common`` is how all texts of the column
     begin: the page leaves it out, for the caption tells it; files keep it.
+
+    ``get`` says which value of an item stands in the column, for :meth:`Table.of`: a path of attributes such as
+    "rms.low", "" for the key, where None on the way is a missing value; or what returns the value.
     """
 
     key: str
@@ -45,6 +48,16 @@ class Column:
     digits: int = 3
     given: bool = False
     common: str = ""
+    get: str | Callable[[Any], Value] = field(default="", compare=False)
+
+    def of(self, item: Any) -> Value:
+        """Return the value of an item that stands in the column."""
+        if not isinstance(self.get, str):
+            return self.get(item)
+        for name in (self.get or self.key).split("."):
+            item = None if item is None else getattr(item, name)
+        value: Value = item
+        return value
 
     def text(self, value: Value) -> str:
         """Return ``value`` as the page shows it; what is missing becomes a dash."""
@@ -83,6 +96,13 @@ class Table:
     rows: tuple[tuple[Value, ...], ...]
     total: bool = False
     wide: bool = False
+
+    @classmethod
+    def of(
+        cls, name: str, title: str, caption: str, columns: Sequence[Column], items: Iterable[Any], **more: Any
+    ) -> Table:
+        """Return a table with a row for each item, whose columns say what they show of it; ``more`` as of a table."""
+        return cls(name, title, caption, tuple(columns), tuple(tuple(c.of(x) for c in columns) for x in items), **more)
 
     def only(self, *keys: str) -> Table:
         """Return the table with these columns alone, in its own order."""

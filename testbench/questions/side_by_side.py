@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -200,11 +200,11 @@ def calibration_plates(of: Mapping[str, FloatArray]) -> list[Plate]:
     return [Plate("calibration", "Errors over stated errors", CALIBRATION, grid(panels, 3))]
 
 
-def points(x: FloatArray, y: FloatArray, **look: Any) -> Curve:
+def points(x: FloatArray, y: FloatArray) -> Curve:
     """Return one sign each of at most some thousand points; few are seen, and many do not cover one another."""
     every = slice(None, None, max(1, x.size // _POINTS))
     size = 3.5 if x.size > _FEW else 7.0
-    return Curve(x=x[every], y=y[every], **{"colour": COLOURS[0], "marker": ".", "size": size, "alpha": 0.6} | look)
+    return Curve(x=x[every], y=y[every], colour=COLOURS[0], marker=".", size=size, alpha=0.6)
 
 
 def calibration_panel(name: str, errors: FloatArray, stated: FloatArray) -> Panel:
@@ -213,5 +213,5 @@ def calibration_panel(name: str, errors: FloatArray, stated: FloatArray) -> Pane
     end = float(np.abs(z.expected).max(initial=1.0))
     found = np.clip(z.found, -_MOST_RATIO, _MOST_RATIO)  # a stated error of nearly zero hides all others
     line = Curve(x=[-end, end], y=[-end, end], width=0.9)
-    draws = [band(z.expected, z.low, z.high, alpha=0.5), line, points(z.expected, found)]
+    draws: list[Drawn] = [band(z.expected, z.low, z.high, alpha=0.5), line, points(z.expected, found)]
     return Panel(draws=draws, title=name, x="normal", y="error / stated", tall_in=1.75)

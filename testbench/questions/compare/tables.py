@@ -13,7 +13,8 @@ from testbench.questions.compare.methods import OVER, contests, ranked_contests
 from testbench.questions.side_by_side import pair_table, rank_table
 
 if TYPE_CHECKING:
-    from testbench.questions.compare.result import CompareResult, Gain
+    from testbench.questions.compare.result import CompareResult, Gain, Summary
+    from testbench.sensors import SensorSuite as Suite
 
 
 def compare_tables(result: CompareResult) -> list[Table]:
@@ -26,34 +27,32 @@ def compare_tables(result: CompareResult) -> list[Table]:
 
 def suite_table(result: CompareResult) -> Table:
     """Return the suites with price and mass."""
-    return Table(
+    base = result.suites[0]
+
+    def per(s: Suite, what: str) -> float | None:
+        """Return the factor of a suite for 100 of what it costs or weighs more."""
+        more = more_of(getattr(s, what), getattr(base, what))
+        return per_hundred(None if s is base else worth(result, s), more)
+
+    errors = "standard errors"
+    return Table.of(
         "suites",
         "The sensor suites",
         "Price and mass are those of all sensors with mounting and cable; a dash: not known. The last columns give, by "
         "information, the factor by which the added sensors divide the standard errors (the geometric mean of those "
         "that every suite gives), and the same factor for 100 € or 100 g.",
         (
-            Column("suite", "suite"),
-            Column("rate", "rate", "Hz", given=True),
-            Column("adds", "adds to the first"),
-            Column("price", "price", "€", given=True, digits=6),
-            Column("mass", "mass", "g", given=True, digits=6),
-            Column("divides", "divided by", "", "standard errors", digits=3),
-            Column("per_100_eur", "for 100 €", "", "standard errors", digits=3),
-            Column("per_100_g", "for 100 g", "", "standard errors", digits=3),
+            Column("suite", "suite", get="name"),
+            Column("rate", "rate", "Hz", given=True, get="rate_hz"),
+            Column("adds", "adds to the first", get=lambda s: "" if s is base else added(result, s)),
+            Column("price", "price", "€", given=True, digits=6, get="price_eur"),
+            Column("mass", "mass", "g", given=True, digits=6, get="mass_g"),
+            Column("divides", "divided by", "", errors, get=lambda s: None if s is base else worth(result, s)),
+            Column("per_100_eur", "for 100 €", "", errors, get=lambda s: per(s, "price_eur")),
+            Column("per_100_g", "for 100 g", "", errors, get=lambda s: per(s, "mass_g")),
         ),
-        tuple(_suite_row(result, k) for k in range(len(result.suites))),
+        result.suites,
     )
-
-
-def _suite_row(result: CompareResult, k: int) -> tuple[Value, ...]:
-    s, base = result.suites[k], result.suites[0]
-    factor = worth(result, s) if k else None
-    rates = (
-        per_hundred(factor, more_of(s.price_eur, base.price_eur)),
-        per_hundred(factor, more_of(s.mass_g, base.mass_g)),
-    )
-    return (s.name, s.rate_hz, added(result, s) if k else "", s.price_eur, s.mass_g, factor, *rates)
 
 
 def gain_table(result: CompareResult) -> Table:
@@ -61,7 +60,15 @@ def gain_table(result: CompareResult) -> Table:
     s = result.scenario
     what = {"wilcoxon": "Hodges-Lehmann pseudo-median", "t": "mean"}[s.test]
     test = {"wilcoxon": "Wilcoxon's signed rank test, exact", "t": "Student's paired t test"}[s.test]
-    return Table(
+    suites = {suite.name: suite for suite in result.suites}
+
+    def per(g: Gain, what: str) -> float | None:
+        """Return the gain for 100 of what its suite costs or weighs more than the first."""
+        more = more_of(getattr(suites[g.case.suite], what), getattr(result.suites[0], what))
+        return 100.0 * g.paired.difference.value / more if g.paired.difference and more else None
+
+    difference = "paired difference"
+    return Table.of(
         "gains",
         f"What each suite buys over {result.suites[0].name}",
         f"Size of the error with the first suite minus that with this one, in the same flight with the same noise: "
@@ -72,56 +79,36 @@ def gain_table(result: CompareResult) -> Table:
         "Errors of predictions are percent of the rms, all others percent of the true value, or absolute where that is "
         "near zero.",
         (
-            Column("suite", "suite"),
-            Column("input", "input"),
-            Column("estimator", "estimator"),
-            Column("quantity", "error of"),
-            Column("before", "with the first", "", "median size", digits=3),
-            Column("after", "with this one", "", "median size", digits=3),
-            Column("gain", "gain", "", "paired difference", digits=3),
-            Column("low", "from", "", "paired difference", digits=3),
-            Column("high", "to", "", "paired difference", digits=3),
-            Column("pairs", "pairs"),
-            Column("p", "p", digits=2),
+            Column("suite", "suite", get="case.suite"),
+            Column("input", "input", get="case.manoeuvre"),
+            Column("estimator", "estimator", get="case.estimator"),
+            Column("quantity", "error of", get=_quantity),
+            Column("before", "with the first", "", "median size", get=lambda g: _finite(g.before)),
+            Column("after", "with this one", "", "median size", get=lambda g: _finite(g.after)),
+            Column("gain", "gain", "", difference, get="paired.difference.value"),
+            Column("low", "from", "", difference, get="paired.difference.low"),
+            Column("high", "to", "", difference, get="paired.difference.high"),
+            Column("pairs", "pairs", get="paired.pairs"),
+            Column("p", "p", digits=2, get="paired.p"),
             Column("p_holm", "p corrected", digits=2),
-            Column("sure", "sure"),
-            Column("information", "information", digits=2),
-            Column("per_100_eur", "100 €", "", "gain per", digits=2),
-            Column("per_100_g", "100 g", "", "gain per", digits=2),
+            Column("sure", "sure", get=lambda g: None if g.p_holm is None else g.significant(s.level)),
+            Column("information", "information", digits=2, get="predicted"),
+            Column("per_100_eur", "100 €", "", "gain per", digits=2, get=lambda g: per(g, "price_eur")),
+            Column("per_100_g", "100 g", "", "gain per", digits=2, get=lambda g: per(g, "mass_g")),
         ),
-        tuple(_gain_row(result, g) for g in result.gains),
+        result.gains,
         wide=True,
     )
 
 
-def _gain_row(result: CompareResult, g: Gain) -> tuple[Value, ...]:
-    d, base = g.paired.difference, result.suites[0]
-    suite = next(s for s in result.suites if s.name == g.case.suite)
-    price, mass = more_of(suite.price_eur, base.price_eur), more_of(suite.mass_g, base.mass_g)
-    sure = None if g.p_holm is None else g.significant(result.scenario.level)
-    return (
-        g.case.suite,
-        g.case.manoeuvre,
-        g.case.estimator,
-        quantity_words(g.quantity) + (f", {g.quantity.unit}" if g.quantity.unit else ""),
-        _finite(g.before),
-        _finite(g.after),
-        d.value if d else None,
-        d.low if d else None,
-        d.high if d else None,
-        g.paired.pairs,
-        g.paired.p,
-        g.p_holm,
-        sure,
-        g.predicted,
-        100.0 * d.value / price if d and price else None,
-        100.0 * d.value / mass if d and mass else None,
-    )
+def _quantity(of: Gain | Summary) -> str:
+    return quantity_words(of.quantity) + (f", {of.quantity.unit}" if of.quantity.unit else "")
 
 
 def error_table(result: CompareResult) -> Table:
     """Return every error of every case."""
-    return Table(
+    over = "scatter over predicted"
+    return Table.of(
         "errors",
         "Errors of every input, suite and estimator",
         f"Over {result.scenario.seeds} repetitions: root mean square with 95 % interval, mean (bias), the best case's "
@@ -132,44 +119,24 @@ def error_table(result: CompareResult) -> Table:
         "errors (terms of second order are more than half of them): there a linear bound says little. Predictions are "
         "compared with what the sensors would show without noise and biases.",
         (
-            Column("input", "input"),
-            Column("suite", "suite"),
-            Column("estimator", "estimator"),
-            Column("quantity", "error of"),
+            Column("input", "input", get="case.manoeuvre"),
+            Column("suite", "suite", get="case.suite"),
+            Column("estimator", "estimator", get="case.estimator"),
+            Column("quantity", "error of", get=_quantity),
             Column("found", "found"),
             Column("of", "of"),
-            Column("rms", "rms", "", "error"),
-            Column("low", "from", "", "error"),
-            Column("high", "to", "", "error"),
-            Column("bias", "bias", "", "error"),
+            Column("rms", "rms", "", "error", get="rms.value"),
+            Column("low", "from", "", "error", get="rms.low"),
+            Column("high", "to", "", "error", get="rms.high"),
+            Column("bias", "bias", "", "error", get="mean.value"),
             Column("of_flight", "without noise", "", "error"),
             Column("scatter", "scatter", "", "error"),
-            Column("predicted", "predicted scatter"),
-            Column("ratio", "ratio", "", "scatter over predicted", digits=3),
-            Column("ratio_low", "from", "", "scatter over predicted", digits=3),
-            Column("ratio_high", "to", "", "scatter over predicted", digits=3),
+            Column("predicted", "predicted scatter", get=lambda s: _finite(s.predicted)),
+            Column("ratio", "ratio", "", over, get="ratio.value"),
+            Column("ratio_low", "from", "", over, get="ratio.low"),
+            Column("ratio_high", "to", "", over, get="ratio.high"),
         ),
-        tuple(
-            (
-                s.case.manoeuvre,
-                s.case.suite,
-                s.case.estimator,
-                quantity_words(s.quantity) + (f", {s.quantity.unit}" if s.quantity.unit else ""),
-                s.found,
-                s.of,
-                s.rms.value if s.rms else None,
-                s.rms.low if s.rms else None,
-                s.rms.high if s.rms else None,
-                s.mean.value if s.mean else None,
-                s.of_flight,
-                s.scatter,
-                _finite(s.predicted),
-                s.ratio.value if s.ratio else None,
-                s.ratio.low if s.ratio else None,
-                s.ratio.high if s.ratio else None,
-            )
-            for s in result.summaries
-        ),
+        result.summaries,
         wide=True,
     )
 

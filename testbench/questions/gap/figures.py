@@ -226,7 +226,7 @@ def _answer_plate(result: GapResult) -> Plate:
         broad=1.6,
     )  # fmt: skip
     at, low = np.arange(len(outputs)), 0.5
-    draws = [
+    draws: list[Drawn] = [
         bars(at - 0.19, low, np.maximum(shrink.energy_before, low), 0.34, colour="white", edge=COLOURS[1]),
         bars(at + 0.19, low, np.maximum(shrink.energy_after, low), 0.34, colour=COLOURS[0]),
         Rule(at=1.0, colour=INK, dash=_FLOOR),

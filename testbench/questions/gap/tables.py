@@ -6,37 +6,44 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from testbench.core.words import with_error
 from testbench.inference.calibrate import Reliability
 from testbench.page.labels import symbol
-from testbench.page.tables import Column, Table
+from testbench.page.tables import Column, Table, Value
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.control_path import SurfacePath
+from testbench.questions.gap.evidence.forces import follows
 from testbench.questions.gap.explain import Naming
-from testbench.questions.gap.open_set import title_of
+from testbench.questions.gap.open_set import FirstLook, title_of
 from testbench.questions.gap.search.hypothesis import FLOWN_STEP, LINEAR_STEP
 
 if TYPE_CHECKING:
     from testbench.questions.gap.ask import GapResult
     from testbench.questions.gap.plan import GapPlan
 
+_MOST_INSTEAD = 6
+
 
 def _path_table(paths: Sequence[SurfacePath]) -> Table:
     """Return what is known of the paths from commands to recorded surfaces."""
-    return Table(
+
+    def seen(path: SurfacePath, value: float) -> float | None:
+        """Return a value, or None where nothing is seen."""
+        return None if path.why else value
+
+    return Table.of(
         "control_paths",
         "Control paths",
         "A surface that is recorded beside its command is a channel as all others are. Probability: that something is "
         "missing between command and surface. Left: rms of what the model leaves of the surface, over its noise.",
         (
             Column("control", "control"),
-            Column("probability", "probability", "%", decimals=1),
-            Column("believed", "left by the believed model", decimals=2),
-            Column("nearest", "left by what comes nearest", decimals=2),
+            Column("probability", "probability", "%", decimals=1, get=lambda p: seen(p, 100.0 * p.probability)),
+            Column("believed", "left by the believed model", decimals=2, get=lambda p: seen(p, p.believed)),
+            Column("nearest", "left by what comes nearest", decimals=2, get=lambda p: seen(p, p.nearest)),
             Column("why", "why it is not seen"),
         ),
-        tuple(
-            (p.control, *((None,) * 3 if p.why else (100.0 * p.probability, p.believed, p.nearest)), p.why)
-            for p in paths
-        ),
+        paths,
         wide=True,
     )
 
@@ -46,29 +53,17 @@ def _ranking(naming: Naming) -> Table:
     rows = {row.name: row for row in naming.weighed.table.rows}
     best = naming.weighed.table.best.log_evidence
     fits = {f.effect.name: f for f in naming.ranking}
-    order = sorted(rows, key=lambda n: -naming.weighed[n])
 
-    def line(name: str) -> tuple[str | float | None, ...]:
-        """Return one explanation."""
-        row, fit = rows[name], fits.get(name)
-        found = row.posterior
-        return (
-            "nothing" if fit is None else fit.effect.title,
-            "" if fit is None else fit.size,
-            100.0 * naming.weighed[name],
-            100.0 * naming.weighed.imitates(name),
-            found.log_evidence - best,
-            row.difference_error,
-            0.0 if fit is None else fit.gain,
-            None if fit is None or math.isnan(fit.share) else 100.0 * fit.share,
-            found.kappa,
-            found.whiteness,
-            found.strain,
-            row.held_out,
-            "" if fit is None else fit.effect.separated_by,
-        )
+    def fit(name: str, key: str, none: Value = "") -> Value:
+        """Return what an effect's fit holds; of nothing, which has no fit, another value."""
+        return Column(key, "", get=key).of(fits[name]) if name in fits else none
 
-    return Table(
+    def share(name: str) -> float | None:
+        """Return the share of the excess over noise that is explained."""
+        found = fits.get(name)
+        return None if found is None or math.isnan(found.share) else 100.0 * found.share
+
+    return Table.of(
         "ranking",
         "Explanations by their probabilities",
         "Nothing, the effects that come nearest, pairs of them and wrong coefficients, by one likelihood in which "
@@ -80,23 +75,24 @@ def _ranking(naming: Naming) -> Table:
         "look as coloured as what is left. Strain: squares of the distances from the priors, one a parameter if they "
         "hold. Held out: ln p of a sample of the manoeuvres held out, less that without any effect.",
         (
-            Column("effect", "explanation"),
-            Column("size", "size, with standard error"),
-            Column("whole", "whole", "%", decimals=1),
-            Column("imitates", "imitates", "%", decimals=1),
-            Column("evidence", "ln evidence, less the best", decimals=1),
-            Column("error", "its error", decimals=1),
-            Column("gain", "gain", decimals=1),
-            Column("share", "share explained", "%", decimals=1),
-            Column("kappa", "left", decimals=4),
-            Column("whiteness", "white", decimals=3),
-            Column("strain", "strain", decimals=1),
-            Column("held_out", "held out", decimals=3),
-            Column("separated", "what separates it"),
+            Column("effect", "explanation", get=lambda n: fit(n, "effect.title", "nothing")),
+            Column("size", "size, with standard error", get=lambda n: fit(n, "size")),
+            Column("whole", "whole", "%", decimals=1, get=lambda n: 100.0 * naming.weighed[n]),
+            Column("imitates", "imitates", "%", decimals=1, get=lambda n: 100.0 * naming.weighed.imitates(n)),
+            Column("evidence", "ln evidence, less the best", decimals=1,
+                   get=lambda n: rows[n].posterior.log_evidence - best),
+            Column("error", "its error", decimals=1, get=lambda n: rows[n].difference_error),
+            Column("gain", "gain", decimals=1, get=lambda n: fit(n, "gain", 0.0)),
+            Column("share", "share explained", "%", decimals=1, get=share),
+            Column("kappa", "left", decimals=4, get=lambda n: rows[n].posterior.kappa),
+            Column("whiteness", "white", decimals=3, get=lambda n: rows[n].posterior.whiteness),
+            Column("strain", "strain", decimals=1, get=lambda n: rows[n].posterior.strain),
+            Column("held_out", "held out", decimals=3, get=lambda n: rows[n].held_out),
+            Column("separated", "what separates it", get=lambda n: fit(n, "effect.separated_by")),
         ),
-        tuple(line(name) for name in order),
+        sorted(rows, key=lambda n: -naming.weighed[n]),
         wide=True,
-    )
+    )  # fmt: skip
 
 
 def gap_tables(result: GapResult) -> list[Table]:
@@ -105,8 +101,25 @@ def gap_tables(result: GapResult) -> list[Table]:
     out = [_ranking(naming)]
     if result.finding.paths:
         out.append(_path_table(result.finding.paths))
-    if naming.terms:
-        out.append(_term_table(naming))
+    if result.finding.forces:
+        shares = follows(result.finding.forces)
+        quantities = list(dict.fromkeys(q for row in shares.values() for q in row))
+        out.append(
+            Table(
+                "equation_errors",
+                "Which quantities the equation errors follow",
+                "Share of the energy of each equation error that is proportional to one quantity alone, all manoeuvres "
+                "together. The quantities move together, so the shares do not add up to 100 %.",
+                (
+                    Column("coefficient", "error of"),
+                    *(Column(q, "dα/dt" if q == "alphadot" else symbol(q), "%", decimals=0) for q in quantities),
+                ),
+                tuple((c, *(100.0 * row.get(q, 0.0) for q in quantities)) for c, row in shares.items()),
+            )
+        )
+    first = result.finding.first
+    if first is not None and first.terms:
+        out.append(_term_table(first))
     if result.finding.again is not None:
         how = (
             f"The flights were flown {len(result.finding.again.trials)} times again, with nothing or an effect drawn "
@@ -144,49 +157,44 @@ def gap_tables(result: GapResult) -> list[Table]:
     return out
 
 
-def _term_table(naming: Naming) -> Table:
-    """Return the terms of motion, controls and time that missing forces and moments may follow."""
-    return Table(
+def _term_table(first: FirstLook) -> Table:
+    """Return what forces and moments follow."""
+    assert first.found is not None
+    return Table.of(
         "terms",
-        "What missing forces and moments may follow",
-        "Terms that no effect of the library holds, the most probable first, by their signatures alone; the first ones "
-        "are flown and stand among the explanations. Gain: ln p of the records more than without any term, an unknown "
-        "motion beside both. Angles in rad, rates times b/2V or c/2V, the throttle from 0 to 1.",
+        "What forces and moments follow",
+        f"Of {first.found.tried} terms of motion, controls and time, those that the coefficients felt at every sample "
+        "follow beyond those of the model; nothing is flown for that. Angles in rad, rates times b/2V or c/2V, the "
+        f"throttle from 0 to 1. Expected share of false terms: below {100.0 * CRITERIA.false_terms:g} %.",
         (
             Column("coefficient", "coefficient"),
-            Column("term", "term"),
-            Column("size", "size", digits=3),
-            Column("gain", "gain", decimals=1),
-            Column("words", "in words"),
+            Column("term", "term", get="term.label"),
+            Column("size", "size, with standard error", get=lambda f: with_error(f.size, f.error)),
+            Column("words", "in words", get=lambda f: title_of(f.coefficient, f.term)),
+            Column("instead", "could as well be",
+                   get=lambda f: ", ".join(t.label for t, _ in f.instead[:_MOST_INSTEAD]) or "no other term"),
         ),
-        tuple((t.coefficient, t.term.label, t.size, t.gain, title_of(t.coefficient, t.term)) for t in naming.terms),
+        first.terms,
         wide=True,
-    )
+    )  # fmt: skip
 
 
 def _again_table(found: Reliability, how: str) -> Table:
     """Return what stated probabilities were worth in flights again, and how these were flown."""
-    return Table(
+    return Table.of(
         "again",
         "What stated probabilities are worth in these flights",
         f"{how} Of all probabilities that were stated in a class, the share that was right, "
         f"with its 95 % interval. Expected calibration error of the answer: {found.calibration_error:.2g}.",
         (
-            Column("stated", "stated", "%"),
+            Column("stated", "stated", "%", get=lambda c: f"{100.0 * c.low:g} to {100.0 * c.high:g}"),
             Column("count", "how many"),
-            Column("mean", "their mean", "%", decimals=1),
-            Column("right", "right", "%", decimals=1),
-            Column("lowest", "from", "%", decimals=1),
-            Column("highest", "to", "%", decimals=1),
+            Column("mean", "their mean", "%", decimals=1, get=lambda c: 100.0 * c.mean),
+            Column("right", "right", "%", decimals=1, get=lambda c: 100.0 * c.right),
+            Column("lowest", "from", "%", decimals=1, get=lambda c: 100.0 * c.lowest),
+            Column("highest", "to", "%", decimals=1, get=lambda c: 100.0 * c.highest),
         ),
-        tuple(
-            (
-                f"{100.0 * c.low:g} to {100.0 * c.high:g}",
-                c.count,
-                *(100.0 * x for x in (c.mean, c.right, c.lowest, c.highest)),
-            )
-            for c in found.curve()
-        ),
+        found.curve(),
     )
 
 
@@ -194,43 +202,39 @@ def plan_tables(plan: GapPlan) -> list[Table]:
     """Return what could be added, how often each effect would be named, and what stated probabilities are worth."""
     power = plan.power
     out = [
-        Table(
+        Table.of(
             "additions",
             "What one more manoeuvre would change",
             "Best first. Shown: seen at the usual size. Named: then given 90 % or more, without noise and with "
             "coefficients as they are believed, to first order. Right: sum of what the right effects are given."
             + "".join(f" Not flown: {words} ({why})." for words, why in plan.skipped.items()),
             (
-                Column("manoeuvre", "manoeuvre"),
-                Column("shown", "effects shown"),
-                Column("named", "named"),
-                Column("right", "right", decimals=1),
+                Column("manoeuvre", "manoeuvre", get="words"),
+                Column("shown", "effects shown", get=lambda a: len(a.given)),
+                Column("named", "named", get=lambda a: len(a.named)),
+                Column("right", "right", decimals=1, get=lambda a: sum(a.given.values())),
             ),
-            tuple(
-                (a.words, len(a.given), len(a.named), sum(a.given.values()))
-                for a in (plan.planned, *plan.additions)
-                if a.given
-            ),
+            [a for a in (plan.planned, *plan.additions) if a.given],
             wide=True,
         ),
-        Table(
+        Table.of(
             "power",
             "How often each effect would be named",
             "Flights with sizes, coefficients and noise drawn from their priors. Named: stated with 90 % or more. In "
             "the set: among the fewest that hold 95 % together, whose median number is given. Taken for: what else is "
             "given most, by its mean probability.",
             (
-                Column("effect", "effect"),
-                Column("flights", "flights"),
-                Column("sure", "named", "%", decimals=0),
-                Column("held", "in the set", "%", decimals=0),
-                Column("size", "names in the set", decimals=1),
-                Column("given", "given", "%", decimals=0),
-                Column("other", "taken for"),
-                Column("instead", "given instead", "%", decimals=0),
-                Column("separated", "what separates it"),
+                Column("effect", "effect", get=plan.title),
+                Column("flights", "flights", get=lambda n: power[n].flights),
+                Column("sure", "named", "%", decimals=0, get=lambda n: 100.0 * power[n].sure),
+                Column("held", "in the set", "%", decimals=0, get=lambda n: 100.0 * power[n].held),
+                Column("size", "names in the set", decimals=1, get=lambda n: power[n].size),
+                Column("given", "given", "%", decimals=0, get=lambda n: 100.0 * power[n].given.get(n, 0.0)),
+                Column("other", "taken for", get=lambda n: plan.title(plan.taken_for(n)[0])),
+                Column("instead", "given instead", "%", decimals=0, get=lambda n: 100.0 * plan.taken_for(n)[1]),
+                Column("separated", "what separates it", get=lambda n: plan.effects[n].separated_by),
             ),
-            tuple(_power_row(plan, name) for name in power),
+            power,
             wide=True,
         ),
         Table(
@@ -248,18 +252,3 @@ def plan_tables(plan: GapPlan) -> list[Table]:
         )
         out.append(_again_table(plan.drawn, how))
     return [table for table in out if table.rows]
-
-
-def _power_row(plan: GapPlan, name: str) -> tuple[str | float, ...]:
-    found, (other, instead) = plan.power[name], plan.taken_for(name)
-    return (
-        plan.title(name),
-        found.flights,
-        100.0 * found.sure,
-        100.0 * found.held,
-        found.size,
-        100.0 * found.given.get(name, 0.0),
-        plan.title(other),
-        100.0 * instead,
-        plan.effects[name].separated_by,
-    )

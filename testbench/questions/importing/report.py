@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from testbench.logs.stretches import FLOWN, KINDS
 from testbench.page.explore import View
@@ -71,7 +71,7 @@ def _plate(imported: Imported) -> Plate:
     order = [n for n in _FIRST if n in record] + [n for n in record.channels if n not in _FIRST]
     kinds = [kind for kind in KINDS if any(s.kind == kind for s in imported.stretches)]
     spans = [Span(low=m.start_s, high=m.end_s) for m in imported.search.manoeuvres]
-    look = {"name": "as logged", "colour": COLOURS[0], "width": 0.9}
+    look: dict[str, Any] = {"name": "as logged", "colour": COLOURS[0], "width": 0.9}
     panels = [
         Panel(
             draws=[Curve(x=record.t_s, y=shown_unit(name)[0] * record[name], **look), *spans], x="t, s",

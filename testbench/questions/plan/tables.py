@@ -94,43 +94,37 @@ def flights_table(plan: Plan) -> Table:
 
 def points_table(plan: Plan) -> Table:
     """Return one row per point of the build-up."""
-    columns = (
-        Column("point", "point"),
-        Column("V", "V", "m/s", given=True),
-        Column("h", "h", "m", given=True),
-        Column("margin", "below the onset", "%", decimals=0),
-        Column("alpha", "α at trim", "deg", decimals=1),
-        Column("power", "level power", "W", decimals=0),
-        Column("least", "least elastic damping ζ", decimals=4),
-        Column("least_next", "predicted at the next", decimals=4),
-        Column("mode", "of the mode"),
-        Column("go", "go"),
-    )
     least = plan.scenario.least_damping
-    rows: list[tuple[Value, ...]] = []
-    for p in plan.points:
+
+    def go(p: Point) -> str:
+        """Return whether the next point is flown."""
         worst = _least_damped(p)
-        later = None if worst is None else worst.zeta_next
-        go = "last" if p.next_V_m_s is None else "if measured" if worst is None or (later or 0.0) >= least else "NO-GO"
-        rows.append(
-            (
-                p.number,
-                p.V_m_s,
-                p.h_m,
-                None if p.margin is None else 100.0 * p.margin,
-                math.degrees(p.trimmed.alpha),
-                p.power_W,
-                None if worst is None else worst.zeta,
-                later,
-                None if worst is None else worst.name,
-                go,
-            )
-        )
+        if p.next_V_m_s is None:
+            return "last"
+        return "if measured" if worst is None or (worst.zeta_next or 0.0) >= least else "NO-GO"
+
+    def worst(p: Point, what: str) -> Value:
+        """Return what is known of the mode of least damping."""
+        return Column(what, "").of(_least_damped(p))
+
+    columns = (
+        Column("point", "point", get="number"),
+        Column("V", "V", "m/s", given=True, get="V_m_s"),
+        Column("h", "h", "m", given=True, get="h_m"),
+        Column("margin", "below the onset", "%", decimals=0,
+               get=lambda p: None if p.margin is None else 100.0 * p.margin),
+        Column("alpha", "α at trim", "deg", decimals=1, get=lambda p: math.degrees(p.trimmed.alpha)),
+        Column("power", "level power", "W", decimals=0, get="power_W"),
+        Column("least", "least elastic damping ζ", decimals=4, get=lambda p: worst(p, "zeta")),
+        Column("least_next", "predicted at the next", decimals=4, get=lambda p: worst(p, "zeta_next")),
+        Column("mode", "of the mode", get=lambda p: worst(p, "name")),
+        Column("go", "go", get=go),
+    )  # fmt: skip
     caption = (
         "From slow to fast. NO-GO: the damping ratio predicted for the next point is below the least admissible one, "
         f"{least:g}. Otherwise fly the next point if the damping measured here reaches the value on the card."
     )
-    return Table("points", "Test points", caption, columns, tuple(rows), wide=True)
+    return Table.of("points", "Test points", caption, columns, plan.points, wide=True)
 
 
 def _least_damped(point: Point) -> ModeAt | None:

@@ -26,7 +26,7 @@ def line(x: FloatArray, y: FloatArray, name: str, colour: int | str, **more: Any
     """
     joined = more.pop("joined", True)
     numbered = isinstance(colour, int)
-    look = {"colour": COLOURS[int(colour) % 6] if numbered else _NAMED[str(colour)]}
+    look: dict[str, Any] = {"colour": COLOURS[int(colour) % 6] if numbered else _NAMED[str(colour)]}
     if joined and numbered:
         look["dash"] = DASHES[int(colour) % 6]
     if more.get("marker"):

@@ -353,7 +353,7 @@ def _history(result: RunResult, name: str, use: str, i: int, **place: Any) -> Pa
     record: FlightRecord = next(getattr(c, use)[i] for c in result.cases if name in getattr(c, use)[i])
     measured = factor * record[name]
     given = name in result.cases[0].model.inputs
-    look = {"colour": INK, "width": 0.8} if given else {"colour": MEASURED, "width": 1.2}
+    look: dict[str, Any] = {"colour": INK, "width": 0.8} if given else {"colour": MEASURED, "width": 1.2}
     curves = [Curve(name="measured", x=record.t_s, y=measured, **look)]
     texts: list[tuple[str, str]] = []
     for k, (label, case) in enumerate(zip(case_names(result.cases), result.cases, strict=True)):
@@ -501,7 +501,7 @@ def _responses(
             H = case.model.frequency_response(own)[:, case.model.outputs.index(output), case.model.inputs.index(given)]
             found.append((own, H, {"name": names[k], **line_look(k), "width": 1.4}))
     centre, goal = float(np.sqrt(band[0] * band[-1])), 0.0
-    out = []
+    out: list[tuple[FloatArray, FloatArray, FloatArray, Mapping[str, Any]]] = []
     for k, (own, H, look) in enumerate(found):
         phase = unwrapped(H)
         at = float(np.interp(centre, own, phase))
@@ -619,7 +619,7 @@ def _pole_grid(reach: float) -> list[Drawn]:
     step = 10.0 ** np.floor(np.log10(reach / 2.0))
     step *= max(k for k in (1.0, 2.0, 5.0) if k * step <= reach / 2.0 or k == 1.0)
     look: dict[str, Any] = {"colour": FAINT, "width": 0.7, "order": 0.5}
-    circles = np.arange(step, reach * 1.001, step) if step > 0.0 else []
+    circles = np.arange(step, reach * 1.001, step)
     out: list[Drawn] = [Curve(x=w * np.cos(angle), y=w * np.sin(angle), **look) for w in circles]
     for zeta, place in zip(_RAYS, _damping_labels(reach), strict=True):
         end = 2.0 * reach * complex(-zeta, float(np.sqrt(1.0 - zeta**2)))

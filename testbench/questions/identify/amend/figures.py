@@ -50,7 +50,7 @@ def _panel(replay: Replay, i: int, name: str, looks: list[dict[str, Any]], longe
     return Panel(
         draws=curves, title=f"{replay.name}, {USES[replay.use]}", x="t, s", y=axis_label(name, True), tall_in=1.15,
         broad=max(float(replay.t_s[-1]), 0.35 * longest),
-        y_range=within(float(np.nanmin(measured)), float(np.nanmax(measured)), [c.y for c in curves[1:]], 1.0),
+        y_range=within(float(np.nanmin(measured)), float(np.nanmax(measured)), [np.asarray(c.y) for c in curves[1:]], 1.0),
     )  # fmt: skip
 
 
