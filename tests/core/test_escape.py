@@ -27,10 +27,10 @@ from testbench.core.escape import (
 from testbench.core.files import write_file
 from testbench.page.draw import styled
 from testbench.page.figure import Chart, Curve, Panel
+from testbench.page.html import text_page
 from testbench.page.latex import latex_text
 from testbench.page.publish import data_of
 from testbench.page.tables import Column, Table
-from testbench.page.text import text_page
 from testbench.questions.exercise.answers import template
 from testbench.questions.exercise.names import load_exercise
 from testbench.questions.export.ask import control_text

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from testbench.page.text import text_page
+from testbench.page.html import text_page
 
 TABLE = "| a | b |\n| --- | --- |\n| 1 | 2 |\n"
 TEXT = f"# A <b>title</b>\n\nSee [here](javascript:alert(1)) <script>alert(1)</script>\n\n{TABLE}\n{TABLE}"

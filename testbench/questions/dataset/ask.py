@@ -19,7 +19,7 @@ from testbench.core.named import Named, obtain
 from testbench.core.processes import Ahead, cores, processes
 from testbench.core.store import ResultFolder
 from testbench.flight.batch.jobs import Simulator
-from testbench.page.text import text_page
+from testbench.page.html import text_page
 from testbench.questions.campaign.ask import Progress
 from testbench.questions.campaign.load import versions
 from testbench.questions.campaign.store import Counts

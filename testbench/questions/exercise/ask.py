@@ -12,7 +12,7 @@ from testbench.core.escape import quoted
 from testbench.core.files import write_file
 from testbench.core.schema import Strict, parse
 from testbench.core.store import OWN, ResultFolder, entry_of, manifest_of
-from testbench.page.text import text_page
+from testbench.page.html import text_page
 from testbench.questions.exercise.answers import ANSWERS, template
 from testbench.questions.exercise.exercise import Case, Exercise, Handout
 from testbench.questions.exercise.names import CATALOGUE, load_exercise

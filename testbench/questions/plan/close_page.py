@@ -9,8 +9,8 @@ from testbench.page.page import COMPUTED, Content, Page, source_of
 from testbench.page.write import json_text
 from testbench.questions.plan.card_text import card_stem
 from testbench.questions.plan.close_answer import close_answer
-from testbench.questions.plan.close_figures import close_plates
 from testbench.questions.plan.close_tables import cards_table, causes_table, runs_table, targets_table
+from testbench.questions.plan.figures import close_plates
 from testbench.questions.plan.flown_card import DESCRIPTIONS
 from testbench.questions.plan.verdicts import Campaign, JudgedCard
 

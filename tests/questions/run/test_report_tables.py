@@ -19,17 +19,20 @@ from testbench.page.labels import axis_label, file_stem, number, ratio_unit, sho
 from testbench.page.tables import Column, Table
 from testbench.page.terminal import print_answer
 from testbench.questions.run.answer import run_answer
-from testbench.questions.run.flown_tables import condition_table, flown_tables, manoeuvre_table, sensor_table
 from testbench.questions.run.labels import case_names
 from testbench.questions.run.page import run_page
 from testbench.questions.run.pole_tables import mode_table, pole_table, reference_tables
 from testbench.questions.run.tables import (
     bode_table,
+    condition_table,
     excitation_table,
+    flown_tables,
+    manoeuvre_table,
     mrse_table,
     polynomial,
     polynomials,
     result_tables,
+    sensor_table,
     transfer_function_table,
 )
 

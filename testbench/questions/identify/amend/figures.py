@@ -47,10 +47,11 @@ def _panel(replay: Replay, i: int, name: str, looks: list[dict[str, Any]], longe
     curves = [
         Curve(x=replay.t_s, y=y, **look) for y, look in zip((measured, *flown), looks, strict=True) if y is not None
     ]
+    shown = [y for y in flown if y is not None]
     return Panel(
         draws=curves, title=f"{replay.name}, {USES[replay.use]}", x="t, s", y=axis_label(name, True), tall_in=1.15,
         broad=max(float(replay.t_s[-1]), 0.35 * longest),
-        y_range=within(float(np.nanmin(measured)), float(np.nanmax(measured)), [np.asarray(c.y) for c in curves[1:]], 1.0),
+        y_range=within(float(np.nanmin(measured)), float(np.nanmax(measured)), shown, 1.0),
     )  # fmt: skip
 
 
