@@ -373,7 +373,7 @@ class _Placed:
                 axes.update_datalim([(d.at, d.at)], updatex=d.of == "x", updatey=d.of == "y")
             elif isinstance(d, Image):
                 self._draw_image(d)
-        axes.margins(x=0.05 if any(c.marker and not c.joined for c in panel.curves) else 0.0)
+        axes.margins(x=0.05 if any(c.marker for c in panel.curves) else 0.0)
         axes.autoscale_view()
         if panel.x_range:
             axes.set_xlim(*panel.x_range)

@@ -114,7 +114,7 @@ def _scatter(name: str, true: FloatArray, found: FloatArray) -> Panel:
     low, high = float(true.min()), float(true.max())
     margin = 0.06 * (high - low) or 0.05 * abs(high) or 1.0
     ends = (low - margin, high + margin)
-    draws = [Curve(x=ends, y=ends, width=0.9), points(true, found)]
+    draws: list[Drawn] = [Curve(x=ends, y=ends, width=0.9), points(true, found)]
     return Panel(draws=draws, title=name, x="true value", y="estimate", x_range=ends, tall_in=_TALL_IN)
 
 
@@ -153,7 +153,7 @@ def _settling(name: str, values: FloatArray) -> Panel:
     half = INTERVAL * np.sqrt(squares / np.maximum(n - 1, 1))
     first = min(4, (n.size - 1) // 2)  # intervals of the first few runs would set the scale
     show = np.unique(np.linspace(first, n.size - 1, min(n.size, 400)).astype(int))
-    draws = [
+    draws: list[Drawn] = [
         band(n[show], (shift + mean - half)[show], (shift + mean + half)[show], alpha=0.5),
         Curve(x=n[show], y=(shift + mean)[show], colour=COLOURS[0]),
         Rule(at=shift + float(mean[-1]), of="y", width=0.7, dash=DASHED),

@@ -9,7 +9,7 @@ import numpy as np
 
 from testbench.page.explore import View
 from testbench.page.figure import QUIET, Chart, Curve, Drawn, Panel, Plate, Words, grid, marker_look, rows
-from testbench.page.labels import number, symbol
+from testbench.page.labels import symbol
 
 if TYPE_CHECKING:
     from testbench.questions.compare.placement import Placed
@@ -167,7 +167,7 @@ def _placement(placed: Placed) -> list[Panel]:
     way: list[Drawn] = [Curve(x=steps[finite], y=path[finite], marker="o", size=3.5, joined=True)]
     for k, spot in enumerate(placed.spots, 1):
         if finite[k]:
-            short = f"{'a' if spot.kind == 'accelerometer' else 's'} {number(spot.y_m, 2)}"
+            short = f"{'a' if spot.kind == 'accelerometer' else 's'} {spot.y_m:+.1f}".replace("-", "−")
             way.append(Words(x=k, y=path[k], text=short, shift=(2, 6 if k % 2 else -12), size=7.5, colour=QUIET))
     stations = [s.y_m for s in placed.candidates]
     return [

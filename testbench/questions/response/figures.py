@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,7 +31,7 @@ def _plate(response: FrequencyResponse, i: int, j: int) -> Plate:
         f"{100 * USABLE:g} %). Do not believe the response outside that band."
     )
     size, phase, spread = factor * np.abs(H), unwrapped(H), np.minimum(error, 1.0)
-    look = {"colour": COLOURS[0], "width": 1.4}
+    look: dict[str, Any] = {"colour": COLOURS[0], "width": 1.4}
     magnitude, turn = (
         (size * np.maximum(1.0 - spread, 0.03), size * (1.0 + spread)),
         (phase - np.degrees(spread), phase + np.degrees(spread)),

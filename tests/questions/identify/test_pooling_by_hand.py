@@ -7,11 +7,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from matplotlib.collections import PolyCollection
-from matplotlib.figure import Figure
 
 import testbench as tb
 from testbench.aircraft.model import MassProperties
+from testbench.page.figure import Area
 from testbench.questions.identify.coefficients import Scaling
 from testbench.questions.identify.pool import answer, figures, scales, trends
 from testbench.questions.identify.pool.disagreement import added, disagreement
@@ -223,11 +222,11 @@ def test_the_answer_names_the_shared_error_and_a_third_condition():
 
 
 def test_the_figure_draws_the_pooled_value_with_its_interval():
-    axes = Figure().subplots()
     pooled = tb.pool(line([0.0, 0.2], 0.1, (10.0, 20.0)), trend="none")
-    figures._draw(axes, SimpleNamespace(pooled=pooled), "Cm_alpha", "V", 1.0)
-    (band,) = (c for c in axes.collections if isinstance(c, PolyCollection))
-    y = band.get_paths()[0].vertices[:, 1]
+    (plate,) = figures.pool_plates(SimpleNamespace(pooled=pooled))
+    panel = next(p for p in plate.chart.panels if p.title == "Cm_alpha")
+    (band,) = (d for d in panel.draws if isinstance(d, Area))
+    y = np.asarray(band.outlines[0][1])
     std = 0.1 / math.sqrt(2.0)
     assert (y.min(), y.max()) == (pytest.approx(0.1 - 1.96 * std, abs=1e-3), pytest.approx(0.1 + 1.96 * std, abs=1e-3))
 
