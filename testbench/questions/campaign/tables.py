@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -50,25 +51,18 @@ def _case_words(summary: Summary) -> str:
 def accuracy_table(summary: Summary) -> Table:
     """Return bias, scatter and coverage of every estimate that has a truth."""
     columns = (
-        Column("estimate", "estimate", common=common_case(summary)),
+        Column("estimate", "estimate", common=common_case(summary), get="name"),
         Column("n", "runs"),
         Column("missing", "not found"),
-        Column("true mean", "true, mean"),
+        Column("true mean", "true, mean", get="true_mean"),
         Column("bias", "bias"),
-        Column("bias half width", "± (95 %)", digits=2),
+        Column("bias half width", "± (95 %)", digits=2, get="bias_half"),
         Column("scatter", "scatter"),
         Column("rms", "rms error"),
         Column("stated", "stated error"),
-        Column("coverage percent", "coverage", "%", decimals=1),
-        Column("coverage low percent", "from", "%", decimals=1),
-        Column("coverage high percent", "to", "%", decimals=1),
-    )
-    rows: tuple[tuple[Value, ...], ...] = tuple(
-        (
-            *(a.name, a.n, a.missing, a.true_mean, a.bias, a.bias_half, a.scatter, a.rms, a.stated),
-            *(100.0 * a.coverage, 100.0 * a.coverage_low, 100.0 * a.coverage_high),
-        )
-        for a in summary.accuracies
+        Column("coverage percent", "coverage", "%", decimals=1, get=lambda a: 100.0 * a.coverage),
+        Column("coverage low percent", "from", "%", decimals=1, get=lambda a: 100.0 * a.coverage_low),
+        Column("coverage high percent", "to", "%", decimals=1, get=lambda a: 100.0 * a.coverage_high),
     )
     caption = (
         "Estimate minus truth of the same run. Bias: mean, with its 95 % confidence interval. Scatter: standard "
@@ -76,7 +70,7 @@ def accuracy_table(summary: Summary) -> Table:
         "of the runs whose stated 95 % interval holds the truth, with the 95 % interval of that share (Wilson 1927). A "
         "dash: the method states no errors." + _case_words(summary)
     )
-    return Table("accuracy", "Estimates against the truth", caption, columns, rows)
+    return Table.of("accuracy", "Estimates against the truth", caption, columns, summary.accuracies)
 
 
 def figure_table(summary: Summary) -> Table:
@@ -131,23 +125,25 @@ def grid_table(result: CampaignResult) -> Table:
 
 def cause_table(summary: Summary) -> Table:
     """Return why runs failed, the most frequent reason first."""
-    columns = (Column("runs", "runs"), Column("first", "first"), Column("reason", "reason, as the first run gives it"))
-    rows = tuple((c.count, c.first, c.example) for c in summary.causes)
     caption = "Reasons that differ in numbers only are counted together."
-    return Table("failures", "Why runs failed", caption, columns, rows, wide=True)
+    return Table.of("failures", "Why runs failed", caption, _CAUSE, summary.causes, wide=True)
+
+
+_CAUSE = (
+    Column("runs", "runs", get="count"),
+    Column("first", "first"),
+    Column("reason", "reason, as the first run gives it", get="example"),
+)
 
 
 def cell_table(summary: Summary) -> Table:
     """Return which suites and estimators gave no model in runs that are done, and why."""
     columns = (
         Column("case", "suite, estimator"),
-        Column("runs", "runs"),
-        Column("first", "first"),
-        Column("reason", "reason, as the first run gives it"),
+        *(replace(column, get=f"cause.{column.get or column.key}") for column in _CAUSE),
     )
-    rows = tuple((c.case, c.cause.count, c.cause.first, c.cause.example) for c in summary.cells)
     caption = "The other estimators of these runs are not touched. Reasons that differ in numbers only count together."
-    return Table("failed", "Estimators that gave no model", caption, columns, rows, wide=True)
+    return Table.of("failed", "Estimators that gave no model", caption, columns, summary.cells, wide=True)
 
 
 def tally_of(summary: Summary) -> Tally:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from testbench.page.tables import Column, Table, Value
+from testbench.page.tables import Column, Table
 from testbench.questions.identify.coefficients import scaling_of
 from testbench.questions.run.labels import case_names
 
@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from testbench.questions.identify.result import Identified
 
 
+_NONE: tuple[None, None, None] = (None, None, None)
 _READ = (
     "X, Y and Z are specific forces, L, M and N angular accelerations (products of inertia included), per rad, rad/s "
     "or m/s. Standard errors are corrected for residuals that are correlated in time."
@@ -32,37 +33,28 @@ def derivative_table(found: Identified) -> Table | None:
     scaled = any(d.coefficient is not None for d in found.derivatives)
     names = case_names(found.cases)
     columns = [
-        *([Column("model", "model")] if several else []),
-        Column("derivative", "derivative"),
+        *([Column("model", "model", get=lambda d: names[d.case])] if several else []),
+        Column("derivative", "derivative", get="name"),
         Column("value", "value", digits=4),
-        Column("std", "± std", digits=2),
-        Column("unit", "unit"),
+        Column("std", "± std", digits=2, get=lambda d: d.std if d.std > 0.0 else None),
+        Column("unit", "unit", get=lambda d: d.unit or None),
     ]
     if known:
         columns += [Column("before", "before", digits=4)]
     if scaled:
         columns += [
-            Column("coefficient", "coefficient"),
-            Column("coefficient_value", "its value", digits=4),
-            Column("coefficient_std", "± std", digits=2),
+            Column("coefficient", "coefficient", get=lambda d: (d.coefficient or _NONE)[0]),
+            Column("coefficient_value", "its value", digits=4, get=lambda d: (d.coefficient or _NONE)[1]),
+            Column("coefficient_std", "± std", digits=2, get=lambda d: (d.coefficient or _NONE)[2]),
         ]
     if found.again:
         columns += [
-            Column("bias", "mean error again", digits=2),
-            Column("scatter", "scatter again", digits=2),
-            Column("held", "95 % held, %", digits=3),
+            Column("bias", "mean error again", digits=2, get=lambda d: (d.again or _NONE)[0]),
+            Column("scatter", "scatter again", digits=2, get=lambda d: (d.again or _NONE)[1]),
+            Column("held", "95 % held, %", digits=3, get=lambda d: 100.0 * d.again[2] if d.again else None),
         ]
-    columns += [Column("believed", "believed?")]
-    rows: list[tuple[Value, ...]] = []
-    for d in found.derivatives:
-        row: list[Value] = [names[d.case]] if several else []
-        row += [d.name, d.value, d.std if d.std > 0.0 else None, d.unit or None]
-        row += [d.before] if known else []
-        row += list(d.coefficient or (None, None, None)) if scaled else []
-        if found.again:
-            row += [d.again[0], d.again[1], 100.0 * d.again[2]] if d.again else [None, None, None]
-        rows.append((*row, f"{d.believed}{', changed' if d.changed else ''}"))
-    return Table("derivatives", "Derivatives", _caption(found, known, scaled), tuple(columns), tuple(rows))
+    columns += [Column("believed", "believed?", get=lambda d: f"{d.believed}{', changed' if d.changed else ''}")]
+    return Table.of("derivatives", "Derivatives", _caption(found, known, scaled), columns, found.derivatives)
 
 
 def _caption(found: Identified, known: bool, scaled: bool) -> str:

@@ -21,13 +21,6 @@ def amended_tables(amended: Amended) -> list[Table]:
 
 
 def _aims(amended: Amended) -> Table:
-    rows: list[tuple[Value, ...]] = [
-        (
-            a.name, a.before, a.identified, a.std or None, a.aimed, a.reached,
-            None if a.off is None else a.off / PERCENT, a.unit or None, a.why or "as identified",
-        )
-        for a in amended.aims
-    ]  # fmt: skip
     caption = (
         f"Before: {amended.old.name} at {amended.V_m_s:.4g} m/s and {amended.h_m:.4g} m. Identified: by "
         f"{amended.model}. Aimed: what the aircraft is to have; those left stay what they were, and the "
@@ -35,17 +28,17 @@ def _aims(amended: Amended) -> Table:
         f"{amended.name}, loaded from its folder, trimmed and linearised. Off: from the aim."
     )
     columns = (
-        Column("derivative", "derivative"),
+        Column("derivative", "derivative", get="name"),
         Column("before", "before", digits=4),
         Column("identified", "identified", digits=4),
-        Column("std", "± std", digits=2),
+        Column("std", "± std", digits=2, get=lambda a: a.std or None),
         Column("aimed", "aimed", digits=4),
         Column("reached", "reached", digits=4),
-        Column("off", "off", "%", digits=2),
-        Column("unit", "unit"),
-        Column("remark", "remark"),
+        Column("off", "off", "%", digits=2, get=lambda a: None if a.off is None else a.off / PERCENT),
+        Column("unit", "unit", get=lambda a: a.unit or None),
+        Column("remark", "remark", get=lambda a: a.why or "as identified"),
     )
-    return Table("amended", f"{amended.name}: derivatives aimed at and reached", caption, columns, tuple(rows))
+    return Table.of("amended", f"{amended.name}: derivatives aimed at and reached", caption, columns, amended.aims)
 
 
 def _coefficients(amended: Amended) -> Table:
@@ -55,26 +48,25 @@ def _coefficients(amended: Amended) -> Table:
         "where the model does not have the coefficient as one number."
     )
     columns = (
-        Column("coefficient", "coefficient"),
+        Column("coefficient", "coefficient", get="name"),
         Column("before", "before", digits=4),
         Column("after", "after", digits=4),
         Column("added", "added", digits=4),
     )
-    rows = tuple((c.name, c.before, c.after, c.added) for c in amended.coefficients)
-    return Table("amended_coefficients", f"{amended.name}: coefficients that changed", caption, columns, rows)
+    title = f"{amended.name}: coefficients that changed"
+    return Table.of("amended_coefficients", title, caption, columns, amended.coefficients)
 
 
 def _servos(amended: Amended) -> Table:
     columns = (
         Column("control", "control"),
-        Column("before", "lag before", "s"),
-        Column("lag", "written", "s"),
-        Column("std", "± std", "s", digits=2),
-        Column("reached", "reached", "s"),
+        Column("before", "lag before", "s", get="before_s"),
+        Column("lag", "written", "s", get="lag_s"),
+        Column("std", "± std", "s", digits=2, get="std_s"),
+        Column("reached", "reached", "s", get="reached_s"),
     )
-    rows = tuple((s.control, s.before_s, s.lag_s, s.std_s, s.reached_s) for s in amended.servos)
     caption = "Time constants of servos; without ± the description gave it."
-    return Table("amended_servos", f"{amended.name}: servos", caption, columns, rows)
+    return Table.of("amended_servos", f"{amended.name}: servos", caption, columns, amended.servos)
 
 
 def misses_table(amended: Amended) -> Table:
