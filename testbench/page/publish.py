@@ -271,8 +271,9 @@ def data_of(figure: Figure, name: str) -> dict[str, str]:
             looks.append((k, a.how, {key: v for key, v in a.look.items() if v is not None} | named))
         for image, d in zip(axes.images, (d for d in panel.draws if isinstance(d, Image)), strict=True):
             end = f"_map_{len(maps) + 1}.csv"
-            settings = {"extent": tuple(float(v) for v in image.get_extent()), "origin": "upper", "aspect": "auto",
-                        "cmap": "Blues", "vmin": d.low, "vmax": d.high}  # fmt: skip
+            settings: dict[str, Any] = {"cmap": "Blues", "vmin": d.low, "vmax": d.high, "origin": "upper"}
+            settings |= {"extent": tuple(float(v) for v in image.get_extent()), "aspect": "auto"}
+            settings |= {"norm": "log"} if d.log else {}
             maps.append((k, name + end, settings))
             out[end] = "".join(",".join(f"{v:.10g}" for v in row) + "\n" for row in d.values)
     text = io.StringIO()
@@ -295,11 +296,14 @@ def data_of(figure: Figure, name: str) -> dict[str, str]:
 
 def _settings(panel: Panel, axes: Axes) -> dict[str, Any]:
     """Return the settings of a panel that ``Figure.add_axes`` takes."""
-    out: dict[str, Any] = {"title": panel.title, "xlabel": panel.x, "ylabel": panel.y}
-    for which, ticks in (("x", panel.x_ticks), ("y", panel.y_ticks)):
+    out: dict[str, Any] = {"title": panel.title, "xlabel": axes.get_xlabel(), "ylabel": axes.get_ylabel()}
+    out["frame_on"] = not panel.bare
+    ticks = {"x": [] if panel.bare else panel.x_ticks, "y": [] if panel.bare else panel.y_ticks}
+    for which in "xy":
         out[f"{which}scale"] = str(getattr(axes, f"get_{which}scale")())
         out[f"{which}lim"] = tuple(float(f"{v:.6g}") for v in getattr(axes, f"get_{which}lim")())
-        if ticks is not None:
-            out[f"{which}ticks"] = [float(at) for at, _ in ticks]
-            out[f"{which}ticklabels"] = [text for _, text in ticks]
+        places = ticks[which]
+        if places is not None:
+            out[f"{which}ticks"] = [float(at) for at, _ in places]
+            out[f"{which}ticklabels"] = [text for _, text in places]
     return out

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from testbench.core.errors import MissingPackage, RecordError
 from testbench.page.draw import styled
-from testbench.page.figure import Chart, Curve, Panel, Plate, bars, line_look
+from testbench.page.figure import Chart, Curve, Image, Panel, Plate, bars, line_look
 from testbench.page.latex import latex_text, set_by_latex
 from testbench.page.publish import Publication, asked, publish, published
 from testbench.questions.options import with_figures
@@ -57,6 +57,18 @@ def test_a_figure_comes_in_each_format_of_the_column_with_data_that_draw_it_agai
     np.testing.assert_allclose(drawn[0].lines[0].get_xydata(), first, rtol=1e-12)
     assert (drawn[1].get_xscale(), drawn[1].get_xlabel(), len(drawn[1].patches)) == ("log", "t, s", 1)
     assert (tmp_path / "some_lines_redrawn.png").stat().st_size > 5_000
+
+
+def test_images_and_panels_without_axes_are_drawn_again_as_they_are(tmp_path: Path, monkeypatch) -> None:
+    energy = Image(values=np.array([[1.0, 10.0, np.nan]]), low=1.0, high=100.0, log=True)
+    sketch = Panel(draws=[bars([0.0], 0.0, [1.0], 0.5)], bare=True, x_range=(0.0, 2.0), y_range=(-1.0, 1.0))
+    publish(Plate("map", "t", "c", Chart([[Panel(draws=[energy])], [sketch]])), tmp_path, Publication(("svg",)))
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    with rc_context():
+        first, second = runpy.run_path(str(tmp_path / "map.py"))["panels"]
+    np.testing.assert_array_equal(np.ma.filled(first.images[0].get_array(), np.nan), energy.values)
+    assert type(first.images[0].norm).__name__ == "LogNorm"
+    assert (second.get_frame_on(), second.get_xlim(), list(second.get_xticks())) == (False, (0.0, 2.0), [])
 
 
 def test_a_style_is_laid_over_the_houses(tmp_path: Path) -> None:
