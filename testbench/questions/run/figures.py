@@ -47,8 +47,8 @@ from testbench.page.figure import (
 )
 from testbench.page.labels import axis_label, number, ratio_unit, shown_unit, symbol
 from testbench.questions.run.labels import case_names, elastic_names, outputs_of
-from testbench.questions.run.pole_tables import printed_poles
 from testbench.questions.run.seeds_answer import words_of
+from testbench.questions.run.tables import printed_poles
 
 if TYPE_CHECKING:
     from testbench.line import Case, Flight

@@ -21,16 +21,18 @@ from testbench.page.terminal import print_answer
 from testbench.questions.run.answer import run_answer
 from testbench.questions.run.labels import case_names
 from testbench.questions.run.page import run_page
-from testbench.questions.run.pole_tables import mode_table, pole_table, reference_tables
 from testbench.questions.run.tables import (
     bode_table,
     condition_table,
     excitation_table,
     flown_tables,
     manoeuvre_table,
+    mode_table,
     mrse_table,
+    pole_table,
     polynomial,
     polynomials,
+    reference_tables,
     result_tables,
     sensor_table,
     transfer_function_table,
