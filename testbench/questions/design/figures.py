@@ -29,7 +29,8 @@ from testbench.page.labels import axis_label, number, shown_unit
 from testbench.questions.design.answer import family_label, is_ratio
 
 if TYPE_CHECKING:
-    from testbench.questions.design.result import DesignResult, Ranked
+    from testbench.design.amplitude import Flown
+    from testbench.questions.design.result import DesignResult
 
 _COMPARED = 5
 _DECADES = 6
@@ -43,7 +44,7 @@ def design_plates(result: DesignResult) -> list[Plate]:
     return [_flight_plate(result), _spectrum_plate(result), _error_plate(result)]
 
 
-def compared(result: DesignResult) -> list[Ranked]:
+def compared(result: DesignResult) -> list[Flown]:
     """Return the designs drawn side by side: the best few, and single doublet and 3-2-1-1 whatever their rank."""
     out = [r for k, r in enumerate(result.ranking) if k < _COMPARED - 2 or r.design.family in ("doublet", "3211")]
     return out[:_COMPARED]
@@ -54,7 +55,7 @@ def compared(result: DesignResult) -> list[Ranked]:
 
 def _flight_plate(result: DesignResult) -> Plate:
     best = result.best
-    record, design = best.flown.record, best.design
+    record, design = best.record, best.design
     used = {n: _used(result, n) for n in result.envelope.bands if n not in design.controls and n in record}
     limited = sorted(used, key=lambda n: -used[n])[:_LIMITED]
     lateral = result.scenario.plane == "lateral"
@@ -72,14 +73,14 @@ def _flight_plate(result: DesignResult) -> Plate:
 def _used(result: DesignResult, name: str) -> float:
     """Return the share of the room from trim to the limits of a channel that the winner uses."""
     low, high = result.envelope.bands[name]
-    x = result.best.flown.record[name]
+    x = result.best.record[name]
     at = result.envelope.trim.get(name, float(x[0]))
     return float(max((x.max() - at) / (high - at), (at - x.min()) / (at - low)))
 
 
 def _channel(result: DesignResult, name: str) -> Panel:
     best = result.best
-    record, tight = best.flown.record, best.flown.tightest
+    record, tight = best.record, best.tightest
     factor = -1.0 / G0_M_S2 if name == "az" else shown_unit(name)[0]
     y = factor * record[name]
     draws: list[Drawn] = [Curve(x=record.t_s, y=y, name="flown", colour=COLOURS[0])]
@@ -138,12 +139,7 @@ def _error_plate(result: DesignResult) -> Plate:
     entries, t = compared(result), result.problem.targets
     ratios = np.array([r.design.errors / t.wanted for r in entries])
     drawn = result.best.over is not None
-    worst = np.array(
-        [
-            [r.over.told.worst(i) for i in range(len(t.names))] if r.over else row
-            for r, row in zip(entries, ratios, strict=True)
-        ]
-    )
+    worst = np.array([r.over.told.over(np.max) if r.over else row for r, row in zip(entries, ratios, strict=True)])
     worst = np.where(np.isnan(worst), ratios, worst)  # no draw has the target
     largest = float(worst[np.isfinite(worst)].max(initial=float(ratios.max())))
     worst = np.minimum(worst, 10.0 * largest)  # without bound: beyond the edge

@@ -15,6 +15,7 @@ import numpy as np
 from testbench.core.constants import PERCENT
 from testbench.page.explore import View
 from testbench.page.figure import (
+    BAND,
     COLOURS,
     FAINT,
     INK,
@@ -29,21 +30,19 @@ from testbench.page.figure import (
     Panel,
     Plate,
     Rule,
-    Span,
+    band,
     bars,
     grid,
     rows,
 )
 from testbench.page.labels import axis_label, number, shown_unit, symbol
 from testbench.questions.gap.evidence.locate import BANDS_HZ
-from testbench.questions.gap.evidence.stepwise import followed
 from testbench.questions.gap.explain import percent
 
 if TYPE_CHECKING:
     from testbench.core.record import FloatArray
     from testbench.questions.gap.ask import GapResult
     from testbench.questions.gap.evidence.locate import ResidualMap
-    from testbench.questions.gap.open_set import FirstLook
     from testbench.questions.gap.plan import GapPlan
     from testbench.questions.gap.result import Shrink
     from testbench.questions.gap.verdict import Verdict
@@ -54,8 +53,7 @@ _TOP_ENERGY = 100.0  # residual energies from 1 (noise) to this span the colour 
 _FLOOR: Dash = (2, 2)
 _BEFORE: dict[str, Any] = {"name": "believed model", "colour": COLOURS[1], "dash": (5, 1.5), "width": 1.2}
 _AFTER: dict[str, Any] = {"name": "amended model", "colour": COLOURS[0], "width": 1.2}  # told apart in grey print too
-_MOST_FORCES = 3  # manoeuvres side by side
-_SMALL_COEFFICIENT = 0.02  # below it a coefficient is drawn a thousand times as large
+_TOLD = 3.0  # standard errors
 _SEGMENTS = 8  # of a residual spectrum, averaged
 
 
@@ -194,10 +192,8 @@ def gap_plates(result: GapResult) -> list[Plate]:
     out = [_answer_plate(result)] if finding.shrink and finding.changed else []
     out += [] if where is None else [where]
     out += [_map_plate(result), _region_plate(result)] if finding.regions else [_map_plate(result)]
-    if finding.forces:
-        out.append(_force_plate(result))
-    if finding.first is not None and finding.first.terms:
-        out.append(_term_plate(result, finding.first))
+    if any(one.kappa > 0.0 for one in finding.lacks):
+        out.append(_lacking_plate(result))
     if finding.naming.ranking:
         out.append(_ranking_plate(result))
     if finding.changed:
@@ -294,57 +290,40 @@ def _maps(m: ResidualMap) -> list[Panel]:
     ]
 
 
-def _force_plate(result: GapResult) -> Plate:
-    """Return the equation errors over time: a row per coefficient, a column per manoeuvre, the largest ones."""
-    every = result.finding.forces
-    names = [n for n in every[0].errors if all(n in f.errors for f in every)]
-    largest = sorted(every, key=lambda f: -max(float(np.std(f.errors[n])) / max(f.floor[n], 1e-12) for n in names))
-    forces = [f for f in every if f in largest[:_MOST_FORCES]]
-    panels = [
-        [
-            Panel(
-                draws=[Curve(x=f.t_s, y=f.errors[name], colour=COLOURS[0], width=1.0),
-                       Span(low=-2.0 * f.floor[name], high=2.0 * f.floor[name], of="y")],
-                title=f.manoeuvre, x="t, s", y=f"Δ{name}", tall_in=1.05,
-            )
-            for f in forces
-        ]
-        for name in names
-    ]  # fmt: skip
+def _lacking_plate(result: GapResult) -> Plate:
+    """Return what the believed model lacks over time: a row for each state, a column for each manoeuvre."""
+    lacks = result.finding.lacks
+    ratio = {s: max(_largest(one.accelerations[s] / one.std[s]) for one in lacks) for s in lacks[0].accelerations}
+    states = [s for s in ratio if ratio[s] > _TOLD] or [max(ratio, key=lambda s: ratio[s])]
+    panels = []
+    for state in states:
+        factor, unit = shown_unit(state)
+        top = 1.3 * factor * max(_largest(one.accelerations[state]) for one in lacks)
+        row = []
+        for one in lacks:
+            x = np.repeat(one.t_s, 2)[1:-1]  # edges of the stretches, in which the values hold
+            value, half = np.repeat(factor * one.accelerations[state], 2), np.repeat(2.0 * factor * one.std[state], 2)
+            draws: list[Drawn] = [
+                band(x, value - half, value + half, BAND, alpha=None),
+                Curve(x=x, y=value, colour=COLOURS[0], width=1.2),
+                Rule(at=0.0, of="y", colour=INK, width=0.6),
+            ]
+            row.append(
+                Panel(draws=draws, title=one.manoeuvre, x="t, s", y=f"d{symbol(state)}/dt, {unit}/s",
+                      y_range=(-top, top), tall_in=1.05)
+            )  # fmt: skip
+        panels.append(row)
     caption = (
-        "Equation errors: the measured motion is put into the believed equations at every instant, and this is what "
-        "they leave of the measured accelerations, as coefficients. Grey: two standard deviations of it in the quiet "
-        "flight before the commands."
-        + (f" The {_MOST_FORCES} manoeuvres with the largest errors." if len(forces) < len(every) else "")
+        "Accelerations that an unknown motion would have to add to the believed model, in stretches of half a second, "
+        "of the manoeuvres with the largest residuals. Grey: two standard errors. States in which they are none to "
+        "within these are left out."
     )
     chart = Chart(panels, share_x=True, share_y=True)
-    return Plate("equation_errors", "Forces and moments without a cause", caption, chart)
+    return Plate("lacking", "What the believed model lacks over time", caption, chart)
 
 
-def _term_plate(result: GapResult, first: FirstLook) -> Plate:
-    """Return the error of a coefficient beside the surest term, a panel per record: those that the term moves most."""
-    best = first.terms[0]
-    every = followed(result.finding.believed, first.flights, first.terms, best.coefficient)
-    most = sorted(every, key=lambda f: -float(np.std(f.terms)))[:_MOST_FORCES]
-    shown = [f for f in every if f in most]
-    times = 1000.0 if max(float(np.abs(f.error).max()) for f in shown) < _SMALL_COEFFICIENT else 1.0
-    panels = [
-        Panel(
-            draws=[Curve(x=f.t_s, y=times * f.error, name="felt less model", colour=MEASURED, width=1.0),
-                   Curve(x=f.t_s, y=times * f.terms, name="terms found", colour=COLOURS[0], width=1.5),
-                   Span(low=-2.0 * times * f.noise, high=2.0 * times * f.noise, of="y")],
-            title=f.name, x="t, s", y=f"{'1000 ' if times > 1.0 else ''}Δ{best.coefficient}", tall_in=1.7,
-        )
-        for f in shown
-    ]  # fmt: skip
-    names = " and ".join(f.term.label for f in first.terms if f.coefficient == best.coefficient)
-    caption = (
-        f"{best.coefficient} felt by the aircraft less that of the believed model in the motion that was recorded, "
-        f"and what {names} make{'s' if ' and ' not in names else ''} of it, both about their means and below the "
-        "cut-off of the regression. Grey: two standard deviations of what the sensors' noise makes of it. The records "
-        "that it moves most."
-    )
-    return Plate("terms", "The surest term", caption, Chart([panels], share_y=True))
+def _largest(x: FloatArray) -> float:
+    return float(np.max(np.abs(x)))
 
 
 def _ranking_plate(result: GapResult) -> Plate:

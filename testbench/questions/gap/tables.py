@@ -6,22 +6,17 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from testbench.core.words import with_error
 from testbench.inference.calibrate import Reliability
 from testbench.page.labels import symbol
 from testbench.page.tables import Column, Table, Value
-from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.control_path import SurfacePath
-from testbench.questions.gap.evidence.forces import follows
 from testbench.questions.gap.explain import Naming
-from testbench.questions.gap.open_set import FirstLook, title_of
+from testbench.questions.gap.open_set import title_of
 from testbench.questions.gap.search.hypothesis import FLOWN_STEP, LINEAR_STEP
 
 if TYPE_CHECKING:
     from testbench.questions.gap.ask import GapResult
     from testbench.questions.gap.plan import GapPlan
-
-_MOST_INSTEAD = 6
 
 
 def _path_table(paths: Sequence[SurfacePath]) -> Table:
@@ -101,25 +96,8 @@ def gap_tables(result: GapResult) -> list[Table]:
     out = [_ranking(naming)]
     if result.finding.paths:
         out.append(_path_table(result.finding.paths))
-    if result.finding.forces:
-        shares = follows(result.finding.forces)
-        quantities = list(dict.fromkeys(q for row in shares.values() for q in row))
-        out.append(
-            Table(
-                "equation_errors",
-                "Which quantities the equation errors follow",
-                "Share of the energy of each equation error that is proportional to one quantity alone, all manoeuvres "
-                "together. The quantities move together, so the shares do not add up to 100 %.",
-                (
-                    Column("coefficient", "error of"),
-                    *(Column(q, "dα/dt" if q == "alphadot" else symbol(q), "%", decimals=0) for q in quantities),
-                ),
-                tuple((c, *(100.0 * row.get(q, 0.0) for q in quantities)) for c, row in shares.items()),
-            )
-        )
-    first = result.finding.first
-    if first is not None and first.terms:
-        out.append(_term_table(first))
+    if naming.terms:
+        out.append(_term_table(naming))
     if result.finding.again is not None:
         how = (
             f"The flights were flown {len(result.finding.again.trials)} times again, with nothing or an effect drawn "
@@ -157,26 +135,24 @@ def gap_tables(result: GapResult) -> list[Table]:
     return out
 
 
-def _term_table(first: FirstLook) -> Table:
-    """Return what forces and moments follow."""
-    assert first.found is not None
+def _term_table(naming: Naming) -> Table:
+    """Return the terms of motion, controls and time that missing forces and moments may follow."""
     return Table.of(
         "terms",
-        "What forces and moments follow",
-        f"Of {first.found.tried} terms of motion, controls and time, those that the coefficients felt at every sample "
-        "follow beyond those of the model; nothing is flown for that. Angles in rad, rates times b/2V or c/2V, the "
-        f"throttle from 0 to 1. Expected share of false terms: below {100.0 * CRITERIA.false_terms:g} %.",
+        "What missing forces and moments may follow",
+        "Terms that no effect of the library holds, the most probable first, by their signatures alone; the first ones "
+        "are flown and stand among the explanations. Gain: ln p of the records more than without any term, an unknown "
+        "motion beside both. Angles in rad, rates times b/2V or c/2V, the throttle from 0 to 1.",
         (
             Column("coefficient", "coefficient"),
             Column("term", "term", get="term.label"),
-            Column("size", "size, with standard error", get=lambda f: with_error(f.size, f.error)),
-            Column("words", "in words", get=lambda f: title_of(f.coefficient, f.term)),
-            Column("instead", "could as well be",
-                   get=lambda f: ", ".join(t.label for t, _ in f.instead[:_MOST_INSTEAD]) or "no other term"),
+            Column("size", "size"),
+            Column("gain", "gain", decimals=1),
+            Column("words", "in words", get=lambda t: title_of(t.coefficient, t.term)),
         ),
-        first.terms,
+        naming.terms,
         wide=True,
-    )  # fmt: skip
+    )
 
 
 def _again_table(found: Reliability, how: str) -> Table:
