@@ -298,7 +298,8 @@ def _lacking_plate(result: GapResult) -> Plate:
     panels = []
     for state in states:
         factor, unit = shown_unit(state)
-        top = 1.3 * factor * max(_largest(one.accelerations[state]) for one in lacks)
+        per_s = f"{unit.removesuffix('/s')}/s²" if unit.endswith("/s") else f"{unit}/s"
+        top = 1.05 * factor * max(_largest(np.abs(one.accelerations[state]) + 2.0 * one.std[state]) for one in lacks)
         row = []
         for one in lacks:
             x = np.repeat(one.t_s, 2)[1:-1]  # edges of the stretches, in which the values hold
@@ -309,7 +310,7 @@ def _lacking_plate(result: GapResult) -> Plate:
                 Rule(at=0.0, of="y", colour=INK, width=0.6),
             ]
             row.append(
-                Panel(draws=draws, title=one.manoeuvre, x="t, s", y=f"d{symbol(state)}/dt, {unit}/s",
+                Panel(draws=draws, title=one.manoeuvre, x="t, s", y=f"d{symbol(state)}/dt, {per_s}",
                       y_range=(-top, top), tall_in=1.05)
             )  # fmt: skip
         panels.append(row)
