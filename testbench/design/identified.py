@@ -23,7 +23,7 @@ from testbench.core.schema import parse
 from testbench.estimators import estimate
 from testbench.estimators.identification import Identification
 from testbench.estimators.parametric.likelihood import held_inputs
-from testbench.estimators.parametric.response import respond
+from testbench.estimators.parametric.response import Sampling, respond
 from testbench.estimators.parametric.starts import of_servos
 from testbench.estimators.parametric.structures.build import build
 from testbench.estimators.settings import FilterError
@@ -87,7 +87,7 @@ class Identified:
         structure = build(entry, self.inputs, self.structure.outputs, [record])
         held, _ = held_inputs(structure.inputs, entry.held, [record])
         u, start = record.columns(structure.inputs), np.zeros(len(structure.states))
-        return respond(structure, structure.values, (), u, record.dt_s, held, start).y
+        return respond(structure, structure.values, (), u, Sampling(record.dt_s, held), start).y
 
 
 def identified_by(

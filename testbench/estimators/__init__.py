@@ -21,18 +21,18 @@ from testbench.estimators.brought import is_text, place
 from testbench.estimators.own import OwnMethod
 from testbench.estimators.settings import (
     DsrE,
-    EquationError,
+    EquationErrorEntry,
     Equivalent,
-    ExtendedFilter,
-    FilterError,
-    OutputError,
+    ExtendedFilterEntry,
+    FilterErrorEntry,
+    OutputErrorEntry,
     PredictionError,
-    RecursiveFourier,
+    RecursiveFourierEntry,
     Settings,
     Srivc,
     Subspace,
     TransferFunctions,
-    UnscentedFilter,
+    UnscentedFilterEntry,
 )
 from testbench.estimators.structured import Structured
 
@@ -67,9 +67,9 @@ class Method:
     Attributes:
         words: what it is.
         settings: class of its settings: the entry in a scenario, the limits and the defaults.
-        function: "module:name" below ``testbench.estimators``, imported when it is first called. It takes the
-            settings' fields as keywords (see :func:`~.call.with_settings`) after ``(records, inputs, outputs)``, or
-            after ``(records, structure)`` if the settings name a structure.
+        function: "module:name" below ``testbench.estimators``, imported when it is first called. It takes
+            ``(records, inputs, outputs, settings)``, or ``(records, structure, settings)`` if the settings name a
+            structure.
         needs: what it needs, names from :data:`NEEDS`.
         gives: what it gives, names from :data:`GIVES`.
     """
@@ -151,42 +151,42 @@ METHODS = Methods(
         ),
         "equation_error": Method(
             "a model structure by least squares on its state equations",
-            EquationError,
+            EquationErrorEntry,
             "parametric.equation_error:estimate",
             ("structure", "all states"),
             _PARAMETERS,
         ),
         "recursive_fourier": Method(
             "a model structure in real time, by least squares on recursive Fourier transforms over a band",
-            RecursiveFourier,
+            RecursiveFourierEntry,
             "parametric.recursive_fourier:estimate",
             ("structure", "all states"),
             _PARAMETERS,
         ),
         "output_error": Method(
             "a model structure by maximum likelihood for measurement noise",
-            OutputError,
+            OutputErrorEntry,
             "parametric.output_error:estimate",
             ("structure",),
             _PARAMETERS,
         ),
         "filter_error": Method(
             "a model structure by maximum likelihood for process and measurement noise (turbulence)",
-            FilterError,
+            FilterErrorEntry,
             "parametric.filter_error:estimate",
             ("structure",),
             _PARAMETERS,
         ),
         "ekf": Method(
             "a model structure by an extended Kalman filter with its parameters as states",
-            ExtendedFilter,
+            ExtendedFilterEntry,
             "parametric.kalman.ekf:estimate",
             ("structure",),
             _PARAMETERS,
         ),
         "ukf": Method(
             "a model structure by an unscented Kalman filter with its parameters as states",
-            UnscentedFilter,
+            UnscentedFilterEntry,
             "parametric.kalman.ukf:estimate",
             ("structure",),
             _PARAMETERS,
@@ -240,11 +240,9 @@ def estimate(
         structure: Any = started(entry, flown, inputs, outputs)
         fit: Any = row.load()
         if in_front(structure) and structure.limited and not structure.unknown:
-            model = by_surfaces(
-                flown, structure, entry.held, lambda moved, base, still: fit(moved, base, settings=entry, held=still)
-            )
+            model = by_surfaces(flown, structure, entry, fit)
         else:
-            model = fit(flown, structure, settings=entry)
+            model = fit(flown, structure, entry)
         whose = {"structure": whose_code(*place(entry.structure))} if is_brought(entry.structure) else {}
         if is_text(entry.structure):
             path = Path(entry.structure)
@@ -256,7 +254,7 @@ def estimate(
             model = replace(model, advice=ranked((*model.advice, *doubts)))
         return model
     judged = {"validation": held} if "validation" in row.needs else {}
-    return row.load()(flown, inputs, outputs, settings=entry, **judged)
+    return row.load()(flown, inputs, outputs, entry, **judged)
 
 
 def _of_speed(structure: Any, records: Sequence[FlightRecord]) -> Sequence[Advice]:

@@ -33,6 +33,7 @@ from testbench.estimators.parametric import output_error
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.parametric.structures import Trim, longitudinal
 from testbench.estimators.parametric.structures.written import written
+from testbench.estimators.settings import OutputError
 
 DT = 0.1
 _GROWN = 5.0  # exponent to which an unstable structure may grow in its flight
@@ -52,7 +53,7 @@ DERIVATIVES = {
     "M_q": -1.8,
     "M_de": -8.0,
 }
-STRUCTURE = longitudinal(V0, ALPHA0, ALPHA0, outputs=OUTPUTS, start=DERIVATIVES)
+STRUCTURE = longitudinal(Trim(V0, ALPHA0, ALPHA0), outputs=OUTPUTS).with_parameters(DERIVATIVES)
 MATRICES = STRUCTURE.matrices(STRUCTURE.values)
 A_S, B_S, C = MATRICES.A, MATRICES.B, MATRICES.C
 A, B = cont2discrete((A_S, B_S, np.eye(4), np.zeros((4, 1))), DT)[:2]
@@ -384,7 +385,7 @@ def its_parameters_are_recovered(m: Make) -> None:
     columns = np.hstack([u, y, np.tile([_LEVEL.get(name, 0.0) for name in rest], (n, 1))])
     record = FlightRecord(seconds, (*s.inputs, *s.outputs, *rest), columns, "measured")
     start = {p.name: float(np.clip(1.05 * p.value, p.low, p.high)) for p in s.parameters if p.free}
-    model = output_error.estimate([record], s.with_parameters(start), initial_states="zero", held=s.inputs)
+    model = output_error.estimate([record], s.with_parameters(start), OutputError(initial_states="zero", held=s.inputs))
     for p in s.parameters:
         size = max(abs(p.value), 1e-3)
         got = model.values[p.name]

@@ -13,7 +13,7 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.words import array_found
 from testbench.estimators.model import ComplexArray, IdentifiedModel, continuous_poles
-from testbench.estimators.state_space import check_sample_time, description, free_run, unit_circle
+from testbench.estimators.state_space import Series, check_sample_time, description, free_run, unit_circle
 from testbench.estimators.state_variable import shifted
 
 _TURNS = 12  # of least squares and filter: short periods settle in six
@@ -155,4 +155,4 @@ def simulate_one(b: FloatArray, a: FloatArray, delay: int, u: FloatArray, y: Flo
     A[:, 0] = -a[1:]
     A[:-1, 1:] = np.eye(n - 1)
     late = shifted(u[:, 0], delay)[:, None]
-    return free_run(A, b[:, None], np.eye(1, n), np.zeros((1, 1)), late, y, valid)
+    return free_run(A, b[:, None], np.eye(1, n), np.zeros((1, 1)), Series(late, y, valid))

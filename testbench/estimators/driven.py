@@ -8,6 +8,7 @@ of those signals and of the outputs, once for all outputs that were sampled at t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,14 @@ _CHUNK = 2048  # samples whose signals are held at once
 _GROWTH = 1e3  # over the record, beyond which a mode is run backwards
 _NOTHING = 1e-200  # states below this are zero: denormal numbers are slow
 _CLEAR = 1e-4  # least share of an output that the signals must leave for a Gram matrix to keep enough digits
+
+
+class Series(NamedTuple):
+    """Inputs (N, m), outputs (N, p) and which outputs count (N, p), of one stretch of uniform samples."""
+
+    u: FloatArray
+    y: FloatArray
+    valid: NDArray[np.bool_]
 
 
 class DrivenModes:
@@ -124,9 +133,7 @@ def output_rows(
     A: FloatArray,
     C: FloatArray,
     modes: Modes,
-    u: FloatArray,
-    y: FloatArray,
-    valid: NDArray[np.bool_],
+    series: Series,
     through: NDArray[np.intp],
     lead: int,
 ) -> list[FloatArray]:
@@ -139,12 +146,11 @@ def output_rows(
         A: (n, n) state matrix.
         C: (p, n) output matrix.
         modes: of A, over the N samples.
-        u: (N, m) inputs.
-        y: (N, p) outputs.
-        valid: (N, p) which outputs count.
+        series: inputs and outputs.
         through: inputs with a column in D.
         lead: 0, 1 or 2, see :func:`testbench.estimators.state_space.fit_inputs`.
     """
+    u, y, valid = series
     driven = DrivenModes(A, modes, u)
     width = driven.signals + lead + through.size
     out: list[FloatArray] = [np.zeros((0, 0))] * y.shape[1]

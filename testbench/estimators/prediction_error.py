@@ -24,7 +24,6 @@ from testbench.core.advice import Advice, doubt, wrong
 from testbench.core.constants import WHITE
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.call import with_settings
 from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records, continuous_poles
 from testbench.estimators.parametric.accuracy import coloured_covariance, whiteness
@@ -32,7 +31,7 @@ from testbench.estimators.parametric.gauss_newton import Minimum, Problem, minim
 from testbench.estimators.parametric.kalman.innovations import steady_covariance
 from testbench.estimators.parametric.sensitivities import Sensitivities, in_blocks, square_root
 from testbench.estimators.predictor import Layout, Matrices, errors, orbit
-from testbench.estimators.settings import PredictionError
+from testbench.estimators.settings import DsrE, PredictionError, Refinement, Subspace
 from testbench.estimators.state_accuracy import pole_accuracy
 from testbench.estimators.state_space import Series, StateSpaceModel, check_sample_time
 from testbench.estimators.subspace import dsr_e, family
@@ -67,20 +66,11 @@ class _Found(NamedTuple):
     settled: bool
 
 
-@with_settings(PredictionError)
+_DEFAULT = Refinement()
+
+
 def estimate(
-    records: Sequence[FlightRecord],
-    inputs: Sequence[str],
-    outputs: Sequence[str],
-    *,
-    start: str,
-    order: int,
-    past_horizon: int,
-    future_horizon: int,
-    disturbances: bool,
-    direct_feedthrough: bool,
-    offsets: bool,
-    max_iterations: int,
+    records: Sequence[FlightRecord], inputs: Sequence[str], outputs: Sequence[str], settings: PredictionError
 ) -> StateSpaceModel:
     """Identify by a subspace method, then refine by prediction errors; see :func:`refine`.
 
@@ -88,59 +78,33 @@ def estimate(
         records: measured records of deviations from trim with one sample time; of different lengths if need be.
         inputs: (m,) channels that drive the model.
         outputs: (p,) channels that it predicts.
-        start: subspace method of the start.
-        order: number of states.
-        past_horizon: of the start, samples.
-        future_horizon: of the start, samples.
-        disturbances: estimate K; without, K = 0 and the free run is fitted (output error).
-        direct_feedthrough: estimate D.
-        offsets: a constant of its own for every output and record; the model does not hold them.
-        max_iterations: Gauss-Newton steps per round.
+        settings: of the start and of the refinement.
 
     Raises:
         EstimationError: as of the subspace method, or of :func:`refine`.
         ChannelError: a record lacks a channel.
     """
     first: dict[str, Any] = {
-        "past_horizon": past_horizon,
-        "future_horizon": future_horizon,
-        "order": order,
-        "direct_feedthrough": direct_feedthrough,
+        "past_horizon": settings.past_horizon,
+        "future_horizon": settings.future_horizon,
+        "order": settings.order,
+        "direct_feedthrough": settings.direct_feedthrough,
         "stable": True,
     }
-    if start == "dsr_e":
-        model = dsr_e.estimate(records, inputs, outputs, **first)
+    if settings.start == "dsr_e":
+        model = dsr_e.estimate(records, inputs, outputs, DsrE(**first))
     else:
-        model = family.estimate(records, inputs, outputs, method=start, **first)
-    return refine(
-        records,
-        model,
-        disturbances=disturbances,
-        direct_feedthrough=direct_feedthrough,
-        offsets=offsets,
-        max_iterations=max_iterations,
-    )
+        model = family.estimate(records, inputs, outputs, Subspace(method=settings.start, **first))
+    return refine(records, model, settings)
 
 
-@with_settings(PredictionError)
-def refine(
-    records: Sequence[FlightRecord],
-    start: StateSpaceModel,
-    *,
-    disturbances: bool,
-    direct_feedthrough: bool | None = None,
-    offsets: bool,
-    max_iterations: int,
-) -> StateSpaceModel:
+def refine(records: Sequence[FlightRecord], start: StateSpaceModel, settings: Refinement = _DEFAULT) -> StateSpaceModel:
     """Refine a state-space model by prediction errors.
 
     Args:
         records: measured records of deviations from trim with one sample time; of different lengths if need be.
         start: the start of the search, e.g. the estimate of a subspace method; it gives inputs, outputs and order.
-        disturbances: estimate K; without, K = 0 and the free run is fitted (output error).
-        direct_feedthrough: estimate D; None: if the start has one.
-        offsets: a constant of its own for every output and record; the model does not hold them.
-        max_iterations: Gauss-Newton steps per round.
+        settings: what is estimated besides.
 
     Returns:
         The model. Diagnostics: ``prediction_error_percent`` (p,) and ``prediction_error_percent_start`` (p,), root mean
@@ -160,13 +124,14 @@ def refine(
     for record in records:
         check_sample_time(record, start.dt_s)
     data = _scaled(records, start)
-    through = bool(np.any(start.D)) if direct_feedthrough is None else direct_feedthrough
-    first, nuisances, e = _first(data, start, through, disturbances, offsets)
+    asked, disturbances = settings.direct_feedthrough, settings.disturbances
+    through = bool(np.any(start.D)) if asked is None else asked
+    first, nuisances, e = _first(data, start, through, disturbances, settings.offsets)
     quiet = all(np.sqrt(np.mean(part**2)) < _FREE_OF_NOISE for part in e)
     if disturbances and quiet:
         first = first._replace(K=np.zeros_like(first.K))
     n, m, p = start.order, len(start.inputs), len(start.outputs)
-    layout = Layout(n, m, p, through, disturbances and not quiet, offsets)
+    layout = Layout(n, m, p, through, disturbances and not quiet, settings.offsets)
     unknowns = layout.size - n * n + len(records) * layout.nuisances
     counts = np.sum([s.valid.sum(axis=0) for s in data.series], axis=0)
     if counts.sum() <= unknowns:
@@ -174,7 +139,7 @@ def refine(
             f"a model of order {n} has {unknowns} unknowns with the initial states, got {int(counts.sum())} valid "
             "output samples; give more data or lower the order"
         )
-    found = _search(data, layout, first, nuisances, e, counts, max_iterations)
+    found = _search(data, layout, first, nuisances, e, counts, settings.max_iterations)
     model = StateSpaceModel(
         method="prediction_error",
         inputs=start.inputs,
@@ -183,7 +148,7 @@ def refine(
         settings={
             "disturbances": disturbances,
             "direct_feedthrough": through,
-            "offsets": offsets,
+            "offsets": settings.offsets,
             "order": n,
             "start": start.method,
         },

@@ -18,7 +18,6 @@ from testbench.core.advice import Advice, doubt, note, wrong
 from testbench.core.constants import WHITE
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.call import with_settings
 from testbench.estimators.continuous import ContinuousTransferModel, fit_free, free_basis
 from testbench.estimators.coverage import approximate
 from testbench.estimators.hold import said_of_hold
@@ -41,18 +40,11 @@ _UPHILL = 1.001  # a fixed point of the instruments need not be the minimum of t
 _NUDGE = 0.02  # samples; central differences in the delay
 
 
-@with_settings(Srivc)
 def estimate(
     records: Sequence[FlightRecord],
     inputs: Sequence[str],
     outputs: Sequence[str],
-    *,
-    poles: int | Sequence[int],
-    zeros: int | Sequence[int],
-    delay_samples: Sequence[float],
-    refine_delay: bool,
-    hold: Mapping[str, str] | str | None,
-    offset: bool,
+    settings: Srivc,
     validation: Sequence[FlightRecord] = (),
 ) -> ContinuousTransferModel:
     """Fit y(t) = sum_j B_j(s)/A(s) u_j(t - tau_j) + e(t) for each output by itself, directly in continuous time.
@@ -72,13 +64,7 @@ def estimate(
         records: measured records with one sample time; deviations from trim (see ``prepare``).
         inputs: (m,) input channels; they share the denominator of an output.
         outputs: (p,) output channels.
-        poles: n >= 1, or candidates.
-        zeros: nz of every numerator, 0 <= nz <= n, or candidates; those above a candidate's n are left out.
-        delay_samples: candidates of each input's delay, in samples, whole or not, >= 0.
-        refine_delay: True to estimate each delay, from the best candidate on, with the coefficients.
-        hold: "zoh" or "foh" for all inputs, or input -> word; by default "zoh" for ``*_cmd``
-            and for what the records show to be held, "foh" for the rest.
-        offset: True to fit a constant per record, for trim values that are not exact.
+        settings: the candidates, and how the inputs run.
         validation: measured records that choose among the candidates.
 
     Returns:
@@ -93,20 +79,20 @@ def estimate(
             against those of :func:`check_records`.
         ChannelError: a record lacks a channel.
     """
-    structures = _structures(poles, zeros, delay_samples)
+    pairs = {(n, nz) for n in settings.poles for nz in settings.zeros if nz <= n}
+    structures = sorted(pairs, key=lambda s: (sum(s), s))
+    delays = sorted(set(settings.delay_samples))
     check_records(records, inputs, outputs)
     check_records([*records, *validation], inputs, outputs)
-    words, recognised = holds(inputs, hold, records)
-    setup = Setup(records[0].dt_s, words, offset)
-    advice = [] if validation or len(structures) * len(set(delay_samples)) == 1 else [_UNJUDGED]
+    words, recognised = holds(inputs, settings.hold, records)
+    setup = Setup(records[0].dt_s, words, settings.offset)
+    advice = [] if validation or len(structures) * len(delays) == 1 else [_UNJUDGED]
     advice += _untaken(records, inputs)
     found: dict[str, _Outcome] = {}
     for name in outputs:
         data = [_series(r, inputs, name) for r in records]
         judges = [_series(r, inputs, name) for r in validation] or data
-        found[name] = _identify(
-            name, data, judges, structures, sorted({float(d) for d in delay_samples}), refine_delay, setup
-        )
+        found[name] = _identify(name, data, judges, structures, delays, settings.refine_delay, setup)
     band = excited_band(records, inputs)
     model = _model(found, tuple(inputs), setup)
     for name, modes in model.modes().items():
@@ -118,18 +104,18 @@ def estimate(
     if advice:
         advice += approximate("srivc")
     keys = next(iter(found.values())).diagnostics
-    settings = {
+    said = {
         "poles": sorted({n for n, _ in structures}),
         "zeros": sorted({nz for _, nz in structures}),
-        "delay_samples": sorted({float(d) for d in delay_samples}),
-        "refine_delay": refine_delay,
+        "delay_samples": delays,
+        "refine_delay": settings.refine_delay,
         "hold": dict(zip(inputs, setup.hold, strict=True)),
-        "offset": offset,
+        "offset": settings.offset,
         **said_of_hold(recognised),
     }
     return replace(
         model,
-        settings=settings,
+        settings=said,
         advice=tuple(advice),
         diagnostics={
             **{key: {name: found[name].diagnostics[key] for name in outputs} for key in keys},
@@ -154,19 +140,6 @@ class _Outcome(NamedTuple):
     covariance: FloatArray
     diagnostics: dict[str, Any]
     advice: list[Advice]
-
-
-def _structures(
-    poles: int | Sequence[int], zeros: int | Sequence[int], delay_samples: Sequence[float]
-) -> list[tuple[int, int]]:
-    ns = [poles] if isinstance(poles, int) else list(poles)
-    nzs = [zeros] if isinstance(zeros, int) else list(zeros)
-    pairs = sorted({(n, nz) for n in ns for nz in nzs if 0 <= nz <= n}, key=lambda s: (sum(s), s))
-    if not pairs or min(ns) < 1 or min(nzs) < 0:
-        raise EstimationError(f"poles >= 1 and 0 <= zeros <= poles must hold, got poles = {ns}, zeros = {nzs}")
-    if not len(delay_samples) or not all(np.isfinite(d) and d >= 0.0 for d in delay_samples):
-        raise EstimationError(f"delay_samples must hold at least one delay >= 0, got {list(delay_samples)}")
-    return pairs
 
 
 def _series(record: FlightRecord, inputs: Sequence[str], output: str) -> Series:

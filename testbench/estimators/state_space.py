@@ -13,21 +13,13 @@ from testbench.core.advice import as_json
 from testbench.core.errors import EstimationError, RecordError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.words import array_found
-from testbench.estimators.driven import output_rows, released
+from testbench.estimators.driven import Series, output_rows, released
 from testbench.estimators.hankel import fold, triangle
 from testbench.estimators.model import ComplexArray, IdentifiedModel, continuous_poles
 from testbench.estimators.trajectories import Modes, Trajectories, read_out
 
 _RCOND = 1e-12
 _CHUNK = 5000  # samples folded into a triangle at once
-
-
-class Series(NamedTuple):
-    """Inputs (N, m), outputs (N, p) and which outputs count (N, p), of one stretch of uniform samples."""
-
-    u: FloatArray
-    y: FloatArray
-    valid: NDArray[np.bool_]
 
 
 class Rows(NamedTuple):
@@ -105,13 +97,9 @@ def fit_inputs(
     count = n * m + p * through.size
     own = n + lead * p  # unknowns of each series alone
     R, found, samples = np.zeros((0, count + 1)), [], 0
-    for u, y, valid in series:
-        modes = Modes(A, len(u))
-        rows = (
-            output_rows(A, C, modes, u, y, valid, through, lead)
-            if modes.usable
-            else _plain_rows(A, C, Series(u, y, valid), through, lead)
-        )
+    for part in series:
+        valid, modes = part.valid, Modes(A, len(part.u))
+        rows = output_rows(A, C, modes, part, through, lead) if modes.usable else _plain_rows(A, C, part, through, lead)
         found.append(Rows(rows, own, valid.sum(axis=0)))
         if valid.sum() > own:
             samples += int(valid.sum()) - own
@@ -151,26 +139,18 @@ def _plain_rows(A: FloatArray, C: FloatArray, series: Series, through: NDArray[n
     return out
 
 
-def free_run(
-    A: FloatArray,
-    B: FloatArray,
-    C: FloatArray,
-    D: FloatArray,
-    u: FloatArray,
-    y: FloatArray,
-    valid: NDArray[np.bool_],
-    lead: int = 0,
-) -> FloatArray:
-    """Return the outputs (N, p) driven by ``u`` (N, m), from the initial state that fits the valid ``y`` (N, p) best.
+def free_run(A: FloatArray, B: FloatArray, C: FloatArray, D: FloatArray, series: Series, lead: int = 0) -> FloatArray:
+    """Return the outputs (N, p) driven by the inputs, from the initial state that fits the valid outputs best.
 
     Linear least squares; each output weighted by the inverse of its root mean square. ``lead`` as in
     :func:`fit_inputs`: offsets and trends of the outputs that are fitted along.
     """
+    u, y, valid = series
     modes, p = Modes(A, len(u)), len(C)
     none, silent = np.zeros(0, np.intp), np.zeros((len(u), 0))
     if modes.usable:
         forced = (C @ modes.V @ modes.run(modes.drive(np.linalg.solve(modes.V, B) @ u.T))).T + u @ D.T
-        rows = output_rows(A, C, modes, silent, y - forced, valid, none, lead)
+        rows = output_rows(A, C, modes, Series(silent, y - forced, valid), none, lead)
     else:
         paths = Trajectories(A, len(u))
         forced = paths.forced((u @ B.T)[:, :, None])[:, :, 0] @ C.T + u @ D.T
@@ -237,7 +217,8 @@ class StateSpaceModel(IdentifiedModel):
         """
         check_sample_time(record, self.dt_s)
         u, y = record.columns(self.inputs), record.columns(self.outputs)
-        return free_run(self.A, self.B, self.C, self.D, u, y, record.select(self.outputs).valid)
+        series = Series(u, y, np.asarray(record.select(self.outputs).valid))
+        return free_run(self.A, self.B, self.C, self.D, series)
 
     def poles(self) -> dict[str, ComplexArray]:
         """Return the continuous-time poles ln(z)/dt in rad/s under all outputs' names joined by ", "."""

@@ -7,21 +7,20 @@ measured deflections are smooth, and straight lines are nearer to them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
 
 import numpy as np
 
 from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.hold import held
+from testbench.estimators.settings import Hold
 from testbench.estimators.state_space import Trajectories
 
-Hold = Literal["zoh", "foh"]
 _ON_SAMPLE = 1e-9  # fractions of a sample below this are rounding
 
 
 def holds(
-    inputs: Sequence[str], given: Mapping[str, str] | str | None, records: Sequence[FlightRecord] = ()
+    inputs: Sequence[str], given: Mapping[str, Hold] | Hold | None, records: Sequence[FlightRecord] = ()
 ) -> tuple[tuple[Hold, ...], tuple[str, ...]]:
     """Return how each input runs between its samples, and the names of those of which only the records say so.
 
@@ -33,24 +32,15 @@ def holds(
         records: what is identified from.
 
     Raises:
-        EstimationError: a word is neither "zoh" nor "foh", or an input is unknown.
+        EstimationError: an input is unknown.
     """
-    asked: Mapping[str, str] = dict.fromkeys(inputs, given) if isinstance(given, str) else given or {}
+    asked: Mapping[str, Hold] = dict.fromkeys(inputs, given) if isinstance(given, str) else given or {}
     for name in asked:
         if name not in inputs:
             raise EstimationError(f"hold must name inputs only, got '{name}'{nearest(name, inputs)}")
     found, recognised = held(inputs, [asked[n] == "zoh" if n in asked else None for n in inputs], records)
-    table = {n: asked.get(n, "zoh" if h else "foh") for n, h in zip(inputs, found, strict=True)}
-    out: list[Hold] = []
-    for name in inputs:
-        word = table[name]
-        if word == "zoh":
-            out.append("zoh")
-        elif word == "foh":
-            out.append("foh")
-        else:
-            raise EstimationError(f"hold of input '{name}' must be 'zoh' or 'foh', got '{word}'")
-    return tuple(out), recognised
+    table: dict[str, Hold] = {n: asked.get(n, "zoh" if h else "foh") for n, h in zip(inputs, found, strict=True)}
+    return tuple(table[name] for name in inputs), recognised
 
 
 def shifted(v: FloatArray, samples: int) -> FloatArray:

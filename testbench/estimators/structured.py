@@ -88,7 +88,18 @@ class Servo(Strict):
         return self
 
 
-class Structured(Strict):
+class Fitted(Strict):
+    """What every method takes that fits a structure: known delays of the inputs, s, and which inputs are held.
+
+    If ``held`` is not given, commands are held between samples, and other inputs that the records show to be; the rest
+    run along straight lines.
+    """
+
+    delays_s: dict[str, NonNegative] = {}
+    held: Names | None = None
+
+
+class Structured(Fitted):
     """A structure by name, its settings and its parameters.
 
     ``structure`` is packaged, or the user's own: a name in ``identification.structures``, whose table is then
@@ -117,8 +128,6 @@ class Structured(Strict):
     accelerometer_m: Pair = (0.0, 0.0)
     modes_hz: Annotated[tuple[Positive, ...], Field(strict=False)] = ()
     airframe: AirframeConstants | None = None
-    delays_s: dict[str, NonNegative] = {}
-    held: Names | None = None
     servo: dict[str, Servo] = {}
 
     @model_validator(mode="after")

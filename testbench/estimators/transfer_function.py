@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from testbench.core.advice import Advice, doubt, note
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.call import with_settings
 from testbench.estimators.discrete_transfer import TransferFunctionModel, discrete_poles, simulate_one
 from testbench.estimators.hankel import triangle, window_starts, windows
 from testbench.estimators.model import ComplexArray, check_records, continuous_poles
@@ -45,15 +44,11 @@ class _Fit(NamedTuple):
     taken: float  # share of the output's samples that were really taken, where interpolated ones had to serve; else 1
 
 
-@with_settings(TransferFunctions)
 def estimate(
     records: Sequence[FlightRecord],
     inputs: Sequence[str],
     outputs: Sequence[str],
-    *,
-    poles: int | Sequence[int],
-    zeros: Sequence[int],
-    delay_samples: Sequence[int],
+    settings: TransferFunctions,
     validation: Sequence[FlightRecord] = (),
 ) -> TransferFunctionModel:
     """Fit one transfer function per output by linear least squares on the equation error (ARX) and choose its zeros.
@@ -72,9 +67,7 @@ def estimate(
         records: measured records with one sample time; deviations from trim (see ``prepare``).
         inputs: the one input channel.
         outputs: (p,) output channels.
-        poles: n >= 1 of each transfer function, or candidates.
-        zeros: candidates nz, each 0 <= nz < n; of several numbers of poles each takes those below it.
-        delay_samples: candidates d >= 0.
+        settings: the candidates.
         validation: measured records that choose among the candidates, by 100 (1 - ||y - y_free|| / ||y - mean(y)||).
 
     Returns:
@@ -90,7 +83,13 @@ def estimate(
             those of :func:`check_records`.
         ChannelError: a record lacks a channel.
     """
-    candidates = _candidates(inputs, poles, zeros, delay_samples)
+    if len(inputs) != 1:
+        raise EstimationError(
+            f"a transfer function has one input, got {len(inputs)} ({', '.join(inputs)}); "
+            "name one, or use dsr_e for several inputs"
+        )
+    orders = (settings.poles,) if isinstance(settings.poles, int) else settings.poles
+    candidates = sorted({(n, nz, d) for n in orders for nz in settings.zeros for d in settings.delay_samples if nz < n})
     check_records(records, inputs, outputs)
     check_records([*records, *validation], inputs, outputs)
     judges = list(validation) or list(records)
@@ -107,9 +106,9 @@ def estimate(
         outputs=tuple(outputs),
         dt_s=dt,
         settings={
-            "poles": poles if isinstance(poles, int) else list(poles),
-            "zeros": list(zeros),
-            "delay_samples": list(delay_samples),
+            "poles": settings.poles if isinstance(settings.poles, int) else list(settings.poles),
+            "zeros": list(settings.zeros),
+            "delay_samples": list(settings.delay_samples),
         },
         diagnostics={
             "zeros": {name: nz for name, (_, nz, _) in chosen.items()},
@@ -125,27 +124,6 @@ def estimate(
         denominators=np.array([np.pad(fit.a, (0, order + 1 - fit.a.size)) for fit in fits.values()]),
         delays=tuple(fit.delay for fit in fits.values()),
     )
-
-
-def _candidates(
-    inputs: Sequence[str], poles: int | Sequence[int], zeros: Sequence[int], delay_samples: Sequence[int]
-) -> list[tuple[int, int, int]]:
-    """Return the candidates (poles, zeros, delay), the smallest first."""
-    if len(inputs) != 1:
-        raise EstimationError(
-            f"a transfer function has one input, got {len(inputs)} ({', '.join(inputs)}); "
-            "name one, or use dsr_e for several inputs"
-        )
-    several = not isinstance(poles, int)
-    orders = list(poles) if not isinstance(poles, int) else [poles]
-    out = sorted({(n, nz, d) for n in orders for nz in zeros for d in delay_samples if 0 <= nz < n})
-    if not out or min(orders) < 1 or min(zeros) < 0 or (not several and max(zeros) >= orders[0]):
-        raise EstimationError(
-            f"poles >= 1 and 0 <= zeros < poles must hold, got poles = {poles}, zeros = {list(zeros)}"
-        )
-    if not all(d >= 0 and d == int(d) for d in delay_samples):
-        raise EstimationError(f"delay_samples must be whole numbers >= 0, got {list(delay_samples)}")
-    return out
 
 
 def _choose(

@@ -78,7 +78,7 @@ def formed(
     for i, (stretch, record) in enumerate(zip(likelihood.stretches, records, strict=True)):
         own = likelihood.layout.split(point, i)
         x0 = likelihood.layout.begin(own.initial, stretch.x0)
-        flown = likelihood.driven(stretch.u, own), likelihood.dt_s, likelihood.held, x0
+        flown = likelihood.driven(stretch.u, own), likelihood.sampling, x0
         x = respond(structure, model.params, [], *flown).x
         schedules, means, stds = _schedules(structure.states, x, record, form_std, V_m_s)
         moved = scheduled(structure, model.params, chosen.tolist(), *flown, schedules)

@@ -20,7 +20,7 @@ from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
 from testbench.estimators.causes import with_causes
 from testbench.estimators.parametric.model import ParametricModel
-from testbench.estimators.settings import FilterError, OutputError
+from testbench.estimators.settings import FilterErrorEntry, OutputErrorEntry
 from testbench.estimators.structured import Servo
 from testbench.inference.form import BY_INPUT
 
@@ -86,15 +86,15 @@ def _deterministic(entry: Any, model: ParametricModel) -> Iterator[tuple[str, An
             yield f"a lag behind {name}", entry.model_copy(update={"servo": behind, "late_std_s": late})
 
 
-def _gusty(entry: OutputError, model: ParametricModel) -> FilterError:
+def _gusty(entry: OutputErrorEntry, model: ParametricModel) -> FilterErrorEntry:
     """Return the settings of filter error that stand for these of output error, inputs as late as they were found."""
-    own = {key: value for key, value in entry if key in FilterError.model_fields and key != "method"}
+    own = {key: value for key, value in entry if key in FilterErrorEntry.model_fields and key != "method"}
     late = {n: t for n, t in zip(model.inputs, model.delays_s, strict=True) if t != 0.0 and n not in entry.servo}
-    return FilterError.model_construct(**{**own, "method": "filter_error", "delays_s": late})
+    return FilterErrorEntry.model_construct(**{**own, "method": "filter_error", "delays_s": late})
 
 
 def mended(
-    entry: OutputError,
+    entry: OutputErrorEntry,
     model: ParametricModel,
     records: Sequence[FlightRecord],
     fit: Callable[[Any], ParametricModel],

@@ -23,7 +23,7 @@ from scipy.linalg import solve_triangular
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
-from testbench.estimators.parametric.response import respond
+from testbench.estimators.parametric.response import Sampling, respond
 from testbench.information.aircraft_structure import AircraftStructure
 from testbench.information.turbulence import Turbulence
 from testbench.sensors import Sensor
@@ -125,7 +125,7 @@ class Experiment:
         u = np.zeros((N + 1, m))
         u[1, j] = 1.0  # after one sample at rest, which lags start from
         start, held = np.zeros(len(self.structure.states)), np.ones(m, bool)
-        r = respond(self.structure, self.structure.true, range(k), u, self.dt_s, held, start)
+        r = respond(self.structure, self.structure.true, range(k), u, Sampling(self.dt_s, held), start)
         both = np.concatenate([r.y[:, :, None], r.dparams], axis=2)
         if not np.all(np.isfinite(both)):
             raise EstimationError("the linearised aircraft diverges over this manoeuvre; shorten it")
@@ -253,7 +253,12 @@ def start_responses(structure: AircraftStructure, n: int, dt_s: float) -> FloatA
     """Return what unit initial states do to the outputs over n samples, (n, p, states); servos begin at rest."""
     m = len(structure.inputs)
     r = respond(
-        structure, structure.true, (), np.zeros((n, m)), dt_s, np.ones(m, bool), np.zeros(len(structure.states))
+        structure,
+        structure.true,
+        (),
+        np.zeros((n, m)),
+        Sampling(dt_s, np.ones(m, bool)),
+        np.zeros(len(structure.states)),
     )
     moving = [j for j, state in enumerate(structure.states) if state not in structure.followers]
     return np.asarray(r.dx0[:, :, moving])

@@ -6,7 +6,8 @@ import numpy as np
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.parametric import output_error
-from testbench.estimators.parametric.response import respond
+from testbench.estimators.parametric.response import Sampling, respond
+from testbench.estimators.settings import OutputError
 from testbench.information.fisher import Experiment
 
 
@@ -27,7 +28,7 @@ def estimates(experiment: Experiment, u: FloatArray, runs: int, seed: int) -> Fl
     """
     s, N, p = experiment.structure, experiment.samples, len(experiment.sensors)
     held = np.ones(u.shape[1], bool)
-    y = respond(s, s.true, (), u, experiment.dt_s, held, np.zeros(len(s.states))).y
+    y = respond(s, s.true, (), u, Sampling(experiment.dt_s, held), np.zeros(len(s.states))).y
     valid = np.ones((N, u.shape[1] + p), bool)
     for i, sensor in enumerate(experiment.sensors):
         stride = round(1.0 / (experiment.dt_s * (sensor.rate_hz or 1.0 / experiment.dt_s)))
@@ -38,6 +39,8 @@ def estimates(experiment: Experiment, u: FloatArray, runs: int, seed: int) -> Fl
     for r in range(runs):
         measured = y + rng.standard_normal(y.shape) * experiment.sigma
         record = FlightRecord(t, (*s.inputs, *s.outputs), np.hstack([u, measured]), "measured", valid=valid)
-        model = output_error.estimate([record], s, initial_states="zero", output_biases=s.outputs, held=s.inputs)
+        model = output_error.estimate(
+            [record], s, OutputError(initial_states="zero", output_biases=s.outputs, held=s.inputs)
+        )
         out[r] = model.params
     return out

@@ -34,6 +34,7 @@ from clock import since, some
 from smallest import sized
 
 from testbench.core.record import FlightRecord
+from testbench.estimators.settings import DsrE, Subspace
 from testbench.estimators.subspace import dsr_e
 from testbench.estimators.subspace.family import PREDICTORS, PROJECTIONS, estimate
 
@@ -81,12 +82,12 @@ def ours(z: np.ndarray) -> dict[str, float]:
     record = FlightRecord(np.arange(len(z)) * 0.02, (*INPUTS, *OUTPUTS), z, "measured")
     settings = {"past_horizon": HORIZON, "future_horizon": HORIZON, "order": ORDER}
     times = {
-        name: median_seconds(lambda name=name: estimate([record], INPUTS, OUTPUTS, method=name, **settings))
+        name: median_seconds(lambda name=name: estimate([record], INPUTS, OUTPUTS, Subspace(method=name, **settings)))
         for name in (*PROJECTIONS, *PREDICTORS)
     }
     for name, variant in VARIANTS.items():
         times[name] = median_seconds(
-            lambda variant=variant: dsr_e.estimate([record], INPUTS, OUTPUTS, variant=variant, **settings)
+            lambda variant=variant: dsr_e.estimate([record], INPUTS, OUTPUTS, DsrE(variant=variant, **settings))
         )
     return times
 
@@ -98,9 +99,9 @@ def peak_over_record(samples: int, method: str) -> float:
     settings = {"past_horizon": HORIZON, "future_horizon": HORIZON, "order": ORDER}
     tracemalloc.start()
     if method in VARIANTS:
-        dsr_e.estimate([record], INPUTS, OUTPUTS, variant=VARIANTS[method], **settings)
+        dsr_e.estimate([record], INPUTS, OUTPUTS, DsrE(variant=VARIANTS[method], **settings))
     else:
-        estimate([record], INPUTS, OUTPUTS, method=method, **settings)
+        estimate([record], INPUTS, OUTPUTS, Subspace(method=method, **settings))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return peak / z.nbytes

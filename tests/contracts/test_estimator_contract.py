@@ -18,17 +18,17 @@ from testbench.estimators.contract import BUILT, DT, INPUTS, LAWS, OUTPUTS, Tria
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.settings import (
     DsrE,
-    EquationError,
+    EquationErrorEntry,
     Equivalent,
-    ExtendedFilter,
-    FilterError,
-    OutputError,
+    ExtendedFilterEntry,
+    FilterErrorEntry,
+    OutputErrorEntry,
     PredictionError,
-    RecursiveFourier,
+    RecursiveFourierEntry,
     Srivc,
     Subspace,
     TransferFunctions,
-    UnscentedFilter,
+    UnscentedFilterEntry,
 )
 
 HORIZONS = {"past_horizon": 8, "future_horizon": 6, "order": 4}
@@ -48,12 +48,12 @@ SPECS = {
         band_hz=(0.08, 1.0),
         hold="zoh",
     ),
-    "equation_error": EquationError(method="equation_error", **BUILT),
-    "recursive_fourier": RecursiveFourier(method="recursive_fourier", band_hz=(0.05, 1.2), **BUILT),
-    "output_error": OutputError(method="output_error", **BUILT),
-    "filter_error": FilterError(method="filter_error", process_noise_model="diagonal", **BUILT),
-    "ekf": ExtendedFilter(method="ekf", **BUILT),
-    "ukf": UnscentedFilter(method="ukf", **BUILT),
+    "equation_error": EquationErrorEntry(method="equation_error", **BUILT),
+    "recursive_fourier": RecursiveFourierEntry(method="recursive_fourier", band_hz=(0.05, 1.2), **BUILT),
+    "output_error": OutputErrorEntry(method="output_error", **BUILT),
+    "filter_error": FilterErrorEntry(method="filter_error", process_noise_model="diagonal", **BUILT),
+    "ekf": ExtendedFilterEntry(method="ekf", **BUILT),
+    "ukf": UnscentedFilterEntry(method="ukf", **BUILT),
 }
 STRUCTURED = ("equation_error", "recursive_fourier", "output_error", "filter_error", "ekf", "ukf")
 SEQUENTIAL = ("ekf", "ukf")  # records one after the other, each from what those before have left

@@ -27,7 +27,7 @@ def data(kind, samples=3000, noise=0.1):
     u = rng.standard_normal((samples, 2))
     y = rng.standard_normal((samples, 2)) if kind == "growing" else noise * rng.standard_normal((samples, 2))
     if kind != "growing":
-        y = y + free_run(A, rng.standard_normal((len(A), 2)), C, np.ones((2, 2)), u, y, np.ones(y.shape, bool))
+        y = y + free_run(A, rng.standard_normal((len(A), 2)), C, np.ones((2, 2)), Series(u, y, np.ones(y.shape, bool)))
     return A, C, u, y
 
 
@@ -64,7 +64,7 @@ def test_rows_equal_those_of_every_state_on_its_own(kind, lead, masks):
         valid[rng.random(len(y)) < 0.1, 1] = False
     through = np.array([1])
     modes = Modes(A, len(u))
-    fast = output_rows(A, C, modes, u, y, valid, through, lead)
+    fast = output_rows(A, C, modes, Series(u, y, valid), through, lead)
     plain = state_space._plain_rows(A, C, Series(u, y, valid), through, lead)
     # initial states count in other coordinates; what they leave of the rest is the same
     own = len(A) + 2 * lead
@@ -113,7 +113,7 @@ def test_free_run_errors_are_those_of_the_free_run(kind, lead):
     B, D = fit.B + 0.01 * rng.standard_normal(fit.B.shape), 0.9 * fit.D
     expected = np.zeros(2)
     for part in series:
-        error = part.y - free_run(A, B, C, D, part.u, part.y, part.valid, lead)
+        error = part.y - free_run(A, B, C, D, part, lead)
         expected += np.sum(error**2, axis=0, where=part.valid)
     assert fit.free_run_errors(B, D, every) == pytest.approx(expected, rel=1e-9)
 

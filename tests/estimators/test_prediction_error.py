@@ -12,6 +12,7 @@ from testbench.core.record import FlightRecord
 from testbench.estimators import prediction_error
 from testbench.estimators.predictor import Layout, Matrices, errors, orbit
 from testbench.estimators.prepare import prepare
+from testbench.estimators.settings import DsrE, Refinement
 from testbench.estimators.state_accuracy import frequency_response_std, pole_accuracy
 from testbench.estimators.state_space import Series, StateSpaceModel
 from testbench.estimators.subspace import dsr_e
@@ -203,7 +204,7 @@ def test_another_basis_of_the_start_and_other_units_change_nothing_that_is_repor
 
 def test_gaps_several_records_and_offsets():
     records = [flight(11, 500, offset=np.array([0.01, -0.02]), missing=0.25), flight(12, 300, offset=0.005)]
-    found = prediction_error.refine(records, model(spoil=0.02), offsets=True)
+    found = prediction_error.refine(records, model(spoil=0.02), Refinement(offsets=True))
     pole = found.diagnostics["pole_accuracy"][0]
     truth = continuous(model())[1]
     # 4 standard errors: 6e-5 false alarms each
@@ -216,7 +217,7 @@ def test_gaps_several_records_and_offsets():
 
 def test_output_error_fits_the_free_run_and_says_that_residuals_are_coloured():
     record = flight(13, 800, K=np.array([[0.9, 0.0], [0.0, 0.9]]))
-    free_run = prediction_error.refine([record], model(gain=np.zeros((2, 2))), disturbances=False)
+    free_run = prediction_error.refine([record], model(gain=np.zeros((2, 2))), Refinement(disturbances=False))
     assert not free_run.K.any()
     y = record.columns(OUTPUTS)
     both = prediction_error.refine([record], model())
@@ -251,7 +252,7 @@ def test_too_high_an_order_is_said():
     big = {"A": np.diag([0.3, 0.0, 0.0]), "B": np.zeros((3, 1)), "C": np.zeros((2, 3)), "K": np.zeros((3, 2))}
     big["A"][1:, 1:], big["B"][1:], big["C"][:, 1:] = A, B, C
     big["B"][0], big["C"][0, 0] = 1e-3, 1e-3
-    found = prediction_error.refine([flight(15, noise=1e-7, K=0 * K)], model(**big), disturbances=False)
+    found = prediction_error.refine([flight(15, noise=1e-7, K=0 * K)], model(**big), Refinement(disturbances=False))
     accuracy = [p for p in found.diagnostics["pole_accuracy"] if abs(p.pole.imag) < 1e-9]
     assert found.status != "good" or any(p.real_std > 0.5 * abs(p.pole.real) for p in accuracy)
 
@@ -267,7 +268,7 @@ def test_what_cannot_be_is_refused():
 
 def test_a_subspace_estimate_is_improved():
     records = [flight(17, 500), flight(18, 400)]
-    start = dsr_e.estimate(records, INPUTS, OUTPUTS, past_horizon=10, future_horizon=8, order=2)
+    start = dsr_e.estimate(records, INPUTS, OUTPUTS, DsrE(past_horizon=10, future_horizon=8, order=2))
     found = prediction_error.refine(records, start)
     assert found.diagnostics["converged"]
     logdet = []
@@ -297,8 +298,8 @@ def test_attas_short_period_from_a_subspace_start():
         )
         for t in tables
     ]
-    start = dsr_e.estimate(records, INPUTS, OUTPUTS, past_horizon=10, future_horizon=10, order=2)
-    found = prediction_error.refine(records, start, offsets=True)
+    start = dsr_e.estimate(records, INPUTS, OUTPUTS, DsrE(past_horizon=10, future_horizon=10, order=2))
+    found = prediction_error.refine(records, start, Refinement(offsets=True))
     assert found.diagnostics["converged"]
     assert np.all(found.diagnostics["prediction_error_percent"] < found.diagnostics["prediction_error_percent_start"])
     pole = found.diagnostics["pole_accuracy"][0]

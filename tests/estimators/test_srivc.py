@@ -12,6 +12,7 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators import srivc
 from testbench.estimators.continuous import ContinuousTransferModel
+from testbench.estimators.settings import Srivc
 from testbench.estimators.transfer_advice import question_poles
 from testbench.logs.layout import ENVIRONMENT
 from testbench.logs.read import read_records
@@ -55,14 +56,16 @@ def test_exact_data_are_recovered_whatever_the_initial_state(hold):
         u = np.concatenate([rng.standard_normal(40), steps(rng, n)])
         u = lfilter([0.4], [1.0, -0.6], u) if hold == "foh" else u
         records.append(record({"q": response(u, hold)[40:]}, de=u[40:]))
-    model = srivc.estimate(records, ("de",), ("q",), poles=2, zeros=1, hold=hold)
+    model = srivc.estimate(records, ("de",), ("q",), Srivc(poles=(2,), zeros=(1,), hold=hold))
     assert model.status == "good"
     assert relative(model.poles()["q"], np.roots(A)) < 1e-10
     true = np.polyval(B, 1j * OMEGA) / np.polyval(A, 1j * OMEGA)
     assert relative(model.frequency_response(OMEGA)[:, 0, 0], true) < 1e-10
     for r in records:
         assert np.abs(model.simulate(r)[:, 0] - r["q"]).max() < 1e-10
-    wrong = srivc.estimate(records, ("de",), ("q",), poles=2, zeros=1, hold={"zoh": "foh", "foh": "zoh"}[hold])
+    wrong = srivc.estimate(
+        records, ("de",), ("q",), Srivc(poles=(2,), zeros=(1,), hold={"zoh": "foh", "foh": "zoh"}[hold])
+    )
     assert relative(pole(wrong), pole(model)) > 1e-4  # the course between the samples matters
 
 
@@ -72,7 +75,9 @@ def test_inputs_share_a_denominator_each_with_its_delay():
     late = {name: np.concatenate([np.full(d, v[0]), v])[:400] for (name, v), d in zip(u.items(), (2, 0), strict=True)}
     y = response(late["de_cmd"]) + response(late["thr_cmd"], b=np.array([1.5]))
     r = record({"q": y}, **u)
-    model = srivc.estimate([r], tuple(u), ("q",), poles=2, zeros=1, delay_samples=(0, 1, 2, 3), validation=[r])
+    model = srivc.estimate(
+        [r], tuple(u), ("q",), Srivc(poles=(2,), zeros=(1,), delay_samples=(0, 1, 2, 3)), validation=[r]
+    )
     assert model.hold == ("zoh", "zoh")  # by their names
     assert np.allclose(model.delays_s, [[2 * DT, 0.0]])
     assert relative(model.denominators[0], A) < 1e-8
@@ -88,7 +93,11 @@ def test_a_fractional_delay_is_found(hold):
     y = response(np.concatenate([np.full(13, u[0]), fine])[:3000], hold, dt=DT / 10)
     r = record({"q": y[::10]}, de=u)
     model = srivc.estimate(
-        [r], ("de",), ("q",), poles=2, zeros=1, delay_samples=(0, 1, 2, 3), refine_delay=True, hold=hold, validation=[r]
+        [r],
+        ("de",),
+        ("q",),
+        Srivc(poles=(2,), zeros=(1,), delay_samples=(0, 1, 2, 3), refine_delay=True, hold=hold),
+        validation=[r],
     )
     assert model.delays_s[0, 0] == pytest.approx(1.3 * DT, rel=1e-6)
     assert relative(pole(model), np.roots(A)[0]) < 1e-6
@@ -103,13 +112,17 @@ def test_orders_and_delay_are_chosen_on_held_out_data():
         y = response(np.concatenate([[u[0]], u])[:n])
         parts.append(record({"q": y + 0.05 * rng.standard_normal(n)}, de_cmd=u))
     model = srivc.estimate(
-        parts[:1], ("de_cmd",), ("q",), poles=(1, 2, 3), zeros=(0, 1, 2), delay_samples=(0, 1, 2), validation=parts[1:]
+        parts[:1],
+        ("de_cmd",),
+        ("q",),
+        Srivc(poles=(1, 2, 3), zeros=(0, 1, 2), delay_samples=(0, 1, 2)),
+        validation=parts[1:],
     )
     assert model.diagnostics["structure"]["q"] == {"poles": 2, "zeros": 1}
     assert model.delays_s[0, 0] == pytest.approx(DT)
     assert set(model.diagnostics["fit_percent"]["q"]) == {"1/0", "1/1", "2/0", "2/1", "2/2", "3/0", "3/1", "3/2"}
     assert not any("favours" in s for s in model.advice)
-    own = srivc.estimate(parts[:1], ("de_cmd",), ("q",), poles=(1, 2), zeros=(0, 1))
+    own = srivc.estimate(parts[:1], ("de_cmd",), ("q",), Srivc(poles=(1, 2), zeros=(0, 1)))
     assert any("favours more poles and zeros" in s for s in own.advice)
 
 
@@ -121,7 +134,7 @@ def test_samples_that_were_not_taken_do_not_count():
     valid[rng.random(300) < 0.1, 1] = False  # dropouts
     valid[1::2, 1] = False  # and a sensor at half the rate
     held = np.where(valid[:, 1], y, 77.0)
-    model = srivc.estimate([record({"q": held}, valid, de_cmd=u)], ("de_cmd",), ("q",), poles=2, zeros=1)
+    model = srivc.estimate([record({"q": held}, valid, de_cmd=u)], ("de_cmd",), ("q",), Srivc(poles=(2,), zeros=(1,)))
     assert relative(model.denominators[0], A) < 1e-8
 
 
@@ -131,7 +144,7 @@ def test_wrong_trim_values_are_taken_up_by_offset():
     for level in (0.7, -0.4):
         u = steps(rng, 200)
         records.append(record({"q": response(u) + level}, de_cmd=u))
-    model = srivc.estimate(records, ("de_cmd",), ("q",), poles=2, zeros=1, offset=True)
+    model = srivc.estimate(records, ("de_cmd",), ("q",), Srivc(poles=(2,), zeros=(1,), offset=True))
     assert relative(model.denominators[0], A) < 1e-8
     assert np.abs(model.simulate(records[0])[:, 0] - records[0]["q"]).max() < 1e-8
 
@@ -148,7 +161,7 @@ def test_an_unstable_pole_is_found():
         y[k] = x[0]
         command[k] = 0.1 * u[k] - gain @ x
         x = F @ x + G[:, 0] * command[k]
-    model = srivc.estimate([record({"q": y}, de_cmd=command)], ("de_cmd",), ("q",), poles=2, zeros=0)
+    model = srivc.estimate([record({"q": y}, de_cmd=command)], ("de_cmd",), ("q",), Srivc(poles=(2,), zeros=(0,)))
     assert relative(model.denominators[0], a) < 1e-6
     assert np.abs(model.simulate(record({"q": y}, de_cmd=command))[:, 0] - y).max() < 1e-6 * np.abs(y).max()
 
@@ -178,7 +191,7 @@ def test_a_second_implementation_agrees():
     rng = np.random.default_rng(8)
     u = steps(rng, 300)
     y = response(u) + 0.2 * rng.standard_normal(300)
-    model = srivc.estimate([record({"q": y}, de_cmd=u)], ("de_cmd",), ("q",), poles=2, zeros=1)
+    model = srivc.estimate([record({"q": y}, de_cmd=u)], ("de_cmd",), ("q",), Srivc(poles=(2,), zeros=(1,)))
     assert np.abs(model.parameters - own_srivc(u, y)).max() < 1e-5  # both stop within 1e-6 standard errors
 
 
@@ -189,7 +202,7 @@ def scatter(seeds, noise, n=200):
     found, stated, factors = [], [], []
     for _ in range(seeds):
         r = record({"q": y + noise(rng, n)}, de_cmd=u)
-        model = srivc.estimate([r], ("de_cmd",), ("q",), poles=2, zeros=1)
+        model = srivc.estimate([r], ("de_cmd",), ("q",), Srivc(poles=(2,), zeros=(1,)))
         [mode] = model.modes()["q"]
         found.append([*model.parameters, mode.wn_rad_s, mode.zeta])
         stated.append([*model.standard_errors.values(), mode.wn_error_rad_s, mode.zeta_error])
@@ -238,14 +251,16 @@ def test_poles_that_the_data_do_not_decide_are_questioned():
     n, t = 600, np.arange(600) * DT
     u = sum(np.sin(w * t + 3.0 * i) for i, w in enumerate((0.2, 0.4, 0.6, 0.8)))  # nothing beyond 1 rad/s
     y = response(u, "foh") + 0.02 * rng.standard_normal(n)
-    model = srivc.estimate([record({"q": y}, de=u)], ("de",), ("q",), poles=2, zeros=1)
+    model = srivc.estimate([record({"q": y}, de=u)], ("de",), ("q",), Srivc(poles=(2,), zeros=(1,)))
     sizes = np.abs(np.concatenate(list(model.poles().values())))
     low, high = model.diagnostics["excited_band_rad_s"]
     assert 0.0 < low < 0.25  # 99 % of the energy; a record of 60 s leaks by some 0.1 rad/s
     assert 0.75 < high < 1.2
     assert np.all(sizes > high)
     assert any("lie outside the band" in s for s in model.advice)
-    fast = srivc.estimate([record({"q": u + 0.3 * rng.standard_normal(n)}, de=u)], ("de",), ("q",), poles=1, zeros=0)
+    fast = srivc.estimate(
+        [record({"q": u + 0.3 * rng.standard_normal(n)}, de=u)], ("de",), ("q",), Srivc(poles=(1,), zeros=(0,))
+    )
     assert np.abs(fast.poles()["q"][0]) > 0.5 * np.pi / DT
     assert any("above half the Nyquist frequency" in s for s in fast.advice)
     one = [record({"q": u}, de=np.sin(0.8 * t))]
@@ -258,7 +273,7 @@ def test_more_poles_than_the_data_hold_are_reported():
     rng = np.random.default_rng(11)
     u = steps(rng, 300)
     r = record({"q": response(u)}, de_cmd=u)
-    model = srivc.estimate([r], ("de_cmd",), ("q",), poles=4, zeros=3)
+    model = srivc.estimate([r], ("de_cmd",), ("q",), Srivc(poles=(4,), zeros=(3,)))
     assert any("rank deficient" in s or "did not converge" in s for s in model.advice)
     assert np.abs(model.simulate(r)[:, 0] - r["q"]).max() < 1e-6
 
@@ -267,9 +282,9 @@ def test_units_and_order_of_channels_do_not_matter():
     rng = np.random.default_rng(12)
     u = steps(rng, 300)
     r = record({"q": response(u) + 0.1 * rng.standard_normal(300), "alpha": response(u, b=np.array([3.0]))}, de_cmd=u)
-    model = srivc.estimate([r], ("de_cmd",), ("q", "alpha"), poles=2, zeros=1)
+    model = srivc.estimate([r], ("de_cmd",), ("q", "alpha"), Srivc(poles=(2,), zeros=(1,)))
     scaled = r.with_columns({"q": 1e3 * r["q"]}).select(("alpha", "de_cmd", "q"))
-    other = srivc.estimate([scaled], ("de_cmd",), ("q", "alpha"), poles=2, zeros=1)
+    other = srivc.estimate([scaled], ("de_cmd",), ("q", "alpha"), Srivc(poles=(2,), zeros=(1,)))
     assert relative(other.poles()["q"], model.poles()["q"]) < 1e-9
     assert relative(other.numerators[0], 1e3 * model.numerators[0]) < 1e-8
     assert np.array_equal(other.poles()["alpha"], model.poles()["alpha"])
@@ -280,17 +295,17 @@ def test_refusals_say_law_value_and_fix():
     u = steps(rng, 40)
     r = record({"q": response(u)}, de_cmd=u)
     with pytest.raises(EstimationError, match=r"0 <= zeros <= poles must hold, got poles = \[2\], zeros = \[3\]"):
-        srivc.estimate([r], ("de_cmd",), ("q",), poles=2, zeros=3)
+        srivc.estimate([r], ("de_cmd",), ("q",), Srivc(poles=(2,), zeros=(3,)))
     with pytest.raises(EstimationError, match="at least twice as many samples as its 24 unknowns, got 40"):
-        srivc.estimate([r], ("de_cmd",), ("q",), poles=8, zeros=7)
+        srivc.estimate([r], ("de_cmd",), ("q",), Srivc(poles=(8,), zeros=(7,)))
     with pytest.raises(EstimationError, match=r"delay >= 0, got \[-1\]"):
-        srivc.estimate([r], ("de_cmd",), ("q",), poles=2, zeros=1, delay_samples=(-1,))
+        srivc.estimate([r], ("de_cmd",), ("q",), Srivc(poles=(2,), zeros=(1,), delay_samples=(-1,)))
     with pytest.raises(EstimationError, match="hold of input 'de_cmd' must be 'zoh' or 'foh', got 'soh'"):
-        srivc.estimate([r], ("de_cmd",), ("q",), poles=2, zeros=1, hold="soh")
+        srivc.estimate([r], ("de_cmd",), ("q",), Srivc(poles=(2,), zeros=(1,), hold="soh"))
     with pytest.raises(EstimationError, match="hold must name inputs only, got 'de'; valid: de_cmd"):
-        srivc.estimate([r], ("de_cmd",), ("q",), poles=2, zeros=1, hold={"de": "zoh"})
+        srivc.estimate([r], ("de_cmd",), ("q",), Srivc(poles=(2,), zeros=(1,), hold={"de": "zoh"}))
     with pytest.raises(EstimationError, match="output 'q' must move"):
-        srivc.estimate([record({"q": 0.0 * u}, de_cmd=u)], ("de_cmd",), ("q",), poles=2, zeros=1)
+        srivc.estimate([record({"q": 0.0 * u}, de_cmd=u)], ("de_cmd",), ("q",), Srivc(poles=(2,), zeros=(1,)))
     with pytest.raises(EstimationError, match="covariance must be finite and of shape"):
         ContinuousTransferModel(
             method="srivc",
@@ -312,7 +327,7 @@ def test_export():
     u = steps(rng, 300)
     y = response(np.concatenate([[u[0]], u])[:300]) + 0.05 * rng.standard_normal(300)
     r = record({"q": y, "alpha": 0.5 * y}, de_cmd=u)
-    model = srivc.estimate([r], ("de_cmd",), ("q", "alpha"), poles=(2, 1), zeros=(0, 1), delay_samples=(1,))
+    model = srivc.estimate([r], ("de_cmd",), ("q", "alpha"), Srivc(poles=(2, 1), zeros=(0, 1), delay_samples=(1,)))
     system = model.to_control()
     assert system.input_labels == ["de_cmd"]
     assert system.output_labels == ["q", "alpha"]
@@ -338,7 +353,7 @@ def test_attas_short_period():
         pytest.skip(f"recorded flights are missing: {', '.join(absent)} in '{folder}'; set {ENVIRONMENT}")
     flights = [r for _, _, r in read_records(description, folder)]
     mean = [r.with_columns({c: r[c] - r[c].mean() for c in r.channels}) for r in flights]
-    model = srivc.estimate(mean, ("de",), ("alpha", "q"), poles=2, zeros=1)
+    model = srivc.estimate(mean, ("de",), ("alpha", "q"), Srivc(poles=(2,), zeros=(1,)))
     for modes in model.modes().values():
         [mode] = modes
         # printed output-error estimate: 2.53 rad/s and 0.493; measured: 2.521 and 0.487 (alpha), 2.529 and 0.498 (q)

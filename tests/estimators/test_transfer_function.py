@@ -9,6 +9,7 @@ from scipy.signal import cont2discrete, lfilter
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators.prepare import prepare
+from testbench.estimators.settings import TransferFunctions
 from testbench.estimators.transfer_function import TransferFunctionModel, estimate
 
 DT = 0.125  # the log rate of the Taurus paper, 8 Hz
@@ -55,7 +56,9 @@ def test_exact_data_give_the_exact_transfer_functions():
     for n, start in ((200, 0.3), (160, -0.1)):
         u = 0.05 * np.repeat(rng.standard_normal(n // 2), 2)
         records.append(record(u, flown(*THETA, u, start), flown(*Q, u, start)))
-    model = estimate(records, ("de",), ("theta", "q"), poles=4, zeros=(0, 1, 2, 3), validation=records[:1])
+    model = estimate(
+        records, ("de",), ("theta", "q"), TransferFunctions(poles=4, zeros=(0, 1, 2, 3)), validation=records[:1]
+    )
     omega = np.geomspace(0.1, 0.9 * np.pi / DT, 30)
     z = np.exp(1j * omega * DT)
     for i, (b, a) in enumerate((THETA, Q)):
@@ -75,11 +78,11 @@ def test_number_of_zeros_means_leading_numerator_coefficients_after_one_delay():
     u = rng.standard_normal(300)
     b, a = np.array([0.5, -0.2, 0.0]), np.array([1.0, -1.1, 0.5, -0.1])
     r = record(u, flown(b, a, u))
-    model = estimate([r], ("de",), ("theta",), poles=3, zeros=(1,), validation=[r])
+    model = estimate([r], ("de",), ("theta",), TransferFunctions(poles=3, zeros=(1,)), validation=[r])
     assert np.allclose(model.numerators[0], b, atol=1e-10)
     assert np.allclose(model.denominators[0], a, atol=1e-10)
     assert np.allclose(np.roots(np.trim_zeros(model.numerators[0], "b")), [0.4])
-    chosen = estimate([r], ("de",), ("theta",), poles=3, zeros=(2, 1, 0), validation=[r])
+    chosen = estimate([r], ("de",), ("theta",), TransferFunctions(poles=3, zeros=(2, 1, 0)), validation=[r])
     assert chosen.diagnostics["zeros"]["theta"] in (1, 2)  # 0 cannot reach the data, 1 and 2 both can
     assert chosen.diagnostics["fit_percent"]["theta"][0] < 99.9
     assert chosen.diagnostics["fit_percent"]["theta"][1] == pytest.approx(100.0, abs=1e-6)
@@ -92,11 +95,11 @@ def test_zeros_are_chosen_on_validation_records():
     scale = np.std(flown(b, a, fit))
     noisy = record(fit, flown(b, a, fit) + 0.02 * scale * rng.standard_normal(60))
     clean = record(judge, flown(b, a, judge))
-    model = estimate([noisy], ("de",), ("theta",), poles=4, zeros=(0, 1, 2, 3), validation=[clean])
+    model = estimate([noisy], ("de",), ("theta",), TransferFunctions(poles=4, zeros=(0, 1, 2, 3)), validation=[clean])
     table = model.diagnostics["fit_percent"]["theta"]
     assert model.diagnostics["zeros"]["theta"] == max(table, key=table.get)
     assert not any("favours more zeros" in s for s in model.advice)
-    own = estimate([noisy], ("de",), ("theta",), poles=4, zeros=(0, 1, 2, 3))
+    own = estimate([noisy], ("de",), ("theta",), TransferFunctions(poles=4, zeros=(0, 1, 2, 3)))
     assert any("favours more zeros" in s for s in own.advice)
 
 
@@ -108,7 +111,7 @@ def test_standard_errors_match_the_scatter_for_white_equation_errors():
     for _ in range(60):
         u = np.repeat(rng.choice([-1.0, 1.0], size=100), 4)
         y = flown(b, a, u) + lfilter([1.0], a, 0.05 * rng.standard_normal(400))
-        model = estimate([record(u, y)], ("de",), ("theta",), poles=2, zeros=(1,))
+        model = estimate([record(u, y)], ("de",), ("theta",), TransferFunctions(poles=2, zeros=(1,)))
         found.append([*model.denominators[0][1:], *model.numerators[0]])
         stated.append(model.diagnostics["standard_errors"]["theta"])
     scatter = np.std(found, axis=0, ddof=1)
@@ -126,7 +129,7 @@ def test_coloured_equation_errors_are_said_and_their_scatter_is_told():
     found, stated = [], []
     for _ in range(150):
         y = clean + 0.1 * rng.standard_normal(600)
-        model = estimate([record(u, y)], ("de",), ("theta",), poles=2, zeros=(1,))
+        model = estimate([record(u, y)], ("de",), ("theta",), TransferFunctions(poles=2, zeros=(1,)))
         found.append([*model.denominators[0][1:], *model.numerators[0][:2]])
         stated.append(model.diagnostics["standard_errors"]["theta"])
         assert any("equation errors are coloured" in s for s in model.advice)
@@ -144,7 +147,7 @@ def test_delay_and_order_are_chosen_on_validation_records():
         u = np.repeat(rng.choice([-1.0, 1.0], size=n // 4), 4)
         parts.append(record(u, flown(b, a, np.concatenate([np.full(3, u[0]), u])[:n], u[0])))
     settings = {"poles": (1, 2, 3), "zeros": (0, 1), "delay_samples": range(6)}
-    model = estimate(parts[:1], ("de",), ("theta",), **settings, validation=parts[1:])
+    model = estimate(parts[:1], ("de",), ("theta",), TransferFunctions(**settings), validation=parts[1:])
     d = model.diagnostics
     assert (d["poles"]["theta"], d["zeros"]["theta"], d["delay_samples"]["theta"]) == (2, 1, 3)
     assert np.allclose(model.denominators[0], [*a, 0.0], atol=1e-8)
@@ -159,7 +162,7 @@ def test_delay_and_order_are_chosen_on_validation_records():
     assert np.abs(np.ravel(model.to_control()(z)) - true).max() < 1e-7 * np.abs(true).max()
     assert model.to_dict()["delays"] == {"theta": 3}
     with pytest.raises(EstimationError, match=r"delay_samples must be whole numbers >= 0, got \[-1\]"):
-        estimate(parts[:1], ("de",), ("theta",), poles=2, zeros=(1,), delay_samples=(-1,))
+        estimate(parts[:1], ("de",), ("theta",), TransferFunctions(poles=2, zeros=(1,), delay_samples=(-1,)))
 
 
 def test_a_delay_keeps_clear_of_samples_that_were_not_taken():
@@ -169,7 +172,13 @@ def test_a_delay_keeps_clear_of_samples_that_were_not_taken():
     valid = np.ones((300, 2), bool)
     valid[[60, 140], [0, 1]] = False
     data = record(np.where(valid[:, 0], u, 9.0), np.where(valid[:, 1], y, -9.0), valid=valid)
-    model = estimate([data], ("de",), ("theta",), poles=4, zeros=(3,), delay_samples=(2,), validation=[record(u, y)])
+    model = estimate(
+        [data],
+        ("de",),
+        ("theta",),
+        TransferFunctions(poles=4, zeros=(3,), delay_samples=(2,)),
+        validation=[record(u, y)],
+    )
     assert np.allclose(model.denominators[0], THETA[1], atol=1e-8)
 
 
@@ -178,7 +187,9 @@ def test_a_pole_where_the_input_has_no_energy_is_questioned():
     t = np.arange(1600) * DT
     u = np.sin(0.5 * t) + np.sin(0.8 * t)
     y = flown(*discrete(pair(4.0, 0.3), (), 16.0), u) + 1e-3 * rng.standard_normal(1600)
-    model = estimate([record(u, y)], ("de",), ("theta",), poles=2, zeros=(1,), validation=[record(u, y)])
+    model = estimate(
+        [record(u, y)], ("de",), ("theta",), TransferFunctions(poles=2, zeros=(1,)), validation=[record(u, y)]
+    )
     sizes = np.abs(model.poles()["theta"])
     assert np.all(sizes > 1.2)
     assert any("lie outside the band" in s or "above half the Nyquist" in s for s in model.advice)
@@ -190,7 +201,7 @@ def test_measurement_noise_damps_the_poles_as_the_docstring_says():
     u = np.repeat(rng.choice([-1.0, 1.0], size=500), 4)
     y = flown(b, a, u)
     noisy = y + 0.2 * np.std(y) * rng.standard_normal(y.size)
-    model = estimate([record(u, noisy)], ("de",), ("theta",), poles=2, zeros=(1,))
+    model = estimate([record(u, noisy)], ("de",), ("theta",), TransferFunctions(poles=2, zeros=(1,)))
     pole = max(model.poles()["theta"], key=lambda s: s.imag)
     assert -pole.real / abs(pole) > 0.3  # the true damping is 0.2
 
@@ -200,7 +211,9 @@ def test_poles_at_the_spectral_peak_and_above_half_nyquist_are_questioned():
     u = doublets(800, rng)
     y = flown(*THETA, u)
     y = y + 0.3 * np.std(y) * rng.standard_normal(y.size)
-    model = estimate([record(u, y)], ("de",), ("theta",), poles=4, zeros=(0, 3), validation=[record(u, y)])
+    model = estimate(
+        [record(u, y)], ("de",), ("theta",), TransferFunctions(poles=4, zeros=(0, 3)), validation=[record(u, y)]
+    )
     peak = model.diagnostics["input_peak_rad_s"]
     # spectrum of a doublet of period T: sin^4(w T / 4) / w^2, largest at w T / 4 = 1.166; here T = 2 s
     assert peak == pytest.approx(2.331, rel=0.2)
@@ -218,7 +231,9 @@ def test_a_pole_in_the_input_s_peak_is_named():
     u = doublets(800, rng)
     b, a = discrete(pair(2.3, 0.5), (), 5.0)
     y = flown(b, a, u) + 1e-4 * rng.standard_normal(u.size)
-    model = estimate([record(u, y)], ("de",), ("theta",), poles=2, zeros=(1,), validation=[record(u, y)])
+    model = estimate(
+        [record(u, y)], ("de",), ("theta",), TransferFunctions(poles=2, zeros=(1,)), validation=[record(u, y)]
+    )
     assert any(s.startswith("theta: poles at 2.") and "the data, not the input" in s for s in model.advice)
 
 
@@ -227,7 +242,7 @@ def test_more_poles_than_the_data_hold_are_reported():
     b, a = discrete(pair(3.0, 0.4), (), 9.0)
     u = np.repeat(rng.standard_normal(150), 2)
     r = record(u, flown(b, a, u))
-    model = estimate([r], ("de",), ("theta",), poles=4, zeros=(3,), validation=[r])
+    model = estimate([r], ("de",), ("theta",), TransferFunctions(poles=4, zeros=(3,)), validation=[r])
     assert any("rank deficient" in s for s in model.advice)
     y = r.columns(("theta",))
     assert np.abs(model.simulate(r) - y).max() < 1e-6 * np.abs(y).max()
@@ -240,7 +255,7 @@ def test_invalid_samples_do_not_touch_the_regression():
     valid = np.ones((300, 2), bool)
     valid[[50, 120], [0, 1]] = False
     data = record(np.where(valid[:, 0], u, 50.0), np.where(valid[:, 1], y, -80.0), valid=valid)
-    model = estimate([data], ("de",), ("theta",), poles=4, zeros=(3,), validation=[record(u, y)])
+    model = estimate([data], ("de",), ("theta",), TransferFunctions(poles=4, zeros=(3,)), validation=[record(u, y)])
     assert np.allclose(model.denominators[0], THETA[1], atol=1e-8)
     assert model.diagnostics["rows"]["theta"] == 300 - 4 - 4 - 5
 
@@ -253,9 +268,9 @@ def test_a_sensor_slower_than_the_log_is_used_after_prepare_and_reported():
     valid[1::2, 1] = False
     raw = record(u, np.where(valid[:, 1], y, np.roll(y, 1)), valid=valid)
     with pytest.raises(EstimationError, match=r"got 0 rows.*bridge the gaps with prepare"):
-        estimate([raw], ("de",), ("theta",), poles=2, zeros=(1,), validation=[raw])
+        estimate([raw], ("de",), ("theta",), TransferFunctions(poles=2, zeros=(1,)), validation=[raw])
     bridged = prepare(raw, bias="none", trim_s=0.0)
-    model = estimate([bridged], ("de",), ("theta",), poles=2, zeros=(1,), validation=[bridged])
+    model = estimate([bridged], ("de",), ("theta",), TransferFunctions(poles=2, zeros=(1,)), validation=[bridged])
     assert any("only 50 % of its samples were taken" in s for s in model.advice)
     assert model.diagnostics["fit_percent"]["theta"][1] > 90.0
 
@@ -265,25 +280,27 @@ def test_refusals_say_law_value_and_fix():
     u = rng.standard_normal(40)
     r = record(u, flown(*THETA, u), flown(*Q, u))
     with pytest.raises(EstimationError, match=r"one input, got 2 \(de, theta\); name one, or use dsr_e"):
-        estimate([r], ("de", "theta"), ("q",), poles=2, zeros=(1,))
+        estimate([r], ("de", "theta"), ("q",), TransferFunctions(poles=2, zeros=(1,)))
     with pytest.raises(EstimationError, match=r"0 <= zeros < poles must hold, got poles = 2, zeros = \[2\]"):
-        estimate([r], ("de",), ("q",), poles=2, zeros=(2,))
+        estimate([r], ("de",), ("q",), TransferFunctions(poles=2, zeros=(2,)))
     with pytest.raises(EstimationError, match="twice as many samples as its 16 coefficients"):
-        estimate([r], ("de",), ("q",), poles=10, zeros=(5,))
+        estimate([r], ("de",), ("q",), TransferFunctions(poles=10, zeros=(5,)))
     with pytest.raises(EstimationError, match="output 'q' and input 'de' must move"):
-        estimate([record(u, u, np.zeros(40))], ("de",), ("q",), poles=2, zeros=(1,))
+        estimate([record(u, u, np.zeros(40))], ("de",), ("q",), TransferFunctions(poles=2, zeros=(1,)))
     with pytest.raises(EstimationError, match="of kind 'truth'"):
-        estimate([r], ("de",), ("theta",), poles=2, zeros=(1,), validation=[record(u, u, kind="truth")])
+        estimate(
+            [r], ("de",), ("theta",), TransferFunctions(poles=2, zeros=(1,)), validation=[record(u, u, kind="truth")]
+        )
     still = record(u, np.zeros(40))
     with pytest.raises(EstimationError, match="output 'theta' must move in the validation records"):
-        estimate([record(u, u)], ("de",), ("theta",), poles=2, zeros=(1,), validation=[still])
+        estimate([record(u, u)], ("de",), ("theta",), TransferFunctions(poles=2, zeros=(1,)), validation=[still])
 
 
 def test_export():
     rng = np.random.default_rng(11)
     u = rng.standard_normal(200)
     r = record(u, flown(*THETA, u), flown(*Q, u))
-    model = estimate([r], ("de",), ("theta", "q"), poles=4, zeros=(2, 3), validation=[r])
+    model = estimate([r], ("de",), ("theta", "q"), TransferFunctions(poles=4, zeros=(2, 3)), validation=[r])
     omega = np.geomspace(0.2, 20.0, 20)
     system = model.to_control()
     assert system.input_labels == ["de"]

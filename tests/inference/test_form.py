@@ -8,7 +8,7 @@ from varying import TRUE, fitted, flown
 
 import testbench as tb
 from testbench.core.advice import wrong
-from testbench.estimators.parametric.response import scheduled
+from testbench.estimators.parametric.response import Sampling, scheduled
 from testbench.inference.form import FORM_STD, formed
 
 
@@ -22,7 +22,9 @@ def test_a_schedule_moves_outputs_as_integration_does():
     s = np.sin(0.9 * record.t_s)[:, None]
     i = model.structure.parameter_names.index("M_alpha")
     u = record["de"][:, None]
-    found = scheduled(model.structure, model.params, [i], u, record.dt_s, np.array([True]), np.zeros(2), s)[:, :, 0, 0]
+    found = scheduled(model.structure, model.params, [i], u, Sampling(record.dt_s, np.array([True])), np.zeros(2), s)[
+        :, :, 0, 0
+    ]
 
     def integrated(c):
         there, fine = model.structure.matrices(model.params), 20

@@ -5,11 +5,11 @@ import pytest
 from test_considered import record
 
 import testbench as tb
-from testbench.estimators.settings import OutputError
+from testbench.estimators.settings import OutputErrorEntry
 from testbench.inference.remedies import evidence, mended, wanting
 from testbench.sensors.sensor import first_order_lag
 
-ENTRY = OutputError(method="output_error", structure="short_period")
+ENTRY = OutputErrorEntry(method="output_error", structure="short_period")
 
 
 def asked(flown, gusts=True, entry=ENTRY):

@@ -8,7 +8,8 @@ import pytest
 from testbench.core.errors import ChannelError, EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import output_error
-from testbench.estimators.parametric.response import respond
+from testbench.estimators.parametric.response import Sampling, respond
+from testbench.estimators.settings import OutputError
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.flight import linearise
 from testbench.information.aircraft_structure import aircraft_structure, parameter_names
@@ -128,7 +129,7 @@ def test_a_root_that_grows_has_no_frequency(linear, taurus_trim):
 def test_information_is_that_of_the_sensitivities(linear, taurus_trim):
     s = structure(linear, taurus_trim)
     u = doublet()
-    r = respond(s, s.true, range(len(FREE)), u, DT, np.ones(1, bool), np.zeros(len(s.states)))
+    r = respond(s, s.true, range(len(FREE)), u, Sampling(DT, np.ones(1, bool)), np.zeros(len(s.states)))
     W = (r.dparams / np.array(NOISE)[:, None]).reshape(-1, len(FREE))
     found = Experiment(s, sensors(), DT, N, biases=False).information(u)
     np.testing.assert_allclose(found, W.T @ W, rtol=1e-8)
@@ -142,7 +143,7 @@ def test_a_fine_input_seen_by_slow_sensors(linear, taurus_trim):
     s, stride = structure(linear, taurus_trim), 4
     u = np.zeros((N, 1))
     u[51:76], u[76:101] = 0.05, -0.05  # edges off the sensors' samples
-    r = respond(s, s.true, range(len(FREE)), u, DT, np.ones(1, bool), np.zeros(len(s.states)))
+    r = respond(s, s.true, range(len(FREE)), u, Sampling(DT, np.ones(1, bool)), np.zeros(len(s.states)))
     y, S = Experiment(s, sensors(), DT, N // stride, stride).response(u)
     np.testing.assert_allclose(y, r.y[::stride], atol=1e-10 * np.abs(r.y).max())
     np.testing.assert_allclose(S, r.dparams[::stride], atol=1e-9 * np.abs(r.dparams).max())
@@ -164,12 +165,14 @@ def test_slow_sensors_and_lost_samples_tell_less_and_lag_shapes(linear, taurus_t
 def test_predicted_errors_are_the_scatter_of_output_error_estimates(linear, taurus_trim):
     s, u = structure(linear, taurus_trim), doublet()
     predicted = accuracy(Experiment(s, sensors(), DT, N).information(u)).std
-    y = respond(s, s.true, (), u, DT, np.ones(1, bool), np.zeros(len(s.states))).y
+    y = respond(s, s.true, (), u, Sampling(DT, np.ones(1, bool)), np.zeros(len(s.states))).y
     found = []
     for seed in range(60):
         noise = np.random.default_rng(seed).standard_normal(y.shape) * np.array(NOISE)
         record = FlightRecord(np.arange(N) * DT, ("de_cmd", *OUTPUTS), np.hstack([u, y + noise]), "measured")
-        found.append(output_error.estimate([record], s, initial_states="zero", output_biases=OUTPUTS).params)
+        found.append(
+            output_error.estimate([record], s, OutputError(initial_states="zero", output_biases=OUTPUTS)).params
+        )
     z = (np.array(found) - s.true) / predicted
     # 6 x 60 squared deviates, correlated among parameters: at worst chi-square of 60 per parameter. The 1e-4 limits
     # of chi-square with 60 degrees of freedom over 60 are 0.47 and 1.82; six of them: false alarm 1e-3

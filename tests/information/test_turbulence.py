@@ -8,7 +8,7 @@ import pytest
 from testbench.core.paths import SCENARIOS
 from testbench.core.scenario.air import AirSpec
 from testbench.estimators.parametric.kalman.innovations import sampled_noise
-from testbench.estimators.parametric.response import respond
+from testbench.estimators.parametric.response import Sampling, respond
 from testbench.flight import load_aircraft
 from testbench.information.fisher import accuracy
 from testbench.information.turbulence import Turbulence
@@ -87,7 +87,9 @@ def test_another_parameter_misleads_by_its_difference(case, input_, windy):
         change[k] = 1e-4 * s.true[k]
     m, start = len(s.inputs), np.zeros(len(s.states))
     u = np.vstack([np.zeros((1, m)), input_])
-    y0, y1 = (respond(s, s.true + c, (), u, e.dt_s, np.ones(m, bool), start).y for c in (0.0 * change, change))
+    y0, y1 = (
+        respond(s, s.true + c, (), u, Sampling(e.dt_s, np.ones(m, bool)), start).y for c in (0.0 * change, change)
+    )
     difference = np.hstack([e._sensed((y1 - y0)[:, i : i + 1], i) for i in range(len(e.sensors))])
     found = e.misled(input_, difference[1:][:: e.stride] + np.arange(1.0, len(e.sensors) + 1.0))
     np.testing.assert_allclose(found, change, rtol=0.02, atol=1e-6 * np.abs(s.true).max())

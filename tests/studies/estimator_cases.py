@@ -30,8 +30,8 @@ from parametric_cases import fly  # noqa: E402
 from testbench.core.constants import G0_M_S2  # noqa: E402
 from testbench.core.errors import EstimationError  # noqa: E402
 from testbench.core.record import FlightRecord  # noqa: E402
-from testbench.estimators.parametric.response import discretise, respond  # noqa: E402
-from testbench.estimators.parametric.structures import longitudinal  # noqa: E402
+from testbench.estimators.parametric.response import Sampling, discretise, respond  # noqa: E402
+from testbench.estimators.parametric.structures import Trim, longitudinal  # noqa: E402
 from testbench.evaluation.derivatives import dimensional_derivatives  # noqa: E402
 from testbench.flight import FlightCondition, linearise, load_aircraft, trim  # noqa: E402
 from testbench.sensors import load_suite  # noqa: E402
@@ -125,7 +125,7 @@ def _motion(name: str) -> tuple[Any, np.ndarray]:
     trimmed = trim(aircraft, CONDITIONS[name])
     derivatives = dimensional_derivatives(linearise(aircraft, trimmed), trimmed)
     values = {d.name: d.held if d.static is None else d.static for d in derivatives}
-    structure = longitudinal(trimmed.condition.V_m_s, trimmed.alpha, trimmed.state["theta"], outputs=OUTPUTS)
+    structure = longitudinal(Trim(trimmed.condition.V_m_s, trimmed.alpha, trimmed.state["theta"]), outputs=OUTPUTS)
     structure = structure.with_parameters({n: values[n] for n in structure.parameter_names if n in values})
     noise = {s.channel: s.noise_std for s in load_suite("eolo_alpha").sensors}
     return structure, np.array([noise[output] for output in OUTPUTS])
@@ -148,7 +148,7 @@ def prepare_longitudinal(name: str) -> Case:
     clean, J = [], []
     for i, (samples, unit) in enumerate(zip(LENGTHS, UNITS[name], strict=True)):
         u = elevator(name, samples, unit)
-        r = respond(structure, p, free.tolist(), u, DT[name], HELD, np.zeros(n))
+        r = respond(structure, p, free.tolist(), u, Sampling(DT[name], HELD), np.zeros(n))
         clean.append(fly(structure, p, u, DT[name], np.zeros(n), held=True))
         own = [r.dx0 if i == k else np.zeros((len(u), len(OUTPUTS), n)) for k in range(len(LENGTHS))]
         J.append((np.concatenate([r.dparams, *own], axis=2) / std[:, None]).reshape(len(u) * len(OUTPUTS), -1))
@@ -174,7 +174,7 @@ def prepare_multisine(name: str) -> Case:
     one = 0.02 * np.sum(np.cos(2.0 * np.pi * LINES / PERIOD_S * t[:, None] + phases), axis=1)[:, None]
     s = structure.matrices(p)
     d = discretise(s, dt, HELD)
-    x = respond(structure, p, (), np.vstack([one, one[:1]]), dt, HELD, np.zeros(4)).x[-1]
+    x = respond(structure, p, (), np.vstack([one, one[:1]]), Sampling(dt, HELD), np.zeros(4)).x[-1]
     x0 = np.linalg.solve(np.eye(4) - np.linalg.matrix_power(d.A, period), x)
     whole = fly(structure, p, np.tile(one, (PERIODS, 1)), dt, x0, held=True)
     steps = 0.1 * np.random.default_rng(2).choice([-1.0, 1.0], (len(whole) // _HOLD[name] + 1, 1))

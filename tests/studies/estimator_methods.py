@@ -17,6 +17,19 @@ from testbench.estimators.parametric import equation_error, filter_error, output
 from testbench.estimators.parametric.kalman import ekf, ukf
 from testbench.estimators.parametric.structures import longitudinal
 from testbench.estimators.prediction_error import refine as prediction_error
+from testbench.estimators.settings import (
+    DsrE,
+    EquationError,
+    ExtendedFilter,
+    FilterError,
+    LowOrder,
+    OutputError,
+    Refinement,
+    Srivc,
+    Subspace,
+    TransferFunctions,
+    UnscentedFilter,
+)
 from testbench.estimators.subspace import dsr_e, family
 
 HORIZONS = {"past_horizon": 15, "future_horizon": 15, "order": 4}
@@ -47,16 +60,16 @@ def _of_poles(
     return out
 
 
-def parametric(module: Any, **settings: Any) -> Method:
+def parametric(module: Any, settings: Any) -> Method:
     """Return a method that knows the equations; it starts from equation error, as in a scenario."""
 
     def run(case: Case, records: list[FlightRecord]) -> Found:
         true = case.structure
-        structure = longitudinal(true.trim.V, true.trim.alpha, true.trim.theta, outputs=OUTPUTS)
+        structure = longitudinal(true.trim, outputs=OUTPUTS)
         if module is not equation_error:
-            first = equation_error.estimate(records, structure, held=("de",))
+            first = equation_error.estimate(records, structure, EquationError(held=("de",)))
             structure = structure.with_parameters(first.values)
-        model = module.estimate(records, structure, held=("de",), **settings)
+        model = module.estimate(records, structure, settings(held=("de",)))
         pair = closest(np.linalg.eigvals(model.linear().A).astype(complex), case.pair)
         slopes = gradient(structure, model.params, pair)
         told = {q: float(np.sqrt(slope @ model.covariance @ slope)) for q, slope in slopes.items()}
@@ -74,9 +87,9 @@ def subspace(method: str, replicas: int = 0) -> Method:
 
     def run(case: Case, records: list[FlightRecord]) -> Found:
         if method == "dsr_e":
-            model = dsr_e.estimate(records, ("de",), OUTPUTS, **HORIZONS)
+            model = dsr_e.estimate(records, ("de",), OUTPUTS, DsrE(**HORIZONS))
         else:
-            model = family.estimate(records, ("de",), OUTPUTS, method=method, bootstrap=replicas, **HORIZONS)
+            model = family.estimate(records, ("de",), OUTPUTS, Subspace(method=method, bootstrap=replicas, **HORIZONS))
         (poles,) = model.poles().values()
         pair = closest(poles, case.pair)
         told: dict[str, float] = {}
@@ -99,8 +112,8 @@ def refined(disturbances: bool) -> Method:
     """Return prediction error from a CVA start."""
 
     def run(case: Case, records: list[FlightRecord]) -> Found:
-        start = family.estimate(records, ("de",), OUTPUTS, method="cva", stable=True, **HORIZONS)
-        model = prediction_error(records, start, disturbances=disturbances)
+        start = family.estimate(records, ("de",), OUTPUTS, Subspace(method="cva", stable=True, **HORIZONS))
+        model = prediction_error(records, start, Refinement(disturbances=disturbances))
         (poles,) = model.poles().values()
         pair = closest(poles, case.pair)
         rows = [(a.pole, a.wn_std, a.zeta_std, a.real_std) for a in model.diagnostics["pole_accuracy"]]
@@ -128,41 +141,32 @@ def _continuous(model: Any, output: str, case: Case) -> Found:
 
 def transfer(case: Case, records: list[FlightRecord]) -> Found:
     """Return the short period of the least-squares transfer function to q alone."""
-    model = transfer_function.estimate(records, ("de",), ("q",), poles=4, zeros=(3,))
+    model = transfer_function.estimate(records, ("de",), ("q",), TransferFunctions(poles=4, zeros=(3,)))
     return Found(_of_poles(closest(model.poles()["q"], case.pair), case.true, {}), model.status != "good")
 
 
 def instruments(case: Case, records: list[FlightRecord]) -> Found:
     """Return the short period of the SRIVC transfer function to q alone."""
-    return _continuous(srivc.estimate(records, ("de",), ("q",), poles=4, zeros=3, hold="zoh"), "q", case)
+    return _continuous(srivc.estimate(records, ("de",), ("q",), Srivc(poles=(4,), zeros=(3,), hold="zoh")), "q", case)
 
 
 def _regressed(kind: str, quiet: bool) -> Method:
-    """Return a regression of the pitch acceleration on V, alpha, q and de, by both records or, recursive, the first.
+    """Return a regression of the pitch acceleration on V, alpha, q and de, by both records.
 
     ``quiet``: terms without noise, a measured pitch acceleration with noise of first order: what its errors are for.
     """
 
     def run(case: Case, records: list[FlightRecord]) -> Found:
         data = _quiet_signals(case, records) if quiet else [regression.regression_data(r) for r in records]
-        step = 1.0 / float(data[0].t_s[-1])
         result: Any
         if kind == "time":
             result = regression.equation_error(data, "qdot", TERMS)
         elif kind == "frequency":
             result = regression.frequency_equation_error(data, "qdot", TERMS, band_hz=BAND_HZ)
-        elif kind == "recursive":
-            result = regression.recursive_least_squares(data[0], "qdot", TERMS)
-        elif kind == "recursive frequency":
-            result = regression.recursive_frequency(
-                data[0], "qdot", TERMS, band_hz=BAND_HZ, step_hz=step, update_s=float(data[0].t_s[-1])
-            )
         else:
             result = regression.orthogonal_functions(data, "qdot", (*TERMS, "theta")).result
-        last = np.atleast_2d(result.params)[-1]
-        std = result.std[-1] if kind.startswith("recursive") else result.std_corrected
         out: dict[str, tuple[float, float | None]] = {}
-        for term, value, error in zip(result.terms, last, std, strict=True):
+        for term, value, error in zip(result.terms, result.params, result.std_corrected, strict=True):
             if term in TERMS:
                 out[f"derivatives: M_{term}"] = (float(value), float(error))
         return Found(out, result.status != "good")
@@ -225,7 +229,7 @@ def _equivalent(windowed: bool, weighting: str) -> Method:
 
     def run(case: Case, records: list[FlightRecord]) -> Found:
         r = _frequency_response(records, windowed)
-        model = fit_equivalent(r, poles=4, zeros=3, delay=False, weighting=weighting, hold="zoh")  # type: ignore[arg-type]
+        model = fit_equivalent(r, LowOrder(poles=4, zeros=3, delay=False, weighting=weighting, hold="zoh"))  # type: ignore[arg-type]
         return _continuous(model, ", ".join(RESPONDING), case)
 
     return run
@@ -243,26 +247,22 @@ def compatibility(case: Case, records: list[FlightRecord]) -> Found:
 
 
 LONGITUDINAL: dict[str, Method] = {
-    "output_error": parametric(output_error),
+    "output_error": parametric(output_error, OutputError),
     **{name: subspace(name) for name in ("dsr_e", *FAMILY)},
-    "equation_error": parametric(equation_error),
+    "equation_error": parametric(equation_error, EquationError),
     "transfer_function (q)": transfer,
     "srivc (q)": instruments,
     "prediction_error, K = 0": refined(False),
     "prediction_error": refined(True),
-    "filter_error": parametric(filter_error),
-    "ekf": parametric(ekf),
-    "ukf": parametric(ukf),
+    "filter_error": parametric(filter_error, FilterError),
+    "ekf": parametric(ekf, ExtendedFilter),
+    "ukf": parametric(ukf, UnscentedFilter),
     **{f"{name}, bootstrap": subspace(name, REPLICAS) for name in FAMILY},
     "regression, time": _regressed("time", False),
     "regression, frequency": _regressed("frequency", False),
-    "regression, recursive": _regressed("recursive", False),
-    "regression, recursive in frequency": _regressed("recursive frequency", False),
     "regression, orthogonal functions": _regressed("orthogonal", False),
     "regression of quiet terms, time": _regressed("time", True),
     "regression of quiet terms, frequency": _regressed("frequency", True),
-    "regression of quiet terms, recursive": _regressed("recursive", True),
-    "regression of quiet terms, recursive in frequency": _regressed("recursive frequency", True),
     "regression of quiet terms, orthogonal functions": _regressed("orthogonal", True),
 }
 """Method -> how it is run, on the 3-2-1-1 flights."""

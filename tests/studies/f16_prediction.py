@@ -29,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from smallest import ROOT, results, sized
 
 from testbench.core.record import FlightRecord
+from testbench.estimators.settings import DsrE, Subspace
 from testbench.estimators.state_space import StateSpaceModel
 from testbench.estimators.subspace import dsr_e, family
 from testbench.estimators.subspace.family import PREDICTORS, PROJECTIONS
@@ -80,8 +81,8 @@ def ours(train: FlightRecord, method: str) -> StateSpaceModel:
         "stable": True,
     }
     if method == "dsr_e":
-        return dsr_e.estimate([train], CHANNELS[:1], CHANNELS[1:], **settings)
-    return family.estimate([train], CHANNELS[:1], CHANNELS[1:], method=method, **settings)
+        return dsr_e.estimate([train], CHANNELS[:1], CHANNELS[1:], DsrE(**settings))
+    return family.estimate([train], CHANNELS[:1], CHANNELS[1:], Subspace(method=method, **settings))
 
 
 def peers(train: FlightRecord) -> dict[str, StateSpaceModel]:

@@ -21,6 +21,7 @@ from smallest import results, sized
 from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import filter_error
 from testbench.estimators.parametric.structures import short_period
+from testbench.estimators.settings import FilterError
 
 SEEDS = sized(50, 2)
 DT_S, SAMPLES, SUBSTEPS = 0.04, 250, 60
@@ -32,7 +33,7 @@ FILE = results("estimators", "filter_error_gusts.csv")
 
 def structure():
     """Return the short period that starts from the truth, no effect of the pitch rate on lift."""
-    return short_period(start=TRUE).with_parameters({"Z_q": 0.0}, fixed=["Z_q"])
+    return short_period().with_parameters(TRUE).with_parameters({"Z_q": 0.0}, fixed=["Z_q"])
 
 
 def elevator(samples: int = SAMPLES) -> np.ndarray:
@@ -69,7 +70,10 @@ def rows(seeds: int) -> list[dict[str, object]]:
     for sensor in ("inertial", "vane", "calm")[: sized(None, 1)]:
         records = [flight(seed, sensor) for seed in range(seeds)]
         for model in ("auto", "diagonal", "full"):
-            fits = [filter_error.estimate([r], structure(), process_noise_model=model, held=()) for r in records]
+            fits = [
+                filter_error.estimate([r], structure(), FilterError(process_noise_model=model, held=()))
+                for r in records
+            ]
             taken = Counter(fit.diagnostics["process_noise_model"] for fit in fits)
             silent = sum(
                 fit.status == "good" and any(abs(fit.values[n] - TRUE[n]) > 4.0 * fit.standard_errors[n] for n in TRUE)

@@ -39,6 +39,7 @@ from rich.progress import track
 
 from testbench.core.errors import EstimationError
 from testbench.estimators.model import continuous_poles
+from testbench.estimators.settings import DsrE, Subspace
 from testbench.estimators.subspace import dsr_e, family
 from testbench.estimators.subspace.family import PREDICTORS, PROJECTIONS
 
@@ -77,9 +78,9 @@ def ours(method: str, z: Data, block: int) -> Answer:
     try:
         if method.startswith("dsr_e"):
             variant = "eolo" if method.endswith("eolo") else "original"
-            model = dsr_e.estimate([flown], ("de",), ("alpha", "q"), variant=variant, **settings)
+            model = dsr_e.estimate([flown], ("de",), ("alpha", "q"), DsrE(variant=variant, **settings))
         else:
-            model = family.estimate([flown], ("de",), ("alpha", "q"), method=method, **settings)
+            model = family.estimate([flown], ("de",), ("alpha", "q"), Subspace(method=method, **settings))
     except EstimationError:
         return None, True
     (poles,) = model.poles().values()

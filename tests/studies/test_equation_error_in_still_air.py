@@ -7,6 +7,7 @@ from estimator_cases import DT, LENGTHS, OUTPUTS, UNITS, _motion, _noisy, elevat
 from testbench.estimators.parametric import equation_error
 from testbench.estimators.parametric.equation_bias import Bias
 from testbench.estimators.parametric.structures import longitudinal
+from testbench.estimators.settings import EquationError
 
 SEEDS = 20
 NAMES = ("M_alpha", "M_q", "M_de")
@@ -16,8 +17,7 @@ def of_seeds(name):
     """Return bias of the seeds in stated errors (3,), relative bias (3,), and how many had a direction of noise."""
     true, std = _motion(name)
     std = std * np.array([6.0, 1.0, 1.0, 1.0])  # 1.2 m/s on airspeed, of which Taurus moves 0.1 to 0.2 m/s
-    trim = true.trim
-    structure = longitudinal(trim.V, trim.alpha, trim.theta, outputs=OUTPUTS)
+    structure = longitudinal(true.trim, outputs=OUTPUTS)
     sizes = zip(LENGTHS, UNITS[name], strict=True)
     clean = [
         fly(true, true.values, 0.5 * elevator(name, n, unit), DT[name], np.zeros(4), held=True) for n, unit in sizes
@@ -25,7 +25,7 @@ def of_seeds(name):
     values = dict(zip(true.parameter_names, true.values, strict=True))
     off, errors, untold = [], [], 0
     for seed in range(SEEDS):
-        model = equation_error.estimate(_noisy(clean, std, seed), structure, held=("de",))
+        model = equation_error.estimate(_noisy(clean, std, seed), structure, EquationError(held=("de",)))
         untold += any("half or more of what decides" in a for a in model.advice)
         off.append([model.values[n] - values[n] for n in NAMES])
         errors.append([model.standard_errors[n] for n in NAMES])

@@ -8,6 +8,7 @@ import pytest
 from testbench.estimators.coverage import approximate
 from testbench.estimators.coverage_table import HELD
 from testbench.estimators.parametric import equation_error
+from testbench.estimators.settings import EquationError
 from tests.studies import estimator_study, subspace_inputs
 
 RESULTS = estimator_study.RESULTS
@@ -61,10 +62,8 @@ def test_methods_whose_intervals_fall_short_say_by_how_much():
 def test_noisy_flights_of_equation_error_are_told_of_it():
     case = estimator_cases.prepare_longitudinal("eolo")
     true = case.structure
-    structure = estimator_cases.longitudinal(
-        true.trim.V, true.trim.alpha, true.trim.theta, outputs=estimator_cases.OUTPUTS
-    )
-    advice = equation_error.estimate(case.draw(0), structure, held=("de",)).advice
+    structure = estimator_cases.longitudinal(true.trim, outputs=estimator_cases.OUTPUTS)
+    advice = equation_error.estimate(case.draw(0), structure, EquationError(held=("de",))).advice
     assert set(approximate("equation_error")) <= set(advice)
 
 

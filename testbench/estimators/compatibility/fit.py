@@ -33,7 +33,7 @@ from testbench.estimators.compatibility.catalogue import (
 )
 from testbench.estimators.parametric.gauss_newton import Minimum, minimise
 from testbench.estimators.parametric.kinematics import ACCELEROMETERS, RATES, KinematicStructure
-from testbench.estimators.parametric.response import respond
+from testbench.estimators.parametric.response import Sampling, respond
 from testbench.estimators.parametric.structure import STEP, AnyArray
 from testbench.estimators.regression.smoothing import white_std
 
@@ -168,7 +168,9 @@ class Problem:
         chosen = [of.index(name) for name in names if name in of]
         out = []
         for i, (s, start) in enumerate(zip(self.stretches, x0, strict=True)):
-            r = respond(self.structure, params, chosen, s.u, self.dt_s, self.held, start, near=self._near[i])
+            near = self._near[i]
+            begin = start if near is None else np.concatenate([start[None], near[1:]])
+            r = respond(self.structure, params, chosen, s.u, Sampling(self.dt_s, self.held), begin)
             if np.all(np.isfinite(r.x)):
                 self._near[i] = r.x
             J = np.zeros((*s.y.shape, len(names) + self.n * len(self.stretches)))

@@ -9,7 +9,7 @@ import numpy as np
 from testbench.core.record import FloatArray
 from testbench.estimators.compatibility.fit import Fit, Problem, Stretch, Whitener, noise_std
 from testbench.estimators.compatibility.take_out import parameters
-from testbench.estimators.parametric.response import respond, runge_kutta
+from testbench.estimators.parametric.response import Sampling, respond, runge_kutta
 from testbench.estimators.parametric.structure import STEP
 
 
@@ -56,7 +56,7 @@ def _moved(problem: Problem, fit: Fit, s: Stretch, x0: FloatArray, J: FloatArray
     N, m = s.u.shape
     n = len(structure.states)
     p = parameters(structure, fit.values)
-    x = respond(structure, p, (), s.u, dt_s, problem.held, x0).x
+    x = respond(structure, p, (), s.u, Sampling(dt_s, problem.held), x0).x
     rows = n + 2 * m
     X = np.tile(x[:, None, :].astype(complex), (1, rows, 1))
     U = np.tile(s.u[:, None, :].astype(complex), (1, rows, 1))

@@ -11,7 +11,7 @@ import numpy as np
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.compatibility.fit import Stretch, stretch
 from testbench.estimators.parametric.kinematics import ACCELEROMETERS, KinematicStructure
-from testbench.estimators.parametric.response import respond
+from testbench.estimators.parametric.response import Sampling, respond
 
 if TYPE_CHECKING:
     from testbench.estimators.compatibility.result import DataCompatibility
@@ -107,7 +107,7 @@ def rebuild(
     driving |= {"wind_north", "wind_east", "wind_down"}
     p = parameters(structure, {n: v for n, v in values.items() if n in driving})
     held = np.zeros(len(structure.inputs), bool)
-    y = respond(structure, p, (), s.u, record.dt_s, held, x0).y
+    y = respond(structure, p, (), s.u, Sampling(record.dt_s, held), x0).y
     true = structure.at_cg(s.u, p)
     columns = {n: true[:, i] for i, n in enumerate(structure.inputs) if n in record}
     columns |= {n: y[:, i] for i, n in enumerate(structure.outputs)}

@@ -21,7 +21,6 @@ from scipy.optimize import least_squares
 from testbench.core.advice import Advice, doubt, wrong
 from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.call import with_settings
 from testbench.estimators.continuous import ContinuousTransferModel
 from testbench.estimators.coverage import approximate
 from testbench.estimators.frequency.response import FrequencyResponse
@@ -29,7 +28,7 @@ from testbench.estimators.frequency.sampled import sampled_response
 from testbench.estimators.frequency.spectra import estimate_frequency_response
 from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import ComplexArray
-from testbench.estimators.settings import Equivalent
+from testbench.estimators.settings import Equivalent, LowOrder
 from testbench.estimators.state_variable import Hold, holds
 
 Weighting = Literal["loes", "likelihood"]
@@ -64,25 +63,22 @@ def problem_of(
     part: FrequencyResponse,
     group: list[int],
     zeros: Mapping[str, int],
-    n: int,
-    delay: bool,
-    weighting: Weighting,
+    settings: LowOrder,
     words: tuple[Hold, ...],
 ) -> Problem:
-    """Return what is fitted: the outputs ``group`` of ``part`` by ``n`` poles and, per output, so many ``zeros``.
+    """Return what is fitted: the outputs ``group`` of ``part``, with so many ``zeros`` per output.
 
     Args:
         part: the response in the band that counts.
         group: indices of the outputs that share a denominator.
         zeros: output -> number of zeros.
-        n: number of poles.
-        delay: whether each pair has a delay.
-        weighting: "loes" or "likelihood".
+        settings: number of poles, delays and weights.
         words: per input, what it does between samples.
 
     Raises:
         EstimationError: fewer values than unknowns, or a response of exactly zero.
     """
+    n, delay, weighting = settings.poles, settings.delay, settings.weighting
     s = np.asarray(1j * part.omega_rad_s, np.complex128)
     half = 0.5 * part.omega_rad_s * part.dt_s
     held = np.ones((s.size, len(words)), np.complex128)
@@ -185,20 +181,8 @@ _DELAYS = 13  # starts of each delay, up to a whole turn at the highest frequenc
 _EXACT = 1e-9  # random errors below this are rounding
 
 
-@with_settings(Equivalent)
 def estimate(
-    records: Sequence[FlightRecord],
-    inputs: Sequence[str],
-    outputs: Sequence[str],
-    *,
-    window_s: Sequence[float],
-    band_hz: tuple[float, float] | None,
-    poles: int,
-    zeros: int | Mapping[str, int],
-    delay: bool,
-    common: bool,
-    weighting: Weighting,
-    hold: Mapping[str, str] | str | None,
+    records: Sequence[FlightRecord], inputs: Sequence[str], outputs: Sequence[str], settings: Equivalent
 ) -> ContinuousTransferModel:
     """Fit a low-order equivalent to the frequency response of the records.
 
@@ -206,46 +190,19 @@ def estimate(
         records: measured records with one sample time; deviations from trim (see ``prepare``).
         inputs: (m,) input channels.
         outputs: (p,) output channels.
-        window_s: lengths of the windows of the frequency response, s.
-        band_hz: frequencies used, Hz; all if None.
-        poles: see :func:`fit_equivalent`, as for the rest.
-        zeros: number of zeros.
-        delay: fit delays.
-        common: one denominator for all outputs.
-        weighting: of the misfit.
-        hold: how the inputs run between their samples.
+        settings: lengths of the windows, s; see :func:`fit_equivalent`, as for the rest.
 
     Raises:
         EstimationError: as of the frequency response or of :func:`fit_equivalent`.
         ChannelError: a record lacks a channel.
     """
-    response = estimate_frequency_response(records, inputs, outputs, window_s=window_s)
-    words, recognised = holds(inputs, hold, records)
-    model = fit_equivalent(
-        response,
-        poles=poles,
-        zeros=zeros,
-        delay=delay,
-        common=common,
-        weighting=weighting,
-        band_rad_s=None if band_hz is None else (2.0 * np.pi * band_hz[0], 2.0 * np.pi * band_hz[1]),
-        hold=dict(zip(inputs, words, strict=True)),
-    )
+    response = estimate_frequency_response(records, inputs, outputs, window_s=settings.window_s)
+    words, recognised = holds(inputs, settings.hold, records)
+    model = fit_equivalent(response, settings.model_copy(update={"hold": dict(zip(inputs, words, strict=True))}))
     return replace(model, settings={**model.settings, **said_of_hold(recognised)}) if recognised else model
 
 
-@with_settings(Equivalent)
-def fit_equivalent(
-    response: FrequencyResponse,
-    *,
-    poles: int,
-    zeros: int | Mapping[str, int],
-    delay: bool,
-    common: bool,
-    weighting: Weighting,
-    band_rad_s: tuple[float, float] | None = None,
-    hold: Mapping[str, str] | str | None,
-) -> ContinuousTransferModel:
+def fit_equivalent(response: FrequencyResponse, settings: LowOrder) -> ContinuousTransferModel:
     """Fit H_ij(jw) = B_ij(jw)/A(jw) exp(-jw tau_ij) to a frequency response.
 
     "loes" minimises, over n_w frequencies of each pair of output and input,
@@ -257,13 +214,7 @@ def fit_equivalent(
 
     Args:
         response: what is fitted.
-        poles: n >= 1 of each denominator.
-        zeros: number of zeros, 0 <= nz <= n, for all outputs or by output.
-        delay: True to fit one delay >= 0 for each pair of output and input; False for none.
-        common: True for one denominator for all outputs; False for one each.
-        weighting: "loes" or "likelihood".
-        band_rad_s: frequencies used; all if not given.
-        hold: how the inputs run between their samples (see ``srivc``). For "zoh" what is fitted is the response of the
+        settings: order, delays, weights and band. For inputs that are held what is fitted is the response of the
             sampled model, exactly: the hold, whose half sample of delay would end in tau otherwise, and what folds down
             from beyond the Nyquist frequency.
 
@@ -277,14 +228,13 @@ def fit_equivalent(
         EstimationError: settings against the laws above, fewer values than unknowns, or no start converges.
     """
     inputs, outputs = response.inputs, response.outputs
-    table = _zeros(zeros, outputs, poles)
-    if weighting not in ("loes", "likelihood"):
-        raise EstimationError(f"weighting must be 'loes' or 'likelihood', got '{weighting}'")
-    words, _ = holds(inputs, hold)
-    part = response if band_rad_s is None else response.between(*band_rad_s)
-    groups = [list(range(len(outputs)))] if common else [[i] for i in range(len(outputs))]
-    shared = common and len(outputs) > 1
-    fits = [_solve(problem_of(part, g, table, poles, delay, weighting, words)) for g in groups]
+    poles, delay, band = settings.poles, settings.delay, settings.band_hz
+    table = _zeros(settings.zeros, outputs)
+    words, _ = holds(inputs, settings.hold)
+    part = response if band is None else response.between(2.0 * np.pi * band[0], 2.0 * np.pi * band[1])
+    groups = [list(range(len(outputs)))] if settings.common else [[i] for i in range(len(outputs))]
+    shared = settings.common and len(outputs) > 1
+    fits = [_solve(problem_of(part, g, table, settings, words)) for g in groups]
     names, values, blocks, advice = [], [], [], []
     p, m = len(outputs), len(inputs)
     numerators, denominators, delays = np.zeros((p, m, poles + 1)), np.zeros((p, poles + 1)), np.zeros((p, m))
@@ -319,8 +269,8 @@ def fit_equivalent(
             "poles": poles,
             "zeros": table,
             "delay": delay,
-            "common": common,
-            "weighting": weighting,
+            "common": settings.common,
+            "weighting": settings.weighting,
             "band_rad_s": [float(part.omega_rad_s[0]), float(part.omega_rad_s[-1])],
         },
         diagnostics=notes,
@@ -335,15 +285,13 @@ def fit_equivalent(
     )
 
 
-def _zeros(zeros: int | Mapping[str, int], outputs: tuple[str, ...], poles: int) -> dict[str, int]:
+def _zeros(zeros: int | Mapping[str, int], outputs: tuple[str, ...]) -> dict[str, int]:
     table = dict.fromkeys(outputs, zeros) if isinstance(zeros, int) else dict(zeros)
     for name in table:
         if name not in outputs:
             raise EstimationError(f"zeros must name outputs of the response, got '{name}'{nearest(name, outputs)}")
-    if set(table) != set(outputs) or poles < 1 or not all(0 <= z <= poles for z in table.values()):
-        raise EstimationError(
-            f"poles >= 1 and 0 <= zeros <= poles for every output must hold, got poles = {poles}, zeros = {table}"
-        )
+    if set(table) != set(outputs):
+        raise EstimationError(f"zeros must name every output ({', '.join(outputs)}), got {table}")
     return {name: table[name] for name in outputs}
 
 

@@ -35,6 +35,15 @@ class _Experiment(NamedTuple):
     samples: int
 
 
+class _Lines(NamedTuple):
+    """The lines at which the ``used`` inputs are excited, those that ``others`` excite, and the rad/s of all (f,)."""
+
+    omega: FloatArray
+    excited: NDArray[np.intp]
+    used: list[int]
+    others: NDArray[np.intp] | None = None
+
+
 def estimate_multisine_response(
     records: Sequence[FlightRecord],
     inputs: Sequence[str],
@@ -79,7 +88,8 @@ def estimate_multisine_response(
         lines = _lines(lines_hz, period_s, omega.size)
     if not lines.size:
         raise EstimationError("a multisine must excite at least one line, but the inputs show none above their noise")
-    return _at_lines(experiments, omega, lines, tuple(inputs), tuple(outputs), list(range(m)), records[0].dt_s)
+    at = _Lines(omega, lines, list(range(m)))
+    return _at_lines(experiments, at, tuple(inputs), tuple(outputs), records[0].dt_s)
 
 
 def estimate_interleaved_responses(
@@ -107,7 +117,7 @@ def estimate_interleaved_responses(
         used = [j, *range(len(inputs), len(inputs) + len(outputs))]
         alone = [_Experiment(e.Z[:, :, used], e.samples) for e in experiments]
         others = np.flatnonzero(excited.any(axis=1) & ~excited[:, j])
-        out[name] = _at_lines(alone, omega, lines, (name,), tuple(outputs), [0], records[0].dt_s, others)
+        out[name] = _at_lines(alone, _Lines(omega, lines, [0], others), (name,), tuple(outputs), records[0].dt_s)
     return out
 
 
@@ -165,16 +175,10 @@ def _excited(experiments: list[_Experiment], m: int) -> NDArray[np.bool_]:
 
 
 def _at_lines(
-    experiments: list[_Experiment],
-    omega: FloatArray,
-    lines: NDArray[np.intp],
-    inputs: tuple[str, ...],
-    outputs: tuple[str, ...],
-    used: list[int],
-    dt_s: float,
-    others: NDArray[np.intp] | None = None,
+    experiments: list[_Experiment], at: _Lines, inputs: tuple[str, ...], outputs: tuple[str, ...], dt_s: float
 ) -> FrequencyResponse:
-    """Return the response at ``lines``; ``others`` are lines that inputs left out here excite."""
+    """Return the response at the excited lines."""
+    omega, lines, used, _ = at
     m, p = len(inputs), len(outputs)
     U = np.stack([e.Z[:, lines][:, :, used].mean(axis=0) for e in experiments], axis=1)  # (k, E, m)
     Y = np.stack([e.Z[:, lines, -p:].mean(axis=0) for e in experiments], axis=1)  # (k, E, p)
@@ -194,7 +198,7 @@ def _at_lines(
         scatter[:, i] = np.var(error, axis=0, ddof=1) / len(e.Z)
     gain = np.abs(G) ** 2
     noise = np.einsum("kme,kep->kpm", gain, scatter)
-    distortion, source, found = _distortion(experiments, omega, lines, U, V, scatter, H, others, used)
+    distortion, source, found = _distortion(experiments, at, U, V, scatter, H)
     bent = None if distortion is None else np.einsum("kme,kp->kpm", gain, distortion)
     total = noise if bent is None else noise + bent
     periods = np.array([len(e.Z) for e in experiments])
@@ -230,21 +234,18 @@ def _at_lines(
 
 def _distortion(
     experiments: list[_Experiment],
-    omega: FloatArray,
-    lines: NDArray[np.intp],
+    at: _Lines,
     U: ComplexArray,
     V: ComplexArray,
     scatter: FloatArray,
     H: ComplexArray,
-    others: NDArray[np.intp] | None,
-    used: list[int],
 ) -> tuple[FloatArray | None, str, dict[str, list[Any]]]:
-    """Return the distortion's power in the outputs of one record at ``lines`` (k, p) or None, and where it comes from.
+    """Return the distortion's power in the outputs of one record at the excited lines (k, p), and where it comes from.
 
     Records with other phases come first: they show the distortion at the excited lines themselves.
     """
     count, m, p = len(experiments), U.shape[2], V.shape[2]
-    found, levels = _detection(experiments, omega, lines, H, others, used, p)
+    found, levels = _detection(experiments, at, H, p)
     if _realisations(U) == count and count > m:
         spread = np.sum(np.abs(V) ** 2, axis=1) / (count - m)
         return np.maximum(spread - scatter.mean(axis=1), 0.0), "realisations", found
@@ -264,18 +265,13 @@ def _realisations(U: ComplexArray) -> int:
 
 
 def _detection(
-    experiments: list[_Experiment],
-    omega: FloatArray,
-    lines: NDArray[np.intp],
-    H: ComplexArray,
-    others: NDArray[np.intp] | None,
-    used: list[int],
-    p: int,
+    experiments: list[_Experiment], at: _Lines, H: ComplexArray, p: int
 ) -> tuple[dict[str, list[Any]], FloatArray | None]:
     """Return the distortion at lines that are not excited, and its level (k, p) at those that are.
 
     What little of the input reaches these lines is taken off with H interpolated.
     """
+    omega, lines, used, others = at
     taken = lines if others is None else np.union1d(lines, others)
     quiet = np.setdiff1d(np.arange(lines[0], lines[-1] + 1), taken)
     found: dict[str, list[Any]] = {"odd_distortion": [], "even_distortion": []}

@@ -26,6 +26,7 @@ from testbench.estimators.frequency.equivalent import fit_equivalent
 from testbench.estimators.frequency.response import COHERENT, FrequencyResponse
 from testbench.estimators.frequency.spectra import bridged, estimate_frequency_response
 from testbench.estimators.model import ComplexArray
+from testbench.estimators.settings import LowOrder
 
 _POLES = 4  # most poles of the law
 _ROUNDS = 3  # of fitting the response and taking the law's own bias out of it: the third moves it below random errors
@@ -92,7 +93,7 @@ def law_through_windows(
         part = measured
         try:
             for _ in range(_ROUNDS):
-                law = fit_equivalent(part, poles=poles, zeros=zeros, weighting="likelihood", hold="foh")
+                law = fit_equivalent(part, LowOrder(poles=poles, zeros=zeros, hold="foh"))
                 answer = _through(records, inputs, (output,), [law], windows, omega)
                 part = replace(measured, H=measured.H * law.frequency_response(omega) / answer.H)
         except EstimationError:  # more unknowns than lines, or no start: a law of this order is not there

@@ -23,15 +23,14 @@ parameters that made it, which should be nothing, bias the estimates by - (M - N
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.record import FloatArray
-from testbench.estimators.parametric.state_equations import SmoothedStates, equations, missing
-from testbench.estimators.parametric.structure import STEP, ModelStructure
+from testbench.estimators.parametric.state_equations import Regression, SmoothedStates, equations, missing
+from testbench.estimators.parametric.structure import STEP
 
 _LONGEST = 20_000  # samples of a record that are looked at; of longer ones the stretch where the inputs move most
 _MOST = 60_000  # samples of all records that are looked at; of more, records spread evenly over them
@@ -67,35 +66,29 @@ class Bias(NamedTuple):
         return self.noise + self.smoothing
 
 
-def bias_of(
-    structure: ModelStructure,
-    data: Sequence[SmoothedStates],
-    params: FloatArray,
-    free: NDArray[np.intp],
-    R: FloatArray,
-    plain: FloatArray,
-    prior: FloatArray,
-    held: NDArray[np.bool_],
-) -> Bias:
+def bias_of(fit: Regression, R: FloatArray, plain: FloatArray, prior: FloatArray, held: NDArray[np.bool_]) -> Bias:
     """Return the bias of least squares on the state equations.
 
     Args:
-        structure: the equations.
-        data: smoothed records.
-        params: (k,) estimates.
-        free: (f,) indices of those that are estimated.
+        fit: the records and the estimates.
         R: (n,) variances of the equations' errors.
         plain: (f, f) inverse of the information, priors included.
         prior: (f,) one over the standard deviation of the prior, 0 without one.
         held: (m,) inputs that are held between samples.
     """
+    data, free = fit.data, fit.free
     stretches = [_busiest(d, _LONGEST) for d in data]
     often = -(-sum(len(s.taken) for s in stretches) // _MOST)
     stretches = stretches[::often]
     if often > 1 or any(s is not d for s, d in zip(stretches, data, strict=True)):
         share = sum(len(s.taken) for s in stretches) / sum(len(d.taken) for d in data)  # priors weigh less with fewer
-        data, plain = stretches, _inverse_information(structure, stretches, params, free, R, share * prior**2)
-    score, information = _of_noise(structure, data, params, free, R)
+        fit = fit._replace(data=stretches)
+        information = np.diag(share * prior**2)
+        for d in stretches:
+            (J,) = equations(fit.structure, [d], fit.params, free)[1]
+            information += np.einsum("nif,nig,i->fg", J, J, 1.0 / R, optimize=True)
+        plain = np.asarray(np.linalg.inv(information))
+    score, information = _of_noise(fit, R)
     root = np.linalg.cholesky(0.5 * (plain + plain.T))
     shares, V = np.linalg.eigh(root.T @ information @ root)
     told = shares < _MOST_NOISE
@@ -111,13 +104,13 @@ def bias_of(
     noise = -inverse @ score
     if not told.any():
         return Bias(noise, nothing, widening, left, untold, False)
-    corrected = params.copy()
+    corrected = fit.params.copy()
     corrected[free] -= noise
-    first = _of_smoothing(structure, data, corrected, free, R, held)
+    first = _of_smoothing(fit.at(corrected), R, held)
     if first is None:
         return Bias(noise, nothing, widening, left, untold, False)
     corrected[free] -= inverse @ first
-    second = _of_smoothing(structure, data, corrected, free, R, held)
+    second = _of_smoothing(fit.at(corrected), R, held)
     within = combined[:, told]
     if second is None or not _size(within.T @ (second - first)) <= _MOST_CHANGE * _size(within.T @ first):
         return Bias(noise, nothing, widening, left, untold, False)
@@ -135,34 +128,13 @@ def _busiest(d: SmoothedStates, longest: int) -> SmoothedStates:
     return d._replace(x=d.x[:, part], u=d.u[:, part], xdot=d.xdot[part], taken=d.taken[part], driven=d.driven[part])
 
 
-def _inverse_information(
-    structure: ModelStructure,
-    data: Sequence[SmoothedStates],
-    params: FloatArray,
-    free: NDArray[np.intp],
-    R: FloatArray,
-    prior: FloatArray,
-) -> FloatArray:
-    """Return the inverse of the information (f, f) of records, with that of ``prior`` (f,) for each parameter."""
-    found = np.diag(prior)
-    for d in data:
-        (J,) = equations(structure, [d], params, free)[1]
-        found += np.einsum("nif,nig,i->fg", J, J, 1.0 / R, optimize=True)
-    return np.asarray(np.linalg.inv(found))
-
-
 def _size(x: FloatArray) -> float:
     return float(np.sqrt(x @ x))
 
 
-def _of_noise(
-    structure: ModelStructure,
-    data: Sequence[SmoothedStates],
-    params: FloatArray,
-    free: NDArray[np.intp],
-    R: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
+def _of_noise(fit: Regression, R: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return g (f,) and N (f, f) of the module's text."""
+    structure, data, params, free = fit
     z = np.tile(params.astype(complex), (free.size, 1))
     z[np.arange(free.size), free] += 1j * STEP
     score, information = np.zeros(free.size), np.zeros((free.size, free.size))
@@ -185,18 +157,11 @@ def _of_noise(
     return score, information
 
 
-def _of_smoothing(
-    structure: ModelStructure,
-    data: Sequence[SmoothedStates],
-    params: FloatArray,
-    free: NDArray[np.intp],
-    R: FloatArray,
-    held: NDArray[np.bool_],
-) -> FloatArray | None:
+def _of_smoothing(fit: Regression, R: FloatArray, held: NDArray[np.bool_]) -> FloatArray | None:
     """Return - J' R^-1 e (f,) of the response with these parameters, or None where it diverges."""
-    score = np.zeros(free.size)
-    for d in data:
-        found = missing(structure, d, params, free, held)
+    score = np.zeros(fit.free.size)
+    for d in fit.data:
+        found = missing(fit.structure, d, fit.params, fit.free, held)
         if found is None:
             return None
         e, J = found

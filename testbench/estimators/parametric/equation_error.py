@@ -12,7 +12,7 @@ V. Klein and E. A. Morelli, Aircraft System Identification, AIAA, 2006, chapter 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,17 +21,16 @@ from numpy.typing import NDArray
 from testbench.core.advice import Advice, doubt, note
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.call import with_settings
 from testbench.estimators.coverage import approximate
 from testbench.estimators.hold import said_of_hold
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
 from testbench.estimators.parametric.equation_bias import Bias, bias_of
-from testbench.estimators.parametric.likelihood import held_inputs
-from testbench.estimators.parametric.model import ParametricModel, named
+from testbench.estimators.parametric.likelihood import Driven
+from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.sensitivities import Sensitivities
 from testbench.estimators.parametric.servo import by_surfaces, in_front
-from testbench.estimators.parametric.state_equations import SmoothedStates, equations, free_of, smoothed
+from testbench.estimators.parametric.state_equations import Regression, SmoothedStates, equations, free_of, smoothed
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.settings import EquationError
 
@@ -41,14 +40,11 @@ _MUCH = 5.0  # bias, in standard errors, of which what its correction leaves may
 _STILL = 1e-10  # relative change of the parameters, in standard errors, that ends the steps
 
 
-@with_settings(EquationError)
+_DEFAULT = EquationError()
+
+
 def estimate(
-    records: Sequence[FlightRecord],
-    structure: ModelStructure,
-    *,
-    delays_s: Mapping[str, float] | None,
-    held: Sequence[str] | None,
-    cutoff_hz: float | None,
+    records: Sequence[FlightRecord], structure: ModelStructure, settings: EquationError = _DEFAULT
 ) -> ParametricModel:
     """Estimate the free parameters of a structure whose states are all channels of the records.
 
@@ -57,10 +53,7 @@ def estimate(
     Args:
         records: measured records with one sample time.
         structure: the equations; every state is a channel.
-        delays_s: known delay per input, s.
-        held: inputs held between samples; None takes ``*_cmd`` and those that the records show to be held. The others
-            run linearly.
-        cutoff_hz: of the smoothing; chosen from each record if None.
+        settings: of the smoothing, and how the inputs act.
 
     Returns:
         The model; diagnostics as of output error where they apply, ``residual_std`` and ``whiteness_p`` per state.
@@ -70,16 +63,10 @@ def estimate(
         ChannelError: a record lacks a channel.
     """
     if in_front(structure):
-        return by_surfaces(
-            records,
-            structure,
-            held,
-            lambda moved, base, still: estimate(moved, base, delays_s=delays_s, held=still, cutoff_hz=cutoff_hz),
-        )
+        return by_surfaces(records, structure, settings, estimate)
     free = free_of(records, structure, "equation error")
-    delays = named(delays_s, structure.inputs, "a delay")
-    hold, recognised = held_inputs(structure.inputs, held, records)
-    data = [smoothed(r, structure, delays, hold, cutoff_hz) for r in records]
+    driven = Driven.of(settings, structure, records)
+    data = [smoothed(r, structure, driven.delays_s, driven.held, settings.cutoff_hz) for r in records]
     count = sum(int(d.taken.sum()) for d in data)
     if count <= 2 * free.size:
         raise EstimationError(
@@ -108,24 +95,21 @@ def estimate(
         R = new
         if settled:
             break
-    return _model(structure, records, data, params, R, residuals, jacobians, prior, delays, hold, recognised, size)
+    return _model(Regression(structure, data, params, free), records, driven, R, prior, (residuals, jacobians))
 
 
 def _model(
-    structure: ModelStructure,
+    fit: Regression,
     records: Sequence[FlightRecord],
-    data: Sequence[SmoothedStates],
-    params: FloatArray,
+    driven: Driven,
     R: FloatArray,
-    residuals: list[FloatArray],
-    jacobians: list[FloatArray],
     prior: FloatArray,
-    delays: FloatArray,
-    held: NDArray[np.bool_],
-    recognised: Sequence[str],
-    size: FloatArray,
+    errors: tuple[list[FloatArray], list[FloatArray]],
 ) -> ParametricModel:
-    free, k = np.flatnonzero(structure.free), params.size
+    """Return the model of estimates from the errors of the equations, their slopes and their variances R (n,)."""
+    structure, data, params, free = fit
+    (residuals, jacobians), k = errors, params.size
+    size = np.sqrt(np.mean(np.vstack([d.xdot for d in data]) ** 2, axis=0))
     names = [structure.parameter_names[i] for i in free]
     felt = np.array([any(np.any(j[:, s]) for j in jacobians) for s in range(size.size)])
     found = accuracy(
@@ -136,7 +120,7 @@ def _model(
         np.ones(free.size, bool),
         names,
     )
-    bias = bias_of(structure, data, params, free, R, found.plain, prior, held)
+    bias = bias_of(fit, R, found.plain, prior, driven.held)
     corrected = params.copy()
     corrected[free] -= bias.total
     low, high = structure.bounds
@@ -157,7 +141,10 @@ def _model(
         inputs=structure.inputs,
         outputs=structure.outputs,
         dt_s=records[0].dt_s,
-        settings={"delays_s": dict(zip(structure.inputs, delays.tolist(), strict=True)), **said_of_hold(recognised)},
+        settings={
+            "delays_s": dict(zip(structure.inputs, driven.delays_s.tolist(), strict=True)),
+            **said_of_hold(driven.recognised),
+        },
         diagnostics={
             "converged": True,
             "at_bound": beyond,
@@ -174,8 +161,8 @@ def _model(
         covariance=covariance,
         covariance_plain=white,
         noise_covariance=np.diag(spread),
-        held=tuple(held.tolist()),
-        delays_s=tuple(delays.tolist()),
+        held=tuple(driven.held.tolist()),
+        delays_s=tuple(driven.delays_s.tolist()),
         operating_point=(
             np.mean([d.x[0, 0] for d in data], axis=0),
             np.mean([d.u[0, 0] for d in data], axis=0),

@@ -23,7 +23,7 @@ Derivatives are exact, also those of the gain (see ``kalman.gain``).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -32,7 +32,6 @@ import numpy as np
 from testbench.core.advice import doubt, note
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.call import with_settings
 from testbench.estimators.coverage import approximate
 from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
@@ -42,66 +41,31 @@ from testbench.estimators.parametric.kalman.forms import FALSE_ALARM, Choice, Fo
 from testbench.estimators.parametric.kalman.gust import ANGLES, Sensor, flow_angle, with_gust
 from testbench.estimators.parametric.kalman.innovations import Rows, innovations
 from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood
-from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, held_inputs
-from testbench.estimators.parametric.model import ParametricModel, named
-from testbench.estimators.parametric.response import delayed
+from testbench.estimators.parametric.likelihood import Driven, Layout, Likelihood, check_nuisances
+from testbench.estimators.parametric.model import ParametricModel
+from testbench.estimators.parametric.response import Sampling, delayed
 from testbench.estimators.parametric.servo import none_shows
 from testbench.estimators.parametric.starts import first_points
 from testbench.estimators.parametric.structure import STEP, ModelStructure
-from testbench.estimators.settings import FilterError, ProcessNoiseModel
+from testbench.estimators.settings import FilterError
 from testbench.estimators.state_space import check_sample_time
 
-_SETTLED = 3e-3  # relative change of the innovations' variances between two rounds that ends them
-_ROUNDS = 60
 _BELIEVED = 0.99  # eigenvalue of K C beyond which a measurement replaces the prediction
-_FOLLOWING = 4  # steps per round until R has settled
-_START = 0.1  # innovations to start from, relative to the outputs' size
 _WORSE = 2.0  # free-run error over the start's that is said; beyond _FAR and worse than a constant it is refused
 _FAR = 3.0
 _ROUNDING = 1e-6  # free-run error below this share of an output is rounding
-_NOTHING = 1e-10  # innovations below this share of every output's size are rounding
+_DEFAULT = FilterError()
 
 
-@with_settings(FilterError)
 def estimate(
-    records: Sequence[FlightRecord],
-    structure: ModelStructure,
-    *,
-    process_noise: Sequence[str] | None,
-    fixed_process_noise: Mapping[str, float] | None,
-    process_noise_model: ProcessNoiseModel,
-    against_none: bool,
-    initial_states: Initial,
-    output_biases: Sequence[str],
-    output_trends: Sequence[str],
-    input_biases: Sequence[str],
-    delays_s: Mapping[str, float] | None,
-    held: Sequence[str] | None,
-    max_iterations: int,
-    substeps: int,
+    records: Sequence[FlightRecord], structure: ModelStructure, settings: FilterError = _DEFAULT
 ) -> ParametricModel:
     """Estimate the free parameters of a structure, and the noise, from records flown in turbulence.
 
     Args:
         records: measured records with one sample time; of different lengths if need be.
         structure: the equations; its parameters say what is free, bounded or has a prior.
-        process_noise: states whose process noise is estimated; None: all that ``fixed_process_noise`` does not name,
-            but for those of servos.
-        fixed_process_noise: state -> known process noise, unit of the state per square root of a second.
-        process_noise_model: "none", "diagonal" (every state by itself), "full" (of all states together), "gust" (of
-            first order, in the flow angle; see ``kalman.gust``), or "auto": the likelihood chooses among them, between
-            none and diagonal if states are named (see ``kalman.forms``).
-        against_none: whether a form is tested against none, which needs a second fit.
-        initial_states: "free" estimates one per record; "record" takes the first sample of the channels of that name,
-            "zero" takes trim.
-        output_biases: outputs with a constant of their own in every record.
-        output_trends: outputs with a line of their own in every record.
-        input_biases: inputs with a constant error of their own in every record.
-        delays_s: known delay per input, s.
-        held: inputs that are held between samples; None takes those called ``*_cmd``, and others that the records
-            show to be held. The others run linearly.
-        max_iterations: Gauss-Newton steps per round.
-        substeps: Runge-Kutta steps per sample of a nonlinear structure.
+        settings: the form of the process noise, what else is estimated, and how.
 
     Returns:
         The model; its ``noise_covariance`` is that of the innovations. Diagnostics as of output error, and
@@ -124,19 +88,10 @@ def estimate(
     check_records(records, structure.inputs, structure.outputs)
     if not structure.free.any():
         raise EstimationError(f"structure '{structure.name}' has no free parameter; free some, or simulate it instead")
-    noisy, fixed = _process_noise(structure, process_noise, fixed_process_noise)
-    delays = named(delays_s, structure.inputs, "a delay")
-    named(dict.fromkeys(input_biases, 0.0), structure.inputs, "an input bias")
-    for name in (*output_biases, *output_trends):
-        if name not in structure.outputs:
-            raise EstimationError(
-                f"an output bias or trend belongs to an output ({', '.join(structure.outputs)}), got '{name}'"
-            )
-    hold, recognised = held_inputs(structure.inputs, held, records)
-    dt_s = records[0].dt_s
-    plain = Likelihood.over(
-        records, structure, delays, hold, initial_states, output_biases, output_trends, input_biases, substeps=substeps
-    )
+    noisy, fixed = _process_noise(structure, settings)
+    check_nuisances(structure, settings)
+    driven = Driven.of(settings, structure, records)
+    plain = Likelihood.over(records, structure, driven, settings)
     stretches, layout = plain.stretches, plain.layout
 
     def make(form: Form) -> FilterLikelihood:
@@ -144,15 +99,14 @@ def estimate(
             still = form.name == "none"
             return FilterLikelihood(plain, [] if still else noisy, fixed, shared=form.name == "full")
         assert form.sensor is not None
-        whole = with_gust(structure, form.sensor, np.pi / dt_s)
+        whole = with_gust(structure, form.sensor, np.pi / records[0].dt_s)
         begun = [replace(s, x0=np.concatenate([[0.0], s.x0])) for s in stretches]
         both = layout._replace(chosen=np.flatnonzero(whole.free), states=layout.states + 1)
-        base = Likelihood(whole, begun, both, dt_s, hold, substeps=substeps)
+        base = Likelihood(whole, begun, both, plain.sampling)
         return FilterLikelihood(base, [0], np.zeros(len(whole.states)))
 
-    forms = _forms(structure, process_noise_model, process_noise, fixed_process_noise)
-    values = first_points(plain, records, delays_s, held)[0]
-    choice = chosen(forms, make, values, max_iterations, against_none)
+    values = first_points(plain, records, settings)[0]
+    choice = chosen(_forms(structure, settings), make, values, settings.max_iterations, settings.against_none)
     likelihood, found = choice.fit.likelihood, choice.fit.found
     diagnostics, white, corrected = _diagnose(choice, layout)
     extra = len(likelihood.base.structure.states) - len(structure.states)  # the gust
@@ -167,12 +121,12 @@ def estimate(
             "structure": structure.name,
             "process_noise": [structure.states[i] for i in noisy] if choice.fit.likelihood.noisy else [],
             "process_noise_model": choice.fit.form.name,
-            "fixed_process_noise": dict(fixed_process_noise or {}),
-            "initial_states": initial_states,
-            "output_biases": list(output_biases),
-            "output_trends": list(output_trends),
-            "input_biases": list(input_biases),
-            **said_of_hold(recognised),
+            "fixed_process_noise": dict(settings.fixed_process_noise),
+            "initial_states": settings.initial_states,
+            "output_biases": list(settings.output_biases),
+            "output_trends": list(settings.output_trends),
+            "input_biases": list(settings.input_biases),
+            **said_of_hold(driven.recognised),
         },
         diagnostics=diagnostics,
         structure=structure,
@@ -180,16 +134,16 @@ def estimate(
         covariance=layout.embedded(corrected, params.size),
         covariance_plain=layout.embedded(white, params.size),
         noise_covariance=np.diag(diagnostics["residual_std"] ** 2),
-        held=tuple(hold.tolist()),
-        delays_s=tuple(delays.tolist()),
-        biased=tuple(output_biases),
-        trended=tuple(output_trends),
-        biased_inputs=tuple(input_biases),
+        held=tuple(driven.held.tolist()),
+        delays_s=tuple(driven.delays_s.tolist()),
+        biased=settings.output_biases,
+        trended=settings.output_trends,
+        biased_inputs=settings.input_biases,
         operating_point=(
             np.mean([x[extra:] for x, _ in likelihood.points], axis=0),
             np.mean([u for _, u in likelihood.points], axis=0),
         ),
-        substeps=substeps,
+        substeps=settings.substeps,
     )
     free = _free_run_errors(model, records), _free_run_errors(replace(model, params=structure.values), records)
     _refuse_far(model, *free)
@@ -313,9 +267,8 @@ def predict(model: ParametricModel, record: FlightRecord) -> tuple[FloatArray, F
         structure = with_gust(structure, gust["sensor"], np.pi / model.dt_s)
         params, x0 = np.append(params, np.log(gust["bandwidth_rad_s"])), np.append(0.0, x0)
     rows = Rows(params[None], x0[None], np.zeros((1, u.shape[1])), model.diagnostics["gain"][0][None])
-    run = innovations(
-        structure, rows, u, part.data[:, None], part.valid, record.dt_s, np.array(model.held), model.substeps
-    )
+    sampling = Sampling(record.dt_s, np.array(model.held), model.substeps)
+    run = innovations(structure, rows, u, part.data[:, None], part.valid, sampling)
     v = run.v[:, 0].real
     if not np.all(np.isfinite(v)):
         raise EstimationError("the filter diverges over this record; it is outside the range that the model holds in")
@@ -323,17 +276,12 @@ def predict(model: ParametricModel, record: FlightRecord) -> tuple[FloatArray, F
     return outputs, v
 
 
-def _process_noise(
-    structure: ModelStructure, chosen: Sequence[str] | None, fixed: Mapping[str, float] | None
-) -> tuple[list[int], FloatArray]:
+def _process_noise(structure: ModelStructure, settings: FilterError) -> tuple[list[int], FloatArray]:
     """Return the indices of the states with unknown process noise, and (n,) the known one of the others."""
-    known = dict(fixed or {})
+    chosen, known = settings.process_noise, settings.fixed_process_noise
     for name in (*(chosen or ()), *known):
         if name not in structure.states:
             raise EstimationError(f"process noise belongs to a state ({', '.join(structure.states)}), got '{name}'")
-    for name, value in known.items():
-        if not value >= 0.0 or not np.isfinite(value):
-            raise EstimationError(f"process noise >= 0 must hold, got {value:g} for '{name}'")
     shaken = [s for s in structure.states if s not in (*known, *structure.followers)]
     names = shaken if chosen is None else list(chosen)
     both = sorted(set(names) & set(known))
@@ -344,13 +292,9 @@ def _process_noise(
     )
 
 
-def _forms(
-    structure: ModelStructure,
-    model: ProcessNoiseModel,
-    named: Sequence[str] | None,
-    fixed: Mapping[str, float] | None,
-) -> tuple[Form, ...]:
+def _forms(structure: ModelStructure, settings: FilterError) -> tuple[Form, ...]:
     """Return the forms of process noise to fit."""
+    model, named, fixed = settings.process_noise_model, settings.process_noise, settings.fixed_process_noise
     gusts: tuple[Form, ...] = ()
     angle = flow_angle(structure)
     if angle is not None:

@@ -19,7 +19,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dtrtri
 
 from testbench.core.advice import doubt
@@ -32,9 +31,10 @@ from testbench.estimators.parametric.advice import advice_in_words
 from testbench.estimators.parametric.gauss_newton import Minimum, minimise
 from testbench.estimators.parametric.likelihood import Layout, Likelihood, held_inputs, stretch
 from testbench.estimators.parametric.model import ParametricModel, named
-from testbench.estimators.parametric.response import discretise
+from testbench.estimators.parametric.response import Sampling, discretise
 from testbench.estimators.parametric.sensitivities import Sensitivities
 from testbench.estimators.parametric.structure import LinearStructure
+from testbench.estimators.settings import OutputError
 from testbench.estimators.trajectories import carried
 
 _TOLERANCE = 1e-6  # the search ends where a full step would lower the cost by this much: a thousandth of an error
@@ -53,8 +53,7 @@ class Whitening:
     Args:
         structure: the equations.
         params: (k,) the parameters whose response passes the noise on.
-        dt_s: sample time, s.
-        held: (m,) inputs that are held between samples.
+        sampling: of the record.
         input_std: (m,) noise of the inputs, 0 for none.
         output_std: (p,) noise of the outputs.
         taken: (N, p) root of the share of samples that were taken; 1 if all were.
@@ -67,14 +66,14 @@ class Whitening:
         self,
         structure: LinearStructure,
         params: FloatArray,
-        dt_s: float,
-        held: NDArray[np.bool_],
+        sampling: Sampling,
         input_std: FloatArray,
         output_std: FloatArray,
         taken: FloatArray,
     ) -> None:
         noisy = np.flatnonzero(input_std > 0.0)
-        m, d = structure.matrices(params), discretise(structure.matrices(params), dt_s, held)
+        m = structure.matrices(params)
+        d = discretise(m, sampling.dt_s, sampling.held)
         n = len(d.A)
         self._F = np.zeros((n + noisy.size, n + noisy.size))
         self._F[:n, :n], self._F[:n, n:] = d.A, (d.G - d.H)[:, noisy]
@@ -155,13 +154,15 @@ def estimate(
     if not structure.free.any():
         raise EstimationError(f"structure '{structure.name}' has no free parameter; free some, or simulate it instead")
     held, noise = held_inputs(structure.inputs, None)[0], named(input_std, structure.inputs, "a noise")
-    seen = stretch(record, structure, np.zeros(len(structure.inputs)), "zero", structure.outputs, ())
+    settings = OutputError(initial_states="zero", output_biases=structure.outputs)
+    seen = stretch(record, structure, np.zeros(len(structure.inputs)), settings)
     biased = tuple(np.flatnonzero(noise > 0.0).tolist())
     layout = Layout(np.flatnonzero(structure.free), False, biased, len(structure.states), len(structure.outputs))
-    likelihood = Likelihood(structure, [seen], layout, record.dt_s, held)
+    sampling = Sampling(record.dt_s, held)
+    likelihood = Likelihood(structure, [seen], layout, sampling)
     values = structure.values
     taken = seen.valid.astype(float)
-    weights = Whitening(structure, values, record.dt_s, held, noise, sigma, taken)
+    weights = Whitening(structure, values, sampling, noise, sigma, taken)
 
     def problem(point: FloatArray) -> tuple[FloatArray, FloatArray]:
         with np.errstate(all="ignore"):  # a trial point may diverge: the search sees that and steps back
@@ -175,8 +176,8 @@ def estimate(
     low, high = likelihood.bounds()
     tolerance = _TOLERANCE / float(likelihood.counts.sum())
     found = minimise(problem, likelihood.start(values), low, high, tolerance=tolerance, max_iterations=max_iterations)
-    settings = {"structure": structure.name, "output_std": dict(output_std), "input_std": dict(input_std)}
-    return _model(likelihood, weights, sigma, found, problem(found.point)[1], settings)
+    given = {"structure": structure.name, "output_std": dict(output_std), "input_std": dict(input_std)}
+    return _model(likelihood, weights, sigma, found, problem(found.point)[1], given)
 
 
 def _model(
@@ -202,7 +203,7 @@ def _model(
         method="output_error",
         inputs=structure.inputs,
         outputs=structure.outputs,
-        dt_s=likelihood.dt_s,
+        dt_s=likelihood.sampling.dt_s,
         settings=settings,
         diagnostics={
             "cost": found.cost,
@@ -222,7 +223,7 @@ def _model(
         covariance=whole,
         covariance_plain=whole,
         noise_covariance=np.diag(sigma**2),
-        held=tuple(likelihood.held.tolist()),
+        held=tuple(likelihood.sampling.held.tolist()),
         delays_s=(0.0,) * len(structure.inputs),
         biased=structure.outputs,
         biased_inputs=tuple(structure.inputs[j] for j in likelihood.layout.biased_inputs),

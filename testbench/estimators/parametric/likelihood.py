@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,13 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.hold import held as which_held
 from testbench.estimators.parametric.gauss_newton import Problem
-from testbench.estimators.parametric.model import ParametricModel, output_offsets
-from testbench.estimators.parametric.response import delayed, later, responses
+from testbench.estimators.parametric.model import ParametricModel, named, output_offsets
+from testbench.estimators.parametric.response import Sampling, delayed, later, respond, responses
 from testbench.estimators.parametric.sensitivities import Sensitivities, believed_alone, in_blocks, square_root
 from testbench.estimators.parametric.structure import ModelStructure
+from testbench.estimators.settings import OutputError, Simulated
+from testbench.estimators.structured import Fitted
 
-Initial = Literal["free", "record", "zero"]
 _EXACT = 1e-12  # residuals below this share of an output's size are rounding
 _LATE_STEP = 0.05  # of a sample, over which the derivative by an input's lateness is taken
 _KEPT = 8_000_000  # sensitivities of a point, in numbers, that are kept for when it is asked for again
@@ -49,7 +50,7 @@ class Layout(NamedTuple):
     """Which entries of the search point are what: f parameters first, then the nuisances of every record.
 
     ``states`` are those whose initial values may be estimated: all but the followers, which come last. ``late`` are the
-    inputs whose time against the outputs is unknown.
+    inputs whose time against the outputs is unknown, with ``late_std_s`` the standard deviations of its prior.
     """
 
     chosen: NDArray[np.intp]
@@ -58,6 +59,7 @@ class Layout(NamedTuple):
     states: int
     offsets: int
     late: tuple[int, ...] = ()
+    late_std_s: tuple[float, ...] = ()
 
     @property
     def initial(self) -> int:
@@ -112,23 +114,61 @@ def held_inputs(
     return np.array(found, bool), recognised
 
 
+class Driven(NamedTuple):
+    """How the inputs of a structure act: known delays, s, (m,); which are held between samples, (m,), and the names of
+    those of which only the records say so."""
+
+    delays_s: FloatArray
+    held: NDArray[np.bool_]
+    recognised: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, settings: Fitted, structure: ModelStructure, records: Sequence[FlightRecord]) -> Driven:
+        """Return what settings say of the inputs, and records where these do not.
+
+        Raises:
+            EstimationError: a name is not one of the inputs.
+        """
+        delays = named(settings.delays_s, structure.inputs, "a delay")
+        return cls(delays, *held_inputs(structure.inputs, settings.held, records))
+
+
+def check_nuisances(structure: ModelStructure, settings: Simulated) -> None:
+    """Check that the inputs and outputs that settings name are a structure's.
+
+    Raises:
+        EstimationError: with the name that is not.
+    """
+    late = settings.late_std_s if isinstance(settings, OutputError) else {}
+    for name in (*settings.input_biases, *late):
+        if name not in structure.inputs:
+            raise EstimationError(
+                f"an input bias or lateness belongs to an input ({', '.join(structure.inputs)}), got '{name}'"
+            )
+    for name in (*settings.output_biases, *settings.output_trends):
+        if name not in structure.outputs:
+            raise EstimationError(
+                f"an output bias or trend belongs to an output ({', '.join(structure.outputs)}), got '{name}'"
+            )
+
+
 def stretch(
     record: FlightRecord,
     structure: ModelStructure,
     delays_s: FloatArray,
-    initial: Initial,
-    biased: tuple[str, ...],
-    trended: tuple[str, ...],
+    settings: Simulated,
 ) -> Stretch:
     """Return the record as the search sees it, initial states where channels say them.
 
     Raises:
-        EstimationError: ``initial`` is "record" and a state is no channel of it.
+        EstimationError: initial states are "record" and a state is no channel of it.
         ChannelError: the record lacks a channel.
     """
     part = record.select(structure.outputs)
     u = delayed(record.columns(structure.inputs), record.dt_s, delays_s)
-    offsets = output_offsets(structure.outputs, biased, trended, record.t_s - record.t_s[0])
+    t = record.t_s - record.t_s[0]
+    offsets = output_offsets(structure.outputs, settings.output_biases, settings.output_trends, t)
+    initial = settings.initial_states
     for state in structure.states:
         if initial == "record" and state not in record and state not in structure.begun:
             raise EstimationError(
@@ -146,11 +186,8 @@ class Likelihood:
         structure: the equations.
         stretches: the records.
         layout: what is searched for.
-        dt_s: sample time, s.
-        held: (m,) inputs that are held between samples.
-        substeps: Runge-Kutta steps per sample of a nonlinear structure.
+        sampling: of the records.
         full: noise covariance with its off-diagonal elements.
-        late_std_s: (l,) prior standard deviations of the lateness of the inputs ``layout.late``.
 
     Raises:
         EstimationError: fewer valid samples than unknowns, an output that never moves, or outputs sampled at different
@@ -162,15 +199,11 @@ class Likelihood:
         structure: ModelStructure,
         stretches: Sequence[Stretch],
         layout: Layout,
-        dt_s: float,
-        held: NDArray[np.bool_],
-        *,
-        substeps: int = 1,
+        sampling: Sampling,
         full: bool = False,
-        late_std_s: Sequence[float] = (),
     ) -> None:
         self.structure, self.stretches, self.layout = structure, stretches, layout
-        self.dt_s, self.held, self.substeps, self.full = dt_s, held, substeps, full
+        self.sampling, self.full = sampling, full
         self._last: tuple[bytes, list[tuple[FloatArray, Sensitivities]]] | None = None
         self.unknowns = layout.chosen.size + len(stretches) * layout.per_record
         valid = np.vstack([s.valid for s in stretches])
@@ -189,55 +222,40 @@ class Likelihood:
             name = structure.outputs[int(np.argmin(self.size))]
             raise EstimationError(f"output '{name}' never moves in these records; leave it out")
         prior = [p.prior_std for p in structure.parameters if p.free]
-        own = [0.0] * (layout.per_record - len(layout.late)) + [1.0 / s for s in late_std_s]
+        own = [0.0] * (layout.per_record - len(layout.late)) + [1.0 / s for s in layout.late_std_s]
         self.prior_weight = np.array([0.0 if s is None else 1.0 / s for s in prior] + own * len(stretches))
 
     @classmethod
     def over(
-        cls,
-        records: Sequence[FlightRecord],
-        structure: ModelStructure,
-        delays_s: FloatArray,
-        held: NDArray[np.bool_],
-        initial: Initial = "free",
-        biased: Sequence[str] = (),
-        trended: Sequence[str] = (),
-        biased_inputs: Sequence[str] = (),
-        late_std_s: Mapping[str, float] | None = None,
-        substeps: int = 1,
-        full: bool = False,
+        cls, records: Sequence[FlightRecord], structure: ModelStructure, driven: Driven, settings: Simulated
     ) -> Likelihood:
-        """Return that of records, and of what these settings leave to be estimated; see :func:`.output_error.estimate`.
-
-        ``delays_s`` and ``held`` are by input (m,).
-        """
-        late = late_std_s or {}
+        """Return that of records driven so, and of what the settings leave to be estimated."""
+        late = settings.late_std_s if isinstance(settings, OutputError) else {}
         layout = Layout(
             np.flatnonzero(structure.free),
-            initial == "free",
-            tuple(structure.inputs.index(name) for name in biased_inputs),
+            settings.initial_states == "free",
+            tuple(structure.inputs.index(name) for name in settings.input_biases),
             len(structure.states) - len(structure.followers),
-            len(biased) + len(trended),
+            len(settings.output_biases) + len(settings.output_trends),
             tuple(structure.inputs.index(name) for name in late),
+            tuple(late.values()),
         )
-        stretches = [stretch(r, structure, delays_s, initial, tuple(biased), tuple(trended)) for r in records]
-        priors = tuple(late.values())
-        return cls(structure, stretches, layout, records[0].dt_s, held, substeps=substeps, full=full, late_std_s=priors)
+        stretches = [stretch(r, structure, driven.delays_s, settings) for r in records]
+        full = isinstance(settings, OutputError) and settings.noise == "full"
+        sampling = Sampling(records[0].dt_s, driven.held, settings.substeps)
+        return cls(structure, stretches, layout, sampling, full)
 
     @classmethod
     def of(cls, model: ParametricModel, records: Sequence[FlightRecord]) -> Likelihood:
         """Return that of a model that was identified, over records: its unknowns, initial states free."""
-        return cls.over(
-            records,
-            model.structure,
-            np.array(model.delays_s),
-            np.array(model.held),
-            biased=model.biased,
-            trended=model.trended,
-            biased_inputs=model.biased_inputs,
-            late_std_s=model.settings.get("late_std_s"),
+        settings = OutputError(
+            output_biases=model.biased,
+            output_trends=model.trended,
+            input_biases=model.biased_inputs,
+            late_std_s=model.settings.get("late_std_s") or {},
             substeps=model.substeps,
         )
+        return cls.over(records, model.structure, Driven(np.array(model.delays_s), np.array(model.held)), settings)
 
     def start(self, values: FloatArray) -> FloatArray:
         """Return the search point of parameters (k,): initial states as the records say, no offsets and biases."""
@@ -282,24 +300,15 @@ class Likelihood:
         own = [layout.split(point, i) for i in range(len(self.stretches))]
         inputs = [self.driven(s.u, n) for s, n in zip(self.stretches, own, strict=True)]
         starts = [layout.begin(n.initial, s.x0) for s, n in zip(self.stretches, own, strict=True)]
-        shared = self.dt_s, self.held
         values = self.parameters(point, params)
-        found = responses(
-            self.structure,
-            values,
-            layout.chosen.tolist(),
-            inputs,
-            *shared,
-            starts,
-            layout.biased_inputs,
-            self.substeps,
-        )
+        chosen = layout.chosen.tolist()
+        found = responses(self.structure, values, chosen, inputs, self.sampling, starts, layout.biased_inputs)
         for i, (s, n, r) in enumerate(zip(self.stretches, own, found, strict=True)):
             moved_on = []
             for j in range(len(layout.late)):
-                step = _LATE_STEP * self.dt_s * np.eye(len(layout.late))[j]
+                step = _LATE_STEP * self.sampling.dt_s * np.eye(len(layout.late))[j]
                 moved = self.driven(s.u, n._replace(late_s=n.late_s + step))
-                y = next(responses(self.structure, values, [], [moved], *shared, [starts[i]], (), self.substeps)).y
+                y = respond(self.structure, values, [], moved, self.sampling, starts[i]).y
                 moved_on.append((y - r.y)[:, :, None] / step[j])
             residual = np.where(s.valid, s.y - r.y - s.offsets @ n.offsets, 0.0)
             J = -np.concatenate([r.dparams, r.dx0[:, :, : layout.initial], s.offsets, r.dbias, *moved_on], axis=2)
@@ -314,7 +323,7 @@ class Likelihood:
         u[:, list(self.layout.biased_inputs)] += own.biases
         late_s = np.zeros(u.shape[1])
         late_s[list(self.layout.late)] = own.late_s
-        return later(u, self.dt_s, late_s)
+        return later(u, self.sampling.dt_s, late_s)
 
     def problem(self, params: FloatArray, R: FloatArray) -> Problem:
         """Return residuals and Jacobian, weighted by the noise covariance R (p, p), with priors, as a function.

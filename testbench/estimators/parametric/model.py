@@ -11,7 +11,7 @@ import numpy as np
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import ComplexArray, IdentifiedModel
-from testbench.estimators.parametric.response import delayed, respond
+from testbench.estimators.parametric.response import Sampling, delayed, respond
 from testbench.estimators.parametric.structure import LinearStructure, Matrices, ModelStructure
 from testbench.estimators.state_space import check_sample_time, description
 
@@ -103,21 +103,12 @@ class ParametricModel(IdentifiedModel):
         extra = output_offsets(self.outputs, biased, self.trended, record.t_s - record.t_s[0])
         n, b = len(self.structure.states), len(shifted)
         found = np.concatenate([self._start(record), np.zeros(b)])  # what the response is not linear in
+        sampling = Sampling(record.dt_s, np.array(self.held), self.substeps)
         best, cost = None, np.inf
         for _ in range(_STATE_ITERATIONS):
             moved = u.copy()
             moved[:, shifted] += found[n:]
-            r = respond(
-                self.structure,
-                self.params,
-                trims,
-                moved,
-                record.dt_s,
-                np.array(self.held),
-                found[:n],
-                shifted,
-                self.substeps,
-            )
+            r = respond(self.structure, self.params, trims, moved, sampling, found[:n], shifted)
             if not np.all(np.isfinite(r.y)):
                 break
             J = np.concatenate([r.dx0, r.dbias, extra, r.dparams], axis=2)

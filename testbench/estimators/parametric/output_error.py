@@ -12,9 +12,9 @@ V. Jategaonkar, Flight Vehicle System Identification, 2nd ed., 2015, chapter 4).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,14 +22,13 @@ from testbench.core.advice import doubt, note, wrong
 from testbench.core.constants import WHITE
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.call import with_settings
 from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
 from testbench.estimators.parametric.gauss_newton import Minimum, Rounds, minimise
-from testbench.estimators.parametric.likelihood import Initial, Likelihood, held_inputs
-from testbench.estimators.parametric.model import ParametricModel, named
+from testbench.estimators.parametric.likelihood import Driven, Likelihood, check_nuisances
+from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.servo import none_shows
 from testbench.estimators.parametric.starts import first_points, point_of_filter_error, scattered
 from testbench.estimators.parametric.structure import ModelStructure
@@ -43,50 +42,19 @@ _FINE = 1e-5  # residuals relative to an output's motion that no false minimum l
 _POOR = 0.3  # residuals relative to an output's motion from which on a third start must agree (judged)
 _SCATTERED = 4  # start points besides the structure's, equation error's and filter error's
 _SAME = 2.0  # difference of ln L within which two ends are one minimum, or as good as one
+_DEFAULT = OutputError()
 _APART = 4.0  # standard errors between ends of the same cost that are not one
 
 
-@with_settings(OutputError)
 def estimate(
-    records: Sequence[FlightRecord],
-    structure: ModelStructure,
-    *,
-    initial_states: Initial,
-    output_biases: Sequence[str],
-    output_trends: Sequence[str],
-    input_biases: Sequence[str],
-    late_std_s: Mapping[str, float],
-    delays_s: Mapping[str, float] | None,
-    held: Sequence[str] | None,
-    noise: Literal["diagonal", "full"],
-    starts: int | None,
-    seed: int,
-    max_iterations: int,
-    substeps: int,
+    records: Sequence[FlightRecord], structure: ModelStructure, settings: OutputError = _DEFAULT
 ) -> ParametricModel:
     """Estimate the free parameters of a structure from one or several records.
 
     Args:
         records: measured records with one sample time; of different lengths if need be.
         structure: the equations; its parameters say what is free, bounded or has a prior.
-        initial_states: "free" estimates one per record; "record" takes the first sample of the channels of that name,
-            "zero" takes trim.
-        output_biases: outputs with a constant of their own in every record.
-        output_trends: outputs with a line of their own in every record.
-        input_biases: inputs with a constant error of their own in every record.
-        late_std_s: input -> standard deviation, s, of how late it may act, or early, against the time that is logged;
-            estimated in every record, with this prior about zero.
-        delays_s: known delay per input, s.
-        held: inputs that are held between samples; None takes those called ``*_cmd``, and others that the records
-            show to be held (see :mod:`testbench.estimators.hold`). The others run linearly.
-        noise: "diagonal" or "full" covariance of the residuals.
-        starts: how many start points; the best end wins. The structure's own values and, where all its states are
-            measured, those of equation error come first, the better of them at the head; others scatter by half of the
-            values, or over finite bounds. None: one, and if its fit looks bad others (filter error's too) until two
-            have ended at the least cost.
-        seed: of the start points.
-        max_iterations: Gauss-Newton steps per round.
-        substeps: Runge-Kutta steps per sample of a nonlinear structure.
+        settings: what else is estimated, and how.
 
     Returns:
         The model. Its diagnostics: ``cost`` (log likelihood without constants, smaller is better), ``rounds``,
@@ -100,68 +68,21 @@ def estimate(
             is named), or a start that diverges.
         ChannelError: a record lacks a channel.
     """
-    _check(records, structure, output_biases, output_trends, (*input_biases, *late_std_s), starts)
-    holding, recognised = held_inputs(structure.inputs, held, records)
-    delays = named(delays_s, structure.inputs, "a delay")
-    likelihood = Likelihood.over(
-        records,
-        structure,
-        delays,
-        holding,
-        initial_states,
-        output_biases,
-        output_trends,
-        input_biases,
-        late_std_s,
-        substeps,
-        full=noise == "full",
-    )
-    first = first_points(likelihood, records, delays_s, held)
-    ends, failure = _ends(likelihood, first, starts, np.random.default_rng(seed), max_iterations)
+    check_records(records, structure.must_move, structure.outputs)
+    if not structure.free.any():
+        raise EstimationError(f"structure '{structure.name}' has no free parameter; free some, or simulate it instead")
+    check_nuisances(structure, settings)
+    driven = Driven.of(settings, structure, records)
+    likelihood = Likelihood.over(records, structure, driven, settings)
+    first = first_points(likelihood, records, settings)
+    ends, failure = _ends(likelihood, first, settings)
     if not ends:
         assert failure is not None
         raise failure
     best = min(ends, key=lambda end: end.likelihood)
-    settings = {
-        "structure": structure.name,
-        "initial_states": initial_states,
-        "output_biases": list(output_biases),
-        "output_trends": list(output_trends),
-        "input_biases": list(input_biases),
-        "late_std_s": dict(late_std_s),
-        "noise": noise,
-        "starts": starts,
-        "seed": seed,
-        **said_of_hold(recognised),
-    }
-    model = _model(likelihood, best, settings, tuple(delays.tolist()))
+    model = _model(likelihood, best, settings, driven)
     model = replace(model, diagnostics={**model.diagnostics, "starts": [end.likelihood for end in ends]})
     return _with_advice_on_starts(advice_in_words(model), likelihood, ends)
-
-
-def _check(
-    records: Sequence[FlightRecord],
-    structure: ModelStructure,
-    output_biases: Sequence[str],
-    output_trends: Sequence[str],
-    input_biases: Sequence[str],
-    starts: int | None,
-) -> None:
-    check_records(records, structure.must_move, structure.outputs)
-    if not structure.free.any():
-        raise EstimationError(f"structure '{structure.name}' has no free parameter; free some, or simulate it instead")
-    if starts is not None and starts < 1:
-        raise EstimationError(f"starts >= 1 must hold, got {starts}")
-    for name in input_biases:
-        if name not in structure.inputs:
-            raise EstimationError(
-                f"an input bias or lateness belongs to an input ({', '.join(structure.inputs)}), got '{name}'"
-            )
-    for name in (*output_biases, *output_trends):
-        if name not in structure.outputs:
-            raise EstimationError(
-                f"an output bias or trend belongs to an output ({', '.join(structure.outputs)}), got '{name}'"
-            )
 
 
 class _Found(NamedTuple):
@@ -176,23 +97,19 @@ class _Found(NamedTuple):
 
 
 def _ends(
-    likelihood: Likelihood,
-    first: list[FloatArray],
-    starts: int | None,
-    rng: np.random.Generator,
-    max_iterations: int,
+    likelihood: Likelihood, first: list[FloatArray], settings: OutputError
 ) -> tuple[list[_Found], EstimationError | None]:
     """Return where searches ended, and why the first failed that did: ``starts`` of them, or as many as it takes."""
     ends: list[_Found] = []
     failure: EstimationError | None = None
-    for point in _points(likelihood, first, starts, rng):
+    for point in _points(likelihood, first, settings.starts, np.random.default_rng(settings.seed)):
         try:
             least = min((end.likelihood for end in ends), default=-np.inf)
-            ends.append(_search(likelihood, point, max_iterations, least))
+            ends.append(_search(likelihood, point, settings.max_iterations, least))
         except EstimationError as error:
             failure = failure or error
             continue
-        if starts is None and _settled(likelihood, ends):
+        if settings.starts is None and _settled(likelihood, ends):
             break
     return ends, failure
 
@@ -351,9 +268,7 @@ def _diagnose(likelihood: Likelihood, found: _Found) -> tuple[dict[str, Any], Fl
     return diagnostics, white, corrected, R
 
 
-def _model(
-    likelihood: Likelihood, found: _Found, settings: Mapping[str, Any], delays_s: tuple[float, ...]
-) -> ParametricModel:
+def _model(likelihood: Likelihood, found: _Found, settings: OutputError, driven: Driven) -> ParametricModel:
     """Return the model at the end of the best search."""
     structure, layout, stretches = likelihood.structure, likelihood.layout, likelihood.stretches
     diagnostics, white, corrected, R = _diagnose(likelihood, found)
@@ -361,25 +276,36 @@ def _model(
         method="output_error",
         inputs=structure.inputs,
         outputs=structure.outputs,
-        dt_s=likelihood.dt_s,
-        settings=settings,
+        dt_s=likelihood.sampling.dt_s,
+        settings={
+            "structure": structure.name,
+            "initial_states": settings.initial_states,
+            "output_biases": list(settings.output_biases),
+            "output_trends": list(settings.output_trends),
+            "input_biases": list(settings.input_biases),
+            "late_std_s": dict(settings.late_std_s),
+            "noise": settings.noise,
+            "starts": settings.starts,
+            "seed": settings.seed,
+            **said_of_hold(driven.recognised),
+        },
         diagnostics=diagnostics,
         structure=structure,
         params=found.params,
         covariance=layout.embedded(corrected, found.params.size),
         covariance_plain=layout.embedded(white, found.params.size),
         noise_covariance=R,
-        held=tuple(likelihood.held.tolist()),
+        held=tuple(driven.held.tolist()),
         delays_s=tuple(
             delay + float(np.mean([late.get(name, 0.0) for late in diagnostics["lateness_s"]]))
-            for name, delay in zip(structure.inputs, delays_s, strict=True)
+            for name, delay in zip(structure.inputs, driven.delays_s.tolist(), strict=True)
         ),
-        biased=tuple(settings["output_biases"]),
-        trended=tuple(settings["output_trends"]),
-        biased_inputs=tuple(settings["input_biases"]),
+        biased=settings.output_biases,
+        trended=settings.output_trends,
+        biased_inputs=settings.input_biases,
         operating_point=(
             np.mean(diagnostics["initial_states"], axis=0),
             np.mean([s.u[0] for s in stretches], axis=0),
         ),
-        substeps=likelihood.substeps,
+        substeps=settings.substeps,
     )

@@ -16,7 +16,7 @@ within the band biases them as it does any regression.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -26,16 +26,15 @@ from scipy.special import erfc
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.call import with_settings
 from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import ComplexArray
 from testbench.estimators.parametric.accuracy import correlations
 from testbench.estimators.parametric.advice import advice_in_words, null_directions
-from testbench.estimators.parametric.likelihood import held_inputs
-from testbench.estimators.parametric.model import ParametricModel, named
+from testbench.estimators.parametric.likelihood import Driven
+from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.response import delayed
 from testbench.estimators.parametric.servo import by_surfaces, in_front
-from testbench.estimators.parametric.state_equations import SmoothedStates, equations, free_of
+from testbench.estimators.parametric.state_equations import Regression, SmoothedStates, equations, free_of
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.regression.frequency import band_lines, check_band
 from testbench.estimators.regression.smoothing import bridge
@@ -62,17 +61,11 @@ class Fit(NamedTuple):
     R: FloatArray
 
 
-@with_settings(RecursiveFourier)
+_DEFAULT = RecursiveFourier()
+
+
 def estimate(
-    records: Sequence[FlightRecord],
-    structure: ModelStructure,
-    *,
-    delays_s: Mapping[str, float] | None,
-    held: Sequence[str] | None,
-    band_hz: tuple[float, float],
-    step_hz: float,
-    update_s: float,
-    forgetting: float,
+    records: Sequence[FlightRecord], structure: ModelStructure, settings: RecursiveFourier = _DEFAULT
 ) -> ParametricModel:
     """Estimate the free parameters of a structure as the data come in; all its states measured.
 
@@ -83,12 +76,7 @@ def estimate(
     Args:
         records: measured records with one sample time; transforms of those before are kept.
         structure: the equations; every state is a channel.
-        delays_s: known delay per input, s.
-        held: inputs held between samples; None takes ``*_cmd`` and those that the records show to be held.
-        band_hz: lowest and highest frequency, 0 < low < high <= Nyquist frequency.
-        step_hz: distance of the lines.
-        update_s: time between estimates, counted back from the last sample of each record.
-        forgetting: weight of a sample against the next, 0 < forgetting <= 1.
+        settings: the band, and how fast the estimates follow.
 
     Returns:
         The model of the last update. Its diagnostics hold ``history``: ``t_s`` (m,) and ``record`` (m,) of the updates
@@ -102,23 +90,13 @@ def estimate(
         ChannelError: a record lacks a channel.
     """
     if in_front(structure):
-        given = {"band_hz": band_hz, "step_hz": step_hz, "update_s": update_s, "forgetting": forgetting}
-        return by_surfaces(
-            records,
-            structure,
-            held,
-            lambda moved, base, still: estimate(moved, base, delays_s=delays_s, held=still, **given),
-        )
+        return by_surfaces(records, structure, settings, estimate)
     free, dt = free_of(records, structure, "real-time regression"), records[0].dt_s
-    if not update_s >= dt or not 0.0 < forgetting <= 1.0:
-        raise EstimationError(
-            f"update_s >= the sample time {dt:g} s and 0 < forgetting <= 1 must hold, got update_s = {update_s:g} and "
-            f"forgetting = {forgetting:g}"
-        )
-    lines = band_lines(*check_band(band_hz, dt), step_hz)
-    delays = named(delays_s, structure.inputs, "a delay")
-    hold, recognised = held_inputs(structure.inputs, held, records)
-    data = [_between(r, structure, delays, hold) for r in records]
+    if not settings.update_s >= dt:
+        raise EstimationError(f"update_s >= the sample time {dt:g} s must hold, got {settings.update_s:g}")
+    check_band(settings.band_hz, dt)
+    driven = Driven.of(settings, structure, records)
+    data = [_between(r, structure, driven.delays_s, driven.held) for r in records]
     stds = (structure.parameters[i].prior_std for i in free)
     prior = np.array([0.0 if std is None else 1.0 / std for std in stds])
     count = sum(int(d.taken.sum()) for d in data)
@@ -128,13 +106,14 @@ def estimate(
             f"parameters, got {count} with all states and inputs sampled; give more data or fix some parameters"
         )
     params = structure.values
-    still = _unmoved(structure, data, params, free)
+    still = _unmoved(Regression(structure, data, params, free))
     every, free, prior = free, free[~still], prior[~still]
     for _ in range(_PASSES):
-        history = _updates(structure, data, params, free, prior, lines, step_hz, round(update_s / dt), forgetting)
+        fit = Regression(structure, data, params, free)
+        history = _updates(fit, prior, settings)
         if not history:
             names = [structure.parameter_names[i] for i in free]
-            J = np.vstack([j.reshape(-1, free.size) for j in equations(structure, data, params, free)[1]])
+            J = np.vstack([j.reshape(-1, free.size) for j in equations(*fit)[1]])
             lost = null_directions(J, np.linalg.norm(J, axis=0), names) or ", ".join(names)
             raise EstimationError(
                 f"these data never decide {lost} within the band and the memory: not identifiable; widen band_hz, "
@@ -143,7 +122,7 @@ def estimate(
         last = history[-1][2]
         before, params = params, params.copy()
         params[free] += last.step
-        if np.all(np.abs(last.step) <= _STILL * np.sqrt(np.diag(last.whole))) or _is_linear(structure, data, free):
+        if np.all(np.abs(last.step) <= _STILL * np.sqrt(np.diag(last.whole))) or _is_linear(fit):
             break
     said = {
         "t_s": np.array([t for _, t, _ in history]),
@@ -156,7 +135,7 @@ def estimate(
     covariance, whole = np.zeros((k, k)), np.zeros((k, k))
     covariance[np.ix_(free, free)], whole[np.ix_(free, free)] = last.corrected, last.whole
     if still.any():
-        _constants(structure, data, params, every[still], free, last, covariance, whole)
+        _constants(fit.at(params), every[still], last, covariance, whole)
     free = every
     low, high = structure.bounds
     beyond = [structure.parameter_names[i] for i in free if not low[i] <= params[i] <= high[i]]
@@ -168,7 +147,10 @@ def estimate(
         inputs=structure.inputs,
         outputs=structure.outputs,
         dt_s=dt,
-        settings={"delays_s": dict(zip(structure.inputs, delays.tolist(), strict=True)), **said_of_hold(recognised)},
+        settings={
+            "delays_s": dict(zip(structure.inputs, driven.delays_s.tolist(), strict=True)),
+            **said_of_hold(driven.recognised),
+        },
         diagnostics={
             "converged": True,
             "at_bound": beyond,
@@ -183,8 +165,8 @@ def estimate(
         covariance=covariance,
         covariance_plain=whole,
         noise_covariance=np.diag(np.maximum(y.var(axis=0), 1e-300)),
-        held=tuple(hold.tolist()),
-        delays_s=tuple(delays.tolist()),
+        held=tuple(driven.held.tolist()),
+        delays_s=tuple(driven.delays_s.tolist()),
         operating_point=(
             np.mean([d.x[0, 0] for d in data], axis=0),
             np.mean([d.u[0, 0] for d in data], axis=0),
@@ -220,13 +202,11 @@ def _between(
     )
 
 
-def _unmoved(
-    structure: ModelStructure, data: Sequence[SmoothedStates], params: FloatArray, free: NDArray[np.intp]
-) -> NDArray[np.bool_]:
+def _unmoved(fit: Regression) -> NDArray[np.bool_]:
     """Return which free parameters (f,) multiply constants and lines alone, such as what is left of trim."""
-    J = equations(structure, data, params, free)[1]
+    J, free = equations(*fit)[1], fit.free
     size, rest = np.zeros(free.size), np.zeros(free.size)
-    for slopes, d in zip(J, data, strict=True):
+    for slopes, d in zip(J, fit.data, strict=True):
         part = slopes[d.taken].reshape(int(d.taken.sum()), -1)
         line = np.column_stack([np.ones(len(part)), np.linspace(-1.0, 1.0, len(part))])
         left = part - line @ np.linalg.lstsq(line, part, rcond=None)[0]
@@ -236,19 +216,13 @@ def _unmoved(
 
 
 def _constants(
-    structure: ModelStructure,
-    data: Sequence[SmoothedStates],
-    params: FloatArray,
-    constant: NDArray[np.intp],
-    free: NDArray[np.intp],
-    last: Fit,
-    covariance: FloatArray,
-    whole: FloatArray,
+    fit: Regression, constant: NDArray[np.intp], last: Fit, covariance: FloatArray, whole: FloatArray
 ) -> None:
     """Put in the parameters that multiply constants, and their covariances, from the means of the equations.
 
     A level power spectrum that gives the real part of a transform over T seconds the variance R gives a mean 2 R / T^2.
     """
+    structure, data, params, free = fit
     c = constant.size
     errors, slopes = equations(structure, data, params, np.concatenate([constant, free]))
     taken = [d.taken for d in data]
@@ -265,9 +239,10 @@ def _constants(
         P[np.ix_(constant, constant)] = by_others @ P[np.ix_(free, free)] @ by_others.T + own
 
 
-def _is_linear(structure: ModelStructure, data: Sequence[SmoothedStates], free: NDArray[np.intp]) -> bool:
+def _is_linear(fit: Regression) -> bool:
     """Return whether the equations are linear in their free parameters: their slopes do not change with them."""
-    few = data[0]._replace(**{name: getattr(data[0], name)[:, :50] for name in ("x", "u")})
+    structure, data, _, free = fit
+    few = data[0]._replace(x=data[0].x[:, :50], u=data[0].u[:, :50])
     few = few._replace(xdot=few.xdot[:50], taken=few.taken[:50])
     params = structure.values
     moved = params.copy()
@@ -276,19 +251,12 @@ def _is_linear(structure: ModelStructure, data: Sequence[SmoothedStates], free: 
     return bool(np.max(np.abs(one - other)) <= 1e-9 * np.max(np.abs(one)))
 
 
-def _updates(
-    structure: ModelStructure,
-    data: Sequence[SmoothedStates],
-    params: FloatArray,
-    free: NDArray[np.intp],
-    prior: FloatArray,
-    lines: FloatArray,
-    step_hz: float,
-    stride: int,
-    forgetting: float,
-) -> list[tuple[int, float, Fit]]:
+def _updates(fit: Regression, prior: FloatArray, settings: RecursiveFourier) -> list[tuple[int, float, Fit]]:
     """Return (record, time from its first sample, fit) at every update at which the data decide the estimates."""
-    n, out = len(structure.states), []
+    structure, data, params, free = fit
+    n, dt, forgetting = len(structure.states), data[0].dt_s, settings.forgetting
+    lines, stride = band_lines(*check_band(settings.band_hz, dt), settings.step_hz), round(settings.update_s / dt)
+    out: list[tuple[int, float, Fit]] = []
     kept: list[tuple[ComplexArray, float]] = []  # transforms of the records before, and their independent lines
     centre = params[free] - structure.values[free]
     for number, d in enumerate(data):
@@ -312,10 +280,9 @@ def _updates(
             line = np.linalg.lstsq(M[:, :2], M[:, 2:], rcond=None)[0]
             level = (F[:, 2:] - F[:, :2] @ line) * d.dt_s
             changes, terms = level[:, :n], between * level[:, n:]
-            now, weight = np.hstack([changes - terms[:, :n], terms[:, n:]]), min(1.0, step_hz * span)
-            fit = _fit([*kept, (now, weight)], n, prior, centre)
-            if fit is not None:
-                out.append((number, float(d.dt_s * end), fit))
+            now, weight = np.hstack([changes - terms[:, :n], terms[:, n:]]), min(1.0, settings.step_hz * span)
+            if (found := _fit([*kept, (now, weight)], n, prior, centre)) is not None:
+                out.append((number, float(d.dt_s * end), found))
         kept.append((now, weight))
     return out
 

@@ -34,6 +34,15 @@ class Response(NamedTuple):
     dbias: FloatArray
 
 
+class Sampling(NamedTuple):
+    """How a structure is driven by samples: sample time, s, the inputs that are held between them, (m,); the others run
+    linearly; and the Runge-Kutta steps per sample of a nonlinear structure."""
+
+    dt_s: float
+    held: NDArray[np.bool_]
+    substeps: int = 1
+
+
 class Discrete(NamedTuple):
     """x[k+1] = A x[k] + G u[k] + H (u[k+1] - u[k]) + g, exact for inputs held or linear between samples."""
 
@@ -68,18 +77,12 @@ def respond(
     params: FloatArray,
     chosen: Sequence[int],
     u: FloatArray,
-    dt_s: float,
-    held: NDArray[np.bool_],
+    sampling: Sampling,
     x0: FloatArray,
     biased: Sequence[int] = (),
-    substeps: int = 1,
-    near: FloatArray | None = None,
 ) -> Response:
-    """Return the response to ``u`` (N, m) from ``x0`` (n,) and its sensitivities; see :func:`responses`.
-
-    ``near`` (N, n) are the states of a response like it, where some are known: a nonlinear one is then found sooner.
-    """
-    return next(responses(structure, params, chosen, [u], dt_s, held, [x0], biased, substeps, [near]))
+    """Return the response to ``u`` (N, m) from ``x0`` and its sensitivities; see :func:`responses`."""
+    return next(responses(structure, params, chosen, [u], sampling, [x0], biased))
 
 
 def responses(
@@ -87,14 +90,11 @@ def responses(
     params: FloatArray,
     chosen: Sequence[int],
     inputs: Sequence[FloatArray],
-    dt_s: float,
-    held: NDArray[np.bool_],
+    sampling: Sampling,
     starts: Sequence[FloatArray],
     biased: Sequence[int] = (),
-    substeps: int = 1,
-    near: Sequence[FloatArray | None] | None = None,
 ) -> Iterator[Response]:
-    """Yield the responses to several inputs, each (N, m), from as many initial states, each (n,).
+    """Yield the responses to several inputs, each (N, m), from as many initial states.
 
     Linear structures are solved exactly: sensitivities obey the same recursion, driven by the derivatives of its
     matrices. Nonlinear ones run by the classical Runge-Kutta method, their sensitivities by its exact derivative.
@@ -104,24 +104,22 @@ def responses(
         params: (k,) parameter vector.
         chosen: indices of the f parameters whose sensitivities are wanted.
         inputs: at the samples, of different lengths if need be.
-        dt_s: sample time, s.
-        held: (m,) inputs that are held between samples.
-        starts: initial states.
+        sampling: of all of them.
+        starts: initial states, each (n,); or (N, n), the states of a response like it, which begins with the initial
+            state: a nonlinear one is then found sooner.
         biased: indices of the inputs whose bias sensitivities are wanted.
-        substeps: Runge-Kutta steps per sample, for nonlinear structures.
-        near: states (N, n) to begin nonlinear ones at, or None.
     """
-    one: Callable[[FloatArray, FloatArray, FloatArray | None], Response]
+    one: Callable[[FloatArray, FloatArray], Response]
     if isinstance(structure, LinearStructure):
-        one = _of_linear(structure, params, list(chosen), dt_s, held, list(biased))
+        one = _of_linear(structure, params, list(chosen), sampling, list(biased))
     else:
 
-        def one(u: FloatArray, x0: FloatArray, begin: FloatArray | None) -> Response:
-            return _nonlinear(structure, params, list(chosen), u, dt_s, held, x0, list(biased), substeps, begin)
+        def one(u: FloatArray, x0: FloatArray) -> Response:
+            return _nonlinear(structure, params, list(chosen), u, sampling, x0, list(biased))
 
-    for u, x0, begin in zip(inputs, starts, near or [None] * len(inputs), strict=True):
+    for u, x0 in zip(inputs, starts, strict=True):
         with np.errstate(all="ignore"):  # a trial step may diverge; whoever asked sees that the result is not finite
-            found = one(u, x0, begin)
+            found = one(u, x0)
         yield found
 
 
@@ -129,21 +127,26 @@ def _of_linear(
     structure: LinearStructure,
     params: FloatArray,
     chosen: list[int],
-    dt_s: float,
-    held: NDArray[np.bool_],
+    sampling: Sampling,
     biased: list[int],
-) -> Callable[[FloatArray, FloatArray, FloatArray | None], Response]:
-    """Return the response of a linear structure as a function of input, initial state and a hint that it ignores."""
+) -> Callable[[FloatArray, FloatArray], Response]:
+    """Return the response of a linear structure as a function of input and initial state."""
     sizes = len(structure.states), len(structure.outputs), len(chosen), len(biased)
     with np.errstate(all="ignore"):
         s = structure.matrices(_stepped(params, chosen))
         if not all(np.all(np.isfinite(part)) for part in s):
-            return lambda u, x0, _: _diverged(len(u), *sizes)
-        d = discretise(s, dt_s, held)
+            return lambda u, x0: _diverged(len(u), *sizes)
+        d = discretise(s, sampling.dt_s, sampling.held)
         if not np.all(np.isfinite(d.A)) or np.abs(d.A[-1].real).max() > _RUNAWAY:
-            return lambda u, x0, _: _diverged(len(u), *sizes)
+            return lambda u, x0: _diverged(len(u), *sizes)
         growth = np.log(max(np.abs(np.linalg.eigvals(d.A[-1].real)).max(), 1.0))
-    return lambda u, x0, _: _diverged(len(u), *sizes) if growth * len(u) > _OVERFLOW else _linear(s, d, u, x0, biased)
+
+    def one(u: FloatArray, x0: FloatArray) -> Response:
+        return (
+            _diverged(len(u), *sizes) if growth * len(u) > _OVERFLOW else _linear(s, d, u, np.atleast_2d(x0)[0], biased)
+        )
+
+    return one
 
 
 def _stepped(params: FloatArray, chosen: list[int]) -> NDArray[np.complex128]:
@@ -158,8 +161,7 @@ def scheduled(
     params: FloatArray,
     chosen: Sequence[int],
     u: FloatArray,
-    dt_s: float,
-    held: NDArray[np.bool_],
+    sampling: Sampling,
     x0: FloatArray,
     schedules: FloatArray,
 ) -> FloatArray:
@@ -170,8 +172,7 @@ def scheduled(
         params: (k,) parameter vector.
         chosen: indices of the f parameters.
         u: (N, m) inputs at the samples.
-        dt_s: sample time, s.
-        held: (m,) inputs that are held between samples.
+        sampling: of them.
         x0: (n,) initial state.
         schedules: (N, q) s(t) at the samples, slow against them.
 
@@ -179,7 +180,7 @@ def scheduled(
         (N, p, f, q) derivatives of the outputs by c of each parameter and schedule.
     """
     s = structure.matrices(_stepped(params, list(chosen)))
-    return _linear(s, discretise(s, dt_s, held), u, x0, [], schedules).dparams.reshape(
+    return _linear(s, discretise(s, sampling.dt_s, sampling.held), u, x0, [], schedules).dparams.reshape(
         len(u), -1, len(chosen), schedules.shape[1]
     )
 
@@ -299,16 +300,13 @@ def _nonlinear(
     params: FloatArray,
     chosen: list[int],
     u: FloatArray,
-    dt_s: float,
-    held: NDArray[np.bool_],
+    sampling: Sampling,
     x0: FloatArray,
     biased: list[int],
-    substeps: int,
-    near: FloatArray | None,
 ) -> Response:
     N, n, p, f, b = len(u), len(structure.states), len(structure.outputs), len(chosen), len(biased)
-    du = np.where(held, 0.0, np.diff(u, axis=0, append=u[-1:]))
-    x, transition = _trajectory(structure, params, u, du, dt_s, x0, substeps, near)
+    du = np.where(sampling.held, 0.0, np.diff(u, axis=0, append=u[-1:]))
+    x, transition = _trajectory(structure, params, u, du, sampling, x0)
     if not np.all(np.isfinite(x)):
         return _diverged(N, n, p, f, b)
     P = np.tile(params.astype(complex), (f + b, 1))
@@ -318,7 +316,9 @@ def _nonlinear(
     shape = (N, f + b)
     P_all, u_all = np.broadcast_to(P, (*shape, params.size)), u[:, None, :] + shift
     x_all, du_all = np.broadcast_to(x[:, None, :], (*shape, n)), np.broadcast_to(du[:, None, :], u_all.shape)
-    force = runge_kutta(structure, x_all, u_all, du_all, P_all, dt_s, substeps).imag / STEP  # (N, f + b, n)
+    force = (
+        runge_kutta(structure, x_all, u_all, du_all, P_all, sampling.dt_s, sampling.substeps).imag / STEP
+    )  # (N, f + b, n)
     # sensitivities of the states: by the initial state first
     force = np.concatenate([np.zeros((N, n, n)), force.transpose(0, 2, 1)], axis=2)
     S = carried(transition, force, np.eye(n, n + f + b))
@@ -344,17 +344,18 @@ def _trajectory(
     params: FloatArray,
     u: FloatArray,
     du: FloatArray,
-    dt_s: float,
-    x0: FloatArray,
-    substeps: int,
-    near: FloatArray | None,
+    sampling: Sampling,
+    start: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Return states (N, n) and the derivatives (N, n, n) of each by the one before.
 
     Newton's method on all samples at once: every sweep takes one Runge-Kutta step from every sample side by side and
     carries the defects x[k+1] - F(x[k]) through the linearised recursion (multiple shooting with one sample per
-    interval), from ``near`` where it is given. Trajectories that it does not settle run sample by sample.
+    interval), from ``start`` (N, n) where more than the initial state is given. Trajectories that it does not settle
+    run sample by sample.
     """
+    dt_s, substeps = sampling.dt_s, sampling.substeps
+    x0 = np.atleast_2d(start)[0]
     N, n = len(u), x0.size
     steps = 1j * STEP * np.eye(n)
     wide_u, wide_du = (np.broadcast_to(part[:, None, :], (N, n, u.shape[1])) for part in (u, du))
@@ -364,7 +365,7 @@ def _trajectory(
         out = runge_kutta(structure, x[:, None, :] + steps, wide_u, wide_du, wide_p, dt_s, substeps)
         return out[:, 0].real, out.imag.transpose(0, 2, 1) / STEP
 
-    x = np.tile(x0, (N, 1)) if near is None or not np.all(np.isfinite(near)) else np.concatenate([x0[None], near[1:]])
+    x = start if start.ndim == 2 and np.all(np.isfinite(start)) else np.tile(x0, (N, 1))
     for _ in range(_SWEEPS):
         ahead, transition = forward(x)
         if not np.all(np.isfinite(transition)):

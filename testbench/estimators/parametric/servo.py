@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.likelihood import held_inputs
 from testbench.estimators.parametric.model import ParametricModel
-from testbench.estimators.parametric.response import respond
+from testbench.estimators.parametric.response import Sampling, respond
 from testbench.estimators.parametric.structure import (
     AnyArray,
     LinearStructure,
@@ -33,12 +33,13 @@ from testbench.estimators.parametric.structure import (
     ModelStructure,
     Parameter,
 )
-from testbench.estimators.structured import Servo
+from testbench.estimators.structured import Fitted, Servo
 
 START_LAGS_S = (0.02, 0.05, 0.1, 0.2)
 """Lags to try before a search, s: small servos of models to large hydraulic ones."""
 _START_DELAY_S = 0.03
 _LEAST_S, _MOST_S = 2e-3, 2.0  # bounds of an estimated lag or delay
+Settings = TypeVar("Settings", bound=Fitted)
 SUBSTEPS = 5
 """Runge-Kutta steps per sample that a rate limit needs: it bends the surface's path within a sample."""
 
@@ -285,31 +286,32 @@ def surfaces(structure: Any, record: FlightRecord, held: NDArray[np.bool_]) -> F
         parameters=structure.parameters[k:],
     )
     u = record.columns(structure.inputs)
-    y = respond(own, own.values, (), u, record.dt_s, held, structure.at_rest(u[0]), substeps=2 * SUBSTEPS).y
+    y = respond(own, own.values, (), u, Sampling(record.dt_s, held, 2 * SUBSTEPS), structure.at_rest(u[0])).y
     return record.with_columns({name: y[:, j] for j, name in enumerate(structure.inputs)})
 
 
 def by_surfaces(
     records: Sequence[FlightRecord],
     structure: Any,
-    held: Sequence[str] | None,
-    run: Callable[[list[FlightRecord], Any, list[str]], ParametricModel],
+    settings: Settings,
+    run: Callable[[list[FlightRecord], Any, Settings], ParametricModel],
 ) -> ParametricModel:
     """Return the estimate of a structure behind known servos, from the surfaces that they make of the commands.
 
     Args:
         records: with the commands.
         structure: behind servos; the values of their parameters count.
-        held: inputs that are held between samples, or None, as a method takes them.
-        run: estimates the base from records with surfaces; the third argument names the inputs that are held there.
+        settings: of the method.
+        run: the method; it estimates the base from records with surfaces.
     """
     check_records(records, structure.must_move, structure.outputs)
-    holding, recognised = held_inputs(structure.inputs, held, records)
+    holding, recognised = held_inputs(structure.inputs, settings.held, records)
     k, tail = len(structure.base.parameters), len(structure.parameters) - len(structure.base.parameters)
     driven = {link.index for link in structure.links}
     still = [name for j, name in enumerate(structure.inputs) if holding[j] and j not in driven]
     base = replace(structure.base, parameters=structure.parameters[:k])
-    model = run([surfaces(structure, record, holding) for record in records], base, still)
+    flown = [surfaces(structure, record, holding) for record in records]
+    model = run(flown, base, settings.model_copy(update={"held": tuple(still)}))
     x, u = model.operating_point
     servos = tuple(replace(p, free=False) for p in structure.parameters[k:])
     return replace(

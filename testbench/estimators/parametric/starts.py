@@ -7,7 +7,7 @@ Output and filter error look for start values by themselves, from Python too (se
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,8 @@ from testbench.estimators.parametric.reconstructed import with_flow_angle
 from testbench.estimators.parametric.servo import START_LAGS_S, SUBSTEPS, in_front
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.parametric.structures.build import build
-from testbench.estimators.structured import Structured
+from testbench.estimators.settings import EquationError
+from testbench.estimators.structured import Fitted, Structured
 
 _BY_THEMSELVES = ("equation_error", "output_error", "filter_error")
 
@@ -74,13 +75,10 @@ def started(
     alone = method == "equation_error" or (method in _BY_THEMSELVES and not lags[0])
     if alone or not all(s in r for s in measured for r in records):
         return structure
-    delays = {name: delay for name, delay in entry.delays_s.items() if name in structure.inputs}
     first = None
     for values in lags:
         try:
-            tried = equation_error.estimate(
-                records, structure.with_parameters(values), delays_s=delays, held=entry.held
-            )
+            tried = equation_error.estimate(records, structure.with_parameters(values), _as_told(entry, structure))
         except EstimationError:
             continue  # its own start must do; what the data do not decide, the method itself says
         left = float(np.sum(np.log(np.maximum(tried.diagnostics["residual_std"], 1e-300))))
@@ -89,6 +87,12 @@ def started(
     if first is None:
         return structure
     return structure.with_parameters({name: v for name, v in first[1].values.items() if name not in entry.start})
+
+
+def _as_told(settings: Fitted, structure: ModelStructure) -> EquationError:
+    """Return equation error with the delays and holds of the settings of another method."""
+    delays = {name: delay for name, delay in settings.delays_s.items() if name in structure.inputs}
+    return EquationError(delays_s=delays, held=settings.held)
 
 
 def _lags(structure: Any, entry: Structured) -> list[dict[str, float]]:
@@ -105,8 +109,7 @@ _ROUNDS, _STEPS = 8, 10  # of filter error where it only gives a start
 def first_points(
     likelihood: Likelihood,
     records: Sequence[FlightRecord],
-    delays_s: Mapping[str, float] | None,
-    held: Sequence[str] | None,
+    settings: Fitted,
 ) -> list[FloatArray]:
     """Return the structure's values and, where all its states are measured, those of equation error, (k,) each.
 
@@ -120,7 +123,7 @@ def first_points(
     records = [with_flow_angle(structure, record) for record in records]
     if all(state in record for state in measured for record in records):
         try:
-            found = equation_error.estimate(records, structure, delays_s=delays_s, held=held).params
+            found = equation_error.estimate(records, structure, _as_told(settings, structure)).params
         except EstimationError:
             return points  # its own values must do; what the data do not decide, the method itself says
         points.append(np.where(structure.free, found, structure.values))

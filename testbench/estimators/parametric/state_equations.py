@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import check_records
-from testbench.estimators.parametric.response import delayed, responses
+from testbench.estimators.parametric.response import Sampling, delayed, respond
 from testbench.estimators.parametric.structure import STEP, ModelStructure
 from testbench.estimators.regression.smoothing import SineSeries, bridge
 
@@ -44,6 +44,20 @@ class SmoothedStates(NamedTuple):
     cutoffs_hz: FloatArray
     driven: FloatArray
     dt_s: float
+
+
+class Regression(NamedTuple):
+    """Least squares on the state equations: parameters (k,), of which those with the indices ``free`` (f,) are
+    estimated."""
+
+    structure: ModelStructure
+    data: Sequence[SmoothedStates]
+    params: FloatArray
+    free: NDArray[np.intp]
+
+    def at(self, params: FloatArray) -> Regression:
+        """Return it with other parameters (k,)."""
+        return self._replace(params=params)
 
 
 def free_of(records: Sequence[FlightRecord], structure: ModelStructure, method: str) -> NDArray[np.intp]:
@@ -109,7 +123,7 @@ def missing(
         None where the response diverges.
     """
     recorded = np.stack([x[:, i] for i, x in enumerate(data.x)], axis=1)
-    found = next(responses(structure, params, [], [data.driven], data.dt_s, held, [recorded[0]], near=[recorded]))
+    found = respond(structure, params, [], data.driven, Sampling(data.dt_s, held), recorded)
     if not np.all(np.isfinite(found.x)):
         return None
     series = [SineSeries.of(signal, data.dt_s) for signal in found.x.T]

@@ -6,7 +6,6 @@ from testbench.estimators.regression.equation_error import equation_error
 from testbench.estimators.regression.frequency import frequency_equation_error
 from testbench.estimators.regression.linear import LinearModel, linear_model
 from testbench.estimators.regression.orthogonal import StructureSearch, orthogonal_functions
-from testbench.estimators.regression.recursive import RecursiveResult, recursive_frequency, recursive_least_squares
 from testbench.estimators.regression.result import RegressionResult
 from testbench.estimators.regression.smoothing import (
     Smoothed,
@@ -20,7 +19,6 @@ __all__ = [
     "LinearModel",
     "MassProperties",
     "Recipe",
-    "RecursiveResult",
     "RegressionData",
     "RegressionResult",
     "Smoothed",
@@ -33,8 +31,6 @@ __all__ = [
     "noise_level",
     "orthogonal_functions",
     "polynomial_terms",
-    "recursive_frequency",
-    "recursive_least_squares",
     "regression_data",
     "smooth_record",
 ]

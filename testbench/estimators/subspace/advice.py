@@ -11,7 +11,7 @@ from testbench.core.advice import Advice, doubt, wrong
 from testbench.core.relative import percent_in_words, share_in_words
 
 if TYPE_CHECKING:
-    from testbench.estimators.subspace.data import Settings
+    from testbench.estimators.settings import Subspace
 
 _EXCITED = 1e-6  # weaker directions of the past inputs, relative to the strongest, count as not excited
 _WEAK = 5.0  # states below this many noise floors are found, but their poles are not to be trusted
@@ -128,7 +128,7 @@ def doubts(found: Mapping[str, Any], outputs: Sequence[str], J: int, L: int) -> 
     return tuple(out)
 
 
-def advice_in_words(found: Mapping[str, Any], outputs: Sequence[str], given: Settings) -> tuple[Advice, ...]:
+def advice_in_words(found: Mapping[str, Any], outputs: Sequence[str], given: Subspace) -> tuple[Advice, ...]:
     """Return one sentence per doubt: those of DSR_e, whose thresholds are the same, and those of the family.
 
     The threshold of feedback is judgement: simulated pitch dampers with turbulence give 0.05 and more, open loops with

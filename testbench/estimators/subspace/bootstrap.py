@@ -16,12 +16,13 @@ import numpy as np
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.estimators.model import continuous_poles
-from testbench.estimators.state_space import StateSpaceModel, free_run
+from testbench.estimators.state_space import Series, StateSpaceModel, free_run
 from testbench.estimators.subspace.data import LEAD, Stretch
 from testbench.estimators.subspace.tail import pair
 
 if TYPE_CHECKING:
-    from testbench.estimators.subspace.data import Outcome, Settings
+    from testbench.estimators.settings import Subspace
+    from testbench.estimators.subspace.data import Outcome
 
 _POINTS = 50  # of the frequency grid
 
@@ -30,7 +31,7 @@ def spread(
     model: StateSpaceModel,
     out: Outcome,
     stretches: Sequence[Stretch],
-    again: Settings,
+    again: Subspace,
     identify: Callable[..., Outcome],
     sizes: tuple[FloatArray, FloatArray],
     replicas: int,
@@ -52,7 +53,7 @@ def spread(
     rng = np.random.default_rng(np.random.SeedSequence(again.seed))
     block = again.past_horizon + again.future_horizon
     lead = LEAD[again.offset]
-    free = [free_run(out.A, out.B, out.C, out.D, s.u, s.y, s.valid_y, lead) for s in stretches]
+    free = [free_run(out.A, out.B, out.C, out.D, Series(s.u, s.y, s.valid_y), lead) for s in stretches]
     residuals = [
         np.where(s.valid_y, s.y - y, 0.0) - np.mean(s.y - y, axis=0, where=s.valid_y | ~s.valid_y.any(axis=0))
         for s, y in zip(stretches, free, strict=True)

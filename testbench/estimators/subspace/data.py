@@ -2,13 +2,13 @@
 
 The model order from singular values.
 
-What a subspace method is asked for, and what it has found.
+What it has found.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from scipy.signal import fftconvolve, firwin
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.hankel import window_starts
+from testbench.estimators.settings import Offset
 
 EXACT = 1e-9
 """Innovations below this share of an output's root mean square are rounding: the output is free of noise."""
@@ -50,7 +51,6 @@ def choose_order(values: FloatArray, noisy: bool, most: int) -> tuple[int, str]:
     )
 
 
-Offset = Literal["none", "offset", "trend"]
 LEAD = {"none": 0, "offset": 1, "trend": 2}
 """Setting ``offset`` -> number of terms (1, t) per record and channel that are estimated along."""
 
@@ -86,10 +86,8 @@ def scale(
     With an offset or a trend to be estimated, the mean of each record is taken out first: it says nothing.
 
     Raises:
-        EstimationError: a channel is zero throughout, or ``offset`` is not in the table.
+        EstimationError: a channel is zero throughout.
     """
-    if offset not in LEAD:
-        raise EstimationError(f"offset must be one of {', '.join(LEAD)}, got '{offset}'")
     sizes, columns = [], []
     for names in (inputs, outputs):
         parts = [r.select(names) for r in records]
@@ -134,31 +132,19 @@ def automatic_stride(stretches: Sequence[Stretch], dt_s: float) -> int:
     return max(int(1.0 / (dt_s * _OVERSAMPLING * width) + 1e-6), 1) if width > 0.0 else 1
 
 
-def check_horizons(J: int, L: int, order: int | None, p: int) -> None:
-    """Check past horizon J, future horizon L and order against p outputs.
+def check_order(order: int | None, L: int, p: int) -> None:
+    """Check an order against future horizon L and p outputs.
 
     Raises:
-        EstimationError: J >= 1, L >= 2, p >= 1 or 1 <= order <= p (L - 1) does not hold.
+        EstimationError: p >= 1 or order <= p (L - 1) does not hold.
     """
-    if J < 1 or L < 2:
-        raise EstimationError(f"past_horizon >= 1 and future_horizon >= 2 must hold, got {J} and {L}")
     if p == 0:
         raise EstimationError("an estimate needs at least one output channel, got none; name outputs or add sensors")
-    if order is not None and not 1 <= order <= p * (L - 1):
+    if order is not None and not order <= p * (L - 1):
         raise EstimationError(
             f"1 <= order <= outputs x (future_horizon - 1) = {p * (L - 1)} must hold, got {order}; "
             "lengthen the future horizon or lower the order"
         )
-
-
-def check_stride(stride: int | Literal["auto"]) -> None:
-    """Check a setting ``decimate``.
-
-    Raises:
-        EstimationError: it is neither "auto" nor a whole number of at least 1.
-    """
-    if stride != "auto" and (isinstance(stride, str) or stride < 1 or stride != int(stride)):
-        raise EstimationError(f"decimate must be 'auto' or a whole number of at least 1, got {stride}")
 
 
 def decimate(stretches: Sequence[Stretch], stride: int) -> list[Stretch]:
@@ -184,22 +170,6 @@ def decimate(stretches: Sequence[Stretch], stride: int) -> list[Stretch]:
         (u, valid_u), (y, valid_y) = parts
         out.append(Stretch(u, y, valid_u, valid_y))
     return out
-
-
-class Settings(NamedTuple):
-    """What :func:`estimate` was asked for, as JSON values by name."""
-
-    method: str
-    past_horizon: int
-    future_horizon: int
-    order: int | None
-    direct_feedthrough: bool
-    offset: Offset
-    decimate: int | Literal["auto"]
-    stable: bool
-    closed_loop: bool
-    bootstrap: int
-    seed: int
 
 
 class Outcome(NamedTuple):

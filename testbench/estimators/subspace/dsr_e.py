@@ -33,7 +33,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,6 @@ from testbench.core.advice import Advice, doubt
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.relative import share_in_words
-from testbench.estimators.call import with_settings
 from testbench.estimators.hankel import (
     SAFE,
     BlockHankel,
@@ -63,40 +62,23 @@ from testbench.estimators.subspace.advice import doubts
 from testbench.estimators.subspace.data import (
     EXACT,
     LEAD,
-    Offset,
     Stretch,
     automatic_stride,
-    check_horizons,
-    check_stride,
+    check_order,
     choose_order,
+    decimate,
     scale,
 )
-from testbench.estimators.subspace.data import decimate as decimated
 from testbench.estimators.subspace.factor import RANK
 from testbench.estimators.subspace.projections import by_shift
 from testbench.estimators.subspace.tail import lost_poles, other_horizon, pole_distance, pole_shifts, reflect, to_rate
-
-Variant = Literal["original", "eolo"]
 
 _RANK = 1e-12  # truncation of projections of noise-free data
 _RANK_NOISY = 1e-8  # with noise, weaker directions only let the noise in
 
 
-@with_settings(DsrE)
 def estimate(
-    records: Sequence[FlightRecord],
-    inputs: Sequence[str],
-    outputs: Sequence[str],
-    *,
-    past_horizon: int,
-    future_horizon: int,
-    order: int | None,
-    direct_feedthrough: bool,
-    variant: Variant,
-    offset: Offset,
-    decimate: int | Literal["auto"],
-    stable: bool,
-    closed_loop: bool,
+    records: Sequence[FlightRecord], inputs: Sequence[str], outputs: Sequence[str], settings: DsrE
 ) -> StateSpaceModel:
     """Identify an innovations model by DSR_e (module docstring) from one or several records of deviations from trim.
 
@@ -108,22 +90,7 @@ def estimate(
         records: measured records with one sample time; deviations from trim (see ``prepare``).
         inputs: (m,) channels that drive the model.
         outputs: (p,) channels that it predicts.
-        past_horizon: J >= 1 in samples. (A - K C)^J must be negligible, while J (m + p) unknowns per output have to
-            stay well below the number of samples.
-        future_horizon: L >= 2 in samples. L times the sample time should reach a good part of the fastest mode's time
-            constant: over a shorter time the states' contributions differ by less than the noise.
-        order: number of states, or None to choose it from the singular values.
-        direct_feedthrough: estimate D; zero if not.
-        variant: "original", weighted as Di Ruscio's, or "eolo", the EOLO paper's unweighted oblique projection. The
-            latter is only for inputs that excite the whole band; it is compared with the original one, and a warning
-            says where they part.
-        offset: "none", "offset" or "trend": constants, or constants and linear trends, of all channels and records
-            that are estimated along; the model itself is of the deviations from them.
-        decimate: stride of the low-passed samples that A and C are identified from, or "auto": to ten times the
-            bandwidth of the inputs. The horizons of A and C count those samples; the model has the records' rate.
-        stable: move poles outside the unit circle to their mirror image 1/z* inside.
-        closed_loop: keep B of the deterministic problem, which feedback does not bias (D must be zero), instead of
-            that of the free run, whose errors then correlate with the inputs.
+        settings: horizons, order and what else is asked of the model.
 
     Returns:
         The model, with these diagnostics:
@@ -144,59 +111,43 @@ def estimate(
             those of :func:`check_records`.
         ChannelError: a record lacks a channel.
     """
-    J, L = past_horizon, future_horizon
-    check_horizons(J, L, order, len(outputs))
-    check_stride(decimate)
-    if variant not in get_args(Variant) or (variant == "eolo" and direct_feedthrough):
-        raise EstimationError(
-            f"variant must be one of {', '.join(get_args(Variant))}, 'eolo' with D = 0, got '{variant}' with "
-            f"direct_feedthrough = {direct_feedthrough}"
-        )
+    J, L, order, free = settings.past_horizon, settings.future_horizon, settings.order, settings.direct_feedthrough
+    check_order(order, L, len(outputs))
     check_records(records, inputs, outputs)
-    stretches, size_u, size_y = scale(records, inputs, outputs, offset)
-    lead = LEAD[offset]
-    stride = automatic_stride(stretches, records[0].dt_s) if decimate == "auto" else int(decimate)
-    slow, free = decimated(stretches, stride), direct_feedthrough or stride > 1
+    stretches, size_u, size_y = scale(records, inputs, outputs, settings.offset)
+    lead, dt_s = LEAD[settings.offset], records[0].dt_s
+    stride = automatic_stride(stretches, dt_s) if settings.decimate == "auto" else settings.decimate
+    slow, through = decimate(stretches, stride), free or stride > 1
     other = other_horizon(L)
-    low = innovations(slow, _hankel(slow, (J + 1, J + L, J // 2 + 1, J // 2 + L, J + other), lead), J, free)
+    low = innovations(slow, _hankel(slow, (J + 1, J + L, J // 2 + 1, J // 2 + L, J + other), lead), J, through)
     step2 = realise(low, L, order)
     parted = None
-    if variant == "eolo":
+    if settings.variant == "eolo":
         plain = Realisation(*realise_unweighted(low, L, order))
         if plain.A.shape == step2.A.shape:
             parted = pole_distance(step2.A, plain.A)
         step2 = plain
-    shifts = _pole_shifts(low, step2, L, other, free)
+    shifts = _pole_shifts(low, step2, L, other, through)
     step1 = low
     if stride > 1:
         A, lost = to_rate(step2.A, stride)
         if lost.size:
             raise EstimationError(lost_poles(lost, stride))
         full = _hankel(stretches, (J + 1,), lead)
-        step1 = replace(innovations(stretches, full, J, direct_feedthrough), excitation=low.excitation)
+        step1 = replace(innovations(stretches, full, J, free), excitation=low.excitation)
         step2 = step2._replace(A=A, C=low.deviation[:, None] * step2.C / step1.deviation[:, None])
     moved = np.zeros(0, np.complex128)
-    if stable:
+    if settings.stable:
         A, moved = reflect(step2.A)
         step2 = step2._replace(A=A)
-    found = input_matrices(step1, step2, direct_feedthrough, closed_loop)
+    found = input_matrices(step1, step2, free, settings.closed_loop)
     unit = size_y * step1.deviation  # of the outputs, in SI
     model = StateSpaceModel(
         method="dsr_e",
         inputs=tuple(inputs),
         outputs=tuple(outputs),
-        dt_s=records[0].dt_s,
-        settings={
-            "past_horizon": J,
-            "future_horizon": L,
-            "order": order,
-            "direct_feedthrough": direct_feedthrough,
-            "variant": variant,
-            "offset": offset,
-            "decimate": decimate,
-            "stable": stable,
-            "closed_loop": closed_loop,
-        },
+        dt_s=dt_s,
+        settings=settings.model_dump(exclude={"method", "label"}),
         A=step2.A,
         B=found.B / size_u,
         C=unit[:, None] * step2.C,
@@ -210,11 +161,11 @@ def estimate(
         "moved_poles": moved,
         "pole_shift_variant": parted,
     }
-    advice = doubts(diagnostics, outputs, J, L) + _advice_on_variant(variant, parted)
+    advice = doubts(diagnostics, outputs, J, L) + _advice_on_variant(settings.variant, parted)
     return replace(model, diagnostics=diagnostics, advice=advice)
 
 
-def _advice_on_variant(variant: Variant, parted: float | None) -> tuple[Advice, ...]:
+def _advice_on_variant(variant: str, parted: float | None) -> tuple[Advice, ...]:
     if variant != "eolo" or (parted is not None and parted <= 0.1):
         return ()
     apart = "of another order" if parted is None else f"{share_in_words(parted)} away"

@@ -14,13 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from testbench.core.errors import EstimationError, nearest
+from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.call import with_settings
 from testbench.estimators.coverage import approximate
 from testbench.estimators.hankel import window_starts
 from testbench.estimators.model import check_records, continuous_poles
@@ -29,13 +28,10 @@ from testbench.estimators.state_space import Series, StateSpaceModel, fit_inputs
 from testbench.estimators.subspace.advice import advice_in_words
 from testbench.estimators.subspace.data import (
     LEAD,
-    Offset,
     Outcome,
-    Settings,
     Stretch,
     automatic_stride,
-    check_horizons,
-    check_stride,
+    check_order,
     decimate,
     scale,
 )
@@ -47,23 +43,8 @@ _PERSISTENT = 1e-3  # input Hankel matrices with weaker directions than this are
 _SILENT = 1e-8  # directions of the inputs below this share of the strongest do not count as excitation
 
 
-@with_settings(Subspace)
 def estimate(
-    records: Sequence[FlightRecord],
-    inputs: Sequence[str],
-    outputs: Sequence[str],
-    *,
-    method: str,
-    past_horizon: int,
-    future_horizon: int,
-    order: int | None,
-    direct_feedthrough: bool,
-    offset: Offset,
-    decimate: int | Literal["auto"],
-    stable: bool,
-    closed_loop: bool,
-    bootstrap: int,
-    seed: int,
+    records: Sequence[FlightRecord], inputs: Sequence[str], outputs: Sequence[str], settings: Subspace
 ) -> StateSpaceModel:
     """Identify an innovations model by a subspace method from one or several records of deviations from trim.
 
@@ -74,21 +55,7 @@ def estimate(
         records: measured records with one sample time; deviations from trim (see ``prepare``).
         inputs: (m,) channels that drive the model.
         outputs: (p,) channels that it predicts.
-        method: of ``PROJECTIONS`` or ``PREDICTORS``: "moesp", "n4sid", "cva", "dsr", "ssarx", "pbsid_opt".
-        past_horizon: J >= 1 samples (after decimation).
-        future_horizon: L >= 2 samples (after decimation).
-        order: number of states, or None to choose it from the singular values.
-        direct_feedthrough: estimate D; zero if not.
-        offset: "none", "offset" or "trend": constants, or constants and linear trends, of all channels and records
-            that are estimated along; the model itself is of the deviations from them.
-        decimate: stride of the samples that A and C are identified from, or "auto": 1 unless the inputs excite only
-            a small part of the band.
-        stable: move poles outside the unit circle to their mirror image 1/z* inside.
-        closed_loop: take B and D from the regression on states and innovations, which feedback does not bias, instead
-            of the free run, whose errors then correlate with the inputs; "ssarx" and "pbsid_opt" only, not decimated.
-        bootstrap: number of replicas (0: none) of the residuals of the free run, drawn in blocks of J + L samples,
-            from which deviations of poles and frequency response are taken; for open loop.
-        seed: of the bootstrap.
+        settings: the method, horizons, order and what else is asked of the model.
 
     Returns:
         The model at the records' sample time, with these diagnostics: ``singular_values`` over the noise floor
@@ -107,26 +74,14 @@ def estimate(
             directions than the order needs, or records against those of :func:`check_records`.
         ChannelError: a record lacks a channel.
     """
-    given = Settings(
-        method,
-        past_horizon,
-        future_horizon,
-        order,
-        direct_feedthrough,
-        offset,
-        decimate,
-        stable,
-        closed_loop,
-        bootstrap,
-        seed,
-    )
-    _check_settings(given, len(outputs))
+    given = settings
+    check_order(given.order, given.future_horizon, len(outputs))
     check_records(records, inputs, outputs)
-    stretches, size_u, size_y = scale(records, inputs, outputs, offset)
+    stretches, size_u, size_y = scale(records, inputs, outputs, given.offset)
     dt_s = records[0].dt_s
     out = identify(stretches, given, dt_s)
     found = out.found
-    errors, sizes = _free_run_errors(out, stretches, LEAD[offset])
+    errors, sizes = _free_run_errors(out, stretches, LEAD[given.offset])
     found["output_error_percent"] = 100.0 * errors / sizes
     found["free_run_over_innovations"] = np.where(
         found["innovations_std"] > 0.0,
@@ -136,11 +91,11 @@ def estimate(
     found["innovations_std"] = found["innovations_std"] * size_y
     advice = advice_in_words(found, outputs, given)
     model = StateSpaceModel(
-        method=method,
+        method=given.method,
         inputs=tuple(inputs),
         outputs=tuple(outputs),
         dt_s=dt_s,
-        settings=given._asdict(),
+        settings=given.model_dump(exclude={"label"}),
         A=out.A,
         B=out.B / size_u,
         C=size_y[:, None] * out.C,
@@ -149,47 +104,32 @@ def estimate(
         diagnostics=found,
         advice=advice,
     )
-    if bootstrap:
+    if given.bootstrap:
         from testbench.estimators.subspace.bootstrap import spread
 
-        again = given._replace(order=model.order, bootstrap=0, decimate=found["decimate"])
-        found.update(spread(model, out, stretches, again, identify, (size_u, size_y), bootstrap))
+        again = given.model_copy(update={"order": model.order, "bootstrap": 0, "decimate": found["decimate"]})
+        found.update(spread(model, out, stretches, again, identify, (size_u, size_y), given.bootstrap))
         advice = (*advice, *approximate("bootstrap", "the bootstrap's"))
     return replace(model, diagnostics=found, advice=advice)
 
 
-def _check_settings(given: Settings, p: int) -> None:
-    if given.method not in (*PROJECTIONS, *PREDICTORS):
-        hint = nearest(given.method, (*PROJECTIONS, *PREDICTORS))
-        raise EstimationError(f"the method must be one of the table, got '{given.method}'{hint}")
-    check_horizons(given.past_horizon, given.future_horizon, given.order, p)
-    check_stride(given.decimate)
-    if given.bootstrap < 0 or given.bootstrap == 1:
-        raise EstimationError(f"bootstrap must be 0 or at least 2 replicas, got {given.bootstrap}")
-    if given.closed_loop and (given.method not in PREDICTORS or given.decimate not in ("auto", 1)):
-        raise EstimationError(
-            f"closed_loop needs one of {', '.join(PREDICTORS)} without decimation, "
-            f"got '{given.method}' with decimate = {given.decimate}"
-        )
-
-
-def _realise(f: Factor, given: Settings, L: int, order: int | None, direct: bool) -> Realisation:
+def _realise(f: Factor, given: Subspace, L: int, order: int | None, direct: bool) -> Realisation:
     if given.method in PREDICTORS:
         return PREDICTORS[given.method](f, L, order, direct)
     return PROJECTIONS[given.method](f, L, order)
 
 
-def _length(given: Settings, L: int) -> int:
+def _length(given: Subspace, L: int) -> int:
     """Samples of a window: DSR takes one more block."""
     return given.past_horizon + L + (given.method == "dsr")
 
 
-def _factor(stretches: Sequence[Stretch], given: Settings, L: int, direct: bool) -> Factor:
+def _factor(stretches: Sequence[Stretch], given: Subspace, L: int, direct: bool) -> Factor:
     length = _length(given, L)
     return factorise(stretches, given.past_horizon, length, direct, LEAD[given.offset], given.method)
 
 
-def identify(stretches: Sequence[Stretch], given: Settings, dt_s: float, bare: bool = False) -> Outcome:
+def identify(stretches: Sequence[Stretch], given: Subspace, dt_s: float, bare: bool = False) -> Outcome:
     """Return the model of scaled stretches; see :func:`estimate`. ``bare``: only A, B, C, D; K is zero."""
     L, direct = given.future_horizon, given.direct_feedthrough
     full = _factor(stretches, given, L, direct)
@@ -243,7 +183,7 @@ def identify(stretches: Sequence[Stretch], given: Settings, dt_s: float, bare: b
     return Outcome(A, B, C, D, K, found)
 
 
-def _strides(stretches: Sequence[Stretch], full: Factor, given: Settings, dt_s: float) -> list[int]:
+def _strides(stretches: Sequence[Stretch], full: Factor, given: Subspace, dt_s: float) -> list[int]:
     """Return the strides to try, in turn."""
     if given.decimate != "auto":
         return [int(given.decimate)]
@@ -265,7 +205,7 @@ def _check_excitation(f: Factor, n: int, L: int) -> None:
 
 
 def _pole_shifts(
-    stretches: Sequence[Stretch], f: Factor, real: Realisation, given: Settings, direct: bool
+    stretches: Sequence[Stretch], f: Factor, real: Realisation, given: Subspace, direct: bool
 ) -> dict[str, Any]:
     """Return how far the poles move with other horizons; see :func:`.tail.pole_shifts`."""
     n, J, L = real.A.shape[0], f.J, given.future_horizon
@@ -289,7 +229,7 @@ def _free_run_errors(out: Outcome, stretches: Sequence[Stretch], lead: int) -> t
     """Return the root mean squares of y - y_free and of y per output, over the valid samples of all stretches."""
     error, size, count = (np.zeros(out.C.shape[0]) for _ in range(3))
     for s in stretches:
-        y = free_run(out.A, out.B, out.C, out.D, s.u, s.y, s.valid_y, lead)
+        y = free_run(out.A, out.B, out.C, out.D, Series(s.u, s.y, s.valid_y), lead)
         error += np.sum(np.where(s.valid_y, s.y - y, 0.0) ** 2, axis=0)
         size += np.sum(np.where(s.valid_y, s.y, 0.0) ** 2, axis=0)
         count += s.valid_y.sum(axis=0)

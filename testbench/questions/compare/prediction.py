@@ -26,7 +26,7 @@ from testbench.core.scenario.base import Manoeuvre
 from testbench.estimators.parametric import input_noise
 from testbench.estimators.parametric.input_noise import Whitening
 from testbench.estimators.parametric.model import ParametricModel
-from testbench.estimators.parametric.response import respond
+from testbench.estimators.parametric.response import Sampling, respond
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices
 from testbench.information.aircraft_structure import AircraftStructure
 from testbench.information.fisher import Accuracy, Experiment, accuracy
@@ -237,7 +237,7 @@ def predict(
     steps = np.zeros((*taken.shape, 0))  # what an offset of a noisy input does
     if noise:
         still, trim = np.zeros((len(taken), len(noise))), np.zeros(len(structure.states))
-        r = respond(structure, structure.true, (), still, 1.0 / suite.rate_hz, held, trim, range(len(noise)))
+        r = respond(structure, structure.true, (), still, Sampling(1.0 / suite.rate_hz, held), trim, range(len(noise)))
         steps = r.dbias / sigma[:, None] * taken[:, :, None]
 
     def reached(rest: list[int]) -> tuple[Accuracy, Answer]:
@@ -269,7 +269,7 @@ def _response(known: Known, experiment: Experiment, u: FloatArray) -> Callable[[
     held, trim = np.ones(u.shape[1], bool), np.zeros(len(structure.states))
 
     def response(params: FloatArray) -> FloatArray:
-        y = respond(structure, params, (), u[::coarse], coarse * experiment.dt_s, held, trim).y
+        y = respond(structure, params, (), u[::coarse], Sampling(coarse * experiment.dt_s, held), trim).y
         return np.asarray(y[:: most // coarse] / experiment.sigma)
 
     return response
@@ -284,7 +284,7 @@ def _whitening(
     structure = lagged_structure(known, tuple(sensors), tuple(noise))
     held = np.array([name.endswith("_cmd") for name in noise])
     of_inputs, of_outputs = np.array([*noise.values()]), np.array([suite.noise_std[s.channel] for s in sensors])
-    return Whitening(structure, structure.true, 1.0 / suite.rate_hz, held, of_inputs, of_outputs, taken)
+    return Whitening(structure, structure.true, Sampling(1.0 / suite.rate_hz, held), of_inputs, of_outputs, taken)
 
 
 def _accuracy(S: FloatArray, steps: FloatArray, taken: FloatArray, whiten: Whitening | None) -> tuple[Accuracy, Answer]:

@@ -19,7 +19,7 @@ from testbench.estimators import estimate
 from testbench.estimators.causes import with_causes
 from testbench.estimators.cells import FailedCell
 from testbench.estimators.parametric.model import ParametricModel
-from testbench.estimators.settings import OutputError, Settings
+from testbench.estimators.settings import OutputErrorEntry, Settings
 from testbench.estimators.structured import Servo, Structured
 from testbench.evaluation import evaluate
 from testbench.flight import load_aircraft
@@ -193,7 +193,7 @@ def _mended(cases: Sequence[Case], gusts: bool) -> tuple[tuple[Case, ...], froze
     replaced: set[int] = set()
     said: list[str] = []
     for case in cases:
-        if isinstance(case.estimator, OutputError) and isinstance(case.model, ParametricModel):
+        if isinstance(case.estimator, OutputErrorEntry) and isinstance(case.model, ParametricModel):
             other, tried = _cured(case.estimator, case.model, case, gusts)
             said += tried_in_words(case, tried)
             if other is not None:
@@ -206,7 +206,7 @@ def _mended(cases: Sequence[Case], gusts: bool) -> tuple[tuple[Case, ...], froze
 
 
 def _cured(
-    entry: OutputError, model: ParametricModel, case: Case, gusts: bool
+    entry: OutputErrorEntry, model: ParametricModel, case: Case, gusts: bool
 ) -> tuple[Case | None, tuple[Tried, ...]]:
     """Return the case that a cure makes of one, None if none helps, and what was tried."""
 

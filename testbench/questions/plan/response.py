@@ -16,7 +16,7 @@ from testbench.core.errors import EstimationError, LimitError, Refusal
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.inputs import Input
 from testbench.design.limits import Limits, breaches
-from testbench.estimators.parametric.response import respond
+from testbench.estimators.parametric.response import Sampling, respond
 from testbench.flight.air import Air, turbulence_rms
 from testbench.flight.batch.jobs import Job, Simulator, Tally
 from testbench.flight.simulate import aborted
@@ -285,7 +285,7 @@ def expected_band(
         u[inside, j] = flown.signal.u[rows[inside], flown.signal.channels.index(name)]
     held = np.ones(len(commands), bool)
     start = np.zeros(len(structure.states))
-    r = respond(structure, structure.true, range(len(names)), u, 1.0 / rate, held, start)
+    r = respond(structure, structure.true, range(len(names)), u, Sampling(1.0 / rate, held), start)
     spread = relative_spread(names, aircraft, scenario.uncertainty_percent / 100.0) * np.abs(structure.true)
     variance = np.sum((r.dparams * spread) ** 2, axis=2)
     if not np.all(np.isfinite(variance)):

@@ -13,7 +13,7 @@ from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
 from testbench.estimators.identification import Estimator
 from testbench.estimators.prepare import prepare
-from testbench.estimators.settings import OutputError, PredictionError
+from testbench.estimators.settings import OutputErrorEntry, PredictionError
 from testbench.evaluation.poles import match_poles
 from testbench.page.figure import DOTTED, Panel, Plate, Rule
 from testbench.page.labels import number
@@ -248,7 +248,7 @@ METHODS: dict[str, Callable[[int], Estimator]] = {
         method="prediction_error", start="moesp", order=4, past_horizon=40, future_horizon=L, max_iterations=10
     ),
 }
-_OUTPUT_ERROR = OutputError(method="output_error", structure="longitudinal")
+_OUTPUT_ERROR = OutputErrorEntry(method="output_error", structure="longitudinal")
 
 
 _COLUMNS = (

@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from testbench.core.record import FlightRecord
-from testbench.estimators.parametric.response import respond
+from testbench.estimators.parametric.response import Sampling, respond
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.parametric.structures import (
     Airframe,
+    Trim,
     aerodynamic_longitudinal,
     flexible,
     lateral_directional,
@@ -97,19 +98,14 @@ CASES = {
     "short_period": Case(short_period(("alpha", "q", "qdot")), ATTAS_SHORT_PERIOD, 0.04, _small(2)),
     "longitudinal": Case(
         longitudinal(
-            15.0,
-            0.08,
-            0.03,
-            outputs=("V", "alpha", "q", "theta", "qdot", "ax", "az"),
-            accelerometer=(0.2, -0.05),
-            start={"M_alpha": -40.0, "M_de": -50.0, "M_q": -6.0},
-        ),
+            Trim(15.0, 0.08, 0.03), outputs=("V", "alpha", "q", "theta", "qdot", "ax", "az"), accelerometer=(0.2, -0.05)
+        ).with_parameters({"M_alpha": -40.0, "M_de": -50.0, "M_q": -6.0}),
         _UAV,
         0.025,
         _small(4),
     ),
     "flexible": Case(
-        flexible(16.0, 0.08, wn_rad_s=(26.0,), zeta=(0.1,), coupled=True, start={"slope_1": 0.8}),
+        flexible(Trim(16.0, 0.08), wn_rad_s=(26.0,), coupled=True).with_parameters({"slope_1": 0.8, "zeta_1": 0.1}),
         {
             **{n: v for n, v in _UAV.items() if n[0] != "X" and n[-1] != "V"},
             "wn_1": 28.9,
@@ -128,7 +124,7 @@ CASES = {
     ),
     "lateral_directional": Case(
         lateral_directional(
-            128.0, 0.05, 0.05, outputs=("beta", "p", "r", "phi", "pdot", "rdot", "ay"), accelerometer=(1.5, 0.3)
+            Trim(128.0, 0.05, 0.05), outputs=("beta", "p", "r", "phi", "pdot", "rdot", "ay"), accelerometer=(1.5, 0.3)
         ),
         {**ATTAS_RATES, "Y_0": 0.1, "L_0": 0.01, "N_0": -0.004, "Y_beta": -19.0, "Y_r": 0.6, "Y_dr": 4.0},
         0.04,
@@ -190,7 +186,7 @@ def fly(
     held: bool = False,
 ) -> FlightRecord:
     """Return a measured record with white noise of standard deviation ``noise`` on the outputs."""
-    clean = respond(structure, params, (), u, dt_s, np.full(u.shape[1], held), x0).y
+    clean = respond(structure, params, (), u, Sampling(dt_s, np.full(u.shape[1], held)), x0).y
     y = clean + noise * np.random.default_rng(seed).standard_normal(clean.shape)
     return FlightRecord(
         np.arange(len(u)) * dt_s, (*structure.inputs, *structure.outputs), np.hstack([u, y]), "measured"

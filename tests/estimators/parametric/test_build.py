@@ -5,9 +5,9 @@ import pytest
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
-from testbench.estimators.parametric.structures import longitudinal
+from testbench.estimators.parametric.structures import Trim, longitudinal
 from testbench.estimators.parametric.structures.build import build
-from testbench.estimators.settings import EquationError, OutputError
+from testbench.estimators.settings import EquationErrorEntry, OutputErrorEntry
 from testbench.estimators.structured import AirframeConstants
 
 ALL = ("V", "alpha", "q", "theta", "beta", "p", "r", "phi")
@@ -27,14 +27,14 @@ def record(**removed):
 
 
 def entry(structure="longitudinal", **settings):
-    return OutputError(method="output_error", structure=structure, **settings)
+    return OutputErrorEntry(method="output_error", structure=structure, **settings)
 
 
 def test_the_trim_is_the_mean_of_what_was_removed():
     made = build(entry(), ("de",), ("V", "q"), [record(V=14.0, alpha=0.1, theta=0.06), record(V=16.0, alpha=0.12)])
     assert (made.trim.V, made.trim.theta) == (15.0, 0.06)
     assert made.trim.alpha == pytest.approx(0.11)
-    expected = longitudinal(15.0, 0.11, 0.06, outputs=("V", "q"))
+    expected = longitudinal(Trim(15.0, 0.11, 0.06), outputs=("V", "q"))
     for one, other in zip(made.matrices(made.values), expected.matrices(expected.values), strict=True):
         assert np.allclose(one, other, rtol=1e-12)
 
@@ -121,7 +121,7 @@ def test_parameters_are_started_fixed_bounded_and_believed():
     assert not parameters["M_0"].free
     assert (parameters["M_alpha"].low, parameters["M_alpha"].high) == (-50.0, 0.0)
     assert parameters["Z_q"].prior_std == 2.0
-    only = EquationError(method="equation_error", structure="longitudinal", V_m_s=15.0, free=("M_q",))
+    only = EquationErrorEntry(method="equation_error", structure="longitudinal", V_m_s=15.0, free=("M_q",))
     assert [p.name for p in build(only, ("de",), ("q",), [record()]).parameters if p.free] == ["M_q"]
     with pytest.raises(EstimationError, match="did you mean 'M_q'"):
         build(entry(V_m_s=15.0, start={"M_qq": 1.0}), ("de",), ("q",), [record()])

@@ -17,10 +17,12 @@ from testbench.estimators.parametric.kalman.gust import _Gust, with_gust
 from testbench.estimators.parametric.kalman.innovations import sampled_noise, steady_gain
 from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood
 from testbench.estimators.parametric.likelihood import Layout, Likelihood, stretch
+from testbench.estimators.parametric.response import Sampling
 from testbench.estimators.parametric.structure import STEP
 from testbench.estimators.parametric.structures import roll_yaw_rates
 from testbench.estimators.parametric.structures.aerodynamic import aerodynamic_longitudinal
 from testbench.estimators.parametric.structures.short_period import short_period
+from testbench.estimators.settings import FilterError
 
 TRUE = {"Z_0": 0.0, "Z_alpha": -0.9, "Z_q": 0.0, "Z_de": -0.1, "M_0": 0.0, "M_alpha": -5.0, "M_q": -1.8, "M_de": -7.0}
 FREE = ("Z_alpha", "M_alpha", "M_q", "M_de")
@@ -67,8 +69,8 @@ def flight(seed, N=500, turbulence=F, noise=G, missing=0.0):
 
 def likelihood_of(records, s, biases=()):
     layout = Layout(np.flatnonzero(s.free), True, (0,), 2, len(biases))
-    parts = [stretch(r, s, np.zeros(1), "free", tuple(biases), ()) for r in records]
-    return FilterLikelihood(Likelihood(s, parts, layout, DT, np.zeros(1, bool)), [0, 1], np.zeros(2))
+    parts = [stretch(r, s, np.zeros(1), FilterError(output_biases=biases)) for r in records]
+    return FilterLikelihood(Likelihood(s, parts, layout, Sampling(DT, np.zeros(1, bool))), [0, 1], np.zeros(2))
 
 
 def test_process_noise_of_a_sample_is_the_integral():
@@ -185,7 +187,9 @@ def test_standard_errors_are_those_of_the_scatter():
 def test_without_turbulence_it_is_output_error():
     record = flight(20, 500, turbulence=np.zeros(2))
     by_output_error = output_error.estimate([record], structure())
-    free, chosen = (filter_error.estimate([record], structure(), process_noise_model=m) for m in ("diagonal", "auto"))
+    free, chosen = (
+        filter_error.estimate([record], structure(), FilterError(process_noise_model=m)) for m in ("diagonal", "auto")
+    )
     for name in FREE:
         # process noise that is not there is estimated as a little: within a third of a standard error
         error = by_output_error.standard_errors[name]
@@ -205,7 +209,7 @@ def test_the_likelihood_ratio_has_the_false_alarms_that_it_states_and_finds_weak
     for seed in range(40):
         for name, turbulence in (("calm", 0.0 * F), ("turbulent", 0.3 * F)):
             record = flight(500 + seed, 250, turbulence=turbulence)
-            model = filter_error.estimate([record], structure(), process_noise_model="diagonal")
+            model = filter_error.estimate([record], structure(), FilterError(process_noise_model="diagonal"))
             seen[name].append(model.diagnostics["process_noise_ratio"][1])
     calm, turbulent = np.array(seen["calm"]), np.array(seen["turbulent"])
     # 1 % of 40: more than 4 with a probability of 7e-5; 10 % of 40: more than 12 with one of 1e-4
@@ -229,7 +233,7 @@ def test_chi_bar_square_of_one_variance_is_half_a_chi_square():
 def test_a_gust_in_both_equations_is_chosen_and_its_intervals_hold_the_truth(sensor):
     held, taken, values = [], [], []
     for seed in range(10):
-        model = filter_error.estimate([gust_flight(seed, sensor)], gust_structure(), held=())
+        model = filter_error.estimate([gust_flight(seed, sensor)], gust_structure(), FilterError(held=()))
         taken.append(model.diagnostics["process_noise_model"])
         held.append([abs(model.values[n] - v) < 1.96 * model.standard_errors[n] for n, v in GUST_TRUE.items()])
         values.append([model.values[n] / v for n, v in GUST_TRUE.items()])
@@ -260,7 +264,7 @@ def test_gust_derivatives_agree_with_differences_and_a_linear_gust_with_a_genera
 
 def test_a_gust_predicts_and_asks_for_a_flow_angle():
     record = gust_flight(3, "inertial")
-    model = filter_error.estimate([record], gust_structure(), process_noise_model="gust")
+    model = filter_error.estimate([record], gust_structure(), FilterError(process_noise_model="gust"))
     assert model.diagnostics["gust"]["rms"] == pytest.approx(0.02, rel=0.6)  # three correlation times: hardly more
     assert set(model.structure.states) == {"alpha", "q"}
     predicted, _ = filter_error.predict(model, record)
@@ -269,14 +273,16 @@ def test_a_gust_predicts_and_asks_for_a_flow_angle():
     other = np.random.default_rng(1).standard_normal((50, 5))
     rates = FlightRecord(DT * np.arange(50), ("da", "dr", "beta", "p", "r"), other, "measured")
     with pytest.raises(EstimationError, match="flow angle"):
-        filter_error.estimate([rates], roll_yaw_rates(("p", "r")), process_noise_model="gust")
+        filter_error.estimate([rates], roll_yaw_rates(("p", "r")), FilterError(process_noise_model="gust"))
     with pytest.raises(EstimationError, match="named states"):
-        filter_error.estimate([record], gust_structure(), process_noise_model="gust", process_noise=["q"])
+        filter_error.estimate([record], gust_structure(), FilterError(process_noise_model="gust", process_noise=["q"]))
 
 
 def test_shared_process_noise_is_found_with_its_correlation():
     together = np.array([[0.0, 0.02], [0.0, 0.08]])
-    model = filter_error.estimate([flight(60, 600, turbulence=together)], structure(), process_noise_model="full")
+    model = filter_error.estimate(
+        [flight(60, 600, turbulence=together)], structure(), FilterError(process_noise_model="full")
+    )
     assert model.diagnostics["process_noise_correlation"][0, 1] > 0.8
     for name in FREE:
         assert abs(model.values[name] - TRUE[name]) < 4.0 * model.standard_errors[name]  # 6e-5 false alarms each
@@ -284,7 +290,7 @@ def test_shared_process_noise_is_found_with_its_correlation():
 
 def test_fixed_process_noise_is_kept_and_names_are_checked():
     record = flight(21, 300)
-    model = filter_error.estimate([record], structure(), fixed_process_noise={"alpha": 0.0})
+    model = filter_error.estimate([record], structure(), FilterError(fixed_process_noise={"alpha": 0.0}))
     assert set(model.diagnostics["process_noise"]) == {"q"}
     for wrong, word in (
         ({"process_noise": ["theta"]}, "theta"),
@@ -293,7 +299,7 @@ def test_fixed_process_noise_is_kept_and_names_are_checked():
         ({"output_biases": ["r"]}, "'r'"),
     ):
         with pytest.raises(EstimationError, match=word):
-            filter_error.estimate([record], structure(), **wrong)
+            filter_error.estimate([record], structure(), FilterError(**wrong))
     with pytest.raises(EstimationError, match="free"):
         filter_error.estimate([record], structure(free=()))
 

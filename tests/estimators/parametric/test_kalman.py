@@ -11,6 +11,7 @@ from testbench.estimators.parametric import output_error
 from testbench.estimators.parametric.kalman import ekf, ukf
 from testbench.estimators.parametric.kalman.augmented import Gaussian
 from testbench.estimators.parametric.structures.short_period import short_period
+from testbench.estimators.settings import ExtendedFilter, UnscentedFilter
 
 TRUE = {
     "Z_0": 0.0,
@@ -97,6 +98,7 @@ def linear_filter(record, process):
 
 
 NOISES = {"alpha": NOISE[0], "q": NOISE[1]}
+KINDS = ((ekf, ExtendedFilter), (ukf, UnscentedFilter))
 
 
 def test_with_known_parameters_the_ekf_is_the_linear_filter():
@@ -105,8 +107,7 @@ def test_with_known_parameters_the_ekf_is_the_linear_filter():
     model = ekf.estimate(
         [record],
         structure(free=()),
-        measurement_noise=NOISES,
-        process_noise=dict(zip(("alpha", "q"), process, strict=True)),
+        ExtendedFilter(measurement_noise=NOISES, process_noise=dict(zip(("alpha", "q"), process, strict=True))),
     )
     x, P = linear_filter(record, process)
     track = model.diagnostics["tracks"][0]
@@ -119,8 +120,8 @@ def test_on_a_linear_model_the_ukf_is_the_ekf():
     process = {"alpha": 0.01, "q": 0.05}
     record, _ = flight(2, process=tuple(process.values()), missing=0.3)
     both = [
-        kind.estimate([record], structure(free=()), measurement_noise=NOISES, process_noise=process, smooth=True)
-        for kind in (ekf, ukf)
+        kind.estimate([record], structure(free=()), given(measurement_noise=NOISES, process_noise=process, smooth=True))
+        for kind, given in KINDS
     ]
     a, b = (model.diagnostics["tracks"][0] for model in both)
     # sigma points are differences of numbers near 0.1 divided by steps of 0.1 sqrt(2): a few digits of 16 go
@@ -133,7 +134,7 @@ def test_the_smoother_is_least_squares_over_the_whole_record():
     # Without process noise the smoothed path is the one path that fits all samples best: with the parameters fixed, the
     # initial state is a weighted linear least-squares problem.
     record, _ = flight(3, N=120)
-    model = ekf.estimate([record], structure(free=()), measurement_noise=NOISES, smooth=True)
+    model = ekf.estimate([record], structure(free=()), ExtendedFilter(measurement_noise=NOISES, smooth=True))
     A, B = matrices()
     Phi, step, ramp = transition(A, DT)
     u, y = record.data[:, :1], record.data[:, 1:]
@@ -149,11 +150,11 @@ def test_the_smoother_is_least_squares_over_the_whole_record():
     np.testing.assert_allclose(model.diagnostics["tracks"][0].smoothed, path + power @ x0, atol=1e-9)
 
 
-@pytest.mark.parametrize("kind", [ekf, ukf])
-def test_parameters_reach_the_truth_within_their_errors(kind):
+@pytest.mark.parametrize(("kind", "given"), KINDS, ids=("ekf", "ukf"))
+def test_parameters_reach_the_truth_within_their_errors(kind, given):
     start = {**TRUE, "Z_alpha": -0.5, "M_alpha": -3.0, "M_q": -1.0, "M_de": -4.0}
     records = [flight(seed, missing=0.1)[0] for seed in (4, 5)]
-    model = kind.estimate(records, structure(values=start), measurement_noise=NOISES)
+    model = kind.estimate(records, structure(values=start), given(measurement_noise=NOISES))
     for name in FREE:
         # 4 standard errors: 6e-5 false alarms per parameter, 5e-4 in all
         assert abs(model.values[name] - TRUE[name]) < 4.0 * model.standard_errors[name], name
@@ -171,8 +172,8 @@ def test_noise_not_given_is_taken_from_the_record():
     assert told["q"] == pytest.approx(NOISE[1], rel=0.6)
 
 
-@pytest.mark.parametrize("kind", [ekf, ukf])
-def test_errors_are_consistent_over_seeds(kind):
+@pytest.mark.parametrize(("kind", "given"), KINDS, ids=("ekf", "ukf"))
+def test_errors_are_consistent_over_seeds(kind, given):
     """Sum of normalised squared errors (states and parameters at the end) over 20 flights: chi square."""
     from scipy.stats import chi2
 
@@ -186,9 +187,11 @@ def test_errors_are_consistent_over_seeds(kind):
         model = kind.estimate(
             [record],
             structure(values=start),
-            measurement_noise=NOISES,
-            process_noise=dict(zip(("alpha", "q"), process, strict=True)),
-            initial_std={**deviation, "alpha": 3.0 * NOISE[0], "q": 3.0 * NOISE[1]},
+            given(
+                measurement_noise=NOISES,
+                process_noise=dict(zip(("alpha", "q"), process, strict=True)),
+                initial_std={**deviation, "alpha": 3.0 * NOISE[0], "q": 3.0 * NOISE[1]},
+            ),
         )
         track = model.diagnostics["tracks"][0]
         error = np.concatenate([track.states[-1] - X[-1], [model.values[n] - TRUE[n] for n in FREE]])
@@ -214,7 +217,9 @@ def test_a_drifting_parameter_is_followed():
     data = np.hstack([u, X + NOISE * rng.standard_normal(X.shape)])
     record = FlightRecord(t, ("de", "alpha", "q"), data, "measured")
     model = ekf.estimate(
-        [record], structure(free=("M_de",)), measurement_noise=NOISES, parameter_drift={"M_de": 0.3}, smooth=True
+        [record],
+        structure(free=("M_de",)),
+        ExtendedFilter(measurement_noise=NOISES, parameter_drift={"M_de": 0.3}, smooth=True),
     )
     track = model.diagnostics["tracks"][0]
     before, after = track.smoothed[t < 25.0, 2].mean(), track.smoothed[t > 35.0, 2].mean()
@@ -224,7 +229,9 @@ def test_a_drifting_parameter_is_followed():
 
 
 def test_innovations_larger_than_expected_are_said():
-    model = ekf.estimate([flight(8)[0]], structure(), measurement_noise={"alpha": NOISE[0] / 4, "q": NOISE[1]})
+    model = ekf.estimate(
+        [flight(8)[0]], structure(), ExtendedFilter(measurement_noise={"alpha": NOISE[0] / 4, "q": NOISE[1]})
+    )
     assert model.status != "good"
     assert any("alpha" in sentence and "measurement_noise" in sentence for sentence in model.advice)
 
@@ -238,9 +245,9 @@ def test_names_and_settings_that_cannot_be_are_refused():
         {"initial_std": {"M_q": 0.0}},
     ):
         with pytest.raises(EstimationError):
-            ekf.estimate([record], structure(), **wrong)
+            ekf.estimate([record], structure(), ExtendedFilter(**wrong))
     with pytest.raises(EstimationError, match="alpha"):
-        ukf.estimate([record], structure(), alpha=0.0)
+        ukf.estimate([record], structure(), UnscentedFilter(alpha=0.0))
 
 
 @pytest.mark.parametrize("rounding", [0.0, 1e-12, -1e-12])
@@ -278,8 +285,8 @@ def test_attas_short_period_agrees_with_output_error():
     records = attas()
     reference = output_error.estimate(records, short_period())
     noise = dict(zip(reference.outputs, reference.diagnostics["residual_std"].tolist(), strict=True))
-    for kind in (ekf, ukf):
-        model = kind.estimate(records, short_period(), measurement_noise=noise)
+    for kind, given in KINDS:
+        model = kind.estimate(records, short_period(), given(measurement_noise=noise))
         for name, value in reference.values.items():
             # same data, same weights: what is left is the wide but finite initial belief and the order of linearising
             assert abs(model.values[name] - value) < reference.standard_errors[name], name

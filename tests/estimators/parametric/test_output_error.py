@@ -16,9 +16,9 @@ from testbench.estimators import estimate
 from testbench.estimators.parametric import output_error
 from testbench.estimators.parametric.likelihood import held_inputs
 from testbench.estimators.parametric.structure import LinearStructure, Matrices, Parameter
-from testbench.estimators.parametric.structures import flexible, longitudinal, short_period
+from testbench.estimators.parametric.structures import Trim, flexible, longitudinal, short_period
 from testbench.estimators.parametric.structures.short_period import ShortPeriod
-from testbench.estimators.settings import OutputError
+from testbench.estimators.settings import OutputError, OutputErrorEntry
 
 SHORT = short_period()
 DT = 0.04
@@ -42,7 +42,7 @@ def test_exact_data_are_recovered_from_two_records_of_different_length(name, hel
     lengths = (300, 200)
     hold = case.structure.inputs if held else ()
     records = flights(case, lengths, held=held)
-    model = output_error.estimate(records, case.structure, held=hold)
+    model = output_error.estimate(records, case.structure, OutputError(held=hold))
     true = dict(zip(case.structure.parameter_names, truth(case), strict=True))
     assert off(model, {n: v for n, v in true.items() if case.structure.free[list(true).index(n)]}) < 1e-8
     assert model.diagnostics["converged"]
@@ -61,9 +61,9 @@ def test_constants_and_lines_of_outputs_are_recovered():
         t = r.t_s - r.t_s.mean()
         shifted.append(r.with_columns({"q": r["q"] + bias + slope * t}))
     with pytest.raises(EstimationError, match="Z_0"):  # a steady gyro error and steady forces are one and the same
-        output_error.estimate(shifted, SHORT, output_biases=("q",), output_trends=("q",))
+        output_error.estimate(shifted, SHORT, OutputError(output_biases=("q",), output_trends=("q",)))
     fixed = SHORT.with_parameters({"Z_0": ATTAS_SHORT_PERIOD["Z_0"]}, fixed=("Z_0",))
-    model = output_error.estimate(shifted, fixed, output_biases=("q",), output_trends=("q",))
+    model = output_error.estimate(shifted, fixed, OutputError(output_biases=("q",), output_trends=("q",)))
     assert off(model, ATTAS_SHORT_PERIOD) < 1e-8
     assert np.array(model.diagnostics["offsets"]) == pytest.approx(np.array([[0.02, 0.001], [-0.01, 0.003]]), abs=1e-9)
     assert model.simulate(shifted[0]) == pytest.approx(shifted[0].columns(("alpha", "q")), abs=1e-9)
@@ -75,7 +75,7 @@ def test_constants_of_inputs_are_recovered():
     fixed = SHORT.with_parameters(
         {"Z_0": ATTAS_SHORT_PERIOD["Z_0"], "M_0": ATTAS_SHORT_PERIOD["M_0"]}, fixed=("Z_0", "M_0")
     )
-    model = output_error.estimate(wrong, fixed, input_biases=("de",))
+    model = output_error.estimate(wrong, fixed, OutputError(input_biases=("de",)))
     assert off(model, ATTAS_SHORT_PERIOD) < 1e-8
     assert np.ravel(model.diagnostics["input_biases"]) == pytest.approx([0.01, -0.02], abs=1e-9)
     assert model.biased_inputs == ("de",)
@@ -98,7 +98,7 @@ def test_known_delays_are_undone():
     p = np.array([ATTAS_SHORT_PERIOD[name] for name in SHORT.parameter_names])
     record = fly(SHORT, p, felt, DT, np.zeros(2)).with_columns({"de": command[:, 0]})
     assert off(output_error.estimate([record], SHORT), ATTAS_SHORT_PERIOD) > 0.02
-    model = output_error.estimate([record], SHORT, delays_s={"de": lag * DT})
+    model = output_error.estimate([record], SHORT, OutputError(delays_s={"de": lag * DT}))
     assert model.delays_s == (lag * DT,)
     assert off(model, ATTAS_SHORT_PERIOD) < 1e-8
     assert model.simulate(record) == pytest.approx(record.columns(("alpha", "q")), abs=1e-9)
@@ -119,7 +119,9 @@ def test_shuffled_channels_and_scaled_signals_change_nothing():
 
 def test_the_same_data_give_the_same_bytes():
     records = flights(CASES["lateral_directional"], noise=0.02, seed=3)
-    one, other = (output_error.estimate(records, CASES["lateral_directional"].structure, starts=2) for _ in range(2))
+    one, other = (
+        output_error.estimate(records, CASES["lateral_directional"].structure, OutputError(starts=2)) for _ in range(2)
+    )
     assert one.params.tobytes() == other.params.tobytes()
     assert one.covariance.tobytes() == other.covariance.tobytes()
 
@@ -178,7 +180,7 @@ def test_priors_reduce_to_the_formula_of_bayes():
         outputs=("alpha",),
         parameters=tuple(Parameter(n, v, prior_std=s) for n, v, s in zip(("a", "b"), believed, std, strict=True)),
     )
-    model = output_error.estimate([r], line, initial_states="zero")
+    model = output_error.estimate([r], line, OutputError(initial_states="zero"))
     X = np.column_stack([np.ones(60), u])
     R = model.noise_covariance[0, 0]
     inverse = np.diag(std**-2.0)
@@ -221,7 +223,7 @@ def rate_alone() -> tuple[ShortPeriod, FlightRecord]:
 def test_a_search_that_ends_nowhere_is_said():
     s, r = rate_alone()
     with pytest.raises(EstimationError, match="start from other values"):
-        output_error.estimate([r], s.with_parameters({"M_alpha": 20.0}), starts=1)
+        output_error.estimate([r], s.with_parameters({"M_alpha": 20.0}), OutputError(starts=1))
 
 
 @pytest.mark.parametrize("M_alpha", [20.0, 5.0])
@@ -237,8 +239,8 @@ def test_a_false_minimum_is_left_for_a_better_one_and_said(M_alpha):
 def test_python_starts_from_equation_error_as_a_scenario_does():
     r = short_flight(400, noise=1e-3)
     far = SHORT.with_parameters({"M_alpha": 20.0})
-    model = output_error.estimate([r], far, starts=1)
-    entry = OutputError(structure="short_period", start={"M_alpha": 20.0})
+    model = output_error.estimate([r], far, OutputError(starts=1))
+    entry = OutputErrorEntry(structure="short_period", start={"M_alpha": 20.0})
     assert model.values["M_alpha"] == pytest.approx(-4.9265, rel=0.05)
     assert np.array_equal(estimate(entry, [r], ["de"], ["alpha", "q"]).params, output_error.estimate([r], far).params)
 
@@ -246,7 +248,7 @@ def test_python_starts_from_equation_error_as_a_scenario_does():
 def test_several_starts_are_kept_and_the_best_wins():
     r = short_flight(400, noise=1e-3)
     bounded = SHORT.with_parameters({"M_alpha": 20.0}, bounds={"M_alpha": (-50.0, 20.0)})
-    model = output_error.estimate([r], bounded, starts=4)
+    model = output_error.estimate([r], bounded, OutputError(starts=4))
     assert model.values["M_alpha"] == pytest.approx(-4.9265, rel=0.05)
     assert model.diagnostics["cost"] == min(model.diagnostics["starts"])
 
@@ -263,7 +265,7 @@ def test_full_noise_covariance_uses_that_errors_go_together():
     rng = np.random.default_rng(2)
     v = rng.multivariate_normal([0.0, 0.0], [[1e-6, 1.8e-6], [1.8e-6, 4e-6]], 600)  # correlation 0.9
     noisy = FlightRecord(clean.t_s, clean.channels, clean.data + np.column_stack([np.zeros(600), v]), "measured")
-    full = output_error.estimate([noisy], SHORT, noise="full")
+    full = output_error.estimate([noisy], SHORT, OutputError(noise="full"))
     R = full.noise_covariance
     # correlation of 600 pairs: standard error (1 - 0.81) / sqrt(600) = 0.008
     assert R[0, 1] / np.sqrt(R[0, 0] * R[1, 1]) == pytest.approx(0.9, abs=0.04)
@@ -273,13 +275,13 @@ def test_full_noise_covariance_uses_that_errors_go_together():
 
 def test_initial_states_from_the_record_or_from_trim():
     r = short_flight(x0=(0.01, -0.02))
-    taken = output_error.estimate([r], SHORT, initial_states="record")
+    taken = output_error.estimate([r], SHORT, OutputError(initial_states="record"))
     assert off(taken, ATTAS_SHORT_PERIOD) < 1e-8
-    trimmed = output_error.estimate([short_flight(x0=(0.0, 0.0))], SHORT, initial_states="zero")
+    trimmed = output_error.estimate([short_flight(x0=(0.0, 0.0))], SHORT, OutputError(initial_states="zero"))
     assert off(trimmed, ATTAS_SHORT_PERIOD) < 1e-8
     q_only = short_period(("q",))
     with pytest.raises(EstimationError, match="lacks 'alpha'"):
-        output_error.estimate([r.select(("de", "q"))], q_only, initial_states="record")
+        output_error.estimate([r.select(("de", "q"))], q_only, OutputError(initial_states="record"))
 
 
 def test_model_tells_modes_poles_and_response():
@@ -302,7 +304,7 @@ def test_model_tells_modes_poles_and_response():
 
 
 def test_inputs_that_are_not_told_apart_are_named():
-    two = longitudinal(15.0, controls=("de", "dr"))
+    two = longitudinal(Trim(15.0), controls=("de", "dr"))
     u = inputs(two, 300, 1)
     u[:, 1] = 2.0 * u[:, 0]
     r = fly(two, two.values, u, 0.025, np.zeros(4), noise=1e-3)
@@ -329,27 +331,27 @@ def test_what_cannot_be_estimated_is_refused():
     with pytest.raises(EstimationError, match="at least one record"):
         output_error.estimate([], SHORT)
     with pytest.raises(EstimationError, match="got 'theta'"):
-        output_error.estimate([r], SHORT, output_biases=("theta",))
+        output_error.estimate([r], SHORT, OutputError(output_biases=("theta",)))
     with pytest.raises(EstimationError, match="got 'dr'"):
-        output_error.estimate([r], SHORT, input_biases=("dr",))
+        output_error.estimate([r], SHORT, OutputError(input_biases=("dr",)))
     with pytest.raises(EstimationError, match="got 'dr'"):
-        output_error.estimate([r], SHORT, delays_s={"dr": 0.1})
+        output_error.estimate([r], SHORT, OutputError(delays_s={"dr": 0.1}))
     with pytest.raises(EstimationError, match="got 'dr'"):
-        output_error.estimate([r], SHORT, held=("dr",))
-    with pytest.raises(EstimationError, match="starts >= 1"):
-        output_error.estimate([r], SHORT, starts=0)
+        output_error.estimate([r], SHORT, OutputError(held=("dr",)))
+    with pytest.raises(EstimationError, match="starts: must be greater than or equal to 1, got 0"):
+        output_error.estimate([r], SHORT, OutputError(starts=0))
     with pytest.raises(EstimationError, match="M_alfa"):
         output_error.estimate([r], SHORT.with_parameters({"M_alfa": 1.0}))
     gone = np.ones((len(r), 3), bool)
     gone[5, 2] = False
     with pytest.raises(EstimationError, match="full noise covariance"):
-        output_error.estimate([replace(r, valid=gone)], SHORT, noise="full")
+        output_error.estimate([replace(r, valid=gone)], SHORT, OutputError(noise="full"))
 
 
 def test_a_start_that_diverges_is_said():
     s, r = rate_alone()
     with pytest.raises(EstimationError, match="diverges"):
-        output_error.estimate([r], s.with_parameters({"M_q": 1e4}), starts=1)
+        output_error.estimate([r], s.with_parameters({"M_q": 1e4}), OutputError(starts=1))
 
 
 def test_commands_are_held_and_deflections_are_not():
@@ -359,7 +361,7 @@ def test_commands_are_held_and_deflections_are_not():
 
 def test_an_unstable_aircraft_is_estimated():
     """Negative static stability, e.g. a fighter that a pilot or an autopilot keeps in the air for some seconds."""
-    s = short_period(start={"M_alpha": 1.0})
+    s = short_period().with_parameters({"M_alpha": 1.0})
     true = {**ATTAS_SHORT_PERIOD, "M_alpha": 3.0, "M_0": 0.01}
     p = np.array([true[name] for name in s.parameter_names])
     r = fly(s, p, inputs(s, 150, 3), DT, np.zeros(2), noise=1e-3, seed=1)
@@ -381,11 +383,11 @@ def test_doubts_are_said_in_words():
 
 
 def test_flexible_structure_with_measured_mode_frees_its_shape():
-    s = flexible(16.0, wn_rad_s=(28.9,), outputs=("q", "az", "eta_1"))
+    s = flexible(Trim(16.0), wn_rad_s=(28.9,), outputs=("q", "az", "eta_1"))
     free = dict(zip(s.parameter_names, s.free, strict=True))
     assert free["phi_1"]
     assert free["slope_1"]
-    unmeasured = flexible(16.0, wn_rad_s=(28.9,), outputs=("q", "az"))
+    unmeasured = flexible(Trim(16.0), wn_rad_s=(28.9,), outputs=("q", "az"))
     free = dict(zip(unmeasured.parameter_names, unmeasured.free, strict=True))
     assert not free["phi_1"]
     assert free["slope_1"]

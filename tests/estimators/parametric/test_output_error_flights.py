@@ -13,6 +13,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import output_error
 from testbench.estimators.parametric.structures import aerodynamic_longitudinal, roll_yaw_rates, short_period
+from testbench.estimators.settings import OutputError
 from testbench.logs.layout import ENVIRONMENT
 
 FOLDER = Path(os.environ.get(ENVIRONMENT) or Path(__file__).resolve().parents[4] / "shared" / "flight_data")
@@ -65,7 +66,7 @@ def test_attas_short_period_is_the_printed_one():
 
 def test_attas_lateral_derivatives_are_the_printed_ones():
     """Printed with each run as one record, its initial state from the first sample, in spite of the joint: so here."""
-    model = output_error.estimate(lateral_records(whole=True), roll_yaw_rates(), initial_states="record")
+    model = output_error.estimate(lateral_records(whole=True), roll_yaw_rates(), OutputError(initial_states="record"))
     for name, printed in ATTAS_RATES.items():
         assert model.values[name] == pytest.approx(printed, rel=0.005), name
 

@@ -11,8 +11,8 @@ from scipy.signal import lfilter
 
 from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import output_error
-from testbench.estimators.parametric.response import respond
-from testbench.estimators.parametric.structures import longitudinal
+from testbench.estimators.parametric.response import Sampling, respond
+from testbench.estimators.parametric.structures import Trim, longitudinal
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.flight import linearise
 from testbench.sensors import load_suite
@@ -37,7 +37,7 @@ def study(aircraft, trimmed, dt_s: float, seeds: int, rho: float = 0.0) -> Study
     """
     derivatives = dimensional_derivatives(linearise(aircraft, trimmed), trimmed)
     values = {d.name: d.held if d.static is None else d.static for d in derivatives}
-    structure = longitudinal(trimmed.condition.V_m_s, trimmed.alpha, trimmed.state["theta"], outputs=OUTPUTS)
+    structure = longitudinal(Trim(trimmed.condition.V_m_s, trimmed.alpha, trimmed.state["theta"]), outputs=OUTPUTS)
     structure = structure.with_parameters({n: values[n] for n in structure.parameter_names if n in values})
     sensors = {s.channel: s.noise_std for s in load_suite("eolo_alpha").sensors}
     std = np.array([sensors[name] for name in OUTPUTS])
@@ -45,7 +45,7 @@ def study(aircraft, trimmed, dt_s: float, seeds: int, rho: float = 0.0) -> Study
     clean, J = [], []
     for i, samples in enumerate(LENGTHS):
         u = inputs(structure, samples, 20 + i)
-        r = respond(structure, p, free.tolist(), u, dt_s, np.zeros(1, bool), np.zeros(n))
+        r = respond(structure, p, free.tolist(), u, Sampling(dt_s, np.zeros(1, bool)), np.zeros(n))
         clean.append(fly(structure, p, u, dt_s, np.zeros(n)))
         own = [r.dx0 if i == k else np.zeros((samples, len(OUTPUTS), n)) for k in range(2)]
         J.append((np.concatenate([r.dparams, *own], axis=2) / std[:, None]).reshape(samples * len(OUTPUTS), -1))

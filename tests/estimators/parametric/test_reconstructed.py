@@ -6,7 +6,7 @@ import numpy as np
 
 from testbench.core.record import FlightRecord
 from testbench.estimators.parametric.reconstructed import with_flow_angle
-from testbench.estimators.parametric.structures import longitudinal
+from testbench.estimators.parametric.structures import Trim, longitudinal
 
 T = 0.01 * np.arange(800)
 
@@ -20,7 +20,7 @@ def flown(bias: float, channels=("q", "az")) -> FlightRecord:
 
 
 def structure():
-    return longitudinal(20.0, states=("alpha", "q"), outputs=("q", "az"))
+    return longitudinal(Trim(20.0), states=("alpha", "q"), outputs=("q", "az"))
 
 
 def test_alpha_comes_back_in_spite_of_a_bias_of_the_gyro():

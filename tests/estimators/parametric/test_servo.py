@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
-from testbench.estimators.parametric.response import respond
+from testbench.estimators.parametric.response import Sampling, respond
 from testbench.estimators.parametric.servo import behind_servos, surfaces
 from testbench.estimators.parametric.structures import short_period
 from testbench.estimators.structured import Servo
@@ -160,7 +160,7 @@ def test_linear_and_general_structures_behind_servos_agree():
     u = 0.05 * np.sin(np.arange(150) * 0.1)[:, None]
     x0 = np.zeros(len(linear.states))
     free = np.flatnonzero(linear.free).tolist()
-    a, b = (respond(s, s.values, free, u, 0.02, np.array([False]), x0, substeps=40) for s in (linear, general))
+    a, b = (respond(s, s.values, free, u, Sampling(0.02, np.array([False]), 40), x0) for s in (linear, general))
     assert np.max(np.abs(a.y - b.y)) < 1e-7 * np.max(np.abs(a.y))
     assert np.max(np.abs(a.dparams - b.dparams)) < 1e-5 * np.max(np.abs(a.dparams))
 

@@ -10,10 +10,11 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
 from testbench.estimators.parametric import equation_bias, equation_error, output_error
-from testbench.estimators.parametric.structures import longitudinal, short_period
+from testbench.estimators.parametric.structures import Trim, longitudinal, short_period
 from testbench.estimators.regression import Recipe, RegressionData, linear_model
 from testbench.estimators.regression.equation_error import equation_error as regress
 from testbench.estimators.regression.smoothing import SineSeries
+from testbench.estimators.settings import EquationError
 from tests.studies.advice_cases import doublets
 
 DT = 0.02
@@ -74,9 +75,9 @@ def test_held_steps_are_met_half_way(width):
     # A step of a held input leaves a corner in the state, which no smooth derivative follows: 2 % before the correction
     # for it, 0.05 % after. Taken as running linearly, the input comes half a sample early: 7 to 10 %.
     data = records([steps(1500, 3, width), steps(1200, 4, width)], held=True)
-    met = worst(equation_error.estimate(data, short_period(), held=("de",)))
+    met = worst(equation_error.estimate(data, short_period(), EquationError(held=("de",))))
     assert met < 1e-3
-    assert worst(equation_error.estimate(data, short_period(), held=())) > 0.05
+    assert worst(equation_error.estimate(data, short_period(), EquationError(held=()))) > 0.05
 
 
 def test_nonlinear_structures_take_their_steps():
@@ -93,7 +94,7 @@ def test_nonlinear_structures_take_their_steps():
 
 def test_it_is_the_regression_of_the_same_signals():
     cutoff, (r,) = 4.0, records([smooth_input(900, 5)], noise=np.array([2e-3, 4e-3]))
-    model = equation_error.estimate([r], short_period(), cutoff_hz=cutoff)
+    model = equation_error.estimate([r], short_period(), EquationError(cutoff_hz=cutoff))
     series = {name: SineSeries.of(r[name], DT).smoothed(cutoff) for name in ("alpha", "q", "de")}
     names = (*series, "qdot", "alphadot")
     columns = [*(s.values for s in series.values()), series["q"].derivative, series["alpha"].derivative]
@@ -157,7 +158,7 @@ def test_bounds_are_kept_and_said_and_priors_count():
 def test_what_it_cannot_do_is_refused():
     data = records([smooth_input(900, 1)])
     with pytest.raises(EstimationError, match=r"needs every state .* lacks 'V'; sense it, or use output error"):
-        equation_error.estimate(data, longitudinal(15.0, outputs=("alpha", "q")))
+        equation_error.estimate(data, longitudinal(Trim(15.0), outputs=("alpha", "q")))
     with pytest.raises(EstimationError, match="no free parameter"):
         equation_error.estimate(data, short_period().with_parameters(free=()))
     with pytest.raises(EstimationError, match="more than twice as many samples as its 8 parameters, got 16"):
@@ -179,7 +180,7 @@ def test_bias_by_noise_is_taken_out_and_said_with_its_size():
     off, said, sentences = [], [], []
     clean = records([smooth_input(900, 1)])[0]
     for seed in range(12):
-        model = equation_error.estimate([noisy(clean, (0.3, 0.3), seed)], short_period(), cutoff_hz=12.0)
+        model = equation_error.estimate([noisy(clean, (0.3, 0.3), seed)], short_period(), EquationError(cutoff_hz=12.0))
         off.append(model.params - SHORT.values)
         said.append(model.diagnostics["noise_bias"])
         sentences.extend(a for a in model.advice if a.code == "noisy_terms")
@@ -217,9 +218,9 @@ def test_the_busiest_stretch_of_a_long_record_tells_the_bias(monkeypatch):
     u = np.concatenate([steps(1500, 3), np.zeros((1500, 1))])  # what moves is in the first half
     data = records([u], held=True)
     structure = short_period().with_parameters({"M_q": -2.0}, prior_std={"M_q": 0.5})
-    whole = equation_error.estimate(data, structure, held=("de",))
+    whole = equation_error.estimate(data, structure, EquationError(held=("de",)))
     monkeypatch.setattr(equation_bias, "_LONGEST", 1600)
-    part = equation_error.estimate(data, structure, held=("de",))
+    part = equation_error.estimate(data, structure, EquationError(held=("de",)))
     error = np.sqrt(np.diag(whole.covariance))
     bias, there = (m.diagnostics["smoothing_bias"] for m in (whole, part))
     derivatives = [
@@ -229,7 +230,9 @@ def test_the_busiest_stretch_of_a_long_record_tells_the_bias(monkeypatch):
     assert np.max((np.abs(there - bias) / error)[derivatives]) < 0.2
     assert not np.array_equal(there, bias)
     monkeypatch.setattr(equation_bias, "_MOST", 3000)  # one record of four, like all others
-    several = equation_error.estimate(data * 4, structure.with_parameters(prior_std={"M_q": 0.25}), held=("de",))
+    several = equation_error.estimate(
+        data * 4, structure.with_parameters(prior_std={"M_q": 0.25}), EquationError(held=("de",))
+    )
     assert several.diagnostics["smoothing_bias"] == pytest.approx(there, rel=1e-3, abs=1e-6)
 
 
@@ -237,7 +240,7 @@ def test_an_unstable_aircraft_is_corrected_where_its_response_is_told():
     unstable = short_period().with_parameters({**VALUES, "M_alpha": 20.0})
     assert np.max(np.linalg.eigvals(unstable.matrices(unstable.values).A).real) > 2.0
     (r,) = records([steps(150, 3)], held=True, structure=unstable)
-    model = equation_error.estimate([r], short_period(), held=("de",))
+    model = equation_error.estimate([r], short_period(), EquationError(held=("de",)))
     i = unstable.parameter_names.index("M_alpha")
     assert abs(model.diagnostics["smoothing_bias"][i]) > 1.5
     assert model.values["M_alpha"] == pytest.approx(20.0, abs=0.5)
@@ -247,7 +250,7 @@ def test_an_unstable_aircraft_is_corrected_where_its_response_is_told():
 def test_where_noise_decides_it_is_said_and_the_estimate_is_kept():
     unstable = short_period().with_parameters({**VALUES, "M_alpha": 20.0})
     (r,) = records([steps(300, 3)], held=True, structure=unstable)  # grown so far that one direction is all there is
-    model = equation_error.estimate([r], short_period(), held=("de",))
+    model = equation_error.estimate([r], short_period(), EquationError(held=("de",)))
     assert np.all(np.abs(model.diagnostics["noise_bias"]) <= 1e-4 * np.maximum(np.abs(model.params), 1.0))
     assert [a.severity for a in model.advice if "half or more of what decides" in a] == ["doubt"]
 
@@ -259,7 +262,7 @@ def test_a_response_that_diverges_is_said():
     x = np.column_stack([np.sin(t) * 1e-3 + rng.standard_normal(400) * 1e-3, np.exp(3.0 * t[::-1])])
     record = FlightRecord(t, ("de", "alpha", "q"), np.column_stack([steps(400, 5)[:, 0], x]), "measured")
     model = equation_error.estimate(
-        [record], short_period().with_parameters({"M_q": 40.0}, fixed=["M_q"]), held=("de",)
+        [record], short_period().with_parameters({"M_q": 40.0}, fixed=["M_q"]), EquationError(held=("de",))
     )
     assert np.all(model.diagnostics["smoothing_bias"] == 0.0)
     assert any("smoothing took from the motion is not corrected" in a for a in model.advice)

@@ -9,7 +9,7 @@ import pytest
 from parametric_cases import CASES, HFB, inputs, truth
 
 from testbench.core.errors import ChannelError, EstimationError
-from testbench.estimators.parametric.response import _trajectory, respond, runge_kutta
+from testbench.estimators.parametric.response import Sampling, _trajectory, respond, runge_kutta
 from testbench.estimators.parametric.structure import LinearStructure, ModelStructure, Parameter
 from testbench.estimators.parametric.structures import (
     STRUCTURES,
@@ -79,12 +79,12 @@ def test_sensitivities_agree_with_central_differences(name, held):
     case = CASES[name]
     s, p, x0, u = case.structure, truth(case), case.starts[0], inputs(case.structure, 120, 5)
     hold, free = np.full(u.shape[1], held), np.flatnonzero(s.free).tolist()
-    exact = respond(s, p, free, u, case.dt_s, hold, x0, biased=(0,))
+    exact = respond(s, p, free, u, Sampling(case.dt_s, hold), x0, biased=(0,))
 
     def outputs(params, start, shift):
         moved = u.copy()
         moved[:, 0] += shift
-        return respond(s, params, (), moved, case.dt_s, hold, start).y
+        return respond(s, params, (), moved, Sampling(case.dt_s, hold), start).y
 
     def check(column, plus, minus, step):
         difference = (plus - minus) / (2.0 * step)
@@ -125,8 +125,8 @@ def test_exact_and_runge_kutta_responses_of_the_same_equations_agree(name, held)
     case = CASES[name]
     s, p, x0, u = case.structure, truth(case), case.starts[0], inputs(case.structure, 150, 6)
     hold, free = np.full(u.shape[1], held), np.flatnonzero(s.free).tolist()
-    exact = respond(s, p, free, u, case.dt_s, hold, x0, biased=(0,))
-    stepped = respond(disguised(s), p, free, u, case.dt_s, hold, x0, biased=(0,), substeps=8)
+    exact = respond(s, p, free, u, Sampling(case.dt_s, hold), x0, biased=(0,))
+    stepped = respond(disguised(s), p, free, u, Sampling(case.dt_s, hold, 8), x0, biased=(0,))
     for one, other in zip(exact, stepped, strict=True):
         # 8 steps of fourth order per sample of at most 0.4 rad of the fastest mode: (0.4 / 8)^4 / 120 = 5e-8 a sample
         assert one == pytest.approx(other, rel=1e-5, abs=1e-6 * np.abs(other).max())
@@ -140,8 +140,12 @@ def test_trajectory_found_at_once_is_the_one_run_sample_by_sample():
     for k in range(599):
         slow[k + 1] = runge_kutta(s, slow[k], u[k], du[k], p, case.dt_s, 2)
     off = slow * (1.0 + 0.1 * np.random.default_rng(3).standard_normal(slow.shape))
-    for near in (None, off, np.full_like(off, np.nan)):
-        x, transition = _trajectory(s, p, u, du, case.dt_s, case.starts[0], 2, near)
+    off[0] = slow[0]
+    lost = np.full_like(off, np.nan)
+    lost[0] = slow[0]
+    sampling = Sampling(case.dt_s, np.zeros(u.shape[1], bool), 2)
+    for start in (case.starts[0], off, lost):
+        x, transition = _trajectory(s, p, u, du, sampling, start)
         assert np.abs(x - slow).max(axis=0) == pytest.approx(0.0, abs=1e-9)
         assert transition.shape == (600, 4, 4)
 
@@ -149,23 +153,27 @@ def test_trajectory_found_at_once_is_the_one_run_sample_by_sample():
 def test_a_response_that_diverges_says_so_by_not_being_finite():
     case = CASES["aerodynamic_longitudinal"]
     wild = truth(case) * np.where(np.array(case.structure.parameter_names) == "Cm_alpha", -400.0, 1.0)
-    r = respond(case.structure, wild, (0,), inputs(case.structure, 600, 7), 0.1, np.zeros(2, bool), case.starts[0])
+    r = respond(
+        case.structure, wild, (0,), inputs(case.structure, 600, 7), Sampling(0.1, np.zeros(2, bool)), case.starts[0]
+    )
     assert not np.isfinite(r.y).all()
     short = CASES["short_period"]
     p = truth(short).copy()
     p[list(short.structure.parameter_names).index("M_alpha")] = 1e9
-    r = respond(short.structure, p, (0,), inputs(short.structure, 50, 7), 0.04, np.zeros(1, bool), short.starts[0])
+    r = respond(
+        short.structure, p, (0,), inputs(short.structure, 50, 7), Sampling(0.04, np.zeros(1, bool)), short.starts[0]
+    )
     assert not np.isfinite(r.y).all()
 
 
 def test_accelerometers_read_what_moving_them_off_the_centre_adds():
-    base = {"V0": 20.0, "alpha0": 0.1, "theta0": 0.05, "outputs": ("ax", "az", "qdot")}
+    base = {"trim": Trim(20.0, 0.1, 0.05), "outputs": ("ax", "az", "qdot")}
     at_cg, off = longitudinal(**base), longitudinal(**base, accelerometer=(0.4, -0.3))
     p = np.random.default_rng(2).standard_normal(len(at_cg.parameters))
     x, u = np.array([0.5, 0.02, 0.1, 0.03]), np.array([0.04])
     one, other = at_cg.output(x, u, p), off.output(x, u, p)
     assert other - one == pytest.approx([-0.3 * one[2], -0.4 * one[2], 0.0])
-    base = {"V0": 20.0, "alpha0": 0.1, "theta0": 0.05, "outputs": ("ay", "pdot", "rdot")}
+    base = {"trim": Trim(20.0, 0.1, 0.05), "outputs": ("ay", "pdot", "rdot")}
     at_cg, off = lateral_directional(**base), lateral_directional(**base, accelerometer=(0.4, -0.3))
     p = np.random.default_rng(2).standard_normal(len(at_cg.parameters))
     one, other = at_cg.output(x, np.ones(2), p), off.output(x, np.ones(2), p)
@@ -174,12 +182,14 @@ def test_accelerometers_read_what_moving_them_off_the_centre_adds():
 
 def test_lateral_motion_per_speed_is_that_of_a_known_speed():
     V, alpha, theta = 20.0, 0.06, 0.04
-    known = lateral_directional(V, alpha, theta, outputs=("beta", "p", "r", "phi"), start={"Y_r": 0.5, "Y_dr": 3.0})
+    known = lateral_directional(Trim(V, alpha, theta), outputs=("beta", "p", "r", "phi")).with_parameters(
+        {"Y_r": 0.5, "Y_dr": 3.0}
+    )
     values = dict(zip(known.parameter_names, known.values, strict=True))
     per = {n: v / V if n[0] == "Y" else v for n, v in values.items() if n not in ("Y_p",)}
     per |= {"alpha_trim": np.sin(alpha), "theta_trim": np.tan(theta), "g_V": 9.80665 * np.cos(theta) / V}
     per["Y_r"] += 1.0 - np.cos(alpha)  # which it has for one
-    other = lateral_per_speed(start=per)
+    other = lateral_per_speed().with_parameters(per)
     for one, two in zip(known.matrices(known.values), other.matrices(other.values), strict=True):
         np.testing.assert_allclose(one, two, rtol=1e-12, atol=1e-15)
 
@@ -208,12 +218,12 @@ def test_longitudinal_equations_linearise_the_nonlinear_ones():
 
 
 def test_a_mode_without_forces_is_the_rigid_aircraft():
-    settings = {"V0": 16.0, "alpha0": 0.1, "outputs": ("q", "alpha", "az"), "states": ("alpha", "q")}
+    settings = {"trim": Trim(16.0, 0.1), "outputs": ("q", "alpha", "az"), "states": ("alpha", "q")}
     rigid, elastic = longitudinal(**settings), flexible(**settings, wn_rad_s=(30.0,))
     still = elastic.with_parameters({"Q1_alpha": 0.0, "Q1_q": 0.0, "Q1_de": 0.0})
     u, hold = inputs(rigid, 100, 8), np.zeros(1, bool)
-    one = respond(rigid, rigid.values, (), u, 0.01, hold, np.zeros(2)).y
-    assert respond(still, still.values, (), u, 0.01, hold, np.zeros(4)).y == pytest.approx(one, abs=1e-12)
+    one = respond(rigid, rigid.values, (), u, Sampling(0.01, hold), np.zeros(2)).y
+    assert respond(still, still.values, (), u, Sampling(0.01, hold), np.zeros(4)).y == pytest.approx(one, abs=1e-12)
 
 
 def test_polynomial_terms_multiply_their_variables():
@@ -238,15 +248,14 @@ def test_polynomial_terms_multiply_their_variables():
         (lambda: short_period(("alpha", "theta")), "output of structure 'short_period'"),
         (lambda: short_period(()), "needs outputs"),
         (lambda: short_period(("q", "q")), "outputs that differ"),
-        (lambda: short_period(start={"M_alfa": 1.0}), "M_alpha"),
-        (lambda: longitudinal(15.0, states=("alpha", "q"), outputs=("ax",)), "ax"),
-        (lambda: longitudinal(15.0, states=("alpha", "theta")), "states of structure"),
-        (lambda: longitudinal(0.0), "V > 0"),
-        (lambda: lateral_directional(-3.0), "V > 0"),
+        (lambda: short_period().with_parameters({"M_alfa": 1.0}), "M_alpha"),
+        (lambda: longitudinal(Trim(15.0), states=("alpha", "q"), outputs=("ax",)), "ax"),
+        (lambda: longitudinal(Trim(15.0), states=("alpha", "theta")), "states of structure"),
+        (lambda: longitudinal(Trim(0.0)), "V > 0"),
+        (lambda: lateral_directional(Trim(-3.0)), "V > 0"),
         (lambda: roll_yaw_rates(("beta",)), "output of structure"),
-        (lambda: flexible(16.0, wn_rad_s=()), "frequency > 0"),
-        (lambda: flexible(16.0, wn_rad_s=(20.0,), zeta=(0.1, 0.2)), "frequency > 0"),
-        (lambda: flexible(16.0, wn_rad_s=(20.0,), outputs=("alpha",)), "no output feels elastic mode 1"),
+        (lambda: flexible(Trim(16.0), wn_rad_s=()), "frequency > 0"),
+        (lambda: flexible(Trim(16.0), wn_rad_s=(20.0,), outputs=("alpha",)), "no output feels elastic mode 1"),
         (lambda: aerodynamic_longitudinal(HFB, terms={"CD": ("0",)}), "CD, CL and Cm"),
         (lambda: aerodynamic_longitudinal(HFB, terms={"CD": ("0",), "CL": ("beta",), "Cm": ("0",)}), "a term of CL"),
         (lambda: Trim(np.nan), "finite"),
@@ -267,4 +276,4 @@ def test_an_unknown_input_channel_is_refused():
 
 def test_commands_name_parameters_without_their_suffix():
     assert "M_de" in short_period(control="de_cmd").parameter_names
-    assert "Z_thr" in longitudinal(15.0, controls=("de_cmd", "thr_cmd")).parameter_names
+    assert "Z_thr" in longitudinal(Trim(15.0), controls=("de_cmd", "thr_cmd")).parameter_names

@@ -20,10 +20,11 @@ from testbench.estimators.contract import tried
 from testbench.estimators.equations import read_equations
 from testbench.estimators.parametric import equation_error, filter_error, output_error
 from testbench.estimators.parametric.kalman import ekf, ukf
-from testbench.estimators.parametric.response import respond
+from testbench.estimators.parametric.response import Sampling, respond
 from testbench.estimators.parametric.structure import LinearStructure
 from testbench.estimators.parametric.structures import Trim, aerodynamic_longitudinal, short_period
 from testbench.estimators.parametric.structures.written import structure_from_equations, written
+from testbench.estimators.settings import EquationError, FilterError, OutputError
 from testbench.evaluation.derivatives import Derivative
 from testbench.evaluation.parameters import true_parameters
 
@@ -123,7 +124,7 @@ def test_exact_data_give_the_parameters_of_every_example_back(records, name):
     n = 150 if name == "unstable" else N  # a simulation from its first sample shows e-fold errors each 0.6 s
     record = records[name].between(0.0, n * DT)
     held = ("de",) if EXAMPLES[name].feedback else ()
-    model = output_error.estimate([record], made(name), held=held, substeps=2)
+    model = output_error.estimate([record], made(name), OutputError(held=held, substeps=2))
     for parameter, value in EXAMPLES[name].truth.items():
         assert model.values[parameter] == pytest.approx(value, rel=2e-5, abs=1e-6), parameter
 
@@ -170,7 +171,7 @@ def test_the_packaged_short_period_as_text_is_the_same_bit_for_bit():
         for a, b in zip(own.matrices(params), packaged.matrices(params), strict=True):
             np.testing.assert_array_equal(a, b)
     u = 0.1 * np.sign(np.sin(0.1 * np.arange(200)))[:, None]
-    y = respond(packaged, values, (), u, 0.04, np.array([False]), np.zeros(2)).y
+    y = respond(packaged, values, (), u, Sampling(0.04, np.array([False])), np.zeros(2)).y
     y = y + 0.003 * np.random.default_rng(0).standard_normal(y.shape)
     record = FlightRecord(0.04 * np.arange(200), ("de", "alpha", "q", "qdot"), np.hstack([u, y]), "measured")
     for method in (equation_error, output_error, filter_error, ekf, ukf):
@@ -218,10 +219,10 @@ def test_filter_error_and_equation_error_know_an_unstable_aircraft_in_gusts():
     """Output error does not: its simulation from the first sample departs. Within 5 errors, false alarm 3e-6 in all."""
     record = flown("unstable", std=1e-3, gust=0.05, n=700)
     truth = EXAMPLES["unstable"].truth
-    model = filter_error.estimate([record], made("unstable"), held=("de",))
+    model = filter_error.estimate([record], made("unstable"), FilterError(held=("de",)))
     for name, value in truth.items():
         assert abs(model.values[name] - value) < 5.0 * model.standard_errors[name], name
-    first = equation_error.estimate([record], made("unstable"), held=("de",))
+    first = equation_error.estimate([record], made("unstable"), EquationError(held=("de",)))
     assert first.values["M_alpha"] == pytest.approx(truth["M_alpha"], rel=0.25)
     assert first.values["M_de"] == pytest.approx(truth["M_de"], rel=0.25)
 
@@ -309,9 +310,9 @@ def test_other_equations_of_the_kind_are_recovered_from_exact_data(name):
     u = np.stack([waves[i] for i in s.inputs], axis=1)
     values = s.with_parameters(truth).values
     held = np.array([i.endswith("_cmd") for i in s.inputs])
-    y = respond(s, values, (), u, DT, held, np.zeros(len(s.states)), substeps=4).y
+    y = respond(s, values, (), u, Sampling(DT, held, 4), np.zeros(len(s.states))).y
     record = FlightRecord(t, (*s.inputs, *s.outputs), np.hstack([u, y]), "measured")
-    model = output_error.estimate([record], s, substeps=4)
+    model = output_error.estimate([record], s, OutputError(substeps=4))
     for key, value in truth.items():
         assert model.values[key] == pytest.approx(value, rel=1e-6), key
 

@@ -5,6 +5,7 @@ import pytest
 from dsr_e_systems import flight_test_inputs, poles_of, record, sampled, short_period, simulate
 
 from testbench.core.errors import EstimationError
+from testbench.estimators.settings import DsrE, Subspace
 from testbench.estimators.subspace import dsr_e
 from testbench.estimators.subspace.family import PREDICTORS, PROJECTIONS, estimate
 
@@ -14,8 +15,8 @@ METHODS = [*PROJECTIONS, *PREDICTORS, "dsr_e", "dsr_e eolo"]
 def identify(method, records, outputs=("alpha", "q"), **settings):
     if method.startswith("dsr_e"):
         variant = "eolo" if method.endswith("eolo") else "original"
-        return dsr_e.estimate(records, ("de",), outputs, variant=variant, **settings)
-    return estimate(records, ("de",), outputs, method=method, **settings)
+        return dsr_e.estimate(records, ("de",), outputs, DsrE(variant=variant, **settings))
+    return estimate(records, ("de",), outputs, Subspace(method=method, **settings))
 
 
 def frequency_error(model, wn=3.0):
@@ -103,5 +104,5 @@ def test_dsr_e_decimates_when_asked(method):
         assert model.dt_s == pytest.approx(dt)
         assert frequency_error(model) < 0.02
         assert np.all(model.diagnostics["output_error_percent"] < 4.0)  # the noise alone is 2 %
-    with pytest.raises(EstimationError, match="decimate must be 'auto'"):
+    with pytest.raises(EstimationError, match=r"decimate.*must be a valid integer, got 1\.5"):
         identify(method, [flown], decimate=1.5, **settings)

@@ -47,7 +47,7 @@ def test_projections_are_biased_and_say_so(method):
     for model in models:
         assert model.diagnostics["feedback"] > 0.05
         assert any("closed loop" in s and "use ssarx, pbsid_opt or dsr_e" in s for s in model.advice)
-    with pytest.raises(EstimationError, match="closed_loop needs one of ssarx, pbsid_opt"):
+    with pytest.raises(EstimationError, match="closed_loop needs ssarx or pbsid_opt without decimation"):
         run(method, 0, closed_loop=True)
 
 

@@ -20,6 +20,7 @@ from dsr_e_systems import (
 
 from testbench.core.errors import EstimationError
 from testbench.estimators.hankel import BlockHankel
+from testbench.estimators.settings import DsrE
 from testbench.estimators.subspace.dsr_e import estimate
 
 
@@ -48,10 +49,7 @@ def test_exact_data_give_the_exact_model(direct, order):
         records,
         ("de", "thr"),
         ("V", "alpha", "q"),
-        past_horizon=6,
-        future_horizon=6,
-        order=order,
-        direct_feedthrough=direct,
+        DsrE(past_horizon=6, future_horizon=6, order=order, direct_feedthrough=direct),
     )
     assert model.order == 4
     assert model.status == "good"
@@ -123,9 +121,7 @@ def test_explicit_projections_agree_on_exact_data(weighted):
         [record(dt, u, y, ("de",), ("V", "alpha", "q"))],
         ("de",),
         ("V", "alpha", "q"),
-        past_horizon=6,
-        future_horizon=6,
-        order=4,
+        DsrE(past_horizon=6, future_horizon=6, order=4),
     )
     second = _textbook(u, y / y.std(axis=0), 6, 6, 4, weighted)
     assert np.allclose(sort(np.linalg.eigvals(model.A)), sort(second), rtol=0.0, atol=1e-8)
@@ -142,9 +138,7 @@ def test_explicit_projections_agree_on_noisy_data_within_the_noise():
         [record(dt, u, y, ("de",), ("alpha", "q"))],
         ("de",),
         ("alpha", "q"),
-        past_horizon=20,
-        future_horizon=20,
-        order=2,
+        DsrE(past_horizon=20, future_horizon=20, order=2),
     )
     second = np.log(sort(_textbook(u, y, 20, 20, 2, weighted=True))) / dt
     # same data, other weights of the outputs: they differ by a part of the scatter, which is 0.3 % here
@@ -177,7 +171,7 @@ def test_invalid_samples_do_not_touch_the_estimate():
     valid = np.ones((600, 3), bool)
     valid[[60, 61, 180, 300, 470], [1, 1, 2, 2, 1]] = False
     spoilt = record(dt, u, np.where(valid[:, 1:], y, 1e4), ("de",), ("alpha", "q"), valid=valid)
-    model = estimate([spoilt], ("de",), ("alpha", "q"), past_horizon=8, future_horizon=6)
+    model = estimate([spoilt], ("de",), ("alpha", "q"), DsrE(past_horizon=8, future_horizon=6))
     assert model.order == 2
     assert pole_error(model, short_period()[0]) < 1e-8
     assert model.diagnostics["columns"] == 600 - 8 - 10 - 9 * 3
@@ -187,8 +181,7 @@ def test_invalid_samples_do_not_touch_the_estimate():
             [record(dt, u, y, ("de",), ("alpha", "q"), valid=valid)],
             ("de",),
             ("alpha", "q"),
-            past_horizon=8,
-            future_horizon=6,
+            DsrE(past_horizon=8, future_horizon=6),
         )
 
 
@@ -196,16 +189,16 @@ def test_too_little_data_and_wrong_settings_are_refused():
     rng = np.random.default_rng(5)
     r = record(0.1, rng.standard_normal((60, 1)), rng.standard_normal((60, 2)), ("de",), ("alpha", "q"))
     with pytest.raises(EstimationError, match="past_horizon = 20 gives 60 unknowns per output, got 40 columns"):
-        estimate([r], ("de",), ("alpha", "q"), past_horizon=20, future_horizon=3)
+        estimate([r], ("de",), ("alpha", "q"), DsrE(past_horizon=20, future_horizon=3))
     with pytest.raises(EstimationError, match="future_horizon = 10 gives 50 rows, got 46 columns"):
-        estimate([r], ("de",), ("alpha", "q"), past_horizon=5, future_horizon=10)
-    with pytest.raises(EstimationError, match="past_horizon >= 1 and future_horizon >= 2"):
-        estimate([r], ("de",), ("alpha", "q"), past_horizon=5, future_horizon=1)
+        estimate([r], ("de",), ("alpha", "q"), DsrE(past_horizon=5, future_horizon=10))
+    with pytest.raises(EstimationError, match="future_horizon: must be greater than or equal to 2, got 1"):
+        estimate([r], ("de",), ("alpha", "q"), DsrE(past_horizon=5, future_horizon=1))
     with pytest.raises(EstimationError, match="= 4 must hold, got 5"):
-        estimate([r], ("de",), ("alpha", "q"), past_horizon=5, future_horizon=3, order=5)
+        estimate([r], ("de",), ("alpha", "q"), DsrE(past_horizon=5, future_horizon=3, order=5))
     still = record(0.1, rng.standard_normal((60, 1)), np.zeros((60, 2)), ("de",), ("alpha", "q"))
     with pytest.raises(EstimationError, match="channel 'alpha' must move"):
-        estimate([still], ("de",), ("alpha", "q"), past_horizon=5, future_horizon=3)
+        estimate([still], ("de",), ("alpha", "q"), DsrE(past_horizon=5, future_horizon=3))
 
 
 def test_near_interpolation_and_pure_noise_are_warned_or_refused():
@@ -213,12 +206,12 @@ def test_near_interpolation_and_pure_noise_are_warned_or_refused():
     noise = record(0.1, rng.standard_normal((2000, 1)), rng.standard_normal((2000, 2)), ("de",), ("alpha", "q"))
     # the largest singular value of noise alone, over 300 seeds: 0.84 +- 0.10 floors, 1.24 at most; 2 are needed
     with pytest.raises(EstimationError, match="no state stands out of the noise"):
-        estimate([noise], ("de",), ("alpha", "q"), past_horizon=10, future_horizon=5)
-    forced = estimate([noise], ("de",), ("alpha", "q"), past_horizon=10, future_horizon=5, order=2)
+        estimate([noise], ("de",), ("alpha", "q"), DsrE(past_horizon=10, future_horizon=5))
+    forced = estimate([noise], ("de",), ("alpha", "q"), DsrE(past_horizon=10, future_horizon=5, order=2))
     assert forced.status != "good"
     assert any("do not use it to predict" in s for s in forced.advice)
     tight = innovations_record(200, rng)
-    model = estimate([tight], ("de",), ("alpha", "q"), past_horizon=40, future_horizon=5, order=2)
+    model = estimate([tight], ("de",), ("alpha", "q"), DsrE(past_horizon=40, future_horizon=5, order=2))
     assert any("nearly interpolates: 120 unknowns per output from 160 columns" in s for s in model.advice)
 
 
@@ -226,7 +219,7 @@ def test_long_records_need_no_gigabytes():
     rng = np.random.default_rng(7)
     long = innovations_record(100_000, rng)
     tracemalloc.start()
-    model = estimate([long], ("de",), ("alpha", "q"), past_horizon=60, future_horizon=10, order=2)
+    model = estimate([long], ("de",), ("alpha", "q"), DsrE(past_horizon=60, future_horizon=10, order=2))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     # 19 MB; the whole past alone would take 100 000 x 180 doubles = 144 MB, twice that with its projection
@@ -242,10 +235,10 @@ def test_long_records_take_all_steps_from_one_gram_matrix_with_the_same_result(m
     r = innovations_record(4000, np.random.default_rng(3))
     settings = {"past_horizon": 10, "future_horizon": 6, "order": 2, "offset": offset}
     settings |= {"direct_feedthrough": direct, "variant": variant}
-    short = estimate([r], ("de",), ("alpha", "q"), **settings)
+    short = estimate([r], ("de",), ("alpha", "q"), DsrE(**settings))
     calls = []
     monkeypatch.setattr(BlockHankel, "quick", lambda *a: calls.append(a))  # None: not possible
-    long = estimate([r], ("de",), ("alpha", "q"), **settings)
+    long = estimate([r], ("de",), ("alpha", "q"), DsrE(**settings))
     assert calls
     assert np.abs(poles_of(short) - poles_of(long)).max() < 1e-8
     a, b = (m.diagnostics["singular_values"] for m in (short, long))

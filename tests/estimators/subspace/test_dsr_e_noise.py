@@ -22,6 +22,7 @@ from dsr_e_systems import (
 from scipy.io import loadmat
 
 from testbench.core.record import FlightRecord
+from testbench.estimators.settings import DsrE
 from testbench.estimators.subspace.dsr_e import estimate
 
 
@@ -35,7 +36,7 @@ def test_scatter_shrinks_with_the_number_of_samples():
         errors = []
         for _ in range(count):
             r = innovations_record(n, rng)
-            model = estimate([r], ("de",), ("alpha", "q"), past_horizon=10, future_horizon=5, order=2)
+            model = estimate([r], ("de",), ("alpha", "q"), DsrE(past_horizon=10, future_horizon=5, order=2))
             errors.append(np.abs(sort(np.linalg.eigvals(model.A)) - z))
         error[n] = float(np.sqrt(np.mean(np.square(errors))))
     assert 2.0 < error[500] / error[8000] < 8.0
@@ -48,9 +49,7 @@ def test_innovations_gain_and_deviation_are_consistent():
         [innovations_record(20_000, np.random.default_rng(8))],
         ("de",),
         ("alpha", "q"),
-        past_horizon=10,
-        future_horizon=5,
-        order=2,
+        DsrE(past_horizon=10, future_horizon=5, order=2),
     )
     # C A^k K and C A^k B do not depend on the basis of the state; sampling error of a gain ~ 1/sqrt(20000) = 0.7 %,
     # so 0.05 is some 7 of them
@@ -78,9 +77,7 @@ def test_right_on_flight_test_inputs_where_other_codes_fail_in_silence(name, blo
         [record(dt, u, y, ("de",), ("alpha", "q"))],
         ("de",),
         ("alpha", "q"),
-        past_horizon=block,
-        future_horizon=block,
-        order=2,
+        DsrE(past_horizon=block, future_horizon=block, order=2),
     )
     assert pole_error(model, short_period()[0]) < 0.04
     excited = name in ("3211", "prbs")
@@ -101,9 +98,7 @@ def test_one_output_is_right_or_warned(name, output, block):
         [record(dt, u, y, ("de",), ("alpha", "q"))],
         ("de",),
         (output,),
-        past_horizon=block,
-        future_horizon=block,
-        order=2,
+        DsrE(past_horizon=block, future_horizon=block, order=2),
     )
     assert model.status != "good" or pole_error(model, short_period()[0]) < 0.05
 
@@ -121,18 +116,18 @@ def _aircraft_record(seed, dt=0.01):
 def test_short_future_horizon_at_a_high_rate_hides_the_short_period_without_alpha(seed):
     # the EOLO paper's horizons J = 200, L = 4 at 100 Hz: 0.04 s cannot show a mode of 4.5 rad/s in V, q and theta
     flown = _aircraft_record(seed)
-    short = estimate([flown], ("de",), ("V", "q", "theta"), past_horizon=200, future_horizon=4, order=4)
+    short = estimate([flown], ("de",), ("V", "q", "theta"), DsrE(past_horizon=200, future_horizon=4, order=4))
     assert pole_error(short, longitudinal()[0]) > 0.3
     assert short.status != "good"
     assert any("above the noise floor" in s for s in short.advice)
-    automatic = estimate([flown], ("de",), ("V", "q", "theta"), past_horizon=200, future_horizon=4)
+    automatic = estimate([flown], ("de",), ("V", "q", "theta"), DsrE(past_horizon=200, future_horizon=4))
     assert automatic.order == 3
     assert automatic.status != "good"
     # the largest error of 10 seeds is 2.3 % without alpha and 2.7 % with it
-    longer = estimate([flown], ("de",), ("V", "q", "theta"), past_horizon=80, future_horizon=50)
+    longer = estimate([flown], ("de",), ("V", "q", "theta"), DsrE(past_horizon=80, future_horizon=50))
     assert longer.order == 4
     assert pole_error(longer, longitudinal()[0]) < 0.08
-    alpha = estimate([flown], ("de",), ("V", "alpha", "q", "theta"), past_horizon=50, future_horizon=50)
+    alpha = estimate([flown], ("de",), ("V", "alpha", "q", "theta"), DsrE(past_horizon=50, future_horizon=50))
     assert alpha.order == 4
     assert alpha.status == "good"
     assert pole_error(alpha, longitudinal()[0]) < 0.05
@@ -157,7 +152,7 @@ def _attas():
 @pytest.mark.parametrize(("J", "L"), [(5, 5), (10, 10), (20, 20), (30, 30), (60, 60)])
 def test_attas_short_period(J, L):
     """Jategaonkar's output-error result for both elevator records is wn 2.53 rad/s and zeta 0.493."""
-    model = estimate(_attas(), ("de",), ("alpha", "q"), past_horizon=J, future_horizon=L, order=2)
+    model = estimate(_attas(), ("de",), ("alpha", "q"), DsrE(past_horizon=J, future_horizon=L, order=2))
     pole = poles_of(model)[-1]
     assert abs(pole) == pytest.approx(2.53, rel=0.05)
     assert -pole.real / abs(pole) == pytest.approx(0.493, abs=0.08)
@@ -165,4 +160,4 @@ def test_attas_short_period(J, L):
 
 
 def test_attas_order_is_found():
-    assert estimate(_attas(), ("de",), ("alpha", "q"), past_horizon=20, future_horizon=20).order == 2
+    assert estimate(_attas(), ("de",), ("alpha", "q"), DsrE(past_horizon=20, future_horizon=20)).order == 2

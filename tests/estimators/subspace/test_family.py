@@ -9,6 +9,7 @@ from dsr_e_systems import innovations_record, innovations_system, longitudinal, 
 
 from testbench.core.errors import ChannelError, EstimationError
 from testbench.core.record import FlightRecord
+from testbench.estimators.settings import DsrE, Subspace
 from testbench.estimators.subspace import dsr_e
 from testbench.estimators.subspace.family import PREDICTORS, PROJECTIONS, estimate
 
@@ -21,8 +22,8 @@ def identify(method, records, inputs, outputs, **settings):
     settings = {"past_horizon": 8, "future_horizon": 8, **settings}
     if method.startswith("dsr_e"):
         variant = "eolo" if method.endswith("eolo") else "original"
-        return dsr_e.estimate(records, inputs, outputs, variant=variant, **settings)
-    return estimate(records, inputs, outputs, method=method, **settings)
+        return dsr_e.estimate(records, inputs, outputs, DsrE(variant=variant, **settings))
+    return estimate(records, inputs, outputs, Subspace(method=method, **settings))
 
 
 def _system(name):
@@ -103,7 +104,7 @@ def test_offsets_and_trends_are_estimated_along(method, offset, drift):
     assert np.all(model.diagnostics["output_error_percent"] < 1e-3)
     plain = identify(method, records, *system[5:], order=len(system[0]))
     assert pole_error(plain, system[0]) > 1e-3 or response_error(plain, system) > 1e-2
-    with pytest.raises(EstimationError, match="offset must be one of none, offset, trend"):
+    with pytest.raises(EstimationError, match="offset: must be one of none, offset, trend, got 'mean'"):
         identify(method, records, *system[5:], offset="mean")
 
 
@@ -163,7 +164,7 @@ def test_what_cannot_be_identified_is_refused(method):
         identify(method, [], inputs, outputs)
     with pytest.raises(ChannelError, match="beta"):
         identify(method, [r], inputs, ("beta",))
-    with pytest.raises(EstimationError, match="future_horizon >= 2"):
+    with pytest.raises(EstimationError, match="future_horizon: must be greater than or equal to 2, got 1"):
         identify(method, [r], inputs, outputs, future_horizon=1)
     with pytest.raises(EstimationError, match="1 <= order <="):
         identify(method, [r], inputs, outputs, order=8)
@@ -174,12 +175,12 @@ def test_wrong_settings_of_the_family_are_refused(method):
     system = _system("siso")
     r = fly(system, 400, 6, noise=0.02)
     for wrong, message in (
-        ({"decimate": 0}, "decimate must be 'auto' or a whole number"),
+        ({"decimate": 0}, "decimate.*must be greater than or equal to 1, got 0"),
         ({"bootstrap": 1}, "at least 2 replicas"),
     ):
         with pytest.raises(EstimationError, match=message):
             identify(method, [r], *system[5:], **wrong)
-    with pytest.raises(EstimationError, match="did you mean"):
+    with pytest.raises(EstimationError, match="method: must be one of"):
         identify(method + "x", [r], *system[5:])
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from testbench.core.record import FlightRecord
+from testbench.estimators.settings import Subspace
 from testbench.estimators.subspace.family import PREDICTORS, PROJECTIONS, estimate
 from tests.reference.octave_subspace import CASES, HORIZON, STORED, data
 
@@ -27,11 +28,13 @@ def poles_z(name, method, seed=None):
         [r],
         inputs,
         outputs,
-        method=method,
-        past_horizon=HORIZON,
-        future_horizon=HORIZON,
-        order=len(CASES[name][0]),
-        direct_feedthrough=True,
+        Subspace(
+            method=method,
+            past_horizon=HORIZON,
+            future_horizon=HORIZON,
+            order=len(CASES[name][0]),
+            direct_feedthrough=True,
+        ),
     )
     return np.sort_complex(np.linalg.eigvals(model.A).astype(complex))
 

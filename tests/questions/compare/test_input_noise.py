@@ -12,7 +12,7 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import input_noise
 from testbench.estimators.parametric.input_noise import Whitening
-from testbench.estimators.parametric.response import respond
+from testbench.estimators.parametric.response import Sampling, respond
 from testbench.estimators.prepare import prepare
 from testbench.information.fisher import Accuracy
 from testbench.questions.compare.ask import _known
@@ -43,7 +43,9 @@ def linear_flight(known, suite, manoeuvre) -> FlightRecord:
     sensors = sensors_of(suite, ())
     structure = structure_seen(known, sensors, ["de_cmd"])
     u = input_of(manoeuvre, ["de"], RATE_HZ)
-    r = respond(structure, structure.true, (), u, 1.0 / RATE_HZ, np.ones(1, bool), np.zeros(len(structure.states)))
+    r = respond(
+        structure, structure.true, (), u, Sampling(1.0 / RATE_HZ, np.ones(1, bool)), np.zeros(len(structure.states))
+    )
     names = (*structure.outputs, "de")
     trim = np.array([known.trim.get(name, 0.0) for name in names])
     data = np.column_stack([r.y, r.x[:, structure.states.index("servo_de")]]) + trim
@@ -62,13 +64,13 @@ def test_whitening_is_that_of_the_dense_covariance(known) -> None:
     for k in range(N):  # the effect of a noisy sample, joined to its neighbours by lines
         u = np.zeros((N, 1))
         u[k] = s
-        H[:, :, k] = respond(structure, structure.values, (), u, 0.01, held, start).y / sigma
+        H[:, :, k] = respond(structure, structure.values, (), u, Sampling(0.01, held), start).y / sigma
     rng = np.random.default_rng(1)
     taken = (rng.random((N, p)) > 0.2).astype(float)  # and samples that are missing
     x = rng.standard_normal((N, p, 4)) * taken[:, :, None]
     flat, seen = x.reshape(-1, 4), (H * taken[:, :, None]).reshape(-1, N)
     dense = flat.T @ np.linalg.solve(np.eye(N * p) + seen @ seen.T, flat)
-    weights = Whitening(structure, structure.values, 0.01, held, np.array([s]), sigma, taken)
+    weights = Whitening(structure, structure.values, Sampling(0.01, held), np.array([s]), sigma, taken)
     rows = weights.apply(x).reshape(-1, 4)
     np.testing.assert_allclose(rows.T @ rows, dense, rtol=1e-8, atol=1e-8 * np.abs(dense).max())
 
@@ -79,7 +81,7 @@ def test_without_noise_of_inputs_every_sample_counts_alone(known) -> None:
     p = len(structure.outputs)
     x = np.random.default_rng(2).standard_normal((50, p, 3))
     weights = Whitening(
-        structure, structure.values, 0.01, np.zeros(1, bool), np.zeros(1), np.full(p, 0.1), np.ones((50, p))
+        structure, structure.values, Sampling(0.01, np.zeros(1, bool)), np.zeros(1), np.full(p, 0.1), np.ones((50, p))
     )
     np.testing.assert_array_equal(weights.apply(x), x)
 
@@ -150,7 +152,7 @@ def test_share_of_second_order_grows_with_the_errors(scenario, known) -> None:
 
     def response(params):
         start = np.zeros(len(structure.states))
-        return respond(structure, params, (), u, 0.01, np.ones(1, bool), start).y / experiment.sigma
+        return respond(structure, params, (), u, Sampling(0.01, np.ones(1, bool)), start).y / experiment.sigma
 
     M = experiment.information(u.repeat(experiment.stride, axis=0))
     W = experiment.weighted(u.repeat(experiment.stride, axis=0))

@@ -14,6 +14,7 @@ from testbench.core.scenario.inputs import Pilot, StandardMultistep
 from testbench.design.candidates import sampled
 from testbench.design.problem import ModeBands
 from testbench.estimators.parametric import output_error
+from testbench.estimators.settings import OutputError
 from testbench.flight import Manoeuvre, fly, linearise
 from testbench.information.aircraft_structure import aircraft_structure, held_accelerations
 from testbench.information.modes import elastic_modes, modes_of
@@ -155,7 +156,9 @@ def identified(result, specs, suite_name):
     s = aircraft_structure(result.believed.linear, *at)
     off = 1.0 + 0.10 * np.random.default_rng(5).standard_normal(len(names))
     start = replace(s, parameters=tuple(replace(p, value=p.value * k) for p, k in zip(s.parameters, off, strict=True)))
-    model = output_error.estimate([record], start, initial_states="zero", output_biases=outputs, max_iterations=15)
+    model = output_error.estimate(
+        [record], start, OutputError(initial_states="zero", output_biases=outputs, max_iterations=15)
+    )
     poles = np.linalg.eigvals(s.matrices(model.params).A)
     errors = []
     for name in result.scenario.targets.modes:

@@ -14,6 +14,7 @@ import testbench as tb
 from testbench.cli import app
 from testbench.core.errors import EstimationError, ScenarioError, WriteError
 from testbench.effects import SERVOS
+from testbench.estimators.parametric.structures import Trim
 from testbench.estimators.structured import Servo
 from testbench.evaluation.parameters import true_parameters
 from testbench.questions.aircraft.contract import aircraft_laws
@@ -146,7 +147,7 @@ def test_exact_data_give_the_exact_derivatives(tmp_path):
     truth = true_derivatives()
     taurus = tb.load_aircraft("taurus")
     trimmed = tb.trim(taurus, CONDITION)
-    structure = longitudinal(V, trimmed.alpha, trimmed.theta)
+    structure = longitudinal(Trim(V, trimmed.alpha, trimmed.theta))
     params = np.array([truth.get(n, 0.0) for n in structure.parameter_names])
     m = structure.matrices(params)
     step = expm(np.block([[m.A, m.B], [np.zeros((1, 5))]]) / 50.0)

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import testbench as tb
 from testbench.cli import app
 from testbench.core.errors import RecordError, ScenarioError
-from testbench.estimators.settings import EquationError
+from testbench.estimators.settings import EquationErrorEntry
 from testbench.estimators.structured import Servo
 from testbench.questions.identify.answer import identify_answer
 from testbench.questions.identify.ask import _passed, identify
@@ -152,7 +152,7 @@ def test_it_is_said_which_servo_a_command_passed_where_an_estimator_has_one_of_i
     stated = Servo(lag_s=0.05, rate_limit_deg_s=60.0)
 
     def case(label, **own):
-        estimator = EquationError(method="equation_error", structure="short_period", **own)
+        estimator = EquationErrorEntry(method="equation_error", structure="short_period", **own)
         return SimpleNamespace(label=label, estimator=estimator, model=SimpleNamespace(inputs=("de_cmd",)))
 
     of_aircraft = case("first", servo={"de_cmd": stated})

@@ -17,6 +17,7 @@ from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
 from testbench.estimators.prepare import prepare
+from testbench.estimators.settings import DsrE
 from testbench.estimators.subspace import dsr_e
 from testbench.logs.layout import ENVIRONMENT
 from testbench.logs.read import read_records
@@ -59,9 +60,11 @@ def modes(
         [prepare(record, bias=preparation.bias, trim_s=description.trim_s, lowpass_hz=lowpass) for record in used],
         description.identification.inputs,
         description.outputs,
-        order=settings.order,
-        past_horizon=past or settings.past_horizon,
-        future_horizon=future or settings.future_horizon,
+        DsrE(
+            order=settings.order,
+            past_horizon=past or settings.past_horizon,
+            future_horizon=future or settings.future_horizon,
+        ),
     )
     poles = np.concatenate(list(model.poles().values()))
     poles = poles[poles.imag > 0.0]

@@ -12,7 +12,7 @@ import pytest
 from testbench.core.errors import EstimationError, ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.design.limits import breaches
-from testbench.estimators.parametric.response import respond
+from testbench.estimators.parametric.response import Sampling, respond
 from testbench.evaluation.envelope import fly_envelope
 from testbench.information.aircraft_structure import aircraft_structure, parameter_names
 from testbench.questions.plan.answer import plan_answer
@@ -278,13 +278,10 @@ def test_band_is_the_scatter_of_responses_with_uncertain_derivatives(small, taur
     part = flown.signal.u[::stride]
     begin = round(rate)  # settling lasts 1 s
     u[begin : begin + len(part)] = part[: len(u) - begin]
-    rng = np.random.default_rng(5)
+    rng, sampling, rest = np.random.default_rng(5), Sampling(1.0 / rate, np.ones(1, bool)), np.zeros(len(s.states))
     draws = np.stack(
         [
-            respond(
-                s, s.true * (1.0 + 0.02 * rng.standard_normal(len(names))), (), u, 1.0 / rate, np.ones(1, bool),
-                np.zeros(len(s.states)),
-            ).y
+            respond(s, s.true * (1.0 + 0.02 * rng.standard_normal(len(names))), (), u, sampling, rest).y
             for _ in range(300)
         ]
     )  # fmt: skip

@@ -6,13 +6,12 @@ Identification, 2nd ed., 2015, chapter 7.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.call import with_settings
 from testbench.estimators.parametric.kalman.augmented import Correction, Gaussian, Plant, Prediction
 from testbench.estimators.parametric.kalman.passes import estimate_by
 from testbench.estimators.parametric.model import ParametricModel
@@ -52,20 +51,11 @@ def _directions(mean: FloatArray) -> NDArray[np.complex128]:
     return np.asarray(mean + 1j * STEP * np.eye(mean.size + 1, mean.size))
 
 
-@with_settings(ExtendedFilter)
+_DEFAULT = ExtendedFilter()
+
+
 def estimate(
-    records: Sequence[FlightRecord],
-    structure: ModelStructure,
-    *,
-    measurement_noise: Mapping[str, float] | None,
-    process_noise: Mapping[str, float] | None,
-    parameter_drift: Mapping[str, float] | None,
-    initial_std: Mapping[str, float] | None,
-    delays_s: Mapping[str, float] | None,
-    held: Sequence[str] | None,
-    substeps: int,
-    smooth: bool,
-    passes: int,
+    records: Sequence[FlightRecord], structure: ModelStructure, settings: ExtendedFilter = _DEFAULT
 ) -> ParametricModel:
     """Estimate states and free parameters along the records by an extended Kalman filter.
 
@@ -73,19 +63,7 @@ def estimate(
         records: measured records with one sample time. The filter runs through one after the other: parameters carry
             over, states start anew.
         structure: the equations. Bounds of its parameters are not enforced; the advice names an estimate beyond them.
-        measurement_noise: output -> standard deviation; those not named from third differences of the record.
-        process_noise: state -> process noise, unit of the state per square root of a second; 0 where not named.
-        parameter_drift: free parameter -> random walk, unit per square root of a second; constant where not named.
-        initial_std: state or free parameter -> standard deviation of its prior at the start. By default that of the
-            parameter; without one, wide enough to move the outputs by as much as they move.
-        delays_s: known delay per input, s.
-        held: inputs that are held between samples; None takes those called ``*_cmd``. The others run linearly.
-        substeps: Runge-Kutta steps per sample.
-        smooth: also estimate along each record from all of it (Rauch, Tung and Striebel).
-        passes: how often the filter runs over the records; 1 is the filter as it would run in flight. Each further pass
-            starts near where the last one ended, and takes measurement noise that is not named from its innovations:
-            a single pass from wide beliefs linearises at points far off, and its errors come out too small. Parameters
-            that drift get one pass.
+        settings: noise and initial deviations, as far as they are known.
 
     Returns:
         The model with the last estimates, the covariances the filter's own (not corrected for coloured innovations).
@@ -97,19 +75,4 @@ def estimate(
         EstimationError: a name is not one of the structure's, no initial deviation can be told, or the filter diverges.
         ChannelError: a record lacks a channel.
     """
-    return estimate_by(
-        ExtendedKalmanFilter(),
-        "ekf",
-        records,
-        structure,
-        measurement_noise=measurement_noise,
-        process_noise=process_noise,
-        parameter_drift=parameter_drift,
-        initial_std=initial_std,
-        delays_s=delays_s,
-        held=held,
-        substeps=substeps,
-        smooth=smooth,
-        passes=passes,
-        settings={},
-    )
+    return estimate_by(ExtendedKalmanFilter(), records, structure, settings)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from testbench.core.record import FloatArray
-from testbench.estimators.parametric.response import discretise, runge_kutta
+from testbench.estimators.parametric.response import Sampling, discretise, runge_kutta
 from testbench.estimators.parametric.structure import STEP, AnyArray, LinearStructure, ModelStructure
 from testbench.estimators.trajectories import Trajectories
 
@@ -145,9 +145,7 @@ def innovations(
     u: FloatArray,
     y: AnyArray,
     valid: NDArray[np.bool_],
-    dt_s: float,
-    held: NDArray[np.bool_],
-    substeps: int = 1,
+    sampling: Sampling,
 ) -> Run:
     """Run x+ = prediction of (x + K v), v = y - h(x, u) over a record.
 
@@ -160,15 +158,13 @@ def innovations(
         u: inputs (N, m).
         y: measured outputs less their offsets, (N, rows, p).
         valid: (N, p) which of them count.
-        dt_s: sample time, s.
-        held: (m,) inputs that are held between samples; the others run linearly.
-        substeps: Runge-Kutta steps per sample of a nonlinear structure.
+        sampling: of the record.
     """
     if isinstance(structure, LinearStructure):
-        return _linear(structure, rows, u, y, valid, dt_s, held)
+        return _linear(structure, rows, u, y, valid, sampling)
     N, count = len(u), len(rows.params)
     v, x = np.zeros((N, count, y.shape[2]), complex), np.zeros((N, count, rows.x0.shape[1]), complex)
-    du = np.where(held, 0.0, np.diff(u, axis=0, append=u[-1:]))
+    du = np.where(sampling.held, 0.0, np.diff(u, axis=0, append=u[-1:]))
     X = rows.x0
     for k in range(N):
         x[k] = X
@@ -176,7 +172,7 @@ def innovations(
         if k == N - 1:
             break
         X = X + (rows.K @ v[k][:, :, None])[:, :, 0]
-        X = runge_kutta(structure, X, u[k] + rows.shift, du[k], rows.params, dt_s, substeps)
+        X = runge_kutta(structure, X, u[k] + rows.shift, du[k], rows.params, sampling.dt_s, sampling.substeps)
         if not np.all(np.isfinite(X)):
             return Run(np.full_like(v, np.inf), x)
     return Run(v, x)
@@ -188,12 +184,11 @@ def _linear(
     u: FloatArray,
     y: AnyArray,
     valid: NDArray[np.bool_],
-    dt_s: float,
-    held: NDArray[np.bool_],
+    sampling: Sampling,
 ) -> Run:
     """Run the nominal row, then the complex steps: linear, x and v known, all of them obey x+ = A (1 - K M C) x + F."""
     s = structure.matrices(rows.params)
-    d = discretise(s, dt_s, held)
+    d = discretise(s, sampling.dt_s, sampling.held)
     N, count, n = len(u), len(rows.params), rows.x0.shape[1]
     shift = rows.shift[:, :, None]
     level, offset = d.g + (d.G @ shift)[:, :, 0], s.by + (s.D @ shift)[:, :, 0]

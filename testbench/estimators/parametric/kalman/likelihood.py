@@ -59,8 +59,8 @@ class FilterLikelihood:
         """Return (n,) how far each state goes when the outputs go as far as they do, seen over one second."""
         base = self.base
         A, C = (part[0].real for part in self.linearised(base.structure.values[None].astype(complex), 0))
-        samples = max(1, round(1.0 / base.dt_s))
-        step, _ = sampled_noise(A, np.zeros(len(A)), base.dt_s)
+        samples = max(1, round(1.0 / base.sampling.dt_s))
+        step, _ = sampled_noise(A, np.zeros(len(A)), base.sampling.dt_s)
         total, power = np.zeros(len(A)), np.eye(len(A))
         for _ in range(samples):
             total += np.sum((C / base.size[:, None] @ power) ** 2, axis=0)
@@ -143,7 +143,7 @@ class FilterLikelihood:
         if not (np.all(np.isfinite(A)) and np.all(np.isfinite(C))):
             return None
         try:
-            return steady_gain(A, C, self.process_noise(rows), G, base.dt_s)
+            return steady_gain(A, C, self.process_noise(rows), G, base.sampling.dt_s)
         except np.linalg.LinAlgError:
             return None  # an output without any noise, or a state that nothing moves: no gain is the best one
 
@@ -182,9 +182,7 @@ class FilterLikelihood:
         shift = np.zeros((len(rows), s.u.shape[1]), complex)
         shift[:, list(layout.biased_inputs)] = own[:, n + layout.offsets :]
         y = s.y[:, None] - np.einsum("kpb,rb->krp", s.offsets, own[:, n : n + layout.offsets])
-        v, x = innovations(
-            base.structure, Rows(params, x0, shift, K), s.u, y, s.valid, base.dt_s, base.held, base.substeps
-        )
+        v, x = innovations(base.structure, Rows(params, x0, shift, K), s.u, y, s.valid, base.sampling)
         dv = v[:, :-1].imag.transpose(0, 2, 1) / STEP
         return Part(v[:, -1].real, Sensitivities(dv, active), x[:, -1].real, Gain(gain.K[-1].real, gain.S[-1].real))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +15,11 @@ from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import correlations, whiteness
 from testbench.estimators.parametric.kalman.advice import advise_filter
 from testbench.estimators.parametric.kalman.augmented import Filter, Gaussian, Plant, Track, run
-from testbench.estimators.parametric.likelihood import held_inputs
-from testbench.estimators.parametric.model import ParametricModel, named
-from testbench.estimators.parametric.response import delayed, respond
+from testbench.estimators.parametric.likelihood import Driven
+from testbench.estimators.parametric.model import ParametricModel
+from testbench.estimators.parametric.response import Sampling, delayed, respond
 from testbench.estimators.parametric.structure import Affine, LinearStructure, ModelStructure
+from testbench.estimators.settings import ExtendedFilter
 
 _ENOUGH = 20  # innovations that tell a variance
 _LEAST = 1e-4  # of the variance before, that records free of noise are taken to have
@@ -28,32 +28,15 @@ _DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])  # a smooth signal all but vanish
 
 
 def estimate_by(
-    kind: Filter,
-    method: str,
-    records: Sequence[FlightRecord],
-    structure: ModelStructure,
-    *,
-    measurement_noise: Mapping[str, float] | None,
-    process_noise: Mapping[str, float] | None,
-    parameter_drift: Mapping[str, float] | None,
-    initial_std: Mapping[str, float] | None,
-    delays_s: Mapping[str, float] | None,
-    held: Sequence[str] | None,
-    substeps: int,
-    smooth: bool,
-    passes: int,
-    settings: Mapping[str, Any],
+    kind: Filter, records: Sequence[FlightRecord], structure: ModelStructure, settings: ExtendedFilter
 ) -> ParametricModel:
     """Run one kind of filter over the records, one after the other; parameters carry over, states start anew."""
     check_records(records, structure.inputs, structure.outputs)
-    if passes < 1:
-        raise EstimationError(f"a filter runs over its records at least once, got passes = {passes}")
-    hold, recognised = held_inputs(structure.inputs, held, records)
-    delays = named(delays_s, structure.inputs, "a delay")
+    delays, hold, recognised = Driven.of(settings, structure, records)
     free = [p.name for p in structure.parameters if p.free]
-    F = _values(process_noise, structure.states, "process noise", "a state")
-    drift = _values(parameter_drift, free, "a drift", "a free parameter")
-    G = _measurement_noise(records, structure.outputs, measurement_noise)
+    F = _values(settings.process_noise, structure.states, "process noise", "a state")
+    drift = _values(settings.parameter_drift, free, "a drift", "a free parameter")
+    G = _measurement_noise(records, structure.outputs, settings.measurement_noise)
     dt = records[0].dt_s
     chosen = np.flatnonzero(structure.free)
     taken = sum(int(r.select(structure.outputs).valid.sum()) for r in records)
@@ -65,23 +48,24 @@ def estimate_by(
         )
     noise = np.concatenate([F, drift]) ** 2 * dt
     affine = Affine.of(structure) if isinstance(structure, LinearStructure) else None
-    plant = Plant(structure, chosen, structure.values, dt, substeps, noise, G**2, affine)
+    plant = Plant(structure, chosen, structure.values, dt, settings.substeps, noise, G**2, affine)
     inputs = [delayed(r.columns(structure.inputs), r.dt_s, delays) for r in records]
-    std = _initial_std(plant, records[0], inputs[0], hold, initial_std)
+    std = _initial_std(plant, records[0], inputs[0], hold, settings.initial_std)
     wide = Gaussian(structure.values[chosen], np.diag(std[plant.states :] ** 2))
-    told = np.array([n in (initial_std or {}) or structure.parameters[i].prior_std is not None
+    told = np.array([n in settings.initial_std or structure.parameters[i].prior_std is not None
                      for n, i in zip(free, chosen, strict=True)], bool)  # fmt: skip
-    if (told.all() and set(structure.outputs) <= set(measurement_noise or {})) or parameter_drift:
-        passes = 1  # another would be the same, or parameters are not where they ended
+    known = told.all() and set(structure.outputs) <= set(settings.measurement_noise)
+    # another pass would be the same, or parameters are not where they ended
+    passes = 1 if known or settings.parameter_drift else settings.passes
     beliefs = wide
     tracks: list[Track] = []
     for i in range(passes):
         if i:
             beliefs = _narrowed(wide, beliefs, told)
-            plant = replace(plant, R=_measured_noise(plant, tracks, measurement_noise or {}))
+            plant = replace(plant, R=_measured_noise(plant, tracks, settings.measurement_noise))
         tracks = []
         for record, u in zip(records, inputs, strict=True):
-            track, last = run(kind, plant, _start(plant, record, beliefs, std), record, u, hold, smooth)
+            track, last = run(kind, plant, _start(plant, record, beliefs, std), record, u, hold, settings.smooth)
             beliefs = Gaussian(last.mean[plant.states :], last.covariance[plant.states :, plant.states :])
             tracks.append(track)
     G = np.sqrt(plant.R)
@@ -95,19 +79,19 @@ def estimate_by(
     params[chosen] = beliefs.mean
     R = np.sum(v**2, axis=0) / np.maximum(good.sum(axis=0), 1)
     model = ParametricModel(
-        method=method,
+        method=settings.method,
         inputs=structure.inputs,
         outputs=structure.outputs,
         dt_s=dt,
         settings={
             "structure": structure.name,
             "measurement_noise": dict(zip(structure.outputs, G.tolist(), strict=True)),
-            "process_noise": dict(process_noise or {}),
-            "parameter_drift": dict(parameter_drift or {}),
-            "initial_std": dict(initial_std or {}),
-            "smooth": smooth,
+            "process_noise": dict(settings.process_noise),
+            "parameter_drift": dict(settings.parameter_drift),
+            "initial_std": dict(settings.initial_std),
+            "smooth": settings.smooth,
             "passes": passes,
-            **settings,
+            **settings.model_dump(include={"alpha", "beta", "kappa"}),
             **said_of_hold(recognised),
         },
         diagnostics={
@@ -131,22 +115,20 @@ def estimate_by(
             np.mean(np.vstack([t.states for t in tracks]), axis=0),
             np.mean(np.vstack(inputs), axis=0),
         ),
-        substeps=substeps,
+        substeps=settings.substeps,
     )
     return advise_filter(model)
 
 
-def _values(given: Mapping[str, float] | None, names: Sequence[str], what: str, of: str) -> FloatArray:
-    for name, value in (given or {}).items():
+def _values(given: Mapping[str, float], names: Sequence[str], what: str, of: str) -> FloatArray:
+    for name in given:
         if name not in names:
             raise EstimationError(f"{what} belongs to {of} ({', '.join(names)}), got '{name}'")
-        if not 0.0 <= value < np.inf:
-            raise EstimationError(f"{what} >= 0 must hold, got {value:g} for '{name}'")
-    return np.array([float((given or {}).get(name, 0.0)) for name in names])
+    return np.array([float(given.get(name, 0.0)) for name in names])
 
 
 def _measurement_noise(
-    records: Sequence[FlightRecord], outputs: Sequence[str], given: Mapping[str, float] | None
+    records: Sequence[FlightRecord], outputs: Sequence[str], given: Mapping[str, float]
 ) -> FloatArray:
     """Return (p,) standard deviations: those given, others from third differences of the valid samples.
 
@@ -155,7 +137,7 @@ def _measurement_noise(
     known = _values(given, outputs, "measurement noise", "an output")
     out = np.zeros(len(outputs))
     for j, name in enumerate(outputs):
-        if name in (given or {}):
+        if name in given:
             out[j] = known[j]
         else:
             parts = [np.convolve(r[name][r.select([name]).valid[:, 0]], _DIFFERENCE, "valid") for r in records]
@@ -169,7 +151,7 @@ def _measurement_noise(
 
 
 def _initial_std(
-    plant: Plant, record: FlightRecord, u: FloatArray, held: NDArray[np.bool_], given: Mapping[str, float] | None
+    plant: Plant, record: FlightRecord, u: FloatArray, held: NDArray[np.bool_], given: Mapping[str, float]
 ) -> FloatArray:
     """Return (n + f,) initial standard deviations of states and free parameters.
 
@@ -178,22 +160,18 @@ def _initial_std(
     """
     structure, chosen = plant.structure, plant.chosen
     names = (*structure.states, *(structure.parameter_names[i] for i in chosen))
-    for name, value in (given or {}).items():
-        if name not in names or not value > 0.0:
-            raise EstimationError(
-                f"an initial deviation > 0 belongs to a state or free parameter ({', '.join(names)}), got {value:g} "
-                f"for '{name}'"
-            )
+    _values(given, names, "an initial deviation", "a state or free parameter")
     x0 = structure.initial_state(record)
-    r = respond(structure, plant.values, chosen.tolist(), u, plant.dt_s, held, x0, substeps=plant.substeps)
+    sampling = Sampling(plant.dt_s, held, plant.substeps)
+    r = respond(structure, plant.values, chosen.tolist(), u, sampling, x0)
     part = record.select(structure.outputs)
     size = np.array([part.data[ok, j].std() if ok.any() else 0.0 for j, ok in enumerate(part.valid.T)])
     size = np.maximum(size, np.sqrt(plant.R))
     out = np.empty(len(names))
     for i, name in enumerate(names):
         prior = structure.parameters[chosen[i - plant.states]].prior_std if i >= plant.states else None
-        if name in (given or {}):
-            out[i] = (given or {})[name]
+        if name in given:
+            out[i] = given[name]
         elif prior is not None:
             out[i] = prior
         elif name in structure.outputs:

@@ -6,7 +6,7 @@ S. J. Julier, "The Scaled Unscented Transformation", American Control Conference
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.call import with_settings
 from testbench.estimators.parametric.kalman.augmented import Correction, Gaussian, Plant, Prediction
 from testbench.estimators.parametric.kalman.passes import estimate_by
 from testbench.estimators.parametric.model import ParametricModel
@@ -97,67 +96,21 @@ class UnscentedKalmanFilter:
         return Correction(Gaussian(state.mean + K @ v, 0.5 * (P + P.T)), v, S)
 
 
-@with_settings(UnscentedFilter)
+_DEFAULT = UnscentedFilter()
+
+
 def estimate(
-    records: Sequence[FlightRecord],
-    structure: ModelStructure,
-    *,
-    measurement_noise: Mapping[str, float] | None,
-    process_noise: Mapping[str, float] | None,
-    parameter_drift: Mapping[str, float] | None,
-    initial_std: Mapping[str, float] | None,
-    delays_s: Mapping[str, float] | None,
-    held: Sequence[str] | None,
-    substeps: int,
-    smooth: bool,
-    passes: int,
-    alpha: float,
-    beta: float,
-    kappa: float,
+    records: Sequence[FlightRecord], structure: ModelStructure, settings: UnscentedFilter = _DEFAULT
 ) -> ParametricModel:
-    """Estimate states and free parameters along the records by an unscented Kalman filter.
-
-    Args:
-        records: see :func:`.ekf.estimate`, as for the arguments up to ``smooth``.
-        structure: the equations.
-        measurement_noise: output -> standard deviation.
-        process_noise: state -> process noise, unit of the state per square root of a second.
-        parameter_drift: free parameter -> random walk, unit per square root of a second.
-        initial_std: state or free parameter -> standard deviation at the start.
-        delays_s: known delay per input, s.
-        held: inputs that are held between samples.
-        substeps: Runge-Kutta steps per sample.
-        smooth: also estimate along each record from all of it.
-        passes: how often the filter runs over the records, see :func:`.ekf.estimate`.
-        alpha: spread of the sigma points, above 0 and at most 1.
-        beta: 2 for Gaussian distributions.
-        kappa: second spread; s + kappa > 0 for s states and parameters.
-
-    Returns:
-        The model and diagnostics of :func:`.ekf.estimate`.
+    """Estimate states and free parameters along the records by an unscented Kalman filter, as :func:`.ekf.estimate`.
 
     Raises:
-        EstimationError: alpha or kappa against their laws, or as :func:`.ekf.estimate`.
+        EstimationError: kappa against its law, or as :func:`.ekf.estimate`.
         ChannelError: a record lacks a channel.
     """
     size = len(structure.states) + int(structure.free.sum())
-    if not 0.0 < alpha <= 1.0 or not size + kappa > 0.0:
-        raise EstimationError(
-            f"0 < alpha <= 1 and {size} + kappa > 0 must hold for sigma points, got {alpha:g} and {kappa:g}"
-        )
+    if not size + settings.kappa > 0.0:
+        raise EstimationError(f"{size} + kappa > 0 must hold for sigma points, got kappa = {settings.kappa:g}")
     return estimate_by(
-        UnscentedKalmanFilter(alpha, beta, kappa),
-        "ukf",
-        records,
-        structure,
-        measurement_noise=measurement_noise,
-        process_noise=process_noise,
-        parameter_drift=parameter_drift,
-        initial_std=initial_std,
-        delays_s=delays_s,
-        held=held,
-        substeps=substeps,
-        smooth=smooth,
-        passes=passes,
-        settings={"alpha": alpha, "beta": beta, "kappa": kappa},
+        UnscentedKalmanFilter(settings.alpha, settings.beta, settings.kappa), records, structure, settings
     )

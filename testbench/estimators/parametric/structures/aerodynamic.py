@@ -10,7 +10,7 @@ import numpy as np
 from testbench.core.constants import G0_M_S2
 from testbench.core.errors import EstimationError
 from testbench.estimators.parametric.structure import AnyArray, ModelStructure, Parameter
-from testbench.estimators.parametric.structures.settings import check_outputs, finished
+from testbench.estimators.parametric.structures.settings import check_outputs
 
 _STATES = ("V", "alpha", "theta", "q")
 _OUTPUTS = (*_STATES, "qdot", "ax", "az")
@@ -138,7 +138,6 @@ def aerodynamic_longitudinal(
     terms: Mapping[str, Sequence[str]] = TERMS,
     outputs: Sequence[str] = _OUTPUTS,
     controls: Sequence[str] = ("de",),
-    start: Mapping[str, float] | None = None,
 ) -> AerodynamicLongitudinal:
     """Return nonlinear longitudinal flight; inputs are the controls and ``thrust``.
 
@@ -147,7 +146,6 @@ def aerodynamic_longitudinal(
         terms: CD, CL and Cm -> their terms, e.g. ``("0", "alpha", "alpha*alpha", "de")``.
         outputs: any of V, alpha, theta, q, qdot, ax and az.
         controls: input channels besides thrust.
-        start: parameter name -> start value.
 
     Raises:
         EstimationError: a coefficient without terms, a term, an output or a parameter that the structure does not have.
@@ -175,15 +173,12 @@ def aerodynamic_longitudinal(
                 )
             name = f"{coefficient}_{term.replace('*', '_')}"
             parameters.append(Parameter(name, guess.get(name, 0.0)))
-    return finished(
-        AerodynamicLongitudinal(
-            name="aerodynamic_longitudinal",
-            states=_STATES,
-            inputs=(*controls, "thrust"),
-            outputs=tuple(outputs),
-            parameters=tuple(parameters),
-            airframe=airframe,
-            terms={name: tuple(terms[name]) for name in _COEFFICIENTS},
-        ),
-        start,
+    return AerodynamicLongitudinal(
+        name="aerodynamic_longitudinal",
+        states=_STATES,
+        inputs=(*controls, "thrust"),
+        outputs=tuple(outputs),
+        parameters=tuple(parameters),
+        airframe=airframe,
+        terms={name: tuple(terms[name]) for name in _COEFFICIENTS},
     )

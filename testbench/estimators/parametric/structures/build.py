@@ -172,14 +172,14 @@ def _made(spec: Structured, inputs: tuple[str, ...], outputs: tuple[str, ...], r
             thrust_moment=a.thrust_moment_rad_s2_per_N,
         )
         return factory(airframe, outputs=outputs, controls=tuple(name for name in inputs if name != "thrust"))
-    V, alpha, theta = _trim(spec, records)
+    trim = Trim(*_trim(spec, records))
     settings: dict[str, Any] = {"outputs": outputs, "controls": inputs, "accelerometer": spec.accelerometer_m}
     if spec.structure != "lateral_directional" and (spec.short or spec.structure == "flexible"):
         whole = spec.structure == "flexible" and not spec.short and "V" in outputs
         settings["states"] = ("V", "alpha", "q", "theta") if whole else ("alpha", "q")
     if spec.structure == "flexible":
         settings["wn_rad_s"] = [2.0 * np.pi * f for f in spec.modes_hz]
-    return factory(V, alpha, theta, **settings)
+    return factory(trim, **settings)
 
 
 def _known_trim(spec: Structured, records: Sequence[FlightRecord]) -> Trim | None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices, Parameter
 from testbench.estimators.parametric.structures.rows import Rows
-from testbench.estimators.parametric.structures.settings import Trim, check_outputs, derivatives, finished
+from testbench.estimators.parametric.structures.settings import Trim, check_outputs, derivatives
 
 _STATES = ("beta", "p", "r", "phi")
 _GUESS = {"L_p": -2.0, "L_r": 0.5, "L_beta": -4.0, "L_da": 5.0, "N_r": -0.5, "N_beta": 3.0, "N_dr": -2.0}
@@ -92,56 +92,43 @@ class LateralPerSpeed(LinearStructure):
 
 
 def lateral_directional(
-    V0: float,
-    alpha0: float = 0.0,
-    theta0: float = 0.0,
+    trim: Trim,
     *,
     outputs: Sequence[str] = _STATES,
     controls: Sequence[str] = ("da", "dr"),
     accelerometer: tuple[float, float] = (0.0, 0.0),
-    start: Mapping[str, float] | None = None,
 ) -> LateralDirectional:
     """Return lateral-directional motion about a trim; Y_p and Y_da, which hardly show in flight, are fixed at zero.
 
     Args:
-        V0: trimmed true airspeed, m/s.
-        alpha0: trimmed angle of attack, rad.
-        theta0: trimmed pitch angle, rad.
+        trim: airspeed, m/s, angle of attack and pitch angle, rad, that the records are deviations from.
         outputs: any of beta, p, r, phi, pdot, rdot and ay.
         controls: input channels.
         accelerometer: x_a, z_a from the centre of gravity, m, forward and down positive.
-        start: parameter name -> start value, or value of a fixed parameter.
 
     Raises:
         EstimationError: an output or a parameter that the structure does not have.
     """
     check_outputs("lateral_directional", outputs, (*_STATES, "pdot", "rdot", "ay"))
-    trim = Trim(V0, alpha0, theta0)
     variables = ("beta", "p", "r", *controls)
-    guess = {"Y_beta": -0.2 * V0, **_GUESS}
-    return finished(
-        LateralDirectional(
-            name="lateral_directional",
-            states=_STATES,
-            inputs=tuple(controls),
-            outputs=tuple(outputs),
-            parameters=tuple(p for symbol in "YLN" for p in derivatives(symbol, variables, guess, ("Y_p", "Y_da"))),
-            trim=trim,
-            accelerometer=accelerometer,
-        ),
-        start,
+    guess = {"Y_beta": -0.2 * trim.V, **_GUESS}
+    return LateralDirectional(
+        name="lateral_directional",
+        states=_STATES,
+        inputs=tuple(controls),
+        outputs=tuple(outputs),
+        parameters=tuple(p for symbol in "YLN" for p in derivatives(symbol, variables, guess, ("Y_p", "Y_da"))),
+        trim=trim,
+        accelerometer=accelerometer,
     )
 
 
-def lateral_per_speed(
-    outputs: Sequence[str] = _STATES, controls: Sequence[str] = ("da", "dr"), start: Mapping[str, float] | None = None
-) -> LateralPerSpeed:
+def lateral_per_speed(outputs: Sequence[str] = _STATES, controls: Sequence[str] = ("da", "dr")) -> LateralPerSpeed:
     """Return lateral motion without a known airspeed; Y_da, which hardly shows in flight, is fixed at zero.
 
     Args:
         outputs: any of beta, p, r, phi, pdot and rdot.
         controls: input channels.
-        start: parameter name -> start value, or value of a fixed parameter.
 
     Raises:
         EstimationError: an output or a parameter that the structure does not have.
@@ -155,29 +142,24 @@ def lateral_per_speed(
                              guess, ("Y_da",))
     ]  # fmt: skip
     angles = [Parameter("alpha_trim", 0.0), Parameter("theta_trim", 0.0), Parameter("g_V", 0.4, low=0.0)]
-    return finished(
-        LateralPerSpeed(
-            name="lateral_per_speed",
-            states=_STATES,
-            inputs=tuple(controls),
-            outputs=tuple(outputs),
-            parameters=(*found, *angles),
-        ),
-        start,
+    return LateralPerSpeed(
+        name="lateral_per_speed",
+        states=_STATES,
+        inputs=tuple(controls),
+        outputs=tuple(outputs),
+        parameters=(*found, *angles),
     )
 
 
 def roll_yaw_rates(
     outputs: Sequence[str] = ("p", "r"),
     controls: Sequence[str] = ("da", "dr"),
-    start: Mapping[str, float] | None = None,
 ) -> RollYawRates:
     """Return roll and yaw rate with sideslip as a further input.
 
     Args:
         outputs: any of p, r, pdot, rdot and ay.
         controls: input channels besides beta.
-        start: parameter name -> start value.
 
     Raises:
         EstimationError: an output or a parameter that the structure does not have.
@@ -185,13 +167,10 @@ def roll_yaw_rates(
     check_outputs("roll_yaw_rates", outputs, ("p", "r", "pdot", "rdot", "ay"))
     symbols = "YLN" if "ay" in outputs else "LN"
     inputs = (*controls, "beta")
-    return finished(
-        RollYawRates(
-            name="roll_yaw_rates",
-            states=("p", "r"),
-            inputs=inputs,
-            outputs=tuple(outputs),
-            parameters=tuple(p for symbol in symbols for p in derivatives(symbol, ("p", "r", *inputs), _GUESS, ())),
-        ),
-        start,
+    return RollYawRates(
+        name="roll_yaw_rates",
+        states=("p", "r"),
+        inputs=inputs,
+        outputs=tuple(outputs),
+        parameters=tuple(p for symbol in symbols for p in derivatives(symbol, ("p", "r", *inputs), _GUESS, ())),
     )

@@ -10,7 +10,7 @@ import numpy as np
 from testbench.core.errors import EstimationError
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices, Parameter
 from testbench.estimators.parametric.structures.rows import Rows
-from testbench.estimators.parametric.structures.settings import Trim, check_outputs, derivatives, finished
+from testbench.estimators.parametric.structures.settings import Trim, check_outputs, derivatives
 
 FULL = ("V", "alpha", "q", "theta")
 SHORT = ("alpha", "q")
@@ -134,60 +134,46 @@ def _rigid_parameters(
 
 
 def longitudinal(
-    V0: float,
-    alpha0: float = 0.0,
-    theta0: float = 0.0,
+    trim: Trim,
     *,
     states: Sequence[str] = FULL,
     outputs: Sequence[str] = FULL,
     controls: Sequence[str] = ("de",),
     accelerometer: tuple[float, float] = (0.0, 0.0),
-    start: Mapping[str, float] | None = None,
 ) -> Longitudinal:
     """Return longitudinal motion about a trim; X_q, which hardly shows in flight, is fixed at zero.
 
     Args:
-        V0: trimmed true airspeed, m/s.
-        alpha0: trimmed angle of attack, rad.
-        theta0: trimmed pitch angle, rad.
+        trim: airspeed, m/s, angle of attack and pitch angle, rad, that the records are deviations from.
         states: V, alpha, q, theta, or alpha and q alone.
         outputs: any of the states, qdot, ax and az; ax needs V among the states.
         controls: input channels, e.g. ``de``, ``thr``.
         accelerometer: x_a, z_a from the centre of gravity, m, forward and down positive.
-        start: parameter name -> start value, or value of a fixed parameter.
 
     Raises:
         EstimationError: states, outputs or a parameter that the structure does not have.
     """
     _check("longitudinal", states, outputs, 0)
-    trim = Trim(V0, alpha0, theta0)
-    return finished(
-        Longitudinal(
-            name="longitudinal",
-            states=tuple(states),
-            inputs=tuple(controls),
-            outputs=tuple(outputs),
-            parameters=tuple(_rigid_parameters(states, controls, (), trim, ("X_q",))),
-            trim=trim,
-            accelerometer=accelerometer,
-        ),
-        start,
+    return Longitudinal(
+        name="longitudinal",
+        states=tuple(states),
+        inputs=tuple(controls),
+        outputs=tuple(outputs),
+        parameters=tuple(_rigid_parameters(states, controls, (), trim, ("X_q",))),
+        trim=trim,
+        accelerometer=accelerometer,
     )
 
 
 def flexible(
-    V0: float,
-    alpha0: float = 0.0,
-    theta0: float = 0.0,
-    *,
+    trim: Trim,
     wn_rad_s: Sequence[float],
-    zeta: Sequence[float] | None = None,
+    *,
     coupled: bool = False,
     states: Sequence[str] = SHORT,
     outputs: Sequence[str] = ("q", "alpha", "az"),
     controls: Sequence[str] = ("de",),
     accelerometer: tuple[float, float] = (0.0, 0.0),
-    start: Mapping[str, float] | None = None,
 ) -> FlexibleLongitudinal:
     """Return longitudinal motion with an elastic mode for each of ``wn_rad_s``.
 
@@ -197,34 +183,25 @@ def flexible(
     model, and are fixed at their start values: with free ones two different sets of values give the same response.
 
     Args:
-        V0: trimmed true airspeed, m/s.
-        alpha0: trimmed angle of attack, rad.
-        theta0: trimmed pitch angle, rad.
+        trim: airspeed, m/s, angle of attack and pitch angle, rad, that the records are deviations from.
         wn_rad_s: start values of the natural frequencies, rad/s.
-        zeta: start values of the damping ratios; None: 0.05 each.
         coupled: estimate what the modes do to Z and M; else fixed at zero.
         states: rigid states, as for :func:`longitudinal`.
         outputs: any of the rigid states, qdot, ax, az and eta_i, etadot_i.
         controls: input channels.
         accelerometer: x_a, z_a from the centre of gravity, m.
-        start: parameter name -> start value, or value of a fixed parameter.
 
     Raises:
         EstimationError: no mode, frequencies that are not positive, a mode that no output feels, or names that the
             structure does not have.
     """
-    zeta = [0.05] * len(wn_rad_s) if zeta is None else zeta
-    if not wn_rad_s or min(wn_rad_s) <= 0.0 or len(zeta) != len(wn_rad_s):
-        raise EstimationError(
-            f"structure 'flexible' needs a frequency > 0 and a damping ratio for each mode, got {list(wn_rad_s)} rad/s "
-            f"and {list(zeta)}"
-        )
+    if not wn_rad_s or min(wn_rad_s) <= 0.0:
+        raise EstimationError(f"structure 'flexible' needs a frequency > 0 for each mode, got {list(wn_rad_s)} rad/s")
     modes = range(1, len(wn_rad_s) + 1)
     _check("flexible", states, outputs, len(wn_rad_s))
     elastic = [f"{kind}_{i}" for i in modes for kind in ("eta", "etadot")]
     back = [f"{symbol}_{name}" for symbol in "XZM" for name in elastic]
     fixed = ["X_q", *(name for name in back if not coupled or name.startswith("X"))]
-    trim = Trim(V0, alpha0, theta0)
     parameters = _rigid_parameters(states, controls, elastic, trim, fixed)
     for i in modes:
         measured = f"eta_{i}" in outputs or f"etadot_{i}" in outputs
@@ -233,7 +210,7 @@ def flexible(
         forced = [s for s in states if s != "theta"]
         parameters += [
             Parameter(f"wn_{i}", float(wn_rad_s[i - 1]), low=0.0),
-            Parameter(f"zeta_{i}", float(zeta[i - 1])),
+            Parameter(f"zeta_{i}", 0.05),
             *derivatives(
                 f"Q{i}", [*forced, *controls], {f"Q{i}_alpha": -1.0, f"Q{i}_de": -1.0}, (f"Q{i}_0", f"Q{i}_V")
             ),
@@ -243,17 +220,14 @@ def flexible(
         for sensor, name in (("az", f"phi_{i}"), ("q", f"slope_{i}")):
             if sensor in outputs:
                 parameters.append(Parameter(name, float(sensor == sets_scale), free=sensor != sets_scale and not known))
-    return finished(
-        FlexibleLongitudinal(
-            name="flexible",
-            states=(*states, *elastic),
-            inputs=tuple(controls),
-            outputs=tuple(outputs),
-            parameters=tuple(parameters),
-            trim=trim,
-            accelerometer=accelerometer,
-        ),
-        start,
+    return FlexibleLongitudinal(
+        name="flexible",
+        states=(*states, *elastic),
+        inputs=tuple(controls),
+        outputs=tuple(outputs),
+        parameters=tuple(parameters),
+        trim=trim,
+        accelerometer=accelerometer,
     )
 
 

@@ -58,14 +58,6 @@ def check_outputs(structure: str, outputs: Sequence[str], possible: Sequence[str
             )
 
 
-def finished(structure: S, start: Mapping[str, float] | None) -> S:
-    """Return the structure with the start values that were named."""
-    if not start:
-        return structure
-    out: S = structure.with_parameters(start)
-    return out
-
-
 def derivatives(
     symbol: str, variables: Sequence[str], guess: Mapping[str, float], fixed: Sequence[str]
 ) -> list[Parameter]:

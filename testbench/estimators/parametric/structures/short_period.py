@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices, Parameter
 from testbench.estimators.parametric.structures.rows import Rows
-from testbench.estimators.parametric.structures.settings import check_outputs, finished
+from testbench.estimators.parametric.structures.settings import check_outputs
 
 _OUTPUTS = ("alpha", "q", "qdot")
 
@@ -31,15 +30,12 @@ class ShortPeriod(LinearStructure):
         return rows.matrices([alphadot, qdot], outputs)
 
 
-def short_period(
-    outputs: tuple[str, ...] = ("alpha", "q"), control: str = "de", start: Mapping[str, float] | None = None
-) -> ShortPeriod:
-    """Return the short-period structure; it starts from a slow, well damped one unless ``start`` says otherwise.
+def short_period(outputs: tuple[str, ...] = ("alpha", "q"), control: str = "de") -> ShortPeriod:
+    """Return the short-period structure; it starts from a slow, well damped one.
 
     Args:
         outputs: any of alpha, q and qdot.
         control: the input channel, e.g. ``de`` or ``de_cmd``.
-        start: parameter name -> start value.
 
     Raises:
         EstimationError: an output or a parameter is not one of the structure's.
@@ -48,13 +44,10 @@ def short_period(
     d = control.removesuffix("_cmd")
     guess = {"Z_alpha": -1.0, "M_alpha": -4.0, "M_q": -2.0, f"M_{d}": -5.0}
     names = ("Z_0", "Z_alpha", "Z_q", f"Z_{d}", "M_0", "M_alpha", "M_q", f"M_{d}")
-    return finished(
-        ShortPeriod(
-            name="short_period",
-            states=("alpha", "q"),
-            inputs=(control,),
-            outputs=tuple(outputs),
-            parameters=tuple(Parameter(name, guess.get(name, 0.0)) for name in names),
-        ),
-        start,
+    return ShortPeriod(
+        name="short_period",
+        states=("alpha", "q"),
+        inputs=(control,),
+        outputs=tuple(outputs),
+        parameters=tuple(Parameter(name, guess.get(name, 0.0)) for name in names),
     )

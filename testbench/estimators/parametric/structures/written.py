@@ -505,31 +505,15 @@ def _put(node: Node, constants: Mapping[str, float]) -> Node:
 
 
 def structure_from_equations(
-    *,
-    states: Sequence[str],
-    equations: Mapping[str, str],
-    parameters: Mapping[str, Any],
-    outputs: Mapping[str, str] | None = None,
-    inputs: Sequence[str] | None = None,
-    constants: Mapping[str, float] | None = None,
-    definitions: Mapping[str, str] | None = None,
-    initial: Mapping[str, float | str] | None = None,
-    name: str = "own",
-    trim: Trim | None = None,
+    *, name: str = "own", trim: Trim | None = None, **table: Any
 ) -> WrittenStructure | LinearWrittenStructure:
     """Return a structure from state equations as text, for ``output_error.estimate`` and the other methods.
 
     Args:
-        states: (n,) names of the states.
-        equations: STATE_dot -> expression of states, inputs, parameters, constants, definitions and channels.
-        parameters: name -> start value, or a table of value, free, low, high and prior_std; SI units.
-        outputs: channel -> expression. States that are channels are outputs too.
-        inputs: channels that must move; by default every channel in the equations is an input.
-        constants: name -> value.
-        definitions: name -> expression of an intermediate quantity.
-        initial: state -> where it begins, a number or an expression of channels at the first sample.
         name: what tables call it.
         trim: what V_trim, alpha_trim and theta_trim are.
+        table: ``states``, ``equations``, ``parameters`` and the other keys of a file of equations, see
+            :class:`~testbench.estimators.equations.Equations`. States that are channels are outputs too.
 
     Raises:
         EstimationError: an expression is wrong, a name unknown, an equation missing; all faults are listed.
@@ -549,11 +533,7 @@ def structure_from_equations(
         >>> structure.jacobians([0.1, 0.0], [0.0], structure.values).fx.round(3).tolist()
         [[-1.0, 1.0], [-4.0, -2.0]]
     """
-    given = {"states": tuple(states), "equations": dict(equations), "parameters": dict(parameters)}
-    more = {"outputs": outputs, "constants": constants, "definitions": definitions, "initial": initial}
-    given |= {key: dict(table) for key, table in more.items() if table is not None}
-    given |= {} if inputs is None else {"inputs": tuple(inputs)}
-    made, faults = parse(Equations, given, None)
+    made, faults = parse(Equations, table, None)
     if made is None or faults:
         raise EstimationError("; ".join(faults))
     states_shown = [output for output in made.possible_outputs if output in made.states or output in made.outputs]

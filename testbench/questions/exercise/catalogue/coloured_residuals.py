@@ -13,6 +13,7 @@ from scipy.signal import lfilter
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray, load_record
+from testbench.estimators.settings import OutputError
 from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
 from testbench.questions.exercise.motion import (
     coloured_errors,
@@ -109,10 +110,10 @@ def solve(folder: Path) -> dict[str, float | str]:
     free = [p.name for p in structure.parameters if p.free]
     records = [load_record(folder / "records" / f"flight_{k + 1}.nc") for k in range(_FLIGHTS)]
     said, inflation, correlation = [], [], []
-    joint = output_error.estimate(records, structure, initial_states="zero")
+    joint = output_error.estimate(records, structure, OutputError(initial_states="zero"))
     start = structure.with_parameters({name: joint.values[name] for name in free})
     for record in records:
-        model = output_error.estimate([record], start, initial_states="zero")
+        model = output_error.estimate([record], start, OutputError(initial_states="zero"))
         factor = float(model.diagnostics["error_inflation"][free.index("M_alpha")])
         inflation.append(factor)
         said.append(model.standard_errors["M_alpha"] / factor)

@@ -11,6 +11,7 @@ from numpy.random import Generator
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import load_record
+from testbench.estimators.settings import Srivc
 from testbench.questions.exercise.exercise import Answer, Case, Exercise, Handout, Mistake, Number
 from testbench.questions.exercise.motion import draw_short_period, measured, respond, short_period_matrices
 
@@ -80,7 +81,7 @@ def solve(folder: Path) -> dict[str, float | str]:
     from testbench.estimators import srivc
 
     record = load_record(folder / "records" / "pulse.nc")
-    model = srivc.estimate([record], ["de_cmd"], ["q"], poles=2, zeros=[1])
+    model = srivc.estimate([record], ["de_cmd"], ["q"], Srivc(poles=(2,), zeros=[1]))
     wn = float(np.abs(model.poles()["q"]).max())
     step = PEAK / wn
     return {"omega_n_rad_s": wn, "step_s": step, "zero_rad_s": 2.0 * np.pi / step}

@@ -13,6 +13,7 @@ from numpy.random import Generator
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, load_record
+from testbench.estimators.settings import DsrE
 from testbench.questions.exercise.answers import description
 from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
 from testbench.questions.exercise.motion import (
@@ -63,7 +64,7 @@ def estimate(record: FlightRecord, future_horizon: int, past_horizon: int) -> tu
 
     try:
         model = dsr_e.estimate(
-            [record], ["de_cmd"], ["q"], past_horizon=past_horizon, future_horizon=future_horizon, order=2
+            [record], ["de_cmd"], ["q"], DsrE(past_horizon=past_horizon, future_horizon=future_horizon, order=2)
         )
     except EstimationError:
         return None

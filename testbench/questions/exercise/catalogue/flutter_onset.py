@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray, load_record
+from testbench.estimators.settings import Subspace
 from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
 from testbench.questions.exercise.motion import measured, respond
 
@@ -156,11 +157,7 @@ def solve(folder: Path) -> dict[str, float | str]:
             [record],
             ["da_cmd"],
             _OUTPUTS,
-            method="moesp",
-            past_horizon=_HORIZON,
-            future_horizon=_HORIZON,
-            order=4,
-            decimate=1,
+            Subspace(method="moesp", past_horizon=_HORIZON, future_horizon=_HORIZON, order=4, decimate=1),
         )
         s = np.concatenate(list(model.poles().values()))
         margins.append(flutter_margin(s))

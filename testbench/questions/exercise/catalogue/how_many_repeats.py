@@ -12,6 +12,7 @@ from numpy.random import Generator
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray, load_record
+from testbench.estimators.settings import OutputError
 from testbench.questions.exercise.exercise import Answer, Case, Exercise, Handout, Mistake, Number
 from testbench.questions.exercise.motion import (
     doublet,
@@ -95,7 +96,7 @@ def solve(folder: Path) -> dict[str, float | str]:
     record = load_record(folder / "records" / "doublet.nc")
     held = ("Z_0", "Z_q", "Z_de", "M_0")
     structure = short_period(control="de_cmd").with_parameters(dict.fromkeys(held, 0.0), fixed=held)
-    model = output_error.estimate([record], structure, initial_states="zero")
+    model = output_error.estimate([record], structure, OutputError(initial_states="zero"))
     free = [p.name for p in structure.parameters if p.free]
     plain = model.standard_errors["M_alpha"] / float(model.diagnostics["error_inflation"][free.index("M_alpha")])
     percent = 100.0 * plain / abs(model.values["M_alpha"])

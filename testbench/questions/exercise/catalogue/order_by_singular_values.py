@@ -11,6 +11,7 @@ from numpy.random import Generator
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import load_record
+from testbench.estimators.settings import Subspace
 from testbench.questions.exercise.answers import description
 from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
 from testbench.questions.exercise.motion import measured, respond
@@ -109,7 +110,7 @@ def solve(folder: Path) -> dict[str, float | str]:
 
     record = load_record(folder / "records" / "binary_noise.nc")
     horizons = {"past_horizon": _HORIZON, "future_horizon": _HORIZON}
-    model = family.estimate([record], ["de_cmd"], _OUTPUTS, method="moesp", decimate=1, **horizons)
+    model = family.estimate([record], ["de_cmd"], _OUTPUTS, Subspace(method="moesp", decimate=1, **horizons))
     s = np.concatenate(list(model.poles().values()))
     s = s[s.imag > 0.0]
     zeta = -s.real / np.abs(s)

@@ -12,6 +12,7 @@ from numpy.random import Generator
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord, FloatArray, load_record
+from testbench.estimators.settings import OutputError
 from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
 from testbench.questions.exercise.motion import (
     draw_short_period,
@@ -109,7 +110,7 @@ def _std(record: FlightRecord, outputs: tuple[str, ...]) -> float:
 
     held = ("Z_0", "Z_q", "Z_de", "M_0")
     structure = short_period(outputs, "de_cmd").with_parameters(dict.fromkeys(held, 0.0), fixed=held)
-    model = output_error.estimate([record], structure, initial_states="zero")
+    model = output_error.estimate([record], structure, OutputError(initial_states="zero"))
     free = [p.name for p in structure.parameters if p.free]
     return model.standard_errors["Z_alpha"] / float(model.diagnostics["error_inflation"][free.index("Z_alpha")])
 
