@@ -156,3 +156,22 @@ class Perturbed(Mapping[str, float]):
 
     def __len__(self) -> int:
         return len(self._all())
+
+
+def in_air(
+    force: FloatArray, moment: FloatArray, alpha: FloatArray, beta: FloatArray, qS: FloatArray, lengths: FloatArray
+) -> FloatArray:
+    """Return the six coefficients (n, 6), of COEFFICIENTS, that forces and moments are.
+
+    Args:
+        force: (n, 3) N, body axes; lift, drag and side force are along the air's.
+        moment: (n, 3) N m, body axes.
+        alpha: (n,) angle of attack, rad.
+        beta: (n,) sideslip, rad.
+        qS: (n,) dynamic pressure times the wing's area, N.
+        lengths: span, chord, span, m.
+    """
+    x, y, z = force.T
+    along, lift = np.cos(alpha) * x + np.sin(alpha) * z, np.sin(alpha) * x - np.cos(alpha) * z
+    drag, side = -(np.cos(beta) * along + np.sin(beta) * y), np.cos(beta) * y - np.sin(beta) * along
+    return np.column_stack([lift / qS, drag / qS, side / qS, moment / (qS[:, None] * lengths)])

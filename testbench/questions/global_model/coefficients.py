@@ -26,9 +26,8 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.regression.smoothing import SineSeries, bridge
 from testbench.flight import FlightCondition, trim
 from testbench.flight.batch.along import ForcesAlong, GivenMotion, Lane, forces_along
+from testbench.flight.coefficients import COEFFICIENTS, in_air
 
-COEFFICIENTS = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
-"""Lift, drag and side force along the air's axes, moments about the centre of gravity in body axes."""
 NEEDED = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "h", "ax", "ay", "az")
 MOTIONS = ("alpha", "beta", "p_hat", "q_hat", "r_hat", "V_rel")
 APART = {"CL": ("CL_by_ax", "CL_by_az"), "CD": ("CD_by_ax", "CD_by_az"), "CY": ("CY_by_ay",)}
@@ -95,11 +94,29 @@ def felt_flights(
         V_ref: airspeed that V_rel = V / V_ref - 1 refers to, m/s.
         cut_hz: of the filter.
     """
-    smooth = [_smooth(name, record, cut_hz) for name, _, record in records]
-    return [
-        _felt(aircraft, name, use, record, x, f, V_ref, cut_hz)
-        for (name, use, record), x, f in zip(records, smooth, forces, strict=True)
-    ]
+    g, out = aircraft.geometry, []
+    lengths = np.array([g.b_m, g.cbar_m, g.b_m])
+    for (name, use, record), model in zip(records, forces, strict=True):
+        x, keep = _smooth(name, record, cut_hz), _kept(record, cut_hz)
+        a, b = x["alpha"], x["beta"]
+        felt = np.stack([x[n] for n in ("ax", "ay", "az")], axis=1)
+        turned = np.stack([x[n] for n in ("pdot", "qdot", "rdot")], axis=1)
+        qS = model.qbar_Pa * (x["V"] / model.channels["V"]) ** 2 * g.S_m2
+        more = model.mass_kg[:, None] * (felt - model.mean_acceleration)
+        moment = np.einsum("nij,nj->ni", model.inertia, turned - model.rotation)
+        hats = {f"{n}_hat": x[n] * length / (2.0 * x["V"]) for n, length in zip("pqr", lengths, strict=True)}
+        surfaces = {c: x.get(c, u) for c, u in model.channels.items() if c in SURFACES}
+        signals = {"alpha": a, "beta": b, **hats, "V_rel": x["V"] / V_ref - 1.0, **surfaces}
+        signals = {n: v[keep] for n, v in signals.items()}
+        for i, axis in enumerate(("ax", "ay", "az")):
+            unit = in_air(np.outer(model.mass_kg, np.eye(3)[i]), np.zeros_like(moment), a, b, qS, lengths)[keep].T
+            own = dict(zip(COEFFICIENTS, unit, strict=True))
+            signals |= {f"{c}_by_{axis}": own[c] for c in COEFFICIENTS if f"{c}_by_{axis}" in APART.get(c, ())}
+        whole = in_air(model.aero_force + more, model.aero_moment + moment, a, b, qS, lengths)[keep].T
+        of_model = in_air(model.aero_force, model.aero_moment, a, b, qS, lengths)[keep].T
+        signals |= dict(zip(COEFFICIENTS, whole, strict=True))
+        out.append(FeltFlight(name, use, signals, dict(zip(COEFFICIENTS, of_model, strict=True))))
+    return out
 
 
 def _channel(record: FlightRecord, name: str) -> FloatArray:
@@ -153,42 +170,6 @@ def _lane(aircraft: Aircraft, record: FlightRecord, x: Mapping[str, FloatArray])
         "wdot": x["az"] + G0_M_S2 * np.cos(theta) * np.cos(phi) - p * v + q * u,
     }
     return Lane(aircraft, trimmed, GivenMotion(rate, motion, given))
-
-
-def along_air(force: FloatArray, alpha: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return lift, drag and side force of forces (n, 3) in body axes."""
-    x, y, z = force.T
-    forward = np.cos(alpha) * x + np.sin(alpha) * z
-    lift, drag = np.sin(alpha) * x - np.cos(alpha) * z, -np.cos(beta) * forward - np.sin(beta) * y
-    return lift, drag, np.cos(beta) * y - np.sin(beta) * forward
-
-
-def _felt(
-    aircraft: Aircraft, name: str, use: str, record: FlightRecord, x: Mapping[str, FloatArray], model: ForcesAlong,
-    V_ref: float, cut_hz: float,
-) -> FeltFlight:  # fmt: skip
-    g, a, b = aircraft.geometry, x["alpha"], x["beta"]
-    felt = np.stack([x[n] for n in ("ax", "ay", "az")], axis=1)
-    turned = np.stack([x[n] for n in ("pdot", "qdot", "rdot")], axis=1)
-    lengths = np.array([g.b_m, g.cbar_m, g.b_m])
-    qS = model.qbar_Pa * (x["V"] / model.channels["V"]) ** 2 * g.S_m2
-    more = model.mass_kg[:, None] * (felt - model.mean_acceleration)
-    moment = np.einsum("nij,nj->ni", model.inertia, turned - model.rotation)
-    keep = _kept(record, cut_hz)
-
-    def six(force: FloatArray, moment: FloatArray) -> dict[str, FloatArray]:
-        values = (*(f / qS for f in along_air(force, a, b)), *(moment / (qS[:, None] * lengths)).T)
-        return {c: v[keep] for c, v in zip(COEFFICIENTS, values, strict=True)}
-
-    hats = {f"{n}_hat": x[n] * length / (2.0 * x["V"]) for n, length in zip("pqr", lengths, strict=True)}
-    surfaces = {c: x.get(c, u) for c, u in model.channels.items() if c in SURFACES}
-    signals = {"alpha": a, "beta": b, **hats, "V_rel": x["V"] / V_ref - 1.0, **surfaces}
-    signals = {n: v[keep] for n, v in signals.items()}
-    for i, axis in enumerate(("ax", "ay", "az")):
-        unit = six(np.outer(model.mass_kg, np.eye(3)[i]), np.zeros_like(moment))
-        signals |= {f"{c}_by_{axis}": unit[c] for c in COEFFICIENTS if f"{c}_by_{axis}" in APART.get(c, ())}
-    signals |= six(model.aero_force + more, model.aero_moment + moment)
-    return FeltFlight(name, use, signals, six(model.aero_force, model.aero_moment))
 
 
 def _kept(record: FlightRecord, cut_hz: float) -> slice:

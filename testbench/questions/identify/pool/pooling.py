@@ -240,9 +240,34 @@ def pool(
     if shared:
         information = inverse(inverse(information) + sum(np.outer(v, v) for v in shared.values()))
     b, M = _with_prior(found, information, prior)
+    between: Mapping[str, float] = apart.between if apart is not None else {}
+    own_std, std, post_std = (np.sqrt(np.diag(C)) for C in (own.covariance, inverse(information), inverse(M)))
+    coefficients = []
+    for i, name in enumerate(found.names):
+        s = len(found.names) + found.trend.names.index(name) if name in found.trend.names else None
+        believed = prior.of([name]) if prior is not None and name in prior.names else None
+        coefficients.append(
+            PooledCoefficient(
+                name,
+                sum(name in log.names for log in logs),
+                float(found.b[i]),
+                float(std[i]),
+                float(own_std[i]),
+                between.get(name, 0.0),
+                None if s is None else float(found.b[s]),
+                None if s is None else float(std[s]),
+                None if believed is None else float(believed.values[0]),
+                None if believed is None else float(believed.covariance[0, 0]) ** 0.5,
+                float(b[i]),
+                float(post_std[i]),
+                None if s is None else float(b[s]),
+                None if s is None else float(post_std[s]),
+                {quantity: abs(float(v[i])) for quantity, v in shared.items()},
+            )
+        )
     return Pooled(
         tuple(logs),
-        _coefficients(logs, own, found, inverse(information), apart, prior, b, inverse(M), shared),
+        tuple(coefficients),
         own.trend,
         own.chi2,
         own.dof,
@@ -265,42 +290,3 @@ def _with_prior(found: Fit, information: FloatArray, prior: Prior | None) -> tup
     M[np.ix_(at, at)] += W
     right[at] += W @ prior.of(known).values
     return solve(M, right), M
-
-
-def _coefficients(
-    logs: Sequence[LogCoefficients],
-    own: Fit,
-    found: Fit,
-    covariance: FloatArray,
-    apart: Disagreement | None,
-    prior: Prior | None,
-    b: FloatArray,
-    posterior: FloatArray,
-    shared: Mapping[str, FloatArray],
-) -> tuple[PooledCoefficient, ...]:
-    between: Mapping[str, float] = apart.between if apart is not None else {}
-    k, out = len(found.names), []
-    own_std, std, post_std = (np.sqrt(np.diag(C)) for C in (own.covariance, covariance, posterior))
-    for i, name in enumerate(found.names):
-        s = k + found.trend.names.index(name) if name in found.trend.names else None
-        believed = prior.of([name]) if prior is not None and name in prior.names else None
-        out.append(
-            PooledCoefficient(
-                name,
-                sum(name in log.names for log in logs),
-                float(found.b[i]),
-                float(std[i]),
-                float(own_std[i]),
-                between.get(name, 0.0),
-                None if s is None else float(found.b[s]),
-                None if s is None else float(std[s]),
-                None if believed is None else float(believed.values[0]),
-                None if believed is None else float(believed.covariance[0, 0]) ** 0.5,
-                float(b[i]),
-                float(post_std[i]),
-                None if s is None else float(b[s]),
-                None if s is None else float(post_std[s]),
-                {quantity: abs(float(v[i])) for quantity, v in shared.items()},
-            )
-        )
-    return tuple(out)
