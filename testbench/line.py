@@ -21,8 +21,7 @@ from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.base import Condition, FlownAt, FlownInAir, Preparation, Simulation
 from testbench.core.scenario.inputs import Input
 from testbench.estimators import estimate
-from testbench.estimators.aside import aside_for
-from testbench.estimators.cells import FailedCell, contained, need_numbers
+from testbench.estimators.cells import FailedCell, aside_for, contained, need_numbers
 from testbench.estimators.identification import Estimator, Identification, estimator_name
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepared

@@ -21,8 +21,8 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.inputs import Multisine
 from testbench.estimators.regression.global_model import FlownDomain
 from testbench.flight.batch.along import ForcesAlong, GivenMotion, Lane, forces_along
+from testbench.flight.coefficients import COEFFICIENTS, in_air
 from testbench.inference.instruments import without_errors
-from testbench.questions.global_model.coefficients import COEFFICIENTS, along_air
 from testbench.sensors import SensorSuite, load_suite
 
 CHANNELS = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "h", "ax", "ay", "az", "de", "da", "dr", "thr_cmd")
@@ -157,6 +157,5 @@ def coefficients_of(
     at, g = np.arange(len(states["alpha"])) * _HELD + 2 * _HELD // 3, aircraft.geometry
     F, M = (forces.aero_force + more_force)[at], (forces.aero_moment + more_moment)[at]
     qS = forces.qbar_Pa[at] * g.S_m2
-    values = (*(f / qS for f in along_air(F, states["alpha"], states["beta"])),
-              *(M / (qS[:, None] * np.array([g.b_m, g.cbar_m, g.b_m]))).T)  # fmt: skip
-    return dict(zip(COEFFICIENTS, values, strict=True))
+    values = in_air(F, M, states["alpha"], states["beta"], qS, np.array([g.b_m, g.cbar_m, g.b_m]))
+    return dict(zip(COEFFICIENTS, values.T, strict=True))

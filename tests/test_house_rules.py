@@ -363,7 +363,7 @@ TOLD = {  # who says every error, passes it on, or raises it again
         "envs/train.py",
     ),
     *("questions/campaign/store.py", "questions/campaign/flying.py", "questions/identify/command.py"),
-    "estimators/aside.py",
+    "estimators/cells.py",
 }
 
 
@@ -476,7 +476,7 @@ READS_ITSELF = {
     "questions/plan/injection/px4.py": "the body of the script",
     "questions/exercise/ask.py": "texts of the catalogue",
     "questions/reproduce/page.py": "a picture in memory",
-    "estimators/aside.py": "the null device",
+    "estimators/cells.py": "the null device",
     "questions/campaign/flying.py": "a record that it has just written",
     "questions/campaign/workers.py": "a scheduler, no file",
 }

@@ -259,9 +259,7 @@ def estimate(
 
 def _of_speed(structure: Any, records: Sequence[FlightRecord]) -> Sequence[Advice]:
     """Return the doubt that a packaged short period, which leaves out the airspeed, takes up what that did."""
-    from testbench.estimators.parametric.structures.constant_speed import speed_doubts
-    from testbench.estimators.parametric.structures.longitudinal import Longitudinal
-    from testbench.estimators.parametric.structures.short_period import ShortPeriod
+    from testbench.estimators.parametric.structures.longitudinal import Longitudinal, ShortPeriod, speed_doubts
 
     if not isinstance(structure, Longitudinal | ShortPeriod) or "V" in structure.states:
         return ()

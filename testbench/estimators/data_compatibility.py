@@ -24,14 +24,6 @@ from testbench.core.advice import Advice, doubt, note, wrong
 from testbench.core.constants import G0_M_S2
 from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.compatibility.catalogue import (
-    DELAY_LIMIT_S,
-    SETTLING_S,
-    TIMED,
-    candidates,
-    in_words,
-    none_value,
-)
 from testbench.estimators.compatibility.choose import (
     Linear,
     alternatives,
@@ -39,9 +31,26 @@ from testbench.estimators.compatibility.choose import (
     linearise,
     significant,
 )
-from testbench.estimators.compatibility.fit import Fit, Problem, noise_std, stretch, too_long
-from testbench.estimators.compatibility.result import INSTRUMENT_ERROR, DataCompatibility, InstrumentError
-from testbench.estimators.compatibility.take_out import correct, rebuild
+from testbench.estimators.compatibility.fit import (
+    DELAY_LIMIT_S,
+    SETTLING_S,
+    TIMED,
+    Fit,
+    Problem,
+    candidates,
+    in_words,
+    noise_std,
+    none_value,
+    stretch,
+    too_long,
+)
+from testbench.estimators.compatibility.take_out import (
+    INSTRUMENT_ERROR,
+    DataCompatibility,
+    InstrumentError,
+    correct,
+    rebuild,
+)
 from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.kinematics import (

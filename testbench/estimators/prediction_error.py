@@ -9,6 +9,10 @@ data-driven local coordinates, T. McKelvey, A. Helmersson and T. Ribarits, Autom
 errors (poles, frequency response) does not depend on the basis.
 
 Outputs that were not measured correct nothing: e = 0 there. With ``disturbances`` off, K = 0: output error.
+
+One-step prediction errors of a discrete state-space model, and their exact derivatives by all its entries.
+
+Standard errors of the poles and the frequency response of a state-space model that has a covariance.
 """
 
 from __future__ import annotations
@@ -27,14 +31,264 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records, continuous_poles
 from testbench.estimators.parametric.accuracy import coloured_covariance, whiteness
-from testbench.estimators.parametric.gauss_newton import Minimum, Problem, minimise
+from testbench.estimators.parametric.gauss_newton import (
+    Minimum,
+    Problem,
+    Sensitivities,
+    in_blocks,
+    minimise,
+    square_root,
+)
 from testbench.estimators.parametric.kalman.innovations import steady_covariance
-from testbench.estimators.parametric.sensitivities import Sensitivities, in_blocks, square_root
-from testbench.estimators.predictor import Layout, Matrices, errors, orbit
 from testbench.estimators.settings import DsrE, PredictionError, Refinement, Subspace
-from testbench.estimators.state_accuracy import pole_accuracy
-from testbench.estimators.state_space import Series, StateSpaceModel, check_sample_time
+from testbench.estimators.state_space import Series, StateSpaceModel, check_sample_time, unit_circle
 from testbench.estimators.subspace import dsr_e, family
+from testbench.estimators.trajectories import Trajectories, carried
+
+# --- standard errors of the poles and the frequency response of a state-space model that has a covariance -------------
+
+
+class PoleAccuracy(NamedTuple):
+    """A continuous pole, rad/s, its natural frequency (rad/s) and damping ratio, and the standard errors of all."""
+
+    pole: complex
+    wn_rad_s: float
+    zeta: float
+    real_std: float
+    imag_std: float
+    wn_std: float
+    zeta_std: float
+
+
+def pole_accuracy(model: StateSpaceModel) -> tuple[PoleAccuracy, ...]:
+    """Return the poles of the upper half plane with standard errors, the slowest first.
+
+        ds = l' dA r / (l' r z dt),    l, r left and right eigenvectors of the discrete pole z
+
+    propagated linearly from the covariance; independent of the states' basis.
+
+    Raises:
+        EstimationError: the model has no covariance: it was not estimated by prediction errors.
+    """
+    covariance = _covariance_of(model)
+    n = model.order
+    values, right = np.linalg.eig(model.A)
+    left = np.linalg.inv(right)
+    out = []
+    for i, z in enumerate(values):
+        real_negative = abs(z.imag) <= 1e-12 * max(abs(z), 1e-300) and z.real <= 0.0
+        if z.imag < 0.0 or real_negative:
+            continue
+        s = np.log(complex(z)) / model.dt_s
+        d = np.outer(left[i], right[:, i]).ravel() / (z * model.dt_s)
+        wn = max(abs(s), 1e-300)
+        d_wn = (np.conj(s) * d).real / wn
+        d_zeta = -d.real / wn + s.real * d_wn / wn**2
+        P = covariance[: n * n, : n * n]
+        std = [float(np.sqrt(max(g @ P @ g, 0.0))) for g in (d.real, d.imag, d_wn, d_zeta)]
+        out.append(PoleAccuracy(complex(s), float(wn), float(-s.real / wn), *std))
+    return tuple(sorted(out, key=lambda pole: pole.wn_rad_s))
+
+
+def frequency_response_std(model: StateSpaceModel, omega_rad_s: FloatArray) -> FloatArray:
+    """Return the standard deviation (k, p, m) of the frequency response's distance from its estimate.
+
+    First-order propagation from the covariance: sqrt(E |dG|^2), in SI units; independent of the states' basis.
+
+    Raises:
+        EstimationError: the model has no covariance, or a frequency lies above the Nyquist frequency.
+    """
+    covariance = _covariance_of(model)
+    z = unit_circle(omega_rad_s, model.dt_s)
+    n, m, p = model.order, len(model.inputs), len(model.outputs)
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    cuts = np.cumsum([n * n, n * m, p * n])
+    dA, dB, dC, dD = (
+        part.T.reshape(-1, *shape)
+        for part, shape in zip(np.split(root, cuts), ((n, n), (n, m), (p, n), (p, m)), strict=True)
+    )
+    out = np.zeros((z.size, p, m))
+    for k, point in enumerate(z):
+        inner = np.linalg.inv(point * np.eye(n) - model.A)
+        dG = (dC + model.C @ inner @ dA) @ inner @ model.B + model.C @ inner @ dB + dD
+        out[k] = np.sqrt(np.sum(np.abs(dG) ** 2, axis=0))
+    return out
+
+
+def _covariance_of(model: StateSpaceModel) -> FloatArray:
+    if "covariance" not in model.diagnostics:
+        raise EstimationError(
+            f"method '{model.method}' gives no covariance of its matrices; refine it by prediction error"
+        )
+    return np.asarray(model.diagnostics["covariance"], float)
+
+
+# --- one-step prediction errors of a discrete state-space model, and their exact derivatives by all its entries -------
+
+
+_GROWTH = 1e3  # over a series, beyond which digits are lost in a recursion forwards
+
+
+class Matrices(NamedTuple):
+    """x[k+1] = A x + B u + K e, y = C x + D u + e."""
+
+    A: FloatArray
+    B: FloatArray
+    C: FloatArray
+    D: FloatArray
+    K: FloatArray
+
+
+class Layout(NamedTuple):
+    """Order n, inputs m, outputs p, and what is free besides A, B and C: D, K, a constant per output and record.
+
+    Entries stand in the order A, B, C, D, K, each row by row, those that are not free left out; then, per record, the
+    initial state and the constants.
+    """
+
+    n: int
+    m: int
+    p: int
+    direct: bool
+    disturbances: bool
+    offsets: bool
+
+    @property
+    def nuisances(self) -> int:
+        """Unknowns of one record."""
+        return self.n + (self.p if self.offsets else 0)
+
+    @property
+    def shapes(self) -> list[tuple[int, int]]:
+        """Shapes of A, B, C, D and K; without entries where not free."""
+        n, m, p = self.n, self.m, self.p
+        return [(n, n), (n, m), (p, n), (p if self.direct else 0, m), (n if self.disturbances else 0, p)]
+
+    @property
+    def size(self) -> int:
+        """Number of free entries."""
+        return sum(a * b for a, b in self.shapes)
+
+    @property
+    def size_abcd(self) -> int:
+        """Number of free entries without K."""
+        return sum(a * b for a, b in self.shapes[:4])
+
+    def moved(self, s: Matrices, step: FloatArray) -> Matrices:
+        """Return the matrices with ``step`` (size,) added to their free entries."""
+        parts = np.split(step, np.cumsum([a * b for a, b in self.shapes])[:-1])
+        return Matrices(*(M + part.reshape(M.shape) if part.size else M for M, part in zip(s, parts, strict=True)))
+
+    def vector(self, s: Matrices) -> FloatArray:
+        """Return the free entries (size,)."""
+        return np.concatenate([M.ravel() for M, (a, b) in zip(s, self.shapes, strict=True) if a * b])
+
+    def units(self, size_u: FloatArray, size_y: FloatArray) -> FloatArray:
+        """Return (size,) what an entry for channels divided by their sizes is multiplied by for SI units."""
+        n, one = self.n, np.ones(self.n)
+        y = size_y[:, None]
+        full = Matrices(np.ones((n, n)), one[:, None] / size_u, y * one, y / size_u, one[:, None] / size_y)
+        return self.vector(full)
+
+    def with_direct(self, covariance: FloatArray) -> FloatArray:
+        """Return a covariance of A, B, C and D with zeros for D where it is not free."""
+        missing = 0 if self.direct else self.p * self.m
+        return np.pad(covariance, (0, missing))
+
+
+class Run(NamedTuple):
+    """Errors e (N, p), zero where not measured, states x (N, n), and derivatives de (N, p, size + nuisances)."""
+
+    e: FloatArray
+    x: FloatArray
+    de: FloatArray
+
+
+def errors(s: Matrices, series: Series, nuisance: FloatArray, layout: Layout, derivatives: bool = False) -> Run:
+    """Return one-step prediction errors over a series from the initial state and constants in ``nuisance``.
+
+    The predictor x+ = (A - K M C) x + (B - K M D) u + K M (y - o), M = 1 where measured, is linear, and its
+    sensitivities obey the same recursion with other inputs: sample by sample all of them at once, or, where it grows
+    over the series, by :class:`.trajectories.Trajectories` in numbers that stay bounded (all outputs measured).
+
+    Raises:
+        EstimationError: it grows so fast that its initial state leaves nothing to be seen at the first sample.
+    """
+    u, y, valid = series
+    n, p, N = layout.n, layout.p, len(u)
+    x0, o = nuisance[:n], nuisance[n:] if layout.offsets else np.zeros(p)
+    mask = valid.astype(float)
+    rest = mask * (y - u @ s.D.T - o)
+    A = s.A - np.einsum("ij,kj,jl->kil", s.K, mask, s.C)
+    paths, free = None, np.zeros((0, n, n))
+    if valid.all() and N * np.log(max(np.max(np.abs(np.linalg.eigvals(A[0]))), 1e-300)) > np.log(_GROWTH):
+        paths = Trajectories(A[0], N)
+        free = paths.free()
+        try:
+            free = free @ np.linalg.inv(free[0])
+        except np.linalg.LinAlgError:
+            said = "the predictor grows so fast that no initial state can be found; lower the order"
+            raise EstimationError(said) from None
+
+    def path(drive: FloatArray, first: FloatArray) -> FloatArray:
+        """Return x (N, n, b) from ``first`` (n, b) under the drive (N, n, b)."""
+        if paths is not None:
+            out = paths.forced(drive)
+            return np.asarray(out + np.matmul(free, first - out[0]))
+        return carried(A, drive, first)
+
+    x = path((u @ s.B.T + rest @ s.K.T)[:, :, None], x0[:, None])[:, :, 0]
+    e = rest - mask * (x @ s.C.T)
+    if not derivatives:
+        return Run(e, x, np.zeros((N, p, 0)))
+    force, direct = _forces(x, u, e, layout)
+    force -= np.matmul(s.K, mask[:, :, None] * direct)
+    first = np.zeros((n, force.shape[2]))
+    first[:, layout.size : layout.size + n] = np.eye(n)
+    dx = path(force, first)
+    return Run(e, x, -mask[:, :, None] * (np.matmul(s.C, dx) + direct))
+
+
+def _forces(x: FloatArray, u: FloatArray, e: FloatArray, layout: Layout) -> tuple[FloatArray, FloatArray]:
+    """Return what each unknown adds to x+ at given e, (N, n, b), and to the predicted output at given x, (N, p, b)."""
+    N, n, p = len(x), layout.n, layout.p
+
+    def spread(rows: int, signal: FloatArray) -> FloatArray:
+        return np.einsum("ij,ks->kijs", np.eye(rows), signal).reshape(N, rows, -1)
+
+    states = [(x, True), (u, True), (x, False), (u, False), (e, True)]
+    force, direct = [], []
+    for (signal, drives), (rows, columns) in zip(states, layout.shapes, strict=True):
+        if not rows * columns:
+            continue
+        part, none = spread(rows, signal), np.zeros((N, p if drives else n, rows * columns))
+        force.append(part if drives else none)
+        direct.append(none if drives else part)
+    force.append(np.zeros((N, n, layout.nuisances)))
+    constants = np.zeros((N, p, layout.nuisances))
+    if layout.offsets:
+        constants[:, :, n:] = np.eye(p)
+    direct.append(constants)
+    return np.concatenate(force, axis=2), np.concatenate(direct, axis=2)
+
+
+def orbit(s: Matrices, layout: Layout) -> FloatArray:
+    """Return a basis (size, size - n^2) of the changes of the entries that no change of the states' basis makes.
+
+    A change x -> (I + E) x adds E A - A E, E B, -C E, 0 and E K; the basis is orthonormal and orthogonal to these.
+    """
+    n = layout.n
+    tangent = np.zeros((layout.size, n * n))
+    for j in range(n * n):
+        E = np.zeros((n, n))
+        E.flat[j] = 1.0
+        tangent[:, j] = layout.vector(Matrices(E @ s.A - s.A @ E, E @ s.B, -s.C @ E, np.zeros_like(s.D), E @ s.K))
+    return np.asarray(np.linalg.qr(tangent, mode="complete")[0][:, n * n :])
+
+
+# --- prediction error -------------------------------------------------------------------------------------------------
+
 
 _SETTLED = 1e-3  # relative change of the innovations' covariance between two rounds that ends them
 _ROUNDS = 40

@@ -18,16 +18,23 @@ from testbench.core.advice import Advice, doubt, note, wrong
 from testbench.core.constants import WHITE
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.continuous import ContinuousTransferModel, fit_free, free_basis
+from testbench.estimators.continuous import (
+    ContinuousTransferModel,
+    Hold,
+    StateVariableFilter,
+    delayed,
+    fit_free,
+    free_basis,
+    holds,
+)
 from testbench.estimators.coverage import approximate
 from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import coloured_covariance
-from testbench.estimators.parametric.sensitivities import Sensitivities
+from testbench.estimators.parametric.gauss_newton import Sensitivities
 from testbench.estimators.residuals import ljung_box
 from testbench.estimators.settings import Srivc
-from testbench.estimators.state_variable import Hold, StateVariableFilter, delayed, holds
-from testbench.estimators.transfer_advice import excited_band, question_poles
+from testbench.estimators.transfer_function import excited_band, question_poles
 
 _DEFICIENT = 1e-9  # condition of the scaled instruments beyond which they count as rank deficient
 _SILENT = 1e-6  # output error below this share of an output is rounding: no doubt about its poles

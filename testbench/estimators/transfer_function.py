@@ -2,25 +2,273 @@
 
 In the manner of the Taurus paper (sections VI and VII): the number of poles is given, several numbers of zeros are
 tried, and the candidate that predicts the validation records best is kept.
+
+TransferFunctionModel: transfer functions in discrete time, one per output, from one input, each with its delay.
+
+Warnings about poles of transfer functions that the input, the sampling or the noise put where they are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from testbench.core.advice import Advice, doubt, note
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.discrete_transfer import TransferFunctionModel, discrete_poles, simulate_one
+from testbench.core.words import array_found
+from testbench.estimators.continuous import shifted
 from testbench.estimators.hankel import triangle, window_starts, windows
-from testbench.estimators.model import ComplexArray, check_records, continuous_poles
+from testbench.estimators.model import ComplexArray, IdentifiedModel, check_records, continuous_poles
 from testbench.estimators.residuals import ljung_box
 from testbench.estimators.settings import TransferFunctions
-from testbench.estimators.transfer_advice import question_poles, spectral_peak
+from testbench.estimators.state_space import Series, check_sample_time, description, free_run, unit_circle
+
+# --- warnings about poles of transfer functions that the input, the sampling or the noise put where they are ----------
+
+
+NEAR_PEAK = 0.3  # a pole within this share of the input's spectral peak may be the input's
+PART_OF_NYQUIST = 0.5  # a pole above this share of the Nyquist frequency is hardly sampled
+TAIL = 0.005  # share of the input's energy below and above the band that is called excited
+VAGUE = 0.1  # a frequency known to 10 % or better is the data's, wherever the input peaks
+
+
+def spectral_density(records: Sequence[FlightRecord], given: str) -> tuple[FloatArray, FloatArray]:
+    """Return frequencies (k,) in rad/s and the input's energy density there, means removed, all records summed."""
+    size = 8 * max(len(r) for r in records)
+    density = np.sum([np.abs(np.fft.rfft(r[given] - r[given].mean(), size)) ** 2 for r in records], axis=0)
+    return np.asarray(2.0 * np.pi * np.fft.rfftfreq(size, records[0].dt_s), np.float64), np.asarray(density, np.float64)
+
+
+def spectral_peak(records: Sequence[FlightRecord], given: str) -> float:
+    """Return where, in rad/s, the input's energy density is largest."""
+    omega, density = spectral_density(records, given)
+    return float(omega[int(np.argmax(density))])
+
+
+def excited_band(records: Sequence[FlightRecord], inputs: Sequence[str]) -> tuple[float, float]:
+    """Return the band (low, high) in rad/s outside of which no input has more than 0.5 % of its energy on either side.
+
+    The lowest of the inputs' low ends and the highest of their high ends.
+    """
+    ends = []
+    for given in inputs:
+        omega, density = spectral_density(records, given)
+        share = np.cumsum(density) / np.sum(density)
+        ends.append((omega[np.searchsorted(share, TAIL)], omega[np.searchsorted(share, 1.0 - TAIL)]))
+    return float(min(low for low, _ in ends)), float(max(high for _, high in ends))
+
+
+def question_poles(
+    output: str,
+    omega_rad_s: FloatArray,
+    known: FloatArray,
+    records: Sequence[FlightRecord],
+    inputs: Sequence[str],
+) -> list[Advice]:
+    """Return a sentence for each reason to doubt that the data put the poles of ``output`` where they are.
+
+    Args:
+        output: name of the output.
+        omega_rad_s: (k,) magnitudes of its poles.
+        known: (k,) relative standard errors of these; infinite where the method gives none that can be trusted.
+        records: what was identified from.
+        inputs: (m,) input channels.
+    """
+    out = []
+    nyquist = np.pi / records[0].dt_s
+    for given in inputs:
+        peak = spectral_peak(records, given)
+        near = omega_rad_s[(np.abs(omega_rad_s - peak) <= NEAR_PEAK * peak) & (known > VAGUE)]
+        if near.size:
+            out.append(
+                doubt(
+                    "poles_at_input_peak",
+                    f"{output}: poles at {_list(near)} rad/s lie within {100 * NEAR_PEAK:.0f} % "
+                    f"of the peak of the spectrum of {given} ({peak:.2f} rad/s): the data, not the input, should "
+                    "decide where they lie; check with an input of another spectrum",
+                )
+            )
+    fast = omega_rad_s > PART_OF_NYQUIST * nyquist
+    if fast.any():
+        out.append(
+            doubt(
+                "beyond_nyquist",
+                f"{output}: poles at {_list(omega_rad_s[fast])} rad/s lie above half the Nyquist frequency "
+                f"({nyquist:.2f} rad/s): such poles come from noise and from holding the input; log faster or use "
+                "fewer poles",
+            )
+        )
+    low, high = excited_band(records, inputs)
+    outside = ((omega_rad_s < low) | (omega_rad_s > high)) & ~fast
+    if outside.any():
+        out.append(
+            doubt(
+                "outside_band",
+                f"{output}: poles at {_list(omega_rad_s[outside])} rad/s lie outside the band {low:.2f} to {high:.2f} "
+                "rad/s that holds 99 % of the input's energy: they follow from the structure and the noise more than "
+                "from the data; excite that band or use fewer poles",
+            )
+        )
+    return out
+
+
+def _list(omega: FloatArray) -> str:
+    return ", ".join(f"{w:.2f}" for w in omega)
+
+
+# --- the discrete model -----------------------------------------------------------------------------------------------
+
+
+_TURNS = 12  # of least squares and filter: short periods settle in six
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TransferFunctionModel(IdentifiedModel):
+    """y[k] = - a1 y[k-1] ... - an y[k-n] + b1 u[k-1-d] + ... + bn u[k-n-d], for each output by itself.
+
+    Attributes:
+        numerators: (p, n) coefficients b1 ... bn; those after the zeros that were asked for are zero.
+        denominators: (p, n + 1) coefficients 1, a1 ... an; zeros last where an output has fewer poles than others.
+        delays: (p,) whole samples d beyond the one that every output is late; none if not given.
+    """
+
+    numerators: FloatArray
+    denominators: FloatArray
+    delays: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "delays", tuple(int(d) for d in self.delays) or (0,) * len(self.outputs))
+        if len(self.delays) != len(self.outputs) or min(self.delays, default=0) < 0:
+            raise EstimationError(f"delays must be one whole number >= 0 per output, got {self.delays}")
+        p, n = len(self.outputs), np.shape(self.denominators)[-1] - 1
+        for name, shape in (("numerators", (p, n)), ("denominators", (p, n + 1))):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            if array.shape != shape or not np.all(np.isfinite(array)):
+                raise EstimationError(f"{name} must be finite and of shape {shape}, got {array_found(array)}")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def simulate(self, record: FlightRecord) -> FloatArray:
+        """Return the free-run outputs (N, p); the initial conditions of each output fit its valid samples best.
+
+        Raises:
+            ChannelError: the record lacks an input or output of the model.
+            RecordError: its sample time differs from the model's by more than 1 %.
+        """
+        check_sample_time(record, self.dt_s)
+        u, part = record.columns(self.inputs), record.select(self.outputs)
+        columns = [
+            simulate_one(b, a, d, u, part.data[:, [i]], part.valid[:, [i]])
+            for i, (b, a, d) in enumerate(zip(self.numerators, self.denominators, self.delays, strict=True))
+        ]
+        return np.hstack(columns)
+
+    def poles(self) -> dict[str, ComplexArray]:
+        """Return the continuous-time poles ln(z)/dt in rad/s of each output's transfer function."""
+        return {
+            name: continuous_poles(discrete_poles(a), self.dt_s)[0]
+            for name, a in zip(self.outputs, self.denominators, strict=True)
+        }
+
+    def frequency_response(self, omega_rad_s: FloatArray) -> ComplexArray:
+        """Return B(z) / A(z) z^-d at z = exp(j w dt), shape (k, p, 1).
+
+        Raises:
+            EstimationError: a frequency lies above the Nyquist frequency pi/dt, or on a pole of the model.
+        """
+        z = unit_circle(omega_rad_s, self.dt_s)
+        below = np.stack([np.polyval(a, z) for a in self.denominators], axis=1)
+        if np.any(below == 0.0):
+            raise EstimationError("the frequency response is infinite at a pole; choose frequencies off the poles")
+        above = np.stack([np.polyval(b, z) / z**d for b, d in zip(self.numerators, self.delays, strict=True)], axis=1)
+        return np.asarray((above / below)[:, :, None], dtype=np.complex128)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return names, sample time, coefficients by output, settings, status and advice as JSON values."""
+        return {
+            **description(self),
+            "numerators": dict(zip(self.outputs, self.numerators.tolist(), strict=True)),
+            "denominators": dict(zip(self.outputs, self.denominators.tolist(), strict=True)),
+            "delays": dict(zip(self.outputs, self.delays, strict=True)),
+        }
+
+    def to_control(self) -> Any:
+        """Return the model as ``control.TransferFunction`` (p outputs, one input) with signal names."""
+        import control
+
+        above = [[b.tolist()] for b in self.numerators]
+        below = [[[*a.tolist(), *[0.0] * d]] for a, d in zip(self.denominators, self.delays, strict=True)]
+        return control.tf(above, below, self.dt_s, inputs=list(self.inputs), outputs=list(self.outputs))
+
+
+def discrete_poles(a: FloatArray) -> ComplexArray:
+    """Return the roots of 1 + a1 / z + ... + an / z^n, without zeros that only fill up the array."""
+    return np.roots(np.trim_zeros(a, "b")).astype(np.complex128)
+
+
+def in_free_run(model: TransferFunctionModel, records: Sequence[FlightRecord]) -> TransferFunctionModel:
+    """Return the model whose coefficients minimise the errors of the free run, where the search converges.
+
+    Least squares of the equation on data filtered by 1 / A, in turns with A (K. Steiglitz and L. E. McBride, IEEE
+    Transactions on Automatic Control 10, 1965): noise on the outputs does not bias its end. Poles outside the unit
+    circle are mirrored into it. Initial states are left to the filter, samples that are not valid to their last value.
+    """
+    above, below = model.numerators.copy(), model.denominators.copy()
+    for i, output in enumerate(model.outputs):
+        num, den = np.flatnonzero(above[i]), 1 + np.flatnonzero(below[i, 1:])
+        a = below[i]
+        for _ in range(_TURNS):
+            a = _inside(a)
+            rows, right = [], []
+            for record in records:
+                u, y = record[model.inputs[0]], record[output]
+                u, y = (lfilter([1.0], a, x - x[0]) for x in (shifted(u, model.delays[i]), y))
+                one = lfilter([1.0], a, np.ones(len(y)))
+                first = len(a) - 1
+                late = [np.concatenate([np.zeros(k), -y[:-k]])[first:] for k in den]
+                given = [np.concatenate([np.zeros(k + 1), u[: -(k + 1)]])[first:] for k in num]
+                rows.append(np.stack([*late, *given, one[first:]], axis=1))
+                right.append(y[first:])
+            X = np.vstack(rows)
+            size = np.maximum(np.sqrt(np.sum(X**2, axis=0)), 1e-300)
+            found = np.linalg.lstsq(X / size, np.concatenate(right), rcond=1e-10)[0] / size
+            a = np.zeros_like(a)
+            a[0], a[den] = 1.0, found[: len(den)]
+        below[i] = _inside(a)
+        above[i, num] = found[len(den) : len(den) + len(num)]
+    return replace(model, numerators=above, denominators=below)
+
+
+def _inside(a: FloatArray) -> FloatArray:
+    """Return the polynomial with roots outside the unit circle mirrored into it."""
+    z = discrete_poles(a)
+    z = np.where(np.abs(z) > 1.0, 1.0 / np.conj(np.where(z == 0.0, 1.0, z)), z)
+    out = np.zeros_like(a)
+    out[: len(z) + 1] = np.real(np.poly(z))
+    return out
+
+
+def simulate_one(b: FloatArray, a: FloatArray, delay: int, u: FloatArray, y: FloatArray, valid: Any) -> FloatArray:
+    """Return the free run (N, 1) of one transfer function, in observer form: x[k+1] = A x + B u, y = x_1.
+
+    The input (N, 1) comes ``delay`` samples late; before the record it holds its first value.
+    """
+    n = b.size
+    A = np.zeros((n, n))
+    A[:, 0] = -a[1:]
+    A[:-1, 1:] = np.eye(n - 1)
+    late = shifted(u[:, 0], delay)[:, None]
+    return free_run(A, b[:, None], np.eye(1, n), np.zeros((1, 1)), Series(late, y, valid))
+
+
+# --- transfer functions by least squares ------------------------------------------------------------------------------
+
 
 __all__ = ["TransferFunctionModel", "estimate"]
 

@@ -13,7 +13,7 @@ from testbench.aircraft.amend import AddCoefficient
 from testbench.core.errors import ModelError
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.flight.load import load_aircraft
-from testbench.questions.identify.amend.reach import derivatives_of, reached, with_increments, with_lag
+from testbench.questions.identify.amend.choose import derivatives_of, reached, with_increments, with_lag
 
 TAURUS = tb.FlightCondition(15.0, 100.0)
 

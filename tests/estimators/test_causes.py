@@ -9,10 +9,10 @@ from scipy.linalg import expm
 from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
 from testbench.estimators.causes import with_causes
-from testbench.estimators.causes.coloured_fit import Stretch, Whitener, normal, regress, samples_lost, settled, solved
-from testbench.estimators.causes.feedback import _moving
-from testbench.estimators.discrete_transfer import in_free_run
+from testbench.estimators.causes.leavings import Stretch, Whitener, normal, regress, samples_lost, settled, solved
+from testbench.estimators.causes.search import _moving
 from testbench.estimators.residuals import Autoregression
+from testbench.estimators.transfer_function import in_free_run
 from testbench.questions.compare.benchmark.flights import TRUE, doublets, steady_states
 from tests.studies.advice_cases import INPUTS, OUTPUTS, WN, fly
 

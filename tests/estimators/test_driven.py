@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from testbench.estimators import driven as driven_module
 from testbench.estimators import state_space
-from testbench.estimators.driven import DrivenModes, output_rows, released
-from testbench.estimators.state_space import Series, fit_inputs, free_run
+from testbench.estimators import state_space as driven_module
+from testbench.estimators.state_space import DrivenModes, Series, fit_inputs, free_run, output_rows, released
 from testbench.estimators.trajectories import Modes
 
 

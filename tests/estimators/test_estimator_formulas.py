@@ -10,19 +10,18 @@ from scipy.signal import cont2discrete
 
 from testbench.core.errors import EstimationError
 from testbench.estimators.causes.leavings import _hat
-from testbench.estimators.expressions import DEEPEST, ExpressionError, parse
-from testbench.estimators.frequency.sampled import sampled_response
-from testbench.estimators.frequency.spectra import _conditioned
+from testbench.estimators.equations import DEEPEST, ExpressionError, tree
+from testbench.estimators.frequency.equivalent import sampled_response
+from testbench.estimators.frequency.response import _conditioned
 from testbench.estimators.operational.result import OperationalMode
-from testbench.estimators.parametric.advice import own_poles
+from testbench.estimators.parametric.accuracy import own_poles
 from testbench.estimators.parametric.servo import _Link
-from testbench.estimators.regression import recursive
 from testbench.estimators.regression.result import RegressionResult
 from testbench.estimators.residuals import LAG_SHARE, _score_over_gaps, corrected_covariance
 from testbench.estimators.subspace.data import Stretch
 from testbench.estimators.subspace.dsr_e import shortage
-from testbench.estimators.subspace.factor import factorise
 from testbench.estimators.subspace.family import _strides
+from testbench.estimators.subspace.projections import factorise
 
 RNG = np.random.default_rng(21)
 
@@ -34,23 +33,6 @@ def test_hats_over_the_past_add_up_to_a_straight_line_between_knots(i):
     weights = np.interp(np.arange(40.0), knots, np.eye(4)[i], right=0.0)
     expected = [sum(weights[lag] * u[k - lag] for lag in range(k + 1)) for k in range(40)]
     np.testing.assert_allclose(out, expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("forgetting", [1.0, 0.9])
-def test_weighted_sums_go_on_from_chunk_to_chunk(monkeypatch, forgetting):
-    monkeypatch.setattr(recursive, "_CHUNK", 7)
-    z, used = RNG.normal(size=(20, 3)), (RNG.random(20) > 0.2).astype(float)
-    z = z * used[:, None]
-    seen = 0
-    for rows, found in recursive._sums(z, used, forgetting):
-        for at, k in enumerate(range(rows.start, rows.stop)):
-            w = forgetting ** (k - np.arange(k + 1.0))
-            np.testing.assert_allclose(found.first[at], (z[: k + 1].T * w) @ z[: k + 1], atol=1e-12)
-            np.testing.assert_allclose(found.second[at], (z[: k + 1].T * w**2) @ z[: k + 1], atol=1e-12)
-            assert found.samples[at] == pytest.approx(np.sum(w * used[: k + 1]))
-            assert found.samples2[at] == pytest.approx(np.sum(w**2 * used[: k + 1]))
-            seen += 1
-    assert seen == 20
 
 
 @pytest.mark.parametrize("n", [23, 40])
@@ -209,9 +191,9 @@ def test_a_result_of_another_shape_or_without_numbers_is_refused(name, value):
 
 
 def test_an_expression_may_have_as_many_terms_as_is_said():
-    parse("a" + "+a" * (DEEPEST - 1))
+    tree("a" + "+a" * (DEEPEST - 1))
     with pytest.raises(ExpressionError, match=f"at most {DEEPEST} terms"):
-        parse("a" + "+a" * (DEEPEST + 1))
+        tree("a" + "+a" * (DEEPEST + 1))
 
 
 @pytest.mark.parametrize(("H", "excited"), [(6, True), (7, False)])

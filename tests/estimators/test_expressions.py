@@ -7,16 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from testbench.estimators.expressions import DEEPEST, LONGEST, Binary, ExpressionError, Name, Number, names, parse
-from testbench.estimators.parametric.structures.dual import FUNCTIONS
-from testbench.estimators.parametric.structures.written import _compiled
+from testbench.estimators.equations import DEEPEST, LONGEST, Binary, ExpressionError, Name, Number, names, tree
+from testbench.estimators.parametric.structures.written import FUNCTIONS, _compiled
 
 SYMBOLS = ("a", "b", "_c", "x1")
 
 
 def value(text, at=()):
     """Return the value of an expression as it is compiled."""
-    function = _compiled([("params", SYMBOLS)], [], [parse(text)])
+    function = _compiled([("params", SYMBOLS)], [], [tree(text)])
     return function(np.asarray(at))[0]
 
 
@@ -116,14 +115,14 @@ def test_signs_bind_as_in_mathematics(text, expected):
 )
 def test_what_is_no_expression_is_refused_with_its_place(text, said):
     with pytest.raises(ExpressionError) as error:
-        parse(text)
+        tree(text)
     assert said in str(error.value)
 
 
 def test_a_tree_knows_its_symbols_and_where_they_stand():
-    tree = parse("a*x1 + sin(a)")
-    assert [(s.name, s.at) for s in names(tree)] == [("a", 0), ("x1", 2), ("a", 11)]
-    assert parse("a+1") == Binary("+", Name("a", 0), Number(1.0))
+    whole = tree("a*x1 + sin(a)")
+    assert [(s.name, s.at) for s in names(whole)] == [("a", 0), ("x1", 2), ("a", 11)]
+    assert tree("a+1") == Binary("+", Name("a", 0), Number(1.0))
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)

@@ -15,7 +15,7 @@ from testbench.core.errors import ChannelError, EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators.operational import Criteria, estimate, mac
 from testbench.estimators.operational.realise import covariances, realise
-from testbench.estimators.operational.stabilise import stabilise
+from testbench.estimators.operational.result import stabilise
 
 DT = 0.02
 CHANNELS = ("az_wing_1", "az_wing_2", "az_wing_3", "strain_wing_1")

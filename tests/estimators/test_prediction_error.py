@@ -10,10 +10,9 @@ from scipy.signal import cont2discrete
 from testbench.core.errors import EstimationError, RecordError
 from testbench.core.record import FlightRecord
 from testbench.estimators import prediction_error
-from testbench.estimators.predictor import Layout, Matrices, errors, orbit
+from testbench.estimators.prediction_error import Layout, Matrices, errors, frequency_response_std, orbit, pole_accuracy
 from testbench.estimators.prepare import prepare
 from testbench.estimators.settings import DsrE, Refinement
-from testbench.estimators.state_accuracy import frequency_response_std, pole_accuracy
 from testbench.estimators.state_space import Series, StateSpaceModel
 from testbench.estimators.subspace import dsr_e
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from testbench.estimators.parametric.accuracy import coloured_covariance
-from testbench.estimators.parametric.sensitivities import Sensitivities
+from testbench.estimators.parametric.accuracy import _Felt, coloured_covariance, shortfall
+from testbench.estimators.parametric.gauss_newton import Sensitivities
 from testbench.estimators.residuals import Autoregression, Colour
-from testbench.estimators.shortfall import _Felt, shortfall
 
 STEP_S = 0.04
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from testbench.core.errors import EstimationError
-from testbench.estimators.state_variable import StateVariableFilter
+from testbench.estimators.continuous import StateVariableFilter
 
 
 @pytest.mark.parametrize("pole", [-3.0, 0.5])

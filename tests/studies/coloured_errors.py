@@ -21,7 +21,7 @@ from scipy.signal import lfilter
 from smallest import results, sized
 
 from testbench.estimators.parametric.accuracy import coloured_covariance
-from testbench.estimators.parametric.sensitivities import Sensitivities
+from testbench.estimators.parametric.gauss_newton import Sensitivities
 from testbench.estimators.residuals import coloured_information, corrected_covariance
 
 OUT = results("estimators", "coloured_errors.csv")

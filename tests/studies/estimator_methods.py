@@ -12,7 +12,7 @@ from testbench.core.record import FlightRecord
 from testbench.estimators import data_compatibility, regression, srivc, transfer_function
 from testbench.estimators.frequency.equivalent import fit_equivalent
 from testbench.estimators.frequency.multisine import estimate_multisine_response
-from testbench.estimators.frequency.spectra import estimate_frequency_response
+from testbench.estimators.frequency.response import estimate_frequency_response
 from testbench.estimators.parametric import equation_error, filter_error, output_error
 from testbench.estimators.parametric.kalman import ekf, ukf
 from testbench.estimators.parametric.structures import longitudinal

@@ -5,7 +5,7 @@ import pytest
 from estimator_cases import DT, LENGTHS, OUTPUTS, UNITS, _motion, _noisy, elevator, fly
 
 from testbench.estimators.parametric import equation_error
-from testbench.estimators.parametric.equation_bias import Bias
+from testbench.estimators.parametric.equation_error import Bias
 from testbench.estimators.parametric.structures import longitudinal
 from testbench.estimators.settings import EquationError
 

@@ -23,8 +23,7 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.continuous import ContinuousTransferModel
 from testbench.estimators.frequency.equivalent import fit_equivalent
-from testbench.estimators.frequency.response import COHERENT, FrequencyResponse
-from testbench.estimators.frequency.spectra import bridged, estimate_frequency_response
+from testbench.estimators.frequency.response import COHERENT, FrequencyResponse, bridged, estimate_frequency_response
 from testbench.estimators.model import ComplexArray
 from testbench.estimators.settings import LowOrder
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from testbench.estimators.operational.estimate import estimate
 from testbench.estimators.operational.realise import mac
-from testbench.estimators.operational.result import OperationalMode, OperationalModes
-from testbench.estimators.operational.stabilise import Criteria
+from testbench.estimators.operational.result import Criteria, OperationalMode, OperationalModes
 
 __all__ = ["Criteria", "OperationalMode", "OperationalModes", "estimate", "mac"]

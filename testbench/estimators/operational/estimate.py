@@ -12,8 +12,16 @@ from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import check_records
 from testbench.estimators.operational.realise import Masked, covariances, realise
-from testbench.estimators.operational.result import OperationalMode, OperationalModes, advise, remarks
-from testbench.estimators.operational.stabilise import Chain, Criteria, stabilise, view
+from testbench.estimators.operational.result import (
+    Chain,
+    Criteria,
+    OperationalMode,
+    OperationalModes,
+    advise,
+    remarks,
+    stabilise,
+    view,
+)
 from testbench.estimators.prepare import prepare
 
 _OVERSAMPLED = 4.0  # rate over the highest frequency looked for, that data are decimated to

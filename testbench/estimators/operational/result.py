@@ -1,6 +1,13 @@
 """The result of operational modal analysis: modes with errors, the poles of every order, and doubts.
 
 Doubts about modes that were found from outputs alone, in words.
+
+Poles that return order after order: the criteria, the modes to which they belong, and one estimate of each.
+
+A pole of order n is stable if a pole of the order before has frequency, damping ratio and mode shape within the
+criteria of it. Stable poles that follow each other, and chains of them with gaps between that agree within the same
+criteria, are one mode; modes stable at fewer orders than asked are not reported (F. Magalhaes, A. Cunha and E. Caetano,
+MSSP 23(2), 2009, cluster poles by the same distances).
 """
 
 from __future__ import annotations
@@ -11,12 +18,200 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from testbench.core.advice import Advice, Advised, as_json, doubt, note
 from testbench.core.record import FloatArray
 from testbench.estimators.model import ComplexArray
-from testbench.estimators.operational.realise import mac
-from testbench.estimators.operational.stabilise import OrderView
+from testbench.estimators.operational.realise import OrderPoles, mac
+
+# --- poles that return order after order ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """The criteria: when two poles are one, which poles may be modes, and how often a mode must be seen.
+
+    Attributes:
+        frequency: largest relative difference of natural frequencies, |f1 - f2| / max(f1, f2).
+        damping: largest difference of damping ratios: ``damping`` of the larger one, or ``damping_floor``.
+        damping_floor: absolute difference that is always allowed.
+        mac: least modal assurance criterion.
+        largest_damping: poles of a larger damping ratio are not modes; unstable ones never are.
+        least_orders: at which a mode must be stable.
+        frequency_error: modes whose natural frequency has a larger relative standard deviation are dropped.
+        damping_error: the same of the damping ratio. Poles of noise alone have errors of about their half-power band.
+    """
+
+    frequency: float = 0.01
+    damping: float = 0.2
+    damping_floor: float = 0.005
+    mac: float = 0.95
+    largest_damping: float = 0.7
+    least_orders: int = 5
+    frequency_error: float = 0.05
+    damping_error: float = 0.35
+
+
+@dataclass(frozen=True, eq=False)
+class OrderView:
+    """The poles of one order in the stabilisation diagram.
+
+    Attributes:
+        order: number of states.
+        frequency_hz: (k,) natural frequencies.
+        damping: (k,) damping ratios.
+        stable: (k,) the pole meets all criteria against the order before.
+        mode: (k,) number of the mode that it belongs to, counted from 0 in the order of the result, or -1.
+    """
+
+    order: int
+    frequency_hz: FloatArray
+    damping: FloatArray
+    stable: NDArray[np.bool_]
+    mode: NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """One mode: its members as (number of the order, number of the pole), and the estimate made of them.
+
+    ``moves`` (b,) are the changes of ``pole`` by the blocks; None where they were not asked for.
+    """
+
+    members: tuple[tuple[int, int], ...]
+    pole: complex
+    shape: ComplexArray
+    moves: ComplexArray | None
+
+
+def stabilise(found: Sequence[OrderPoles], criteria: Criteria, band_hz: tuple[float, float]) -> list[Chain]:
+    """Return the modes of poles at several orders, sorted by frequency.
+
+    The estimate of a mode is the mean over its orders, each pole weighed with the inverse of its own variance where
+    that is known; the mean has the mean of the moves of its members, so that what the orders share is not counted as
+    if it were independent.
+    """
+    links = [_links(found, i, criteria, band_hz) for i in range(len(found))]
+    chains: list[list[tuple[int, int]]] = []
+    end: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for i, link in enumerate(links):
+        for k, before in sorted(link.items()):
+            chain = end.pop((i - 1, before), None)
+            if chain is None:
+                chain = [(i - 1, before)]
+                chains.append(chain)
+            chain.append((i, k))
+            end[(i, k)] = chain
+    whole = _joined([_estimate(found, chain) for chain in chains], found, criteria)
+    kept = [c for c in whole if len({i for i, _ in c.members}) >= criteria.least_orders]
+    return sorted(kept, key=lambda c: abs(c.pole))
+
+
+def view(found: Sequence[OrderPoles], chains: Sequence[Chain], criteria: Criteria) -> tuple[OrderView, ...]:
+    """Return the stabilisation diagram: poles of every order, stable or not, and the modes that they belong to."""
+    belongs = {member: number for number, chain in enumerate(chains) for member in chain.members}
+    out = []
+    for i, at in enumerate(found):
+        size = np.abs(at.poles)
+        stable = np.zeros(size.size, bool)
+        stable[list(_links(found, i, criteria, (0.0, np.inf)))] = True
+        mode = np.array([belongs.get((i, k), -1) for k in range(size.size)], np.intp)
+        out.append(OrderView(at.order, size / (2.0 * np.pi), -at.poles.real / size, stable | (mode >= 0), mode))
+    return tuple(out)
+
+
+def _links(found: Sequence[OrderPoles], i: int, criteria: Criteria, band_hz: tuple[float, float]) -> dict[int, int]:
+    """Return stable pole of order number i -> the pole of the order before that it continues, one to one."""
+    if i == 0:
+        return {}
+    here, before = found[i], found[i - 1]
+    near: list[tuple[float, int, int]] = []
+    for k in np.flatnonzero(_possible(here.poles, criteria, band_hz)):
+        for j in np.flatnonzero(_possible(before.poles, criteria, band_hz)):
+            one, other = complex(here.poles[k]), complex(before.poles[j])
+            if _alike(one, other, _mac(here.shapes[k], before.shapes[j]), criteria):
+                near.append((abs(one - other) / abs(one), int(k), int(j)))
+    out: dict[int, int] = {}
+    for _, pole, continued in sorted(near):
+        if pole not in out and continued not in out.values():
+            out[pole] = continued
+    return out
+
+
+def _possible(poles: ComplexArray, criteria: Criteria, band_hz: tuple[float, float]) -> NDArray[np.bool_]:
+    size = np.abs(poles)
+    damping = -poles.real / size
+    inside = (size >= 2.0 * np.pi * band_hz[0]) & (size <= 2.0 * np.pi * band_hz[1])
+    return np.asarray(inside & (damping > 0.0) & (damping <= criteria.largest_damping), bool)
+
+
+def _alike(one: complex, other: complex, mac: float, criteria: Criteria) -> bool:
+    f1, f2 = abs(one), abs(other)
+    z1, z2 = -one.real / f1, -other.real / f2
+    return (
+        abs(f1 - f2) <= criteria.frequency * max(f1, f2)
+        and abs(z1 - z2) <= max(criteria.damping * max(z1, z2), criteria.damping_floor)
+        and mac >= criteria.mac
+    )
+
+
+def _mac(a: ComplexArray, b: ComplexArray) -> float:
+    return float(abs(np.vdot(a, b)) ** 2)  # shapes are of unit length
+
+
+def _estimate(found: Sequence[OrderPoles], members: Sequence[tuple[int, int]]) -> Chain:
+    poles = np.array([found[i].poles[k] for i, k in members])
+    moves = None
+    weights = np.ones(poles.size)
+    if found[0].moves is not None:
+        own = np.array([found[i].moves[:, k] for i, k in members])  # type: ignore[index]
+        variance = np.sum(np.abs(own) ** 2, axis=1)
+        weights = 1.0 / np.maximum(variance, 1e-12 * np.abs(poles) ** 2)
+        moves = weights / weights.sum() @ own
+    weights /= weights.sum()
+    shapes = np.array([found[i].shapes[k] for i, k in members])
+    outer = (shapes * weights[:, None]).T @ shapes.conj()  # its first eigenvector: the mean, whatever the phases
+    shape = np.asarray(np.linalg.eigh(outer)[1][:, -1], np.complex128)
+    return Chain(tuple(members), complex(weights @ poles), shape, moves)
+
+
+def _joined(chains: list[Chain], found: Sequence[OrderPoles], criteria: Criteria) -> list[Chain]:
+    """Join what is one mode, the longest chain first; where two chains share an order the pole of the longer one stays.
+
+    Chains that share more than half of the orders of the shorter one are two modes, however close.
+    """
+    left = sorted(chains, key=lambda c: (-len(c.members), abs(c.pole)))
+    out: list[Chain] = []
+    for chain in left:
+        at = {i for i, _ in chain.members}
+        for n, other in enumerate(out):
+            taken = {i for i, _ in other.members}
+            if 2 * len(at & taken) <= len(at) and _same(chain, other, criteria):
+                new = [member for member in chain.members if member[0] not in taken]
+                out[n] = _estimate(found, sorted((*other.members, *new)))
+                break
+        else:
+            out.append(chain)
+    return out
+
+
+def _same(one: Chain, other: Chain, criteria: Criteria) -> bool:
+    """Say whether two chains meet the criteria, or lie within two standard deviations of their poles' difference.
+
+    Both come from the same data: the difference has the difference of their moves, far less than either has.
+    """
+    likeness = _mac(one.shape, other.shape)
+    if _alike(one.pole, other.pole, likeness, criteria):
+        return True
+    if one.moves is None or other.moves is None:
+        return False
+    apart = float(np.sqrt(np.sum(np.abs(one.moves - other.moves) ** 2)))
+    return likeness >= criteria.mac and abs(one.pole - other.pole) <= 2.0 * apart
+
+
+# --- the result of operational modal analysis -------------------------------------------------------------------------
+
 
 ASSUMPTION = (
     "the method assumes that the air is white noise and excites every mode alike. Turbulence is coloured: poles of its "

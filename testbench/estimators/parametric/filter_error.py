@@ -35,10 +35,17 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.coverage import approximate
 from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
-from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
-from testbench.estimators.parametric.advice import advice_in_words, own_poles
-from testbench.estimators.parametric.kalman.forms import FALSE_ALARM, Choice, Form, chosen
-from testbench.estimators.parametric.kalman.gust import ANGLES, Sensor, flow_angle, with_gust
+from testbench.estimators.parametric.accuracy import accuracy, advice_in_words, correlations, own_poles, whiteness
+from testbench.estimators.parametric.kalman.forms import (
+    ANGLES,
+    FALSE_ALARM,
+    Choice,
+    Form,
+    Sensor,
+    chosen,
+    flow_angle,
+    with_gust,
+)
 from testbench.estimators.parametric.kalman.innovations import Rows, innovations
 from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood
 from testbench.estimators.parametric.likelihood import Driven, Layout, Likelihood, check_nuisances

@@ -26,13 +26,11 @@ from testbench.core.constants import WHITE
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import check_records
-from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
-from testbench.estimators.parametric.advice import advice_in_words
-from testbench.estimators.parametric.gauss_newton import Minimum, minimise
+from testbench.estimators.parametric.accuracy import accuracy, advice_in_words, correlations, whiteness
+from testbench.estimators.parametric.gauss_newton import Minimum, Sensitivities, minimise
 from testbench.estimators.parametric.likelihood import Layout, Likelihood, held_inputs, stretch
 from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.response import Sampling, discretise
-from testbench.estimators.parametric.sensitivities import Sensitivities
 from testbench.estimators.parametric.structure import LinearStructure
 from testbench.estimators.settings import OutputError
 from testbench.estimators.trajectories import carried

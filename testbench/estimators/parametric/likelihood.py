@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.hold import held as which_held
-from testbench.estimators.parametric.gauss_newton import Problem
+from testbench.estimators.parametric.gauss_newton import Problem, Sensitivities, believed_alone, in_blocks, square_root
 from testbench.estimators.parametric.model import ParametricModel, named, output_offsets
 from testbench.estimators.parametric.response import Sampling, delayed, later, respond, responses
-from testbench.estimators.parametric.sensitivities import Sensitivities, believed_alone, in_blocks, square_root
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.settings import OutputError, Simulated
 from testbench.estimators.structured import Fitted

@@ -24,8 +24,7 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
-from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
-from testbench.estimators.parametric.advice import advice_in_words
+from testbench.estimators.parametric.accuracy import accuracy, advice_in_words, correlations, whiteness
 from testbench.estimators.parametric.gauss_newton import Minimum, Rounds, minimise
 from testbench.estimators.parametric.likelihood import Driven, Likelihood, check_nuisances
 from testbench.estimators.parametric.model import ParametricModel

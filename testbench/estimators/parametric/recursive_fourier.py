@@ -28,8 +28,7 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import ComplexArray
-from testbench.estimators.parametric.accuracy import correlations
-from testbench.estimators.parametric.advice import advice_in_words, null_directions
+from testbench.estimators.parametric.accuracy import advice_in_words, correlations, null_directions
 from testbench.estimators.parametric.likelihood import Driven
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.response import delayed

@@ -3,6 +3,14 @@
 Where a method that fits a structure starts: the structure of its entry, with values from equation error.
 
 Output and filter error look for start values by themselves, from Python too (see ``starts``), but for lags of servos.
+
+Angle of attack or sideslip where no vane was flown: integrated from rates and accelerations, to start a search from.
+
+    alphadot = q + az / V,    betadot = (ay + g cos(theta0) phi) / V + p sin(alpha0) - r cos(alpha0)
+
+as deviations from trim. Biases of gyro and accelerometer make the integral drift; the straight line that fits it best
+is taken out. What is left is good for start values only: slow motion is lost in that line. V. Klein, E. A. Morelli,
+Aircraft System Identification, 2006, section 10.2.
 """
 
 from __future__ import annotations
@@ -15,15 +23,42 @@ import numpy as np
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.parametric import equation_error
-from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood
-from testbench.estimators.parametric.kalman.search import search
+from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood, search
 from testbench.estimators.parametric.likelihood import Likelihood
-from testbench.estimators.parametric.reconstructed import with_flow_angle
 from testbench.estimators.parametric.servo import START_LAGS_S, SUBSTEPS, in_front
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.parametric.structures.build import build
 from testbench.estimators.settings import EquationError
 from testbench.estimators.structured import Fitted, Structured
+
+# --- angle of attack or sideslip where no vane was flown --------------------------------------------------------------
+
+
+def with_flow_angle(structure: Any, record: FlightRecord) -> FlightRecord:
+    """Return the record with the flow angle that a structure has as state and the record lacks; itself if it can't be.
+
+    Args:
+        structure: with a trim, behind servos or not.
+        record: prepared: deviations from trim, SI.
+    """
+    trim = getattr(getattr(structure, "base", structure), "trim", None)
+    if trim is None:
+        return record
+    rate: FloatArray
+    if "alpha" in structure.states and "alpha" not in record and {"q", "az"} <= set(record.channels):
+        name, rate = "alpha", record["q"] + record["az"] / trim.V
+    elif "beta" in structure.states and "beta" not in record and {"p", "r", "phi", "ay"} <= set(record.channels):
+        side = (record["ay"] + trim.g * np.cos(trim.theta) * record["phi"]) / trim.V
+        name, rate = "beta", side + np.sin(trim.alpha) * record["p"] - np.cos(trim.alpha) * record["r"]
+    else:
+        return record
+    angle = record.dt_s * np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))])
+    t = record.t_s - record.t_s[0]
+    return record.with_columns({name: angle - np.polyval(np.polyfit(t, angle, 1), t)})
+
+
+# --- where searches start ---------------------------------------------------------------------------------------------
+
 
 _BY_THEMSELVES = ("equation_error", "output_error", "filter_error")
 

@@ -1,10 +1,14 @@
 """Equation error: linear regression of aerodynamic forces and moments, and of motion, on measured signals."""
 
-from testbench.estimators.regression.coefficients import regression_data
-from testbench.estimators.regression.data import MassProperties, Recipe, RegressionData, polynomial_terms
-from testbench.estimators.regression.equation_error import equation_error
+from testbench.estimators.regression.data import (
+    MassProperties,
+    Recipe,
+    RegressionData,
+    polynomial_terms,
+    regression_data,
+)
+from testbench.estimators.regression.equation_error import LinearModel, equation_error, linear_model
 from testbench.estimators.regression.frequency import frequency_equation_error
-from testbench.estimators.regression.linear import LinearModel, linear_model
 from testbench.estimators.regression.orthogonal import StructureSearch, orthogonal_functions
 from testbench.estimators.regression.result import RegressionResult
 from testbench.estimators.regression.smoothing import (

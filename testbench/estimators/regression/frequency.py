@@ -16,8 +16,14 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.estimators.model import ComplexArray
 from testbench.estimators.regression.data import BIAS, RegressionData, check_terms
-from testbench.estimators.regression.diagnostics import advise, diagnose, noisy_terms, refuse_deficient
-from testbench.estimators.regression.equation_error import as_records, block
+from testbench.estimators.regression.equation_error import (
+    advise,
+    as_records,
+    block,
+    diagnose,
+    noisy_terms,
+    refuse_deficient,
+)
 from testbench.estimators.regression.result import RegressionResult
 
 _INTERPOLATED = 0.05  # share of samples that were not taken, worth mentioning

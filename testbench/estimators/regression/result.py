@@ -12,8 +12,7 @@ import numpy as np
 from testbench.core.advice import Advised, as_json
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.regression.coefficients import regression_data
-from testbench.estimators.regression.data import Recipe, RegressionData
+from testbench.estimators.regression.data import Recipe, RegressionData, regression_data
 
 Domain = Literal["time", "frequency"]
 

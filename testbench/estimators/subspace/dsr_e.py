@@ -58,7 +58,6 @@ from testbench.estimators.hankel import (
 from testbench.estimators.model import check_records, continuous_poles
 from testbench.estimators.settings import DsrE
 from testbench.estimators.state_space import Series, StateSpaceModel, fit_inputs
-from testbench.estimators.subspace.advice import doubts
 from testbench.estimators.subspace.data import (
     EXACT,
     LEAD,
@@ -69,9 +68,16 @@ from testbench.estimators.subspace.data import (
     decimate,
     scale,
 )
-from testbench.estimators.subspace.factor import RANK
-from testbench.estimators.subspace.projections import by_shift
-from testbench.estimators.subspace.tail import lost_poles, other_horizon, pole_distance, pole_shifts, reflect, to_rate
+from testbench.estimators.subspace.projections import RANK, by_shift
+from testbench.estimators.subspace.tail import (
+    doubts,
+    lost_poles,
+    other_horizon,
+    pole_distance,
+    pole_shifts,
+    reflect,
+    to_rate,
+)
 
 _RANK = 1e-12  # truncation of projections of noise-free data
 _RANK_NOISY = 1e-8  # with noise, weaker directions only let the noise in

@@ -23,7 +23,7 @@ from testbench.core.errors import CampaignError, Refusal, ScenarioError, WriteEr
 from testbench.core.files import Scratch
 from testbench.core.record import FlightRecord
 from testbench.core.schema import parse
-from testbench.estimators.aside import processor_s
+from testbench.estimators.cells import processor_s
 from testbench.evaluation.truth import Truth, true_model
 from testbench.flight import load_aircraft
 from testbench.flight.air import air_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from testbench.core.advice import ranked
-from testbench.estimators.compatibility.result import INSTRUMENT_ERROR
+from testbench.estimators.compatibility.take_out import INSTRUMENT_ERROR
 from testbench.page.words import Line, advice_lines, some
 
 if TYPE_CHECKING:

@@ -35,7 +35,7 @@ from testbench.page.words import listed
 from testbench.questions.design.pose import pose
 from testbench.questions.design.ready import promise_of_file
 from testbench.questions.design.scenario import DesignScenario
-from testbench.questions.identify.amend.reach import REACHED_BY, coefficient_errors, reached
+from testbench.questions.identify.amend.choose import REACHED_BY, coefficient_errors, reached
 from testbench.questions.identify.pool.prior import Prior
 from testbench.sensors import SensorSuite
 

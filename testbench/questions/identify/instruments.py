@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from testbench.core.advice import Advice, doubt
 from testbench.core.constants import DEG_RAD
 from testbench.core.words import with_error
-from testbench.estimators.compatibility.catalogue import instrument
+from testbench.estimators.compatibility.fit import instrument
 from testbench.inference.instruments import InstrumentFault
 from testbench.page.labels import number
 

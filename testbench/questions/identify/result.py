@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from testbench.core.advice import Advice
 from testbench.inference.instruments import Agreement
 from testbench.inference.reflown import Reflown
-from testbench.questions.identify.before import Before
-from testbench.questions.identify.derivatives import FoundDerivative
+from testbench.questions.identify.derivatives import Before, FoundDerivative
 from testbench.questions.identify.flown import FlownCondition
 from testbench.questions.identify.instruments import contradiction
 from testbench.questions.identify.unpredicted import Missed

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from testbench.page.tables import Column, Table
-from testbench.questions.identify.coefficients import scaling_of
+from testbench.questions.identify.derivatives import scaling_of
 from testbench.questions.run.labels import case_names
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord
 from testbench.estimators.structured import Servo
 from testbench.page.words import listed
-from testbench.questions.identify.before import servos_of
+from testbench.questions.identify.derivatives import servos_of
 from testbench.questions.importing.recipe import measured_in, propose
 from testbench.questions.plan.close import command_of
 from testbench.questions.plan.result import Card, Plan

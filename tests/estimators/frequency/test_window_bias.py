@@ -6,7 +6,7 @@ from scipy.signal import butter, lfilter
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord
-from testbench.estimators.frequency.spectra import estimate_frequency_response
+from testbench.estimators.frequency.response import estimate_frequency_response
 from testbench.estimators.frequency.window_bias import biased_response, law_through_windows, response_with_bias
 
 DT = 0.02

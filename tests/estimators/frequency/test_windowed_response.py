@@ -6,7 +6,7 @@ from scipy.signal import cont2discrete, csd, lfilter, welch
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
-from testbench.estimators.frequency.spectra import estimate_frequency_response, random_error
+from testbench.estimators.frequency.response import estimate_frequency_response, random_error
 
 DT = 0.05
 NUM, DEN, _ = cont2discrete(([-4.0, -6.0], [1.0, 2.5, 6.25]), DT)

@@ -12,8 +12,7 @@ from studies.filter_error_study import structure as gust_structure
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import filter_error, output_error
-from testbench.estimators.parametric.kalman.forms import chi_bar_square
-from testbench.estimators.parametric.kalman.gust import _Gust, with_gust
+from testbench.estimators.parametric.kalman.forms import _Gust, chi_bar_square, with_gust
 from testbench.estimators.parametric.kalman.innovations import sampled_noise, steady_gain
 from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood
 from testbench.estimators.parametric.likelihood import Layout, Likelihood, stretch
@@ -21,7 +20,7 @@ from testbench.estimators.parametric.response import Sampling
 from testbench.estimators.parametric.structure import STEP
 from testbench.estimators.parametric.structures import roll_yaw_rates
 from testbench.estimators.parametric.structures.aerodynamic import aerodynamic_longitudinal
-from testbench.estimators.parametric.structures.short_period import short_period
+from testbench.estimators.parametric.structures.longitudinal import short_period
 from testbench.estimators.settings import FilterError
 
 TRUE = {"Z_0": 0.0, "Z_alpha": -0.9, "Z_q": 0.0, "Z_de": -0.1, "M_0": 0.0, "M_alpha": -5.0, "M_q": -1.8, "M_de": -7.0}

@@ -10,7 +10,7 @@ from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import output_error
 from testbench.estimators.parametric.kalman import ekf, ukf
 from testbench.estimators.parametric.kalman.augmented import Gaussian
-from testbench.estimators.parametric.structures.short_period import short_period
+from testbench.estimators.parametric.structures.longitudinal import short_period
 from testbench.estimators.settings import ExtendedFilter, UnscentedFilter
 
 TRUE = {

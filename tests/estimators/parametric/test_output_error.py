@@ -17,7 +17,7 @@ from testbench.estimators.parametric import output_error
 from testbench.estimators.parametric.likelihood import held_inputs
 from testbench.estimators.parametric.structure import LinearStructure, Matrices, Parameter
 from testbench.estimators.parametric.structures import Trim, flexible, longitudinal, short_period
-from testbench.estimators.parametric.structures.short_period import ShortPeriod
+from testbench.estimators.parametric.structures.longitudinal import ShortPeriod
 from testbench.estimators.settings import OutputError, OutputErrorEntry
 
 SHORT = short_period()

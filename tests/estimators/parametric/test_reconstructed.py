@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from testbench.core.record import FlightRecord
-from testbench.estimators.parametric.reconstructed import with_flow_angle
+from testbench.estimators.parametric.starts import with_flow_angle
 from testbench.estimators.parametric.structures import Trim, longitudinal
 
 T = 0.01 * np.arange(800)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from testbench.estimators import residuals
-from testbench.estimators.parametric.sensitivities import Sensitivities, in_blocks, square_root
+from testbench.estimators.parametric.gauss_newton import Sensitivities, in_blocks, square_root
 from testbench.estimators.residuals import Colour, coloured_information
 
 

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
-from testbench.estimators.parametric import equation_bias, equation_error, output_error
+from testbench.estimators.parametric import equation_error, output_error
 from testbench.estimators.parametric.structures import Trim, longitudinal, short_period
 from testbench.estimators.regression import Recipe, RegressionData, linear_model
 from testbench.estimators.regression.equation_error import equation_error as regress
@@ -219,7 +219,7 @@ def test_the_busiest_stretch_of_a_long_record_tells_the_bias(monkeypatch):
     data = records([u], held=True)
     structure = short_period().with_parameters({"M_q": -2.0}, prior_std={"M_q": 0.5})
     whole = equation_error.estimate(data, structure, EquationError(held=("de",)))
-    monkeypatch.setattr(equation_bias, "_LONGEST", 1600)
+    monkeypatch.setattr(equation_error, "_LONGEST", 1600)
     part = equation_error.estimate(data, structure, EquationError(held=("de",)))
     error = np.sqrt(np.diag(whole.covariance))
     bias, there = (m.diagnostics["smoothing_bias"] for m in (whole, part))
@@ -229,7 +229,7 @@ def test_the_busiest_stretch_of_a_long_record_tells_the_bias(monkeypatch):
     assert np.max((np.abs(bias) / error)[derivatives]) > 10.0
     assert np.max((np.abs(there - bias) / error)[derivatives]) < 0.2
     assert not np.array_equal(there, bias)
-    monkeypatch.setattr(equation_bias, "_MOST", 3000)  # one record of four, like all others
+    monkeypatch.setattr(equation_error, "_MOST", 3000)  # one record of four, like all others
     several = equation_error.estimate(
         data * 4, structure.with_parameters(prior_std={"M_q": 0.25}), EquationError(held=("de",))
     )

@@ -11,8 +11,8 @@ import pytest
 from testbench.core.errors import RecordError, WriteError
 from testbench.core.record import FlightRecord
 from testbench.estimators.continuous import ContinuousTransferModel
-from testbench.estimators.discrete_transfer import TransferFunctionModel
 from testbench.estimators.state_space import StateSpaceModel
+from testbench.estimators.transfer_function import TransferFunctionModel
 from testbench.questions.export.ask import SUFFIXES, export_model, export_record
 from testbench.questions.export.matrices import Matrices, load_matrices
 

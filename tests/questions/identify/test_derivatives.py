@@ -16,8 +16,7 @@ from testbench.estimators.settings import EquationErrorEntry
 from testbench.estimators.structured import Servo
 from testbench.questions.identify.answer import identify_answer
 from testbench.questions.identify.ask import _passed, identify
-from testbench.questions.identify.before import servos_of
-from testbench.questions.identify.derivatives import _beliefs
+from testbench.questions.identify.derivatives import _beliefs, servos_of
 from testbench.questions.identify.page import identify_page
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.ask import import_log, write_import

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 import testbench as tb
 from testbench.core.channels import channel
 from testbench.flight import FlightCondition, load_aircraft, trim
-from testbench.questions.identify.amend.reach import REACHED_BY, coefficient_errors, derivatives_of, reached
+from testbench.questions.identify.amend.choose import REACHED_BY, coefficient_errors, derivatives_of, reached
 from testbench.questions.importing.ask import import_log, write_import
 
 V, ALPHA = 22.0, 0.05

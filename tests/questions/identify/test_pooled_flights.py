@@ -19,7 +19,7 @@ from testbench.core.errors import EstimationError, RecordError, ScenarioError
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.page.words import MOST_WORDS, brief
 from testbench.questions.identify.ask import identify
-from testbench.questions.identify.coefficients import Scaling, weights
+from testbench.questions.identify.derivatives import Scaling, weights
 from testbench.questions.identify.flown import PartialMass
 from testbench.questions.identify.pool.answer import pool_answer
 from testbench.questions.identify.pool.ask import identify_and_pool

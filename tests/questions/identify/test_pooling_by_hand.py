@@ -11,12 +11,10 @@ import pytest
 import testbench as tb
 from testbench.aircraft.model import MassProperties
 from testbench.page.figure import Area
-from testbench.questions.identify.coefficients import Scaling
-from testbench.questions.identify.pool import answer, figures, scales, trends
-from testbench.questions.identify.pool.disagreement import added, disagreement
-from testbench.questions.identify.pool.least_squares import Trend, fit
-from testbench.questions.identify.pool.pooling import CRITERIA, PooledCoefficient
-from testbench.questions.identify.pool.trends import _chance_by_scatter, _conditions, best_trend
+from testbench.questions.identify.derivatives import Scaling
+from testbench.questions.identify.pool import answer, figures, least_squares, scales
+from testbench.questions.identify.pool.least_squares import Trend, _chance_by_scatter, _conditions, best_trend, fit
+from testbench.questions.identify.pool.pooling import CRITERIA, PooledCoefficient, added, disagreement
 
 
 def log(name, values, std, at=None, names=("Cm_alpha",)):
@@ -149,7 +147,7 @@ def test_of_two_variables_each_slope_more_must_save_two_in_chi_square(monkeypatc
     for two, taken in ((7.9, "qbar"), (8.1, "V")):
         tried = {"V": (10.0, ("a",)), "qbar": (two, ("a", "b"))}
         monkeypatch.setattr(
-            trends, "_forward", lambda logs, flat, variable, level, tried=tried: SimpleNamespace(
+            least_squares, "_forward", lambda logs, flat, variable, level, tried=tried: SimpleNamespace(
                 chi2=tried[variable][0], trend=Trend(variable, 0.0, tried[variable][1])
             ),
         )  # fmt: skip

@@ -11,8 +11,8 @@ from changed_flights import flown, steps
 
 import testbench as tb
 from testbench.estimators.prepare import prepare
+from testbench.questions.identify.amend.ask import replays
 from testbench.questions.identify.amend.folder import with_key
-from testbench.questions.identify.amend.replay import replays
 
 V, H = 15.0, 100.0
 CONDITION = tb.FlightCondition(V, H)

@@ -12,7 +12,7 @@ import testbench as tb
 from testbench.aircraft.model import Geometry, read_aircraft
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import AIRCRAFT_MODELS
-from testbench.questions.identify.coefficients import Scaling, weights
+from testbench.questions.identify.derivatives import Scaling, weights
 from testbench.questions.identify.flown import PartialMass
 from testbench.questions.identify.pool.answer import pool_answer
 from testbench.questions.identify.pool.scales import changes_by_scale, scaled

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from testbench.core.record import FlightRecord
-from testbench.estimators.frequency.spectra import estimate_frequency_response
+from testbench.estimators.frequency.response import estimate_frequency_response
 from testbench.page.labels import number
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.response.answer import response_answer

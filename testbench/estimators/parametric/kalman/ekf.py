@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.parametric.kalman.augmented import Correction, Gaussian, Plant, Prediction
-from testbench.estimators.parametric.kalman.passes import estimate_by
+from testbench.estimators.parametric.kalman.augmented import Correction, Gaussian, Plant, Prediction, estimate_by
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.structure import STEP, ModelStructure
 from testbench.estimators.settings import ExtendedFilter

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.parametric.kalman.augmented import Correction, Gaussian, Plant, Prediction
-from testbench.estimators.parametric.kalman.passes import estimate_by
+from testbench.estimators.parametric.kalman.augmented import Correction, Gaussian, Plant, Prediction, estimate_by
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.settings import UnscentedFilter

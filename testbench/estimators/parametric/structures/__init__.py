@@ -11,9 +11,8 @@ from testbench.estimators.parametric.structures.lateral import (
     lateral_per_speed,
     roll_yaw_rates,
 )
-from testbench.estimators.parametric.structures.longitudinal import flexible, longitudinal
+from testbench.estimators.parametric.structures.longitudinal import flexible, longitudinal, short_period
 from testbench.estimators.parametric.structures.settings import Trim
-from testbench.estimators.parametric.structures.short_period import short_period
 
 
 class Family(NamedTuple):

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices, Parameter
-from testbench.estimators.parametric.structures.rows import Rows
-from testbench.estimators.parametric.structures.settings import Trim, check_outputs, derivatives
+from testbench.estimators.parametric.structures.settings import Rows, Trim, check_outputs, derivatives
 
 _STATES = ("beta", "p", "r", "phi")
 _GUESS = {"L_p": -2.0, "L_r": 0.5, "L_beta": -4.0, "L_da": 5.0, "N_r": -0.5, "N_beta": 3.0, "N_dr": -2.0}

@@ -1,4 +1,9 @@
-"""Longitudinal motion about a trimmed flight in dimensional derivatives, rigid or with elastic modes."""
+"""Longitudinal motion about a trimmed flight in dimensional derivatives, rigid or with elastic modes.
+
+The short period: angle of attack and pitch rate at constant speed.
+
+Whether the speed stayed constant enough for a structure that leaves it out.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +12,112 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from testbench.core.advice import Advice, doubt
 from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices, Parameter
-from testbench.estimators.parametric.structures.rows import Rows
-from testbench.estimators.parametric.structures.settings import Trim, check_outputs, derivatives
+from testbench.estimators.parametric.structures.settings import Rows, Trim, check_outputs, derivatives
+
+# --- whether the speed stayed constant enough for a structure that leaves it out --------------------------------------
+
+
+_SHARE = 0.3  # of the change of the flight path that speed alone makes
+_G = 9.81
+
+
+def speed_doubts(records: Sequence[FlightRecord], V_m_s: float | None) -> list[Advice]:
+    """Return the doubt that a short-period model without airspeed takes up what the airspeed did.
+
+    Lift grows with the square of speed, so that a speed V0 + v bends the flight path by 2 g v / V0^2. Its integral is
+    compared with alpha less the integral of q, which is what the normal force did to the path altogether; a straight
+    line is removed from both, since trims and biases make one.
+
+    Args:
+        records: prepared, with V, alpha and q; others say nothing.
+        V_m_s: trimmed airspeed V0; None: the mean that was removed from V.
+    """
+    shares, moved = [], []
+    for record in records:
+        speed = V_m_s or dict(record.provenance.get("prepared", {}).get("removed", {})).get("V")
+        if not speed or any(name not in record.channels for name in ("V", "alpha", "q")):
+            continue
+        part = record.select(("V", "alpha", "q"))
+        V, alpha, q = (np.where(ok, z, 0.0) for z, ok in zip(part.data.T, part.valid.T, strict=True))
+        V = V - speed if abs(float(np.mean(V))) > 0.5 * speed else V
+        by_speed = _bent(np.cumsum(2.0 * _G * V / speed**2) * record.dt_s)
+        whole = _bent(alpha - np.cumsum(q) * record.dt_s)
+        if whole > 0.0:
+            shares.append(by_speed / whole)
+            moved.append(float(np.std(V)) / speed)
+    if not shares or float(np.median(shares)) < _SHARE:
+        return []
+    return [
+        doubt(
+            "speed_left_out",
+            f"the structure leaves out the airspeed, which varied by {100 * float(np.median(moved)):.1f} % (rms) and "
+            f"by lift alone bent the path {float(np.median(shares)):.1f} times as much as all that was measured: "
+            "Z_alpha, Z_q and what depends on them are biased beyond their errors; estimate V and theta too (leave out "
+            "short), or identify from a few seconds after a fast input",
+        )
+    ]
+
+
+def _bent(angle: FloatArray) -> float:
+    """Return the root mean square of an angle (N,) about its straight line."""
+    t = np.linspace(-1.0, 1.0, angle.size)
+    return float(np.std(angle - np.polyval(np.polyfit(t, angle, 1), t)))
+
+
+# --- the short period -------------------------------------------------------------------------------------------------
+
+
+_OUTPUTS = ("alpha", "q", "qdot")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ShortPeriod(LinearStructure):
+    """Short-period motion in dimensional derivatives per speed and per inertia (rad, s).
+
+        alphadot = Z_0 + Z_alpha alpha + (1 + Z_q) q + Z_de de
+        qdot     = M_0 + M_alpha alpha + M_q q + M_de de
+
+    Outputs are any of alpha, q and qdot. R. V. Jategaonkar, Flight Vehicle System Identification, 2nd ed., 2015.
+    """
+
+    def matrices(self, params: AnyArray) -> Matrices:
+        """Return the matrices of parameters (..., k)."""
+        rows = Rows(self, params)
+        variables = ("alpha", "q", *self.inputs)
+        alphadot, qdot = rows.unit("q") + rows.sum_of("Z", variables), rows.sum_of("M", variables)
+        outputs = [qdot if name == "qdot" else rows.unit(name) for name in self.outputs]
+        return rows.matrices([alphadot, qdot], outputs)
+
+
+def short_period(outputs: tuple[str, ...] = ("alpha", "q"), control: str = "de") -> ShortPeriod:
+    """Return the short-period structure; it starts from a slow, well damped one.
+
+    Args:
+        outputs: any of alpha, q and qdot.
+        control: the input channel, e.g. ``de`` or ``de_cmd``.
+
+    Raises:
+        EstimationError: an output or a parameter is not one of the structure's.
+    """
+    check_outputs("short_period", outputs, _OUTPUTS)
+    d = control.removesuffix("_cmd")
+    guess = {"Z_alpha": -1.0, "M_alpha": -4.0, "M_q": -2.0, f"M_{d}": -5.0}
+    names = ("Z_0", "Z_alpha", "Z_q", f"Z_{d}", "M_0", "M_alpha", "M_q", f"M_{d}")
+    return ShortPeriod(
+        name="short_period",
+        states=("alpha", "q"),
+        inputs=(control,),
+        outputs=tuple(outputs),
+        parameters=tuple(Parameter(name, guess.get(name, 0.0)) for name in names),
+    )
+
+
+# --- longitudinal motion about a trimmed flight in dimensional derivatives, rigid or with elastic modes ---------------
+
 
 FULL = ("V", "alpha", "q", "theta")
 SHORT = ("alpha", "q")

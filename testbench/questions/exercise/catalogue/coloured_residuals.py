@@ -102,7 +102,7 @@ def answer(case: Case) -> Mapping[str, Answer]:
 def solve(folder: Path) -> dict[str, float | str]:
     """Estimate from each flight by output error, with plain and corrected standard errors."""
     from testbench.estimators.parametric import output_error
-    from testbench.estimators.parametric.structures.short_period import short_period
+    from testbench.estimators.parametric.structures.longitudinal import short_period
     from testbench.estimators.residuals import autocovariance
 
     held = ("Z_0", "Z_q", "Z_de", "M_0")

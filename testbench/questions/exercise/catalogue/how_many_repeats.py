@@ -91,7 +91,7 @@ def answer(case: Case) -> Mapping[str, Answer]:
 def solve(folder: Path) -> dict[str, float | str]:
     """Estimate by output error; the plain Cramer-Rao bound belongs to the white noise of this record."""
     from testbench.estimators.parametric import output_error
-    from testbench.estimators.parametric.structures.short_period import short_period
+    from testbench.estimators.parametric.structures.longitudinal import short_period
 
     record = load_record(folder / "records" / "doublet.nc")
     held = ("Z_0", "Z_q", "Z_de", "M_0")

@@ -119,7 +119,7 @@ def answer(case: Case) -> Mapping[str, Answer]:
 def solve(folder: Path) -> dict[str, float | str]:
     """Estimate the short-period structure by output error."""
     from testbench.estimators.parametric import output_error
-    from testbench.estimators.parametric.structures.short_period import short_period
+    from testbench.estimators.parametric.structures.longitudinal import short_period
     from testbench.estimators.prepare import prepare
 
     record = prepare(load_record(folder / "records" / "doublet.nc"), bias="trim", trim_s=_TRIM_S)

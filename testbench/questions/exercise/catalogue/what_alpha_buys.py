@@ -106,7 +106,7 @@ def answer(case: Case) -> Mapping[str, Answer]:
 
 def _std(record: FlightRecord, outputs: tuple[str, ...]) -> float:
     from testbench.estimators.parametric import output_error
-    from testbench.estimators.parametric.structures.short_period import short_period
+    from testbench.estimators.parametric.structures.longitudinal import short_period
 
     held = ("Z_0", "Z_q", "Z_de", "M_0")
     structure = short_period(outputs, "de_cmd").with_parameters(dict.fromkeys(held, 0.0), fixed=held)

@@ -6,8 +6,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.page.labels import number
 from testbench.page.words import Line, counted, listed, sentence, some
 from testbench.questions.identify.pool.ask import PooledFlights
-from testbench.questions.identify.pool.disagreement import Cause
-from testbench.questions.identify.pool.pooling import CRITERIA, Pooled, PooledCoefficient
+from testbench.questions.identify.pool.pooling import CRITERIA, Cause, Pooled, PooledCoefficient
 
 _MOST = 8
 _FEW = 5  # logs from which a deviation from log to log is itself not well known; judged

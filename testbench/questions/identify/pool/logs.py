@@ -14,8 +14,7 @@ from testbench.core.record import FloatArray
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.evaluation.parameters import true_parameters
 from testbench.line import Case
-from testbench.questions.identify.coefficients import Scaling, weights
-from testbench.questions.identify.derivatives import covariance_of
+from testbench.questions.identify.derivatives import Scaling, covariance_of, weights
 from testbench.questions.identify.flown import FlownCondition, PartialMass
 from testbench.questions.identify.pool.least_squares import LogCoefficients
 from testbench.questions.identify.pool.scales import changes_by_scale

@@ -20,7 +20,7 @@ import numpy as np
 from testbench.aircraft.model import SCALES
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.model import ParametricModel
-from testbench.questions.identify.coefficients import Scaling, weights
+from testbench.questions.identify.derivatives import Scaling, weights
 from testbench.questions.identify.pool.least_squares import Fit, LogCoefficients, inverse, rows
 
 _STEP = 1e-4  # of the logarithm of a quantity, for differences
