@@ -37,6 +37,7 @@ from testbench.estimators.parametric.gauss_newton import (
     Sensitivities,
     in_blocks,
     minimise,
+    reduced,
     square_root,
 )
 from testbench.estimators.parametric.kalman.innovations import steady_covariance
@@ -485,10 +486,7 @@ def _covariance(e: Sequence[FloatArray], counts: FloatArray, series: Sequence[Se
 
 
 def _problem(data: _Data, layout: Layout, centre: Matrices, basis: FloatArray, S: FloatArray) -> Problem:
-    """Return weighted errors and their Jacobian by coordinates in ``basis`` around ``centre``, then the nuisances.
-
-    Both are reduced to as many rows as say the same (:func:`square_root`).
-    """
+    """Return weighted errors and their Jacobian by coordinates in ``basis`` around ``centre``, then the nuisances."""
     whiten = np.linalg.inv(np.linalg.cholesky(S))
     c, k = basis.shape[1], layout.nuisances
     total = c + k * len(data.series)
@@ -502,12 +500,7 @@ def _problem(data: _Data, layout: Layout, centre: Matrices, basis: FloatArray, S
             felt = _felt(r.de, basis, layout, i)
             yield in_blocks(r.e if causal else np.full(r.e.shape, np.inf), felt, whiten), np.append(felt.columns, total)
 
-    def weighted(point: FloatArray) -> tuple[FloatArray, FloatArray]:
-        with np.errstate(all="ignore"):  # a trial point may diverge: the search sees that and steps back
-            root = square_root(parts(point), alone)
-        return root[:, -1], root[:, :-1]
-
-    return weighted
+    return reduced(parts, alone)
 
 
 def _felt(de: FloatArray, basis: FloatArray, layout: Layout, i: int) -> Sensitivities:

@@ -148,6 +148,22 @@ Problem = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Point (k,) -> weighted residuals r (N,) and their Jacobian dr/dpoint (N, k); r not finite where the point is bad."""
 
 
+def reduced(
+    parts: Callable[[FloatArray], Iterable[tuple[Iterable[FloatArray], NDArray[np.intp]]]], alone: NDArray[np.bool_]
+) -> Problem:
+    """Return a problem from the rows of each record, with the columns that they fill, as of :func:`square_root`.
+
+    Residuals, in the last column, and Jacobian are reduced to as many rows as say the same.
+    """
+
+    def weighted(point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        with np.errstate(all="ignore"):  # a trial point may diverge: the search sees that and steps back
+            S = square_root(parts(point), alone)
+        return S[:, -1], S[:, :-1]
+
+    return weighted
+
+
 class Minimum(NamedTuple):
     """The end of the search: point (k,), cost r'r, Jacobian triangle R (k, k) with R'R = J'J, and how it went."""
 

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.hold import held as which_held
-from testbench.estimators.parametric.gauss_newton import Problem, Sensitivities, believed_alone, in_blocks, square_root
+from testbench.estimators.parametric.gauss_newton import (
+    Problem,
+    Sensitivities,
+    believed_alone,
+    in_blocks,
+    reduced,
+)
 from testbench.estimators.parametric.model import ParametricModel, named, output_offsets
 from testbench.estimators.parametric.response import Sampling, delayed, later, respond, responses
 from testbench.estimators.parametric.structure import ModelStructure
@@ -325,10 +331,7 @@ class Likelihood:
         return later(u, self.sampling.dt_s, late_s)
 
     def problem(self, params: FloatArray, R: FloatArray) -> Problem:
-        """Return residuals and Jacobian, weighted by the noise covariance R (p, p), with priors, as a function.
-
-        Both are reduced to as many rows as say the same (:func:`square_root`).
-        """
+        """Return residuals and Jacobian, weighted by the noise covariance R (p, p), with priors, as a function."""
         whiten = np.linalg.inv(np.linalg.cholesky(R))
         f = self.layout.chosen.size
         weight, centre = self.prior_weight[:f], self.structure.values[self.layout.chosen]
@@ -342,12 +345,7 @@ class Likelihood:
             prior = np.column_stack([np.diag(weight), weight * (point[:f] - centre)])[weight > 0.0]
             yield [prior], np.append(np.arange(f), self.unknowns)
 
-        def weighted(point: FloatArray) -> tuple[FloatArray, FloatArray]:
-            with np.errstate(all="ignore"):  # a trial point may diverge: the search sees that and steps back
-                S = square_root(parts(point), alone)
-            return S[:, -1], S[:, :-1]
-
-        return weighted
+        return reduced(parts, alone)
 
     def noise(self, residuals: Sequence[FloatArray]) -> FloatArray:
         """Return the noise covariance (p, p) of residuals, floored at rounding."""

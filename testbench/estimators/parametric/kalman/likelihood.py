@@ -22,7 +22,7 @@ from testbench.estimators.parametric.gauss_newton import (
     Sensitivities,
     in_blocks,
     minimise,
-    square_root,
+    reduced,
 )
 from testbench.estimators.parametric.kalman.innovations import Gain, Rows, innovations, sampled_noise, steady_gain
 from testbench.estimators.parametric.likelihood import Likelihood
@@ -196,10 +196,7 @@ class FilterLikelihood:
         return Part(v[:, -1].real, Sensitivities(dv, active), x[:, -1].real, Gain(gain.K[-1].real, gain.S[-1].real))
 
     def problem(self, R: FloatArray) -> Problem:
-        """Return innovations and Jacobian, weighted by the variances R (p,), with priors, as a function.
-
-        Both are reduced to as many rows as say the same (:func:`square_root`).
-        """
+        """Return innovations and Jacobian, weighted by the variances R (p,), with priors, as a function."""
         weight, prior_weight = 1.0 / np.sqrt(R), self.prior_weight
         centre, believed = self.start(self.base.structure.values), np.flatnonzero(prior_weight > 0.0)
         prior, columns = np.diag(prior_weight[believed]), np.append(believed, self.unknowns)
@@ -210,12 +207,7 @@ class FilterLikelihood:
                 yield in_blocks(part.v, part.dv, np.diag(weight)), np.append(part.dv.columns, self.unknowns)
             yield [np.column_stack([prior, (prior_weight * (point - centre))[believed]])], columns
 
-        def weighted(point: FloatArray) -> tuple[FloatArray, FloatArray]:
-            with np.errstate(all="ignore"):  # a trial point may diverge: the search sees that and steps back
-                S = square_root(parts(point), alone)
-            return S[:, -1], S[:, :-1]
-
-        return weighted
+        return reduced(parts, alone)
 
 
 # --- the search for the maximum of the filter-error likelihood --------------------------------------------------------

@@ -81,7 +81,7 @@ def solve(folder: Path) -> dict[str, float | str]:
     from testbench.estimators import srivc
 
     record = load_record(folder / "records" / "pulse.nc")
-    model = srivc.estimate([record], ["de_cmd"], ["q"], Srivc(poles=(2,), zeros=[1]))
+    model = srivc.estimate([record], ["de_cmd"], ["q"], Srivc(poles=(2,), zeros=(1,)))
     wn = float(np.abs(model.poles()["q"]).max())
     step = PEAK / wn
     return {"omega_n_rad_s": wn, "step_s": step, "zero_rad_s": 2.0 * np.pi / step}

@@ -109,8 +109,8 @@ def solve(folder: Path) -> dict[str, float | str]:
     from testbench.estimators.subspace import family
 
     record = load_record(folder / "records" / "binary_noise.nc")
-    horizons = {"past_horizon": _HORIZON, "future_horizon": _HORIZON}
-    model = family.estimate([record], ["de_cmd"], _OUTPUTS, Subspace(method="moesp", decimate=1, **horizons))
+    settings = Subspace(method="moesp", decimate=1, past_horizon=_HORIZON, future_horizon=_HORIZON)
+    model = family.estimate([record], ["de_cmd"], _OUTPUTS, settings)
     s = np.concatenate(list(model.poles().values()))
     s = s[s.imag > 0.0]
     zeta = -s.real / np.abs(s)
