@@ -85,15 +85,14 @@ def called_by(call: ast.Call) -> str:
 @cache
 def imports(path: Path) -> list[tuple[str, int]]:
     """Modules that a file imports at run time; those under TYPE_CHECKING are for the type checker alone."""
-    tree = tree_of(path)
     hidden = {
         id(node)
-        for block in ast.walk(tree)
+        for block in nodes_of(path)
         if isinstance(block, ast.If) and isinstance(block.test, ast.Name) and block.test.id == "TYPE_CHECKING"
         for node in ast.walk(block)
     }
     found = []
-    for node in ast.walk(tree):
+    for node in nodes_of(path):
         if id(node) in hidden:
             continue
         if isinstance(node, ast.Import):

@@ -1,10 +1,18 @@
+"""An aircraft drawn by the deviations that it states."""
+
 from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from believed_taurus import believed_taurus
 from scipy.signal import lsim
 
 from testbench.aircraft.airframe import mode_at, wing_acceleration, wing_strain
+from testbench.aircraft.believed import drawn, stated_deviations
 from testbench.core.errors import ModelError
 from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
 from testbench.inputs.signal import InputSignal
@@ -119,3 +127,94 @@ def test_a_station_beyond_the_tip_and_a_mode_without_shape_are_refused(eolo, fli
         24.0,
     )
     assert wing_acceleration(record, taurus.elastic, 0.5) == pytest.approx(record["az"], abs=1e-6)
+
+
+STATED = {"Cm_alpha": 0.2, "CL_alpha": 0.05, "CD": 0.3}
+
+
+@pytest.fixture(scope="module")
+def mine(tmp_path_factory):
+    return load_aircraft(believed_taurus(tmp_path_factory.mktemp("believed"), STATED))
+
+
+def factors(aircraft, seed, index) -> dict[str, float]:
+    (amendment,) = drawn(aircraft, seed, index).amendments
+    return {change.name: change.factor for change in amendment.changes}
+
+
+def test_draws_have_the_stated_moments_and_are_independent(mine):
+    """2000 draws of one seed; five standard errors each: a false alarm has a probability below 1e-5."""
+    n = 2000
+    x = np.array([[factors(mine, 1, i)[name] for name in STATED] for i in range(n)])
+    std = np.array(list(STATED.values()))
+    assert np.all(np.abs(x.mean(axis=0) - 1.0) < 5.0 * std / np.sqrt(n))
+    assert np.all(np.abs(x.std(axis=0) / std - 1.0) < 5.0 / np.sqrt(2 * n))
+    assert np.all(np.abs(np.corrcoef(x.T)[np.triu_indices(3, 1)]) < 5.0 / np.sqrt(n))
+
+
+def test_a_draw_does_not_depend_on_the_other_coefficients(mine):
+    alone = replace(mine, uncertainty={"Cm_alpha": 0.2})
+    assert factors(alone, 7, 3) == {"Cm_alpha": factors(mine, 7, 3)["Cm_alpha"]}
+    assert factors(mine, 7, 3) == factors(mine, 7, 3)
+    assert factors(mine, 7, 3) != factors(mine, 8, 3)
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [
+        ({}, r"taurus must state how well its coefficients are known.*\[uncertainty\]; write that"),
+        ({"Cm_alfa": 0.1}, r"must name coefficients of the model, got 'Cm_alfa'; did you mean 'Cm_alpha'"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(stated, words):
+    with pytest.raises(ModelError, match=words):
+        stated_deviations(replace(load_aircraft("taurus"), uncertainty=stated))
+
+
+def test_a_relative_deviation_of_zero_is_refused(mine):
+    value = mine.coefficient("Cm_alpha")
+    nothing = replace(mine, xml=mine.xml.replace(f"{value:g}<", "0.0<"))
+    assert nothing.coefficient("Cm_alpha") == 0.0
+    with pytest.raises(ModelError, match=r"values that are not zero, got 'Cm_alpha'"):
+        stated_deviations(nothing)
+
+
+FOLDER = Path(__file__).resolve().parents[2] / "aircraft_models" / "taurus"
+
+
+@pytest.fixture(scope="module")
+def derive():
+    spec = importlib.util.spec_from_file_location("derive_taurus", FOLDER / "derive.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_file_holds_the_thrust_law_that_the_script_derives(derive):
+    text = (FOLDER / "taurus.xml").read_text(encoding="utf-8")
+    assert text == derive.amended_xml(), "run aircraft_models/taurus/derive.py --write"
+
+
+def test_the_propeller_balances_the_motor(derive):
+    """At rest the closed form: n from P = CP0 rho n^3 D^5, thrust = CT0 rho n^2 D^4."""
+    power = np.polyval(derive.POWER_W, 0.7)
+    n = (power / (derive.CP[-1] * derive.DENSITY_KG_M3 * derive.DIAMETER_M**5)) ** (1 / 3)
+    assert derive.thrust(0.7, 0.0) == pytest.approx(derive.CT[-1] * derive.DENSITY_KG_M3 * n**2 * derive.DIAMETER_M**4)
+    assert derive.thrust(0.7, 12.0) < derive.thrust(0.7, 6.0)
+
+
+@pytest.mark.parametrize("V", [10.0, 12.0, 15.0, 18.0])
+def test_thrust_at_trim_is_that_of_motor_and_propeller(derive, V):
+    """Throttle found by trim, put into motor and propeller, gives the thrust that the simulator reports, to the fit."""
+    trimmed = trim(load_aircraft("taurus"), FlightCondition(V, 100.0))
+    assert trimmed.state["thrust"] == pytest.approx(derive.thrust(trimmed.controls["thr"], V), abs=0.15)
+
+
+def test_geometry_is_that_of_table_1():
+    taurus = load_aircraft("taurus")
+    inch = 0.0254
+    assert taurus.geometry.S_m2 == pytest.approx(435 * inch**2, rel=1e-3)
+    assert taurus.geometry.b_m == pytest.approx(50 * inch)
+    assert taurus.geometry.cbar_m == pytest.approx(taurus.geometry.S_m2 / taurus.geometry.b_m, rel=1e-3)
+    assert taurus.controls["de"].full == pytest.approx(np.radians(12.5))
+    assert taurus.controls["dr"].full == pytest.approx(np.radians(25.0))

@@ -1,4 +1,9 @@
-"""A user's text in files of other languages stays a text."""
+"""A user's text in files of other languages stays a text.
+
+Tables written as TOML are read back as they were.
+"""
+
+from __future__ import annotations
 
 import ast
 import csv
@@ -20,6 +25,7 @@ from testbench.core.escape import (
     one_line,
     quoted,
     shell_word,
+    table_lines,
     xml_attribute,
     xml_comment,
     xml_text,
@@ -181,3 +187,19 @@ def test_a_cell_of_a_table_is_one_cell_and_no_formula(name):
 
 def test_what_utf_8_does_not_have_keeps_no_file_from_being_written(tmp_path):
     assert write_file(tmp_path / "x.py", "# a\ud800b\n").read_text(encoding="utf-8") == "# a?b\n"
+
+
+def test_a_table_is_read_back_as_it_was_written():
+    table = {
+        "title": 'a "quoted" text\\ with a line\nend and \x7f',
+        "empty": [],
+        "numbers": [1.5, -2e-17, 3.0],
+        "yes": True,
+        "count": 3,
+        "odd key, with.dots": "x",
+        "inner": {"deep": {"a": 1.0}, "deeper": {"b": {"c": ["p", "q"]}}, "none": {}},
+        "list": [{"name": "one", "by": {"de_cmd": {"lag_s": 0.03}}}, {"name": "two"}],
+        "last": {"x": [[1.0, 2.0], [3.0, 4.0]]},
+    }
+    assert tomllib.loads("\n".join(table_lines(table))) == table
+    assert tomllib.loads("\n".join(table_lines({"a": 1, "b": None}))) == {"a": 1}

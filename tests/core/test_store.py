@@ -1,4 +1,11 @@
-"""A folder of results: one writer, a result that is there whole or not at all, and nothing of a user's is lost."""
+"""A folder of results: one writer, a result that is there whole or not at all, and nothing of a user's is lost.
+
+Files that are added to a folder of results, what is gone on with, and a folder that is given back as it is.
+
+A file is there whole or not at all; a MAT file has the same bytes at every time of day.
+
+What a process writes for itself goes with it; what a killed one left goes when the next one begins.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +15,18 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from killed import killed_at
+from scipy.io import loadmat
 
+from testbench.core import store
 from testbench.core.door import checked
 from testbench.core.errors import BusyError, DiskError, RecordError, WriteError
+from testbench.core.files import mat_bytes, write_file
 from testbench.core.interrupts import ended_by_signals, held_back
 from testbench.core.paths import SUITES
 from testbench.core.store import (
@@ -29,7 +41,9 @@ from testbench.core.store import (
     ResultFolder,
     folder_in,
     input_at,
+    locked,
     manifest_of,
+    write_beside,
 )
 
 
@@ -278,3 +292,184 @@ def test_a_program_that_writes_many_results_lists_what_it_read_for_each(tmp_path
     found = manifest_of(tmp_path / "a")
     assert found.command == ()
     assert [Path(name).name for name in found.inputs] == ["own.toml"]
+
+
+def add(folder, name, text="", **how):
+    with ResultFolder(folder, **how) as place:
+        (place.new / name).write_text(text)
+
+
+def test_of_added_files_those_that_match_a_pattern_are_replaced(tmp_path):
+    """Rehearsals of two plans share a folder; one with fewer flights leaves no log of the longer one."""
+    for name in ("a_flight_1.csv", "a_flight_2.csv", "b_flight_1.csv"):
+        add(tmp_path, name, adds=True)
+    add(tmp_path, "a_flight_1.csv", "again", adds="a_flight_*.csv")
+    assert {p.name for p in tmp_path.iterdir()} == {OWN, "a_flight_1.csv", "b_flight_1.csv"}
+    assert {*manifest_of(tmp_path).files} == {"a_flight_1.csv", "b_flight_1.csv"}
+
+
+def test_what_is_added_does_not_change_what_the_folder_says_it_is(tmp_path, monkeypatch):
+    for k, word in enumerate(("run", "export")):
+        monkeypatch.setattr("sys.argv", ["testbench", word])
+        add(tmp_path, f"{word}.csv", adds=bool(k))
+    assert manifest_of(tmp_path).command == ("testbench", "run")
+
+
+def test_one_file_beside_a_users_own(tmp_path):
+    (tmp_path / "report.html").write_text("mine")
+    (tmp_path / "mine.csv").write_text("mine")
+    for text in ("1", "2"):
+        assert write_beside(tmp_path / "r.csv", lambda path, text=text: path.write_text(text)) == tmp_path / "r.csv"
+    with pytest.raises(WriteError, match=r"no manifest lists '.*mine\.csv'"):
+        write_beside(tmp_path / "mine.csv", lambda path: path.write_text("3"))
+    assert {p.name: p.read_text() for p in tmp_path.iterdir() if p.is_file()} == {
+        "report.html": "mine", "mine.csv": "mine", "r.csv": "2",
+    }  # fmt: skip
+
+
+HOLD_ADDING = (
+    "import sys, time; from testbench.core.store import ResultFolder; place = ResultFolder(sys.argv[1], adds=True); "
+    "print('held', flush=True); time.sleep(float(sys.argv[2]))"
+)
+
+
+@pytest.mark.parametrize(("held_s", "wait_s"), [(0.2, 30.0), (30.0, 0.1)])
+def test_who_adds_a_file_waits_for_another_writer(tmp_path, monkeypatch, held_s, wait_s):
+    monkeypatch.setattr(store, "WAIT_S", wait_s)
+    with subprocess.Popen([sys.executable, "-c", HOLD_ADDING, tmp_path, str(held_s)], stdout=subprocess.PIPE) as first:
+        assert first.stdout.readline() == b"held\n"
+        if held_s < wait_s:
+            add(tmp_path, "a.csv", adds=True)
+        else:
+            with pytest.raises(BusyError):
+                add(tmp_path, "a.csv", adds=True)
+        first.kill()
+    assert (tmp_path / "a.csv").exists() == (held_s < wait_s)
+
+
+def test_a_block_that_fails_keeps_what_the_next_goes_on_with(tmp_path):
+    def interrupted(place):
+        (place.new / "half.csv").write_text("half")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), ResultFolder(tmp_path / "made", resume=True) as made:
+        interrupted(made)
+    assert (tmp_path / "made" / OWN / NEW / "half.csv").read_text() == "half"
+    with pytest.raises(KeyboardInterrupt), ResultFolder(tmp_path / "never", resume=True):
+        raise KeyboardInterrupt
+    assert not (tmp_path / "never").exists()
+
+
+def test_a_folder_that_is_given_back_within_the_block_stays_as_it_is(tmp_path):
+    add(tmp_path, "a.csv", "1")
+    with ResultFolder(tmp_path) as place:
+        place.leave()
+    assert (tmp_path / "a.csv").read_text() == "1"
+    assert {*manifest_of(tmp_path).files} == {"a.csv"}
+
+
+def test_a_lock_of_a_part_lets_others_write_into_the_folder(tmp_path):
+    add(tmp_path, "a.csv")
+    lock = locked(tmp_path, "runs.lock")
+    add(tmp_path, "a.csv", "2")
+    with pytest.raises(BusyError, match="one writer at a time"):
+        locked(tmp_path, "runs.lock")
+    lock.release()
+    locked(tmp_path, "runs.lock").release()
+    assert (tmp_path / "a.csv").read_text() == "2"
+
+
+def test_a_file_that_a_user_changed_to_what_is_written_anyway_is_not_kept_twice(tmp_path, recwarn):
+    add(tmp_path, "a.toml", "1")
+    (tmp_path / "a.toml").write_text("2")
+    add(tmp_path, "a.toml", "2")
+    assert {p.name for p in tmp_path.iterdir()} == {OWN, "a.toml"}
+    assert not recwarn
+
+
+def test_text_bytes_and_what_a_function_writes_arrive_and_leave_nothing_else(tmp_path):
+    folder = tmp_path / "new" / "folder"
+    assert write_file(folder / "a", "α\n").read_bytes() == "α\n".encode()
+    assert write_file(folder / "b", b"\x00\n").read_bytes() == b"\x00\n"
+    assert write_file(folder / "c", lambda part: part.write_text("x")).read_text() == "x"
+    assert sorted(p.name for p in folder.iterdir()) == ["a", "b", "c"]
+
+
+def test_what_fails_half_way_leaves_the_file_as_it_was(tmp_path):
+    file = write_file(tmp_path / "a", "before")
+
+    def half(part):
+        part.write_text("half")
+        raise OSError(28, "No space left on device")
+
+    law = f"the disk must have room for '{file}', got: No space left on device; free space"
+    with pytest.raises(DiskError, match=re.escape(law)) as error:
+        write_file(file, half, "law", "free space")
+    assert error.value.exit_status == 3
+    assert file.read_text() == "before"
+    assert [p.name for p in tmp_path.iterdir()] == ["a"]
+
+
+def test_a_file_where_a_folder_should_be_is_said(tmp_path):
+    write_file(tmp_path / "a", "")
+    with pytest.raises(WriteError, match=r"results must go to a folder .*a/b': .*; give another folder"):
+        write_file(tmp_path / "a" / "b", "")
+
+
+def test_a_mat_file_holds_no_time_of_day(tmp_path, monkeypatch):
+    content = {"x": np.arange(3.0), "words": "a"}
+    first = mat_bytes(content, "numbers", oned_as="column")
+    monkeypatch.setattr(time, "asctime", lambda *_: "Thu Jan  1 00:00:00 1970")
+    assert mat_bytes(content, "numbers", oned_as="column") == first
+    assert first[:116].decode().rstrip() == "MATLAB 5.0 MAT-file, written by flight-testbench, numbers"
+    file = write_file(tmp_path / "x.mat", first)
+    np.testing.assert_array_equal(loadmat(file)["x"], np.arange(3.0)[:, None])
+
+
+MAKE = "from testbench.core.files import Scratch; s = Scratch(); print(s.name, flush=True); "
+KILLED = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
+OLD_S = 3600.0
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="folders are locked on POSIX systems only")
+
+
+def begun(folder, then: str = "") -> subprocess.Popen[str]:
+    environment = {**os.environ, "TMPDIR": str(folder)}
+    return subprocess.Popen(
+        [sys.executable, "-c", MAKE + then],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stdin=subprocess.PIPE,
+        text=True,
+    )
+
+
+def aged(folder) -> list[str]:
+    """Return the folders that processes have left there, made to look old."""
+    for path in folder.iterdir():
+        os.utime(path, (path.stat().st_mtime - OLD_S,) * 2)
+    return [p.name for p in folder.iterdir()]
+
+
+def test_a_process_that_ends_in_peace_leaves_nothing(tmp_path):
+    name = begun(tmp_path).communicate(timeout=60)[0].strip()
+    assert name.startswith(str(tmp_path))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_killed_process_left_is_removed_by_the_next_and_what_a_living_one_has_is_not(tmp_path):
+    begun(tmp_path, KILLED).communicate(timeout=60)
+    (left,) = aged(tmp_path)
+    living = begun(tmp_path, "input()")
+    assert living.stdout is not None
+    its = living.stdout.readline().strip()
+    assert left not in aged(tmp_path)
+    begun(tmp_path).communicate(timeout=60)
+    assert os.path.isdir(its)
+    living.communicate("\n", timeout=60)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_folder_of_a_process_that_has_just_begun_is_left_alone(tmp_path):
+    begun(tmp_path, KILLED).communicate(timeout=60)
+    begun(tmp_path).communicate(timeout=60)
+    assert len(list(tmp_path.iterdir())) == 1  # it is not a minute old

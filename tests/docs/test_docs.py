@@ -102,7 +102,7 @@ def test_toml_and_python_of_the_pages_are_right(page, tmp_path, monkeypatch):
     for language, body in BLOCK.findall(page.read_text("utf-8")):
         if language == "toml":
             tomllib.loads(body)
-        elif language == "python":
+        elif language == "python" and page.stem != "ask_your_own_question":  # some hundred flights: test_guides.py
             code = body.replace('"scenarios/', f'"{ROOT.as_posix()}/scenarios/')
             exec(compile(code, name(page), "exec"), namespace)
     assert "result" not in namespace or not namespace["result"].table.empty

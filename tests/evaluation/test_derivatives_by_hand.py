@@ -1,7 +1,11 @@
-"""Derivatives, true parameters and the excited band against models that are built from numbers known beforehand."""
+"""Derivatives, true parameters and the excited band against models that are built from numbers known beforehand.
+
+What is known of an aircraft whose aileron and rudder move: its lateral-directional modes, and what excites them.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,9 +13,13 @@ import pytest
 
 from testbench.core.record import FlightRecord
 from testbench.evaluation.derivatives import Derivative, dimensional_derivatives
+from testbench.evaluation.modes import lateral_modes
 from testbench.evaluation.parameters import ParameterEstimate, true_parameters
-from testbench.evaluation.truth import excited_band
-from testbench.flight import LinearModel
+from testbench.evaluation.truth import _possible, excited, excited_band, true_model
+from testbench.flight import FlightCondition, LinearModel, fly, load_aircraft, trim
+from testbench.flight.simulate import Manoeuvre
+from testbench.inputs.signal import InputSignal
+from testbench.sensors import load_suite
 
 V, ALPHA = 20.0, 0.15
 STATES = ("u", "w", "q", "theta", "v", "p", "r", "phi", "eta_1", "etadot_1")
@@ -123,3 +131,70 @@ def test_the_excited_band_ends_where_the_pulses_have_the_floor_of_their_density(
     wanted = grid[[density(w) >= floor * density(0.1) for w in grid]]
     assert omega[-1] == pytest.approx(wanted[-1])
     assert brentq(lambda w: density(w) - floor * density(0.1), *(wanted[-1] * np.array([0.999, 1.03]))) > omega[-1]
+
+
+LATERAL_MODES = ["spiral", "Dutch roll", "roll"]
+
+
+@pytest.fixture(scope="module")
+def taurus():
+    aircraft = load_aircraft("taurus")
+    return aircraft, trim(aircraft, FlightCondition(14.0, 100.0))
+
+
+def test_inputs_say_whose_modes_are_asked_for(taurus):
+    longitudinal = list(true_model(*taurus).modes)
+    assert list(true_model(*taurus, ("de_cmd", "thr")).modes) == longitudinal
+    assert list(true_model(*taurus, ("da_cmd", "dr")).modes) == LATERAL_MODES
+    assert list(true_model(*taurus, ("de", "da")).modes) == [*longitudinal, *LATERAL_MODES]
+
+
+def test_lateral_modes_are_eigenvalues_of_their_motion(taurus):
+    known = true_model(*taurus, ("da",))
+    poles = np.linalg.eigvals(known.linear.lateral().A)
+    assert all(np.min(np.abs(poles - s)) < 1e-9 for s in known.modes.values())
+    assert known.modes["Dutch roll"].imag > 1.0
+    assert known.modes["roll"].real < -5.0
+    assert abs(known.modes["spiral"]) < 0.2
+
+
+def test_roll_and_spiral_that_have_joined_are_one_pair(taurus):
+    known = true_model(*taurus, ("da",))
+    whole = known.linear
+    i, p, phi = (whole.states.index(s) for s in ("v", "p", "phi"))
+    A = whole.A.copy()
+    A[p, p], A[p, phi], A[phi, i], A[i, phi] = -0.4, -1.0, 0.0, 0.0  # a roll that springs back
+    modes = lateral_modes(replace(whole, A=A), {})
+    assert set(modes) == {"Dutch roll", "lateral phugoid"}
+    assert (
+        0.8 < modes["lateral phugoid"].imag < 1.1
+    )  # a spring of 1 rad/s2 per rad, with what sideslip and yaw do to roll
+
+
+def test_an_aileron_excites_the_roll_and_an_elevator_does_not(taurus):
+    aircraft, trimmed = taurus
+    n = round(4.0 * trimmed.rate_hz)
+    suites = [load_suite("eolo_gap_lateral")]
+    for control, shown in (("da", {"roll": True}), ("de", {"short period": True})):
+        u = np.zeros((n, 1))
+        u[n // 8 : n // 4], u[n // 4 : n // 2] = 0.03, -0.015
+        signal = InputSignal(np.arange(n) / trimmed.rate_hz, u, (control,))
+        flown = fly(aircraft, trimmed, Manoeuvre("pulse", signal, 0.0), 120.0)
+        found = excited(true_model(aircraft, trimmed, (control,)), flown, (control,), suites).excitation
+        verdicts = {e.mode: e.excited for e in found}
+        assert {name: verdicts[name] for name in shown} == shown
+        assert ("roll" in verdicts) == (control == "da")
+
+
+@pytest.mark.parametrize(
+    ("name", "states", "modes"),
+    [
+        ("lateral_directional", ("beta", "p", "r", "phi"), LATERAL_MODES),
+        ("roll_yaw_rates", ("p", "r"), ["roll"]),
+        ("longitudinal", ("V", "alpha", "q", "theta"), ["phugoid", "short period"]),
+        ("short_period", ("alpha", "q"), ["short period"]),
+    ],
+)
+def test_a_structure_is_asked_for_the_modes_of_its_motion_alone(taurus, name, states, modes):
+    known = true_model(*taurus, ("de", "da"))
+    assert list(_possible(known, SimpleNamespace(name=name, states=states))) == modes

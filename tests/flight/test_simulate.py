@@ -1,19 +1,29 @@
+"""A flight by steps against the same flight in one go.
+
+What counts frames is made for one frame rate: at another it says by what factor its times are off.
+"""
+
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from structure_alone import uncoupled
 
+import testbench as tb
 from testbench.aircraft import Amendment, Insert, ScaleCoefficient
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import LimitError, ModelError
+from testbench.core.errors import ChannelError, LimitError, ModelError
 from testbench.core.record import FlightAborted
+from testbench.effects import SERVOS
 from testbench.flight import FlightCondition, Manoeuvre, fly, load_aircraft, trim
 from testbench.flight.executive import Executive
-from testbench.flight.trim import place_at_trim
+from testbench.flight.step import SteppedFlight
+from testbench.flight.trim import FrameRateWarning, place_at_trim
 from testbench.inputs.signal import InputSignal
+from testbench.sensors import load_suite
 
 
 def doublet(
@@ -201,3 +211,67 @@ def test_an_input_that_starts_at_once_is_flown(eolo, eolo_trim):
     record = fly(eolo, eolo_trim, step, 100.0)
     assert record["de_cmd"][1:] - eolo_trim.controls["de"] == pytest.approx(0.01)
     assert record["de_cmd"][0] == pytest.approx(eolo_trim.controls["de"])
+
+
+CHANNELS = ("V", "alpha", "q", "theta", "de")
+
+
+def test_a_flight_by_steps_is_the_flight_in_one_go_one_frame_late(taurus, taurus_trim):
+    rate = taurus_trim.rate_hz
+    steps = np.array([0.02, -0.03, 0.0, 0.05, 0.05])
+    held = np.repeat(steps, round(0.25 * rate))
+    late = np.concatenate([[0.0], held[:-1]])
+    signal = InputSignal(np.arange(late.size) / rate, late[:, None], ("de",))
+    whole = fly(taurus, taurus_trim, Manoeuvre("steps", signal, settle_s=0.0), 40.0, CHANNELS)
+    flight = SteppedFlight(taurus, taurus_trim, ("de",), CHANNELS, 40.0)
+    at = taurus_trim.controls["de"]
+    rows = [flight.read()[None], *(flight.advance(np.array([at + u]), 10) for u in steps)]
+    np.testing.assert_array_equal(np.concatenate(rows), whole.data)
+    assert flight.reason == ""
+
+
+def test_a_flight_that_leaves_the_limits_ends_and_says_why(taurus, taurus_trim):
+    flight = SteppedFlight(taurus, taurus_trim, ("de",), CHANNELS, 40.0)
+    rows = flight.advance(np.array([taurus.controls["de"].full]), 400)
+    assert 0 < len(rows) < 400
+    assert np.all(np.isfinite(rows))
+    assert "must hold" in flight.reason
+    with pytest.raises(LimitError, match="ended cannot go on"):
+        flight.advance(np.array([0.0]), 1)
+
+
+def test_faults_are_named(taurus, taurus_trim):
+    with pytest.raises(ChannelError, match="has no channel 'alfa'"):
+        SteppedFlight(taurus, taurus_trim, ("de",), ("alfa",), 40.0)
+    with pytest.raises(LimitError, match="must divide"):
+        SteppedFlight(taurus, taurus_trim, ("de",), CHANNELS, 37.0)
+    flight = SteppedFlight(taurus, taurus_trim, ("de",), CHANNELS, 40.0)
+    for bad in (1.0, np.nan):
+        with pytest.raises(LimitError, match="de <="):
+            flight.advance(np.array([bad]), 1)
+
+
+CONDITION = tb.FlightCondition(V_m_s=14.0, h_m=100.0)
+
+
+def late(aircraft, delay_s=0.1):
+    return SERVOS["delay", "de"].amend(aircraft, load_suite("eolo_gap"), {"delay_s": delay_s})[0]
+
+
+def test_a_delay_flown_at_another_rate_is_warned_of():
+    aircraft = tb.load_aircraft("taurus")
+    rate = aircraft.rate_hz
+    with pytest.warns(
+        FrameRateWarning, match=rf"counts frames of {rate:g} Hz and is flown at {2 * rate:g} Hz.* 0.5 times"
+    ):
+        tb.trim(late(aircraft), CONDITION, 2.0 * rate)
+
+
+def test_at_its_own_rate_nothing_is_said():
+    aircraft = tb.load_aircraft("taurus")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tb.trim(late(aircraft), CONDITION)
+        tb.trim(aircraft, CONDITION, 2.0 * aircraft.rate_hz)
+        fast = replace(aircraft, rate_hz=2.0 * aircraft.rate_hz)
+        assert tb.trim(late(fast), CONDITION, fast.rate_hz).rate_hz == 2.0 * aircraft.rate_hz

@@ -80,7 +80,7 @@ def _classic_netcdf(path: Path) -> None:
 
 def paparazzi() -> tuple[str, str]:
     """Return the messages and the definitions of a Paparazzi log."""
-    from logs.test_paparazzi import DEFINITIONS, lines
+    from logs.test_autopilot_logs import DEFINITIONS, lines
 
     return "\n".join([*lines()[:900], ""]), DEFINITIONS
 

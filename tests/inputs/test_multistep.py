@@ -1,4 +1,9 @@
-"""Edges, levels and laws of the stepped inputs."""
+"""Edges, levels and laws of the stepped inputs.
+
+Steps flown by hand: ramps, scattered edges, and a shortest step.
+
+Binary signals: every register runs through its whole period; binary noise switches as often as it says.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +12,9 @@ import pytest
 
 from testbench.core.constants import DEG_RAD, PERCENT
 from testbench.core.errors import ScenarioError
-from testbench.core.scenario.inputs import Doublet, Multistep, Pulse, StandardMultistep, Step
+from testbench.core.scenario.inputs import BinaryNoise, Doublet, Multistep, Pilot, Prbs, Pulse, StandardMultistep, Step
 from testbench.inputs import build
+from testbench.inputs.binary import binary_noise, prbs, prbs_bits
 
 DE = {"control": "de", "amplitude_deg": 2.0}
 
@@ -129,3 +135,109 @@ def test_an_input_may_end_with_its_manoeuvre() -> None:
 def test_a_step_needs_a_sample_of_the_manoeuvre() -> None:
     with pytest.raises(ScenarioError, match=r"start_s <= 9\.99 s.* got 12 s"):
         build([Step(signal="step", start_s=12.0, **DE)], 10.0, 100.0)
+
+
+BY_HAND = {"control": "de", "amplitude_deg": 1.0, "start_s": 1.0}
+RATE = 100.0
+
+
+def flown(pilot, **other):
+    spec = StandardMultistep(signal="3211", step_s=1.0, pilot=pilot, **{**BY_HAND, **other})
+    return build([spec], 12.0, RATE).u[:, 0] / spec.amplitude
+
+
+def test_a_pilot_without_faults_flies_the_exact_steps():
+    np.testing.assert_allclose(flown(Pilot()), flown(None), atol=1e-12)
+
+
+def test_edges_are_ramps_that_begin_at_their_time():
+    u = flown(Pilot(rise_s=0.5))
+    t = np.arange(u.size) / RATE
+    np.testing.assert_allclose(u[(t >= 1.0) & (t <= 1.5)], (t[(t >= 1.0) & (t <= 1.5)] - 1.0) / 0.5, atol=1e-9)
+    np.testing.assert_allclose(u[(t > 1.5) & (t <= 4.0)], 1.0, atol=1e-12)
+    np.testing.assert_allclose(u[(t >= 4.5) & (t <= 6.0)], -1.0, atol=1e-9)
+    np.testing.assert_allclose(u[t >= 8.5], 0.0, atol=1e-9)
+
+
+def test_jitter_moves_edges_by_its_size_and_is_the_same_for_the_same_seed():
+    first = [np.flatnonzero(flown(Pilot(jitter_s=0.1, seed=s)) < 0.0)[0] / RATE - 4.0 for s in range(200)]
+    # standard deviation of 200 deviates: 5 % of itself; 4 of those
+    assert np.std(first) == pytest.approx(0.1, rel=0.2)
+    np.testing.assert_array_equal(flown(Pilot(jitter_s=0.1, seed=3)), flown(Pilot(jitter_s=0.1, seed=3)))
+
+
+@pytest.mark.parametrize("rise_s", [0.0, 0.25])
+def test_every_edge_is_late_by_the_documented_draws_cut_off_at_four_tenths(rise_s):
+    jitter = 0.3
+    draws = jitter * np.random.default_rng(5).standard_normal(4)
+    # of the edges at 4, 6, 7 and 8 s the shorter neighbouring steps last 2, 1, 1 and 1 s
+    edges = [
+        1.0,
+        *(np.array([4.0, 6.0, 7.0, 8.0]) + np.clip(draws, *(np.array([[-0.4], [0.4]]) * [2.0, 1.0, 1.0, 1.0]))),
+    ]
+    t, expected = np.arange(1200) / RATE, np.zeros(1200)
+    for edge, jump in zip(edges, (1.0, -2.0, 2.0, -2.0, 1.0), strict=True):
+        expected += jump * (np.clip((t - edge) / rise_s, 0.0, 1.0) if rise_s else t - edge >= 0.0)
+    np.testing.assert_allclose(flown(Pilot(jitter_s=jitter, seed=5, rise_s=rise_s)), expected, atol=1e-6)
+
+
+def test_no_edge_changes_places_however_unsteady_the_pilot():
+    for seed in range(50):
+        u = flown(Pilot(jitter_s=5.0, seed=seed))
+        assert np.count_nonzero(np.diff(u)) == 5, "3-2-1-1 has five edges"
+
+
+def test_a_pause_between_doublets_stays_a_pause():
+    spec = Doublet(signal="doublet", period_s=2.0, repeats=2, spacing_s=4.0, pilot=Pilot(), **BY_HAND)
+    exact = spec.model_copy(update={"pilot": None})
+    np.testing.assert_allclose(build([spec], 12.0, RATE).u, build([exact], 12.0, RATE).u, atol=1e-15)
+
+
+def test_a_step_may_last_as_long_as_the_shortest_and_as_its_rise():
+    u = flown(Pilot(shortest_s=1.0, rise_s=1.0))
+    np.testing.assert_allclose(u[[100, 200, 400, 500, 700, 800, 900]], [0.0, 1.0, 1.0, -1.0, 1.0, -1.0, 0.0], atol=1e-6)
+
+
+def test_steps_too_short_to_hold_are_refused():
+    with pytest.raises(ScenarioError, match=r"at least 2 s .*shortest_s.*got 1 s from t = 6 s"):
+        flown(Pilot(shortest_s=2.0))
+    with pytest.raises(ScenarioError, match=r"at least 0.6 s"):
+        build([Pulse(signal="pulse", width_s=0.5, pilot=Pilot(rise_s=0.6), **BY_HAND)], 12.0, RATE)
+
+
+@pytest.mark.parametrize("register", range(2, 17))
+def test_a_sequence_has_maximal_length_and_the_correlation_of_one(register):
+    length = 2**register - 1
+    bits = prbs_bits(register, 1, 2 * length)
+    np.testing.assert_array_equal(bits[:length], bits[length:])
+    spectrum = np.fft.rfft(bits[:length])
+    correlation = np.fft.irfft(np.abs(spectrum) ** 2, length) / length
+    assert correlation[0] == pytest.approx(1.0)
+    np.testing.assert_allclose(correlation[1:], -1.0 / length, atol=1e-10)  # so no shorter period fits into it
+
+
+def test_prbs_is_clocked():
+    spec = Prbs(signal="prbs", step_s=0.2, prbs_s=4.1, bits=5, seed=3, **DE)
+    u = prbs(spec, 10.0, 50.0) / spec.amplitude
+    np.testing.assert_array_equal(u[:200].reshape(20, 10), np.repeat(prbs_bits(5, 3, 20)[:, None], 10, axis=1))
+    assert not u[200:].any(), "4.1 s hold 20 whole steps"
+
+
+def test_binary_noise_switches_with_its_probability():
+    spec = BinaryNoise(signal="gbn", step_s=0.1, gbn_s=1000.0, switching=0.3, seed=5, **DE)
+    bits = (binary_noise(spec, 1000.0, 10.0) / spec.amplitude)[:10000]
+    assert set(bits) == {-1.0, 1.0}
+    switches = np.count_nonzero(np.diff(bits))
+    # binomial, 9999 draws of 0.3: 4 standard deviations are 183; false alarm 6e-5
+    assert abs(switches - 0.3 * 9999) < 183
+    again = binary_noise(spec, 1000.0, 10.0)
+    np.testing.assert_array_equal(again[:10000] / spec.amplitude, bits)
+
+
+def test_laws():
+    with pytest.raises(ScenarioError, match="not empty, got 32"):
+        prbs_bits(5, 32, 10)
+    with pytest.raises(ScenarioError, match="prbs_s >= step_s"):
+        build([Prbs(signal="prbs", step_s=2.0, prbs_s=1.0, **DE)], 10.0, 50.0)
+    with pytest.raises(ScenarioError, match="at least one sample"):
+        build([BinaryNoise(signal="gbn", step_s=0.01, gbn_s=1.0, **DE)], 10.0, 50.0)

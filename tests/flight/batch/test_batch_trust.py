@@ -1,7 +1,13 @@
-"""What the judge says of a structure, and what becomes of one that departs from JSBSim later."""
+"""What the judge says of a structure, and what becomes of one that departs from JSBSim later.
+
+Compilation of kernels.
+"""
 
 from __future__ import annotations
 
+from typing import Any
+
+import numba
 import numpy as np
 import pytest
 
@@ -9,6 +15,7 @@ from testbench.aircraft import Amendment, ScaleCoefficient
 from testbench.flight import FlightCondition, Manoeuvre, load_aircraft, trim
 from testbench.flight.batch import check
 from testbench.flight.batch import fly as batch
+from testbench.flight.batch.compiled import compiled
 from testbench.flight.batch.model import batch_model, variant
 from testbench.inputs.signal import InputSignal
 
@@ -90,3 +97,19 @@ def test_models_share_a_program_that_reads_where_engines_are_until_one_of_them_s
     place = next(e for e in moved.iter("thruster")).find("location/y")
     place.text = str(float(place.text) + 1.0)
     assert variant(base, other, condition, moved) is None
+
+
+def test_kernels_compile_where_nothing_can_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = numba.njit
+
+    def njit(*functions: Any, **options: Any) -> Any:
+        if options.get("cache"):
+            raise RuntimeError("cannot cache function: no locator available for file")
+        return real(*functions, **options)
+
+    monkeypatch.setattr(numba, "njit", njit)
+
+    def half(x: float) -> float:
+        return 0.5 * x
+
+    assert compiled(half)(3.0) == 1.5

@@ -1,4 +1,7 @@
-"""Trims of a batch against the same trims by JSBSim."""
+"""Trims of a batch against the same trims by JSBSim.
+
+Linear models by the batch are those that JSBSim's own differences give, bending and lag of the air included.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ import pytest
 import testbench as tb
 from testbench.core.errors import TrimError
 from testbench.core.processes import processes
-from testbench.flight import TrimmedFlight
+from testbench.flight import TrimmedFlight, linearise
 from testbench.flight.air import Air
 from testbench.flight.batch.linear import linearise_many
 from testbench.flight.batch.trim import trim_many
@@ -82,3 +85,13 @@ def test_what_jsbsim_trims_and_linearises_is_the_same_in_one_process_and_in_two(
     with processes(2):
         two = linearise_many([taurus] * 3, trims, simulator="jsbsim")
     assert all(np.array_equal(a.A, b.A) and np.array_equal(a.D, b.D) for a, b in zip(one, two, strict=True))
+
+
+def test_an_elastic_aircraft_is_linearised_in_a_block_as_by_jsbsim(eolo, eolo_trim):
+    (model,) = linearise_many([eolo], [eolo_trim], "batch")
+    alone = linearise(eolo, eolo_trim)
+    assert (model.states, model.inputs, model.outputs) == (alone.states, alone.inputs, alone.outputs)
+    assert sum(name.startswith("eta_") for name in model.states) == len(eolo.elastic.modes)
+    for matrix in "ABCD":
+        got, right = getattr(model, matrix), getattr(alone, matrix)
+        np.testing.assert_allclose(got, right, rtol=0.0, atol=1e-8 * (1.0 + np.max(np.abs(right))))

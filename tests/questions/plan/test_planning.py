@@ -1,26 +1,39 @@
-"""Plans: order and margins, limits met and kept, repeats from information, times and energy, faults in words."""
+"""Plans: order and margins, limits met and kept, repeats from information, times and energy, faults in words.
+
+Power and energy of a flight by hand: of a motor, and of a glider, which pays with height.
+
+The simulated input of a script is the one that the script sends: sampled at its period and held.
+"""
 
 from __future__ import annotations
 
 import copy
 import math
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from test_bounds import scenario_of
 
+from testbench.core.constants import G0_M_S2
 from testbench.core.errors import EstimationError, ScenarioError
 from testbench.core.paths import SCENARIOS
+from testbench.core.scenario.inputs import Multisine, Sweep
 from testbench.design.limits import breaches
 from testbench.estimators.parametric.response import Sampling, respond
 from testbench.evaluation.envelope import fly_envelope
 from testbench.information.aircraft_structure import aircraft_structure, parameter_names
+from testbench.inputs import build
 from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.ask import first_onset, make_plan
+from testbench.questions.plan.card_text import card_text
 from testbench.questions.plan.check import check
+from testbench.questions.plan.commanded import commanded
+from testbench.questions.plan.injection.lua import rows_of
 from testbench.questions.plan.page import plan_page
 from testbench.questions.plan.repeats import reach, repeats_for
-from testbench.questions.plan.resources import schedule
+from testbench.questions.plan.resources import level_power_W, schedule, usable_J
 from testbench.questions.plan.response import (
     SHOWN,
     Task,
@@ -31,7 +44,7 @@ from testbench.questions.plan.response import (
     limits_of,
     roughness,
 )
-from testbench.questions.plan.scenario import PlanScenario
+from testbench.questions.plan.scenario import PlanScenario, Tow
 from testbench.questions.plan.tables import plan_tables
 from testbench.sensors import Sensor, SensorSuite, load_suite
 
@@ -434,3 +447,81 @@ def test_an_input_too_fast_for_the_autopilot_is_a_fault():
     (fault,) = check(scenario(manoeuvre=[manoeuvre(input=[fast])]))
     assert "manoeuvre[0] at autopilot.period_ms" in fault
     assert "f_max_hz <= rate / 10 = 5 Hz" in fault
+
+
+GLIDER = SimpleNamespace(energy=Tow(kind="tow", release_m=900.0, lowest_m=200.0))
+
+
+def test_a_motor_pays_with_thrust_over_its_efficiency_and_a_glider_with_height():
+    level = SimpleNamespace(condition=SimpleNamespace(V_m_s=20.0, gamma_rad=-0.05), state={"thrust": 3.0})
+    motor = SimpleNamespace(energy=SimpleNamespace(efficiency_percent=50.0, avionics_W=7.0))
+    assert level_power_W(motor, level, 2.0) == pytest.approx(3.0 * 20.0 / 0.5 + 7.0)
+    assert level_power_W(GLIDER, level, 2.0) == pytest.approx(2.0 * G0_M_S2 * 20.0 * math.sin(0.05))
+    level.condition.gamma_rad, level.state["thrust"] = 0.05, -1.0
+    assert (level_power_W(GLIDER, level, 2.0), level_power_W(motor, level, 2.0)) == (0.0, 7.0)
+
+
+def test_a_glider_may_use_the_height_from_its_release_to_the_lowest():
+    assert usable_J(GLIDER, 2.0) == pytest.approx(2.0 * G0_M_S2 * 700.0)
+
+
+SINES = {
+    "signal": "multisine",
+    "control": "de",
+    "amplitude_deg": 2.0,
+    "f_min_hz": 0.5,
+    "f_max_hz": 3.0,
+    "period_s": 4.0,
+}
+
+
+def planned(entry, **changes):
+    scenario = scenario_of(2.0)
+    content = scenario.model_dump(exclude_unset=True, mode="json")
+    content["manoeuvre"] = [{"name": "m", "duration_s": 6.0, "repeats": 1, "input": [entry]}]
+    return PlanScenario.model_validate({**content, **changes})
+
+
+@pytest.mark.parametrize("period_ms", [20, 32, 25])
+def test_every_value_holds_until_the_next_one_is_sent(period_ms):
+    entry = (Multisine.model_validate(SINES),)
+    fast = commanded(entry, 6.0, 1000.0, period_ms)
+    sent = build(entry, 6.0, 1e3 / period_ms)
+    assert len(fast.u) == 6000
+    for k in (0, 1, 7, 100, len(sent.u) - 1):
+        first = int(np.ceil(k * period_ms - 1e-6))
+        np.testing.assert_array_equal(fast.u[first : first + period_ms - 1, 0], sent.u[k, 0])
+    drawn = commanded(entry, 6.0, 1000.0)
+    np.testing.assert_array_equal(drawn.u, build(entry, 6.0, 1000.0).u)
+    assert np.abs(drawn.u - fast.u).max() > 0.05 * np.abs(drawn.u).max()
+    with pytest.raises(ScenarioError, match="f_max_hz"):
+        commanded(entry, 6.0, 1000.0, 50)
+
+
+def test_a_card_flies_what_its_script_sends():
+    (card,) = make_plan(planned(SINES)).cards
+    times_ms, rows = rows_of(card, 20)
+    sampled = np.repeat(rows[:, 0], np.diff([*times_ms, 6000]) // 20)
+    flown = np.degrees(card.signal.u[:, 0])
+    t_ms = 1e3 * card.signal.t_s
+    np.testing.assert_allclose(flown, sampled[np.floor(t_ms / 20.0 + 1e-6).astype(int)], atol=1e-5)
+    (by_hand,) = make_plan(scenario_of(2.0, flown_by="pilot")).cards
+    assert by_hand.spec.input == scenario_of(2.0).manoeuvre[0].input
+
+
+def test_the_card_of_a_sweep_says_the_settings_of_the_autopilot_s_own(tmp_path):
+    sweep = {
+        "signal": "sweep",
+        "control": "da",
+        "amplitude_deg": 2.5,
+        "f_start_hz": 0.3,
+        "f_end_hz": 2.0,
+        "sweep_s": 5.0,
+    }
+    assert Sweep.model_validate(sweep)
+    plan = make_plan(planned(sweep))
+    (note,) = [n for n in card_text(plan.cards[0], plan).notes if "SID_AXIS" in n]
+    part = 2.5 / np.degrees(plan.aircraft.controls["da"].full)
+    assert f"SID_AXIS 22, SID_MAGNITUDE {part:.3g}, SID_F_START_HZ 0.3, SID_F_STOP_HZ 2, SID_T_REC 5" in note
+    other = make_plan(planned(sweep, autopilot={"system": "px4"}))
+    assert not [n for n in card_text(other.cards[0], other).notes if "SID_AXIS" in n]

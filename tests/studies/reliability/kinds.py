@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fuzz.kinds import examples
 from fuzz.nonsense import cases
-from fuzz.test_kinds_of_the_door import mutant
+from fuzz.test_mutated_files import mutant
 from studies.reliability.cases import Row, go_on
 from studies.reliability.scenarios import LONGEST_S, run_cases
 
