@@ -166,7 +166,10 @@ class Weights:
             whole, alike = self._prior(name)
             begins = math.log(math.prod(P_ONSET / e.looks for e in self.effects[name].singles if e.later))
             out[name, "whole"] = math.log(whole) + log_whole + begins
-            out[name, "imitated"] = math.log(P_STRANGER * P_IMITATED / alike) + log_part + begins
+            if (
+                name not in self.terms
+            ):  # beside an unknown motion, which is any force, a term of forces says nothing more
+                out[name, "imitated"] = math.log(P_STRANGER * P_IMITATED / alike) + log_part + begins
         return out
 
     @cached_property
@@ -322,6 +325,12 @@ class Naming:
         """Coefficients that are wrong, if that is what is named, or one of the set."""
         return tuple(f for f in self.ranking if f.coefficients and f.effect.name in self.names)
 
+    def _strained(self, best: Explanation) -> list[str]:
+        """Return coefficients beside an effect that lie beyond two standard deviations of their priors, in words."""
+        beside = [p for p in self.weighed.table[best.effect.name].posterior.parameters if p.name in best.nuisances]
+        far = [p.name for p in beside if abs(best.nuisances[p.name] - p.value) > 2.0 * p.prior_std]
+        return [f"{n} {with_error(best.nuisances[n], best.spread[n])}" for n in far if n not in best.coefficients]
+
     @property
     def sentence(self) -> str:
         """The outcome in words."""
@@ -335,6 +344,8 @@ class Naming:
             off = [f"{n} {with_error(f, e)}" for n, (f, e) in self.off.items()]
             return f"{out}; re-tuned, times what is believed: {', '.join(off)}" if off else out
         what = f"{best.effect.title}: {best.size}"
+        if far := self._strained(best):
+            what += f", with {', '.join(far)} times what is believed"
         explained = "" if math.isnan(best.share) else f"; it explains {100 * best.share:.1f} % of the excess over noise"
         if self.outcome == "named":
             return f"{what}; probability {percent(best.probability)}{explained}"
