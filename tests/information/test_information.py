@@ -285,7 +285,7 @@ def test_a_real_root_is_a_frequency_without_a_damping_ratio():
 def test_simulated_records_hold_the_samples_that_each_sensor_gives(monkeypatch):
     seen = []
 
-    def estimate(records, structure, **settings):
+    def estimate(records, structure, settings):
         seen.append((records[0], settings))
         return SimpleNamespace(params=np.array([float(len(seen))]))
 
@@ -307,7 +307,7 @@ def test_simulated_records_hold_the_samples_that_each_sensor_gives(monkeypatch):
     np.testing.assert_array_equal(first["alpha"], y[:, 0])
     noise = np.random.default_rng(7).standard_normal((2, 12, 2))[:, :, 1]
     np.testing.assert_allclose([first["q"], second["q"]], y[:, 1] + 0.5 * noise)
-    assert settings == {"initial_states": "zero", "output_biases": ("alpha", "q"), "held": ("de",)}
+    assert settings == OutputError(initial_states="zero", output_biases=("alpha", "q"), held=("de",))
 
 
 @pytest.fixture(scope="module")

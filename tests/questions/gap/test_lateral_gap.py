@@ -243,7 +243,6 @@ def test_the_check_of_the_instruments_takes_lateral_kinematics():
     """With the wings level believed, a turn would be blamed on the alpha vane."""
     b = believe("taurus")
     found = check_instruments(b.suite, hidden("taurus", scaled_sensor("beta", 1.2)))
-    print(found)
     assert found.fault.name == "beta_scale"
 
 

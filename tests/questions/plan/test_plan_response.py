@@ -97,8 +97,8 @@ def test_bisection_finds_the_largest_factor_of_64ths_and_refuses_below_a_twentie
 def test_the_band_is_the_root_of_three_variances_and_its_input_that_of_the_flight(monkeypatch):
     given = {}
 
-    def respond(structure, params, free, u, dt_s, held, start):
-        given.update(u=u.copy(), dt=dt_s)
+    def respond(structure, params, free, u, sampling, start):
+        given.update(u=u.copy(), dt=sampling.dt_s)
         dparams = np.zeros((6, 4, 2))
         dparams[:, 1, 0], dparams[:, 1, 1] = 3.0, 2.0  # alpha
         return stub(dparams=dparams)
