@@ -245,9 +245,14 @@ class Weighed(Weights):
 
     @classmethod
     def of(cls, table: Comparison, *others: Any, **more: Any) -> Weighed:
-        """Return the probabilities by a comparison; the rest is that of :class:`Weights`."""
-        logs = {row.name: (row.posterior.log_whole, row.posterior.log_part) for row in table.rows}
-        return cls(logs, *others, **more, table=table)
+        """Return the probabilities by a comparison; the rest is that of :class:`Weights`.
+
+        One of so many terms may fit what is left by chance of its form: where it foretells the records held out worse
+        than nothing does, it is no explanation.
+        """
+        out = cls({}, *others, **more, table=table)
+        kept = [row for row in table.rows if row.name not in out.terms or row.held_out is None or row.held_out >= 0.0]
+        return replace(out, logs={row.name: (row.posterior.log_whole, row.posterior.log_part) for row in kept})
 
 
 def percent(p: float) -> str:
