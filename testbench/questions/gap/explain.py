@@ -166,9 +166,8 @@ class Weights:
             whole, alike = self._prior(name)
             begins = math.log(math.prod(P_ONSET / e.looks for e in self.effects[name].singles if e.later))
             out[name, "whole"] = math.log(whole) + log_whole + begins
-            if (
-                name not in self.terms
-            ):  # beside an unknown motion, which is any force, a term of forces says nothing more
+            # Beside an unknown motion, which is any force, a term of forces says nothing more.
+            if not any(e.name in self.terms for e in self.effects[name].singles):
                 out[name, "imitated"] = math.log(P_STRANGER * P_IMITATED / alike) + log_part + begins
         return out
 
