@@ -212,9 +212,9 @@ def _seen(record: FlightRecord, name: str, flown: FloatArray) -> FloatArray:
 
     Along the motion that was measured, forces that the model lacks are exact but for noise.
     """
-    if name not in record:
+    valid = record.valid[:, record.channels.index(name)] if name in record else np.zeros(len(record), bool)
+    if not valid.any():
         return flown
-    valid = record.valid[:, record.channels.index(name)]
     read = np.interp(record.t_s, record.t_s[valid], record[name][valid])
     smooth = gaussian_filter1d(read, max(_SMOOTH_S / record.dt_s, 1e-3), mode="nearest")
     return np.asarray(smooth + np.mean(flown - smooth))

@@ -87,7 +87,7 @@ def turned(believed: Believed, records: Sequence[FlightRecord]) -> list[Turned]:
     out = []
     for control, (rate, motion) in _ABOUT.items():
         parts = [(r, believed.at(r)) for r in records if rate in r and f"{control}_cmd" in r]
-        parts = [(r, there) for r, there in parts if np.ptp(r[f"{control}_cmd"]) > 0.0]
+        parts = [(r, m) for r, m in parts if f"{control}_cmd" in m.linear.inputs and np.ptp(r[f"{control}_cmd"]) > 0.0]
         known = tuple(n for n in motion if all(n in r and n in there.linear.outputs for r, there in parts))
         if not parts:
             continue
@@ -103,7 +103,9 @@ def _moved(there: Believed, record: FlightRecord) -> dict[str, FloatArray]:
     """Return the linear response of the model to the commands of a record, from rest: output -> (n,)."""
     names, u = commands(record)
     model = there.linear
-    columns = [model.inputs.index(n if n == "thr" else f"{n}_cmd") for n in names]
+    inputs = [n if n == "thr" else f"{n}_cmd" for n in names]
+    u = u[:, [n in model.inputs for n in inputs]]  # a record may hold commands of what the model does not have
+    columns = [model.inputs.index(n) for n in inputs if n in model.inputs]
     (x,) = driven(model.A, model.B[:, columns], [u], record.dt_s)
     y = x @ model.C.T + u @ model.D[:, columns].T
     return dict(zip(model.outputs, y.T, strict=True))
@@ -118,9 +120,10 @@ def _slope(
     Zeger, Biometrika 73, 1986).
     """
     rows, slopes, ends = [], [], [0]
-    controls = dict.fromkeys((control, *(n for record, _ in parts for n in commands(record)[0])))
-    for record, values in parts:
-        moved = {**dict(zip(commands(record)[0], commands(record)[1].T, strict=True)), **values}
+    given = [commands(record) for record, _ in parts]
+    controls = dict.fromkeys((control, *(n for names, _ in given for n in names)))
+    for (record, values), (names, u) in zip(parts, given, strict=True):
+        moved = {**dict(zip(names, u.T, strict=True)), **values}
         still = np.zeros(len(record))
         every = {n: gaussian_filter1d(moved.get(n, still), _SMOOTH_S / record.dt_s) for n in (*controls, *motion, rate)}
         x = np.column_stack([every[n] for n in (*controls, *motion)])
