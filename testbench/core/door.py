@@ -17,6 +17,7 @@ import contextlib
 import errno
 import hashlib
 import io
+import itertools
 import json
 import math
 import mmap
@@ -108,8 +109,9 @@ KINDS = {
 """Every kind of file that is read. tests/fuzz has an example of each, and damages it."""
 _NO_INPUT = frozenset({"key", "journal", "campaign store", "table", "text"})
 """What no result is made from as far as manifests say: secrets, and what the testbench writes for itself."""
-READ: dict[Path, tuple[int, int]] = {}
-"""What this process has read -> size, time of change: manifests list it as inputs."""
+READ: dict[Path, tuple[int, int, int]] = {}
+"""What this process has read -> size, time of change, number of the reading; manifests list it as inputs."""
+_readings = itertools.count()
 _NO_FILE = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
 _DEEPEST = 200  # levels of elements
 # An entity that holds another, or a long text, multiplies: ten lines of such a file unfold to gigabytes.
@@ -137,7 +139,7 @@ def checked(path: Path, kind: str) -> Path:
         raise _refused(path, kind, f"{what}, not a file" if what else os.strerror(errno.EISDIR))
     _require_size(path, kind, found.st_size)
     if kind not in _NO_INPUT:
-        READ[path.absolute()] = (found.st_size, found.st_mtime_ns)
+        READ[path.absolute()] = (found.st_size, found.st_mtime_ns, next(_readings))
     return path
 
 

@@ -250,7 +250,7 @@ class ResultFolder:
         """Return name -> entry of the files that were read for this result, but for its own."""
         own = {self.path.absolute() / name for name in files}
         read = {path: then for path, then in READ.items() if path not in own and self._before.get(path) != then}
-        return dict(sorted((_name_of(path), _entry_then(path, *then)) for path, then in read.items()))
+        return dict(sorted((_name_of(path), _entry_then(path, *then[:2])) for path, then in read.items()))
 
     def _saved(self, manifest: Manifest) -> Path:
         """Move a result that cannot take its place into a folder of its own below, so that it is not lost."""

@@ -287,11 +287,12 @@ def test_a_program_that_writes_many_results_lists_what_it_read_for_each(tmp_path
     for name in ("earlier.toml", "own.toml"):
         (tmp_path / name).write_text(name)
     checked(tmp_path / "earlier.toml", "scenario")
-    with ResultFolder(tmp_path / "a"):
-        checked(tmp_path / "own.toml", "scenario")
-    found = manifest_of(tmp_path / "a")
-    assert found.command == ()
-    assert [Path(name).name for name in found.inputs] == ["own.toml"]
+    for result in ("a", "b"):  # a file that is read again for the second is an input of the second, too
+        with ResultFolder(tmp_path / result):
+            checked(tmp_path / "own.toml", "scenario")
+        found = manifest_of(tmp_path / result)
+        assert found.command == ()
+        assert [Path(name).name for name in found.inputs] == ["own.toml"]
 
 
 def add(folder, name, text="", **how):
