@@ -26,7 +26,18 @@ from testbench.core.constants import WHITE
 from testbench.core.errors import EstimationError, RecordError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.inference.calibrate import CREDIBLE, fewest
-from testbench.inference.linear import KAPPAS, Grams, Linearised, Motion, Reduced, Sized, fewer, reduced, sized
+from testbench.inference.linear import (
+    KAPPAS,
+    Grams,
+    Linearised,
+    Motion,
+    Reduced,
+    Sized,
+    fewer,
+    reduced,
+    sized,
+    whitened,
+)
 from testbench.inference.parameters import Noise, Parameter, deviations_of, means_of
 
 if TYPE_CHECKING:
@@ -57,6 +68,8 @@ _AT_REST = 0.02  # in ln p: rounds end where another one promises less
 _SKEW = 0.2  # in ln p at one standard error: beyond it the posterior is sampled
 _FAR = 7.0  # in ln p behind the best: beyond it no correction would bring a hypothesis back
 _SEGMENT_S = 1.0  # of records, whose log-likelihoods tell how sure a difference is
+_WORTH = 5  # segments that the belief in the model's likelihood is worth; judged
+_OVERSTATES = 2.0  # misfit from which it is said
 _LAGS = 10
 
 
@@ -118,6 +131,8 @@ class Posterior:
         whiteness: probability that white noise would look as coloured as what is left, in any channel.
         strain: sum of squares of the parameters' distances from their prior means over those of the priors.
         effective: share of importance samples that count, 1 where Laplace's approximation holds.
+        misfit: by what the likelihood overstates what the records say, 1 where the model is right.
+        inflation: (k,) of the standard errors by it, which ``covariance`` holds.
         doubts: sentences.
 
     Example:
@@ -139,6 +154,8 @@ class Posterior:
     whiteness: float
     strain: float
     effective: float
+    misfit: float
+    inflation: FloatArray
     doubts: tuple[str, ...]
 
     @property
@@ -150,6 +167,22 @@ class Posterior:
     def by_name(self) -> dict[str, float]:
         """Parameter -> value."""
         return dict(zip((p.name for p in self.parameters), self.values.tolist(), strict=True))
+
+    @cached_property
+    def by_records(self) -> dict[str, tuple[float, float]]:
+        """Parameter -> (value, standard error) by the records alone.
+
+        Of the Gaussian posterior of each, its prior is divided out; infinite where the records say nothing.
+        """
+        out = {}
+        each = (self.values.tolist(), self.errors.tolist(), self.inflation.tolist())
+        for p, value, error, more in zip(self.parameters, *each, strict=True):
+            weight, prior = (more / error) ** 2, p.prior_std**-2.0
+            told = weight - prior
+            out[p.name] = (
+                ((value * weight - p.value * prior) / told, more * told**-0.5) if told > 0.0 else (p.value, math.inf)
+            )
+        return out
 
     @property
     def learned(self) -> FloatArray:
@@ -168,7 +201,8 @@ class Row:
 
     Attributes:
         name: of the hypothesis.
-        probability: posterior, all rows together 1.
+        probability: posterior, all rows together 1; differences of ``log_evidence`` count as the likelihood of the most
+            probable one deserves (:attr:`Posterior.misfit`).
         log_evidence: natural logarithm.
         difference: of ``log_evidence`` to the first row, 0 or less but for prior odds.
         difference_error: standard error of it, from segments of one second.
@@ -312,14 +346,15 @@ def compare_hypotheses(
     far = [f for f, o in zip(found, odds, strict=True) if samples and f.log_evidence + o > top - _FAR]
     again = dict(zip(map(id, far), _together([f.sampled(samples) for f in far], fly), strict=True))
     found = [again.get(id(f), f) for f in found]
-    weights = np.array([f.log_evidence for f in found]) + odds
+    logs = np.array([f.log_evidence for f in found])
+    weights = logs / found[int(np.argmax(logs + odds))].misfit[0] + odds
     probabilities = np.exp(weights - logsumexp(weights))
     order = np.argsort(-probabilities, kind="stable")
     first = found[order[0]]
     scores = [f.score(held_out) for f in found] if held_out else []
     rows = []
     for k in order:
-        difference = found[k].segments - first.segments
+        difference = found[k]._segments[0] - first._segments[0]
         rows.append(
             Row(
                 names[k],
@@ -743,14 +778,37 @@ class _Fit:
         return out
 
     @cached_property
-    def segments(self) -> FloatArray:
-        """Return ln p of what is left in segments of one second."""
-        out = []
-        for (left, taken), record in zip(self._left, self.records, strict=True):
-            width = max(1, round(_SEGMENT_S / record.dt_s))
-            terms = -0.5 * (left**2) - np.where(taken, np.log(self.scales), 0.0)
-            out += [float(terms[i : i + width].sum()) for i in range(0, len(terms), width)]
-        return np.array(out)
+    def _segments(self) -> tuple[FloatArray, FloatArray]:
+        """Return of segments of one second ln p (s,) but for a constant, and its gradient by the parameters (s, k)."""
+        logs, gradients = [], []
+        for record, block, sums in zip(self.records, self.blocks, self.grams, strict=True):
+            left, columns = whitened(block, sums, self.scales, KAPPAS[self.k])
+            starts = np.arange(0, len(record), max(1, round(_SEGMENT_S / record.dt_s)))
+            each = -0.5 * left**2 - np.where(block.taken, np.log(self.scales), 0.0)
+            logs.append(np.add.reduceat(each.sum(axis=1), starts))
+            gradients.append(np.add.reduceat(np.einsum("npk,np->nk", columns, left), starts))
+        return np.concatenate(logs), np.concatenate(gradients)
+
+    @cached_property
+    def misfit(self) -> tuple[float, FloatArray]:
+        """Return how much the likelihood overstates what the records say, and the same of each parameter (k,), squared.
+
+        The gradients of ln p of a model that is right scatter from segment to segment as its curvature says (the
+        information equality). Where they scatter by more, errors are those of the sandwich (H. White, 1982; P. J.
+        Huber, 1967), and differences of ln p are divided by the mean ratio of the two (F. Pauli, W. Racugno, L.
+        Ventura, 2011, of composite likelihoods). Few segments tell little, so that the ratio is drawn to 1.
+        """
+        k = len(self.theta)
+        if not k:
+            return 1.0, np.ones(0)
+        covariance, (logs, g) = self._gaussian()[1], self._segments
+        A, scatter = self._reduced(self.scales, self.k).A, g.T @ g
+        n = len(logs)
+        excess = np.einsum("ij,jk,ki->i", covariance, scatter - A, covariance) / np.diag(covariance)
+        told = max(float(np.trace(covariance @ A)), 1e-9)
+        mean = 1.0 + float(np.trace(covariance @ (scatter - A))) / told
+        drawn = n / (n + _WORTH)
+        return max(1.0, 1.0 + drawn * (mean - 1.0)), np.maximum(1.0, 1.0 + drawn * excess)
 
     def score(self, records: Sequence[FlightRecord]) -> float:
         """Return ln p of records that were not used, a sample, at the best point."""
@@ -766,7 +824,8 @@ class _Fit:
     def posterior(self) -> Posterior:
         """Return what the records say of the parameters."""
         assert self.sized is not None
-        _, covariance = self._reduced(self.scales, self.k).posterior(self._offset, self._std)
+        inflation = np.sqrt(self.misfit[1])
+        covariance = inflation[:, None] * self._gaussian()[1] * inflation
         values = self.theta
         total = logsumexp(list(self.log_weights.values()))
         whiteness = _whiteness(self._left)
@@ -783,6 +842,9 @@ class _Fit:
             for p, v, e in zip(self.hypothesis.parameters, values, np.sqrt(np.diag(covariance)), strict=True)
             if min(v - p.low, p.high - v) < 0.1 * e
         ]
+        if self.misfit[0] > _OVERSTATES:
+            times = math.sqrt(self.misfit[0])
+            doubts.append(f"what is left is no white noise: errors are {times:.2g} times what they were if it were")
         if at_bound:
             doubts.append(f"{', '.join(at_bound)} rests at the end of what is possible")
         return Posterior(
@@ -804,6 +866,8 @@ class _Fit:
             whiteness,
             float(np.sum(((values - means_of(self.hypothesis.parameters)) / self._std) ** 2)),
             self.effective,
+            self.misfit[0],
+            inflation,
             tuple(doubts),
         )
 

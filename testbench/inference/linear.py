@@ -204,6 +204,29 @@ class Grams:
         return out
 
 
+def whitened(record: Linearised, sums: Grams, scales: FloatArray, kappa: float) -> tuple[FloatArray, FloatArray]:
+    """Return residual (n, p) and columns (n, p, k) multiplied by the symmetric root of the samples' inverse covariance.
+
+    What is left of a record that the model describes is then white noise of unit variance, all that is the record's
+    own being integrated: sums of squares and products are those of :func:`reduced`.
+    """
+    k, s = record.columns.shape[2], scales[:, None]
+    each = record.counted(np.concatenate([record.columns, record.residual[:, :, None]], axis=2)) / s[:, :, None]
+    D = sums.deviations(kappa)
+    if len(D):
+        q = sums.q
+        own = record.counted(record.all_own) / s[:, :, None] * D[:q]
+        moved = record.unknown.response[:, :, : len(D) - q] / s[:, :, None] * D[q:]
+        along = [(of.transpose(0, 2, 1) @ each).sum(axis=0) for of in (own, moved)]
+        values, E = np.linalg.eigh(D[:, None] * sums._weighted(scales, len(D)) * D)
+        small = np.maximum(values, 1e-12)
+        shrink = (1.0 - (1.0 + small) ** -0.5) / small
+        back = E @ (shrink[:, None] * (E.T @ np.concatenate(along)))
+        each = each - own @ back[:q] - moved @ back[q:]
+    each = np.moveaxis(each, 0, 1)
+    return each[:, :, k], each[:, :, :k]
+
+
 def _replaced(before: FloatArray, new: FloatArray, columns: Sequence[int]) -> FloatArray:
     """Return sums (p, r, c), those of some columns being ``new`` ones."""
     out = before.copy()

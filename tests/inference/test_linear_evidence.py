@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from testbench.inference.first_order import Columns, FirstOrder, Left, sum_of
-from testbench.inference.linear import KAPPAS, Grams, Linearised, Motion, fewer, reduced, sized
+from testbench.inference.linear import KAPPAS, Grams, Linearised, Motion, fewer, reduced, sized, whitened
 
 
 def problem(seed, records=2, n=30, p=2, k=3, m=4, q=0, gaps=True):
@@ -173,3 +173,17 @@ def test_the_integral_over_the_scale_is_that_of_quadrature():
     top = logs.max()
     truth = top + np.log(np.sum(np.exp(logs - top)) * (log_s[1] - log_s[0]))
     assert sized(grams, mean, std, spread, 0.0).log_density == pytest.approx(truth, abs=0.02)
+
+
+@pytest.mark.parametrize(("own", "kappa"), [(0, 0.0), (0, 0.3), (3, 0.3)])
+def test_whitened_records_have_the_sums_that_are_left_once_all_else_is_integrated(own, kappa):
+    records, scales = problem(5, q=own), np.array([0.8, 1.7])
+    grams = [Grams.made(b) for b in records]
+    found = reduced(grams, scales, kappa)
+    each = [whitened(b, g, scales, kappa) for b, g in zip(records, grams, strict=True)]
+    r = np.concatenate([left.ravel() for left, _ in each])
+    X = np.concatenate([columns.reshape(-1, columns.shape[2]) for _, columns in each])
+    assert np.allclose(X.T @ X, found.A, rtol=1e-9)
+    assert X.T @ r == pytest.approx(found.b, rel=1e-9)
+    assert r @ r == pytest.approx(found.c, rel=1e-9)
+    assert r.shape == (60 * 2,)

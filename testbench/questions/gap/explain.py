@@ -246,12 +246,15 @@ class Weighed(Weights):
     def of(cls, table: Comparison, *others: Any, **more: Any) -> Weighed:
         """Return the probabilities by a comparison; the rest is that of :class:`Weights`.
 
+        Differences of ln p count as the likelihood of the best deserves (:attr:`.Posterior.misfit`).
+
         One of so many terms may fit what is left by chance of its form: where it foretells the records held out worse
         than nothing does, it is no explanation.
         """
         out = cls({}, *others, **more, table=table)
         kept = [row for row in table.rows if row.name not in out.terms or row.held_out is None or row.held_out >= 0.0]
-        return replace(out, logs={row.name: (row.posterior.log_whole, row.posterior.log_part) for row in kept})
+        top = max((row.posterior for row in kept), key=lambda found: found.log_evidence).misfit
+        return replace(out, logs={r.name: (r.posterior.log_whole / top, r.posterior.log_part / top) for r in kept})
 
 
 def percent(p: float) -> str:
@@ -303,19 +306,8 @@ class Naming:
 
     @property
     def measured(self) -> dict[str, tuple[float, float]]:
-        """Coefficient -> (factor on what is believed, standard error) by these records alone, without any effect.
-
-        Of the Gaussian posterior of each, its prior is divided out; infinite where the records say nothing.
-        """
-        found = self.weighed.table["nothing"].posterior
-        out = {}
-        for p in found.parameters:
-            value, error = found[p.name]
-            told = error**-2.0 - p.prior_std**-2.0
-            out[p.name] = (
-                ((value * error**-2.0 - p.prior_std**-2.0) / told, told**-0.5) if told > 0.0 else (1.0, math.inf)
-            )
-        return out
+        """Coefficient -> (factor on what is believed, standard error) by these records alone, without any effect."""
+        return self.weighed.table["nothing"].posterior.by_records
 
     @property
     def off(self) -> dict[str, tuple[float, float]]:

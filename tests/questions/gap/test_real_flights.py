@@ -49,7 +49,9 @@ def fly_attas(folder, factors, name_from, effects=None):
     records = {n: attas_record(data, n) for n in RECORDS}
     noise = quiet_noise(list(records.values()))
     believed = believe(attas(folder / "attas", factors), records[name_from], noise, ATTAS_V, ATTAS_H)
-    return find_gap(believed, {name_from: records.pop(name_from)}, records, effects=chosen(believed, effects))
+    return find_gap(
+        believed, {name_from: records.pop(name_from)}, records, effects=chosen(believed, effects), noise="stated"
+    )
 
 
 def fly_hfb320(folder, factors=None, effects=None):
@@ -57,7 +59,7 @@ def fly_hfb320(folder, factors=None, effects=None):
     record = hfb320_record(flight_data())
     V = float(record["V"][: quiet_samples(record)].mean())
     believed = believe(hfb320(folder / "hfb320", factors), record, fine_noise(record), V, altitude_m(HFB_RHO))
-    return find_gap(believed, {"3211": record}, {}, effects=chosen(believed, effects))
+    return find_gap(believed, {"3211": record}, {}, effects=chosen(believed, effects), noise="stated")
 
 
 def chosen(believed, effects):

