@@ -87,6 +87,7 @@ from testbench.questions.files import load as load
 from testbench.questions.gap.ask import GapResult as GapResult
 from testbench.questions.gap.ask import run_gap as run_gap
 from testbench.questions.gap.result import GapFinding as GapFinding
+from testbench.questions.gap.workflow import GapSearch as GapSearch
 from testbench.questions.gap.workflow import find_gap as find_gap
 from testbench.questions.global_model.ask import global_model as global_model
 from testbench.questions.global_model.result import GlobalFound as GlobalFound

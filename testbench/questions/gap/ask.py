@@ -23,8 +23,7 @@ from testbench.questions.gap.records import Flights, at_its_own, check_records, 
 from testbench.questions.gap.result import GapFinding
 from testbench.questions.gap.scenario import GapScenario, Loaded
 from testbench.questions.gap.starts import Start, marked
-from testbench.questions.gap.window_length import Windows
-from testbench.questions.gap.workflow import find_gap
+from testbench.questions.gap.workflow import GapSearch, find_gap
 from testbench.questions.hidden import measure_hidden
 from testbench.sensors import SensorSuite, load_suite
 
@@ -61,12 +60,9 @@ def run_gap(
     seed: int | None = None,
     keep: Keep | None = None,
     progress: Callable[[str], None] | None = None,
-    check: bool = False,
-    again: int = 0,
-    again_file: Path | None = None,
+    how: GapSearch | None = None,
     more_effects: Sequence[str] = (),
     simulator: Simulator = "auto",
-    windows: Windows | None = None,
 ) -> GapResult:
     """Read or make the measured records of a gap scenario and find what the believed model lacks.
 
@@ -75,12 +71,9 @@ def run_gap(
         seed: replaces the scenario's own.
         keep: called with a name and each record as soon as it exists.
         progress: called with a few words as each stage begins.
-        check: check the instruments against each other first.
-        again: number of flights that are flown again with truths drawn from the priors, see :func:`.workflow.find_gap`.
-        again_file: keeps each of them, so that none is flown twice.
+        how: it is sought; effects, noise and what drives are the scenario's.
         more_effects: searched beside those of the scenario, ``FILE.py:NAME`` or names of the library.
         simulator: "jsbsim" flies nothing in batches.
-        windows: how records without quiet flight are cut, see :func:`.workflow.find_gap`; replaces the scenario's own.
 
     Raises:
         TestbenchError: with the file and key that it comes from.
@@ -90,7 +83,7 @@ def run_gap(
         >>> result = tb.run_gap(tb.load("gap/flexible_wings"))  # doctest: +SKIP
         >>> result.finding.sentences[0]  # doctest: +SKIP
     """
-    scenario = obtain(GapScenario, scenario)
+    scenario, how = obtain(GapScenario, scenario), how or GapSearch()
     file = scenario.file
     seed = scenario.seed if seed is None else seed
     keep = keep or (lambda name, record: None)
@@ -133,15 +126,15 @@ def run_gap(
             believed,
             {n: r for n, r in records.items() if n not in held},
             {n: r for n, r in records.items() if n in held},
+            replace(
+                how,
+                effects=choice.effects,
+                further=OTHER_SERVOS if scenario.effects is None else None,
+                noise="simulated" if scenario.hidden is not None and scenario.hidden.noise == 1.0 else "stated",
+                drive=scenario.drive,
+                windows=scenario.windows if how.windows is None else how.windows,
+            ),
             progress,
-            check=check,
-            effects=choice.effects,
-            again=again,
-            again_file=again_file,
-            windows=scenario.windows if windows is None else windows,
-            drive=scenario.drive,
-            further=OTHER_SERVOS if scenario.effects is None else None,
-            noise="simulated" if scenario.hidden is not None and scenario.hidden.noise == 1.0 else "stated",
         )
     notes += choice.notes
     return GapResult(
@@ -178,17 +171,13 @@ def run_flights(
     aircraft: str,
     flights: Flights,
     progress: Callable[[str], None] | None = None,
-    check: bool = True,
-    again: int = 0,
-    again_file: Path | None = None,
+    how: GapSearch | None = None,
     more_effects: Sequence[str] = (),
     simulator: Simulator = "auto",
-    windows: Windows = "auto",
 ) -> GapResult:
     """Find what the believed model of recorded flights lacks; see :func:`testbench.questions.gap.records.load_flights`.
 
-    ``progress``, ``check``, ``again``, ``again_file``, ``more_effects``, ``simulator`` and ``windows`` are as in
-    :func:`run_gap`.
+    ``progress``, ``how``, ``more_effects`` and ``simulator`` are as in :func:`run_gap`; noise is as the suite states.
 
     Raises:
         FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the measured commands.
@@ -199,15 +188,8 @@ def run_flights(
         replace(flights.believed, simulator=simulator),
         flights.naming,
         flights.held_out,
+        replace(how or GapSearch(), effects=choice.effects, further=OTHER_SERVOS, noise="stated", drive=flights.drive),
         progress,
-        check=check,
-        effects=choice.effects,
-        again=again,
-        again_file=again_file,
-        windows=windows,
-        drive=flights.drive,
-        further=OTHER_SERVOS,
-        noise="stated",
     )
     return GapResult(
         name=aircraft,

@@ -125,6 +125,7 @@ def show(
     from testbench.questions.gap.ask import run_flights, run_gap
     from testbench.questions.gap.page import gap_page
     from testbench.questions.gap.records import load_flights
+    from testbench.questions.gap.workflow import GapSearch
 
     measured = bool(records) or case in aircraft_names()
     if measured:
@@ -136,35 +137,17 @@ def show(
         name = file.stem
     with ResultFolder(folder_in(out, f"gap_{name}")) as place, stages() as say, processes(workers or cores()):
         again_file = place.live(AGAIN) if again else None
+        how = GapSearch(windows=windows_of(windows), check=True, again=again, again_file=again_file)
         if measured:
             say("read records")
             held = hold_out or ()
             flights = load_flights(
                 case, records or (), held, sensors, wings.value, airspeed, altitude, data, drive.value
             )
-            result = run_flights(
-                name,
-                flights,
-                say,
-                again=again,
-                again_file=again_file,
-                more_effects=effect or (),
-                simulator=simulator.value,
-                windows=windows_of(windows) or "auto",
-            )
+            result = run_flights(name, flights, say, how, more_effects=effect or (), simulator=simulator.value)
         else:
-            result = run_gap(
-                file,
-                seed,
-                record_keeper(place),
-                say,
-                check=True,
-                again=again,
-                again_file=again_file,
-                more_effects=effect or (),
-                simulator=simulator.value,
-                windows=windows_of(windows),
-            )
+            keep, more = record_keeper(place), effect or ()
+            result = run_gap(file, seed, keep, say, how, more_effects=more, simulator=simulator.value)
         say("write report")
         page = gap_page(result)
         page.write(place)

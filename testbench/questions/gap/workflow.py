@@ -22,7 +22,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.drive import driven
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen, listen_again, listen_in_flight, smoothed
 from testbench.questions.gap.evidence.check import check_instruments, check_signs
-from testbench.questions.gap.evidence.control_path import paths_seen
+from testbench.questions.gap.evidence.control_path import SurfacePath, paths_seen
 from testbench.questions.gap.evidence.gusts import called
 from testbench.questions.gap.evidence.held_out import differences
 from testbench.questions.gap.evidence.lacking import lacking
@@ -33,7 +33,7 @@ from testbench.questions.gap.evidence.locate import (
     locate,
     locate_regions,
 )
-from testbench.questions.gap.evidence.noise_found import find_noise
+from testbench.questions.gap.evidence.noise_found import NoiseFound, find_noise
 from testbench.questions.gap.explain import Explanation, Naming
 from testbench.questions.gap.flights import flights
 from testbench.questions.gap.name import ELSEWHERE, Sought, name_effect, unknown_motion
@@ -48,20 +48,48 @@ SHOWN = 3  # records of which it is shown over time what the model lacks: those 
 SAME_AIR = 0.15  # share by which the rms of turbulence may change before the search is made again
 
 
+@dataclass(frozen=True)
+class GapSearch:
+    """How it is sought what a model lacks.
+
+    Attributes:
+        effects: the library, by name; that of the suite if not given.
+        further: effects that are sought only in a place where one of the library comes near, by name; if not given,
+            those servo effects that the library lacks, and none if ``effects`` are given.
+        noise: where the noise of the believed sensors comes from. Unless it was simulated here, how large it is in
+            these records is found first, and they are judged by that.
+        drive: "both" compares surfaces that are recorded beside their commands, and lets surfaces drive where no
+            command is recorded; "surface" lets them drive wherever they are recorded; "command" does not look at them.
+        windows: "auto" cuts records that do not begin with quiet trim flight into windows that start freely, a number
+            all of them, into windows of so many seconds; "off" refuses them; None is what a scenario says, else "auto".
+        check: check the instruments against each other first.
+        again: number of the user's own flights that are flown again with truths drawn from the priors, each of which is
+            asked about as the measured ones were: what are stated probabilities worth here?
+        again_file: keeps each of them, so that none is flown twice.
+
+    Example:
+        >>> import testbench as tb
+        >>> how = tb.GapSearch(noise="stated", check=True)
+        >>> finding = tb.find_gap(believed, records, held_out, how)  # doctest: +SKIP
+    """
+
+    effects: Mapping[str, Effect] | None = None
+    further: Mapping[str, Effect] | None = None
+    noise: Source = "simulated"
+    drive: Drive = "both"
+    windows: Windows | None = None
+    check: bool = False
+    again: int = 0
+    again_file: Path | None = None
+
+
 @on_one_thread
 def find_gap(
     believed: Believed,
     records: Mapping[str, FlightRecord],
     held_out: Mapping[str, FlightRecord],
+    how: GapSearch | None = None,
     progress: Callable[[str], None] | None = None,
-    check: bool = False,
-    effects: Mapping[str, Effect] | None = None,
-    again: int = 0,
-    again_file: Path | None = None,
-    windows: Windows = "auto",
-    drive: Drive = "both",
-    further: Mapping[str, Effect] | None = None,
-    noise: Source = "simulated",
 ) -> GapFinding:
     """Find what the believed model lacks.
 
@@ -73,20 +101,8 @@ def find_gap(
         believed: aircraft, sensors and condition as believed.
         records: name -> measured record, used to locate and to name.
         held_out: name -> measured record, used only to judge.
+        how: it is sought.
         progress: called with a few words as each stage begins.
-        check: check the instruments against each other first.
-        effects: the library, by name; that of the suite if not given.
-        again: number of the user's own flights that are flown again with truths drawn from the priors, each of which is
-            asked about as the measured ones were: what are stated probabilities worth here?
-        again_file: keeps each of them, so that none is flown twice.
-        windows: "auto" cuts records that do not begin with quiet trim flight into windows that start freely, a number
-            all of them, into windows of so many seconds; "off" refuses them.
-        drive: "both" compares surfaces that are recorded beside their commands, and lets surfaces drive where no
-            command is recorded; "surface" lets them drive wherever they are recorded; "command" does not look at them.
-        further: effects that are sought only in a place where one of the library comes near, by name; if not given,
-            those servo effects that the library lacks, and none if ``effects`` are given.
-        noise: where the noise of the believed sensors comes from. Unless it was simulated here, how large it is in
-            these records is found first, and they are judged by that.
 
     Raises:
         RecordError: a record is not measured, or lacks a channel of the believed suite; or ``again_file`` cannot be
@@ -98,87 +114,206 @@ def find_gap(
         >>> finding = tb.find_gap(believed, {"doublet": record}, {"sweep": held_out})  # doctest: +SKIP
         >>> finding.sentences  # doctest: +SKIP
     """
-    say = progress or (lambda text: None)
-    for name, record in {**records, **held_out}.items():
-        if record.kind != "measured":
-            raise RecordError(f"the gap workflow takes measured records only, got '{name}' of kind '{record.kind}'")
-    by = driven(believed, records, held_out, drive)
-    believed, records, held_out = by.believed, by.records, by.held_out
-    check_signs(believed, as_they_start(records))
-    believed, given, others = in_windows(believed, records, held_out, windows, say)
-    records, held_out = called(given.records), others.records
-    for name, record in {**records, **held_out}.items():
-        with located(None, f"record '{name}'"):
-            believed.check_commands(record)
-            believed.predict(record)  # what cannot be flown, of those held out too, is to be known before the search
-    stated, noise_found = believed, None
-    if noise != "simulated":
-        say("measure the noise")
-        noise_found = find_noise(believed, list(records.values()), noise)
-        believed = replace(stated, suite=noise_found.corrected(stated.suite))
-    instruments = partial(check_instruments, believed.suite, list(given.whole.values()))
+    say, how = progress or (lambda text: None), how or GapSearch()
+    given = _Given.of(believed, records, held_out, how, say)
+    instruments = partial(check_instruments, given.believed.suite, list(given.whole.values()))
     with Ahead() as ahead:
-        if check:
+        if how.check:
             say("check the instruments against each other")
             ahead.begin("check", instruments)  # the search needs nothing of it
-        checked = ahead.take("check", instruments) if check and ahead.most == 1 else None
+        checked = ahead.take("check", instruments) if how.check and ahead.most == 1 else None
         say("listen to the air")
-        air = listen(believed, list(records.values()))
-        records, held_out = _smoothed(believed, air, records), _smoothed(believed, air, held_out)
-        flown = list(records.values())
-        known = library(believed.suite, believed.aircraft) if effects is None else effects
-        servos = OTHER_SERVOS if further is None and effects is None else further or {}
-        unseen = {n for path in by.paths for n in path.effects}
-        sought = Sought(
-            {n: e for n, e in known.items() if n not in unseen},
-            {n: e for n, e in servos.items() if n not in unseen},
-            open_terms=True,
-            source="simulated" if noise == "simulated" else "measured",
-            pairs=not given.notes,  # where starts are fitted once more beside what comes nearest, two are sought after
-            held_out=list(held_out.values()),
+        air = listen(given.believed, list(given.records.values()))
+        given = replace(
+            given,
+            records=_smoothed(given.believed, air, given.records),
+            held_out=_smoothed(given.believed, air, given.held_out),
         )
-        as_believed = believed
-        begun = _Begun(as_believed, records, air, sought, say)
-        alone = replace(sought, elsewhere=lambda: bool(begun.places))
-        believed, naming, air = search(as_believed, flown, air, say, alone)
-        near = _nearest(naming)
-        if noise_found is not None and near is not None:  # what was missing may have been taken for noise
-            beside_it = find_noise(stated, flown, noise, near.added_to(stated))
-            if noise_found.differs(beside_it):
-                noise_found = beside_it
-                as_believed = replace(stated, suite=noise_found.corrected(stated.suite))
-                believed, naming, air = search(as_believed, flown, air, say, alone)
-                near = _nearest(naming)
-        if near is not None and given.notes:  # tangents of a start are those of the model that it was fitted to
-            say("fit where windows start beside what comes nearest")
-            as_believed = begin_freely(as_believed, {**records, **held_out}, near.added_to(as_believed))
-            alone = replace(alone, pairs=True)
-            believed, naming, air = search(as_believed, flown, air, say, alone)
-        if check and checked is None:
+        found = _Asked(given, air, given.sought(how), how.noise, say).answer()
+        if how.check and checked is None:
             checked = ahead.take("check", instruments)
-    whole, all_in = flown, as_believed
-    acting = None
-    if naming.weighed.unknown > ELSEWHERE and begun.places:  # else what acts in all records explains them
-        elsewhere = _begun_somewhere(begun.places, as_believed, records, (believed, naming, air), sought, say)
-        if elsewhere is not None:
-            acting, records, (believed, naming, air) = elsewhere
-            flown = list(records.values())
-        else:
-            believed, naming, air = search(as_believed, flown, air, say, replace(sought, pairs=True))
     flights_again = None
-    if again:
+    if how.again:
 
         def ask(measured: Sequence[FlightRecord], heard: AirFound) -> Naming:
             """Ask about a flight as the measured ones were asked about."""
-            heard_in = smoothed(all_in, heard, measured)
-            return search(all_in, heard_in, heard, lambda stage: None, replace(sought, open_terms=False))[1]
+            heard_in = smoothed(found.all_in, heard, measured)
+            there = replace(given.sought(how), open_terms=False)
+            return search(found.all_in, heard_in, heard, lambda stage: None, there)[1]
 
-        flights_again = fly_again(all_in, whole, air, sought.effects or {}, again, ask, say, again_file)
-    if naming.best is not None:
-        amended = naming.best.added_to(believed)
-    else:
-        amended = believed.with_nuisances(naming.nuisances) if naming.off else believed
-    if acting is not None and amended.later:
+        flown, effects = list(given.records.values()), given.sought(how).effects or {}
+        flights_again = fly_again(found.all_in, flown, found.air, effects, how.again, ask, say, how.again_file)
+    return replace(_judged(given, found, say), check=checked, again=flights_again)
+
+
+@dataclass(frozen=True, eq=False)
+class _Given:
+    """Records and the belief in them, as they can be compared.
+
+    Attributes:
+        stated: what is believed, with the noise that is stated.
+        believed: the same with the noise that was found.
+        records, held_out: by name, cut into windows where they do not begin in quiet flight.
+        whole: the measured records as they were before.
+        noise: found, None where it was simulated here.
+        paths: of the controls.
+        notes, notes_of_others: how records, and those held out, were cut.
+    """
+
+    stated: Believed
+    believed: Believed
+    records: Mapping[str, FlightRecord]
+    held_out: Mapping[str, FlightRecord]
+    whole: Mapping[str, FlightRecord]
+    noise: NoiseFound | None
+    paths: tuple[SurfacePath, ...]
+    notes: tuple[str, ...]
+    notes_of_others: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        believed: Believed,
+        records: Mapping[str, FlightRecord],
+        held_out: Mapping[str, FlightRecord],
+        how: GapSearch,
+        say: Callable[[str], None],
+    ) -> _Given:
+        """Return them; what cannot be compared or flown, of those held out too, is known before anything is sought."""
+        for name, record in {**records, **held_out}.items():
+            if record.kind != "measured":
+                raise RecordError(f"the gap workflow takes measured records only, got '{name}' of kind '{record.kind}'")
+        by = driven(believed, records, held_out, how.drive)
+        check_signs(by.believed, as_they_start(by.records))
+        stated, cut, others = in_windows(by.believed, by.records, by.held_out, how.windows or "auto", say)
+        records, held_out = called(cut.records), others.records
+        for name, record in {**records, **held_out}.items():
+            with located(None, f"record '{name}'"):
+                stated.check_commands(record)
+                stated.predict(record)
+        believed, noise = stated, None
+        if how.noise != "simulated":
+            say("measure the noise")
+            noise = find_noise(stated, list(records.values()), how.noise)
+            believed = replace(stated, suite=noise.corrected(stated.suite))
+        return cls(stated, believed, records, held_out, cut.whole, noise, by.paths, cut.notes, others.notes)
+
+    def sought(self, how: GapSearch) -> Sought:
+        """Return what is weighed as an explanation."""
+        b, unseen = self.believed, {n for path in self.paths for n in path.effects}
+        known = library(b.suite, b.aircraft) if how.effects is None else how.effects
+        servos = OTHER_SERVOS if how.further is None and how.effects is None else how.further or {}
+        return Sought(
+            {n: e for n, e in known.items() if n not in unseen},
+            {n: e for n, e in servos.items() if n not in unseen},
+            open_terms=True,
+            source="simulated" if self.noise is None else "measured",
+            pairs=not self.notes,  # where starts are fitted once more beside what comes nearest, two are sought after
+            held_out=list(self.held_out.values()),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What was found of records.
+
+    Attributes:
+        believed: in the air that was found.
+        naming: what is lacking, by its probability.
+        air: found beside it.
+        records: that it was found in.
+        all_in: what is believed, before the air.
+        noise: found beside it.
+        begun: what is lacking begins or ends there in flight, None if it acts in all of the records.
+    """
+
+    believed: Believed
+    naming: Naming
+    air: AirFound
+    records: Mapping[str, FlightRecord]
+    all_in: Believed
+    noise: NoiseFound | None
+    begun: onset.Begun | None = None
+
+    @property
+    def amended(self) -> Believed:
+        """The believed model with what was named, or with the coefficients re-tuned if these are off."""
+        if self.naming.best is not None:
+            return self.naming.best.added_to(self.believed)
+        return self.believed.with_nuisances(self.naming.nuisances) if self.naming.off else self.believed
+
+
+@dataclass(eq=False)
+class _Asked:
+    """A question about records: asked once more where noise, starts or the time of onset depend on what was found."""
+
+    given: _Given
+    air: AirFound
+    sought: Sought
+    source: Source
+    say: Callable[[str], None]
+
+    def answer(self) -> _Found:
+        """Return what is lacking."""
+        given, say = self.given, self.say
+        believed, noise = given.believed, given.noise
+        alone = replace(self.sought, elsewhere=lambda: bool(self.places))
+        found = self._found(believed, noise, self.air, alone)
+        near = _nearest(found.naming)
+        if noise is not None and near is not None:  # what was missing may have been taken for noise
+            beside_it = find_noise(given.stated, list(given.records.values()), self.source, near.added_to(given.stated))
+            if noise.differs(beside_it):
+                noise, believed = beside_it, replace(given.stated, suite=beside_it.corrected(given.stated.suite))
+                found = self._found(believed, noise, found.air, alone)
+                near = _nearest(found.naming)
+        if near is not None and given.notes:  # tangents of a start are those of the model that it was fitted to
+            say("fit where windows start beside what comes nearest")
+            believed = begin_freely(believed, {**given.records, **given.held_out}, near.added_to(believed))
+            found = self._found(believed, noise, found.air, replace(alone, pairs=True))
+        if found.naming.weighed.unknown <= ELSEWHERE or not self.places:
+            return found  # what acts in all records explains them
+        return self._begun(found) or self._found(believed, noise, found.air, replace(self.sought, pairs=True))
+
+    def _found(self, believed: Believed, noise: NoiseFound | None, air: AirFound, sought: Sought) -> _Found:
+        records = self.given.records
+        return _Found(*search(believed, list(records.values()), air, self.say, sought), records, believed, noise)
+
+    @cached_property
+    def places(self) -> list[onset.Begun]:
+        """Where what is lacking may begin or end in flight, by an unknown motion alone, the most probable first.
+
+        Sought where it is asked for: most flights are explained without it.
+        """
+        self.say("seek what begins in flight")
+        records = self.given.records
+        flown_in, _ = in_measured_air(self.given.believed, list(records.values()), self.air)
+        nothing = replace(self.sought, effects={}, further={}, open_terms=False, pairs=False, held_out=())
+        naming = name_effect(flown_in, list(records.values()), nothing)
+        return [] if naming.weighed.nothing > 0.5 else onset.seek(flown_in, records, naming)
+
+    def _begun(self, found: _Found) -> _Found | None:
+        """Return what is found in records that are cut at the first place whose effects explain them there."""
+        records, believed = self.given.records, found.all_in
+        along = Hypothesis.towards_unknown(found.believed, tuple(records.values()), found.naming.beside_unknown)
+        tuned, effects = found.believed.with_nuisances(along.by_name), self.sought.effects or {}
+        for place in self.places:
+            cut = onset.divided(believed, records, place)
+            later = onset.later(effects, place)
+            there = replace(self.sought, effects=later, further={}, open_terms=False, pairs=False)
+            begins = believed
+            if place.record:
+                begins = onset.begin_there(believed, cut, place, records[place.record], tuned)
+            named = search(begins, list(cut.values()), found.air, self.say, there)
+            if named[1].weighed.unknown < ELSEWHERE:
+                return _Found(*named, cut, believed, found.noise, place)
+        return None
+
+
+def _judged(given: _Given, found: _Found, say: Callable[[str], None]) -> GapFinding:
+    """Locate what the believed model leaves, and judge what was found on the records held out."""
+    believed, amended, naming, records = found.believed, found.amended, found.naming, found.records
+    held_out, flown = given.held_out, list(records.values())
+    if found.begun is not None and amended.later:
         held_out = onset.lasting(believed, amended, held_out)
     say("locate the residual")
     maps = tuple(_map(believed, name, record) for name, record in records.items())
@@ -198,68 +333,19 @@ def find_gap(
         maps=maps,
         naming=naming,
         shrink=tuple(_shrink(believed, amended, name, record) for name, record in held_out.items()),
-        air=air,
-        noise=noise_found,
+        air=found.air,
+        noise=found.noise,
         regions=locate_regions(flown, left, believed.outputs, taken),
         lacks=tuple(lacks),
         next_flight=next_flight,
-        check=checked,
         errors=largest_errors(believed, [*flown, *held_out.values()]),
         left=None if naming.best is None else left_by(amended, flown),
-        again=flights_again,
-        windows=(*given.notes, *others.notes),
-        begun=acting,
-        paths=(*by.paths, *paths_seen(believed, amended, naming, flown)),
+        windows=(*given.notes, *given.notes_of_others),
+        begun=found.begun,
+        paths=(*given.paths, *paths_seen(believed, amended, naming, flown)),
         held_out=differences(believed, records, held_out),
         tally=_tally(models, [*flown, *held_out.values()]),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Begun:
-    """What may begin or end in flight, sought where it is asked for: most flights are explained without it."""
-
-    believed: Believed
-    records: Mapping[str, FlightRecord]
-    air: AirFound
-    sought: Sought
-    say: Callable[[str], None]
-
-    @cached_property
-    def places(self) -> list[onset.Begun]:
-        """Where it may, by an unknown motion alone, the most probable first."""
-        self.say("seek what begins in flight")
-        flown_in, _ = in_measured_air(self.believed, list(self.records.values()), self.air)
-        nothing = replace(self.sought, effects={}, further={}, open_terms=False, pairs=False, held_out=())
-        naming = name_effect(flown_in, list(self.records.values()), nothing)
-        return [] if naming.weighed.nothing > 0.5 else onset.seek(flown_in, self.records, naming)
-
-
-def _begun_somewhere(
-    places: Sequence[onset.Begun],
-    believed: Believed,
-    records: Mapping[str, FlightRecord],
-    found: tuple[Believed, Naming, AirFound],
-    sought: Sought,
-    say: Callable[[str], None],
-) -> tuple[onset.Begun, dict[str, FlightRecord], tuple[Believed, Naming, AirFound]] | None:
-    """Return the first place whose effects explain the records that are cut there, these, and what is found in them.
-
-    ``found`` is what was found of the records as they are.
-    """
-    flown_in, naming, air = found
-    along = Hypothesis.towards_unknown(flown_in, tuple(records.values()), naming.beside_unknown)
-    tuned, effects = flown_in.with_nuisances(along.by_name), sought.effects or {}
-    for place in places:
-        cut = onset.divided(believed, records, place)
-        there = replace(sought, effects=onset.later(effects, place), further={}, open_terms=False, pairs=False)
-        begins = believed
-        if place.record:
-            begins = onset.begin_there(believed, cut, place, records[place.record], tuned)
-        named = search(begins, list(cut.values()), air, say, there)
-        if named[1].weighed.unknown < ELSEWHERE:
-            return place, cut, named
-    return None
 
 
 def _nearest(naming: Naming) -> Explanation | None:

@@ -19,7 +19,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen
 from testbench.questions.gap.evidence.air import measure as measure_air
 from testbench.questions.gap.search.hypothesis import Hypothesis, retune
-from testbench.questions.gap.workflow import find_gap
+from testbench.questions.gap.workflow import GapSearch, find_gap
 
 STILL = AirFound(False, 0.0, 547.0, 0.0, 9.55, 4.0)
 FEW = {n: EFFECTS[n] for n in ("actuator_lag", "alpha_scale")}
@@ -129,7 +129,7 @@ def test_truths_with_which_nothing_flies_are_drawn_again_and_then_said(believed,
 def test_the_workflow_says_what_stated_probabilities_are_worth(believed):
     slow = believed.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 12.0})
     measured = measure(slow, 11)
-    finding = find_gap(believed, {"a": measured[0]}, {"b": measured[1]}, effects=FEW, again=2)
+    finding = find_gap(believed, {"a": measured[0]}, {"b": measured[1]}, GapSearch(effects=FEW, again=2))
     assert finding.naming.names == ("actuator_lag",)
     assert len(finding.again.trials) == 2
     assert {t.truth for t in finding.again.trials} <= {"nothing", *FEW}

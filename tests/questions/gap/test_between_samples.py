@@ -14,7 +14,7 @@ from testbench.flight import Manoeuvre, fly, trim
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.drive import drive_records
 from testbench.questions.gap.evidence.commanded import BETWEEN, between_samples, held, moves_on
-from testbench.questions.gap.workflow import find_gap
+from testbench.questions.gap.workflow import GapSearch, find_gap
 
 RATE_HZ = 25.0
 T_S = np.arange(250) / RATE_HZ
@@ -73,7 +73,7 @@ def test_a_slow_servo_behind_a_stick_has_its_own_lag():
         log = believed.suite.measure(truth, 10 + i)
         records[str(i)] = replace(log, provenance={**log.provenance, "sha256": str(i)})
     held_out = {"2": records.pop("2")}
-    found = find_gap(believed, records, held_out, effects={"actuator_lag": EFFECTS["actuator_lag"]})
+    found = find_gap(believed, records, held_out, GapSearch(effects={"actuator_lag": EFFECTS["actuator_lag"]}))
     assert found.naming.names == ("actuator_lag",)
     fit = found.naming.best
     assert abs(fit.values["lag_rad_s"] - 8.0) < 4.0 * fit.errors["lag_rad_s"]

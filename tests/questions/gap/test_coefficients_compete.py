@@ -15,7 +15,7 @@ from testbench.effects import EFFECTS
 from testbench.questions.gap.effect_contract import recorded
 from testbench.questions.gap.explain import Naming
 from testbench.questions.gap.name import Sought, name_effect
-from testbench.questions.gap.workflow import find_gap
+from testbench.questions.gap.workflow import GapSearch, find_gap
 
 
 def test_a_coefficient_far_off_its_prior_is_named_with_its_size_and_the_aircraft_amended():
@@ -24,7 +24,7 @@ def test_a_coefficient_far_off_its_prior_is_named_with_its_size_and_the_aircraft
     truth = believed.with_nuisances({"Cm_alpha": 1.6})
     (one, two), (held, _) = measure(truth, 11), measure(truth, 31)
     few = {n: EFFECTS[n] for n in ("alpha_scale", "actuator_lag")}
-    finding = find_gap(believed, {"a": one, "b": two}, {"c": held}, effects=few)
+    finding = find_gap(believed, {"a": one, "b": two}, {"c": held}, GapSearch(effects=few))
     assert finding.naming.names == ("Cm_alpha",), finding.naming.sentence
     best = finding.naming.best
     assert best.coefficients == ("Cm_alpha",)

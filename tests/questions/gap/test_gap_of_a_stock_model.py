@@ -24,7 +24,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.brought import choose
 from testbench.questions.gap.export import amended_files, write_amended
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
-from testbench.questions.gap.workflow import find_gap
+from testbench.questions.gap.workflow import GapSearch, find_gap
 from testbench.sensors import load_suite
 
 CONDITION = FlightCondition(50.0, 1000.0)
@@ -56,7 +56,7 @@ def test_a_slow_servo_is_found_that_the_model_does_not_have(believed, tmp_path):
     truth = believed.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 6.0})
     records = {"multistep": measured(truth, MULTISTEP, 1), "throttle": measured(truth, THROTTLE, 2)}
     held_out = {"doublet": measured(truth, DOUBLET, 3)}
-    finding = find_gap(believed, records, held_out, effects={n: EFFECTS[n] for n in SEARCHED})
+    finding = find_gap(believed, records, held_out, GapSearch(effects={n: EFFECTS[n] for n in SEARCHED}))
     assert finding.naming.names == ("actuator_lag",)
     best = finding.naming.best
     assert best is not None

@@ -26,7 +26,7 @@ from testbench.questions.gap.export import air_text
 from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.search.gust_search import GustSearch
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.workflow import find_gap
+from testbench.questions.gap.workflow import GapSearch, find_gap
 
 GUST = EFFECTS["gust"]
 FEW = {n: EFFECTS[n] for n in ("gust", "actuator_lag", "alpha_scale", "rate_limit")}
@@ -66,7 +66,7 @@ def held_out() -> dict[str, FlightRecord]:
 
 @pytest.fixture(scope="module")
 def finding(believed, flights, held_out):
-    return find_gap(believed, flights, held_out, effects=FEW)
+    return find_gap(believed, flights, held_out, GapSearch(effects=FEW))
 
 
 @pytest.mark.parametrize("axis", ["down", "north"])

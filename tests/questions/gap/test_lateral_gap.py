@@ -36,7 +36,7 @@ from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS, priors_of
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.result import TOLERANCE
 from testbench.questions.gap.search.hypothesis import Hypothesis, retune
-from testbench.questions.gap.workflow import find_gap, in_measured_air
+from testbench.questions.gap.workflow import GapSearch, find_gap, in_measured_air
 from testbench.sensors import load_suite
 
 CONDITIONS = {"eolo": FlightCondition(16.0, 547.0), "taurus": FlightCondition(15.0, 100.0)}
@@ -291,7 +291,7 @@ def test_records_of_rudder_and_aileron_are_read_from_files_and_named(tmp_path):
     files = [r.save(tmp_path / f"{i}.nc") for i, r in enumerate(records.values())]
     flights = load_flights("taurus", files, sensors="eolo_gap_lateral", wings="rigid")
     assert list(flights.held_out) == ["again"]
-    finding = find_gap(flights.believed, flights.naming, flights.held_out, effects=few)
+    finding = find_gap(flights.believed, flights.naming, flights.held_out, GapSearch(effects=few))
     assert finding.naming.names == ("yaw_damper",)
     assert not finding.immaterial
     assert finding.shrink[0].removed > 0.95

@@ -15,7 +15,7 @@ from testbench.flight import Manoeuvre, fly, trim
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap import onset
 from testbench.questions.gap.starts import Start, marked
-from testbench.questions.gap.workflow import find_gap
+from testbench.questions.gap.workflow import GapSearch, find_gap
 
 AT_S = 6.0
 SOUGHT = {n: EFFECTS[n] for n in ("surface_scale", "actuator_lag", "alpha_scale", "drag_increment")}
@@ -47,7 +47,10 @@ def found():
         believed.suite, sensors=tuple(replace(s, noise_std=s.noise_std / 1.2) for s in believed.suite.sensors)
     )
     return find_gap(
-        replace(believed, suite=suite), records, {"doublet": second}, effects=SOUGHT, further={}, noise="stated"
+        replace(believed, suite=suite),
+        records,
+        {"doublet": second},
+        GapSearch(effects=SOUGHT, further={}, noise="stated"),
     )
 
 
@@ -87,6 +90,6 @@ def test_an_effect_of_all_records_is_not_said_to_begin():
     believed = believe()
     truth = believed.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 8.0})
     records = dict(zip(("3211", "doublet"), measure(truth, 11, inputs=(ELEVATOR, DOUBLET)), strict=True))
-    found = find_gap(believed, records, {}, effects=SOUGHT, further={})
+    found = find_gap(believed, records, {}, GapSearch(effects=SOUGHT, further={}))
     assert found.naming.names[0] == "actuator_lag"
     assert found.begun is None

@@ -15,6 +15,7 @@ from testbench.questions.gap import workflow
 from testbench.questions.gap.name import TERMS, Sought, _Asker, name_effect
 from testbench.questions.gap.open_set import Factor, OpenTerm, Term, along, effect_of, increments, response, title_of
 from testbench.questions.gap.search.hypothesis import changes
+from testbench.questions.gap.workflow import GapSearch
 
 THR, ALPHA, DR = Factor("thr"), Factor("alpha"), Factor("dr", modulus=True)
 LIBRARY = {n: EFFECTS[n] for n in ("drag_increment", "alpha_dot")}
@@ -101,7 +102,7 @@ def test_a_factor_of_a_believed_coefficient_is_no_term():
 def test_a_term_that_no_effect_of_the_library_holds_is_named_and_the_gap_shrinks_elsewhere():
     every = measured("taurus", flown("taurus", "throttle in Cl"), 3)
     naming, held = ({n: every[n] for n in names} for names in (("m0", "m1", "m3"), ("m4",)))
-    finding = workflow.find_gap(believe("taurus"), naming, held, effects=LIBRARY)
+    finding = workflow.find_gap(believe("taurus"), naming, held, GapSearch(effects=LIBRARY))
     assert finding.naming.outcome == "named"
     assert finding.naming.names == ("Cl by thr",)
     assert finding.verdict is None  # a term is in no part

@@ -28,7 +28,7 @@ from recorded import flight_data
 from testbench.effects import library
 from testbench.flight import FlightCondition, linearise, trim
 from testbench.questions.gap.evidence.commanded import quiet_samples
-from testbench.questions.gap.workflow import find_gap
+from testbench.questions.gap.workflow import GapSearch, find_gap
 
 RECORDS = ("fAttasElv1", "fAttasElv2")
 # What each record says of the printed derivatives (WrongParameter.factor, Naming.measured), the slow tests check it.
@@ -50,7 +50,10 @@ def fly_attas(folder, factors, name_from, effects=None):
     noise = quiet_noise(list(records.values()))
     believed = believe(attas(folder / "attas", factors), records[name_from], noise, ATTAS_V, ATTAS_H)
     return find_gap(
-        believed, {name_from: records.pop(name_from)}, records, effects=chosen(believed, effects), noise="stated"
+        believed,
+        {name_from: records.pop(name_from)},
+        records,
+        GapSearch(effects=chosen(believed, effects), noise="stated"),
     )
 
 
@@ -59,7 +62,7 @@ def fly_hfb320(folder, factors=None, effects=None):
     record = hfb320_record(flight_data())
     V = float(record["V"][: quiet_samples(record)].mean())
     believed = believe(hfb320(folder / "hfb320", factors), record, fine_noise(record), V, altitude_m(HFB_RHO))
-    return find_gap(believed, {"3211": record}, {}, effects=chosen(believed, effects), noise="stated")
+    return find_gap(believed, {"3211": record}, {}, GapSearch(effects=chosen(believed, effects), noise="stated"))
 
 
 def chosen(believed, effects):

@@ -27,7 +27,7 @@ from testbench.aircraft import Amendment, SetProperty
 from testbench.aircraft.seams import control_path
 from testbench.flight import FlightCondition, linearise, trim
 from testbench.questions.gap.evidence.check import check_instruments
-from testbench.questions.gap.workflow import find_gap
+from testbench.questions.gap.workflow import GapSearch, find_gap
 
 RECORDS = ("1 aileron", "1 rudder", "2 aileron", "2 rudder")
 COEFFICIENTS = {"Lp": "Cl_p", "Lda": "Cl_da", "Lb": "Cl_beta", "Nb": "Cn_beta", "Ndr": "Cn_dr", "Nr": "Cn_r"}
@@ -50,7 +50,7 @@ def fly(folder, factors=None, names=RECORDS, effects=None, late_s=ATTAS_LATE_S):
     used = {n: records.pop(n) for n in names[:2]}
     aircraft, (first, *_) = attas(folder / "attas", factors), used.values()
     believed = believe(aircraft, first, quiet_noise(list(used.values())), ATTAS_V, ATTAS_H, {"beta": late_s})
-    return find_gap(believed, used, records, effects=effects, noise="stated")
+    return find_gap(believed, used, records, GapSearch(effects=effects, noise="stated"))
 
 
 def test_the_aircraft_has_the_derivatives_that_are_believed(tmp_path):
@@ -114,7 +114,7 @@ def test_surfaces_drive_a_model_whose_servos_are_none_of_the_aircraft_s(tmp_path
     for what, records in (("command", by_command), ("surface", by_surface)):
         used, held = ({n: records[n] for n in some} for some in (RECORDS[:2], RECORDS[2:]))
         believed = believe(slow, used[RECORDS[0]], noise, ATTAS_V, ATTAS_H, {"beta": ATTAS_LATE_S})
-        found = find_gap(believed, used, held, effects={}, noise="stated")
+        found = find_gap(believed, used, held, GapSearch(effects={}, noise="stated"))
         left[what] = found.naming.chi2_tuned
         assert not found.naming.coefficients
     assert ["is not recorded" in p.why for p in found.paths] == [True, True]

@@ -21,6 +21,7 @@ from testbench.questions.gap.page import gap_page, gap_plan_page
 from testbench.questions.gap.records import Flights
 from testbench.questions.gap.result import TOLERANCE
 from testbench.questions.gap.tables import gap_tables
+from testbench.questions.gap.workflow import GapSearch
 from testbench.questions.run.scenario import Scenario
 
 FEW = {n: EFFECTS[n] for n in ("actuator_lag", "thrust_line", "alpha_scale")}
@@ -37,7 +38,7 @@ def result():
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(workflow, "name_effect", among(FEW))
-        return run_flights("eolo", flights, check=False)
+        return run_flights("eolo", flights, how=GapSearch(check=False))
 
 
 def test_the_answer_has_size_probability_place_and_shrink(result):

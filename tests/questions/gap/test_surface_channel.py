@@ -47,7 +47,7 @@ from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.parts import parts_of
 from testbench.questions.gap.result import GapFinding
 from testbench.questions.gap.tables import gap_tables
-from testbench.questions.gap.workflow import find_gap
+from testbench.questions.gap.workflow import GapSearch, find_gap
 from testbench.questions.hidden import measure_hidden
 from testbench.sensors import load_suite
 from testbench.sensors.sensor import Sensor
@@ -103,7 +103,7 @@ def found(case: str, noise_rad: float) -> GapFinding:
     b = believe(noise_rad, control)
     names = (*OF_SERVO, "de_scale") if control == "de" else ("yaw_damper", "rudder_rate_limit", "dr_scale")
     records = measure(b, hidden, YAW) if control == "dr" else measure(b, hidden)
-    return find_gap(b, records, {}, effects=few(b, *names))
+    return find_gap(b, records, {}, GapSearch(effects=few(b, *names)))
 
 
 def assert_named(naming: Naming, effect: str, true: dict[str, float]) -> None:
@@ -131,7 +131,9 @@ def test_what_a_surface_does_beside_its_command_is_named_with_its_size(case, noi
 def test_nothing_is_said_to_act_in_a_path_as_believed_whatever_else_is_wrong(noise_rad):
     """The aircraft is a sixth heavier than believed, which its surfaces do not know."""
     b = believe(noise_rad)
-    finding = find_gap(b, measure(b, load(0.5, 0.0)), {}, effects=few(b, *OF_SERVO, "mass_error", "de_scale"))
+    finding = find_gap(
+        b, measure(b, load(0.5, 0.0)), {}, GapSearch(effects=few(b, *OF_SERVO, "mass_error", "de_scale"))
+    )
     assert servo_of(finding) < 0.1, finding.paths[0].sentence  # 0.2 before the flight
     assert finding.paths[0].believed == pytest.approx(1.0 if noise_rad else 0.0, abs=0.05)
     assert not {*OF_SERVO, "de_scale"} & set(finding.naming.names)
@@ -140,12 +142,12 @@ def test_nothing_is_said_to_act_in_a_path_as_believed_whatever_else_is_wrong(noi
 def test_a_surface_off_by_a_constant_names_nothing():
     b = believe(NOISE_RAD)
     off = {n: r.with_columns({"de": r["de"] + 0.02}) for n, r in measure(b, NOTHING).items()}
-    assert find_gap(b, off, {}, effects=few(b, *OF_SERVO, "de_bias")).naming.outcome == "no gap"
+    assert find_gap(b, off, {}, GapSearch(effects=few(b, *OF_SERVO, "de_bias"))).naming.outcome == "no gap"
 
 
 def test_a_surface_that_the_believed_model_turns_itself_is_predicted():
     damped = believe(NOISE_RAD).with_effect(EFFECTS["pitch_damper"], {"gain_s": 0.1})
-    finding = find_gap(damped, measure(damped, rate_feedback(0.1)), {}, effects=few(damped, *OF_SERVO))
+    finding = find_gap(damped, measure(damped, rate_feedback(0.1)), {}, GapSearch(effects=few(damped, *OF_SERVO)))
     assert finding.naming.outcome == "no gap"
     assert finding.paths[0].believed == pytest.approx(1.0, abs=0.1)
 
@@ -157,7 +159,7 @@ def test_surfaces_are_compared_where_all_records_hold_them_and_their_commands():
     assert comparing(b, [both[0], both[1].select([n for n in both[1].channels if n != "de"])]) is b
     clean = comparing(believe(0.0), both)
     assert clean.noise_std[clean.outputs.index("de")] == CRITERIA.faintest_rad
-    by_command = find_gap(b, {"one": both[0]}, {}, effects={}, drive="command")
+    by_command = find_gap(b, {"one": both[0]}, {}, GapSearch(effects={}, drive="command"))
     assert by_command.paths == ()
     assert "de" not in by_command.believed.outputs
 
@@ -232,7 +234,7 @@ def test_a_wrong_servo_a_wrong_elevator_and_a_wrong_sensor_of_it_are_told_apart(
 def test_noise_that_is_louder_than_stated_is_no_gap_and_found_in_the_surface_too(aircraft):
     b = believe(0.001, aircraft=aircraft)
     records = measure(b, NOTHING, aircraft=aircraft, louder=1.2)
-    finding = find_gap(b, records, {}, effects=few(b, *OF_SERVO, "alpha_dot", "de_scale"), noise="stated")
+    finding = find_gap(b, records, {}, GapSearch(effects=few(b, *OF_SERVO, "alpha_dot", "de_scale"), noise="stated"))
     assert finding.naming.outcome == "no gap", finding.naming.sentence
     value, error = finding.noise.scales["de"]
     assert abs(value - 1.2) < 4.0 * error
@@ -274,7 +276,7 @@ def test_windows_compare_surfaces_too():
     for name, given in measure(b, rate_feedback(0.1)).items():
         moved = int(np.flatnonzero(np.abs(np.diff(given["de_cmd"])) > 0.01)[0])
         pieces[name] = given.between(float(given.t_s[moved]) + 0.2, float(given.t_s[-1]))
-    finding = find_gap(b, pieces, {}, effects=few(b, "pitch_damper", "alpha_dot"))
+    finding = find_gap(b, pieces, {}, GapSearch(effects=few(b, "pitch_damper", "alpha_dot")))
     assert len(finding.windows) == len(pieces)
     assert_named(finding.naming, "pitch_damper", {"gain_s": 0.1})
 
@@ -314,7 +316,7 @@ def test_what_an_autopilot_feeds_into_a_path_acts_in_that_path(effect):
 def test_the_whole_library_tells_servo_aircraft_and_sensor_apart(aircraft, hidden, named, in_path):
     b = believe(0.001, aircraft=aircraft)
     records = measure(b, hidden, aircraft=aircraft, louder=1.2)
-    finding = find_gap(b, records, {}, noise="stated")
+    finding = find_gap(b, records, {}, GapSearch(noise="stated"))
     assert finding.naming.names[:1] == named, finding.naming.sentence
     assert in_path[0] <= servo_of(finding) <= in_path[1]
 

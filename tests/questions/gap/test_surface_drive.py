@@ -39,7 +39,7 @@ from testbench.questions.gap.evidence.commanded import (
     surface_noise,
 )
 from testbench.questions.gap.export import amended_files
-from testbench.questions.gap.workflow import find_gap
+from testbench.questions.gap.workflow import GapSearch, find_gap
 from testbench.sensors import load_suite
 from testbench.sensors.sensor import Sensor
 from testbench.sensors.suite import SensorSuite
@@ -235,7 +235,7 @@ def test_a_model_that_turns_the_surface_itself_cannot_be_driven_by_it():
 )
 def test_what_is_wrong_with_a_servo_is_not_seen_and_names_nothing(hidden):
     b = believe()
-    finding = find_gap(b, measure(b, hidden, amplitudes=(2.0,)), {}, effects=FEW)
+    finding = find_gap(b, measure(b, hidden, amplitudes=(2.0,)), {}, GapSearch(effects=FEW))
     assert (finding.naming.outcome, finding.naming.names) == ("no gap", ())
     effects = {f.effect.name for f in finding.naming.ranking if not f.coefficients}
     assert effects <= {"drag_increment", "q_lag"}
@@ -249,7 +249,7 @@ def test_pieces_of_flights_are_cut_and_searched_by_their_surface_alone(hidden):
     for name, given in measure(b, hidden, seed=11, amplitudes=(3.0, 3.0)).items():
         moved = int(np.flatnonzero(np.abs(given["de"] - given["de"][:20].mean()) > 0.02)[0])
         pieces[name] = given.between(float(given.t_s[moved]) + 0.2, float(given.t_s[-1]))
-    finding = find_gap(b, pieces, {}, effects=FEW)
+    finding = find_gap(b, pieces, {}, GapSearch(effects=FEW))
     assert finding.naming.outcome == "no gap"
     assert len(finding.windows) == len(pieces)
     assert "is not recorded" in finding.paths[0].why
@@ -257,7 +257,7 @@ def test_pieces_of_flights_are_cut_and_searched_by_their_surface_alone(hidden):
 
 def test_what_the_air_feels_is_named_by_surfaces_alone_and_the_servo_stays_in_its_files():
     b = believe()
-    finding = find_gap(b, measure(b, roughness(0.04), amplitudes=(3.0,)), {}, effects=FEW)
+    finding = find_gap(b, measure(b, roughness(0.04), amplitudes=(3.0,)), {}, GapSearch(effects=FEW))
     best = finding.naming.best
     assert best is not None, finding.sentences
     assert finding.naming.names == ("drag_increment",)

@@ -49,7 +49,7 @@ from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.search.hypothesis import Hypothesis, fly_together
 from testbench.questions.gap.window_length import windows_of
 from testbench.questions.gap.windows import LEAD_S, LONGEST_S, begin_freely, cut, in_windows, longest
-from testbench.questions.gap.workflow import find_gap
+from testbench.questions.gap.workflow import GapSearch, find_gap
 
 RARE = 1e-4
 LARGE = StandardMultistep(signal="3211", control="de", amplitude_deg=11.0, step_s=0.5)
@@ -153,7 +153,7 @@ def test_what_cannot_be_cut_is_refused(believed, flown):
     with pytest.raises(RecordError, match="a window must be at least 2 s long, got windows = 1"):
         cut(believed, {"long": flown}, 1.0)
     with pytest.raises(RecordError, match=r"0\.5 s of quiet flight, got 0\.05 s; cut it earlier, or let it be cut"):
-        find_gap(believed, {"a": flown}, {}, windows="off")
+        find_gap(believed, {"a": flown}, {}, GapSearch(windows="off"))
     with pytest.raises(RecordError, match="--windows must be auto, off, or a length of at least 2 s, got 'soon'"):
         windows_of("soon")
     assert [windows_of(t) for t in (None, "auto", "off", "4.5")] == [None, "auto", "off", 4.5]
@@ -222,7 +222,7 @@ def searched(believed, truth, seed):
     records = {f"flight {k}": hand_flown(truth, 10 * seed + k, 13.0) for k in range(3)}
     held = {"flight 2": records.pop("flight 2")}
     known = library(believed.suite, believed.aircraft)
-    return find_gap(believed, records, held, effects={n: known[n] for n in SOUGHT})
+    return find_gap(believed, records, held, GapSearch(effects={n: known[n] for n in SOUGHT}))
 
 
 @pytest.mark.slow
@@ -254,7 +254,7 @@ def test_an_effect_is_named_from_hand_flown_records_and_the_gap_shrinks(believed
 def test_an_unstable_aircraft_is_searched_in_short_windows(believed):
     unstable = believed.with_nuisances({"Cm_alpha": -2.0})
     record = hand_flown(unstable, 7, 14.0, gains=(1.0, 0.25))
-    found = find_gap(unstable, {"by hand": record}, {}, effects={})
+    found = find_gap(unstable, {"by hand": record}, {}, GapSearch(effects={}))
     assert "its fastest unstable mode doubles in" in found.windows[0]
     assert found.naming.outcome == "no gap"
     assert found.naming.coefficients == ()
@@ -385,7 +385,7 @@ def test_real_records_that_were_wrong_or_refused_are_cut_and_fly(tmp_path):
     from_trim = np.sum(hfb.residuals(later) ** 2)
     began = begin_freely(hfb, found.records)
     assert sum(np.sum(began.residuals(r) ** 2) for r in found.records.values()) < 0.1 * from_trim
-    finding = find_gap(hfb, {"later": later}, {}, effects={"alpha_lag": EFFECTS["alpha_lag"]})
+    finding = find_gap(hfb, {"later": later}, {}, GapSearch(effects={"alpha_lag": EFFECTS["alpha_lag"]}))
     assert finding.naming.outcome in ("unexplained", "partial"), finding.naming.sentence
     assert not any("the believed C" in s for s in finding.sentences)  # turbulence that is not known pulled at them
 

@@ -30,7 +30,7 @@ from testbench.questions.gap.priors import PRIORS
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.scenario import GapScenario
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.workflow import find_gap
+from testbench.questions.gap.workflow import GapSearch, find_gap
 from testbench.sensors import load_suite
 
 CASES = {
@@ -343,7 +343,7 @@ def test_measured_records_on_disk_give_the_same_answer_as_the_case_they_came_fro
     assert found.best.values["scale"] == pytest.approx(known, abs=error)
     naming, held_out = paths.values()
     flights = load_flights("eolo", [naming], [held_out], "eolo_gap", "rigid", 16.0, 547.0)
-    handed = run_flights("eolo", flights, check=False).finding
+    handed = run_flights("eolo", flights, how=GapSearch(check=False)).finding
     assert handed.naming.names == ("alpha_scale",)
     assert handed.naming.best.values["scale"] == pytest.approx(found.best.values["scale"], rel=1e-6)
     assert all(abs(scale - 1.0) < 4.0 * error for scale, error in handed.noise.scales.values())

@@ -48,7 +48,7 @@ from testbench.questions import hidden
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.priors import deviations_of
 from testbench.questions.gap.starts import Start
-from testbench.questions.gap.workflow import find_gap
+from testbench.questions.gap.workflow import GapSearch, find_gap
 from testbench.sensors import SensorSuite
 
 SEEDS = {"A": 20281201, "B": 20281202}  # on A the product may be calibrated; B is what is reported
@@ -604,7 +604,7 @@ def named(case: Case) -> dict[str, Any]:
     removed: list[float] = []
 
     def find() -> Any:
-        found = find_gap(believed, records, held_out, noise="stated")
+        found = find_gap(believed, records, held_out, GapSearch(noise="stated"))
         before, after = (
             sum(float(np.sum((x - 1.0) * s.taken)) for s in found.shrink for x in [getattr(s, when)])
             for when in ("energy_before", "energy_after")
