@@ -1,8 +1,8 @@
 """The gap workflow on real flights: turbulence, an immaterial rest, and a printed derivative that was falsified.
 
 Printed values as in real_aircraft.py. A real record is no draw from a known distribution, so that no false-alarm rate
-can be stated: what these tests assert was measured once. One record alone asks for derivatives 4 to 6 % off the printed
-ones, which fit two (MEASURED): a falsified derivative is found by how much it is off from there.
+can be stated: what these tests assert was measured once. One record alone asks for derivatives up to 17 % off the
+printed ones, which fit two (MEASURED): a falsified derivative is found by how much it is off from there.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from testbench.questions.gap.workflow import GapSearch, find_gap
 RECORDS = ("fAttasElv1", "fAttasElv2")
 # What each record says of the printed derivatives (WrongParameter.factor, Naming.measured), the slow tests check it.
 MEASURED = {
-    "fAttasElv1": {"Cm_alpha": 1.063, "Cm_q": 1.053, "Cm_de": 1.041},
-    "hfb320": {"CL_alpha": 1.032, "Cm_alpha": 1.047},
+    "fAttasElv1": {"CL_alpha": 0.891, "Cm_alpha": 1.044, "Cm_q": 0.936, "Cm_de": 0.965},
+    "hfb320": {"CL_alpha": 1.016, "Cm_alpha": 1.003, "Cm_q": 1.166},
 }
 
 
@@ -157,7 +157,9 @@ def check_named(found, coefficient, factor, measured):
     assert abs(value * factor - measured[coefficient]) < 3.0 * error * factor
     assert f"{coefficient}" in found.sentences[0]
     assert set(found.naming.names) <= {coefficient} or found.naming.outcome == "partial" or holds(found)
-    assert set(found.naming.off) == {coefficient}
+    assert coefficient in found.naming.off
+    for name, (value, error) in found.naming.off.items():
+        assert name == coefficient or abs(value - measured.get(name, 1.0)) < 3.0 * error, name
 
 
 def holds(found):
