@@ -165,7 +165,7 @@ def prepare_longitudinal(name: str) -> Case:
 
 
 def prepare_multisine(name: str) -> Case:
-    """Return the steady response of alpha and q to a multisine, then that to random steps."""
+    """Return the steady response of alpha and q to a multisine, then that to random steps, which the methods read."""
     structure, std = _motion(name)
     dt, p = DT[name], structure.values
     period = round(PERIOD_S / dt)

@@ -11,7 +11,6 @@ from estimator_cases import DT, ERRORS, LINES, OUTPUTS, PERIOD_S, RESPONDING, Ca
 from testbench.core.record import FlightRecord
 from testbench.estimators import data_compatibility, regression, srivc, transfer_function
 from testbench.estimators.frequency.equivalent import fit_equivalent
-from testbench.estimators.frequency.multisine import estimate_multisine_response
 from testbench.estimators.frequency.response import estimate_frequency_response
 from testbench.estimators.parametric import equation_error, filter_error, output_error
 from testbench.estimators.parametric.kalman import ekf, ukf
@@ -200,39 +199,28 @@ def _quiet_signals(case: Case, records: list[FlightRecord]) -> list[Any]:
     return out
 
 
-def _response(windowed: bool) -> Method:
+def _response(case: Case, records: list[FlightRecord]) -> Found:
     """Return gain and phase at the lines of the multisine; intervals as long as the response says."""
-
-    def run(case: Case, records: list[FlightRecord]) -> Found:
-        r = _frequency_response(records, windowed)
-        told = r.random_error * r.diagnostics["interval_factor"] / 1.96
-        out: dict[str, tuple[float, float | None]] = {}
-        for i, output in enumerate(RESPONDING):
-            H, error = r.H[:, i, 0], told[:, i, 0]
-            for f, h, true, e in zip(LINES / PERIOD_S, H, case.response[:, i], error, strict=True):
-                out[f"gain: {output}, {f:.1f} Hz"] = (float(np.abs(h)), float(e * np.abs(h)))
-                out[f"phase: {output}, {f:.1f} Hz"] = (float(np.angle(h / true)), float(e))
-        return Found(out, r.status != "good")
-
-    return run
+    r = _frequency_response(records)
+    told = r.random_error * r.diagnostics["interval_factor"] / 1.96
+    out: dict[str, tuple[float, float | None]] = {}
+    for i, output in enumerate(RESPONDING):
+        H, error = r.H[:, i, 0], told[:, i, 0]
+        for f, h, true, e in zip(LINES / PERIOD_S, H, case.response[:, i], error, strict=True):
+            out[f"gain: {output}, {f:.1f} Hz"] = (float(np.abs(h)), float(e * np.abs(h)))
+            out[f"phase: {output}, {f:.1f} Hz"] = (float(np.angle(h / true)), float(e))
+    return Found(out, r.status != "good")
 
 
-def _frequency_response(records: list[FlightRecord], windowed: bool) -> Any:
+def _frequency_response(records: list[FlightRecord]) -> Any:
     omega = 2.0 * np.pi * LINES / PERIOD_S
-    if windowed:
-        return estimate_frequency_response(records[1:], ("de",), RESPONDING, window_s=20.0, omega_rad_s=omega)
-    return estimate_multisine_response(records[:1], ("de",), RESPONDING, period_s=PERIOD_S, lines_hz=LINES / PERIOD_S)
+    return estimate_frequency_response(records[1:], ("de",), RESPONDING, window_s=20.0, omega_rad_s=omega)
 
 
-def _equivalent(windowed: bool, weighting: str) -> Method:
+def _equivalent(case: Case, records: list[FlightRecord]) -> Found:
     """Return the short period of a transfer function fitted to the response."""
-
-    def run(case: Case, records: list[FlightRecord]) -> Found:
-        r = _frequency_response(records, windowed)
-        model = fit_equivalent(r, LowOrder(poles=4, zeros=3, delay=False, weighting=weighting, hold="zoh"))  # type: ignore[arg-type]
-        return _continuous(model, ", ".join(RESPONDING), case)
-
-    return run
+    order = LowOrder(poles=4, zeros=3, delay=False, weighting="loes", hold="zoh")
+    return _continuous(fit_equivalent(_frequency_response(records), order), ", ".join(RESPONDING), case)
 
 
 def compatibility(case: Case, records: list[FlightRecord]) -> Found:
@@ -268,11 +256,8 @@ LONGITUDINAL: dict[str, Method] = {
 """Method -> how it is run, on the 3-2-1-1 flights."""
 
 MULTISINE: dict[str, Method] = {
-    "frequency response, multisine": _response(False),
-    "frequency response, windowed": _response(True),
-    "equivalent, likelihood": _equivalent(False, "likelihood"),
-    "equivalent, loes": _equivalent(False, "loes"),
-    "equivalent, windowed": _equivalent(True, "loes"),
+    "frequency response, windowed": _response,
+    "equivalent, windowed": _equivalent,
 }
 INSTRUMENTS: dict[str, Method] = {"data compatibility": compatibility}
 METHODS = LONGITUDINAL | MULTISINE | INSTRUMENTS

@@ -26,7 +26,7 @@ from testbench.estimators.model import ComplexArray, check_records
 
 COHERENT = 0.6  # the bound of flight test below which a response is not believed (Tischler and Remple, section 7.5)
 USABLE = 0.2  # and the total error up to which it is used: 1.7 dB and 11 deg (custom)
-_OPTIONAL = ("window_bias", "window_allowance", "noise_variance", "distortion_variance")
+_OPTIONAL = ("window_bias", "window_allowance")
 _COMPLEX = ("H", "window_bias")
 
 
@@ -40,14 +40,12 @@ class FrequencyResponse(Advised):
         coherence: (k, p) multiple coherence: share of each output's power that all inputs explain together.
         partial_coherence: (k, p, m) coherence of output and input, freed of what the other inputs explain of both.
         random_error: (k, p, m) standard deviation of |H| over |H|, which is that of the phase in rad.
-        averages: (k,) number of independent averages (periods, for multisines).
+        averages: (k,) number of independent averages.
         resolution_rad_s: (k,) width that one value stands for: values closer than this are not independent.
         window_bias: (k, p, m) complex, computed: H is 1 + window_bias times what it would be without windows; None
             where nothing computed it (see :mod:`testbench.estimators.frequency.window_bias`).
         window_allowance: (k, p, m) size of that bias with what the computation leaves open, over |H|; None else.
         delay_s: (p, m) pure delays that were taken out before windowing and put back, s; None where none was.
-        noise_variance: (k, p, m) E|dH|^2 from noise, where it was measured apart; None else.
-        distortion_variance: (k, p, m) E|dH|^2 from nonlinear distortion, where it was measured apart; None else.
         inputs: (m,) names.
         outputs: (p,) names.
         dt_s: sample time of the records, s.
@@ -70,8 +68,6 @@ class FrequencyResponse(Advised):
     window_bias: ComplexArray | None = None
     window_allowance: FloatArray | None = None
     delay_s: FloatArray | None = None
-    noise_variance: FloatArray | None = None
-    distortion_variance: FloatArray | None = None
     diagnostics: Mapping[str, Any] = field(default_factory=dict)
     advice: tuple[str, ...] = ()
 
@@ -151,7 +147,7 @@ class FrequencyResponse(Advised):
                 "omega_rad_s", "coherence", "partial_coherence", "random_error", "averages", "resolution_rad_s",
             )
         }  # fmt: skip
-        for name in ("window_allowance", "delay_s", "noise_variance", "distortion_variance"):
+        for name in ("window_allowance", "delay_s"):
             value = getattr(self, name)
             out[name] = None if value is None else value.tolist()
         bias = self.window_bias
