@@ -9,7 +9,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 # One look at every part of the house that is quick to see; which tests these are is said here and nowhere else.
 QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.py tests/flight/test_linearise.py \
-  tests/contracts/test_input_contract.py tests/contracts/test_suite_contract.py tests/estimators/regression/test_regression_coefficients.py \
+  tests/contracts/test_input_contract.py tests/contracts/test_suite_contract.py tests/estimators/regression/test_regression_structure.py \
   tests/evaluation tests/information tests/page/test_draw.py tests/questions/importing \
   tests/questions/campaign/test_draws.py tests/questions/run/test_scenario.py tests/test_house_rules.py \
   tests/test_packaging.py

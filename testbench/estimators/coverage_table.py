@@ -7,8 +7,6 @@ HELD: dict[str, tuple[int, int, int]] = {
     "equation_error": (78, 100, 400),
     "equivalent, windowed": (62, 100, 400),
     "frequency response, windowed": (0, 97, 400),
-    "quiet structure search": (8, 93, 400),
-    "regression": (0, 28, 257),
     "srivc": (23, 98, 400),
     "ukf": (88, 98, 400),
 }

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from testbench.core.errors import EstimationError
 from testbench.estimators.causes.leavings import _hat
 from testbench.estimators.equations import DEEPEST, ExpressionError, tree
 from testbench.estimators.frequency.equivalent import sampled_response
@@ -16,7 +15,6 @@ from testbench.estimators.frequency.response import _conditioned
 from testbench.estimators.operational.result import OperationalMode
 from testbench.estimators.parametric.accuracy import own_poles
 from testbench.estimators.parametric.servo import _Link
-from testbench.estimators.regression.result import RegressionResult
 from testbench.estimators.residuals import LAG_SHARE, _score_over_gaps, corrected_covariance
 from testbench.estimators.subspace.data import Stretch
 from testbench.estimators.subspace.dsr_e import shortage
@@ -167,27 +165,6 @@ def test_frequency_and_damping_of_a_mode_are_those_of_its_pole():
     mode = OperationalMode(-0.3 + 6.0j, 0.0, 0.0, 0.0, np.ones(1), np.ones(1), ())
     assert mode.frequency_hz == pytest.approx(np.hypot(0.3, 6.0) / (2.0 * np.pi))
     assert mode.damping == pytest.approx(0.3 / np.hypot(0.3, 6.0))
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("params", np.ones(3)),
-        ("params", np.array([1.0, np.nan])),
-        ("covariance", np.ones(2)),
-        ("std_plain", np.full(2, np.inf)),
-        ("autocorrelation", np.array([np.nan])),
-    ],
-)
-def test_a_result_of_another_shape_or_without_numbers_is_refused(name, value):
-    keys = {
-        "target": "CL", "terms": ("alpha", "1"), "params": np.ones(2), "covariance": np.eye(2), "std_plain": np.ones(2),
-        "std_corrected": np.ones(2), "r2": 0.9, "residual_rms": 0.1, "autocorrelation": np.ones(5), "vif": np.ones(2),
-        "correlation": np.eye(1), "condition": 1.0, "samples": 10, "dt_s": 0.02,
-    }  # fmt: skip
-    assert RegressionResult(**keys)["alpha"] == 1.0
-    with pytest.raises(EstimationError, match=f"{name} must be finite and of shape"):
-        RegressionResult(**{**keys, name: value})
 
 
 def test_an_expression_may_have_as_many_terms_as_is_said():

@@ -21,8 +21,8 @@ import testbench as tb
 from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
 from testbench.estimators.prepare import prepare
-from testbench.estimators.regression.data import Recipe, RegressionData, polynomial_terms
-from testbench.estimators.regression.smoothing import fourier_smooth
+from testbench.estimators.regression.global_model import factors, polynomial_terms
+from testbench.estimators.regression.smoothing import SineSeries
 from testbench.sensors.sensor import first_order_lag
 
 SERVO_LAG = {"eolo": 50.0, "taurus": 33.0}  # corner of the believed elevator servo, rad/s
@@ -76,18 +76,17 @@ def by_output_error(flights: Any, draw: int) -> Iterator[Answer]:
 
 def by_stepwise(flights: Any, draw: int) -> Iterator[Answer]:
     """Yield what stepwise regression finds; a term that is not chosen is 0 with no error that could be stated."""
-    data = []
+    signals, parts = ("alpha", "q", "de", "V"), []
+    terms = polynomial_terms(signals, 2)
     for record in records_of(flights, draw):
-        qdot = fourier_smooth(record["q"], record.dt_s).derivative
-        smooth = [fourier_smooth(record[n], record.dt_s).values for n in ("alpha", "q", "V")]
-        names, values = ("qdot", "alpha", "q", "V", "de"), np.column_stack([qdot, *smooth, record["de"]])
-        valid = np.ones(values.shape, bool)
-        data.append(RegressionData(record.t_s, names, values, valid, {}, Recipe()))
-    try:
-        found = stepwise(data, "qdot", polynomial_terms(("alpha", "q", "de", "V"), 2))
-    except Refusal:
+        series = {n: SineSeries.of(record[n], record.dt_s).smoothed() for n in ("alpha", "q", "V")}
+        columns = {n: series[n].values if n in series else record[n] for n in signals}
+        made = [np.prod([columns[n] ** power for n, power in factors(term)], axis=0) for term in terms]
+        parts.append((np.column_stack(made), series["q"].derivative))
+    chosen, found = stepwise(parts)
+    if found is None:
         return
-    known = dict(zip(found.terms, zip(found.params, found.std_corrected, strict=True), strict=True))
+    known = {terms[c]: (found.params[i], found.std[i]) for i, c in enumerate(chosen)}
     for name in FIGURES:
         value, std = known.get(name.removeprefix("M_"), (0.0, 0.0))
         yield draw, name, float(value), float(std)

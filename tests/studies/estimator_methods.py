@@ -9,7 +9,7 @@ import numpy as np
 from estimator_cases import DT, ERRORS, LINES, OUTPUTS, PERIOD_S, RESPONDING, Case, closest, gradient, modal_of
 
 from testbench.core.record import FlightRecord
-from testbench.estimators import data_compatibility, regression, srivc, transfer_function
+from testbench.estimators import data_compatibility, srivc, transfer_function
 from testbench.estimators.frequency.equivalent import fit_equivalent
 from testbench.estimators.frequency.response import estimate_frequency_response
 from testbench.estimators.parametric import equation_error, filter_error, output_error
@@ -33,8 +33,6 @@ from testbench.estimators.subspace import dsr_e, family
 
 HORIZONS = {"past_horizon": 15, "future_horizon": 15, "order": 4}
 FAMILY = ("moesp", "n4sid", "cva", "dsr", "ssarx", "pbsid_opt")
-TERMS = ("V", "alpha", "q", "de")
-BAND_HZ = (0.1, 2.0)
 REPLICAS = 25
 
 
@@ -149,56 +147,6 @@ def instruments(case: Case, records: list[FlightRecord]) -> Found:
     return _continuous(srivc.estimate(records, ("de",), ("q",), Srivc(poles=(4,), zeros=(3,), hold="zoh")), "q", case)
 
 
-def _regressed(kind: str, quiet: bool) -> Method:
-    """Return a regression of the pitch acceleration on V, alpha, q and de, by both records.
-
-    ``quiet``: terms without noise, a measured pitch acceleration with noise of first order: what its errors are for.
-    """
-
-    def run(case: Case, records: list[FlightRecord]) -> Found:
-        data = _quiet_signals(case, records) if quiet else [regression.regression_data(r) for r in records]
-        result: Any
-        if kind == "time":
-            result = regression.equation_error(data, "qdot", TERMS)
-        elif kind == "frequency":
-            result = regression.frequency_equation_error(data, "qdot", TERMS, band_hz=BAND_HZ)
-        else:
-            result = regression.orthogonal_functions(data, "qdot", (*TERMS, "theta")).result
-        out: dict[str, tuple[float, float | None]] = {}
-        for term, value, error in zip(result.terms, result.params, result.std_corrected, strict=True):
-            if term in TERMS:
-                out[f"derivatives: M_{term}"] = (float(value), float(error))
-        return Found(out, result.status != "good")
-
-    return run
-
-
-def _quiet_signals(case: Case, records: list[FlightRecord]) -> list[Any]:
-    """Return the true terms and a pitch acceleration with noise of first order, 5 % of its size."""
-    p, out = case.structure.values, []
-    for clean, noisy in zip(case.clean, records, strict=True):
-        x, u = clean.columns(case.structure.states), clean.columns(("de",))
-        qdot = case.structure.derivative(x, u, np.tile(p, (len(clean), 1)))[:, case.structure.states.index("q")]
-        white = (noisy["q"] - clean["q"]) / np.std(noisy["q"] - clean["q"])
-        e = np.zeros(len(white))
-        for k in range(1, len(e)):
-            e[k] = 0.7 * e[k - 1] + white[k]
-        qdot = qdot + 0.05 * np.std(qdot) * np.sqrt(1.0 - 0.7**2) * e
-        values = np.column_stack([x, u, qdot])
-        names = (*case.structure.states, "de", "qdot")
-        out.append(
-            regression.RegressionData(
-                t_s=clean.t_s,
-                names=names,
-                values=values,
-                valid=np.ones(values.shape, bool),
-                absent={},
-                recipe=regression.Recipe(),
-            )
-        )
-    return out
-
-
 def _response(case: Case, records: list[FlightRecord]) -> Found:
     """Return gain and phase at the lines of the multisine; intervals as long as the response says."""
     r = _frequency_response(records)
@@ -246,12 +194,6 @@ LONGITUDINAL: dict[str, Method] = {
     "ekf": parametric(ekf, ExtendedFilter),
     "ukf": parametric(ukf, UnscentedFilter),
     **{f"{name}, bootstrap": subspace(name, REPLICAS) for name in FAMILY},
-    "regression, time": _regressed("time", False),
-    "regression, frequency": _regressed("frequency", False),
-    "regression, orthogonal functions": _regressed("orthogonal", False),
-    "regression of quiet terms, time": _regressed("time", True),
-    "regression of quiet terms, frequency": _regressed("frequency", True),
-    "regression of quiet terms, orthogonal functions": _regressed("orthogonal", True),
 }
 """Method -> how it is run, on the 3-2-1-1 flights."""
 

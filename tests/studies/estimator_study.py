@@ -198,9 +198,7 @@ def _write(file: Path, columns: tuple[str, ...], rows: list[dict[str, Any]]) -> 
 
 def product(method: str) -> str:
     """Return what the package calls a method of the study; methods that share intervals share a name."""
-    if method.startswith("regression of quiet terms"):
-        return "quiet " + ("structure search" if method.endswith("functions") else "regression")
-    for start in ("regression", "prediction_error", "equivalent"):
+    for start in ("prediction_error", "equivalent"):
         if method.startswith(start):
             return start + (", windowed" if method.endswith("windowed") else "")
     return "bootstrap" if method.endswith("bootstrap") else method.removesuffix(" (q)")
@@ -262,7 +260,7 @@ def main(arguments: list[str] | None = None) -> None:
                         done = estimates(
                             case, method, given.seeds, given.raw, given.resume, lambda task=task: progress.advance(task)
                         )
-                    if methods is LONGITUDINAL and not method.startswith("regression") and "bootstrap" not in method:
+                    if methods is LONGITUDINAL and "bootstrap" not in method:
                         scatter.append(scatter_row(case, method, done))
                     intervals += interval_rows(case, method, done)
                     progress.remove_task(task)

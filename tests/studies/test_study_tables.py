@@ -31,7 +31,7 @@ def intervals():
 
 @pytest.mark.parametrize("aircraft", AIRCRAFT)
 def test_every_method_is_in_the_table(aircraft):
-    methods = [m for m in estimator_study.LONGITUDINAL if not m.startswith("regression") and "bootstrap" not in m]
+    methods = [m for m in estimator_study.LONGITUDINAL if "bootstrap" not in m]
     assert list(scatter(aircraft)) == methods
     without = {"dsr_e", "transfer_function (q)", *estimator_methods.FAMILY}
     found = {r["method"] for r in intervals() if r["aircraft"] == aircraft}

@@ -303,7 +303,7 @@ def fit_equivalent(response: FrequencyResponse, settings: LowOrder) -> Continuou
             notes[key][name] = value
         advice += _advice(name, note, a, part)
     if np.any(response.random_error > _EXACT):
-        advice += approximate("equivalent" if response.method == "multisine" else "equivalent, windowed")
+        advice += approximate("equivalent, windowed")
     covariance = np.zeros((len(names), len(names)))
     at = 0
     for block in blocks:

@@ -35,7 +35,6 @@ from testbench.estimators.parametric.response import delayed
 from testbench.estimators.parametric.servo import by_surfaces, in_front
 from testbench.estimators.parametric.state_equations import Regression, SmoothedStates, equations, free_of
 from testbench.estimators.parametric.structure import ModelStructure
-from testbench.estimators.regression.frequency import band_lines, check_band
 from testbench.estimators.regression.smoothing import bridge
 from testbench.estimators.settings import RecursiveFourier
 
@@ -93,7 +92,7 @@ def estimate(
     free, dt = free_of(records, structure, "real-time regression"), records[0].dt_s
     if not settings.update_s >= dt:
         raise EstimationError(f"update_s >= the sample time {dt:g} s must hold, got {settings.update_s:g}")
-    check_band(settings.band_hz, dt)
+    lines = _lines(settings, dt)
     driven = Driven.of(settings, structure, records)
     data = [_between(r, structure, driven.delays_s, driven.held) for r in records]
     stds = (structure.parameters[i].prior_std for i in free)
@@ -109,7 +108,7 @@ def estimate(
     every, free, prior = free, free[~still], prior[~still]
     for _ in range(_PASSES):
         fit = Regression(structure, data, params, free)
-        history = _updates(fit, prior, settings)
+        history = _updates(fit, prior, settings, lines)
         if not history:
             names = [structure.parameter_names[i] for i in free]
             J = np.vstack([j.reshape(-1, free.size) for j in equations(*fit)[1]])
@@ -250,11 +249,13 @@ def _is_linear(fit: Regression) -> bool:
     return bool(np.max(np.abs(one - other)) <= 1e-9 * np.max(np.abs(one)))
 
 
-def _updates(fit: Regression, prior: FloatArray, settings: RecursiveFourier) -> list[tuple[int, float, Fit]]:
+def _updates(
+    fit: Regression, prior: FloatArray, settings: RecursiveFourier, lines: FloatArray
+) -> list[tuple[int, float, Fit]]:
     """Return (record, time from its first sample, fit) at every update at which the data decide the estimates."""
     structure, data, params, free = fit
     n, dt, forgetting = len(structure.states), data[0].dt_s, settings.forgetting
-    lines, stride = band_lines(*check_band(settings.band_hz, dt), settings.step_hz), round(settings.update_s / dt)
+    stride = round(settings.update_s / dt)
     out: list[tuple[int, float, Fit]] = []
     kept: list[tuple[ComplexArray, float]] = []  # transforms of the records before, and their independent lines
     centre = params[free] - structure.values[free]
@@ -340,3 +341,19 @@ def _evenness(v: ComplexArray, weight: FloatArray) -> FloatArray:
     there = (low > 0.0) & (high > 0.0)
     ratio = np.log(np.where(there, high, 1.0) / np.where(there, low, 1.0))
     return np.asarray(erfc(np.abs(ratio) / np.sqrt(2.0 / counts[0] + 2.0 / counts[1])))
+
+
+def _lines(settings: RecursiveFourier, dt_s: float) -> FloatArray:
+    """Return the multiples of ``step_hz`` within the band, Hz."""
+    (low, high), step = settings.band_hz, settings.step_hz
+    nyquist = 0.5 / dt_s
+    if not high <= nyquist * (1.0 + 1e-9):
+        raise EstimationError(
+            f"0 < low < high <= Nyquist frequency = {nyquist:g} Hz must hold, got {low:g} and {high:g}"
+        )
+    lines = step * np.arange(np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9) + 1)
+    if not lines.size:
+        raise EstimationError(
+            f"{low:g} to {high:g} Hz holds no multiple of {step:g} Hz; widen the band or give a smaller step_hz"
+        )
+    return np.asarray(lines)

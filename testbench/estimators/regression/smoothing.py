@@ -1,4 +1,4 @@
-"""Smoothing and differentiation of sampled signals: global Fourier smoothing and local polynomials.
+"""Smoothing and differentiation of sampled signals: global Fourier smoothing, and the noise of a signal.
 
 Global Fourier smoothing removes the straight line between the ends, so that the odd extension of the rest is continuous
 with its slope and its sine series falls off as k^-3, while noise stays level; a Wiener filter tells the two apart
@@ -9,13 +9,13 @@ Aircraft 32(4), 1995; V. Klein, E. A. Morelli, Aircraft System Identification, c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.errors import EstimationError
-from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.record import FloatArray
 
 _NOISE_BAND = 0.6  # noise is read above this share of the Nyquist frequency
 LEAST = 16
@@ -41,32 +41,15 @@ class Smoothed:
     cutoff_hz: float
 
 
-def fourier_smooth(y: FloatArray, dt_s: float, *, cutoff_hz: float | None = None) -> Smoothed:
-    """Smooth and differentiate a signal by a sine series and a Wiener filter.
-
-    y(t) = line(t) + sum_k phi_k b_k sin(k pi t / T), phi_k = 1 / (1 + (k / k_c)^6): the Wiener filter of a signal
-    whose |b_k| falls as k^-3 and equals the noise at k_c. The line joins the end values of cubics fitted to either end,
-    because single samples at the ends would bring their noise into the whole record. k_c minimises Stein's unbiased
-    estimate of the mean square error of the values, sum (1 - phi)^2 b^2 + 2 sigma^2 phi, with sigma^2 the mean square
-    of b_k above 60 % of the Nyquist frequency.
-
-    Noise that was filtered before it was logged is not level up there: then sigma is too small and little is
-    smoothed; give ``cutoff_hz``. Sharp corners (steps of a control) are rounded; do not smooth controls.
-
-    Args:
-        y: (n,) samples, n >= 16.
-        dt_s: sample time, s.
-        cutoff_hz: k_c as a frequency; chosen from the data if not given.
-
-    Raises:
-        EstimationError: fewer than 16 samples, or a cut-off outside (0, Nyquist frequency].
-    """
-    return SineSeries.of(y, dt_s).smoothed(cutoff_hz)
-
-
 @dataclass(frozen=True, eq=False)
 class SineSeries:
     """A signal as the line between its ends and a sine series, to be smoothed with one cut-off or several.
+
+    y(t) = line(t) + sum_k phi_k b_k sin(k pi t / T), phi_k = 1 / (1 + (k / k_c)^6): the Wiener filter of a signal
+    whose |b_k| falls as k^-3 and equals the noise at k_c. The line joins the end values of cubics fitted to either end,
+    because single samples at the ends would bring their noise into the whole record. Sharp corners (steps of a control)
+    are rounded; do not smooth controls. Noise that was filtered before it was logged is not level above 60 % of the
+    Nyquist frequency: then ``noise_std`` is too small and little is smoothed; give a cut-off.
 
     Attributes:
         ends: values of the line at the first and last sample.
@@ -82,7 +65,11 @@ class SineSeries:
 
     @classmethod
     def of(cls, y: FloatArray, dt_s: float) -> SineSeries:
-        """Return the series of samples (n,), n >= 16; raises as :func:`fourier_smooth`."""
+        """Return the series of samples (n,), n >= 16.
+
+        Raises:
+            EstimationError: fewer than 16 samples, or one that is not finite.
+        """
         from scipy.fft import dst
 
         y = _signal(y, LEAST)
@@ -95,7 +82,11 @@ class SineSeries:
 
     @property
     def best_cutoff_hz(self) -> float:
-        """The cut-off that the data ask for, at most the Nyquist frequency."""
+        """The cut-off that the data ask for, at most the Nyquist frequency.
+
+        k_c minimises Stein's unbiased estimate of the mean square error of the values,
+        sum (1 - phi)^2 b^2 + 2 sigma^2 phi, with sigma^2 the mean square of b_k above 60 % of the Nyquist frequency.
+        """
         k = np.arange(1, self.b.size + 1)
         return _choose_corner(self.b, k, self.noise_std) / (2.0 * self.dt_s * (self.b.size + 1))
 
@@ -106,7 +97,11 @@ class SineSeries:
         return float(self.noise_std**2 * np.mean(phi**2))
 
     def smoothed(self, cutoff_hz: float | None = None) -> Smoothed:
-        """Return the signal smoothed and its derivative; see :func:`fourier_smooth`."""
+        """Return the signal smoothed and its derivative, with the cut-off k_c that the data ask for if none is given.
+
+        Raises:
+            EstimationError: a cut-off outside (0, Nyquist frequency].
+        """
         from scipy.fft import dct, idst
 
         nyquist_hz = 0.5 / self.dt_s
@@ -125,40 +120,6 @@ class SineSeries:
         slopes[1:-1] = 0.5 * np.sqrt(2.0 / (n - 1)) * kept * k * np.pi / ((n - 1) * dt_s)
         derivative = (last - first) / ((n - 1) * dt_s) + dct(slopes, type=1)
         return Smoothed(values, derivative, self.noise_std, cutoff_hz)
-
-
-def local_polynomial(
-    y: FloatArray, dt_s: float, *, half_width: int = 2, degree: int = 2, derivative: int = 1
-) -> FloatArray:
-    """Return the ``derivative``-th derivative (n,) of the polynomial fitted by least squares around every sample.
-
-    Windows of 2 half_width + 1 samples; the first and last half_width samples take the first and last whole window.
-    With white noise of standard deviation s and degree 1 or 2, the first derivative of the middle sample has the
-    standard deviation s sqrt(3 / (w (w + 1) (2 w + 1))) / dt, w the half width (A. Savitzky, M. J. E. Golay,
-    Analytical Chemistry 36, 1964).
-
-    Raises:
-        EstimationError: degree < derivative, a window not longer than the degree, or a record shorter than a window.
-    """
-    width = 2 * half_width + 1
-    if not 0 <= derivative <= degree < width:
-        raise EstimationError(
-            f"0 <= derivative <= degree < 2 half_width + 1 must hold, got derivative = {derivative}, "
-            f"degree = {degree}, half_width = {half_width}"
-        )
-    y = _signal(y, width)
-    x = np.arange(-half_width, half_width + 1) / max(half_width, 1)
-    fit = np.linalg.pinv(np.vander(x, degree + 1, increasing=True))  # samples -> coefficients
-    order = np.arange(derivative, degree + 1)
-    factor = np.array([np.prod(np.arange(i - derivative + 1, i + 1)) for i in order], dtype=float)
-    powers = x[:, None] ** (order - derivative) * factor  # (width, coefficients): derivative at every sample
-    weights = powers @ fit[derivative:]
-    scale = (max(half_width, 1) * dt_s) ** derivative
-    out = np.empty(y.size)
-    out[half_width : y.size - half_width] = np.correlate(y, weights[half_width], "valid")
-    out[:half_width] = weights[:half_width] @ y[:width]
-    out[y.size - half_width :] = weights[half_width + 1 :] @ y[-width:]
-    return out / scale
 
 
 def noise_level(y: FloatArray) -> float:
@@ -192,26 +153,6 @@ def bridge(t_s: FloatArray, y: FloatArray, valid: NDArray[np.bool_], name: str) 
     if not valid.any():
         raise EstimationError(f"channel '{name}' must hold at least one valid sample, got none; leave it out")
     return np.asarray(np.interp(t_s, t_s[valid], y[valid])) if not valid.all() else np.asarray(y)
-
-
-def smooth_record(record: FlightRecord, channels: tuple[str, ...], *, cutoff_hz: float | None = None) -> FlightRecord:
-    """Return the record with ``channels`` smoothed by :func:`fourier_smooth`, gaps bridged and still marked.
-
-    The provenance holds under "smoothed" the cut-off in Hz and the noise of each channel.
-
-    Raises:
-        EstimationError: a channel without valid samples, or against the laws of :func:`fourier_smooth`.
-        ChannelError: the record lacks a channel.
-        RecordError: the record is not uniformly sampled.
-    """
-    columns, done = {}, {}
-    for name in channels:
-        valid = record.valid[:, record.channels.index(name)] if name in record else np.ones(len(record), bool)
-        out = fourier_smooth(bridge(record.t_s, record[name], valid, name), record.dt_s, cutoff_hz=cutoff_hz)
-        columns[name] = out.values
-        done[name] = {"cutoff_hz": out.cutoff_hz, "noise_std": out.noise_std}
-    smooth = record.with_columns(columns)
-    return replace(smooth, provenance={**record.provenance, "smoothed": done})
 
 
 def _signal(y: FloatArray, least: int) -> FloatArray:

@@ -21,8 +21,7 @@ from testbench.core.constants import FT_M
 from testbench.core.errors import ModelError
 from testbench.core.escape import markdown_cell, markdown_table
 from testbench.core.words import with_error
-from testbench.estimators.regression.data import BIAS, factors
-from testbench.estimators.regression.global_model import BAND_RAD, FlownDomain
+from testbench.estimators.regression.global_model import BAND_RAD, BIAS, FlownDomain, factors
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.flight.executive import Executive
 from testbench.questions.global_model.result import GlobalFound

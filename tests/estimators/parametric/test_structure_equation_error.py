@@ -11,8 +11,6 @@ from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
 from testbench.estimators.parametric import equation_error, output_error
 from testbench.estimators.parametric.structures import Trim, longitudinal, short_period
-from testbench.estimators.regression import Recipe, RegressionData, linear_model
-from testbench.estimators.regression.equation_error import equation_error as regress
 from testbench.estimators.regression.smoothing import SineSeries
 from testbench.estimators.settings import EquationError
 from tests.studies.advice_cases import doublets
@@ -96,18 +94,17 @@ def test_it_is_the_regression_of_the_same_signals():
     cutoff, (r,) = 4.0, records([smooth_input(900, 5)], noise=np.array([2e-3, 4e-3]))
     model = equation_error.estimate([r], short_period(), EquationError(cutoff_hz=cutoff))
     series = {name: SineSeries.of(r[name], DT).smoothed(cutoff) for name in ("alpha", "q", "de")}
-    names = (*series, "qdot", "alphadot")
-    columns = [*(s.values for s in series.values()), series["q"].derivative, series["alpha"].derivative]
-    everywhere = np.ones((len(r), len(names)), bool)
-    data = RegressionData(r.t_s, names, np.stack(columns, axis=1), everywhere, {}, Recipe())
-    fit = regress(data, "qdot", ("alpha", "q", "de"))
+    X = np.column_stack([*(s.values for s in series.values()), np.ones(len(r))])
+    goals = np.column_stack([series["alpha"].derivative, series["q"].derivative])
+    fit, (_, energy), *_ = np.linalg.lstsq(X, goals, rcond=None)
+    terms = ("alpha", "q", "de", "1")
     # the regression knows nothing of the noise in its terms
     bias = dict(zip(model.values, model.diagnostics["noise_bias"], strict=True))
     assert np.all(
         model.diagnostics["smoothing_bias"] == 0.0
     )  # one cut-off for all: nothing is lost from one state alone
     biased = {name: value + bias[name] for name, value in model.values.items()}
-    assert dict(zip(fit.terms, fit.params, strict=True)) == pytest.approx(
+    assert dict(zip(terms, fit[:, 1], strict=True)) == pytest.approx(
         {
             "alpha": biased["M_alpha"],
             "q": biased["M_q"],
@@ -116,13 +113,12 @@ def test_it_is_the_regression_of_the_same_signals():
         },
         rel=1e-8,
     )
-    linear = linear_model([data], states=("alpha", "q"), inputs=("de",))
     ours = SHORT.matrices(np.array(list(biased.values())))
-    assert np.allclose(linear.A, ours.A, rtol=1e-7)
-    assert np.allclose(linear.B, ours.B, rtol=1e-7)
+    assert np.allclose(fit[:2].T, ours.A, rtol=1e-7)
+    assert np.allclose(fit[2:3].T, ours.B, rtol=1e-7)
     # plain standard errors: the same formula, degrees of freedom aside (4 and 8 of 900)
     plain = np.sqrt(np.diag(model.covariance_plain))[-3:]
-    assert plain == pytest.approx(fit.std_plain[:3], rel=0.01)
+    assert plain == pytest.approx(np.sqrt(energy / (len(r) - 4) * np.diag(np.linalg.inv(X.T @ X)))[:3], rel=0.01)
 
 
 def test_noise_biases_it_and_output_error_started_from_it_is_free_of_that():
