@@ -42,7 +42,7 @@ from testbench.estimators.parametric.gauss_newton import (
 )
 from testbench.estimators.parametric.kalman.innovations import steady_covariance
 from testbench.estimators.settings import DsrE, PredictionError, Refinement, Subspace
-from testbench.estimators.state_space import Series, StateSpaceModel, check_sample_time, unit_circle
+from testbench.estimators.state_space import Series, StateSpaceModel, check_sample_time
 from testbench.estimators.subspace import dsr_e, family
 from testbench.estimators.trajectories import Trajectories, carried
 
@@ -89,32 +89,6 @@ def pole_accuracy(model: StateSpaceModel) -> tuple[PoleAccuracy, ...]:
         std = [float(np.sqrt(max(g @ P @ g, 0.0))) for g in (d.real, d.imag, d_wn, d_zeta)]
         out.append(PoleAccuracy(complex(s), float(wn), float(-s.real / wn), *std))
     return tuple(sorted(out, key=lambda pole: pole.wn_rad_s))
-
-
-def frequency_response_std(model: StateSpaceModel, omega_rad_s: FloatArray) -> FloatArray:
-    """Return the standard deviation (k, p, m) of the frequency response's distance from its estimate.
-
-    First-order propagation from the covariance: sqrt(E |dG|^2), in SI units; independent of the states' basis.
-
-    Raises:
-        EstimationError: the model has no covariance, or a frequency lies above the Nyquist frequency.
-    """
-    covariance = _covariance_of(model)
-    z = unit_circle(omega_rad_s, model.dt_s)
-    n, m, p = model.order, len(model.inputs), len(model.outputs)
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    cuts = np.cumsum([n * n, n * m, p * n])
-    dA, dB, dC, dD = (
-        part.T.reshape(-1, *shape)
-        for part, shape in zip(np.split(root, cuts), ((n, n), (n, m), (p, n), (p, m)), strict=True)
-    )
-    out = np.zeros((z.size, p, m))
-    for k, point in enumerate(z):
-        inner = np.linalg.inv(point * np.eye(n) - model.A)
-        dG = (dC + model.C @ inner @ dA) @ inner @ model.B + model.C @ inner @ dB + dD
-        out[k] = np.sqrt(np.sum(np.abs(dG) ** 2, axis=0))
-    return out
 
 
 def _covariance_of(model: StateSpaceModel) -> FloatArray:

@@ -11,7 +11,6 @@ sensitivities pass a Kalman filter first, so that filter error can. E. A. Morell
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
@@ -310,8 +309,3 @@ def cost(information: FloatArray, gradient: FloatArray, criterion: Criterion) ->
         return float(np.sqrt(np.mean(np.sum(half**2, axis=0))))
     values = np.linalg.svd(half, compute_uv=False)
     return float(values[0]) if criterion == "E" else float(np.exp(np.mean(np.log(np.maximum(values, 1e-300)))))
-
-
-def combined(informations: Sequence[FloatArray]) -> FloatArray:
-    """Return the information (k, k) of several flights together."""
-    return np.asarray(np.sum(informations, axis=0))

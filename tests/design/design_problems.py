@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from simulated_estimates import estimates
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray
@@ -27,7 +28,6 @@ from testbench.flight import FlightCondition, linearise, load_aircraft, trim
 from testbench.information.aircraft_structure import aircraft_structure
 from testbench.information.fisher import Experiment, accuracy, cost
 from testbench.information.modes import elastic_modes, modes_of
-from testbench.information.monte_carlo import estimates
 from testbench.information.targets import needed_parameters, targets
 from testbench.sensors import load_suite
 

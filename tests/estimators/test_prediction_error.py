@@ -10,7 +10,7 @@ from scipy.signal import cont2discrete
 from testbench.core.errors import EstimationError, RecordError
 from testbench.core.record import FlightRecord
 from testbench.estimators import prediction_error
-from testbench.estimators.prediction_error import Layout, Matrices, errors, frequency_response_std, orbit, pole_accuracy
+from testbench.estimators.prediction_error import Layout, Matrices, errors, orbit, pole_accuracy
 from testbench.estimators.prepare import prepare
 from testbench.estimators.settings import DsrE, Refinement
 from testbench.estimators.state_space import Series, StateSpaceModel
@@ -130,7 +130,7 @@ def test_it_improves_its_start_in_and_out_of_sample():
     assert np.all(found.diagnostics["whiteness_p"] > 1e-3)  # 1e-3 false alarms per output
 
 
-def test_poles_and_response_reach_the_truth_and_the_bound_over_seeds():
+def test_poles_reach_the_truth_and_the_bound_over_seeds():
     runs = [prediction_error.refine([flight(100 + i, 500)], model()) for i in range(24)]
     truth = model()
     wn, zeta = (np.array([getattr(r.diagnostics["pole_accuracy"][0], n) for r in runs]) for n in ("wn_rad_s", "zeta"))
@@ -139,13 +139,6 @@ def test_poles_and_response_reach_the_truth_and_the_bound_over_seeds():
     for values, std, true in ((wn, claimed[0], pole.wn_rad_s), (zeta, claimed[1], pole.zeta)):
         # 24 degrees of freedom: sqrt(chi2 / 24) lies in 0.56 to 1.49 with 1e-3 outside
         assert 0.56 < np.sqrt(np.mean(((values - true) / std) ** 2)) < 1.49
-    G = truth.frequency_response(OMEGA)[:, :, 0]
-    ratio = [
-        np.abs(r.frequency_response(OMEGA)[:, :, 0] - G) ** 2 / frequency_response_std(r, OMEGA)[:, :, 0] ** 2
-        for r in runs
-    ]
-    # mean of |error|^2 over E |error|^2 of a complex number, at worst one real degree of freedom per flight
-    assert np.all((np.mean(ratio, axis=0) > 0.3) & (np.mean(ratio, axis=0) < 2.3))
 
 
 def test_errors_are_those_of_the_bound_computed_otherwise():
@@ -186,8 +179,8 @@ def test_another_basis_of_the_start_and_other_units_change_nothing_that_is_repor
     turned = replace(start, A=T @ start.A @ inverse, B=T @ start.B, C=start.C @ inverse, K=T @ start.K)
     again = prediction_error.refine([record], turned)
     # both end within a thousandth of a standard error of the minimum
-    tolerance = 0.01 * frequency_response_std(found, OMEGA).max()
-    np.testing.assert_allclose(again.frequency_response(OMEGA), found.frequency_response(OMEGA), atol=tolerance)
+    response = found.frequency_response(OMEGA)
+    np.testing.assert_allclose(again.frequency_response(OMEGA), response, atol=1e-4 * np.abs(response).max())
     np.testing.assert_allclose(again.diagnostics["pole_std"], found.diagnostics["pole_std"], rtol=0.01)
     scale = np.array([1e3, 1e-3])
     other = replace(record, data=record.data * np.array([1.0, *scale]))
@@ -195,9 +188,6 @@ def test_another_basis_of_the_start_and_other_units_change_nothing_that_is_repor
     scaled = prediction_error.refine([other], start_scaled)
     np.testing.assert_allclose(
         scaled.frequency_response(OMEGA) / scale[None, :, None], found.frequency_response(OMEGA), rtol=1e-6
-    )
-    np.testing.assert_allclose(
-        frequency_response_std(scaled, OMEGA) / scale[None, :, None], frequency_response_std(found, OMEGA), rtol=1e-4
     )
 
 

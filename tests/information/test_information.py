@@ -23,7 +23,6 @@ from testbench.estimators.parametric.response import Sampling, respond
 from testbench.estimators.settings import OutputError
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.flight import linearise, load_aircraft
-from testbench.information import monte_carlo
 from testbench.information.aircraft_structure import aircraft_structure, parameter_names
 from testbench.information.fisher import Experiment, accuracy, cost
 from testbench.information.targets import Targets, targets
@@ -280,34 +279,6 @@ def test_a_real_root_is_a_frequency_without_a_damping_ratio():
     np.testing.assert_allclose(found.wanted, [0.05, 0.01])
     np.testing.assert_allclose(found.jacobian, [[1.0], [-1.0]])
     np.testing.assert_allclose(found.gradient, [[20.0], [-100.0]])
-
-
-def test_simulated_records_hold_the_samples_that_each_sensor_gives(monkeypatch):
-    seen = []
-
-    def estimate(records, structure, settings):
-        seen.append((records[0], settings))
-        return SimpleNamespace(params=np.array([float(len(seen))]))
-
-    monkeypatch.setattr(output_error, "estimate", estimate)
-    y = np.arange(24.0).reshape(12, 2)
-    monkeypatch.setattr(monte_carlo, "respond", lambda *args: SimpleNamespace(y=y))
-    structure = SimpleNamespace(true=None, states=("q",), parameters=("a",), inputs=("de",), outputs=("alpha", "q"))
-    sensors = (SimpleNamespace(rate_hz=10.0), SimpleNamespace(rate_hz=None))
-    experiment = SimpleNamespace(
-        structure=structure, samples=12, sensors=sensors, dt_s=0.02, sigma=np.array([0.0, 0.5])
-    )
-    u = np.linspace(0.0, 1.0, 12)[:, None]
-    found = monte_carlo.estimates(experiment, u, 2, 7)
-    assert found.tolist() == [[1.0], [2.0]]
-    (first, settings), (second, _) = seen
-    assert np.flatnonzero(first.valid[:, 1]).tolist() == [0, 5, 10]
-    assert first.valid[:, [0, 2]].all()
-    np.testing.assert_allclose(first.t_s, 0.02 * np.arange(12))
-    np.testing.assert_array_equal(first["alpha"], y[:, 0])
-    noise = np.random.default_rng(7).standard_normal((2, 12, 2))[:, :, 1]
-    np.testing.assert_allclose([first["q"], second["q"]], y[:, 1] + 0.5 * noise)
-    assert settings == OutputError(initial_states="zero", output_biases=("alpha", "q"), held=("de",))
 
 
 @pytest.fixture(scope="module")

@@ -105,11 +105,6 @@ class FrequencyResponse(Advised):
         """Where a response may be used, (k, p, m): partial coherence of at least 0.6, total error of at most 20 %."""
         return np.asarray((self.partial_coherence >= COHERENT) & (self.total_error <= USABLE), bool)
 
-    @property
-    def variance(self) -> FloatArray:
-        """E|dH|^2, shape (k, p, m): twice the square of the random error times |H|."""
-        return np.asarray(2.0 * (self.random_error * np.abs(self.H)) ** 2)
-
     def between(self, low_rad_s: float, high_rad_s: float) -> FrequencyResponse:
         """Return the values with low <= w <= high.
 

@@ -46,16 +46,13 @@ from testbench.estimators.parametric.kalman.forms import (
     flow_angle,
     with_gust,
 )
-from testbench.estimators.parametric.kalman.innovations import Rows, innovations
 from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood
 from testbench.estimators.parametric.likelihood import Driven, Layout, Likelihood, check_nuisances
 from testbench.estimators.parametric.model import ParametricModel
-from testbench.estimators.parametric.response import Sampling, delayed
 from testbench.estimators.parametric.servo import none_shows
 from testbench.estimators.parametric.starts import first_points
 from testbench.estimators.parametric.structure import STEP, ModelStructure
 from testbench.estimators.settings import FilterError
-from testbench.estimators.state_space import check_sample_time
 
 _BELIEVED = 0.99  # eigenvalue of K C beyond which a measurement replaces the prediction
 _WORSE = 2.0  # free-run error over the start's that is said; beyond _FAR and worse than a constant it is refused
@@ -248,39 +245,6 @@ def _with_filter_advice(model: ParametricModel) -> ParametricModel:
         )
     out.extend(approximate("filter_error"))
     return replace(model, advice=(*model.advice, *out))
-
-
-def predict(model: ParametricModel, record: FlightRecord) -> tuple[FloatArray, FloatArray]:
-    """Return the one-step predictions (N, p) of a filter-error model over a record, and its innovations (N, p).
-
-    The gain is that of the first record that the model was estimated from; the filter starts from the record's own
-    first samples where states are channels, else from the operating point. Innovations of invalid samples are zero.
-
-    Raises:
-        EstimationError: the model was not estimated by filter error, or the filter diverges.
-        ChannelError: the record lacks an input or output of the model.
-        RecordError: its sample time differs from the model's by more than 1 %.
-    """
-    if "gain" not in model.diagnostics:
-        raise EstimationError(f"one-step prediction needs a filter gain, which method '{model.method}' does not give")
-    check_sample_time(record, model.dt_s)
-    part = record.select(model.outputs)
-    u = delayed(record.columns(model.inputs), record.dt_s, np.array(model.delays_s))
-    states = model.structure.states
-    x0 = np.array([record[s][0] if s in record else model.operating_point[0][i] for i, s in enumerate(states)])
-    structure, params = model.structure, model.params
-    gust = model.diagnostics["gust"]
-    if gust is not None:
-        structure = with_gust(structure, gust["sensor"], np.pi / model.dt_s)
-        params, x0 = np.append(params, np.log(gust["bandwidth_rad_s"])), np.append(0.0, x0)
-    rows = Rows(params[None], x0[None], np.zeros((1, u.shape[1])), model.diagnostics["gain"][0][None])
-    sampling = Sampling(record.dt_s, np.array(model.held), model.substeps)
-    run = innovations(structure, rows, u, part.data[:, None], part.valid, sampling)
-    v = run.v[:, 0].real
-    if not np.all(np.isfinite(v)):
-        raise EstimationError("the filter diverges over this record; it is outside the range that the model holds in")
-    outputs = structure.output(run.x[:, 0].real, u, np.tile(params, (len(u), 1)))
-    return outputs, v
 
 
 def _process_noise(structure: ModelStructure, settings: FilterError) -> tuple[list[int], FloatArray]:

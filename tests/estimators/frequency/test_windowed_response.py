@@ -182,6 +182,5 @@ def test_units_do_not_matter_and_export():
     assert frd.input_labels == ["de", "thr"]
     assert np.allclose(frd.frdata[0, 1], found.H[:, 0, 1])
     assert found.to_dict()["H"]["real"][3] == found.H[3].real.tolist()
-    assert np.allclose(found.variance, 2 * (found.random_error * np.abs(found.H)) ** 2)
     with pytest.raises(EstimationError, match="a band must hold frequencies"):
         found.between(1000.0, 2000.0)
