@@ -29,7 +29,7 @@ except ImportError as error:
 
 from testbench.core.errors import LimitError, ScenarioError
 from testbench.core.record import FloatArray
-from testbench.envs.dynamics import JSBSimFlight, LinearFlight, Piece
+from testbench.envs.dynamics import JSBSimFlight, LinearFlights, Pieces
 from testbench.envs.gain import Gain
 from testbench.envs.lifted import lift
 from testbench.envs.sensed import Display
@@ -44,6 +44,7 @@ LEVELS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Commands of the discrete version, in shares of the amplitude; action 0 holds the command, action i + 1 steps to i."""
 
 RATE_TOLERANCE = 1e-6
+_ONE = np.ones(1, bool)  # the one flight
 _FAR = 1e4  # in units of the observation: a flight ends within the decision that takes it beyond a limit, which is 1
 
 
@@ -138,7 +139,7 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
         first = lifted.nz + lifted.r * p
         scale = np.tile(self.gain.sensitivity_scale, (lifted.r, 1, 1))
         lifted.matrix[first : first + lifted.r * p * k] *= scale.reshape(-1, 1)
-        self._flight = LinearFlight(self.task, lifted) if dynamics == "linear" else JSBSimFlight(self.task, lifted)
+        self._flight = LinearFlights(self.task, lifted) if dynamics == "linear" else JSBSimFlight(self.task, lifted)
         self.rate_hz, self.stack = rate, stack
         self.near_cost, self.breach_cost, self.discrete = near_cost, breach_cost, actions == "discrete"
         self.samples = self.quiet + self.steps * r
@@ -170,7 +171,7 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
     @property
     def information(self) -> FloatArray:
         """(k, k) Fisher information of the flight so far about the parameters that are estimated."""
-        return self.gain.information
+        return np.asarray(self.gain.information[0])
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -184,14 +185,13 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
         if options:
             raise ScenarioError([f"reset takes no options, got {', '.join(options)}"])
         self._drawn = self.display.draw(int(self.np_random.integers(2**31)))
-        self.gain.reset(self.quiet)
-        self._seen[: self.quiet] = self._flight.reset(self.quiet)
+        self.gain.reset(_ONE, self.quiet)
+        self._seen[: self.quiet] = self._flight.start(self.quiet)
         self._measure(0, self.quiet)
         self._step, self._over, self._largest = 0, False, 0.0
         self._now = np.zeros(len(self.amplitude))
-        known = self.gain.known()
-        self._log_cost, self._relative = known
-        self._costs[0] = math.exp(known.log_cost)
+        (self._log_cost,), (self._relative,) = self.gain.known
+        self._costs[0] = math.exp(self._log_cost)
         return self._observe(), {"cost": self._costs[0], "use": 0.0, "t_s": self.quiet / self.rate_hz}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -204,21 +204,21 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
             raise LimitError("a flight must have begun and not ended when a step is taken; call reset()")
         self._now = self._level(action)
         u = self._now * self.amplitude
-        piece = self._flight.fly(u)
+        piece = self._flight.fly(u[None])
         at = self.quiet + self._step * self.lifted.r
-        self._seen[at : at + self.lifted.r] = piece.seen
+        self._seen[at : at + self.lifted.r] = piece.seen[0]
         self._measure(at, at + self.lifted.r)
-        use = float(np.maximum.reduce(piece.use, axis=None))
+        use = float(np.maximum.reduce(piece.use[0]))
         self._u[self._step], self._uses[self._step] = u, use
         self._step += 1
-        broken = bool(piece.ended) or not use <= 1.0
+        broken = bool(piece.ended[0]) or not use <= 1.0
         if broken:
             reward = -self.breach_cost
         else:
-            self.gain.add(piece.sensitivities)
-            known = self.gain.known()
-            reward = self._log_cost - known.log_cost
-            self._log_cost, self._relative = known
+            before = self._log_cost
+            self.gain.add(piece.sensitivities, np.array([at]), _ONE, self.lifted.r)
+            (self._log_cost,), (self._relative,) = self.gain.known
+            reward = float(before - self._log_cost)
             if use > self.near:
                 reward -= self.near_cost * ((use - self.near) / (1.0 - self.near)) ** 2
         self._largest = max(self._largest, use)
@@ -261,12 +261,9 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
         parts = (self._shown[done - self.stack : done].ravel(), self._now, self._left, 1.0 / (1.0 + self._relative))
         return np.concatenate(parts, dtype=np.float32, casting="same_kind")
 
-    def _which(self, piece: Piece) -> str:
+    def _which(self, piece: Pieces) -> str:
         """Return the limit that was broken, in words."""
-        if piece.ended:
-            return piece.ended
-        names = self.task.problem.prediction.names
-        return names[int(np.nanargmax(piece.use.max(axis=(0, 1))))]
+        return str(piece.ended[0]) or self.task.problem.prediction.names[int(np.nanargmax(piece.use[0]))]
 
     def episode(self) -> Episode:
         """Return the flight so far as the report draws it."""

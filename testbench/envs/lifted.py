@@ -20,6 +20,7 @@ from testbench.design.problem import Problem
 from testbench.estimators.parametric.response import discretise
 from testbench.estimators.parametric.structure import STEP
 from testbench.sensors import Sensor
+from testbench.sensors.sensor import lag_weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,17 +41,6 @@ class Lifted:
     k: int
     R: int
     c: int
-
-    def parts(self, out: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return z (nz,), y (r, p), sensitivities (r, p, k) and use of the limits (R, 2, c) of a product."""
-        a, b = self.nz, self.nz + self.r * self.p
-        d = b + self.r * self.p * self.k
-        return (
-            out[:a],
-            out[a:b].reshape(self.r, self.p),
-            out[b:d].reshape(self.r, self.p, self.k),
-            out[d:].reshape(self.R, 2, self.c),
-        )
 
 
 def lift(problem: Problem, samples: int) -> Lifted:
@@ -125,9 +115,7 @@ def _through(
     The lag is that of :func:`testbench.sensors.sensor.first_order_lag`, the delay interpolates between samples.
     """
     if sensor.lag_s > 0.0:
-        h = dt_s / sensor.lag_s
-        a, mean = np.exp(-h), -np.expm1(-h) / h
-        b1, b0 = 1.0 - mean, mean - a
+        a, b0, b1 = lag_weights(dt_s, sensor.lag_s)
         F, G = _appended(F, G, (b0 + a * b1) * H, (b0 + a * b1) * J, a)
         H, J = np.hstack([b1 * H, np.eye(len(H))]), b1 * J
     if sensor.delay_s > 0.0:

@@ -1,94 +1,20 @@
-"""The two ways to fly an episode, for many copies at once: see :mod:`testbench.envs.dynamics`, which flies one.
+"""JSBSim's aircraft flown by the batch, in copies of an episode: see :mod:`testbench.envs.dynamics`, which flies one.
 
-Copies come first in every array. What a sensor feels is a function of the channels at that instant; its lag and its
+What a sensor feels is a function of the channels at that instant; its lag and its
 delay are linear in what it has felt, so that those of all sensors over a decision are one matrix.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
-
 import numpy as np
-import numpy.typing as npt
 
 from testbench.core.record import FloatArray
-from testbench.envs.dynamics import JSBSimFlight, LinearFlight
+from testbench.envs.dynamics import JSBSimFlight, LinearFlights, Mask, Pieces, Use
 from testbench.envs.lifted import Lifted
 from testbench.envs.tasks import Task
 from testbench.flight.batch.step import SteppedBatch
 from testbench.sensors import Sensor
-
-Mask = npt.NDArray[np.bool_]
-
-
-class Pieces(NamedTuple):
-    """The outcome of one decision of every copy.
-
-    ``seen`` (n, r, p) and ``sensitivities`` (n, r, p, k) as of one, see :class:`testbench.envs.dynamics.Piece`.
-    ``use`` (n, c): largest share of each limit, either way. ``ended`` (n,): why a flight ended by itself, or "".
-    """
-
-    seen: FloatArray
-    sensitivities: FloatArray
-    use: FloatArray
-    ended: npt.NDArray[np.object_]
-
-
-class Flights(Protocol):
-    """Copies of a flight."""
-
-    def start(self, quiet: int) -> FloatArray:
-        """Begin all at trim; return what sensors feel over ``quiet`` samples of undisturbed flight (quiet, p)."""
-
-    def reset(self, which: Mask) -> None:
-        """Put the flights ``which`` (n,) back to the end of the undisturbed flight."""
-
-    def fly(self, u: FloatArray) -> Pieces:
-        """Fly one decision with commands (n, m), deviations from trim, SI."""
-
-
-class LinearFlights:
-    """Copies of :class:`testbench.envs.dynamics.LinearFlight`.
-
-    Args:
-        task: what is flown.
-        lifted: one decision.
-        copies: how many.
-        sensitivities: whether nothing else is wanted, as another simulator flies.
-    """
-
-    def __init__(self, task: Task, lifted: Lifted, copies: int, sensitivities: bool = False) -> None:
-        self._one, self._lifted, self._alone = LinearFlight(task, lifted), lifted, sensitivities
-        nz, seen, most = lifted.nz, lifted.r * lifted.p, lifted.r * lifted.p * (1 + lifted.k)
-        rows = np.r_[:nz, nz + seen : nz + most] if sensitivities else np.arange(len(lifted.matrix))
-        self._matrix = np.ascontiguousarray(lifted.matrix[rows].T)
-        self._in = np.zeros((copies, len(self._matrix)))
-        self._out = np.empty((copies, len(rows)))
-        self._good = np.full(copies, "", object)
-
-    def start(self, quiet: int) -> FloatArray:
-        """See :class:`Flights`."""
-        self._in[:] = 0.0
-        self._trim = self._one.reset(quiet)
-        return self._trim
-
-    def reset(self, which: Mask) -> None:
-        """See :class:`Flights`."""
-        self._in[which] = 0.0
-
-    def fly(self, u: FloatArray) -> Pieces:
-        """See :class:`Flights`."""
-        x, n = self._lifted, len(u)
-        self._in[:, x.nz :] = u
-        out = np.matmul(self._in, self._matrix, out=self._out)
-        self._in[:, : x.nz] = out[:, : x.nz]
-        a, b = x.nz, x.nz + (0 if self._alone else x.r * x.p)
-        d = b + x.r * x.p * x.k
-        S = out[:, b:d].reshape(n, x.r, x.p, x.k)
-        if self._alone:
-            return Pieces(np.empty((n, 0, 0)), S, np.empty((n, 0)), self._good)
-        use = np.ascontiguousarray(out[:, d:].reshape(n, 2 * x.R, x.c).swapaxes(0, 1)).max(axis=0)
-        return Pieces(out[:, a:b].reshape(n, x.r, x.p) + self._trim[0], S, use, self._good)
+from testbench.sensors.sensor import lag_weights
 
 
 class BatchFlights:
@@ -107,7 +33,7 @@ class BatchFlights:
         problem = task.problem
         one = JSBSimFlight(task, lifted)
         self._linear = LinearFlights(task, lifted, copies, sensitivities=True)
-        self._problem, self._lifted, self._one, self._n = problem, lifted, one, copies
+        self._lifted, self._n = lifted, copies
         self._columns = one.columns
         self._flights = SteppedBatch(
             task.aircraft, task.trimmed, problem.controls, tuple(one.columns), problem.rate_hz, copies
@@ -116,15 +42,10 @@ class BatchFlights:
         self._sensors = problem.experiment.sensors
         self._stride = problem.experiment.stride
         self._bank = _Bank(self._sensors, 1.0 / problem.rate_hz, lifted.R, self._stride)
-        names = problem.prediction.names
-        limits = [i for i, n in enumerate(names) if " of " not in n]
-        self._plain = limits, [self._columns[names[i]] for i in limits]
-        self._rates = [(i, self._columns[n[8:]]) for i, n in enumerate(names) if n.startswith("rate of ")]
-        self._commands = [(i, problem.controls.index(n[11:])) for i, n in enumerate(names) if n.startswith("command ")]
-        self._at = np.array([problem.prediction.trim[names[i]] for i in limits])
+        self._use = Use(problem, one.columns)
 
     def start(self, quiet: int) -> FloatArray:
-        """See :class:`Flights`."""
+        """Begin all at trim; return what sensors feel over ``quiet`` samples of undisturbed flight (quiet, p)."""
         self._linear.start(quiet)
         rows = np.concatenate([
             self._flights.read()[:1, None],
@@ -139,13 +60,13 @@ class BatchFlights:
         return seen
 
     def reset(self, which: Mask) -> None:
-        """See :class:`Flights`."""
+        """Put the flights ``which`` (n,) back to the end of the undisturbed flight."""
         self._linear.reset(which)
         self._flights.reset(which)
         self._last[which], self._memory[which] = self._begin_row, self._begin
 
     def fly(self, u: FloatArray) -> Pieces:
-        """See :class:`Flights`."""
+        """Fly one decision with commands (n, m), deviations from trim, SI."""
         S = self._linear.fly(u).sensitivities
         new = self._flights.advance(self._trim + u, self._lifted.R)
         # the sensors are shown the rows from the last instant on: the newest one begins the next decision
@@ -162,21 +83,6 @@ class BatchFlights:
             x = {name: rows[:, :, self._columns[name]].ravel() for name in sensor.needs}
             out[:, i] = (sensor.scale * sensor.feel(x)).reshape(n, count)
         return out
-
-    def _use(self, rows: FloatArray, u: FloatArray) -> FloatArray:
-        prediction = self._problem.prediction
-        high, low = np.empty((len(u), len(prediction.names))), np.empty((len(u), len(prediction.names)))
-        # time first: one comparison of all copies and channels after the other
-        rows = np.ascontiguousarray(np.swapaxes(rows, 0, 1))
-        most, least = rows[1:].max(axis=0), rows[1:].min(axis=0)
-        limits, columns = self._plain
-        high[:, limits], low[:, limits] = most[:, columns] - self._at, least[:, columns] - self._at
-        for i, j in self._rates:
-            rate = np.diff(rows[:, :, j], axis=0) * self._problem.rate_hz
-            high[:, i], low[:, i] = rate.max(axis=0), rate.min(axis=0)
-        for i, j in self._commands:
-            high[:, i] = low[:, i] = u[:, j]
-        return np.maximum(high / prediction.high, low / prediction.low)
 
 
 def why_alone(sensors: tuple[Sensor, ...]) -> str:
@@ -234,7 +140,7 @@ class _Bank:
             before, past, x = memory[:, at], memory[:, at + 1 : at + 1 + depth], felt[:, i]
             at += 1 + depth
             y = np.empty_like(x)
-            a, b0, b1 = _hold(self._dt, sensor.lag_s)
+            a, b0, b1 = lag_weights(self._dt, sensor.lag_s) if sensor.lag_s > 0.0 else (0.0, 0.0, 1.0)
             last = past[:, -1]
             for j in range(x.shape[1]):
                 last = a * last + b0 * (before if j == 0 else x[:, j - 1]) + b1 * x[:, j]
@@ -247,12 +153,3 @@ class _Bank:
             seen.append((1.0 - part) * line[:, whole] + part * line[:, after])
             left += [x[:, -1:], line[:, -depth:]]
         return np.stack(seen, axis=2), np.concatenate(left, axis=1)
-
-
-def _hold(dt_s: float, lag_s: float) -> tuple[float, float, float]:
-    """Return a, b0, b1 of y[k+1] = a y[k] + b0 x[k] + b1 x[k+1]."""
-    if lag_s == 0.0:
-        return 0.0, 0.0, 1.0
-    h = dt_s / lag_s
-    a, mean = np.exp(-h), -np.expm1(-h) / h
-    return float(a), float(mean - a), float(1.0 - mean)

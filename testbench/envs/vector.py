@@ -18,13 +18,12 @@ from gymnasium.vector.utils import batch_space
 
 from testbench.core.errors import LimitError, ScenarioError
 from testbench.core.record import FloatArray
+from testbench.envs.dynamics import LinearFlights, Mask, Pieces
 from testbench.envs.excitation import LEVELS, RATE_TOLERANCE, ExcitationDesign, Observation
-from testbench.envs.gain import Gains
 from testbench.envs.tasks import Task
-from testbench.envs.together import BatchFlights, Flights, LinearFlights, Pieces, why_alone
+from testbench.envs.together import BatchFlights, why_alone
 from testbench.flight.batch.check import judged
 
-Mask = npt.NDArray[np.bool_]
 Stepped = tuple[Observation, npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any], dict[str, Any]]
 
 
@@ -79,12 +78,12 @@ class ExcitationDesigns(VectorEnv[Observation, Any, npt.NDArray[Any]]):
         self.single_observation_space, self.single_action_space = one.observation_space, one.action_space
         self.observation_space = batch_space(one.observation_space, num_envs)
         self.action_space = batch_space(one.action_space, num_envs)
-        self._flights: Flights = (
+        self._flights = (
             LinearFlights(one.task, one.lifted, num_envs)
             if one.dynamics == "linear"
             else BatchFlights(one.task, one.lifted, num_envs)
         )
-        self._gains = Gains(one.gain, num_envs)
+        self._gains = one.gain.of(num_envs)
         n, m, p, t = num_envs, len(one.amplitude), one.lifted.p, len(one.task.problem.targets.names)
         self._m, self._p = m, p
         self._generators: list[np.random.Generator | None] = [None] * n
