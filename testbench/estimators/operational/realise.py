@@ -191,7 +191,7 @@ def _at_order(n: int, U: FloatArray, r: int, dt_s: float, turns: FloatArray | No
     z, right = np.linalg.eig(inverse @ down)
     z, right = z.astype(np.complex128), right.astype(np.complex128)
     left = np.linalg.solve(right, np.eye(n))
-    found = _upper(z)
+    found = np.flatnonzero(z.imag > _REAL * np.abs(z))  # one of each pair; real ones (z <= 0 as well) are none
     s = np.log(z[found]) / dt_s
     v, w = right[:, found], left[found]
     shapes = (kept[:r] @ v).T
@@ -207,8 +207,3 @@ def _at_order(n: int, U: FloatArray, r: int, dt_s: float, turns: FloatArray | No
         dz = np.sum(ahead.T * (Y @ v), axis=1) + np.sum(misfit * (Y @ g.T), axis=1)
         moves = dz / (z[found] * dt_s)
     return OrderPoles(n, np.asarray(s, np.complex128), np.asarray(shapes, np.complex128), moves)
-
-
-def _upper(z: ComplexArray) -> NDArray[np.intp]:
-    """Return which poles stand for a pair: those of the upper half plane, real ones (z <= 0 as well) left out."""
-    return np.flatnonzero(z.imag > _REAL * np.abs(z))

@@ -170,7 +170,8 @@ def layout_of(scenario: DatasetScenario, flights: int) -> Layout:
         samples=round(longest * rate) + 1,
         channels=sensed.channels,
         units=tuple(channel(n).unit for n in sensed.channels),
-        validity=any(s.dropout or s.rate_hz for s in sensed.sensors) or _drops(scenario),
+        validity=any(s.dropout or s.rate_hz for s in sensed.sensors)
+        or any(key.endswith(".dropout") for level in scenario.level for key in level.vary),
         levels=tuple(x.name for x in scenario.level),
         aircraft=tuple(dict.fromkeys(label(n) for level in scenario.level for n in level.aircraft)),
         manoeuvres=tuple(m.name for m in scenario.manoeuvre),
@@ -181,11 +182,6 @@ def layout_of(scenario: DatasetScenario, flights: int) -> Layout:
         right=tuple(" | ".join(right_names(k)) for k in hidden),
         sizes=tuple(f"{k}: {p.name}" for k in hidden for p in known[k].parameters),
     )
-
-
-def _drops(scenario: DatasetScenario) -> bool:
-    """Say whether a level makes a sensor lose samples."""
-    return any(key.endswith(".dropout") for level in scenario.level for key in level.vary)
 
 
 def label(aircraft: str) -> str:

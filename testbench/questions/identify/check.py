@@ -22,7 +22,11 @@ def _broken_laws(description: RecordDescription) -> Iterator[str]:
     uses = [record.use for record in records]
     if not {"split", "identification"} & set(uses):
         yield "record: records must include use = 'identification', or one with use = 'split'"
-    judged = [e.method for e in description.identification.estimators if _wants_more(e.method)]
+    judged = [
+        e.method
+        for e in description.identification.estimators
+        if e.method in METHODS and "validation" in METHODS[e.method].needs
+    ]
     if judged and not {"split", "validation"} & set(uses):
         yield (
             f"record: {', '.join(dict.fromkeys(judged))} chooses by records that are kept back: records must include "
@@ -65,7 +69,3 @@ def _broken_laws(description: RecordDescription) -> Iterator[str]:
         yield "identification.outputs: there must be an output, but every channel described is an input"
     if description.preparation.bias == "trim" and description.trim_s == 0.0:
         yield "trim_s: must be > 0 where preparation.bias = 'trim', got 0; give it, or take bias = 'mean' or 'trend'"
-
-
-def _wants_more(method: str) -> bool:
-    return method in METHODS and "validation" in METHODS[method].needs

@@ -94,7 +94,11 @@ class Imported(Shown, page="testbench.questions.importing.report:import_page"):
     @cached_property
     def members(self) -> dict[str, dict[str, tuple[Manoeuvre | None, FlightRecord]]]:
         """Axis -> name -> (manoeuvre, record) of what can be identified; the whole record if nothing can be cut out."""
-        return {axis: own for axis, every in self._groups.items() if (own := _supported(every))}
+        return {
+            axis: own
+            for axis, every in self._groups.items()
+            if (own := {name: (m, r) for name, (m, r) in every.items() if not why_not(r, controls_of(r))})
+        }
 
     @cached_property
     def unusable(self) -> tuple[str, ...]:
@@ -546,12 +550,6 @@ def write_import(imported: Imported, folder: Path | str | ResultFolder) -> list[
 
 def _no_recipe(names: Sequence[str], why: str) -> str:
     return f"no recipe for {some(['the whole record' if name == WHOLE else name for name in names], 3, ', ')}: {why}"
-
-
-def _supported(
-    members: Mapping[str, tuple[Manoeuvre | None, FlightRecord]],
-) -> dict[str, tuple[Manoeuvre | None, FlightRecord]]:
-    return {name: (m, r) for name, (m, r) in members.items() if not why_not(r, controls_of(r))}
 
 
 def _axis(m: Manoeuvre) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
-from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.record import FlightRecord
 from testbench.logs.manoeuvres import SMALLEST
 from testbench.page.words import counted
 
@@ -80,10 +80,6 @@ def too_few(records: Sequence[FlightRecord], recipe: Recipe, inputs: Sequence[st
     )
 
 
-def _taken(record: FlightRecord, name: str) -> FloatArray:
-    return record[name][record.valid[:, record.channels.index(name)]]
-
-
 def _longest(record: FlightRecord, name: str) -> int:
     """Return the longest stretch of valid samples of a channel."""
     edges = np.flatnonzero(np.diff(np.r_[0, record.valid[:, record.channels.index(name)].astype(int), 0]))
@@ -91,7 +87,7 @@ def _longest(record: FlightRecord, name: str) -> int:
 
 
 def _range(record: FlightRecord, name: str) -> float:
-    values = _taken(record, name)
+    values = record[name][record.valid[:, record.channels.index(name)]]
     return float(np.ptp(values)) if values.size else 0.0
 
 

@@ -108,7 +108,7 @@ def description_template(path: Path | str, folder: str = ".") -> str:
     ]
     if variable:
         lines.append(f"variable = {q(variable)}" + (f"  # or {one_line(', '.join(others))}" if others else ""))
-    lines += _text_keys(table)
+    lines += [f"decimal = {json.dumps(table.decimal)}"] if table.decimal != "." else []
     if clock and len(clock.pieces) > 1:
         lines.append("# times jump here; each piece becomes a record of its own")
         lines.append(f"segments = [{', '.join(f'[{a:.9g}, {b:.9g}]' for a, b in clock.pieces)}]")
@@ -180,11 +180,6 @@ def _variable(path: Path) -> tuple[str, list[str]]:
                 continue
         names = sorted(sizes, key=lambda k: -sizes[k])
         return (names[0], names[1:]) if names and sizes[names[0]] > 1 else ("", [])
-
-
-def _text_keys(table: Table) -> list[str]:
-    """Return how the numbers of a text file are written, as it was recognised, as keys of the record."""
-    return [f"decimal = {json.dumps(table.decimal)}"] if table.decimal != "." else []
 
 
 def _clock(table: Table, columns: Sequence[FloatArray]) -> _Clock | None:

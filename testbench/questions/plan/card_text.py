@@ -276,7 +276,7 @@ def _plain(value: float) -> str:
 def _modes(card: Card) -> list[tuple[str, str, str, str, str]]:
     rows = []
     for m in card.point.modes:
-        if not m.elastic and not _in_plane(m.name, card.spec.plane):
+        if not m.elastic and (m.name in {"phugoid", "short period"}) != (card.spec.plane == "longitudinal"):
             continue
         rows.append(
             (
@@ -292,10 +292,6 @@ def _modes(card: Card) -> list[tuple[str, str, str, str, str]]:
 
 def _damping(zeta: float) -> str:
     return f"{zeta:.4f}".replace("-", "−")
-
-
-def _in_plane(name: str, plane: str) -> bool:
-    return (name in {"phugoid", "short period"}) == (plane == "longitudinal")
 
 
 def before_lines(card: Card, plan: Plan) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from testbench.core.constants import PERCENT
 from testbench.page.labels import number
@@ -72,7 +72,7 @@ def _verdicts(campaign: Campaign) -> Sentences:
         told = [_value(c, t) for c, t in _all(campaign, verdict)]
         if told:
             yield "finding", f"{words}: {some(told, _MOST, ', ')}"
-    for c, t in _first(_all(campaign, "not reached")):
+    for c, t in sorted(_all(campaign, "not reached"), key=lambda ct: -ct[1].lack)[:_MOST]:
         why = f": {t.causes[0]}" if t.causes else ""
         goal = f"{error_words(t, t.goal)} {'is wanted' if math.isfinite(t.wanted) else 'would keep the promise'}"
         short = f"not reached: {_value(c, t)}, where {goal}"
@@ -123,10 +123,6 @@ def _beyond_stated(campaign: Campaign) -> Sentences:
 
 def _simulated(c: JudgedCard) -> bool:
     return c.flown.promise is not None and c.flown.promise.realised is not None
-
-
-def _first(found: list[tuple[JudgedCard, Target]]) -> Iterable[tuple[JudgedCard, Target]]:
-    return sorted(found, key=lambda ct: -ct[1].lack)[:_MOST]
 
 
 def _value(c: JudgedCard, t: Target) -> str:

@@ -131,7 +131,7 @@ def repeat(
     others = [int(np.random.SeedSequence([seed, k]).generate_state(1)[0]) for k in range(1, scenario.seeds)]
     flights = _flights(scenario, ready, tuple(flown), others, say)
     say(f"repeat with {len(others)} more seeds")
-    outputs = _shared_outputs(first)
+    outputs = [o for o in first[0].model.outputs if all(o in case.model.outputs for case in first)]
     with processes(cores()), without_other_horizons():
         tasks = [
             partial(_one, scenario, replace(ready, flown=f), s, outputs) for s, f in zip(others, flights, strict=True)
@@ -179,10 +179,6 @@ def _one(scenario: Scenario, ready: Prepared, seed: int, outputs: Sequence[str])
     except Refusal:
         return {}
     return _errors(cases, outputs)
-
-
-def _shared_outputs(cases: Sequence[Case]) -> list[str]:
-    return [o for o in cases[0].model.outputs if all(o in case.model.outputs for case in cases)]
 
 
 def _errors(cases: Sequence[Case], outputs: Sequence[str]) -> dict[Key, dict[str, float]]:

@@ -109,7 +109,11 @@ def identify_and_pool(
         prior = prior_of_file(given, _mean_condition(gave))
     stated = next((f.before.aircraft.scale_uncertainty for f in found if f.before is not None), {})
     pooled = pool([c.coefficients for c in gave], prior, asked.trend, stated)
-    notes = [f"{c.coefficients.log}: {text}" for c, r in zip(gave, found, strict=True) for text in _notes(r)]
+    notes = [
+        f"{c.coefficients.log}: {text}"
+        for c, r in zip(gave, found, strict=True)
+        for text in (r.flown.notes if r.flown is not None else ())
+    ]
     if prior is not None:
         unused = [name for name in prior.names if name not in {c.name for c in pooled.coefficients}]
         notes += prior.notes
@@ -129,10 +133,6 @@ def _doubts(found: Sequence[Identified], gave: Sequence[Contribution]) -> Iterat
         logs = list(dict.fromkeys(log for log, _ in said))
         others = f" (the same of {listed(logs[1:])})" if len(logs) > 1 else ""
         yield f"{logs[0]}: {said[0][1]}{others}"
-
-
-def _notes(found: Identified) -> tuple[str, ...]:
-    return found.flown.notes if found.flown is not None else ()
 
 
 def parts_of(descriptions: Sequence[RecordDescription], each: bool) -> Iterator[tuple[str, RecordDescription]]:
