@@ -45,8 +45,7 @@ from testbench.core.advice import Advice, doubt, note
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.coverage import approximate
-from testbench.estimators.hold import said_of_hold
-from testbench.estimators.parametric.accuracy import accuracy, advice_in_words, correlations, whiteness
+from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.gauss_newton import Sensitivities
 from testbench.estimators.parametric.likelihood import Driven
 from testbench.estimators.parametric.model import ParametricModel
@@ -57,6 +56,7 @@ from testbench.estimators.parametric.state_equations import (
     equations,
     free_of,
     missing,
+    model_of_equations,
     smoothed,
 )
 from testbench.estimators.parametric.structure import STEP, ModelStructure
@@ -294,8 +294,6 @@ def _model(
     bias = bias_of(fit, R, found.plain, prior, driven.held)
     corrected = params.copy()
     corrected[free] -= bias.total
-    low, high = structure.bounds
-    beyond = [structure.parameter_names[i] for i in free if not low[i] <= corrected[i] <= high[i]]
     covariance, white = np.zeros((k, k)), np.zeros((k, k))
     few = _of_few_lines(data, jacobians)
     covariance[np.ix_(free, free)] = (
@@ -305,20 +303,14 @@ def _model(
     deviation = np.sqrt(np.diag(found.plain))
     valid = [np.tile(d.taken[:, None], size.size) for d in data]
     white_p = np.where(felt, whiteness(residuals, valid, size, np.diag(R)), 1.0)
-    y = np.vstack([r.columns(structure.outputs) for r in records])
-    spread = np.maximum(y.var(axis=0), 1e-300)
-    model = ParametricModel(
-        method="equation_error",
-        inputs=structure.inputs,
-        outputs=structure.outputs,
-        dt_s=records[0].dt_s,
-        settings={
-            "delays_s": dict(zip(structure.inputs, driven.delays_s.tolist(), strict=True)),
-            **said_of_hold(driven.recognised),
-        },
-        diagnostics={
-            "converged": True,
-            "at_bound": beyond,
+    said = model_of_equations(
+        "equation_error",
+        fit.at(corrected),
+        records,
+        driven,
+        covariance,
+        white,
+        {
             "condition": found.condition,
             "residual_std": np.sqrt(R),
             "whiteness_p": white_p,
@@ -327,20 +319,7 @@ def _model(
             "noise_bias": bias.noise,
             "smoothing_bias": bias.smoothing,
         },
-        structure=structure,
-        params=np.clip(corrected, low, high),
-        covariance=covariance,
-        covariance_plain=white,
-        noise_covariance=np.diag(spread),
-        held=tuple(driven.held.tolist()),
-        delays_s=tuple(driven.delays_s.tolist()),
-        operating_point=(
-            np.mean([d.x[0, 0] for d in data], axis=0),
-            np.mean([d.u[0, 0] for d in data], axis=0),
-        ),
     )
-    # what advice says of outputs holds of states here
-    said = replace(advice_in_words(replace(model, outputs=structure.states)), outputs=structure.outputs)
     return replace(said, advice=(*said.advice, *_bias_in_words(said, bias, free)))
 
 

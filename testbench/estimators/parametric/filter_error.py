@@ -33,7 +33,6 @@ from testbench.core.advice import doubt, note
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.coverage import approximate
-from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, advice_in_words, correlations, own_poles, whiteness
 from testbench.estimators.parametric.kalman.forms import (
@@ -116,12 +115,9 @@ def estimate(
     extra = len(likelihood.base.structure.states) - len(structure.states)  # the gust
     params = structure.values
     params[layout.chosen] = found.minimum.point[: layout.chosen.size]
-    model = ParametricModel(
-        method="filter_error",
-        inputs=structure.inputs,
-        outputs=structure.outputs,
-        dt_s=records[0].dt_s,
-        settings={
+    model = driven.model(
+        structure,
+        {
             "structure": structure.name,
             "process_noise": [structure.states[i] for i in noisy] if choice.fit.likelihood.noisy else [],
             "process_noise_model": choice.fit.form.name,
@@ -130,16 +126,14 @@ def estimate(
             "output_biases": list(settings.output_biases),
             "output_trends": list(settings.output_trends),
             "input_biases": list(settings.input_biases),
-            **said_of_hold(driven.recognised),
         },
+        method="filter_error",
+        dt_s=records[0].dt_s,
         diagnostics=diagnostics,
-        structure=structure,
         params=params,
         covariance=layout.embedded(corrected, params.size),
         covariance_plain=layout.embedded(white, params.size),
         noise_covariance=np.diag(diagnostics["residual_std"] ** 2),
-        held=tuple(driven.held.tolist()),
-        delays_s=tuple(driven.delays_s.tolist()),
         biased=settings.output_biases,
         trended=settings.output_trends,
         biased_inputs=settings.input_biases,

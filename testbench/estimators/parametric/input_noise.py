@@ -28,7 +28,7 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, advice_in_words, correlations, whiteness
 from testbench.estimators.parametric.gauss_newton import Minimum, Sensitivities, minimise
-from testbench.estimators.parametric.likelihood import Layout, Likelihood, held_inputs, stretch
+from testbench.estimators.parametric.likelihood import Driven, Layout, Likelihood, held_inputs, stretch
 from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.response import Sampling, discretise
 from testbench.estimators.parametric.structure import LinearStructure
@@ -197,12 +197,11 @@ def _model(
     white = weights.apply((v / sigma)[:, :, None])[:, :, 0]
     own = likelihood.layout.split(found.point, 0)
     whole = likelihood.layout.embedded(covariance, params.size)
-    model = ParametricModel(
+    model = Driven(np.zeros(len(structure.inputs)), likelihood.sampling.held).model(
+        structure,
+        settings,
         method="output_error",
-        inputs=structure.inputs,
-        outputs=structure.outputs,
         dt_s=likelihood.sampling.dt_s,
-        settings=settings,
         diagnostics={
             "cost": found.cost,
             "freedom": float(likelihood.counts.sum() - likelihood.unknowns),
@@ -216,13 +215,10 @@ def _model(
             "offsets": own.offsets,
             "input_biases": own.biases,
         },
-        structure=structure,
         params=params,
         covariance=whole,
         covariance_plain=whole,
         noise_covariance=np.diag(sigma**2),
-        held=tuple(likelihood.sampling.held.tolist()),
-        delays_s=(0.0,) * len(structure.inputs),
         biased=structure.outputs,
         biased_inputs=tuple(structure.inputs[j] for j in likelihood.layout.biased_inputs),
         operating_point=(np.zeros(len(structure.states)), seen.u[0]),

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.hold import held as which_held
+from testbench.estimators.hold import said_of_hold
 from testbench.estimators.parametric.gauss_newton import (
     Problem,
     Sensitivities,
@@ -136,6 +137,20 @@ class Driven(NamedTuple):
         """
         delays = named(settings.delays_s, structure.inputs, "a delay")
         return cls(delays, *held_inputs(structure.inputs, settings.held, records))
+
+    def model(self, structure: ModelStructure, settings: Mapping[str, Any], **found: Any) -> ParametricModel:
+        """Return the model of a structure whose inputs act so, with what a method found and the settings that it had.
+
+        ``delays_s`` are the known ones unless they were found, too.
+        """
+        return ParametricModel(
+            inputs=structure.inputs,
+            outputs=structure.outputs,
+            structure=structure,
+            settings={**settings, **said_of_hold(self.recognised)},
+            held=tuple(self.held.tolist()),
+            **{"delays_s": tuple(self.delays_s.tolist()), **found},
+        )
 
 
 def check_nuisances(structure: ModelStructure, settings: Simulated) -> None:

@@ -22,7 +22,6 @@ from testbench.core.advice import doubt, note, wrong
 from testbench.core.constants import WHITE
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, advice_in_words, correlations, whiteness
 from testbench.estimators.parametric.gauss_newton import Minimum, Rounds, minimise
@@ -271,12 +270,9 @@ def _model(likelihood: Likelihood, found: _Found, settings: OutputError, driven:
     """Return the model at the end of the best search."""
     structure, layout, stretches = likelihood.structure, likelihood.layout, likelihood.stretches
     diagnostics, white, corrected, R = _diagnose(likelihood, found)
-    return ParametricModel(
-        method="output_error",
-        inputs=structure.inputs,
-        outputs=structure.outputs,
-        dt_s=likelihood.sampling.dt_s,
-        settings={
+    return driven.model(
+        structure,
+        {
             "structure": structure.name,
             "initial_states": settings.initial_states,
             "output_biases": list(settings.output_biases),
@@ -286,15 +282,14 @@ def _model(likelihood: Likelihood, found: _Found, settings: OutputError, driven:
             "noise": settings.noise,
             "starts": settings.starts,
             "seed": settings.seed,
-            **said_of_hold(driven.recognised),
         },
+        method="output_error",
+        dt_s=likelihood.sampling.dt_s,
         diagnostics=diagnostics,
-        structure=structure,
         params=found.params,
         covariance=layout.embedded(corrected, found.params.size),
         covariance_plain=layout.embedded(white, found.params.size),
         noise_covariance=R,
-        held=tuple(driven.held.tolist()),
         delays_s=tuple(
             delay + float(np.mean([late.get(name, 0.0) for late in diagnostics["lateness_s"]]))
             for name, delay in zip(structure.inputs, driven.delays_s.tolist(), strict=True)

@@ -17,7 +17,6 @@ within the band biases them as it does any regression.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,14 +25,19 @@ from scipy.special import erfc
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import ComplexArray
-from testbench.estimators.parametric.accuracy import advice_in_words, correlations, null_directions
+from testbench.estimators.parametric.accuracy import correlations, null_directions
 from testbench.estimators.parametric.likelihood import Driven
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.response import delayed
 from testbench.estimators.parametric.servo import by_surfaces, in_front
-from testbench.estimators.parametric.state_equations import Regression, SmoothedStates, equations, free_of
+from testbench.estimators.parametric.state_equations import (
+    Regression,
+    SmoothedStates,
+    equations,
+    free_of,
+    model_of_equations,
+)
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.regression.smoothing import bridge
 from testbench.estimators.settings import RecursiveFourier
@@ -135,43 +139,23 @@ def estimate(
     if still.any():
         _constants(fit.at(params), every[still], last, covariance, whole)
     free = every
-    low, high = structure.bounds
-    beyond = [structure.parameter_names[i] for i in free if not low[i] <= params[i] <= high[i]]
     left = np.vstack(equations(structure, data, params, free)[0])
-    y = np.vstack([r.columns(structure.outputs) for r in records])
     size = np.sqrt(np.diag(whole)[free])
-    model = ParametricModel(
-        method="recursive_fourier",
-        inputs=structure.inputs,
-        outputs=structure.outputs,
-        dt_s=dt,
-        settings={
-            "delays_s": dict(zip(structure.inputs, driven.delays_s.tolist(), strict=True)),
-            **said_of_hold(driven.recognised),
-        },
-        diagnostics={
-            "converged": True,
-            "at_bound": beyond,
+    return model_of_equations(
+        "recursive_fourier",
+        Regression(structure, data, params, free),
+        records,
+        driven,
+        covariance,
+        whole,
+        {
             "residual_std": left.std(axis=0),
             "whiteness_p": _evenness(last.residuals, last.weights),
             "correlation": correlations(whole[np.ix_(free, free)]),
             "error_inflation": np.sqrt(np.diag(covariance)[free]) / np.maximum(size, 1e-300),
             "history": said,
         },
-        structure=structure,
-        params=np.clip(params, low, high),
-        covariance=covariance,
-        covariance_plain=whole,
-        noise_covariance=np.diag(np.maximum(y.var(axis=0), 1e-300)),
-        held=tuple(driven.held.tolist()),
-        delays_s=tuple(driven.delays_s.tolist()),
-        operating_point=(
-            np.mean([d.x[0, 0] for d in data], axis=0),
-            np.mean([d.u[0, 0] for d in data], axis=0),
-        ),
     )
-    # what advice says of outputs holds of states here
-    return replace(advice_in_words(replace(model, outputs=structure.states)), outputs=structure.outputs)
 
 
 def _between(

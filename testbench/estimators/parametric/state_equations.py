@@ -8,8 +8,9 @@ are taken half a sample later, as states that integrate a staircase answer to th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from numpy.typing import NDArray
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import check_records
+from testbench.estimators.parametric.accuracy import advice_in_words
+from testbench.estimators.parametric.likelihood import Driven
+from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.response import Sampling, delayed, respond
 from testbench.estimators.parametric.structure import STEP, ModelStructure
 from testbench.estimators.regression.smoothing import SineSeries, bridge
@@ -79,6 +83,39 @@ def free_of(records: Sequence[FlightRecord], structure: ModelStructure, method: 
                     f"'{name}'; sense it, or use output error"
                 )
     return free
+
+
+def model_of_equations(
+    method: str,
+    fit: Regression,
+    records: Sequence[FlightRecord],
+    driven: Driven,
+    covariance: FloatArray,
+    white: FloatArray,
+    diagnostics: Mapping[str, Any],
+) -> ParametricModel:
+    """Return the model of estimates from the state equations; those beyond a bound are moved onto it."""
+    structure, data, params, free = fit
+    low, high = structure.bounds
+    beyond = [structure.parameter_names[i] for i in free if not low[i] <= params[i] <= high[i]]
+    y = np.vstack([r.columns(structure.outputs) for r in records])
+    model = driven.model(
+        structure,
+        {"delays_s": dict(zip(structure.inputs, driven.delays_s.tolist(), strict=True))},
+        method=method,
+        dt_s=records[0].dt_s,
+        diagnostics={"converged": True, "at_bound": beyond, **diagnostics},
+        params=np.clip(params, low, high),
+        covariance=covariance,
+        covariance_plain=white,
+        noise_covariance=np.diag(np.maximum(y.var(axis=0), 1e-300)),
+        operating_point=(
+            np.mean([d.x[0, 0] for d in data], axis=0),
+            np.mean([d.u[0, 0] for d in data], axis=0),
+        ),
+    )
+    # what advice says of outputs holds of states here
+    return replace(advice_in_words(replace(model, outputs=structure.states)), outputs=structure.outputs)
 
 
 def smoothed(

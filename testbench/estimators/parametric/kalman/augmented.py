@@ -26,7 +26,6 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.words import with_error
 from testbench.estimators.coverage import approximate
-from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import correlations, whiteness
 from testbench.estimators.parametric.likelihood import Driven
@@ -297,7 +296,8 @@ def estimate_by(
 ) -> ParametricModel:
     """Run one kind of filter over the records, one after the other; parameters carry over, states start anew."""
     check_records(records, structure.inputs, structure.outputs)
-    delays, hold, recognised = Driven.of(settings, structure, records)
+    driven = Driven.of(settings, structure, records)
+    delays, hold, _ = driven
     free = [p.name for p in structure.parameters if p.free]
     F = _values(settings.process_noise, structure.states, "process noise", "a state")
     drift = _values(settings.parameter_drift, free, "a drift", "a free parameter")
@@ -343,12 +343,9 @@ def estimate_by(
     params = structure.values
     params[chosen] = beliefs.mean
     R = np.sum(v**2, axis=0) / np.maximum(good.sum(axis=0), 1)
-    model = ParametricModel(
-        method=settings.method,
-        inputs=structure.inputs,
-        outputs=structure.outputs,
-        dt_s=dt,
-        settings={
+    model = driven.model(
+        structure,
+        {
             "structure": structure.name,
             "measurement_noise": dict(zip(structure.outputs, G.tolist(), strict=True)),
             "process_noise": dict(settings.process_noise),
@@ -357,8 +354,9 @@ def estimate_by(
             "smooth": settings.smooth,
             "passes": passes,
             **settings.model_dump(include={"alpha", "beta", "kappa"}),
-            **said_of_hold(recognised),
         },
+        method=settings.method,
+        dt_s=dt,
         diagnostics={
             "tracks": tracks,
             "initial_std": std[plant.states :],
@@ -369,13 +367,10 @@ def estimate_by(
             ),
             "correlation": correlations(beliefs.covariance),
         },
-        structure=structure,
         params=params,
         covariance=covariance,
         covariance_plain=covariance.copy(),
         noise_covariance=np.diag(G**2),
-        held=tuple(hold.tolist()),
-        delays_s=tuple(delays.tolist()),
         operating_point=(
             np.mean(np.vstack([t.states for t in tracks]), axis=0),
             np.mean(np.vstack(inputs), axis=0),
