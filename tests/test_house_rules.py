@@ -317,9 +317,9 @@ WRITERS = {
         "envs/baselines.py", "envs/train.py", "questions/export/ask.py", "questions/gap/command.py",
         "questions/studio/command.py", "questions/exercise/command.py", "questions/dataset/command.py",
     },
-    "a file of the user's own, as they asked for": {"questions/exercise/answers.py", "questions/plan/close_errors.py"},
+    "a file of the user's own, as they asked for": {"questions/exercise/answers.py", "questions/plan/verdicts.py"},
     "handed the folder that a page or a result is made in": {
-        "questions/plan/cards.py", "questions/plan/flown_card.py", "questions/reproduce/page.py",
+        "questions/plan/page.py", "questions/plan/flown_card.py", "questions/reproduce/page.py",
         "questions/campaign/tidy.py", "questions/exercise/ask.py", "questions/exercise/roster.py",
         "questions/aircraft/flexible/ask.py", "questions/dataset/store.py",
     },

@@ -18,10 +18,9 @@ from gymnasium.vector.utils import batch_space
 
 from testbench.core.errors import LimitError, ScenarioError
 from testbench.core.record import FloatArray
-from testbench.envs.dynamics import LinearFlights, Mask, Pieces
+from testbench.envs.dynamics import BatchFlights, LinearFlights, Mask, Pieces, why_alone
 from testbench.envs.excitation import LEVELS, RATE_TOLERANCE, ExcitationDesign, Observation
 from testbench.envs.tasks import Task
-from testbench.envs.together import BatchFlights, why_alone
 from testbench.flight.batch.check import judged
 
 Stepped = tuple[Observation, npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any], dict[str, Any]]

@@ -14,8 +14,8 @@ gymnasium = pytest.importorskip("gymnasium", reason="the extra 'envs' is not ins
 from gymnasium.vector import AutoresetMode, SyncVectorEnv  # noqa: E402
 
 from testbench.envs import vector  # noqa: E402
+from testbench.envs.dynamics import why_alone  # noqa: E402
 from testbench.envs.excitation import LEVELS, ExcitationDesign  # noqa: E402
-from testbench.envs.together import why_alone  # noqa: E402
 from testbench.envs.vector import ExcitationDesigns  # noqa: E402
 from testbench.flight.batch.check import Judged  # noqa: E402
 from testbench.sensors import Sensor  # noqa: E402

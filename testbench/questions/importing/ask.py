@@ -47,8 +47,18 @@ from testbench.page.shown import Shown
 from testbench.page.words import listed, some
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.balance import Balance, balance_of, balance_rows
-from testbench.questions.importing.recipe import AXES, Recipe, lines, measured_in, propose
-from testbench.questions.importing.supported import FEWEST, moving, too_few, too_slow, why_not
+from testbench.questions.importing.recipe import (
+    AXES,
+    FEWEST,
+    Recipe,
+    lines,
+    measured_in,
+    moving,
+    propose,
+    too_few,
+    too_slow,
+    why_not,
+)
 
 LEAD_S, TAIL_S = 2.0, 5.0
 """Quiet flight before each manoeuvre and response after it that are cut out with it."""
@@ -69,7 +79,7 @@ UNUSABLE = "no_recipe"
 
 
 @dataclass(frozen=True, eq=False)
-class Imported(Shown, page="testbench.questions.importing.report:import_page"):
+class Imported(Shown, page="testbench.questions.importing.page:import_page"):
     """A log that was read: its channels as logged, one record of them on one clock, and the manoeuvres in it.
 
     ``channels`` are those of ``record``, in its order, and ``noise`` is theirs; ``stretches`` say what kind of flight
@@ -526,7 +536,7 @@ def write_import(imported: Imported, folder: Path | str | ResultFolder) -> list[
         BusyError: another process writes into the folder.
         WriteError: the folder cannot be written to, or has a file of such a name that no import wrote.
     """
-    from testbench.questions.importing.report import import_page
+    from testbench.questions.importing.page import import_page
 
     if not isinstance(folder, ResultFolder):
         with ResultFolder(folder) as place:

@@ -30,9 +30,8 @@ from testbench.logs.signals import DEFAULT_THROW_RAD
 from testbench.logs.structures import candidates
 from testbench.logs.tables import Table, read_table
 from testbench.logs.times import clock_unit, find_clock, holds_stamps, read_times
+from testbench.questions.importing.recipe import FEWEST, moving, propose
 from testbench.questions.importing.recipe import lines as recipe_lines
-from testbench.questions.importing.recipe import propose
-from testbench.questions.importing.supported import FEWEST, moving
 
 _EVEN = 0.5  # steps of a column that counts time differ from the usual one by less than this share, but for gaps
 _MOST_GAPS = 6

@@ -18,10 +18,9 @@ from testbench.evaluation.envelope import Envelope, Onset, fly_envelope
 from testbench.flight import load_aircraft
 from testbench.flight.batch.jobs import Simulator
 from testbench.page.words import counted
-from testbench.questions.plan.airspace import fits
 from testbench.questions.plan.bounds import GIVEN, bounds_at
 from testbench.questions.plan.repeats import plane_modes, reach
-from testbench.questions.plan.resources import level_power_W, schedule
+from testbench.questions.plan.resources import fits, level_power_W, schedule
 from testbench.questions.plan.response import (
     Task,
     Together,

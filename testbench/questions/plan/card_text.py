@@ -13,8 +13,8 @@ from testbench.core.atmosphere import air_density
 from testbench.core.constants import G0_M_S2
 from testbench.page.labels import file_stem, number, shown_unit, symbol
 from testbench.page.words import listed
-from testbench.questions.plan.airspace import leg_of
 from testbench.questions.plan.injection.lua import WATCHED, injectable
+from testbench.questions.plan.resources import leg_of
 from testbench.questions.plan.scenario import Tow
 
 if TYPE_CHECKING:

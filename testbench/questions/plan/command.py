@@ -217,11 +217,10 @@ def close(
     from testbench.questions.importing.ask import import_log, parse_throws
     from testbench.questions.plan.ask import make_plan
     from testbench.questions.plan.close import close_plan
-    from testbench.questions.plan.close_errors import keep_errors
     from testbench.questions.plan.close_page import close_page
     from testbench.questions.plan.flown_card import identify_cards
     from testbench.questions.plan.scenario import PlanScenario
-    from testbench.questions.plan.verdicts import judge
+    from testbench.questions.plan.verdicts import judge, keep_errors
 
     loaded = obtain(PlanScenario, scenario)
     with stages() as say, ResultFolder(folder_in(out, f"close_{loaded.name}")) as place:

@@ -16,9 +16,9 @@ from testbench.core.scenario.base import Manoeuvre
 from testbench.evaluation.modes import longitudinal_modes
 from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, linearise, trim
 from testbench.page.labels import number
-from testbench.questions.plan.airspace import turn_back
 from testbench.questions.plan.bounds import stall_speed_m_s
 from testbench.questions.plan.designs import Taken, limits_of_designs, planned
+from testbench.questions.plan.resources import turn_back
 from testbench.questions.plan.result import Point
 from testbench.questions.plan.scenario import Airspace
 from testbench.sensors import SensorSuite, load_suite

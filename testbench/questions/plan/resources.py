@@ -1,15 +1,16 @@
-"""Times and energy: runs put into flights, each on one battery or tank."""
+"""Times, energy and room: runs put into flights, each on one battery or tank, and onto the legs of a box."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from testbench.core.constants import G0_M_S2, PERCENT
+from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
 from testbench.core.errors import ScenarioError
 from testbench.flight import TrimmedFlight
 from testbench.questions.plan.result import Card, FlightLeg, Run
-from testbench.questions.plan.scenario import PlanScenario, Tow
+from testbench.questions.plan.scenario import Airspace, PlanScenario, Tow
 
 
 def level_power_W(scenario: PlanScenario, trimmed: TrimmedFlight, mass_kg: float) -> float:
@@ -83,3 +84,88 @@ def schedule(
     if runs:
         flights.append(FlightLeg(len(flights) + 1, first, len(runs), time, used, usable))
     return tuple(runs), tuple(flights)
+
+
+# --- the box in which a campaign stays --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Leg:
+    """How the runs of a card lie in the box.
+
+    Attributes:
+        run_m: way of one run over ground, the strongest wind from behind.
+        radius_m: radius of the turn back through the air, V^2 / (g tan bank).
+        runs: that fit between the turns at both ends.
+        turns: back, for all repeats of the card.
+        turn_s: time of one turn of 180 degrees.
+    """
+
+    run_m: float
+    radius_m: float
+    runs: int
+    turns: int
+    turn_s: float
+
+
+def turn_back(V_m_s: float, space: Airspace) -> tuple[float, float]:
+    """Return radius (m) and time (s) of a turn of 180 degrees: V^2 / (g tan bank), pi radius / V."""
+    radius = V_m_s**2 / (G0_M_S2 * math.tan(space.bank_deg * DEG_RAD))
+    return radius, math.pi * radius / V_m_s
+
+
+def leg_of(card: Card, space: Airspace) -> Leg:
+    """Return how the runs of a card lie in the box.
+
+    The turn at the end of a leg takes its radius of the length, and the drift of the wind during half of it; two radii
+    of the width.
+    """
+    V = card.point.V_m_s
+    radius, turn_s = turn_back(V, space)
+    run = (V + space.wind_m_s) * card.length_s
+    free = space.length_m - 2.0 * (radius + 0.5 * space.wind_m_s * turn_s)
+    fit = max(math.floor(free / run), 0)
+    return Leg(run, radius, fit, math.ceil(card.repeats / fit) - 1 if fit and card.repeats else 0, turn_s)
+
+
+def box_faults(scenario: PlanScenario, cards: Sequence[Card]) -> list[str]:
+    """Return in words what does not fit into the box: a run, a turn, or the heights that a card's limits allow."""
+    space = scenario.airspace
+    if space is None:
+        return []
+    out = []
+    for card in cards:
+        if card.status == "refused":
+            continue
+        leg = leg_of(card, space)
+        ends = 2.0 * (leg.radius_m + 0.5 * space.wind_m_s * leg.turn_s)
+        if leg.runs < 1:
+            out.append(
+                f"{scenario.file}, airspace.length_m: length_m >= {math.ceil(leg.run_m + ends)} must hold for one run "
+                f"of {card.title} ({leg.run_m:.0f} m over ground in {space.wind_m_s:g} m/s of wind, {ends:.0f} m for "
+                f"the turns), got {space.length_m:g}; shorten the manoeuvre or its settling, or enlarge the box"
+            )
+        if 2.0 * leg.radius_m > space.width_m:
+            out.append(
+                f"{scenario.file}, airspace.width_m: width_m >= {math.ceil(2.0 * leg.radius_m)} must hold for a turn "
+                f"at {card.point.V_m_s:g} m/s and {space.bank_deg:g} deg of bank, got {space.width_m:g}"
+            )
+        for limit in card.limits:
+            if limit.channel == "h" and not (space.lowest_m <= limit.low and limit.high <= space.highest_m):
+                out.append(
+                    f"{scenario.file}, airspace: lowest_m <= {limit.low:g} and highest_m >= {limit.high:g} must hold "
+                    f"for the heights that the limits of {card.title} allow, got {space.lowest_m:g} and "
+                    f"{space.highest_m:g}; set limits.height_change_m, or enlarge the box"
+                )
+    return list(dict.fromkeys(out))
+
+
+def fits(scenario: PlanScenario, cards: Sequence[Card]) -> None:
+    """Refuse cards that do not fit into the box.
+
+    Raises:
+        ScenarioError: every run, turn and height that does not fit.
+    """
+    faults = box_faults(scenario, cards)
+    if faults:
+        raise ScenarioError(faults)

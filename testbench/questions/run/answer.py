@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 from testbench.core.advice import Advice, ranked
 from testbench.page.words import Line, advice_lines, counted, sentence, some
-from testbench.questions.run.failed import failed_sentences
-from testbench.questions.run.labels import case_names
+from testbench.questions.run.labels import case_names, failed_sentences
 from testbench.questions.run.tables import reference_tables
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from testbench.flight import load_aircraft
 from testbench.flight.simulate import require_room_to_fly, stride
 from testbench.inputs import build
 from testbench.line import log_rate
-from testbench.questions.run.failed import failed_sentences
+from testbench.questions.run.labels import failed_sentences
 from testbench.questions.run.scenario import Experiment
 from testbench.sensors import SensorSuite, load_suite
 

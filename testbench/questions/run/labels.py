@@ -1,13 +1,16 @@
-"""Names of the cases of a run, of their outputs and of the elastic modes of its aircraft."""
+"""Names of the cases of a run, of their outputs and of the elastic modes of its aircraft; cases without a model."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from testbench.estimators.cells import FailedCell
 from testbench.estimators.identification import estimator_name
 from testbench.line import RECORDED
 from testbench.page.labels import unique
+from testbench.page.tables import Column, Table
+from testbench.page.words import listed, some
 
 if TYPE_CHECKING:
     from testbench.line import Case
@@ -44,3 +47,26 @@ def elastic_names(result: RunResult) -> set[str]:
     """Return the names of the elastic modes of a simulated aircraft; none for a recorded one."""
     flown = None if result.truth is None else result.truth.aircraft.flown_modes()
     return {m.name for m in flown.modes} if flown else set()
+
+
+# --- cases without a model --------------------------------------------------------------------------------------------
+
+
+_NAMED = 3
+
+
+def failed_sentences(failed: Sequence[FailedCell], words: str = " gave no model") -> list[str]:
+    """Return one sentence per reason, with the suites and estimators that it holds for before the words."""
+    of: dict[str, list[str]] = {}
+    for cell in failed:
+        of.setdefault(cell.reason, []).append(cell.label)
+    return [f"{some(cells, _NAMED)}{words}: {reason}" for reason, cells in of.items()]
+
+
+def failed_table(failed: Sequence[FailedCell]) -> Table:
+    """Return suite, estimator and reason of each."""
+    columns = (Column("suite", "suite"), Column("estimator", "estimator"), Column("reason", "reason"))
+    rows = tuple((cell.suite, cell.estimator, cell.reason) for cell in failed)
+    suites = listed(list(dict.fromkeys(cell.suite for cell in failed)))
+    caption = f"What these found of {suites} is missing everywhere else; the other estimators are not touched."
+    return Table("failed", "Estimators that gave no model", caption, columns, rows, wide=True)

@@ -13,8 +13,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.estimators.identification import estimator_name
 from testbench.page.labels import axis_label, number, shown_unit, superscript, symbol
 from testbench.page.tables import Column, Table, Value
-from testbench.questions.run.failed import failed_table
-from testbench.questions.run.labels import case_names, outputs_of
+from testbench.questions.run.labels import case_names, failed_table, outputs_of
 from testbench.questions.run.seeds_answer import seeds_table
 
 if TYPE_CHECKING:

@@ -20,13 +20,13 @@ from testbench.inputs import build
 from testbench.questions.design.ask import run_design
 from testbench.questions.design.page import design_page
 from testbench.questions.design.scenario import DesignScenario
-from testbench.questions.plan.airspace import box_faults, leg_of
 from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.ask import make_plan
 from testbench.questions.plan.card_text import before_lines
 from testbench.questions.plan.check import check
 from testbench.questions.plan.designs import limits_of_designs, take
 from testbench.questions.plan.new import plan_text
+from testbench.questions.plan.resources import box_faults, leg_of
 from testbench.questions.plan.scenario import Airspace, PlanScenario, Tow
 
 
