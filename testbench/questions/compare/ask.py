@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -13,9 +13,11 @@ from testbench.core.blas import on_one_thread
 from testbench.core.errors import EstimationError, Refusal, located
 from testbench.core.named import Named, obtain
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.scenario.base import Manoeuvre
 from testbench.estimators import estimate
 from testbench.estimators.cells import contained, need_numbers
 from testbench.estimators.model import IdentifiedModel
+from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.prepare import prepared
 from testbench.flight import linearise, load_aircraft
 from testbench.flight.air import air_of
@@ -92,17 +94,23 @@ def compare(
             placed = _place(scenario, scenario.placement, known, suites[0])
     errors: dict[CaseKey, dict[Quantity, FloatArray]] = {}
     failures: list[Failure] = []
-    flights, of_flight, tally = 0, {}, Tally()
+    flights, of_flight = 0, {}
+    experiment = Experiment(scenario, known, suites, seed, simulator)
     if simulate and scenario.identification.labels:
-        air = _flights(scenario, known, suites, seed, say, simulator, tally)
-        for k, (truths, flown) in enumerate(air):
+        for k, (truths, flown) in enumerate(experiment.flights(say)):
             flights += flown
             if k == 0 and identification.best_case and not scenario.air.turbulence_rms_m_s:
                 say("identify: without noise")
-                of_flight = _flight_errors(scenario, known, suites, truths)
+                of_flight = experiment.flight_errors(truths)
             say(f"identify: repetition {k + 1} of {scenario.seeds}")
             for suite in suites:
-                _repeat(scenario, known, suite, truths, k, seed, errors, failures)
+                for case, found in experiment.errors(suite, truths, k):
+                    if isinstance(found, Failure):
+                        failures.append(found)
+                        continue
+                    for quantity, error in found.items():
+                        series = errors.setdefault(case, {})
+                        series.setdefault(quantity, np.full(scenario.seeds, np.nan))[k] = error
         if failures and not errors:
             raise EstimationError(
                 f"some estimator must give a model of some suite, got none in {scenario.seeds} repetitions; the first "
@@ -120,7 +128,7 @@ def compare(
         {case: errors_in_own_units(found, own) for case, found in of_flight.items()},
         placed,
         flights,
-        tally,
+        experiment.tally,
     )
 
 
@@ -136,143 +144,126 @@ def _known(scenario: CompareScenario, aircraft: Aircraft, seed: int) -> Known:
     return Known(aircraft, trimmed, linear, plane, modes, wanted_modes(modes, asked), wanted, free)
 
 
-def _flights(
-    scenario: CompareScenario,
-    known: Known,
-    suites: Sequence[SensorSuite],
-    seed: int,
-    say: Report,
-    simulator: Simulator,
-    tally: Tally,
-) -> Iterator[tuple[Mapping[str, FlightRecord], int]]:
-    """Yield the true records of every repetition by manoeuvre, and how many of them were flown for it.
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """What is flown and through what it is measured: the suites of a scenario, with the aircraft that is known.
 
-    In still air all repetitions share those of the first; in turbulence they are flown some at a time.
+    ``tally`` counts what flies; ``simulator`` says what may.
     """
-    names = [spec.name for spec in scenario.manoeuvre]
-    if not scenario.air.turbulence_rms_m_s > 0.0:
-        for spec in scenario.manoeuvre:
-            say(f"fly {spec.name}")
-        (once,) = _fly(scenario, known, suites, seed, range(1), simulator, tally)
-        for k in range(scenario.seeds):
-            yield once, 0 if k else len(names)
-        return
-    for first in range(0, scenario.seeds, _AT_ONCE):
-        some = range(first, min(first + _AT_ONCE, scenario.seeds))
-        say(f"fly repetitions {some[0] + 1} to {some[-1] + 1} of {scenario.seeds}")
-        for truths in _fly(scenario, known, suites, seed, some, simulator, tally):
-            yield truths, len(names)
 
+    scenario: CompareScenario
+    known: Known
+    suites: Sequence[SensorSuite]
+    seed: int
+    simulator: Simulator = "auto"
+    tally: Tally = field(default_factory=Tally)
 
-def _fly(
-    scenario: CompareScenario,
-    known: Known,
-    suites: Sequence[SensorSuite],
-    seed: int,
-    repetitions: range,
-    simulator: Simulator,
-    tally: Tally,
-) -> list[dict[str, FlightRecord]]:
-    """Return the true records by manoeuvre of each repetition."""
-    from testbench.flight.batch.fly import fly_jobs
+    @property
+    def inputs(self) -> list[Manoeuvre]:
+        """The manoeuvres that models are identified from."""
+        return [spec for spec in self.scenario.manoeuvre if spec.use == "identification"]
 
-    rate = log_rate(scenario.simulation, suites)
-    needed = tuple(sorted({name for suite in suites for s in suite.sensors for name in s.needs}))
-    jobs: list[Job] = []
-    for k in repetitions:
-        for i, spec in enumerate(scenario.manoeuvre):
+    def flights(self, say: Report) -> Iterator[tuple[Mapping[str, FlightRecord], int]]:
+        """Yield the true records of every repetition by manoeuvre, and how many of them were flown for it.
+
+        In still air all repetitions share those of the first; in turbulence they are flown some at a time.
+        """
+        scenario = self.scenario
+        if not scenario.air.turbulence_rms_m_s > 0.0:
+            for spec in scenario.manoeuvre:
+                say(f"fly {spec.name}")
+            (once,) = self._fly(range(1))
+            for k in range(scenario.seeds):
+                yield once, 0 if k else len(scenario.manoeuvre)
+            return
+        for first in range(0, scenario.seeds, _AT_ONCE):
+            some = range(first, min(first + _AT_ONCE, scenario.seeds))
+            say(f"fly repetitions {some[0] + 1} to {some[-1] + 1} of {scenario.seeds}")
+            for truths in self._fly(some):
+                yield truths, len(scenario.manoeuvre)
+
+    def _fly(self, repetitions: range) -> list[dict[str, FlightRecord]]:
+        """Return the true records by manoeuvre of each repetition."""
+        from testbench.flight.batch.fly import fly_jobs
+
+        scenario, aircraft, trimmed = self.scenario, self.known.aircraft, self.known.trimmed
+        rate = log_rate(scenario.simulation, self.suites)
+        needed = tuple(sorted({name for suite in self.suites for s in suite.sensors for name in s.needs}))
+        jobs: list[Job] = []
+        for k in repetitions:
+            for i, spec in enumerate(scenario.manoeuvre):
+                with located(scenario.file, f"manoeuvre[{i}]"):
+                    manoeuvre = manoeuvre_of(spec.name, spec.input, spec.duration_s, spec.settle_s, trimmed.rate_hz)
+                    air = air_of(scenario.air, scenario.condition.h_m, derived_seed(self.seed, k, i))
+                    jobs.append(Job(aircraft, trimmed, manoeuvre, rate, needed, air))
+        out: list[dict[str, FlightRecord]] = []
+        for n, flown in enumerate(fly_jobs(jobs, self.simulator, self.tally)):
+            i = n % len(scenario.manoeuvre)
             with located(scenario.file, f"manoeuvre[{i}]"):
-                rate_hz = known.trimmed.rate_hz
-                manoeuvre = manoeuvre_of(spec.name, spec.input, spec.duration_s, spec.settle_s, rate_hz)
-                air = air_of(scenario.air, scenario.condition.h_m, derived_seed(seed, k, i))
-                jobs.append(Job(known.aircraft, known.trimmed, manoeuvre, rate, needed, air))
-    out: list[dict[str, FlightRecord]] = []
-    for n, flown in enumerate(fly_jobs(jobs, simulator, tally)):
-        i = n % len(scenario.manoeuvre)
-        with located(scenario.file, f"manoeuvre[{i}]"):
-            out += [{}] if i == 0 else []
-            spec = scenario.manoeuvre[i]
-            out[-1][spec.name] = flown_already(known.aircraft, known.trimmed, spec.name, rate, flown)
-    return out
+                out += [{}] if i == 0 else []
+                spec = scenario.manoeuvre[i]
+                out[-1][spec.name] = flown_already(aircraft, trimmed, spec.name, rate, flown)
+        return out
+
+    def _shown(self, suite: SensorSuite, spec: Manoeuvre, truth: FlightRecord, seed: int) -> FlightRecord:
+        return prepared(suite.measure(truth, seed), spec.settle_s, self.scenario.preparation)
+
+    def errors(
+        self, suite: SensorSuite, truths: Mapping[str, FlightRecord], repetition: int
+    ) -> Iterator[tuple[CaseKey, dict[Quantity, float] | Failure]]:
+        """Yield what every estimator errs by in one repetition that one suite measures, or why it gives no model."""
+        scenario, exact = self.scenario, suite.without_errors()
+        measured, clean = {}, {}
+        with located(scenario.file, "preparation"):
+            for i, spec in enumerate(scenario.manoeuvre):
+                seed, truth = derived_seed(self.seed, repetition, i), truths[spec.name]
+                measured[spec.name] = self._shown(suite, spec, truth, seed)
+                if spec.use == "validation":
+                    clean[spec.name] = self._shown(exact, spec, truth, 0)
+        judge = [measured[name] for name in clean]
+        for spec in self.inputs:
+            for label, method, make in self._models(suite, measured[spec.name], judge):
+                case = CaseKey(spec.name, suite.name, label)
+                found: dict[Quantity, float] | Failure
+                try:
+                    with contained(method, scenario.identification.limit_s):
+                        found = errors_of(self.known, need_numbers(make()), judge, list(clean.values()))
+                except Refusal as failure:  # a suite may lack a channel that a structure needs: a finding too
+                    found = Failure(case, repetition, failure.message)
+                yield case, found
+
+    def _models(
+        self, suite: SensorSuite, record: FlightRecord, judge: Sequence[FlightRecord]
+    ) -> Iterator[tuple[str, str, Callable[[], IdentifiedModel]]]:
+        """Yield label and method of every estimator, and what makes its model."""
+        asked = self.scenario.identification
+        outputs = tuple(s.channel for s in sensors_of(suite, asked.outputs))
+        for spec, label in zip(asked.estimators, asked.labels, strict=False):
+            yield label, spec.method, partial(estimate, spec, [record], asked.inputs, outputs, judge)
+        if asked.best_case:
+            yield BEST_CASE, BEST_CASE, partial(self._best, suite, record)
+
+    def _best(self, suite: SensorSuite, record: FlightRecord) -> ParametricModel:
+        asked = self.scenario.identification
+        structure = lagged_structure(self.known, sensors_of(suite, asked.outputs), asked.inputs)
+        return best_estimate(record, structure, suite)
+
+    def flight_errors(self, truths: Mapping[str, FlightRecord]) -> dict[tuple[str, str], dict[Quantity, float]]:
+        """Return what the best case errs by without noise: a flight is not quite linear, nor sampled without end."""
+        out = {}
+        for spec in self.inputs:
+            for suite in self.suites:
+                record = self._shown(suite.without_errors(), spec, truths[spec.name], 0)
+                try:
+                    out[spec.name, suite.name] = model_errors(self.known, self._best(suite, record))
+                except Refusal:
+                    continue  # the repetitions say why
+        return out
 
 
 def derived_seed(seed: int, repetition: int, manoeuvre: int) -> int:
     """Return the seed of one manoeuvre in one repetition: the first word of SeedSequence([seed, k, i])."""
     return int(np.random.SeedSequence([seed, repetition, manoeuvre]).generate_state(1)[0])
-
-
-def _repeat(
-    scenario: CompareScenario,
-    known: Known,
-    suite: SensorSuite,
-    truths: Mapping[str, FlightRecord],
-    repetition: int,
-    seed: int,
-    errors: dict[CaseKey, dict[Quantity, FloatArray]],
-    failures: list[Failure],
-) -> None:
-    """Measure one repetition through one suite, identify with every estimator, and note the errors."""
-    measured, clean = {}, {}
-    with located(scenario.file, "preparation"):
-        for i, spec in enumerate(scenario.manoeuvre):
-            record = suite.measure(truths[spec.name], derived_seed(seed, repetition, i))
-            measured[spec.name] = prepared(record, spec.settle_s, scenario.preparation)
-            if spec.use == "validation":
-                shown = suite.without_errors().measure(truths[spec.name], 0)
-                clean[spec.name] = prepared(shown, spec.settle_s, scenario.preparation)
-    judge = [measured[name] for name in clean]
-    wanted = scenario.identification.outputs
-    outputs = tuple(s.channel for s in sensors_of(suite, wanted))
-    for spec in scenario.manoeuvre:
-        if spec.use != "identification":
-            continue
-        for label, method, make in _models(scenario, known, suite, measured[spec.name], outputs, judge):
-            case = CaseKey(spec.name, suite.name, label)
-            try:
-                with contained(method, scenario.identification.limit_s):
-                    found = errors_of(known, need_numbers(make()), judge, list(clean.values()))
-            except Refusal as failure:  # a suite may lack a channel that a structure needs: a finding too
-                failures.append(Failure(case, repetition, failure.message))
-                continue
-            for quantity, error in found.items():
-                series = errors.setdefault(case, {})
-                series.setdefault(quantity, np.full(scenario.seeds, np.nan))[repetition] = error
-
-
-def _flight_errors(
-    scenario: CompareScenario, known: Known, suites: Sequence[SensorSuite], truths: Mapping[str, FlightRecord]
-) -> dict[tuple[str, str], dict[Quantity, float]]:
-    """Return what the best case errs by without any noise: a flight is not quite linear, nor sampled without end."""
-    identification = scenario.identification
-    out = {}
-    for spec in scenario.manoeuvre:
-        if spec.use != "identification":
-            continue
-        for suite in suites:
-            record = prepared(suite.without_errors().measure(truths[spec.name], 0), spec.settle_s, scenario.preparation)
-            structure = lagged_structure(known, sensors_of(suite, identification.outputs), identification.inputs)
-            try:
-                out[spec.name, suite.name] = model_errors(known, best_estimate(record, structure, suite))
-            except Refusal:
-                continue  # the repetitions say why
-    return out
-
-
-def _models(
-    scenario: CompareScenario,
-    known: Known,
-    suite: SensorSuite,
-    record: FlightRecord,
-    outputs: tuple[str, ...],
-    judge: Sequence[FlightRecord],
-) -> Iterator[tuple[str, str, Callable[[], IdentifiedModel]]]:
-    """Yield label and method of every estimator, and what makes its model."""
-    identification = scenario.identification
-    for spec, label in zip(identification.estimators, identification.labels, strict=False):
-        yield label, spec.method, partial(estimate, spec, [record], identification.inputs, outputs, judge)
-    if identification.best_case:
-        structure = lagged_structure(known, sensors_of(suite, identification.outputs), identification.inputs)
-        yield BEST_CASE, BEST_CASE, partial(best_estimate, record, structure, suite)
 
 
 # --- placement --------------------------------------------------------------------------------------------------------

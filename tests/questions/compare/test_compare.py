@@ -11,9 +11,8 @@ from scipy import stats
 
 from testbench.core.errors import ScenarioError
 from testbench.flight import load_aircraft
-from testbench.flight.batch.jobs import Tally
 from testbench.questions.compare.answer import compare_answer, compare_sentences
-from testbench.questions.compare.ask import _flight_errors, _flights, _known, compare, derived_seed
+from testbench.questions.compare.ask import Experiment, _known, compare, derived_seed
 from testbench.questions.compare.near_zero import errors_in_own_units
 from testbench.questions.compare.page import compare_page
 from testbench.questions.compare.result import CaseKey, Quantity
@@ -398,8 +397,9 @@ def test_bias_comes_from_a_flight_that_is_not_linear() -> None:
     scenario = loaded.model_copy(update=changes)
     known = _known(scenario, load_aircraft("eolo", "flexible"), 0)
     suite = load_suite("eolo_five_accelerometers")
-    truths, _ = next(_flights(scenario, known, [suite], 0, lambda text: None, "jsbsim", Tally()))
-    found = _flight_errors(scenario, known, [suite], truths)
+    experiment = Experiment(scenario, known, [suite], 0, "jsbsim")
+    truths, _ = next(experiment.flights(lambda text: None))
+    found = experiment.flight_errors(truths)
     wn, M_de = Quantity("mode", "wn of 1st symmetric wing bending"), Quantity("parameter", "M_de")
     assert abs(found["slow", suite.name][M_de]) > 5.0  # percent, without any noise
     assert abs(found["slow", suite.name][wn]) > 10.0
