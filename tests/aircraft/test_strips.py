@@ -9,7 +9,6 @@ import pytest
 
 from testbench.aircraft import ScaleCoefficient
 from testbench.aircraft.amend import Amendment
-from testbench.aircraft.strips.lifting_line import LiftingLine, sections
 from testbench.aircraft.strips.loads import StripModel
 from testbench.aircraft.strips.ritz import (
     Stiffness,
@@ -142,11 +141,11 @@ def test_forces_across_symmetries_are_nothing(strips):
     assert strips.force(strips.flow("p"), bend) == 0.0
 
 
-def test_an_elliptic_wing_on_a_lifting_line_has_glauerts_moments():
+def test_an_elliptic_wing_on_a_lifting_line_has_glauerts_moments(derive):
     """A_1 = CL / pi AR, A_2 of the motion: Cl = -pi AR A_2 / 4, Cn = 3 pi AR A_1 A_2 / 4, and -CL / 8 of the tilt."""
     b, AR, CL = 4.0, 18.9, 0.7
-    y = sections(b)
-    line = LiftingLine(b, 4.0 * b / (np.pi * AR) * np.sqrt(1.0 - (2.0 * y / b) ** 2), CL, profile_drag=0.02)
+    y = derive.sections(b)
+    line = derive.LiftingLine(b, 4.0 * b / (np.pi * AR) * np.sqrt(1.0 - (2.0 * y / b) ** 2), CL, profile_drag=0.02)
     assert line.area_m2 == pytest.approx(b**2 / AR)
     assert line.lift_slope() == pytest.approx(2.0 * np.pi * AR / (AR + 2.0))
     assert line.moments("p")["Cl"] == pytest.approx(-np.pi / 4.0 * AR / (AR + 4.0))
