@@ -18,9 +18,8 @@ from testbench.core.channels import CONTROLS, UNITS, channel
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.logs.intervals import about
+from testbench.logs.intervals import about, means, times_of_all
 from testbench.logs.question import CRITERIA, Criteria, Question, Signals, in_unit, short, shown
-from testbench.logs.side_force import against_motion
 from testbench.logs.speeds import against_airspeed
 
 
@@ -258,3 +257,33 @@ def _runs(same: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return first and last sample of each stretch without change; ``same`` compares each sample with the next."""
     edges = np.flatnonzero(np.diff(np.r_[False, same, False].astype(np.int8)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+# --- side force -------------------------------------------------------------------------------------------------------
+
+
+_STEP_S = 0.5
+_NAMES = ("ay", "beta", "alpha", "p", "r", "phi", "theta", "V")
+
+
+def against_motion(signals: Signals, c: Criteria) -> list[Question]:
+    """Question a lateral specific force in g, and one that counts to the left."""
+    at = times_of_all(signals, _NAMES, _STEP_S)
+    if at is None:
+        return []
+    mean = {name: means(signals[name], at[:-1], at[1:]) for name in _NAMES}
+    slipping = np.diff(about(signals["beta"], at, 0.1)) / _STEP_S
+    turning = slipping + mean["r"] * np.cos(mean["alpha"]) - mean["p"] * np.sin(mean["alpha"])
+    expected = mean["V"] * turning - G0_M_S2 * np.sin(mean["phi"]) * np.cos(mean["theta"])
+    if np.std(expected) < c.felt_m_s2 or not np.std(mean["ay"]) > 0.0:
+        return []
+    r = float(np.corrcoef(mean["ay"], expected)[0, 1])
+    if r**2 < c.follows:
+        return []
+    times = float(np.std(mean["ay"]) / np.std(expected))
+    got = f"{'minus ' if r < 0.0 else ''}{times:.2g} times what sideslip, rates and bank make of it"
+    if 1.0 / c.unit_match < times * G0_M_S2 < c.unit_match:
+        return [Question("ay", got, "is it in g" + (", and does it count to the left" if r < 0.0 else ""), "g")]
+    if r < 0.0:
+        return [Question("ay", got, "does it count to the left (scale = -1.0)")]
+    return []

@@ -13,8 +13,7 @@ import pytest
 from scipy import stats
 
 from testbench.core.proportion import proportion_interval
-from testbench.evaluation.calibration import calibration
-from testbench.evaluation.ranks import Ranks, ranks
+from testbench.evaluation.calibration import Ranks, calibration, ranks
 from testbench.evaluation.statistics import (
     chance_of_scatter,
     holm,

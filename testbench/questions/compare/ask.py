@@ -25,8 +25,13 @@ from testbench.flight.batch.jobs import Job, Simulator, Tally
 from testbench.information.modes import modes_of
 from testbench.information.targets import needed_parameters
 from testbench.line import Report, flown_already, log_rate, manoeuvre_of, trim_for
-from testbench.questions.compare.judge import errors_of, model_errors
-from testbench.questions.compare.near_zero import errors_in_own_units, near_zero, predicted_in_own_units
+from testbench.questions.compare.judge import (
+    errors_in_own_units,
+    errors_of,
+    model_errors,
+    near_zero,
+    predicted_in_own_units,
+)
 from testbench.questions.compare.placement import Placed, place, templates
 from testbench.questions.compare.prediction import best_estimate, lagged_structure, predict
 from testbench.questions.compare.result import CaseKey, CompareResult, Failure, Quantity

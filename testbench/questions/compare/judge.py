@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import cast
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TypeVar, cast
 
 import numpy as np
 
 from testbench.core.errors import EstimationError
-from testbench.core.record import FlightRecord
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.evaluation.metrics import mrse_percent
 from testbench.evaluation.parameters import true_parameters
 from testbench.evaluation.poles import match_poles
-from testbench.questions.compare.prediction import LaggedStructure, aircraft_poles
+from testbench.questions.compare.prediction import LaggedStructure, Prediction, aircraft_poles
 from testbench.questions.compare.result import Quantity
 from testbench.questions.compare.seen import Known
 
@@ -86,3 +87,51 @@ def _parameter_errors(known: Known, model: IdentifiedModel) -> dict[Quantity, fl
         for name in known.wanted
         if name in free and true.get(name)
     }
+
+
+# --- quantities whose true value is near zero: their errors are told in their own units, as percent of it say nothing -
+
+
+PERCENT = "%"
+_Errors = TypeVar("_Errors", float, FloatArray)
+OwnUnits = Mapping[str, tuple[str, float]]
+"""Quantity -> its unit, and the factor from percent of its true value to that unit."""
+
+
+def near_zero(known: Known, predictions: Mapping[tuple[str, str], Prediction]) -> OwnUnits:
+    """Return the quantities whose standard error by information is above 100 % by every input, through every suite.
+
+    Through such sensors the sign of the quantity is not known, whichever suite and input are chosen.
+    """
+    least: dict[str, float] = {}
+    values: dict[str, float] = {}
+    for p in predictions.values():
+        for name, unit, std, value in zip(p.names, p.units, p.std.tolist(), p.values.tolist(), strict=True):
+            if unit == PERCENT and np.isfinite(std):
+                least[name] = min(std, least.get(name, np.inf))
+                values[name] = value
+    unknown = [name for name, std in least.items() if std > 100.0]
+    units = {d.name: d.unit for d in dimensional_derivatives(known.linear, known.trimmed)} if unknown else {}
+    return {
+        name: ("rad/s" if name.startswith("wn of ") else units.get(name, "SI"), abs(values[name]) / 100.0)
+        for name in unknown
+    }
+
+
+def predicted_in_own_units(prediction: Prediction, own: OwnUnits) -> Prediction:
+    """Return a prediction with the errors of these quantities in their own units."""
+    factors = np.array([own[n][1] if n in own else 1.0 for n in prediction.names])
+    units = tuple(own[n][0] if n in own else u for n, u in zip(prediction.names, prediction.units, strict=True))
+    return replace(prediction, std=prediction.std * factors, units=units)
+
+
+def errors_in_own_units(errors: Mapping[Quantity, _Errors], own: OwnUnits) -> dict[Quantity, _Errors]:
+    """Return errors (numbers or arrays) with those of these quantities in their own units."""
+    out: dict[Quantity, _Errors] = {}
+    for quantity, error in errors.items():
+        if quantity.kind != "prediction" and quantity.unit == PERCENT and quantity.name in own:
+            unit, factor = own[quantity.name]
+            out[quantity._replace(unit=unit)] = error * factor
+        else:
+            out[quantity] = error
+    return out

@@ -28,7 +28,7 @@ from testbench.inputs import InputSignal
 from testbench.line import fly_and_measure
 from testbench.questions.aircraft.contract import aircraft_laws
 from testbench.questions.aircraft.flexible import add_ground_test
-from testbench.questions.aircraft.flexible.own import own_derivatives
+from testbench.questions.aircraft.flexible.ask import own_derivatives
 
 EXAMPLES = SCENARIOS / "ground_tests"
 PLAN_FORM = """

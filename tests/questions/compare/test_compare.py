@@ -13,7 +13,7 @@ from testbench.core.errors import ScenarioError
 from testbench.flight import load_aircraft
 from testbench.questions.compare.answer import compare_answer, compare_sentences
 from testbench.questions.compare.ask import Experiment, _known, compare, derived_seed
-from testbench.questions.compare.near_zero import errors_in_own_units
+from testbench.questions.compare.judge import errors_in_own_units
 from testbench.questions.compare.page import compare_page
 from testbench.questions.compare.result import CaseKey, Quantity
 from testbench.questions.compare.scenario import CompareScenario

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from testbench.aircraft import Aircraft
 from testbench.aircraft.strips.flexible import Flexible, make_flexible
 from testbench.aircraft.strips.reading import GroundTest, read_ground_test
 from testbench.aircraft.strips.writing import flexible_toml
@@ -15,12 +16,12 @@ from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, find_scenario, resolve
 from testbench.core.store import OWN, ResultFolder
-from testbench.flight import load_aircraft
+from testbench.flight import FlightCondition, load_aircraft, trim
 from testbench.flight.adopt import Adopted
+from testbench.flight.coefficients import coefficients
 from testbench.flight.load import adopted_at, stock
 from testbench.questions.aircraft.adopt import write_adopted
 from testbench.questions.aircraft.ask import Survey, survey
-from testbench.questions.aircraft.flexible.own import own_derivatives
 
 _FILE = "aircraft.toml"
 _TEST = "ground_test"  # folder of the copy of what was measured
@@ -116,3 +117,25 @@ def _write(made: Flexible, test: GroundTest, folder: Path, found: Adopted | None
     for path in [test.path, *(test.path.parent / n for n in dict.fromkeys(names) if n)]:
         write_file(out / _TEST / path.name, read_bytes(path, "shapes"))
     write_file(out / _FILE, told)
+
+
+# --- the derivatives of an aircraft as it flies, for the strips of its modes ------------------------------------------
+
+
+_NOISE = 1e-9  # what differences of forces leave of a zero
+
+
+def own_derivatives(aircraft: Aircraft) -> dict[str, float]:
+    """Return the aerodynamic coefficients of an aircraft at its design condition, and "CL_0".
+
+    They are those of :func:`testbench.flight.coefficients.coefficients`; CL_0 is what is left of the lift coefficient
+    at zero alpha and elevator, CL - CL_alpha alpha - CL_de de.
+
+    Raises:
+        TrimError: the aircraft cannot be trimmed there.
+    """
+    trimmed = trim(aircraft, FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m))
+    own = coefficients(aircraft, trimmed)
+    own = {name: value if abs(value) > _NOISE else 0.0 for name, value in own.items()}
+    turned = own.get("CL_de", 0.0) * trimmed.controls.get("de", 0.0)
+    return {**own, "CL_0": own["CL"] - own["CL_alpha"] * trimmed.alpha - turned}
