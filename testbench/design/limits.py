@@ -9,17 +9,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, fields
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import expm
 
+from testbench.aircraft.model import Control
 from testbench.core.channels import channel
-from testbench.core.constants import DEG_RAD, G0_M_S2
+from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
 from testbench.core.errors import LimitError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.scenario.base import ManoeuvreLimits
 from testbench.flight.linear_model import LinearModel
 
 
@@ -54,6 +56,39 @@ class Limits:
     V_max_m_s: float | None = None
     V_min_m_s: float | None = None
     throw: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls, given: ManoeuvreLimits, controls: Mapping[str, Control], alone: Mapping[str, Any], **more: Any
+    ) -> Limits:
+        """Return the limits that a scenario gives, in SI, with those of ``alone`` where it has none.
+
+        Raises:
+            LimitError: a limit breaks its law.
+        """
+
+        def angle(degrees: float | None) -> float | None:
+            return None if degrees is None else degrees * DEG_RAD
+
+        deflection = {name: max(c.full, -c.low) for name, c in controls.items()}
+        for name, value in given.deflection_deg.items():
+            deflection[name] = value * (PERCENT if name == "thr" else DEG_RAD)
+        said: dict[str, Any] = {
+            "load_factor": given.load_factor,
+            "alpha": given.alpha_deg and (given.alpha_deg[0] * DEG_RAD, given.alpha_deg[1] * DEG_RAD),
+            "beta": angle(given.beta_deg),
+            "speed_change_m_s": given.speed_change_m_s,
+            "height_change_m": given.height_change_m,
+            "pitch_change": angle(given.pitch_change_deg),
+            "bank": angle(given.bank_deg),
+        }
+        return cls(
+            deflection=deflection,
+            rate={name: r * DEG_RAD for name, r in given.rate_deg_s.items()},
+            throw={name: (c.low, c.full) for name, c in controls.items()},
+            **{key: alone.get(key) if value is None else value for key, value in said.items()},
+            **more,
+        )
 
     def control_band(self, control: str) -> tuple[float, float]:
         """Return the lowest and highest value of a control that the limits and its own stops allow."""

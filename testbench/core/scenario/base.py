@@ -14,7 +14,7 @@ from testbench.core.errors import ScenarioError
 from testbench.core.paths import AIRCRAFT, SENSOR_SUITES, Family, find_scenario, resolve
 from testbench.core.project import completed
 from testbench.core.scenario.air import LOWEST_M, AirSpec
-from testbench.core.scenario.inputs import Input
+from testbench.core.scenario.inputs import Control, Input
 from testbench.core.schema import NonNegative, Positive, Strict, parse
 
 
@@ -33,6 +33,7 @@ def _resolved(family: Family) -> AfterValidator:
 
 AircraftName = Annotated[str, _resolved(AIRCRAFT)]
 SuiteName = Annotated[str, _resolved(SENSOR_SUITES)]
+Band = Annotated[tuple[float, float], Field(strict=False)]
 
 
 class Asked(Strict):
@@ -195,3 +196,25 @@ class Preparation(Strict):
     lowpass_hz: Positive | None = None
     decimate: Annotated[int, Field(ge=1)] = 1
     identification_fraction: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.7
+
+
+class ManoeuvreLimits(Strict):
+    """The limits of a manoeuvre as designs and plans give them; changes count from trim."""
+
+    deflection_deg: dict[Control, Positive] = {}
+    rate_deg_s: dict[Control, Positive] = {}
+    load_factor: Band | None = None
+    alpha_deg: Band | None = None
+    beta_deg: Positive | None = None
+    speed_change_m_s: Positive | None = None
+    height_change_m: Positive | None = None
+    pitch_change_deg: Positive | None = None
+    bank_deg: Positive | None = None
+
+    @model_validator(mode="after")
+    def _low_below_high(self) -> Self:
+        for name in ("load_factor", "alpha_deg"):
+            band = getattr(self, name)
+            if band is not None and not band[0] < band[1]:
+                raise ValueError(f"{name}: low < high must hold, got {band[0]:g} and {band[1]:g}")
+        return self

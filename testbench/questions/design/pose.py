@@ -10,7 +10,7 @@ from math import ceil
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.core.constants import DEG_RAD, PERCENT
+from testbench.core.constants import PERCENT
 from testbench.core.errors import LimitError, located
 from testbench.core.record import FloatArray
 from testbench.core.scenario.air import LOWEST_M, AirSpec
@@ -107,32 +107,21 @@ def limits_of(
     scenario: DesignScenario, aircraft: Aircraft, trimmed: TrimmedFlight, onsets: Sequence[Onset] = ()
 ) -> Limits:
     """Return the limits of a scenario, with the aircraft's own where it has none."""
-    given, own, at = scenario.limits, aircraft.limits, trimmed.state
+    own, at, V = aircraft.limits, trimmed.state, scenario.condition.V_m_s
     room = {n: min(at[n] - low, high - at[n]) for n, (low, high) in own.items() if n in at}
-    V = scenario.condition.V_m_s
-
-    def angle(degrees: float | None, name: str) -> float | None:
-        return degrees * DEG_RAD if degrees is not None else room.get(name)
-
-    deflection = {n: max(c.full, -c.low) for n, c in aircraft.controls.items()}
-    for name, value in given.deflection_deg.items():
-        deflection[name] = value * (PERCENT if name == "thr" else DEG_RAD)
     lateral = scenario.plane == "lateral"
-    first = min((o.V_m_s for o in onsets if o.V_m_s is not None), default=None)
     speed = own.get("V", (0.0, np.inf))
-    return Limits(
-        deflection=deflection,
-        rate={n: r * DEG_RAD for n, r in given.rate_deg_s.items()},
-        load_factor=given.load_factor,
-        alpha=(given.alpha_deg[0] * DEG_RAD, given.alpha_deg[1] * DEG_RAD) if given.alpha_deg else own.get("alpha"),
-        beta=angle(given.beta_deg, "beta") if lateral or given.beta_deg else None,
-        speed_change_m_s=given.speed_change_m_s or min(V - speed[0], speed[1] - V),
-        height_change_m=given.height_change_m or room.get("h"),
-        pitch_change=angle(given.pitch_change_deg, "theta"),
-        bank=angle(given.bank_deg, "phi") if lateral or given.bank_deg else None,
-        V_max_m_s=None if first is None or scenario.allow_above_onset else first - given.onset_margin_m_s,
-        throw={n: (c.low, c.full) for n, c in aircraft.controls.items()},
-    )
+    alone = {
+        "alpha": own.get("alpha"),
+        "beta": room.get("beta") if lateral else None,
+        "speed_change_m_s": min(V - speed[0], speed[1] - V),
+        "height_change_m": room.get("h"),
+        "pitch_change": room.get("theta"),
+        "bank": room.get("phi") if lateral else None,
+    }
+    first = min((o.V_m_s for o in onsets if o.V_m_s is not None), default=None)
+    fastest = None if first is None or scenario.allow_above_onset else first - scenario.limits.onset_margin_m_s
+    return Limits.of(scenario.limits, aircraft.controls, alone, V_max_m_s=fastest)
 
 
 def problem_of(

@@ -6,12 +6,11 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from testbench.core.scenario.base import FlownInAir, SuiteName
+from testbench.core.scenario.base import FlownInAir, ManoeuvreLimits, SuiteName
 from testbench.core.scenario.inputs import Control
 from testbench.core.schema import NonNegative, Positive, Strict
 
 _LONGITUDINAL, _LATERAL = {"de", "thr"}, {"da", "dr"}
-Band = Annotated[tuple[float, float], Field(strict=False)]
 Names = Annotated[tuple[str, ...], Field(strict=False)]
 
 FEWEST = 5
@@ -40,27 +39,10 @@ class DesignTargets(Strict):
         return self
 
 
-class DesignLimits(Strict):
+class DesignLimits(ManoeuvreLimits):
     """The limits of the manoeuvre; the aircraft's own limits hold for those left out. Changes count from trim."""
 
-    deflection_deg: dict[Control, Positive] = {}
-    rate_deg_s: dict[Control, Positive] = {}
-    load_factor: Band | None = None
-    alpha_deg: Band | None = None
-    beta_deg: Positive | None = None
-    speed_change_m_s: Positive | None = None
-    height_change_m: Positive | None = None
-    pitch_change_deg: Positive | None = None
-    bank_deg: Positive | None = None
     onset_margin_m_s: NonNegative = 1.0
-
-    @model_validator(mode="after")
-    def _bands(self) -> DesignLimits:
-        for name in ("load_factor", "alpha_deg"):
-            band = getattr(self, name)
-            if band is not None and not band[0] < band[1]:
-                raise ValueError(f"{name}: low < high must hold, got {band[0]:g} and {band[1]:g}")
-        return self
 
 
 class DesignScenario(FlownInAir):

@@ -57,26 +57,7 @@ def limits_of(limits: PlanLimits, aircraft: Aircraft, onset_m_s: float | None) -
         LimitError: a limit breaks its law.
     """
     fastest = [v for v in (limits.V_max_m_s, onset_m_s) if v is not None]
-
-    def degrees(value: float | None) -> float | None:
-        """Return an angle given in degrees in rad."""
-        return None if value is None else value * DEG_RAD
-
-    given: dict[str, float] = {c: v * DEG_RAD for c, v in limits.deflection_deg.items()}
-    return Limits(
-        deflection={c: given.get(c, max(control.full, -control.low)) for c, control in aircraft.controls.items()},
-        rate={c: v * DEG_RAD for c, v in limits.rate_deg_s.items()},
-        load_factor=limits.load_factor,
-        alpha=None if limits.alpha_deg is None else (limits.alpha_deg[0] * DEG_RAD, limits.alpha_deg[1] * DEG_RAD),
-        beta=degrees(limits.beta_deg),
-        speed_change_m_s=limits.speed_change_m_s,
-        height_change_m=limits.height_change_m,
-        pitch_change=degrees(limits.pitch_change_deg),
-        bank=degrees(limits.bank_deg),
-        V_max_m_s=min(fastest) if fastest else None,
-        V_min_m_s=limits.V_min_m_s,
-        throw={n: (c.low, c.full) for n, c in aircraft.controls.items()},
-    )
+    return Limits.of(limits, aircraft.controls, {}, V_max_m_s=min(fastest, default=None), V_min_m_s=limits.V_min_m_s)
 
 
 def bands_of(limits: Limits, point: Point, controls: Sequence[str]) -> Bands:

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from testbench.core.scenario.base import Flown, SuiteName
+from testbench.core.scenario.base import Flown, ManoeuvreLimits, SuiteName
 from testbench.core.scenario.inputs import Control, Input
 from testbench.core.schema import NonNegative, Positive, Strict
 
@@ -61,7 +61,10 @@ class PlannedManoeuvre(Strict):
         return tuple(dict.fromkeys(i.control for i in self.input))
 
 
-class PlanLimits(Strict):
+Surface = Literal["de", "da", "dr"]
+
+
+class PlanLimits(ManoeuvreLimits):
     """The envelope of every manoeuvre; changes count from trim. What is left out comes from the aircraft.
 
     Deflections, trim included, are limited by the aircraft's own stops; alpha and sideslip by its limits; speed by 1.2
@@ -70,24 +73,13 @@ class PlanLimits(Strict):
     each of its limits comes from, and who watches it.
     """
 
-    deflection_deg: dict[Literal["de", "da", "dr"], Positive] = {}
-    rate_deg_s: dict[Literal["de", "da", "dr"], Positive] = {}
-    load_factor: Annotated[tuple[float, float], Field(strict=False)] | None = None
-    alpha_deg: Annotated[tuple[float, float], Field(strict=False)] | None = None
-    beta_deg: Positive | None = None
-    speed_change_m_s: Positive | None = None
-    height_change_m: Positive | None = None
-    pitch_change_deg: Positive | None = None
-    bank_deg: Positive | None = None
+    deflection_deg: dict[Surface, Positive] = {}  # type: ignore[assignment]  # no throttle
+    rate_deg_s: dict[Surface, Positive] = {}  # type: ignore[assignment]
     V_min_m_s: Positive | None = None
     V_max_m_s: Positive | None = None
 
     @model_validator(mode="after")
-    def _low_below_high(self) -> PlanLimits:
-        for key in ("load_factor", "alpha_deg"):
-            pair = getattr(self, key)
-            if pair is not None and not pair[0] < pair[1]:
-                raise ValueError(f"{key}: lowest < highest must hold, got {pair[0]:g} and {pair[1]:g}")
+    def _slow_below_fast(self) -> PlanLimits:
         if self.V_min_m_s is not None and self.V_max_m_s is not None and not self.V_min_m_s < self.V_max_m_s:
             raise ValueError(f"V_min_m_s < V_max_m_s must hold, got {self.V_min_m_s:g} and {self.V_max_m_s:g}")
         return self
