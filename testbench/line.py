@@ -27,8 +27,9 @@ from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepared
 from testbench.evaluation import Evaluation, evaluate
 from testbench.evaluation.truth import Truth, told_of
-from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, fly, linearise, trim
+from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, linearise, trim
 from testbench.flight.air import Air, air_of
+from testbench.flight.batch.jobs import Job
 from testbench.flight.simulate import aborted
 from testbench.inputs import InputSignal, build
 from testbench.sensors import SensorSuite
@@ -111,10 +112,6 @@ def fly_and_measure(
     seed: int = 0,
     air: Air | None = None,
     channels: Sequence[str] | None = None,
-    use: str = "identification",
-    settled: bool = False,
-    keep: Keep | None = None,
-    flown: FlightRecord | None = None,
 ) -> Flight:
     """Fly one manoeuvre from trim and measure it through every suite.
 
@@ -130,10 +127,6 @@ def fly_and_measure(
         seed: of the noise of every suite: sensors that two suites share have the same noise.
         air: turbulence and gust; as trimmed if not given.
         channels: of the truth to log; all if not given.
-        use: what the record is for.
-        settled: measured records begin after ``settle_s``.
-        keep: gets the truth as NAME_truth (NAME_aborted if the flight ends early) and records as NAME_SUITE.
-        flown: its truth, if it has been flown already, see :func:`testbench.flight.batch.fly.fly_many`.
 
     Raises:
         LimitError: a rate, a command or the air breaks its law.
@@ -152,26 +145,67 @@ def fly_and_measure(
         >>> flight.measured["taurus_8hz"].channels
         ('theta', 'q', 'u', 'h', 'de_cmd')
     """
-    aircraft = obtain(Aircraft, aircraft)
+    manoeuvre = manoeuvre_of(name, inputs, duration_s, settle_s, trimmed.rate_hz)
+    logged = None if channels is None else tuple(channels)
+    return measured(Job(obtain(Aircraft, aircraft), trimmed, manoeuvre, log_rate_hz, logged, air), suites, seed)
+
+
+def measured(
+    job: Job,
+    suites: Sequence[Named[SensorSuite]],
+    seed: int,
+    use: str = "identification",
+    settled: bool = False,
+    keep: Keep | None = None,
+    flown: FlightRecord | None = None,
+) -> Flight:
+    """Fly what is wanted, if it has not been flown already, and measure it through every suite.
+
+    Args:
+        job: what is wanted.
+        suites: as of :func:`fly_and_measure`.
+        seed: likewise.
+        use: what the record is for.
+        settled: measured records begin where the inputs do.
+        keep: gets the truth as NAME_truth (NAME_aborted if the flight ends early) and records as NAME_SUITE.
+        flown: its truth, if it has been flown already, see :func:`testbench.flight.batch.fly.fly_many`.
+
+    Raises:
+        LimitError: a rate, a command or the air breaks its law.
+        FlightAborted: the flight left the aircraft's limits; the error carries the record.
+    """
+    name, settle_s = job.manoeuvre.name, job.manoeuvre.settle_s
     try:
-        if flown is None:
-            manoeuvre = manoeuvre_of(name, inputs, duration_s, settle_s, trimmed.rate_hz)
-            flown = fly(aircraft, trimmed, manoeuvre, log_rate_hz, channels, air)
-        elif flown.outcome == "aborted":
-            raise aborted(flown, aircraft.name, name, log_rate_hz)
+        flown = truth_of(job, flown)
     except FlightAborted as error:
         if keep is not None and error.record is not None and len(error.record):
             keep(f"{name}_aborted", error.record)
-        raise _with_instability(error, aircraft, trimmed, name) from error
+        raise
     if keep is not None:
         keep(f"{name}_truth", flown)
-    measured = {}
+    seen = {}
     for suite in obtain_all(SensorSuite, suites):
         record = suite.measure(flown, seed)
-        measured[suite.name] = record.between(settle_s, np.inf) if settled else record
+        seen[suite.name] = record.between(settle_s, np.inf) if settled else record
         if keep is not None:
-            keep(f"{name}_{suite.name}", measured[suite.name])
-    return Flight(name, use, flown, measured, settle_s)
+            keep(f"{name}_{suite.name}", seen[suite.name])
+    return Flight(name, use, flown, seen, settle_s)
+
+
+def truth_of(job: Job, flown: FlightRecord | Refusal | None = None) -> FlightRecord:
+    """Return the truth of a flight that was completed: it is flown now, or was flown with others.
+
+    Raises:
+        FlightAborted: as of :func:`flown_already`.
+        TestbenchError: why it was not flown.
+    """
+    which = job.aircraft, job.trimmed, job.manoeuvre.name
+    if flown is not None:
+        return flown_already(*which, job.log_rate_hz, flown)
+    try:
+        return job.flown_by_jsbsim()
+    except FlightAborted as error:
+        raise _with_instability(error, *which) from error
 
 
 def flown_already(

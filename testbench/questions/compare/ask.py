@@ -24,7 +24,7 @@ from testbench.flight.air import air_of
 from testbench.flight.batch.jobs import Job, Simulator, Tally
 from testbench.information.modes import modes_of
 from testbench.information.targets import needed_parameters
-from testbench.line import Report, flown_already, log_rate, manoeuvre_of, trim_for
+from testbench.line import Report, log_rate, manoeuvre_of, trim_for, truth_of
 from testbench.questions.compare.judge import (
     errors_in_own_units,
     errors_of,
@@ -202,12 +202,11 @@ class Experiment:
                     air = air_of(scenario.air, scenario.condition.h_m, derived_seed(self.seed, k, i))
                     jobs.append(Job(aircraft, trimmed, manoeuvre, rate, needed, air))
         out: list[dict[str, FlightRecord]] = []
-        for n, flown in enumerate(fly_jobs(jobs, self.simulator, self.tally)):
+        for n, (job, flown) in enumerate(zip(jobs, fly_jobs(jobs, self.simulator, self.tally), strict=True)):
             i = n % len(scenario.manoeuvre)
             with located(scenario.file, f"manoeuvre[{i}]"):
                 out += [{}] if i == 0 else []
-                spec = scenario.manoeuvre[i]
-                out[-1][spec.name] = flown_already(aircraft, trimmed, spec.name, rate, flown)
+                out[-1][job.manoeuvre.name] = truth_of(job, flown)
         return out
 
     def _shown(self, suite: SensorSuite, spec: Manoeuvre, truth: FlightRecord, seed: int) -> FlightRecord:

@@ -16,16 +16,7 @@ from testbench.evaluation.truth import Truth, excited, true_model
 from testbench.flight import TrimmedFlight, load_aircraft
 from testbench.flight.air import air_of
 from testbench.flight.batch.jobs import Job
-from testbench.line import (
-    Flight,
-    Keep,
-    Report,
-    fly_and_measure,
-    identify_and_judge,
-    log_rate,
-    manoeuvre_of,
-    trim_for,
-)
+from testbench.line import Flight, Keep, Report, identify_and_judge, log_rate, manoeuvre_of, measured, trim_for
 from testbench.questions.run.result import RunResult
 from testbench.questions.run.scenario import Scenario
 from testbench.questions.run.seeds import repeat
@@ -139,26 +130,11 @@ def _ready(scenario: Scenario, seed: int, say: Report) -> Prepared:
 def fly_all(scenario: Scenario, ready: Prepared, seed: int, keep: Keep | None, say: Report) -> tuple[Flight, ...]:
     """Fly and measure all manoeuvres of a scenario, or measure those that have been flown."""
     flights = []
-    for i, spec in enumerate(scenario.manoeuvre):
+    for i, (spec, job) in enumerate(zip(scenario.manoeuvre, wanted_flights(scenario, ready, seed), strict=True)):
         say(f"fly {spec.name}")
         with located(scenario.file, f"manoeuvre[{i}]"):
-            flight = fly_and_measure(
-                ready.aircraft,
-                ready.trimmed,
-                spec.name,
-                spec.input,
-                spec.duration_s,
-                log_rate_hz=log_rate(scenario.simulation, ready.suites),
-                settle_s=spec.settle_s,
-                suites=ready.suites,
-                seed=seed + i,
-                air=air_of(scenario.air, scenario.condition.h_m, seed + i),
-                channels=ready.channels,
-                use=spec.use,
-                keep=keep,
-                flown=ready.flown[i] if ready.flown else None,
-            )
-        flights.append(flight)
+            flown = ready.flown[i] if ready.flown else None
+            flights.append(measured(job, ready.suites, seed + i, spec.use, keep=keep, flown=flown))
     return tuple(flights)
 
 
