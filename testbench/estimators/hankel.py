@@ -126,7 +126,7 @@ def runs(known: NDArray[np.bool_]) -> Iterator[slice]:
 
 
 def block_factor(
-    series: Sequence[FloatArray], starts: Sequence[NDArray[np.intp]], length: int, lead: int = 0
+    series: Sequence[FloatArray], good: Sequence[NDArray[np.bool_]], length: int, lead: int = 0
 ) -> tuple[FloatArray, int]:
     """Return the R factor of all windows of all series, and the number of windows less that of the lead columns.
 
@@ -141,69 +141,19 @@ def block_factor(
 
     Args:
         series: (N, d) each.
-        starts: first samples of the windows to use, per series, increasing.
+        good: (N,) each, False for samples that no window may touch.
         length: of the windows, in samples.
         lead: 0, 1 or 2.
     """
-    columns = sum(max(s.size - lead, 0) for s in starts)
-    quick = quick_factor(series, starts, length, lead)
-    return (quick, columns) if quick is not None else _folded(series, starts, length, lead)
-
-
-def _folded(
-    series: Sequence[FloatArray], starts: Sequence[NDArray[np.intp]], length: int, lead: int
-) -> tuple[FloatArray, int]:
-    """Return what :func:`block_factor` does, windows folded into a triangle chunk by chunk."""
-    width = length * series[0].shape[1]
-    R = np.zeros((0, width))
-    for z, first in zip(series, starts, strict=True):
-        if first.size <= lead:
-            continue
-        part = np.zeros((0, width + lead)) if lead else R
-        for at, rows in windows(z, first, length):
-            part = triangle(part, np.hstack([trend(at, first, lead), rows]) if lead else rows)
-        R = triangle(R, part[lead:, lead:]) if lead else part
-    return R, sum(max(s.size - lead, 0) for s in starts)
-
-
-def quick_factor(
-    series: Sequence[FloatArray], starts: Sequence[NDArray[np.intp]], length: int, lead: int = 0
-) -> FloatArray | None:
-    """Return the R factor of :func:`block_factor` by way of the Gram matrix, None for short or ill-conditioned data."""
-    if sum(max(s.size - lead, 0) for s in starts) < _LONG * length * series[0].shape[1]:
-        return None
-    return _gram_factor(series, starts, length, lead)
+    windows_of = BlockHankel(series, good, (length,), lead)
+    quick = windows_of.quick(length)
+    return (quick, windows_of.columns(length)) if quick is not None else windows_of.folded(length)
 
 
 def trend(at: NDArray[np.intp], first: NDArray[np.intp], lead: int) -> FloatArray:
     """Return 1 and the time from -1 to 1 over the series, as columns."""
     middle, half = 0.5 * (first[0] + first[-1]), max(0.5 * (first[-1] - first[0]), 0.5)
     return np.stack([np.ones(at.size), (at - middle) / half], axis=1)[:, :lead]
-
-
-def _gram_factor(
-    series: Sequence[FloatArray], starts: Sequence[NDArray[np.intp]], length: int, lead: int
-) -> FloatArray | None:
-    """Return the Cholesky factor of the Gram matrix of the windows, or None where it would lose digits."""
-    used = [(centred(z, lead), first) for z, first in zip(series, starts, strict=True) if first.size > lead]
-    rows = [
-        sum(
-            (lag_products(z, int(part[0]), int(part[-1]) + 1, length) for part in _consecutive(first)),
-            np.zeros((z.shape[1], length * z.shape[1])),
-        )
-        for z, first in used
-    ]
-    return _factor_of_rows(used, rows, length, lead)
-
-
-def _factor_of_rows(
-    used: Sequence[tuple[FloatArray, NDArray[np.intp]]], rows: Sequence[FloatArray], length: int, lead: int
-) -> FloatArray | None:
-    """Return the Cholesky factor, given per series samples, starts and the first block row of their Gram matrix."""
-    if not used:
-        return None
-    G = np.sum([_gram(z, first, row, length, lead) for (z, first), row in zip(used, rows, strict=True)], axis=0)
-    return cholesky_factor(G) if np.all(np.diag(G) > 0.0) else None
 
 
 def centred(z: FloatArray, lead: int) -> FloatArray:
@@ -259,7 +209,7 @@ def _gram(z: FloatArray, first: NDArray[np.intp], row: FloatArray, length: int, 
         own[there, d:] = own[here, :-d] + come[:, here].T @ come[:, :-d] - gone[:, here].T @ gone[:, :-d]
     if lead:
         between = np.zeros((lead, width))
-        for part in _consecutive(first):
+        for part in np.split(first, cut + 1):
             begin, end = int(part[0]), int(part[-1]) + 1
             line = trend(part, first, lead)
             for j in range(length):
@@ -307,10 +257,23 @@ class BlockHankel:
         quick = self._by_gram(length) if self._long(length) or self._costly(length) else None
         if quick is not None:
             return quick, self.columns(length)
-        return _folded(self.series, self.starts(length), length, self.lead)
+        return self.folded(length)
+
+    def folded(self, length: int) -> tuple[FloatArray, int]:
+        """Return the same, windows folded into a triangle chunk by chunk."""
+        lead, width = self.lead, length * self._width
+        R = np.zeros((0, width))
+        for z, first in zip(self.series, self.starts(length), strict=True):
+            if first.size <= lead:
+                continue
+            part = np.zeros((0, width + lead)) if lead else R
+            for at, rows in windows(z, first, length):
+                part = triangle(part, np.hstack([trend(at, first, lead), rows]) if lead else rows)
+            R = triangle(R, part[lead:, lead:]) if lead else part
+        return R, self.columns(length)
 
     def quick(self, length: int) -> FloatArray | None:
-        """Return what :func:`quick_factor` does of all windows of that length."""
+        """Return the factor by way of the Gram matrix, None for short or ill-conditioned data."""
         return self._by_gram(length) if self._long(length) else None
 
     def _by_gram(self, length: int) -> FloatArray | None:
@@ -318,12 +281,13 @@ class BlockHankel:
             self._longest = max(length, self._longest)
             self._centred = [centred(z, self.lead) for z in self.series]
             self._rows = [self._shared(z, known) for z, known in zip(self._centred, self._runs, strict=True)]
-        used, rows = [], []
-        for z, known, shared, first in zip(self._centred, self._runs, self._rows, self.starts(length), strict=True):
-            if first.size > self.lead:
-                used.append((z, first))
-                rows.append(self._row(z, known, shared, length))
-        return _factor_of_rows(used, rows, length, self.lead)
+        grams = [
+            _gram(z, first, self._row(z, known, shared, length), length, self.lead)
+            for z, known, shared, first in zip(self._centred, self._runs, self._rows, self.starts(length), strict=True)
+            if first.size > self.lead
+        ]
+        G = np.sum(grams, axis=0)
+        return cholesky_factor(G) if grams and np.all(np.diag(G) > 0.0) else None
 
     def _long(self, length: int) -> bool:
         return self.columns(length) >= _LONG * length * self._width

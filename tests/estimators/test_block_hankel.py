@@ -44,7 +44,7 @@ def test_factors_of_several_lengths_equal_those_of_their_own_windows(lead, annou
         assert R is not None
         # 3500 products are summed in another order: 1e-12 is some hundred roundings of the largest sum
         assert np.abs(R.T @ R - expected).max() < 1e-12 * np.abs(expected).max()
-        own, columns = block_factor(series, starts, length, lead)
+        own, columns = block_factor(series, good, length, lead)
         assert shared.columns(length) == columns == sum(first.size - lead for first in starts if first.size > lead)
         assert np.abs(own - R).max() < 1e-10 * np.abs(R).max()
 

@@ -400,7 +400,7 @@ def realise(step1: Innovations, L: int, order: int | None) -> Realisation:
     raw = step1.windows.quick(step1.J + L)
     if raw is None:
         series = [np.hstack([s.u, e[:, noisy], yd]) for s, (yd, e) in zip(step1.stretches, step1.series, strict=True)]
-        R, _ = block_factor(series, starts, L, step1.lead)
+        R, _ = block_factor(series, step1.known, L, step1.lead)
     else:
         R = future_of(raw, step1, L)
     is_input = np.arange(R.shape[1]) % (mv + p) < mv
@@ -532,7 +532,7 @@ def _past_and_future(step1: Innovations, L: int) -> tuple[FloatArray, FloatArray
         np.hstack([s.u, s.y / step1.deviation, s.u, e[:, step1.noisy], yd])
         for s, (yd, e) in zip(step1.stretches, step1.series, strict=True)
     ]
-    R, _ = block_factor(series, step1.windows.starts(J + L), J + L, step1.lead)
+    R, _ = block_factor(series, [s.good for s in step1.stretches], J + L, step1.lead)
     blocks = R.reshape(R.shape[0], J + L, -1)
     return blocks[:, : J + 1, :d].reshape(R.shape[0], -1), blocks[:, J:, d:].reshape(R.shape[0], -1)
 

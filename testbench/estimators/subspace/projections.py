@@ -52,7 +52,7 @@ from numpy.typing import NDArray
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
-from testbench.estimators.hankel import block_factor, thin_svd, window_starts
+from testbench.estimators.hankel import block_factor, thin_svd
 from testbench.estimators.subspace.data import EXACT, Stretch, choose_order
 
 # --- the R factor of past and future, and its VARX predictor ----------------------------------------------------------
@@ -139,8 +139,7 @@ def factorise(stretches: Sequence[Stretch], J: int, H: int, direct: bool, lead: 
     """
     m, p = stretches[0].u.shape[1], stretches[0].y.shape[1]
     d = m + p
-    starts = [window_starts(s.good, H) for s in stretches]
-    R, columns = block_factor([s.both for s in stretches], starts, H, lead)
+    R, columns = block_factor([s.both for s in stretches], [s.good for s in stretches], H, lead)
     if columns < H * d:
         dropped = sum(max(len(s.u) - H + 1 - lead, 0) for s in stretches) - columns
         raise EstimationError(
