@@ -71,6 +71,22 @@ def note(code: str, sentence: str) -> Advice:
     return Advice(sentence, "note", code)
 
 
+class AdviceList(list[Advice]):
+    """Advice that is collected: ``said.doubt("few_data", "...")`` adds one piece of it."""
+
+    def wrong(self, code: str, sentence: str) -> None:
+        """Add advice not to use a result, or the part of it that is named."""
+        self.append(wrong(code, sentence))
+
+    def doubt(self, code: str, sentence: str) -> None:
+        """Add advice to use a result with reserve."""
+        self.append(doubt(code, sentence))
+
+    def note(self, code: str, sentence: str) -> None:
+        """Add what is worth knowing and takes nothing from a result."""
+        self.append(note(code, sentence))
+
+
 def ranked(advice: Iterable[str]) -> tuple[Advice, ...]:
     """Return advice with the worst first, else in its order; a sentence without a severity is a doubt of code "own"."""
     all_of_it = [a if isinstance(a, Advice) else Advice(a) for a in advice]

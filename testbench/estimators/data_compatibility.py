@@ -20,7 +20,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 from scipy.stats import norm
 
-from testbench.core.advice import Advice, doubt, note, wrong
+from testbench.core.advice import Advice, AdviceList, doubt
 from testbench.core.constants import G0_M_S2
 from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord, FloatArray
@@ -270,45 +270,35 @@ def _advice(
     fit: Fit,
     false_alarm: float,
 ) -> list[Advice]:
-    out = []
+    out = AdviceList()
     for e in errors:
         others = f"; these data also result if {', or if '.join(e.alternatives)}" if e.alternatives else ""
-        out.append(doubt(INSTRUMENT_ERROR, f"{e.words} ({e.significance:.1f} standard errors){others}"))
+        out.doubt(INSTRUMENT_ERROR, f"{e.words} ({e.significance:.1f} standard errors){others}")
     if errors:
-        out.append(
-            note(
-                "remove_first",
-                "remove these errors before you estimate the aerodynamics; on records without errors this search names "
-                f"one with probability {false_alarm:g}",
-            )
+        out.note(
+            "remove_first",
+            "remove these errors before you estimate the aerodynamics; on records without errors this search names "
+            f"one with probability {false_alarm:g}",
         )
         hidden = [n for n in lost if any(e.name in lost[n] for e in errors)]
         if hidden:
-            out.append(
-                doubt(
-                    "not_told_apart",
-                    f"these data cannot tell {', '.join(hidden)} from the errors named, which stand for both; "
-                    "manoeuvres that change attitude, speed and heading more would tell them apart",
-                )
+            out.doubt(
+                "not_told_apart",
+                f"these data cannot tell {', '.join(hidden)} from the errors named, which stand for both; "
+                "manoeuvres that change attitude, speed and heading more would tell them apart",
             )
     small = [e.name for e in errors if e.name[:2] in ACCELEROMETERS and abs(e.estimate) < _LOCAL_GRAVITY]
     if small:
-        out.append(
-            doubt(
-                "gravity",
-                f"{', '.join(small)} may be gravity: {structure.gravity_m_s2:g} m/s2 was assumed, and gravity varies "
-                "by 0.05 m/s2 over the earth; give the local value",
-            )
+        out.doubt(
+            "gravity",
+            f"{', '.join(small)} may be gravity: {structure.gravity_m_s2:g} m/s2 was assumed, and gravity varies "
+            "by 0.05 m/s2 over the earth; give the local value",
         )
     if not fit.converged:
-        out.append(
-            wrong(
-                "not_converged",
-                "the search did not converge: its values are rough; use shorter records or look for fewer errors",
-            )
+        out.wrong(
+            "not_converged",
+            "the search did not converge: its values are rough; use shorter records or look for fewer errors",
         )
     if fit.at_bound:
-        out.append(
-            wrong("on_bound", f"{', '.join(fit.at_bound)} ended on a bound: the bound sets the value, not the data")
-        )
+        out.wrong("on_bound", f"{', '.join(fit.at_bound)} ended on a bound: the bound sets the value, not the data")
     return out

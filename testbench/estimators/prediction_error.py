@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.core.advice import Advice, doubt, wrong
+from testbench.core.advice import Advice, AdviceList
 from testbench.core.constants import WHITE
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
@@ -591,50 +591,40 @@ def _radius(A: FloatArray) -> float:
 
 
 def _advice(model: StateSpaceModel, white: FloatArray, layout: Layout) -> tuple[Advice, ...]:
-    out, found = [], model.diagnostics
+    out, found = AdviceList(), model.diagnostics
     if not found["converged"] and layout.disturbances and _radius(model.A - model.K @ model.C) > _MARGINAL:
-        out.append(
-            doubt(
-                "predictor_at_limit",
-                "the search ended where the predictor A - K C becomes unstable: these data hold no disturbances that "
-                "could be told from the noise; set disturbances = false",
-            )
+        out.doubt(
+            "predictor_at_limit",
+            "the search ended where the predictor A - K C becomes unstable: these data hold no disturbances that "
+            "could be told from the noise; set disturbances = false",
         )
     elif not found["converged"]:
-        out.append(
-            wrong(
-                "not_converged",
-                "the search did not converge: do not use the model; lower the order, start from another estimate or "
-                "allow more iterations",
-            )
+        out.wrong(
+            "not_converged",
+            "the search did not converge: do not use the model; lower the order, start from another estimate or "
+            "allow more iterations",
         )
     if found["undecided"]:
-        out.append(
-            doubt(
-                "not_told_apart",
-                f"these data do not decide {found['undecided']} of {found['parameters']} directions, and the standard "
-                "errors leave them out: the order is too high, or an input moves too little",
-            )
+        out.doubt(
+            "not_told_apart",
+            f"these data do not decide {found['undecided']} of {found['parameters']} directions, and the standard "
+            "errors leave them out: the order is too high, or an input moves too little",
         )
     coloured = [o for o, w in zip(model.outputs, white, strict=True) if w < WHITE]
     if coloured and layout.disturbances:
-        out.append(
-            doubt(
-                "coloured_residuals",
-                f"innovations of {', '.join(coloured)} are not white: raise the order, or something is not linear",
-            )
+        out.doubt(
+            "coloured_residuals",
+            f"innovations of {', '.join(coloured)} are not white: raise the order, or something is not linear",
         )
     elif coloured:
-        out.append(
-            doubt(
-                "coloured_residuals",
-                f"residuals of {', '.join(coloured)} are not white: "
-                + (
-                    "standard errors are corrected for it; estimate the disturbances to correct the weights as well"
-                    if found["converged"]
-                    else "the standard errors are not to be believed, because the search did not converge"
-                ),
-            )
+        out.doubt(
+            "coloured_residuals",
+            f"residuals of {', '.join(coloured)} are not white: "
+            + (
+                "standard errors are corrected for it; estimate the disturbances to correct the weights as well"
+                if found["converged"]
+                else "the standard errors are not to be believed, because the search did not converge"
+            ),
         )
     return (*out, *approximate("prediction_error"))
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.core.advice import Advice, doubt, note, wrong
+from testbench.core.advice import Advice, AdviceList, note
 from testbench.core.constants import WHITE
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
@@ -156,16 +156,14 @@ def _series(record: FlightRecord, inputs: Sequence[str], output: str) -> Series:
 
 def _untaken(records: Sequence[FlightRecord], inputs: Sequence[str]) -> list[Advice]:
     """Return a sentence on each input whose samples were not all taken and not bridged by ``prepare``."""
-    out = []
+    out = AdviceList()
     for name in inputs:
         share = np.mean(np.concatenate([r.select([name]).valid[:, 0] for r in records]))
         if share < 1.0 and not all("prepared" in r.provenance for r in records):
-            out.append(
-                doubt(
-                    "interpolated",
-                    f"{name}: {100 * (1.0 - share):.1f} % of its samples were not taken and hold the value before; "
-                    "bridge the gaps with prepare",
-                )
+            out.doubt(
+                "interpolated",
+                f"{name}: {100 * (1.0 - share):.1f} % of its samples were not taken and hold the value before; "
+                "bridge the gaps with prepare",
             )
     return out
 
@@ -241,30 +239,24 @@ def _best_delays(
 
 
 def _advice(name: str, diagnostics: Mapping[str, Any], no_delay: bool) -> list[Advice]:
-    out = []
+    out = AdviceList()
     if not diagnostics["converged"]:
-        out.append(
-            wrong(
-                "not_converged",
-                f"{name}: the instrumental variables did not converge: its coefficients are those with the smallest "
-                "error found; use fewer poles or zeros, or filter out what the model cannot follow",
-            )
+        out.wrong(
+            "not_converged",
+            f"{name}: the instrumental variables did not converge: its coefficients are those with the smallest "
+            "error found; use fewer poles or zeros, or filter out what the model cannot follow",
         )
     if diagnostics["condition"] > 1.0 / _DEFICIENT:
-        out.append(
-            doubt(
-                "not_told_apart",
-                f"{name}: the instruments are rank deficient (condition {diagnostics['condition']:.1e}): the data hold "
-                "fewer poles and zeros than asked for; lower them or excite a wider band",
-            )
+        out.doubt(
+            "not_told_apart",
+            f"{name}: the instruments are rank deficient (condition {diagnostics['condition']:.1e}): the data hold "
+            "fewer poles and zeros than asked for; lower them or excite a wider band",
         )
     if no_delay:
-        out.append(
-            note(
-                "no_delay",
-                f"{name}: a refined delay ended at zero and was fixed there: there is no delay, or other terms of the "
-                "structure stand for it",
-            )
+        out.note(
+            "no_delay",
+            f"{name}: a refined delay ended at zero and was fixed there: there is no delay, or other terms of the "
+            "structure stand for it",
         )
     if diagnostics["residual_percent"] > 100.0 * _SILENT and diagnostics["white_probability"] < WHITE:
         errors_hold = (
@@ -273,12 +265,10 @@ def _advice(name: str, diagnostics: Mapping[str, Any], no_delay: bool) -> list[A
             if diagnostics["converged"]
             else "the standard errors are not to be believed, because the iterations did not converge"
         )
-        out.append(
-            doubt(
-                "coloured_residuals",
-                f"{name}: the residuals are coloured (Ljung-Box probability {diagnostics['white_probability']:.1e}): "
-                f"{errors_hold}",
-            )
+        out.doubt(
+            "coloured_residuals",
+            f"{name}: the residuals are coloured (Ljung-Box probability {diagnostics['white_probability']:.1e}): "
+            f"{errors_hold}",
         )
     return out
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from testbench.core.advice import Advice, doubt, note
+from testbench.core.advice import Advice, AdviceList
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.words import array_found
@@ -80,40 +80,34 @@ def question_poles(
         records: what was identified from.
         inputs: (m,) input channels.
     """
-    out = []
+    out = AdviceList()
     nyquist = np.pi / records[0].dt_s
     for given in inputs:
         peak = spectral_peak(records, given)
         near = omega_rad_s[(np.abs(omega_rad_s - peak) <= NEAR_PEAK * peak) & (known > VAGUE)]
         if near.size:
-            out.append(
-                doubt(
-                    "poles_at_input_peak",
-                    f"{output}: poles at {_list(near)} rad/s lie within {100 * NEAR_PEAK:.0f} % "
-                    f"of the peak of the spectrum of {given} ({peak:.2f} rad/s): the data, not the input, should "
-                    "decide where they lie; check with an input of another spectrum",
-                )
+            out.doubt(
+                "poles_at_input_peak",
+                f"{output}: poles at {_list(near)} rad/s lie within {100 * NEAR_PEAK:.0f} % "
+                f"of the peak of the spectrum of {given} ({peak:.2f} rad/s): the data, not the input, should "
+                "decide where they lie; check with an input of another spectrum",
             )
     fast = omega_rad_s > PART_OF_NYQUIST * nyquist
     if fast.any():
-        out.append(
-            doubt(
-                "beyond_nyquist",
-                f"{output}: poles at {_list(omega_rad_s[fast])} rad/s lie above half the Nyquist frequency "
-                f"({nyquist:.2f} rad/s): such poles come from noise and from holding the input; log faster or use "
-                "fewer poles",
-            )
+        out.doubt(
+            "beyond_nyquist",
+            f"{output}: poles at {_list(omega_rad_s[fast])} rad/s lie above half the Nyquist frequency "
+            f"({nyquist:.2f} rad/s): such poles come from noise and from holding the input; log faster or use "
+            "fewer poles",
         )
     low, high = excited_band(records, inputs)
     outside = ((omega_rad_s < low) | (omega_rad_s > high)) & ~fast
     if outside.any():
-        out.append(
-            doubt(
-                "outside_band",
-                f"{output}: poles at {_list(omega_rad_s[outside])} rad/s lie outside the band {low:.2f} to {high:.2f} "
-                "rad/s that holds 99 % of the input's energy: they follow from the structure and the noise more than "
-                "from the data; excite that band or use fewer poles",
-            )
+        out.doubt(
+            "outside_band",
+            f"{output}: poles at {_list(omega_rad_s[outside])} rad/s lie outside the band {low:.2f} to {high:.2f} "
+            "rad/s that holds 99 % of the input's energy: they follow from the structure and the noise more than "
+            "from the data; excite that band or use fewer poles",
         )
     return out
 
@@ -522,52 +516,42 @@ def _advice(
     judged: bool,
 ) -> tuple[Advice, ...]:
     """Return what is doubtful and what to do about it, in sentences."""
-    out = []
+    out = AdviceList()
     if not judged:
-        out.append(
-            note(
-                "structure_not_judged",
-                "the number of zeros was chosen on the records it was fitted to, which favours more zeros; "
-                "give validation records",
-            )
+        out.note(
+            "structure_not_judged",
+            "the number of zeros was chosen on the records it was fitted to, which favours more zeros; "
+            "give validation records",
         )
     for name, fit in fits.items():
         if fit.taken < 1.0:
-            out.append(
-                doubt(
-                    "interpolated",
-                    f"{name}: only {100 * fit.taken:.0f} % of its samples were taken, because the sensor is slower "
-                    "than the log, and the others were interpolated; do not trust poles near the sensor's rate; "
-                    "decimate to that rate",
-                )
+            out.doubt(
+                "interpolated",
+                f"{name}: only {100 * fit.taken:.0f} % of its samples were taken, because the sensor is slower "
+                "than the log, and the others were interpolated; do not trust poles near the sensor's rate; "
+                "decimate to that rate",
             )
         if fit.condition > 1.0 / _DEFICIENT:
-            out.append(
-                doubt(
-                    "not_told_apart",
-                    f"{name}: the regression is rank deficient (condition {fit.condition:.1e}): "
-                    "the data hold fewer poles than asked for; lower poles, decimate or excite a wider band",
-                )
+            out.doubt(
+                "not_told_apart",
+                f"{name}: the regression is rank deficient (condition {fit.condition:.1e}): "
+                "the data hold fewer poles than asked for; lower poles, decimate or excite a wider band",
             )
         if discrete[name].size:
             z = ", ".join(f"{z.real:.3g}" for z in discrete[name])
-            out.append(
-                doubt(
-                    "no_continuous_counterpart",
-                    f"{name}: discrete poles at {z} have no continuous counterpart: they model noise, not the "
-                    "aircraft; use fewer poles",
-                )
+            out.doubt(
+                "no_continuous_counterpart",
+                f"{name}: discrete poles at {z} have no continuous counterpart: they model noise, not the "
+                "aircraft; use fewer poles",
             )
         if fit.equation_error < _SILENT:
             continue
         if fit.white < _WHITE:
-            out.append(
-                doubt(
-                    "coloured_residuals",
-                    f"{name}: the equation errors are coloured (Ljung-Box probability {fit.white:.1e}), as noise on "
-                    "the output makes them; the coefficients are biased, and their standard errors do not show it; "
-                    "low-pass and decimate, or use an output-error method",
-                )
+            out.doubt(
+                "coloured_residuals",
+                f"{name}: the equation errors are coloured (Ljung-Box probability {fit.white:.1e}), as noise on "
+                "the output makes them; the coefficients are biased, and their standard errors do not show it; "
+                "low-pass and decimate, or use an output-error method",
             )
         poles = continuous_poles(discrete_poles(fit.a), records[0].dt_s)[0]
         omega = np.asarray(np.unique(np.round(np.abs(poles), 12)), np.float64)

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.optimize import least_squares
 
-from testbench.core.advice import Advice, doubt, wrong
+from testbench.core.advice import Advice, AdviceList
 from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.continuous import ContinuousTransferModel, Hold, holds
@@ -470,40 +470,32 @@ def _errors(problem: Problem, x: FloatArray, J: FloatArray, w0: float) -> tuple[
 
 
 def _advice(name: str, note: Mapping[str, float], a: FloatArray, part: FrequencyResponse) -> list[Advice]:
-    out = []
+    out = AdviceList()
     low, high = float(part.omega_rad_s[0]), float(part.omega_rad_s[-1])
     if note["cost"] > _POOR and note["misfit_ratio"] > _EXPLAINED:  # else the responses are noisy, and the fit is right
-        out.append(
-            wrong(
-                "no_fit",
-                f"{name}: the mean cost {note['cost']:.0f} exceeds {_POOR:.0f}: no equivalent of this order fits; "
-                "raise the order, narrow the band, or allow a delay",
-            )
+        out.wrong(
+            "no_fit",
+            f"{name}: the mean cost {note['cost']:.0f} exceeds {_POOR:.0f}: no equivalent of this order fits; "
+            "raise the order, narrow the band, or allow a delay",
         )
     elif _EXPLAINED < note["misfit_ratio"] < np.inf:
-        out.append(
-            doubt(
-                "structure_lacks",
-                f"{name}: the misfit is {note['misfit_ratio']:.1f} times what the random error explains, and standard "
-                "errors were raised for it: the structure lacks something that the data show",
-            )
+        out.doubt(
+            "structure_lacks",
+            f"{name}: the misfit is {note['misfit_ratio']:.1f} times what the random error explains, and standard "
+            "errors were raised for it: the structure lacks something that the data show",
         )
     if note["condition"] > 1e7:
-        out.append(
-            doubt(
-                "not_told_apart",
-                f"{name}: the unknowns cannot be told apart (condition {note['condition']:.1e}): use fewer poles, "
-                "zeros or delays",
-            )
+        out.doubt(
+            "not_told_apart",
+            f"{name}: the unknowns cannot be told apart (condition {note['condition']:.1e}): use fewer poles, "
+            "zeros or delays",
         )
     sizes = np.abs(np.roots(a))
     outside = sizes[(sizes < low) | (sizes > high)]
     if outside.size and note["misfit_ratio"] != 1.0:
-        out.append(
-            doubt(
-                "outside_band",
-                f"{name}: poles at {', '.join(f'{w:.2f}' for w in outside)} rad/s lie outside the fitted band "
-                f"{low:.2f} to {high:.2f} rad/s: the fit extrapolates; widen the band or fix the order lower",
-            )
+        out.doubt(
+            "outside_band",
+            f"{name}: poles at {', '.join(f'{w:.2f}' for w in outside)} rad/s lie outside the fitted band "
+            f"{low:.2f} to {high:.2f} rad/s: the fit extrapolates; widen the band or fix the order lower",
         )
     return out

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.core.advice import Advice, Advised, as_json, doubt
+from testbench.core.advice import Advice, AdviceList, Advised, as_json
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.words import array_found
@@ -446,35 +446,29 @@ def _advice(
     omega: FloatArray,
     parts: list[_Spectra],
 ) -> tuple[Advice, ...]:
-    out = []
+    out = AdviceList()
     m = len(inputs)
     for i, name in enumerate(outputs):
         low = coherence[:, i] < COHERENT
         if low.any():
-            out.append(
-                doubt(
-                    "low_coherence",
-                    f"{name}: coherence lies below {COHERENT:g} at {100 * low.mean():.0f} % of the frequencies "
-                    f"({omega[low][0]:.3g} to {omega[low][-1]:.3g} rad/s): noise, an input that is not named, or "
-                    "nonlinearity; use the response elsewhere, or excite that band",
-                )
+            out.doubt(
+                "low_coherence",
+                f"{name}: coherence lies below {COHERENT:g} at {100 * low.mean():.0f} % of the frequencies "
+                f"({omega[low][0]:.3g} to {omega[low][-1]:.3g} rad/s): noise, an input that is not named, or "
+                "nonlinearity; use the response elsewhere, or excite that band",
             )
     if (among > _CORRELATED).any():
-        out.append(
-            doubt(
-                "correlated_inputs",
-                f"inputs {', '.join(inputs)} are correlated (coherence above {_CORRELATED:g} at "
-                f"{100 * np.mean(among > _CORRELATED):.0f} % of the frequencies): their responses are hard to tell "
-                "apart; excite them one after the other",
-            )
+        out.doubt(
+            "correlated_inputs",
+            f"inputs {', '.join(inputs)} are correlated (coherence above {_CORRELATED:g} at "
+            f"{100 * np.mean(among > _CORRELATED):.0f} % of the frequencies): their responses are hard to tell "
+            "apart; excite them one after the other",
         )
     few = min(part.averages for part in parts)
     if few < 2.0 * m + 3.0:
-        out.append(
-            doubt(
-                "few_data",
-                f"the spectra rest on only {few:.1f} independent averages: coherence is too high by up to about "
-                f"{min(1.0, m / few):.2f} and the random error too small; shorten the window or give more data",
-            )
+        out.doubt(
+            "few_data",
+            f"the spectra rest on only {few:.1f} independent averages: coherence is too high by up to about "
+            f"{min(1.0, m / few):.2f} and the random error too small; shorten the window or give more data",
         )
     return (*out, *approximate("frequency response, windowed"))

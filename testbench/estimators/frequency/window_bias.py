@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
-from testbench.core.advice import Advice, doubt, ranked
+from testbench.core.advice import Advice, AdviceList, ranked
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.continuous import ContinuousTransferModel
@@ -213,7 +213,7 @@ def _advice(
         except EstimationError:  # too few windows of this length
             break
         window *= 2.0
-    out = []
+    out = AdviceList()
     for i in at_fault:
         whole = [seen, *tried.values()]
         band = np.any([r.partial_coherence[:, i].max(axis=1) >= COHERENT for r in whole], axis=0)
@@ -240,5 +240,5 @@ def _advice(
             )
         else:
             said += f"; longer ones do not help here (tried: {names or 'none fits'}): use it where it is usable"
-        out.append(doubt("short_windows", said))
+        out.doubt("short_windows", said)
     return out

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.core.advice import Advice, Advised, as_json, doubt, note
+from testbench.core.advice import Advice, AdviceList, Advised, as_json
 from testbench.core.record import FloatArray
 from testbench.estimators.model import ComplexArray
 from testbench.estimators.operational.realise import OrderPoles, mac
@@ -228,17 +228,13 @@ _LINE = 0.003  # damping ratios below this are rarely those of a structure in fl
 
 def remarks(mode: OperationalMode) -> tuple[Advice, ...]:
     """Return what is doubtful about one mode."""
-    out = []
+    out = AdviceList()
     if mode.damping > _HEAVY:
-        out.append(
-            doubt("heavily_damped", "heavily damped: rigid motion or the shaping of the excitation may be in it")
-        )
+        out.doubt("heavily_damped", "heavily damped: rigid motion or the shaping of the excitation may be in it")
     if mode.damping < _LINE:
-        out.append(doubt("hardly_damped", "hardly any damping: a rotating part gives such a line"))
+        out.doubt("hardly_damped", "hardly any damping: a rotating part gives such a line")
     if _complexity(mode) > 0.5:
-        out.append(
-            doubt("complex_shape", "shape far from real: two modes close to each other, or strong damping by the air")
-        )
+        out.doubt("complex_shape", "shape far from real: two modes close to each other, or strong damping by the air")
     return tuple(out)
 
 
@@ -251,37 +247,29 @@ def advise(modes: Sequence[OperationalMode], blocks: int, short: int, wander: fl
         short: number of records that were shorter than the lags.
         wander: standard deviation of the airspeed over its mean, 0 if not known.
     """
-    out = [said.about(f"mode at {m.frequency_hz:.3g} Hz") for m in modes for said in m.remarks]
+    out = AdviceList(said.about(f"mode at {m.frequency_hz:.3g} Hz") for m in modes for said in m.remarks)
     for one, other in combinations(modes, 2):
         close = abs(one.frequency_hz - other.frequency_hz) < _CLOSE * other.frequency_hz
         if close and mac(one.scaled_shape, other.scaled_shape) > _SAME_SHAPE:
-            out.append(
-                doubt(
-                    "same_shape",
-                    f"modes at {one.frequency_hz:.4g} and {other.frequency_hz:.4g} Hz have the same shape: they are "
-                    "one mode split in two (it may have changed during the flight), or two that these sensors cannot "
-                    "tell apart; add sensors",
-                )
+            out.doubt(
+                "same_shape",
+                f"modes at {one.frequency_hz:.4g} and {other.frequency_hz:.4g} Hz have the same shape: they are "
+                "one mode split in two (it may have changed during the flight), or two that these sensors cannot "
+                "tell apart; add sensors",
             )
     if blocks < _FEW_BLOCKS:
-        out.append(
-            doubt("few_data", f"the errors come from only {blocks} blocks of data and are rough; give more data")
-        )
+        out.doubt("few_data", f"the errors come from only {blocks} blocks of data and are rough; give more data")
     if wander > _WANDER:
-        out.append(
-            doubt(
-                "airspeed_wandered",
-                f"airspeed wandered by {100.0 * wander:.1f} % (one standard deviation): modes that change with "
-                "airspeed are means over it, and their intervals count chance alone; fly in calmer air or give records "
-                "of one speed",
-            )
+        out.doubt(
+            "airspeed_wandered",
+            f"airspeed wandered by {100.0 * wander:.1f} % (one standard deviation): modes that change with "
+            "airspeed are means over it, and their intervals count chance alone; fly in calmer air or give records "
+            "of one speed",
         )
     if short:
-        out.append(
-            note(
-                "records_left_out",
-                f"records shorter than the lags did not count: {short}; raise the lowest frequency of the band",
-            )
+        out.note(
+            "records_left_out",
+            f"records shorter than the lags did not count: {short}; raise the lowest frequency of the band",
         )
     return tuple(out)
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
-from testbench.core.advice import Advice, doubt, note, wrong
+from testbench.core.advice import AdviceList, doubt, note
 from testbench.core.constants import WHITE
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
@@ -164,33 +164,27 @@ def own_poles(model: Any) -> NDArray[np.complex128]:
 def advice_in_words(model: Any) -> Any:
     """Return the ParametricModel with one piece of advice per doubt that its diagnostics give rise to."""
     found = model.diagnostics
-    out: list[Advice] = []
+    out = AdviceList()
     names = [p.name for p in model.structure.parameters if p.free]
     free = model.structure.free
     values, errors = model.params[free], np.sqrt(np.diag(model.covariance))[free]
     if not found["converged"]:
-        out.append(
-            wrong(
-                "not_converged",
-                "the search did not converge: do not believe the estimates; take other start values, fewer free "
-                "parameters or more iterations",
-            )
+        out.wrong(
+            "not_converged",
+            "the search did not converge: do not believe the estimates; take other start values, fewer free "
+            "parameters or more iterations",
         )
     if found["at_bound"]:
-        out.append(
-            wrong(
-                "on_bound",
-                f"{', '.join(found['at_bound'])} ended on a bound: the bound sets the value, not the data, and it has "
-                "no standard error; widen the bound, or find out why the data lead beyond it",
-            )
+        out.wrong(
+            "on_bound",
+            f"{', '.join(found['at_bound'])} ended on a bound: the bound sets the value, not the data, and it has "
+            "no standard error; widen the bound, or find out why the data lead beyond it",
         )
     if found.get("none_shows"):
-        out.append(
-            note(
-                "none_shows",
-                f"{', '.join(found['none_shows'])} ended at the least that is sought: these data show no such time of "
-                "a servo; leave it out, or give it as a number",
-            )
+        out.note(
+            "none_shows",
+            f"{', '.join(found['none_shows'])} ended at the least that is sought: these data show no such time of "
+            "a servo; leave it out, or give it as a number",
         )
     # Rounding of noise-free records says nothing of a true zero.
     constants = model.structure.trim_constants
@@ -211,23 +205,19 @@ def advice_in_words(model: Any) -> Any:
         )
     fast = [abs(s) for s in own_poles(model) if abs(s) > np.pi / model.dt_s]
     if fast:
-        out.append(
-            doubt(
-                "beyond_nyquist",
-                f"poles of {', '.join(f'{w:.4g}' for w in fast)} rad/s lie beyond the Nyquist frequency of "
-                f"{np.pi / model.dt_s:.4g} rad/s: these samples show only that they are fast; fix the parameters that "
-                "make them so",
-            )
+        out.doubt(
+            "beyond_nyquist",
+            f"poles of {', '.join(f'{w:.4g}' for w in fast)} rad/s lie beyond the Nyquist frequency of "
+            f"{np.pi / model.dt_s:.4g} rad/s: these samples show only that they are fast; fix the parameters that "
+            "make them so",
         )
     correlation = np.abs(np.triu(found["correlation"], 1))
     pairs = [f"{names[i]} and {names[j]} ({correlation[i, j]:.3f})" for i, j in np.argwhere(correlation > _TOGETHER)]
     if pairs:
-        out.append(
-            doubt(
-                "correlated_estimates",
-                f"these data cannot tell these estimates apart (correlation): {', '.join(pairs)}; fix one of each "
-                "pair, or excite them separately",
-            )
+        out.doubt(
+            "correlated_estimates",
+            f"these data cannot tell these estimates apart (correlation): {', '.join(pairs)}; fix one of each "
+            "pair, or excite them separately",
         )
     coloured = [o for o, p in zip(model.outputs, found["whiteness_p"], strict=True) if p < WHITE]
     if coloured:

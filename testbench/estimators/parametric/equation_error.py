@@ -41,7 +41,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.core.advice import Advice, doubt, note
+from testbench.core.advice import Advice, AdviceList
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.coverage import approximate
@@ -345,27 +345,25 @@ def _bias_in_words(model: ParametricModel, bias: Bias, free: NDArray[np.intp]) -
         share = "" if large else f"{100.0 * abs(total[i] / value[i]):.2g} % of it, "
         return f"{names[i]} by {total[i]:.2g} ({share}{abs(total[i]) / error[i]:.2g} of its errors)"
 
-    out: list[Advice] = []
+    out = AdviceList()
     if bias.untold.any():
         which = ", ".join(name for name, there in zip(names, bias.untold, strict=True) if there)
-        out.append(
-            doubt(
-                "noisy_terms",
-                f"noise of the measured states is half or more of what decides {which}: how it biases them cannot be "
-                "told; their standard errors hold what it may do, and the other estimates are corrected; excite that "
-                "motion, fix them at a believed value, or refine the estimates by output error",
-            )
+        out.doubt(
+            "noisy_terms",
+            f"noise of the measured states is half or more of what decides {which}: how it biases them cannot be "
+            "told; their standard errors hold what it may do, and the other estimates are corrected; excite that "
+            "motion, fix them at a believed value, or refine the estimates by output error",
         )
     if not bias.smoothing_known and not bias.untold.all():
         why = "the response of these estimates diverges or is far from the record"
-        out.append(note("noisy_terms", f"what smoothing took from the motion is not corrected for, because {why}"))
+        out.note("noisy_terms", f"what smoothing took from the motion is not corrected for, because {why}")
     worth = [int(i) for i in np.flatnonzero(error > 0.0) if abs(total[i]) > _LITTLE * error[i]]
     worth.sort(key=lambda i: -abs(total[i]) / error[i])
     much = [i for i in worth if abs(total[i]) > _MUCH * error[i]]
     cause = "noise of the measured states and smoothing biased"
     if much:
         left = "they are corrected, but what that leaves may be an error: refine the estimates by output error"
-        out.append(doubt("noisy_terms", f"{cause} {', '.join(said(i) for i in much)}; {left}"))
+        out.doubt("noisy_terms", f"{cause} {', '.join(said(i) for i in much)}; {left}")
     elif worth:
-        out.append(note("noisy_terms", f"{cause} these estimates, most {said(worth[0])}; they are corrected for it"))
+        out.note("noisy_terms", f"{cause} these estimates, most {said(worth[0])}; they are corrected for it")
     return (*out, *approximate("equation_error")) if out else ()

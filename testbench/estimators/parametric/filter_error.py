@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 
-from testbench.core.advice import doubt, note
+from testbench.core.advice import AdviceList
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.coverage import approximate
@@ -204,7 +204,7 @@ def _refuse_far(model: ParametricModel, found: FloatArray, start: FloatArray) ->
 
 def _with_filter_advice(model: ParametricModel) -> ParametricModel:
     """Return the model with what its filter makes doubtful."""
-    found, out = model.diagnostics, []
+    found, out = model.diagnostics, AdviceList()
     free, start = found["free_run_error"], found["free_run_error_start"]
     worse = [
         f"{name} ({100 * e:.0f} % of its motion, the start's {100 * s:.0f} %)"
@@ -212,30 +212,24 @@ def _with_filter_advice(model: ParametricModel) -> ParametricModel:
         if e > _WORSE * s and e > _ROUNDING
     ]
     if worse:
-        out.append(
-            doubt(
-                "free_run",
-                "without its filter the model follows the records less well than the start values do: "
-                f"{', '.join(worse)}; the process noise may explain what the model should explain; compare with output "
-                "error, or give process noise to other states",
-            )
+        out.doubt(
+            "free_run",
+            "without its filter the model follows the records less well than the start values do: "
+            f"{', '.join(worse)}; the process noise may explain what the model should explain; compare with output "
+            "error, or give process noise to other states",
         )
     if found["kc_eigenvalue"] > _BELIEVED:
-        out.append(
-            doubt(
-                "filter_follows_sensor",
-                "the filter follows some channel nearly without reserve (largest eigenvalue of K C "
-                f"{found['kc_eigenvalue']:.4f}): that channel may be smoothed, or computed from others; try without it",
-            )
+        out.doubt(
+            "filter_follows_sensor",
+            "the filter follows some channel nearly without reserve (largest eigenvalue of K C "
+            f"{found['kc_eigenvalue']:.4f}): that channel may be smoothed, or computed from others; try without it",
         )
     if found["process_noise_ratio"] is not None and found["process_noise_ratio"][1] > FALSE_ALARM:
         ratio, probability = found["process_noise_ratio"]
-        out.append(
-            note(
-                "no_process_noise",
-                f"no process noise can be told from none: 2 ln L is {ratio:.2g} against it, and at least as much in "
-                f"{100 * probability:.2g} % of flights in plain air; output error gives the same with fewer unknowns",
-            )
+        out.note(
+            "no_process_noise",
+            f"no process noise can be told from none: 2 ln L is {ratio:.2g} against it, and at least as much in "
+            f"{100 * probability:.2g} % of flights in plain air; output error gives the same with fewer unknowns",
         )
     out.extend(approximate("filter_error"))
     return replace(model, advice=(*model.advice, *out))

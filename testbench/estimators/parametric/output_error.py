@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from testbench.core.advice import doubt, note, wrong
+from testbench.core.advice import AdviceList, doubt, wrong
 from testbench.core.constants import WHITE
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
@@ -159,14 +159,14 @@ def _with_advice_on_starts(model: ParametricModel, likelihood: Likelihood, ends:
     """Return the model with what its starts say of its minimum."""
     best = min(ends, key=lambda end: end.likelihood)
     above = np.array([end.likelihood - best.likelihood for end in ends])
-    worse, reached, out = above[above >= _SAME], _reached(ends), []
+    worse, reached, out = above[above >= _SAME], _reached(ends), AdviceList()
     if worse.size:
         others = f"{worse.min():.3g} to {worse.max():.3g}" if worse.size > 1 else f"{worse[0]:.3g}"
         said = (
             f"{reached} of {len(ends)} starts ended at this minimum, {worse.size} at others, {others} higher in -ln L"
         )
         if reached > 1 or not _looks_bad(likelihood, best):
-            out.append(note("starts_disagree", said))
+            out.note("starts_disagree", said)
         else:
             judge = wrong if _poor(likelihood, best) or not model.diagnostics["converged"] else doubt
             fix = "there may be a better one; give start values or bounds, or more starts, or check the structure"
@@ -175,12 +175,10 @@ def _with_advice_on_starts(model: ParametricModel, likelihood: Likelihood, ends:
     error = np.sqrt(np.diag(model.covariance))
     apart = np.array([np.where(free, np.abs(end.params - best.params), 0.0) for end in ends])[above < _SAME].max(axis=0)
     if far := [n for n, a, e in zip(names, apart, error, strict=True) if e > 0.0 and a > _APART * e]:
-        out.append(
-            doubt(
-                "equal_minima",
-                f"other values of {', '.join(far)} fit these records as well (beyond {_APART:g} standard errors); fix "
-                "some of them, or give bounds that leave one answer",
-            )
+        out.doubt(
+            "equal_minima",
+            f"other values of {', '.join(far)} fit these records as well (beyond {_APART:g} standard errors); fix "
+            "some of them, or give bounds that leave one answer",
         )
     return replace(model, advice=(*model.advice, *out))
 

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from testbench.core.advice import Advice, doubt
+from testbench.core.advice import Advice, AdviceList
 from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.schema import parse
@@ -471,18 +471,16 @@ class Written(ModelStructure):
         begun = {symbol.name for _, node in self.law.initial for symbol in names(node)}
         shown = self.law.forms[1][len(self.states) :]
         bent = {name for name, form in zip(self.outputs, shown, strict=True) if form is None}
-        out = []
+        out = AdviceList()
         for name in _WHOLE_ONLY:
             multiplied = name in (*self.states, *self.inputs) and self.law.multiplies(name)
             removed = [dict(r.provenance.get("prepared", {}).get("removed", {})).get(name, 0.0) for r in records]
             if (multiplied or name in begun or name in bent) and any(removed):
-                out.append(
-                    doubt(
-                        "trim_removed",
-                        f"the equations take {name} as a whole, but {max(removed, key=abs):.4g} was removed from it "
-                        f"as trim, so that they see deviations; if {name} itself is meant, take preparation.bias = "
-                        f'"none", or write the sum of {name} and a constant',
-                    )
+                out.doubt(
+                    "trim_removed",
+                    f"the equations take {name} as a whole, but {max(removed, key=abs):.4g} was removed from it "
+                    f"as trim, so that they see deviations; if {name} itself is meant, take preparation.bias = "
+                    f'"none", or write the sum of {name} and a constant',
                 )
         return tuple(out)
 
