@@ -404,7 +404,7 @@ def read_aircraft(folder: Path, wings: str = "flexible") -> Aircraft:
     for i, m in enumerate(modes):
         if m.shape and {len(m.shape.bend_m), len(m.shape.twist_rad), len(m.shape.curvature_1_m)} != {len(stations)}:
             raise ScenarioError(
-                [f"{path}, elastic.mode[{i}].shape: each list must have one entry per station, that is {len(stations)}"]
+                f"{path}, elastic.mode[{i}].shape: each list must have one entry per station, that is {len(stations)}"
             )
     known = [n.removeprefix("aero/coefficient/") for f in tree.iter("function") if (n := f.get("name"))]
     strange = [n for n in described.uncertainty if n not in (*known, *SCALES)] if described.adapter is None else []

@@ -133,14 +133,14 @@ def find(name: str, beside: Path | str | None, folder: str) -> tuple[Path, str]:
     """
     given, _, attribute = name.rpartition(":")
     if not given.endswith(".py") or not attribute.isidentifier():
-        raise ScenarioError([f"what is brought must be named as FILE.py:NAME, got '{name}'"])
+        raise ScenarioError(f"what is brought must be named as FILE.py:NAME, got '{name}'")
     path = find_file(given, beside, folder)
     if path is None or not path.is_file():
         there = places(beside, folder)
         others = {file.name for place in there for file in place.glob("*.py")}
         looked = ", ".join(dict.fromkeys(str(place) for place in there if place.is_dir()))
         hint = nearest(given, others) if others else ""
-        raise ScenarioError([f"the file of '{name}' must exist, got no '{given}' in {looked}{hint}"])
+        raise ScenarioError(f"the file of '{name}' must exist, got no '{given}' in {looked}{hint}")
     return path, attribute
 
 
@@ -172,7 +172,7 @@ class Declared:
         """
         if self.whole and attribute not in self.names:
             public = [name for name in (*self.functions, *self.classes, *self.values) if not name.startswith("_")]
-            raise ScenarioError([f"{self.path.name} must define '{attribute}'{nearest(attribute, public)}"])
+            raise ScenarioError(f"{self.path.name} must define '{attribute}'{nearest(attribute, public)}")
 
 
 def declared(path: Path) -> Declared:
@@ -184,11 +184,11 @@ def declared(path: Path) -> Declared:
     try:
         tree = ast.parse(read_text(path, "python"), filename=str(path))
     except RecordError as error:
-        raise ScenarioError([error.message]) from error
+        raise ScenarioError(error.message) from error
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         line = f", line {error.lineno}" if isinstance(error, SyntaxError) and error.lineno else ""
         reason = error.msg if isinstance(error, SyntaxError) else str(error)
-        raise ScenarioError([f"{path}{line}: must be Python, got: {reason}"]) from error
+        raise ScenarioError(f"{path}{line}: must be Python, got: {reason}") from error
     functions, classes, values = {}, {}, {}
     names: set[str] = set()
     whole = True
@@ -259,14 +259,14 @@ def load(path: Path, attribute: str) -> Any:
         except BaseException as error:
             del sys.modules[name]
             if isinstance(error, BroughtCodeError):
-                raise ScenarioError([error.message]) from error.__cause__
+                raise ScenarioError(error.message) from error.__cause__
             raise
         finally:
             sys.path.remove(str(path.parent))
     if not hasattr(module, attribute):
         own = declared(path)
         public = [n for n in (*own.functions, *own.classes, *own.values) if not n.startswith("_")]
-        raise ScenarioError([f"{path.name} must define '{attribute}'{nearest(attribute, public)}"])
+        raise ScenarioError(f"{path.name} must define '{attribute}'{nearest(attribute, public)}")
     return getattr(module, attribute)
 
 

@@ -202,11 +202,11 @@ def read_toml(path: Path, kind: str = "scenario") -> dict[str, Any]:
     try:
         return tomllib.loads(read_text(path, kind))
     except tomllib.TOMLDecodeError as error:
-        raise ScenarioError([f"{path} must be TOML: {error}"]) from error
+        raise ScenarioError(f"{path} must be TOML: {error}") from error
     except RecursionError as error:
-        raise ScenarioError([f"{path} must be TOML of some levels, but its brackets nest without end"]) from error
+        raise ScenarioError(f"{path} must be TOML of some levels, but its brackets nest without end") from error
     except ValueError as error:  # Python reads no integer of thousands of digits
-        raise ScenarioError([f"{path} must be TOML of numbers that can be read: {error}"]) from error
+        raise ScenarioError(f"{path} must be TOML of numbers that can be read: {error}") from error
 
 
 def read_json(path: Path, kind: str) -> Any:

@@ -130,10 +130,10 @@ class BusyError(WriteError):
 
 
 class ScenarioError(Refusal):
-    """A scenario or description file breaks a law; ``faults`` lists every one of them."""
+    """A scenario or description file breaks a law, or several; ``faults`` lists every one of them."""
 
-    def __init__(self, faults: Iterable[str]) -> None:
-        self.faults = tuple(brief(fault) for fault in faults)
+    def __init__(self, faults: str | Iterable[str]) -> None:
+        self.faults = tuple(brief(fault) for fault in ([faults] if isinstance(faults, str) else faults))
         count = len(self.faults)
         head = "" if count == 1 else f"{count} faults:\n  "
         more = (f"and {count - _FAULTS} more",) if count > _FAULTS else ()

@@ -42,7 +42,7 @@ def obtain(kind: type[T], given: Named[T]) -> T:
         return given
     words, place = next(_READERS[c.__name__] for c in kind.__mro__ if c.__name__ in _READERS)
     if not isinstance(given, (str, Path)):
-        raise ScenarioError([f"{words} must be a {kind.__name__}, a name or a path, got a {type(given).__name__}"])
+        raise ScenarioError(f"{words} must be a {kind.__name__}, a name or a path, got a {type(given).__name__}")
     module, name = place.split(":")
     read: Any = getattr(import_module(module), name)
     found: T = read(given, kind) if words == "a scenario" else read(given)

@@ -183,14 +183,14 @@ def resolve(name: str, family: Family, beside: Path | None = None) -> str:
     if name.startswith(STOCK):
         model = name.removeprefix(STOCK)
         if model not in family.stock():
-            raise ScenarioError([f"no model '{model}' comes with JSBSim{nearest(model, family.stock())}"])
+            raise ScenarioError(f"no model '{model}' comes with JSBSim{nearest(model, family.stock())}")
         return name
     places = list(dict.fromkeys(p.resolve() for p in (beside, Path.cwd()) if p is not None))
     named = next((found for p in places if (found := family.named(p, name))), None)
     if name in family.packaged():
         if named is not None:
             raise ScenarioError(
-                [f"a name must be packaged or your own, got '{name}', which is both: write the path '{named}'"]
+                f"a name must be packaged or your own, got '{name}', which is both: write the path '{named}'"
             )
         return name
     found = next((at for p in places if (at := family.at(p / name))), None) or named
@@ -210,9 +210,7 @@ def resolve(name: str, family: Family, beside: Path | None = None) -> str:
         if family.stock():
             kind += ", a JSBSim model (XML file or folder), one that comes with JSBSim (jsbsim:c172p)"
         raise ScenarioError(
-            [
-                f"{family.words} must be a packaged name, {kind}, or a name in your folder {family.folder}/, got "
-                f"'{name}'{hint}"
-            ]
+            f"{family.words} must be a packaged name, {kind}, or a name in your folder {family.folder}/, got "
+            f"'{name}'{hint}"
         )
     return str(found)

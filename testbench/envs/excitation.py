@@ -183,7 +183,7 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
         """
         super().reset(seed=seed)
         if options:
-            raise ScenarioError([f"reset takes no options, got {', '.join(options)}"])
+            raise ScenarioError(f"reset takes no options, got {', '.join(options)}")
         self._drawn = self.display.draw(int(self.np_random.integers(2**31)))
         self.gain.reset(_ONE, self.quiet)
         self._seen[: self.quiet] = self._flight.start(self.quiet)

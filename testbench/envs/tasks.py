@@ -86,7 +86,7 @@ def task_scenario(name: str, wings: str = "rigid") -> DesignScenario:
     if name not in _TASKS:
         if not name.endswith(".toml"):
             raise ScenarioError(
-                [f"a task must be one of {', '.join(TASKS)} or the path of a design scenario (*.toml), got '{name}'"]
+                f"a task must be one of {', '.join(TASKS)} or the path of a design scenario (*.toml), got '{name}'"
             )
         return DesignScenario.load(Path(name))
     return DesignScenario(aircraft=name, wings=wings, start_s=2.0, controls=("de",), **_TASKS[name])  # type: ignore[arg-type]

@@ -70,7 +70,7 @@ class ExcitationDesigns(VectorEnv[Observation, Any, npt.NDArray[Any]]):
             raise LimitError(f"num_envs must be at least 1, got {num_envs}")
         one = ExcitationDesign(**arguments)
         if one.render_mode is not None:
-            raise ScenarioError([f"render_mode must be None for copies that fly together, got {one.render_mode!r}"])
+            raise ScenarioError(f"render_mode must be None for copies that fly together, got {one.render_mode!r}")
         self._one, self.num_envs = one, num_envs
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {**one.metadata, "autoreset_mode": self._mode}
@@ -125,9 +125,9 @@ class ExcitationDesigns(VectorEnv[Observation, Any, npt.NDArray[Any]]):
         options = dict(options or {})
         which = np.asarray(options.pop("reset_mask", np.ones(self.num_envs, bool)))
         if options:
-            raise ScenarioError([f"reset takes no options but reset_mask, got {', '.join(options)}"])
+            raise ScenarioError(f"reset takes no options but reset_mask, got {', '.join(options)}")
         if which.shape != (self.num_envs,) or which.dtype != bool or not which.any():
-            raise ScenarioError([f"reset_mask must be {self.num_envs} truth values, at least one true, got {which}"])
+            raise ScenarioError(f"reset_mask must be {self.num_envs} truth values, at least one true, got {which}")
         seeds: list[int | None] = [None] * self.num_envs
         if isinstance(seed, Sequence):
             seeds = list(seed)

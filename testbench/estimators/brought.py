@@ -58,7 +58,7 @@ def text_file(name: str, beside: Path | str | None) -> Path:
         there = bring.places(beside, FOLDER)
         others = {file.name for place in there for file in place.glob("*.toml")}
         looked = ", ".join(str(place) for place in there if place.is_dir())
-        raise ScenarioError([f"the file of a structure must exist, got no '{name}' in {looked}{nearest(name, others)}"])
+        raise ScenarioError(f"the file of a structure must exist, got no '{name}' in {looked}{nearest(name, others)}")
     return found
 
 

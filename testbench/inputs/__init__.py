@@ -59,7 +59,7 @@ def build(inputs: Sequence[Input], duration_s: float, rate_hz: float) -> InputSi
         SizeError: the signal takes more memory than the limit of :mod:`testbench.core.door`.
     """
     if not inputs:
-        raise ScenarioError(["a manoeuvre must have at least one input, got none"])
+        raise ScenarioError("a manoeuvre must have at least one input, got none")
     names = tuple(name for name in CONTROLS if any(spec.control == name for spec in inputs))
     require_room(
         f"an input of {duration_s:g} s at {rate_hz:g} Hz",
@@ -68,7 +68,7 @@ def build(inputs: Sequence[Input], duration_s: float, rate_hz: float) -> InputSi
     )
     if not (rate_hz > 0.0 and multistep.sample_count(duration_s, rate_hz) >= 2):
         raise ScenarioError(
-            [f"a manoeuvre must last at least 2 samples, got duration_s = {duration_s:g} at a rate of {rate_hz:g} Hz"]
+            f"a manoeuvre must last at least 2 samples, got duration_s = {duration_s:g} at a rate of {rate_hz:g} Hz"
         )
     n = multistep.sample_count(duration_s, rate_hz)
     u = np.zeros((n, len(names)))

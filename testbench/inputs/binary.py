@@ -41,7 +41,7 @@ def prbs_bits(register: int, seed: int, count: int) -> FloatArray:
     """
     state = seed % (1 << register)
     if state == 0:
-        raise ScenarioError([f"seed must leave the register of {register} bits not empty, got {seed}"])
+        raise ScenarioError(f"seed must leave the register of {register} bits not empty, got {seed}")
     out = np.empty(count)
     for i in range(count):
         out[i] = 1.0 if state & 1 else -1.0
@@ -80,13 +80,13 @@ def binary_noise(spec: BinaryNoise, duration_s: float, rate_hz: float) -> FloatA
 def _steps(length_s: float, step_s: float, key: str, rate_hz: float) -> int:
     if step_s * rate_hz < 1.0 - 1e-6:
         raise ScenarioError(
-            [f"a step must last at least one sample ({1.0 / rate_hz:g} s at {rate_hz:g} Hz), got {step_s:g} s"]
+            f"a step must last at least one sample ({1.0 / rate_hz:g} s at {rate_hz:g} Hz), got {step_s:g} s"
         )
     size = length_s / step_s
     require_room(f"a sequence of {length_s:g} s ({key}) in steps of {step_s:g} s", _EDGE * size, "shorten it")
     count = int(np.floor(length_s / step_s + 1e-9))
     if count < 1:
-        raise ScenarioError([f"{key} >= step_s must hold, got {length_s:g} and {step_s:g} s"])
+        raise ScenarioError(f"{key} >= step_s must hold, got {length_s:g} and {step_s:g} s")
     return count
 
 

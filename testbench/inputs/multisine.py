@@ -39,21 +39,17 @@ def harmonics(spec: Multisine) -> tuple[int, ...]:
     numbers = tuple(range(max(low, 1), high + 1))[spec.first :: spec.stride]
     if not numbers:
         raise ScenarioError(
-            [
-                f"a multisine needs a harmonic of 1 / period_s = {1.0 / spec.period_s:g} Hz from f_min_hz to f_max_hz, "
-                f"got {spec.f_min_hz:g} to {spec.f_max_hz:g} Hz with first = {spec.first}, stride = {spec.stride}; "
-                "widen the band or lengthen the period"
-            ]
+            f"a multisine needs a harmonic of 1 / period_s = {1.0 / spec.period_s:g} Hz from f_min_hz to f_max_hz, "
+            f"got {spec.f_min_hz:g} to {spec.f_max_hz:g} Hz with first = {spec.first}, stride = {spec.stride}; "
+            "widen the band or lengthen the period"
         )
     if spec.powers and len(spec.powers) != len(numbers):
         raise ScenarioError(
-            [
-                f"powers must have one entry per harmonic, {len(numbers)}, got {len(spec.powers)}; "
-                "leave it out for equal power"
-            ]
+            f"powers must have one entry per harmonic, {len(numbers)}, got {len(spec.powers)}; "
+            "leave it out for equal power"
         )
     if spec.powers and not any(spec.powers):
-        raise ScenarioError(["at least one entry of powers must be above zero, got none"])
+        raise ScenarioError("at least one entry of powers must be above zero, got none")
     return numbers
 
 

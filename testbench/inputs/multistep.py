@@ -87,10 +87,8 @@ def step(spec: Step, duration_s: float, rate_hz: float) -> FloatArray:
     """
     if (duration_s - spec.start_s) * rate_hz < 1.0 - 1e-6:
         raise ScenarioError(
-            [
-                f"start_s <= {duration_s - 1.0 / rate_hz:g} s, one sample before the end of its manoeuvre, must hold "
-                f"for a step, got {spec.start_s:g} s; start it earlier or raise duration_s"
-            ]
+            f"start_s <= {duration_s - 1.0 / rate_hz:g} s, one sample before the end of its manoeuvre, must hold "
+            f"for a step, got {spec.start_s:g} s; start it earlier or raise duration_s"
         )
     return _flown(spec, [(spec.start_s, duration_s, spec.amplitude)], duration_s, rate_hz)
 
@@ -118,13 +116,11 @@ def doublet(spec: Doublet, duration_s: float, rate_hz: float) -> FloatArray:
     spacing = 2.0 * spec.period_s if spec.spacing_s is None else spec.spacing_s
     if spec.repeats > 1 and spacing < spec.period_s * (1.0 - 1e-9):
         raise ScenarioError(
-            [
-                f"spacing_s >= period_s must hold for repeated doublets, got {spacing:g} and {spec.period_s:g} s; "
-                "leave spacing_s out for twice the period"
-            ]
+            f"spacing_s >= period_s must hold for repeated doublets, got {spacing:g} and {spec.period_s:g} s; "
+            "leave spacing_s out for twice the period"
         )
     if spec.repeats > sample_count(duration_s, rate_hz):  # too many to list
-        raise ScenarioError([end_fault(spec.start_s + (spec.repeats - 1) * spacing + spec.period_s, duration_s)])
+        raise ScenarioError(end_fault(spec.start_s + (spec.repeats - 1) * spacing + spec.period_s, duration_s))
     intervals = []
     for k in range(spec.repeats):
         begin = spec.start_s + k * spacing

@@ -52,7 +52,7 @@ def find(path: Path, command: str, law: str = "") -> Path:
         raise RecordError(f"{law or usual}, got {not_found(path, packaged, None if law else _may_be_asked)}")
     kinds = kinds_of(file)
     if question not in kinds:
-        raise ScenarioError([f"{file} is a {kinds[0].kind}: use testbench {kinds[0].command}"])
+        raise ScenarioError(f"{file} is a {kinds[0].kind}: use testbench {kinds[0].command}")
     return file
 
 
@@ -78,17 +78,13 @@ def kinds_of(file: Path) -> list[Question]:
     """
     content = read_toml(file)
     if not content:
-        raise ScenarioError(
-            [f"{file} must say what is asked, but it is empty; `testbench list scenarios` has examples"]
-        )
+        raise ScenarioError(f"{file} must say what is asked, but it is empty; `testbench list scenarios` has examples")
     scores = {q.command: _score(q, content.keys()) for q in WITH_FILES}
     best = max(scores.values())
     if not best:
         raise ScenarioError(
-            [
-                f"{file} must have the keys of a question, but no question has a key like {', '.join(content)}; "
-                "`testbench list scenarios` has examples"
-            ]
+            f"{file} must have the keys of a question, but no question has a key like {', '.join(content)}; "
+            "`testbench list scenarios` has examples"
         )
     return [q for q in WITH_FILES if scores[q.command] == best]
 
@@ -248,7 +244,7 @@ def ask(what: Any, *more: Any, **options: Any) -> Any:
     elif isinstance(asked, Asked):
         question = _question_of(type(asked))
     else:
-        raise ScenarioError([f"what is asked must be a scenario or an aircraft, got a {type(asked).__name__}"])
+        raise ScenarioError(f"what is asked must be a scenario or an aircraft, got a {type(asked).__name__}")
     return question.part(question.function)(what if isinstance(what, (str, Path)) else asked, *more, **options)
 
 

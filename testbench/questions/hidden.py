@@ -247,7 +247,7 @@ def _own(name: str, file: Path | None) -> Truth:
     path, attribute = bring.find(name, file, brought.FOLDER)
     found = bring.load(path, attribute)
     if not isinstance(found, Truth):
-        raise ScenarioError([f"{path.name}:{attribute} must be a Truth, got {type(found).__name__}"])
+        raise ScenarioError(f"{path.name}:{attribute} must be a Truth, got {type(found).__name__}")
 
     def guarded(function: Any, what: str) -> Any:
         return None if function is None else brought.Guarded(function, path, f"{what} of '{attribute}'")

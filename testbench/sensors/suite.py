@@ -102,7 +102,7 @@ class SensorSuite:
         """
         stride = whole_ratio(log_hz, self.rate_hz)
         if stride is None:
-            raise ScenarioError([_log_rate_fault(self.name, self.rate_hz, log_hz)])
+            raise ScenarioError(_log_rate_fault(self.name, self.rate_hz, log_hz))
         return stride
 
     def measure(self, truth: FlightRecord, seed: int) -> FlightRecord:
@@ -125,7 +125,7 @@ class SensorSuite:
         if truth.kind != "truth":
             raise RecordError(f"a sensor suite measures records of kind 'truth', got one of kind '{truth.kind}'")
         if seed < 0:
-            raise ScenarioError([f"0 <= seed must hold, got {seed}"])
+            raise ScenarioError(f"0 <= seed must hold, got {seed}")
         needed = dict.fromkeys(name for sensor in self.sensors for name in sensor.needs)
         require(needed, truth.channels, f"sensor suite '{self.name}'")
         stride = self.check_log_rate(1.0 / truth.dt_s)

@@ -70,7 +70,7 @@ def airfoil(name: str, folder: Path | None = None) -> Airfoil:
     paths = [p / name for p in (folder, Path.cwd()) if p is not None]
     path = next((p for p in paths if p.is_file()), None)
     if path is None:
-        raise ScenarioError([f"{_LAW}, got '{name}', and no such file lies at '{paths[0]}'"])
+        raise ScenarioError(f"{_LAW}, got '{name}', and no such file lies at '{paths[0]}'")
     return Airfoil(name, read_coordinates(path), path)
 
 
@@ -81,12 +81,12 @@ def naca(digits: str) -> FloatArray:
         ScenarioError: the series is another one, or the section has no thickness.
     """
     if not (digits.isascii() and digits.isdigit()):
-        raise ScenarioError([f"{_LAW}, got naca{digits}: its digits must be digits"])
+        raise ScenarioError(f"{_LAW}, got naca{digits}: its digits must be digits")
     c = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, _POINTS)))
     if len(digits) == 4:
         m, p = int(digits[0]) / 100.0, int(digits[1]) / 10.0
         if m > 0.0 and p == 0.0:
-            raise ScenarioError([f"a cambered NACA section has its camber behind the nose, got naca{digits}"])
+            raise ScenarioError(f"a cambered NACA section has its camber behind the nose, got naca{digits}")
         mean, slope = _four_digit_mean_line(c, m, p)
     elif len(digits) == 5 and digits[1:3] in _FIVE:
         m, k1 = _FIVE[digits[1:3]]
@@ -95,11 +95,11 @@ def naca(digits: str) -> FloatArray:
         slope = np.where(c < m, k1 / 6.0 * (3.0 * c**2 - 6.0 * m * c + m**2 * (3.0 - m)), -k1 * m**3 / 6.0)
     else:
         raise ScenarioError(
-            [f"{_LAW}, got naca{digits}: of five digits, the middle two must be {', '.join(_FIVE)}; give coordinates"]
+            f"{_LAW}, got naca{digits}: of five digits, the middle two must be {', '.join(_FIVE)}; give coordinates"
         )
     t = int(digits[-2:]) / 100.0
     if t == 0.0:
-        raise ScenarioError([f"a section must have thickness, got naca{digits}"])
+        raise ScenarioError(f"a section must have thickness, got naca{digits}")
     half = 5.0 * t * (0.2969 * np.sqrt(c) - 0.126 * c - 0.3516 * c**2 + 0.2843 * c**3 - 0.1015 * c**4)
     cos, sin = 1.0 / np.hypot(1.0, slope), slope / np.hypot(1.0, slope)
     upper = np.column_stack([c - half * sin, mean + half * cos])
@@ -144,7 +144,7 @@ def normalised(pairs: Sequence[Sequence[float]], source: str) -> FloatArray:
         points = np.vstack([points[1 : n + 1][::-1], points[n + 2 :]])
     if len(points) < 10 or not np.all(np.isfinite(points)):
         raise ScenarioError(
-            [f"a file of coordinates must hold at least ten rows of x and y, got {len(points)}: '{source}'"]
+            f"a file of coordinates must hold at least ten rows of x and y, got {len(points)}: '{source}'"
         )
     end = 0.5 * (points[0] + points[-1])
     nose = points[np.argmax(np.hypot(*(points - end).T))]
@@ -154,7 +154,7 @@ def normalised(pairs: Sequence[Sequence[float]], source: str) -> FloatArray:
     points = (points - nose) @ np.array([[along[0], -along[1]], [along[1], along[0]]]) / (length or 1.0)
     upper = points[: int(np.argmin(points[:, 0])) + 1]
     if not len(points) > len(upper) > 3 or not 0.01 < float(np.ptp(points[:, 1])) < 0.6:
-        raise ScenarioError([f"coordinates must run from the trailing edge round the nose and back: '{source}'"])
+        raise ScenarioError(f"coordinates must run from the trailing edge round the nose and back: '{source}'")
     if np.trapezoid(upper[::-1, 1], upper[::-1, 0]) < np.trapezoid(
         points[len(upper) - 1 :, 1], points[len(upper) - 1 :, 0]
     ):

@@ -88,7 +88,7 @@ class _Lines:
         """Return an error with file and line."""
         if line is None:
             line = self.rows[min(self.at, len(self.rows)) - 1][0] if self.rows else 1
-        return ScenarioError([f"{self.path}, line {line}: {words}"])
+        return ScenarioError(f"{self.path}, line {line}: {words}")
 
     def text(self, what: str) -> str:
         """Return the next line, which must hold ``what``."""
@@ -391,7 +391,7 @@ def _geared(surfaces: list[LiftingSurface], notes: list[str]) -> list[LiftingSur
             first.setdefault(f.moves, f.gain)
     for moved, gain in first.items():
         if gain == 0.0:
-            raise ScenarioError([f"the CONTROL taken as {moved} must have a gain, got 0"])
+            raise ScenarioError(f"the CONTROL taken as {moved} must have a gain, got 0")
         if gain < 0.0:
             notes.append(
                 f"the gain of the CONTROL taken as {moved} is negative: {moved} is positive as the testbench has it"
@@ -433,7 +433,7 @@ def _roles(surfaces: list[LiftingSurface]) -> list[LiftingSurface]:
         upright.append(slope > _UPRIGHT_DEG or not s.mirrored)
     flat = [s for s, up in zip(surfaces, upright, strict=True) if not up]
     if not flat:
-        raise ScenarioError(["an AVL file must hold a wing: a SURFACE along y with YDUPLICATE 0"])
+        raise ScenarioError("an AVL file must hold a wing: a SURFACE along y with YDUPLICATE 0")
     wing = max(flat, key=lambda s: s.projected_m2)
     out = []
     for s, up in zip(surfaces, upright, strict=True):

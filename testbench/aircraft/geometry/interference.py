@@ -30,6 +30,7 @@ import math
 import numpy as np
 
 from testbench.aircraft.geometry.shape import LiftingSurface, Plane
+from testbench.aircraft.strips.fit import helmbold
 from testbench.core.record import FloatArray
 
 FLAP = 0.78
@@ -43,7 +44,7 @@ def share(plane: Plane, surface: LiftingSurface) -> float:
         return _TAIL if surface.quarter_chord_m[0] > plane.wing.quarter_chord_m[0] else 1.0
     if surface.role == "fin" and _on_body(plane, surface):
         A = surface.length_m**2 / surface.area_m2
-        return _slope(_END_PLATE * A) / _slope(A)
+        return helmbold(_END_PLATE * A) / helmbold(A)
     return 1.0
 
 
@@ -99,11 +100,6 @@ def body(plane: Plane, wing_slope: float, downwash: float) -> dict[str, float]:
 
 def _on_body(plane: Plane, surface: LiftingSurface) -> bool:
     return bool(plane.body) and surface.role == "fin" and not surface.mirrored
-
-
-def _slope(aspect_ratio: float) -> float:
-    """Return the lift slope of a straight wing (H. B. Helmbold, 1942)."""
-    return 2.0 * math.pi * aspect_ratio / (2.0 + math.sqrt(aspect_ratio**2 + 4.0))
 
 
 def _hull(plane: Plane) -> tuple[FloatArray, FloatArray, FloatArray]:

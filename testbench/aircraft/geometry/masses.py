@@ -63,10 +63,7 @@ def balance(mass: Mass, b_m: float, length_m: float) -> Balance:
         found = Balance(mass.mass_kg, mass.cg_m, *axes, source)
     if abs(found.cg_m[1]) > _OFF_CENTRE * b_m:
         raise ScenarioError(
-            [
-                f"the centre of gravity must lie in the plane of symmetry, got y = {found.cg_m[1]:g} m: balance "
-                "the masses"
-            ]
+            f"the centre of gravity must lie in the plane of symmetry, got y = {found.cg_m[1]:g} m: balance the masses"
         )
     return found
 
@@ -99,7 +96,7 @@ def of_items(items: Sequence[Item]) -> Balance:
         if min(Ixx, Iyy, Izz) <= 0.0:
             raise ValueError("every inertia must be > 0")
     except ValueError as error:
-        raise ScenarioError([f"items must make a body with inertia about every axis, got Ixx = {Ixx:g}, Iyy = {Iyy:g}, "
-                             f"Izz = {Izz:g} kg m2 ({error}): give more items, or sizes"]) from error  # fmt: skip
+        raise ScenarioError(f"items must make a body with inertia about every axis, got Ixx = {Ixx:g}, Iyy = {Iyy:g}, "
+                             f"Izz = {Izz:g} kg m2 ({error}): give more items, or sizes") from error  # fmt: skip
     x, y, z = (float(v) for v in cg)
     return Balance(total, (x, y, z), Ixx, Iyy, Izz, Ixz, f"computed from {len(items)} items of the geometry file")

@@ -69,7 +69,7 @@ def thrust_law(motor: Motor, density_kg_m3: float, speeds_m_s: tuple[float, floa
     exact = np.array([[equilibrium(p, density_kg_m3, t, v) for v in V] for t in throttle])
     if exact[-1, 0] <= 0.0:
         raise ScenarioError(
-            [f"motor.propeller must give thrust at {low:g} m/s and full throttle, got none: more pitch or more power"]
+            f"motor.propeller must give thrust at {low:g} m/s and full throttle, got none: more pitch or more power"
         )
     static = float(f"{equilibrium(p, density_kg_m3, 1.0, 0.0):.3g}")
     coefficients, rms = fit(throttle, V, exact)

@@ -55,11 +55,11 @@ def read_plan(path: Path, mass: Path | None = None) -> Plan:
     if path.suffix.lower() == ".avl":
         if mass is None:
             raise ScenarioError(
-                [f"{path}: an AVL file lacks mass, design speed, throws and motor: give them with --mass FILE.toml"]
+                f"{path}: an AVL file lacks mass, design speed, throws and motor: give them with --mass FILE.toml"
             )
         return _from_avl(path, mass)
     if mass is not None:
-        raise ScenarioError([f"--mass goes with an AVL file, got '{path}': write [mass] into it"])
+        raise ScenarioError(f"--mass goes with an AVL file, got '{path}': write [mass] into it")
     said, problems = parse(GeometryFile, read_toml(path, "geometry"), path)
     faults = Faults(path)
     faults.extend(problems)

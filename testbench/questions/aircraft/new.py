@@ -72,7 +72,7 @@ def check_name(folder: Path) -> None:
     name = folder.name
     if not name or not name.replace("_", "").replace("-", "").replace(".", "").isalnum() or not name.isascii():
         raise ScenarioError(
-            [f"an aircraft's name must be of letters, digits, '_', '-' and '.', got '{name}': give -o aircraft/NAME"]
+            f"an aircraft's name must be of letters, digits, '_', '-' and '.', got '{name}': give -o aircraft/NAME"
         )
 
 

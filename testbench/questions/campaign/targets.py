@@ -65,13 +65,13 @@ def _set(content: dict[str, Any], key: str, value: Any) -> None:
         if isinstance(place, list):
             if not part.isdigit() or int(part) >= len(place):
                 raise ScenarioError(
-                    [f"'{here}' must be an entry of a list of {len(place)} (0 to {len(place) - 1}), got '{part}'"]
+                    f"'{here}' must be an entry of a list of {len(place)} (0 to {len(place) - 1}), got '{part}'"
                 )
             index: Any = int(part)
         elif isinstance(place, dict):
             index = part
         else:
-            raise ScenarioError([f"'{here}' must lead to a key of the scenario, but what stands before it is a value"])
+            raise ScenarioError(f"'{here}' must lead to a key of the scenario, but what stands before it is a value")
         if k == len(parts) - 1:
             place[index] = value
         else:
@@ -142,9 +142,9 @@ def _figure(name: str, figure: str) -> tuple[str, float]:
             try:
                 return field, unit_factor(name, _UNITS[unit])
             except ChannelError as error:
-                raise ScenarioError([f"sensor.{name}.{figure}: {error.message}"]) from error
+                raise ScenarioError(f"sensor.{name}.{figure}: {error.message}") from error
     raise ScenarioError(
-        [f"unknown figure '{figure}' of sensor '{name}' (SI unit {channel(name).unit}){nearest(figure, known)}"]
+        f"unknown figure '{figure}' of sensor '{name}' (SI unit {channel(name).unit}){nearest(figure, known)}"
     )
 
 

@@ -260,6 +260,6 @@ def templates(asked: Placement) -> dict[str, Sensor]:
             continue
         found = [s for s in load_suite(name).sensors if s.channel.startswith(prefix)]
         if not found:
-            raise ScenarioError([f"suite '{name}' must hold an {kind} on the wing ({prefix}1, ...), it has none"])
+            raise ScenarioError(f"suite '{name}' must hold an {kind} on the wing ({prefix}1, ...), it has none")
         out[kind] = found[0]
     return out

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from testbench.page.labels import number
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.compare.answer import added, more_of, per_hundred, quantity_words, worth
 from testbench.questions.compare.methods import OVER, contests, ranked_contests
+from testbench.questions.run.found import finite
 from testbench.questions.side_by_side import pair_table, rank_table
 
 if TYPE_CHECKING:
@@ -83,8 +82,8 @@ def gain_table(result: CompareResult) -> Table:
             Column("input", "input", get="case.manoeuvre"),
             Column("estimator", "estimator", get="case.estimator"),
             Column("quantity", "error of", get=_quantity),
-            Column("before", "with the first", "", "median size", get=lambda g: _finite(g.before)),
-            Column("after", "with this one", "", "median size", get=lambda g: _finite(g.after)),
+            Column("before", "with the first", "", "median size", get=lambda g: finite(g.before)),
+            Column("after", "with this one", "", "median size", get=lambda g: finite(g.after)),
             Column("gain", "gain", "", difference, get="paired.difference.value"),
             Column("low", "from", "", difference, get="paired.difference.low"),
             Column("high", "to", "", difference, get="paired.difference.high"),
@@ -131,7 +130,7 @@ def error_table(result: CompareResult) -> Table:
             Column("bias", "bias", "", "error", get="mean.value"),
             Column("of_flight", "without noise", "", "error"),
             Column("scatter", "scatter", "", "error"),
-            Column("predicted", "predicted scatter", get=lambda s: _finite(s.predicted)),
+            Column("predicted", "predicted scatter", get=lambda s: finite(s.predicted)),
             Column("ratio", "ratio", "", over, get="ratio.value"),
             Column("ratio_low", "from", "", over, get="ratio.low"),
             Column("ratio_high", "to", "", over, get="ratio.high"),
@@ -147,7 +146,7 @@ def information_table(result: CompareResult) -> Table:
     for m in result.manoeuvres:
         found = [result.predictions[m, s.name] for s in result.suites]
         for name, unit in dict.fromkeys(pair for p in found for pair in zip(p.names, p.units, strict=True)):
-            rows.append((m, name + (f", {unit}" if unit else ""), *(_finite(p.of(name)) for p in found)))
+            rows.append((m, name + (f", {unit}" if unit else ""), *(finite(p.of(name)) for p in found)))
     return Table(
         "information",
         "Standard errors by information, without simulation",
@@ -172,7 +171,7 @@ def worth_table(result: CompareResult) -> Table:
         for sensor in suite.sensors:
             if sensor.channel in p.without:
                 grown = dict(zip(p.names, p.without[sensor.channel].tolist(), strict=True))
-                row = (_finite(grown.get(n)) for n in names)
+                row = (finite(grown.get(n)) for n in names)
                 rows.append((m, suite_name, sensor.channel, sensor.price_eur, sensor.mass_g, *row))
     return Table(
         "without_each",
@@ -209,14 +208,14 @@ def placement_tables(result: CompareResult) -> list[Table]:
         f"Sensors in the order of their gain. Criterion {p.asked.criterion}, in units of {p.asked.wn_percent:g} % of a "
         f"frequency and {p.asked.zeta:g} of a damping ratio. {how}.",
         (Column("sensor", "sensor"), Column("criterion", "criterion with it", digits=3)),
-        (("none", _finite(p.path[0])), *((s.words, _finite(c)) for s, c in zip(p.spots, p.path[1:], strict=True))),
+        (("none", finite(p.path[0])), *((s.words, finite(c)) for s, c in zip(p.spots, p.path[1:], strict=True))),
     )
     errors = Table(
         "placement_errors",
         "Standard errors of the modes before and after",
         "By information, with the commands known exactly. Percent; absolute for damping ratios.",
         (Column("quantity", "standard error of"), Column("before", p.base), Column("after", "with the placed sensors")),
-        tuple((n, _finite(float(b)), _finite(float(a))) for n, b, a in zip(p.names, p.before, p.after, strict=True)),
+        tuple((n, finite(float(b)), finite(float(a))) for n, b, a in zip(p.names, p.before, p.after, strict=True)),
     )
     return [path, errors]
 
@@ -231,7 +230,3 @@ def failure_table(result: CompareResult) -> Table:
         tuple((*f.case, f.repetition + 1, f.reason) for f in result.failures),
         wide=True,
     )
-
-
-def _finite(value: float | None) -> float | None:
-    return None if value is None or not np.isfinite(value) else float(value)

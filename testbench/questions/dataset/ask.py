@@ -93,7 +93,7 @@ def draw_dataset(
     """
     scenario = obtain(DatasetScenario, scenario)
     if runs is not None and runs < 1:
-        raise ScenarioError([f"runs >= 1 must hold, got {runs}"])
+        raise ScenarioError(f"runs >= 1 must hold, got {runs}")
     aircraft_of.cache_clear()  # a folder of the user's own may have changed since the last set
     layout = layout_of(scenario, runs or scenario.flights)
     require_room("a flight of the data set", layout.row_bytes, "shorten its manoeuvres (duration_s)")

@@ -112,7 +112,7 @@ def code_of(split: str) -> int:
         ScenarioError: there is none of that name.
     """
     if split not in SPLITS:
-        raise ScenarioError([f"a split must be one of {', '.join(SPLITS)}, got '{split}'{nearest(split, SPLITS)}"])
+        raise ScenarioError(f"a split must be one of {', '.join(SPLITS)}, got '{split}'{nearest(split, SPLITS)}")
     return SPLITS.index(split)
 
 

@@ -117,7 +117,7 @@ def read_answers(file: Path, questions: Sequence[Question]) -> dict[str, Any]:
         text = read_text(file, "answers")
         for pattern, hint in _HABITS.items():
             if re.search(pattern, text, re.MULTILINE):
-                raise ScenarioError([f"{error}; {hint}"]) from error
+                raise ScenarioError(f"{error}; {hint}") from error
         raise
     except RecordError as error:
         raise RecordError(f"{error}; `testbench exercise start` writes a template for it") from error
@@ -168,7 +168,7 @@ def write_answers(folder: Path, answers: Mapping[str, float | str | None]) -> No
     text = read_text(file, "answers")
     for key, value in answers.items():
         if key not in keys:
-            raise ScenarioError([f"{file}, {key}: no question has this key{nearest(key, keys)}"])
+            raise ScenarioError(f"{file}, {key}: no question has this key{nearest(key, keys)}")
         if value is not None:
             text = _answered(text, key, json.dumps(value if isinstance(value, str) else float(value)))
     write_file(file, text)

@@ -58,7 +58,7 @@ def start(name: str, student: str, key: str, folder: Path | None = None) -> Star
     exercise = load_exercise(name)
     student = student.strip()
     if not student or len(student) > _LONGEST or not student.isprintable():
-        raise ScenarioError([f"a student must be 1 to {_LONGEST} printable characters, got {student!r}"])
+        raise ScenarioError(f"a student must be 1 to {_LONGEST} printable characters, got {student!r}")
     folder = folder or Path(f"{name}_{re.sub(r'[^A-Za-z0-9._-]+', '_', student)}")
     _empty(folder)
     sealed = seal(key, name, student)

@@ -54,7 +54,7 @@ def students_of(words: str) -> tuple[str, ...]:
     if re.fullmatch(r"[0-9]+", words):
         count = int(words)
         if not 1 <= count <= _MOST:
-            raise ScenarioError([f"a class must have 1 to {_MOST} students, got {words}"])
+            raise ScenarioError(f"a class must have 1 to {_MOST} students, got {words}")
         return tuple(f"student {k + 1}" for k in range(count))
     try:
         lines = read_text(Path(words), "roster", "utf-8-sig").splitlines()
@@ -65,7 +65,7 @@ def students_of(words: str) -> tuple[str, ...]:
     twice = sorted({n for n, f in zip(names, folders, strict=True) if folders.count(f) > 1})
     if twice or not names:
         got = f"{', '.join(twice)} twice" if twice else "no name"
-        raise ScenarioError([f"{words}: names of students must differ, in letters and digits, got {got}"])
+        raise ScenarioError(f"{words}: names of students must differ, in letters and digits, got {got}")
     return names
 
 

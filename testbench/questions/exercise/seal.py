@@ -55,9 +55,7 @@ def read_key(file: Path | None) -> str:
     key = read_text(file, "key").strip() if file is not None else os.environ.get(VARIABLE, "").strip() or PUBLIC_KEY
     if len(key) < _SHORTEST:
         raise ScenarioError(
-            [
-                f"a teacher's key must have at least {_SHORTEST} characters, got {len(key)}; "
-                "`openssl rand -hex 16` makes one"
-            ]
+            f"a teacher's key must have at least {_SHORTEST} characters, got {len(key)}; "
+            "`openssl rand -hex 16` makes one"
         )
     return key

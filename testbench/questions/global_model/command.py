@@ -53,7 +53,7 @@ def command(
     named = list(dict.fromkeys(d.aircraft for d in described if d.aircraft)) if aircraft is None else [aircraft]
     if len(named) != 1:
         raise ScenarioError(
-            [f"a global model is that of one aircraft, got {', '.join(named) or 'none'}; say which with --aircraft"]
+            f"a global model is that of one aircraft, got {', '.join(named) or 'none'}; say which with --aircraft"
         )
     if amend is not None:
         folder_of(amend, named[0])

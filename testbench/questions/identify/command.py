@@ -135,5 +135,5 @@ def _check_amend(asked: Sequence[RecordDescription], name: str) -> None:
 
     for description in asked:
         if description.aircraft is None:
-            raise ScenarioError([no_aircraft(str(description.file))])
+            raise ScenarioError(no_aircraft(str(description.file)))
         folder_of(name, description.aircraft)

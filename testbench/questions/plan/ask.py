@@ -14,6 +14,7 @@ from testbench.core.blas import on_one_thread
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import LimitError, Refusal, ScenarioError, located
 from testbench.core.named import Named, obtain
+from testbench.design.ensemble import Flier
 from testbench.evaluation.envelope import Envelope, Onset, fly_envelope
 from testbench.flight import load_aircraft
 from testbench.flight.batch.jobs import Simulator
@@ -89,7 +90,7 @@ def make_plan(
                 bounds = bounds_at(scenario.limits, aircraft, point, scenario.timing.field_m, onset)
                 tasks.append(Task(point, spec, limits_of(bounds.limits, aircraft, onset), bounds.sources))
                 keys.append(f"manoeuvre[{i}]")
-    together = Together(aircraft, simulator, period_ms=scenario.held_ms)
+    together = Together(aircraft, Flier(simulator), scenario.held_ms)
     say(f"fly {counted(len(tasks), 'card')}")
     within = fly_within(together, tasks, scenario.scale)
     rough = roughness(together, scenario, tasks)
@@ -104,7 +105,7 @@ def make_plan(
             cards.append(_card(scenario, aircraft, suite, task, flown, air, len(cards) + 1))
     fits(scenario, cards)
     runs, flights = schedule(scenario, cards, aircraft.mass.mass_kg)
-    return Plan(scenario, aircraft, suite, tuple(envelopes), points, tuple(cards), runs, flights, together.tally)
+    return Plan(scenario, aircraft, suite, tuple(envelopes), points, tuple(cards), runs, flights, together.flier.tally)
 
 
 def _wanted(spec: PlannedManoeuvre, point: Point) -> bool:

@@ -47,7 +47,7 @@ def take(paths: Sequence[Path]) -> list[Taken]:
         if len(found) > 1:
             words = sorted(" with wings ".join(x) if isinstance(x, tuple) else x for x in found)
             raise ScenarioError(
-                [f"the designs of one plan must have the same {key}, got {', '.join(words)}; make a plan of each"]
+                f"the designs of one plan must have the same {key}, got {', '.join(words)}; make a plan of each"
             )
     return out
 
@@ -67,7 +67,7 @@ def _taken(path: Path) -> Taken:
     scenario = Scenario.load(file)
     flown = [m for m in scenario.manoeuvre if m.use != "validation"]
     if not flown:
-        raise ScenarioError([f"{file}, manoeuvre: a design must have one with use = 'identification'"])
+        raise ScenarioError(f"{file}, manoeuvre: a design must have one with use = 'identification'")
     lines = read_text(file, "scenario").splitlines()
     promised = tuple(line.lstrip("# ") for line in lines[: _comments(lines)] if line.startswith("#  "))
     asked = file.parent.parent / "design.toml"
@@ -126,4 +126,4 @@ def planned(taken: Taken, manoeuvre: Manoeuvre) -> PlannedManoeuvre:
     except ValueError as error:
         said = str(error).splitlines()
         why = next((line.strip() for line in said if "Value error" in line), said[-1]).replace("Value error, ", "")
-        raise ScenarioError([f"{taken.file}, manoeuvre: a plan cannot fly it: {why.split(' [type=')[0]}"]) from error
+        raise ScenarioError(f"{taken.file}, manoeuvre: a plan cannot fly it: {why.split(' [type=')[0]}") from error

@@ -306,7 +306,7 @@ def _usual(
     if not seen:
         assert suite is not None
         raise ScenarioError(
-            [f"the sensors of a plan must see a motion ({needed()}), got {', '.join(suite.channels)} of {suite.name}"]
+            f"the sensors of a plan must see a motion ({needed()}), got {', '.join(suite.channels)} of {suite.name}"
         )
     least = 1.0 if autopilot == "pilot" else 5.0 / _SIGNALS_PER_S
     out: list[tuple[list[str], float]] = []

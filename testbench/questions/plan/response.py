@@ -15,10 +15,11 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import EstimationError, LimitError, Refusal
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.inputs import Input
+from testbench.design.ensemble import Flier
 from testbench.design.limits import Limits, breaches
 from testbench.estimators.parametric.response import Sampling, respond
 from testbench.flight.air import Air, turbulence_rms
-from testbench.flight.batch.jobs import Job, Simulator, Tally
+from testbench.flight.batch.jobs import Job
 from testbench.flight.simulate import aborted
 from testbench.information.aircraft_structure import aircraft_structure, parameter_names
 from testbench.inputs import InputSignal
@@ -102,27 +103,18 @@ class Together:
 
     Attributes:
         aircraft: what flies.
-        simulator: "jsbsim" flies one by one; see :mod:`testbench.flight.batch.jobs`.
-        tally: by what was flown.
+        flier: what flies it.
         period_ms: of the script that commands: each value is held as long; None for a pilot.
     """
 
     aircraft: Aircraft
-    simulator: Simulator = "auto"
-    tally: Tally = field(default_factory=Tally)
+    flier: Flier = field(default_factory=Flier)
     period_ms: int | None = None
 
     def signal(self, task: Task, factor: float) -> InputSignal:
         """Return what is commanded at a factor on the amplitude, as it is flown: drawn by hand, or sampled and held."""
         spec = task.spec
         return commanded(scaled(spec.input, factor), spec.duration_s, task.point.trimmed.rate_hz, self.period_ms)
-
-    def fly(self, jobs: Sequence[Job]) -> list[FlightRecord | Refusal]:
-        """Return the truth of each flight, or why there is none."""
-        from testbench.flight.batch.fly import FEWEST, fly_jobs
-
-        fewest = 1 if self.tally.batch else FEWEST  # a model that has been judged is worth it for few flights, too
-        return fly_jobs(jobs, self.simulator, self.tally, fewest)
 
     def job(self, task: Task, signal: InputSignal, channels: Sequence[str] = LOGGED, air: Air | None = None) -> Job:
         """Return the flight of a signal from the trim of a point, with the undisturbed flight that it begins with.
@@ -151,7 +143,7 @@ def fly_at(together: Together, tasks: Sequence[Task], factors: Sequence[float]) 
             ready.append((i, signal, bands_of(task.limits, task.point, task.spec.controls), together.job(task, signal)))
         except LimitError as error:
             out[i] = error
-    for (i, signal, bands, job), found in zip(ready, together.fly([job for *_, job in ready]), strict=True):
+    for (i, signal, bands, job), found in zip(ready, together.flier.fly([job for *_, job in ready]), strict=True):
         out[i] = found if isinstance(found, Refusal) else _judged(tasks[i], signal, bands, job, found)
     return [x for x in out if x is not None]
 
@@ -227,7 +219,7 @@ def fly_within(together: Together, tasks: Sequence[Task], scale: bool) -> list[W
 
 def _still(together: Together, task: Task, met: tuple[str, ...]) -> Within | Refusal:
     """Return a manoeuvre whose commands cannot be given, with the flight without any."""
-    (record,) = together.fly([together.job(task, together.signal(task, 0.0))])
+    (record,) = together.flier.fly([together.job(task, together.signal(task, 0.0))])
     if isinstance(record, Refusal):
         return record
     return Within(0.0, Flown(together.signal(task, 1.0), record, met), met)
@@ -302,7 +294,7 @@ def roughness(together: Together, scenario: PlanScenario, tasks: Sequence[Task])
         air = Air(turbulence_rms_m_s=rms, height_m=above, seed=seed)
         jobs.append(together.job(task, together.signal(task, 0.0), SHOWN[task.spec.plane], air))
     out: list[dict[str, float] | Refusal] = []
-    for task, record in zip(tasks, together.fly(jobs), strict=True):
+    for task, record in zip(tasks, together.flier.fly(jobs), strict=True):
         if isinstance(record, FlightRecord) and len(record) < 2:
             record = aborted(record, together.aircraft.name, task.spec.name, log_rate_of(task.point.trimmed.rate_hz))
         if isinstance(record, Refusal):

@@ -68,7 +68,7 @@ def chosen(name: str) -> tuple[str, ...]:
     """
     if name != "all" and name not in CHAPTERS:
         raise ScenarioError(
-            [f"a reproduction must be one of {', '.join(CHAPTERS)} or all, got '{name}'{nearest(name, CHAPTERS)}"]
+            f"a reproduction must be one of {', '.join(CHAPTERS)} or all, got '{name}'{nearest(name, CHAPTERS)}"
         )
     return tuple(CHAPTERS) if name == "all" else (name,)
 

@@ -29,7 +29,7 @@ def found_of(result: RunResult) -> dict[str, Any]:
     if result.failed:
         out["failed"] = {cell.label: cell.reason for cell in result.failed}
     for case in result.cases:
-        out["figures"][case.label] = {name: _finite(value) for name, value in _figures(case).items()}
+        out["figures"][case.label] = {name: finite(value) for name, value in _figures(case).items()}
         out["poles"][case.label] = {
             outputs: [
                 [p.real, p.imag] for p in sorted(poles[poles.imag >= 0.0].tolist(), key=lambda p: (abs(p), p.real))
@@ -38,11 +38,12 @@ def found_of(result: RunResult) -> dict[str, Any]:
         }
     if result.truth is not None:
         modes = result.truth.modes.items()
-        out["true"] = {f"{mode} {name}": _finite(value(s)) for mode, s in modes for name, value in OF_MODES}
+        out["true"] = {f"{mode} {name}": finite(value(s)) for mode, s in modes for name, value in OF_MODES}
     return out
 
 
-def _finite(value: float | None) -> float | None:
+def finite(value: float | None) -> float | None:
+    """Return a number, None if it is not finite."""
     return None if value is None or not math.isfinite(value) else float(value)
 
 

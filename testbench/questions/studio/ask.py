@@ -108,10 +108,8 @@ def _aircraft(name: str, said: str) -> Json:
     controls = list(next(iter(points.values()))["axes"]) if points else []
     if not controls:
         raise ScenarioError(
-            [
-                f"the studio needs level flight at a speed of {aircraft.name}, and a control of it that a sensor suite "
-                f"senses besides the motion; put one in your folder suites/"
-            ]
+            f"the studio needs level flight at a speed of {aircraft.name}, and a control of it that a sensor suite "
+            f"senses besides the motion; put one in your folder suites/"
         )
     used = {s: suite for s, suite in (suites | borrowed).items() if _offered(s, points)}
     return {

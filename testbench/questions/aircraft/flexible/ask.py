@@ -69,13 +69,13 @@ def add_ground_test(
     aircraft = found.aircraft if found is not None else load_aircraft(folder)
     if aircraft.elastic is not None:
         raise ScenarioError(
-            [f"{folder / _FILE}, elastic: an aircraft that is made flexible must be rigid, got {aircraft.name} with "
-             f"{len(aircraft.elastic)} elastic modes; take them out first"]
+            f"{folder / _FILE}, elastic: an aircraft that is made flexible must be rigid, got {aircraft.name} with "
+             f"{len(aircraft.elastic)} elastic modes; take them out first"
         )  # fmt: skip
     test = read_ground_test(find_scenario(modes))
     out = Path("aircraft") / f"{aircraft.name}_flexible" if out is None else out
     if out.resolve() == folder.resolve():
-        raise ScenarioError([f"the flexible aircraft must go to a folder of its own, got '{out}', the rigid one's"])
+        raise ScenarioError(f"the flexible aircraft must go to a folder of its own, got '{out}', the rigid one's")
     own: dict[str, float] = {}
     with ResultFolder(out) as place:
         place.check(_FILE)

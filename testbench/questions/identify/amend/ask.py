@@ -513,9 +513,9 @@ def check_aircraft(found: Sequence[Identified]) -> str:
     named = [f.source.aircraft for f in found]
     for f, name in zip(found, named, strict=True):
         if name is None:
-            raise ScenarioError([no_aircraft(f.name)])
+            raise ScenarioError(no_aircraft(f.name))
     if len(set(named)) > 1:
-        raise ScenarioError([f"one aircraft is amended at a time, got {', '.join(sorted(set(map(str, named))))}"])
+        raise ScenarioError(f"one aircraft is amended at a time, got {', '.join(sorted(set(map(str, named))))}")
     for f in found:
         if f.before is not None and not f.before.derivatives:
             raise EstimationError(f"an aircraft is amended where it flies, but {f.before.notes[-1]}")

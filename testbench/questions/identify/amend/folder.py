@@ -38,11 +38,11 @@ def folder_of(name: str, base: str) -> Path:
     check_name(folder)
     if folder.name in aircraft_names():
         raise ScenarioError(
-            [f"an amended aircraft must have a name of its own, got '{folder.name}', which is packaged: give another"]
+            f"an amended aircraft must have a name of its own, got '{folder.name}', which is packaged: give another"
         )
     if folder.resolve() == Path(resolve(base, AIRCRAFT)).resolve():
         raise ScenarioError(
-            [f"an amended aircraft must go to a folder of its own, got '{folder}', which is amended: give another name"]
+            f"an amended aircraft must go to a folder of its own, got '{folder}', which is amended: give another name"
         )
     place = ResultFolder(folder)
     try:

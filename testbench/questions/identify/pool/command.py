@@ -34,7 +34,7 @@ def settings_of(descriptions: Sequence[RecordDescription], several: bool, **give
         return asked
     if options:
         raise ScenarioError(
-            [f"--{', --'.join(options)} pools several logs, got one; give more, or --each to pool its records"]
+            f"--{', --'.join(options)} pools several logs, got one; give more, or --each to pool its records"
         )
     return None
 
