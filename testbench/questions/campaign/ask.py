@@ -23,7 +23,6 @@ from testbench.flight.batch.jobs import Simulator
 from testbench.questions.campaign.draws import run_inputs, run_seed
 from testbench.questions.campaign.flying import Job, Outcome, fly_batch
 from testbench.questions.campaign.load import Campaign, versions
-from testbench.questions.campaign.no_workers import why_none
 from testbench.questions.campaign.scenario import Watch
 from testbench.questions.campaign.store import RECORDS, Counts, Store
 from testbench.questions.campaign.workers import (
@@ -34,6 +33,7 @@ from testbench.questions.campaign.workers import (
     local_workers,
     remote_workers,
     require_dask,
+    why_none,
 )
 
 MOST_PER_BATCH = 64  # what flies as one block

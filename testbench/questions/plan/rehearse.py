@@ -19,9 +19,9 @@ from testbench.flight import FlightCondition, trim
 from testbench.flight.air import air_of
 from testbench.inputs import InputSignal
 from testbench.line import Flight, fly_and_measure
-from testbench.questions.plan.commanded import commanded
 from testbench.questions.plan.response import scaled
 from testbench.questions.plan.result import Card, Plan
+from testbench.questions.plan.scenario import commanded
 
 QUIET_S = 3.0
 """Undisturbed flight before the settling time of every run."""

@@ -15,9 +15,8 @@ from testbench.flight import LinearModel
 from testbench.information.aircraft_structure import Plane, aircraft_structure, parameter_names
 from testbench.information.fisher import Experiment, accuracy
 from testbench.information.targets import needed_parameters
-from testbench.questions.plan.commanded import commanded
 from testbench.questions.plan.result import Point, Reached
-from testbench.questions.plan.scenario import PlannedManoeuvre
+from testbench.questions.plan.scenario import PlannedManoeuvre, commanded
 from testbench.sensors import SensorSuite
 
 _USABLE = {

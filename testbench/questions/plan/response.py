@@ -24,10 +24,9 @@ from testbench.flight.simulate import aborted
 from testbench.information.aircraft_structure import aircraft_structure, parameter_names
 from testbench.inputs import InputSignal
 from testbench.line import manoeuvre_of
-from testbench.questions.plan.commanded import commanded
 from testbench.questions.plan.repeats import command_names
 from testbench.questions.plan.result import Point
-from testbench.questions.plan.scenario import PlanLimits, PlannedManoeuvre, PlanScenario
+from testbench.questions.plan.scenario import PlanLimits, PlannedManoeuvre, PlanScenario, commanded
 from testbench.sensors import SensorSuite
 
 SHOWN = {"longitudinal": ("V", "alpha", "q", "az"), "lateral": ("beta", "p", "r", "phi")}

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from testbench.core.errors import CampaignError
-from testbench.questions.campaign import ask, no_workers, workers
+from testbench.questions.campaign import ask, workers
 from testbench.questions.campaign.ask import fly_campaign
 from testbench.questions.campaign.flying import Outcome
 
@@ -113,18 +113,18 @@ def test_a_process_that_is_tried_says_why_there_are_no_workers(tmp_path, monkeyp
     python.write_text(f"#!/bin/sh\n{program}\n")
     python.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(python))
-    monkeypatch.setattr(no_workers, "_TRY_S", 1.0)
+    monkeypatch.setattr(workers, "_TRY_S", 1.0)
     with pytest.raises(CampaignError, match=words):
-        raise CampaignError(no_workers.why_none())
+        raise CampaignError(workers.why_none())
 
 
 def test_a_machine_that_starts_no_process_is_named(monkeypatch):
     def refuse(*args, **kwargs):
         raise BlockingIOError(11, "Resource temporarily unavailable")
 
-    monkeypatch.setattr(no_workers.subprocess, "run", refuse)
-    assert no_workers.why_none().startswith("this machine starts no process (Resource temporarily unavailable)")
+    monkeypatch.setattr(workers.subprocess, "run", refuse)
+    assert workers.why_none().startswith("this machine starts no process (Resource temporarily unavailable)")
 
 
 def test_a_process_of_this_machine_loads_what_workers_load():
-    assert "lives" in no_workers.why_none()
+    assert "lives" in workers.why_none()

@@ -29,7 +29,6 @@ from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.ask import first_onset, make_plan
 from testbench.questions.plan.card_text import card_text
 from testbench.questions.plan.check import check
-from testbench.questions.plan.commanded import commanded
 from testbench.questions.plan.injection.lua import rows_of
 from testbench.questions.plan.page import plan_page
 from testbench.questions.plan.repeats import reach, repeats_for
@@ -44,7 +43,7 @@ from testbench.questions.plan.response import (
     limits_of,
     roughness,
 )
-from testbench.questions.plan.scenario import PlanScenario, Tow
+from testbench.questions.plan.scenario import PlanScenario, Tow, commanded
 from testbench.questions.plan.tables import plan_tables
 from testbench.sensors import Sensor, SensorSuite, load_suite
 
