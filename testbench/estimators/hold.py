@@ -8,7 +8,6 @@ Which it is shows in the record: a held input changes by jumps that take one sam
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,36 +17,18 @@ HELD_SUFFIX = "_cmd"
 """Channels with this ending are commands, held by the computer until the next sample."""
 
 
-class HoldCriteria(NamedTuple):
-    """What tells a held input. All are judged; the tests fly ten kinds of input against them.
-
-    Attributes:
-        still: noise between jumps, in standard deviations of the usual change, within which an input is still.
-        jump: the least jump, in the same.
-        rounding: the least change that counts, as a share of the input's range.
-        by_jumps: share of all movement that jumps must make.
-        resting: least share of changes that are still.
-        through: largest share of jumps that go on the same way in the sample before or after: what a servo, a hand or
-            a filter does between two levels.
-        jumps: how many jumps between still samples there must be.
-        quanta: an input whose jumps are all one size, and whose range is more of them than this, is a smooth one that
-            was rounded.
-    """
-
-    still: float = 5.0
-    jump: float = 10.0
-    rounding: float = 1e-6
-    by_jumps: float = 0.9
-    resting: float = 0.4
-    through: float = 0.1
-    jumps: int = 2
-    quanta: float = 4.5
+# What tells a held input. All are judged; the tests fly ten kinds of input against them.
+_STILL = 5.0  # noise between jumps, in standard deviations of the usual change, within which an input is still
+_JUMP = 10.0  # the least jump, in the same
+_ROUNDING = 1e-6  # the least change that counts, as a share of the input's range
+_BY_JUMPS = 0.9  # share of all movement that jumps must make
+_RESTING = 0.4  # least share of changes that are still
+_THROUGH = 0.1  # most jumps that go on the same way before or after: a servo, hand or filter between two levels
+_JUMPS = 2  # how many jumps between still samples there must be
+_QUANTA = 4.5  # jumps all of one size, and a range of more of them than this, are a smooth input that was rounded
 
 
-CRITERIA = HoldCriteria()
-
-
-def recognised(records: Sequence[FlightRecord], name: str, criteria: HoldCriteria = CRITERIA) -> bool:
+def recognised(records: Sequence[FlightRecord], name: str) -> bool:
     """Return whether the channel ``name`` is held from sample to sample, as far as the records show.
 
     Smooth inputs, with noise or rounded, are not called held: in 1800 draws of smooth kinds (multisines, sweeps, a
@@ -57,7 +38,6 @@ def recognised(records: Sequence[FlightRecord], name: str, criteria: HoldCriteri
     Args:
         records: with one sample time; samples that were not taken do not count.
         name: of the channel.
-        criteria: thresholds.
     """
     found = [_changes(record, name) for record in records]
     d = np.concatenate([part for _, part in found]) if found else np.zeros(0)
@@ -68,25 +48,25 @@ def recognised(records: Sequence[FlightRecord], name: str, criteria: HoldCriteri
     d = d - np.median(d[known])  # a trend that was removed
     extent = float(np.ptp(values))
     noise = 1.4826 * float(np.median(np.abs(d[known])))
-    floor = criteria.rounding * extent
+    floor = _ROUNDING * extent
     size = np.where(known, np.abs(d), 0.0)
-    still = known & (size <= max(criteria.still * noise, floor))
-    jumps = size > max(criteria.jump * noise, floor)
+    still = known & (size <= max(_STILL * noise, floor))
+    jumps = size > max(_JUMP * noise, floor)
     moved = float(np.sum(size[known & ~still]))
-    if not jumps.any() or np.mean(still[known]) < criteria.resting or size[jumps].sum() < criteria.by_jumps * moved:
+    if not jumps.any() or np.mean(still[known]) < _RESTING or size[jumps].sum() < _BY_JUMPS * moved:
         return False
     after, before = np.append(d[1:], np.nan), np.append(np.nan, d[:-1])
     moving = known & ~still
     on = np.append(moving[1:], False) & (after * d > 0.0)
     off = np.append(False, moving[:-1]) & (before * d > 0.0)
-    if np.mean((on | off)[jumps]) > criteria.through:
+    if np.mean((on | off)[jumps]) > _THROUGH:
         return False
     alone = jumps & np.append(still[1:], False) & np.append(False, still[:-1])
-    if np.count_nonzero(alone) < criteria.jumps:
+    if np.count_nonzero(alone) < _JUMPS:
         return False
     quantum = float(np.median(size[jumps]))
     rounded = bool(np.all(np.abs(size[jumps] - quantum) <= 0.05 * quantum + 3.0 * noise))
-    return not (rounded and extent > criteria.quanta * quantum)
+    return not (rounded and extent > _QUANTA * quantum)
 
 
 def held(

@@ -22,7 +22,6 @@ def prepare(
     trim_s: float,
     lowpass_hz: float | None = None,
     decimate: int = 1,
-    reference: FlightRecord | None = None,
 ) -> FlightRecord:
     """Return the record as deviations from trim, ready for an estimator.
 
@@ -39,8 +38,6 @@ def prepare(
             cut-off is -6 dB), on inputs and outputs alike, so that it cancels from input to output.
         decimate: keep every ``decimate``-th sample. Noise folds down unless ``lowpass_hz`` is below the new Nyquist
             frequency.
-        reference: the record whose bias is subtracted, if not this one: the second part of a split record has no
-            undisturbed flight of its own.
 
     Returns:
         The prepared record; its provenance holds under "prepared" what was done and the bias subtracted (at the first
@@ -49,14 +46,12 @@ def prepare(
     Raises:
         EstimationError: fewer than 2 valid samples to take a bias from, a cut-off at or above the Nyquist frequency, a
             record too short to filter, or a decimation below 1.
-        ChannelError: the reference lacks a channel.
         RecordError: the record is to be filtered but not uniformly sampled.
     """
     if decimate < 1:
         raise EstimationError(f"decimate >= 1 must hold, got {decimate}")
     data = _interpolate(record)
-    source = record if reference is None else reference.select(record.channels)
-    level = _bias(source, record.t_s, bias, trim_s)
+    level = _bias(record, bias, trim_s)
     data = data - level
     if lowpass_hz is not None:
         data = _lowpass(data, record.dt_s, lowpass_hz)
@@ -83,27 +78,27 @@ def _interpolate(record: FlightRecord) -> FloatArray:
     return data
 
 
-def _bias(source: FlightRecord, t_s: FloatArray, bias: Bias, trim_s: float) -> FloatArray:
-    """Return what is to be subtracted at the times ``t_s``, shape (n, m)."""
-    level = np.zeros((t_s.size, len(source.channels)))
+def _bias(record: FlightRecord, bias: Bias, trim_s: float) -> FloatArray:
+    """Return what is to be subtracted from each sample, shape (n, m)."""
+    level = np.zeros(record.data.shape)
     if bias == "none":
         return level
-    chosen: NDArray[np.bool_] = np.ones(len(source), bool)
+    chosen: NDArray[np.bool_] = np.ones(len(record), bool)
     if bias == "trim":
-        chosen = source.t_s < source.t_s[0] + trim_s
-    for i, name in enumerate(source.channels):
-        rows = chosen & source.valid[:, i]
+        chosen = record.t_s < record.t_s[0] + trim_s
+    for i, name in enumerate(record.channels):
+        rows = chosen & record.valid[:, i]
         if rows.sum() < 2:
             where = f"the first trim_s = {trim_s:g} s" if bias == "trim" else "the record"
             raise EstimationError(
                 f"bias '{bias}' needs at least 2 valid samples of channel '{name}' in {where}, got {rows.sum()}; "
                 "record more undisturbed flight, or choose bias 'mean' or 'trend'"
             )
-        t, y = source.t_s[rows], source.data[rows, i]
+        t, y = record.t_s[rows], record.data[rows, i]
         if bias == "trend":
             middle = t.mean()
             slope = np.sum((t - middle) * y) / np.sum((t - middle) ** 2)
-            level[:, i] = y.mean() + slope * (t_s - middle)
+            level[:, i] = y.mean() + slope * (record.t_s - middle)
         else:
             level[:, i] = y.mean()
     return level

@@ -29,16 +29,6 @@ def test_trim_mean_and_trend_remove_what_they_say():
     assert trim.kind == "measured"
 
 
-def test_reference_lends_its_trim_to_a_part_without_undisturbed_flight():
-    q = np.where(T < 4.0, 1.5, 3.0)
-    whole = record(q)
-    _, second = whole.split(0.7)
-    assert np.allclose(prepare(second, bias="trim", trim_s=2.0, reference=whole)["q"], 1.5, atol=1e-12)
-    ramp = record(1.0 + 2.0 * T)
-    _, second = ramp.split(0.5)
-    assert np.abs(prepare(second, bias="trend", trim_s=0.0, reference=ramp)["q"]).max() < 1e-10
-
-
 def test_gaps_are_interpolated_and_stay_marked():
     q = 3.0 + 0.1 * T
     valid = np.ones((T.size, 2), bool)

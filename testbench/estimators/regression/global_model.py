@@ -101,7 +101,7 @@ _DONE = 1e-24  # share of the target's energy that is rounding
 _MOST = 60  # terms
 
 
-def orthogonal_order(X: FloatArray, y: FloatArray, most: int = _MOST) -> tuple[list[int], list[float]]:
+def orthogonal_order(X: FloatArray, y: FloatArray) -> tuple[list[int], list[float]]:
     """Return candidates (columns of X) in the order in which they lower the fit error, and that error after each.
 
     Every candidate is orthogonalised by modified Gram-Schmidt to the functions p_j that are already chosen; the one
@@ -112,7 +112,6 @@ def orthogonal_order(X: FloatArray, y: FloatArray, most: int = _MOST) -> tuple[l
     Args:
         X: (n, m) candidates, less their parts along what is always there.
         y: (n,) target, likewise.
-        most: steps at most.
 
     Returns:
         Columns, and v'v before the first and after each of them.
@@ -123,7 +122,7 @@ def orthogonal_order(X: FloatArray, y: FloatArray, most: int = _MOST) -> tuple[l
     order: list[int] = []
     Q = np.empty((len(y), 0))
     errors = [float(rest @ rest)]
-    while len(order) < min(X.shape[1], most, len(y) // 2 - 1) and errors[-1] > _DONE * errors[0]:
+    while len(order) < min(X.shape[1], _MOST, len(y) // 2 - 1) and errors[-1] > _DONE * errors[0]:
         size = np.linalg.norm(P, axis=0)
         open_ = (size > _SPAN) & ~closed
         if not open_.any():

@@ -81,8 +81,7 @@ class Outcome:
 class Remembered:
     """The last few results of slow functions of hashable keys, the same for every run of a process."""
 
-    def __init__(self, most: int = _REMEMBERED) -> None:
-        self._most = most
+    def __init__(self) -> None:
         self._made: OrderedDict[Hashable, Any] = OrderedDict()
 
     def has(self, key: Hashable) -> bool:
@@ -100,7 +99,7 @@ class Remembered:
     def put(self, key: Hashable, made: Any) -> None:
         """Remember something for ``key``."""
         self._made[key] = made
-        if len(self._made) > self._most:
+        if len(self._made) > _REMEMBERED:
             self._made.popitem(last=False)
 
     def known(self, key: Hashable) -> Any:
