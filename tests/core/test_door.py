@@ -333,6 +333,6 @@ def test_a_command_names_the_cause(here, monkeypatch, capsys, words, said):
 def test_a_folder_does_not_hide_a_packaged_scenario_of_its_name(here):
     assert find_scenario("eolo_alpha").is_file()
     assert find(Path("eolo_alpha"), "run").stem == "eolo_alpha"
-    from testbench.questions.identify.scenario import _in_folder
+    from testbench.questions.identify.logs import _in_folder
 
     assert [p.parent.name for p in _in_folder(Path("attas_short_period"))] == ["records"]
