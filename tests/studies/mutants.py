@@ -30,7 +30,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,19 +50,23 @@ COUNT = sized(400, 6)
 LONGEST_S = 60.0  # of tests for one mutant
 # imported once, before the children fork: what the tests need that is not the testbench's own
 _LIBRARIES = ("scipy.optimize", "scipy.signal", "scipy.stats", "scipy.integrate", "scipy.io", "pandas", "jsbsim")
-ROOMS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "aircraft": ("testbench/aircraft", ("tests/aircraft", "tests/contracts/test_aircraft_contract.py")),
-    "flight": ("testbench/flight", ("tests/flight",)),
-    "inputs": ("testbench/inputs", ("tests/inputs", "tests/design/test_spectral_energy.py")),
-    "sensors": ("testbench/sensors", ("tests/sensors", "tests/contracts/test_suite_contract.py")),
-    "estimators": ("testbench/estimators", ("tests/estimators", "tests/contracts/test_estimator_contract.py")),
-    "evaluation": ("testbench/evaluation", ("tests/evaluation",)),
-    "design": ("testbench/design", ("tests/design", "tests/questions/design")),
-    "gap": ("testbench/questions/gap", ("tests/questions/gap",)),
-    "logs": ("testbench/logs", ("tests/logs", "tests/cases")),
-    "information": ("testbench/information", ("tests/information", "tests/questions/design/test_known.py")),
-    "pool": ("testbench/questions/identify/pool", ("tests/questions/identify",)),
-    "plan": ("testbench/questions/plan", ("tests/questions/plan",)),
+ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # room -> its folders and files, those of its tests
+    "aircraft": (("testbench/aircraft",), ("tests/aircraft", "tests/contracts/test_aircraft_contract.py")),
+    "flight": (("testbench/flight",), ("tests/flight",)),
+    "inputs": (("testbench/inputs",), ("tests/inputs", "tests/design/test_spectral_energy.py")),
+    "sensors": (("testbench/sensors",), ("tests/sensors", "tests/contracts/test_suite_contract.py")),
+    "estimators": (("testbench/estimators",), ("tests/estimators", "tests/contracts/test_estimator_contract.py")),
+    "evaluation": (("testbench/evaluation",), ("tests/evaluation",)),
+    "design": (("testbench/design",), ("tests/design", "tests/questions/design")),
+    "gap": (("testbench/questions/gap",), ("tests/questions/gap",)),
+    "logs": (("testbench/logs",), ("tests/logs", "tests/cases")),
+    "information": (("testbench/information",), ("tests/information", "tests/questions/design/test_known.py")),
+    "pool": (("testbench/questions/identify/pool",), ("tests/questions/identify",)),
+    "plan": (("testbench/questions/plan",), ("tests/questions/plan",)),
+    "project": (
+        ("testbench/questions/project", "testbench/core/project.py"),
+        ("tests/questions/project", "tests/questions/test_campaign_closes.py"),
+    ),
 }
 _SWAPS: dict[type, tuple[type, ...]] = {
     ast.Add: (ast.Sub,), ast.Sub: (ast.Add,), ast.Mult: (ast.Div,), ast.Div: (ast.Mult,), ast.Pow: (ast.Mult,),
@@ -164,12 +168,21 @@ def drawn(count: int) -> list[Mutant]:
     Each takes its place by a hash of its key: a line that is rewritten changes the draw by its own mutants alone.
     """
     queues = []
-    for room, (folder, _) in ROOMS.items():
-        every = [m for p in sorted((ROOT / folder).rglob("*.py")) for m in mutants_of(room, str(p.relative_to(ROOT)))]
+    for room, (own, _) in ROOMS.items():
+        every = [m for path in files_of(own, "*.py") for m in mutants_of(room, path)]
         one_each = {m.key: m for m in reversed(every)}  # of equal lines the first
         queues.append(sorted(one_each.values(), key=lambda m: hashlib.sha256(f"{SEED} {m.key}".encode()).digest()))
     turns = (queue[k] for k in range(max(map(len, queues))) for queue in queues if k < len(queue))
     return [m for m, _ in zip(turns, range(count), strict=False)]
+
+
+def files_of(places: Iterable[str], pattern: str) -> list[str]:
+    """Return the files in some folders, each folder's in order; a place may be a file."""
+    return [
+        str(file.relative_to(ROOT))
+        for place in places
+        for file in sorted((ROOT / place).rglob(pattern)) or [ROOT / place]
+    ]
 
 
 def sown(mutant: Mutant) -> str:
@@ -188,10 +201,9 @@ def traced(room: str, mutants: list[Mutant], work: Path) -> dict[str, tuple[floa
     """Return test -> seconds and the mutants that it reaches; test files that are new or have changed are traced."""
     names = {place_of(m) for m in mutants}
     kept = {}
-    for place in ROOMS[room][1]:
-        for file in sorted((ROOT / place).rglob("test_*.py")) or [ROOT / place]:
-            text = "".join(sorted(names)).encode() + file.read_bytes()
-            kept[str(file.relative_to(ROOT))] = work / f"{hashlib.sha256(text).hexdigest()[:16]}.json"
+    for name in files_of(ROOMS[room][1], "test_*.py"):
+        text = "".join(sorted(names)).encode() + (ROOT / name).read_bytes()
+        kept[name] = work / f"{hashlib.sha256(text).hexdigest()[:16]}.json"
     missing = [name for name, at in kept.items() if not at.exists()]
     if missing:
         print(f"tracing {len(missing)} test files of {room}", flush=True)

@@ -16,7 +16,7 @@ from testbench.questions.plan.close import close_plan
 from testbench.questions.plan.close_answer import close_answer
 from testbench.questions.plan.flown_card import FlownCard
 from testbench.questions.plan.scenario import PlanScenario
-from testbench.questions.plan.verdicts import judge
+from testbench.questions.plan.verdicts import causes_of, judge
 
 RATE_HZ = 50.0
 CHANNELS = ("V", "alpha", "q", "az", "beta", "p", "r", "phi", "de_cmd", "da_cmd", "dr_cmd")
@@ -103,6 +103,7 @@ def test_a_run_that_is_not_as_its_card_says_must_be_repeated(plan):
     hard = hard.with_columns({"az": np.where(hard.t_s > 6.0, -25.0, hard["az"])})
     off = log_of([(slow, 1.0)])
     off = off.with_columns({"V": off["V"] + 4.0})
+    window = plan.scenario.autopilot.speed_window_m_s
     for record, words, unexpected in (
         (weak, "the command was not the card's", False),
         (hard, "the load factor passes 2", True),
@@ -118,6 +119,11 @@ def test_a_run_that_is_not_as_its_card_says_must_be_repeated(plan):
     (run,) = close_plan(plan, [("x", off)]).runs
     assert run.card is plan.cards[2]  # 17 m/s
     assert run.V_m_s == pytest.approx(17.0, abs=0.1)
+    for beyond, said in ((1.9, False), (2.1, True)):
+        fast = log_of([(plan.cards[2], 1.0)])
+        fast = fast.with_columns({"V": fast["V"] + beyond * window})
+        (run,) = close_plan(plan, [("x", fast)]).runs
+        assert any("it began at" in fault for fault in run.faults) is said
 
 
 @pytest.mark.parametrize(
@@ -157,6 +163,26 @@ def test_two_controls_are_one_run_and_each_has_its_sign():
     assert "other sign" in first.faults[0]
     assert not second.faults
     assert close_plan(plan, [("x", log.with_columns({"da_cmd": np.zeros(dr.size)}))]).runs[0].faults
+
+
+def test_a_command_that_rests_at_an_extreme_where_the_card_goes_beyond_is_saturated():
+    sweep = {
+        "signal": "sweep",
+        "control": "de",
+        "amplitude_deg": 1.5,
+        "f_start_hz": 0.3,
+        "f_end_hz": 2.0,
+        "sweep_s": 6.0,
+    }
+    swept = {"name": "sweep", "duration_s": 7.0, "repeats": 1, "input": [sweep]}
+    plan = make_plan(PlanScenario.model_validate({**CONTENT, "manoeuvre": [swept], "speeds_m_s": [13.0]}))
+    log = log_of([(plan.cards[0], 1.0)])
+    de = log["de_cmd"]
+    for low, high, saturated in ((-1.0, 1.0, False), (-1.0, 0.7, True), (-0.7, 1.0, True)):
+        held = np.clip(de, de[0] + low * np.ptp(de) / 2.0, de[0] + high * np.ptp(de) / 2.0)
+        closed = close_plan(plan, [("x", log.with_columns({"de_cmd": held}))])
+        said = [*causes_of(closed, FlownCard(plan.cards[0], closed.runs, None, False))]
+        assert any(text.startswith("de stayed at an extreme") for text in said) is saturated
 
 
 def test_quiet_flight_and_noise_are_no_runs_and_dropouts_no_faults(plan):

@@ -58,6 +58,9 @@ def test_cards_are_identified_as_designed_and_keep_their_promise(flown):
         for t in card.targets:  # alpha and q at constant speed are up to 6 % off in a flight without noise
             assert abs(t.estimate.value - t.here) < 3.0 * math.hypot(t.estimate.stated, 0.06 * t.here), t
         assert all(0.0 < t.error < 0.08 * abs(t.believed) for t in card.targets)  # two runs: less than promised of one
+        for k, t in enumerate(card.targets):  # simulated flights of the promise have no error that lasts
+            rms, (low, high) = card.flown.promise.realised.found.rms[k], card.flown.promise.realised.found.interval()
+            assert t.realised == pytest.approx([x / math.sqrt(2.0) for x in (rms, low[k], high[k])])
         assert all(t.promised == pytest.approx(0.1 * abs(t.believed) / math.sqrt(2.0)) for t in card.targets)
     assert any("its design is for 13 m/s" in note for note in fast.flown.notes)
     assert fast.targets[0].here / first.targets[0].here == pytest.approx((15.0 / 13.0) ** 2, rel=0.03)

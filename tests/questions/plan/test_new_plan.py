@@ -63,6 +63,7 @@ def test_a_new_plan_is_complete_for_any_aircraft(name, autopilot, tmp_path):
     assert not scenario.limits.model_dump(exclude_none=True, exclude_defaults=True)  # all come from the aircraft
     low, high = aircraft.limits["V"]
     assert all(low < V < high for V in scenario.speeds_m_s)
+    assert scenario.airspace.wind_m_s <= min(aircraft.design_V_m_s / 3.0, 8.0)
 
 
 @pytest.mark.parametrize("name", ["taurus", "jsbsim:c172p"])
@@ -83,6 +84,7 @@ def test_a_design_is_taken_over_as_it_was_designed(designed, tmp_path):
     text = plan_text(load_aircraft("taurus"), "taurus", "pilot", None, [taken])
     scenario = loaded(text, tmp_path)
     manoeuvre, judge = scenario.manoeuvre
+    assert not {manoeuvre.name[-1], judge.name[-1]} & set("12")  # numbers are for several designs
     assert (judge.use, judge.design) == ("validation", manoeuvre.design)  # a flight that nothing is identified from
     one = build(manoeuvre.input, manoeuvre.duration_s, 200.0)
     two = build(taken.manoeuvre.input, taken.manoeuvre.duration_s, 200.0)
@@ -127,6 +129,7 @@ def test_the_command_takes_a_design_over_and_keeps_what_was_edited(designed, tmp
     assert made.returncode == 0, made.stderr
     both = PlanScenario.load(tmp_path / "two.toml")
     assert [m.use for m in both.manoeuvre] == ["identification", "validation"] * 2
+    assert len({m.name for m in both.manoeuvre}) == 4
     assert both.autopilot.system == "px4"
 
 
@@ -192,10 +195,16 @@ def test_a_run_goes_as_far_as_the_wind_carries_it(tmp_path):
     assert leg.turn_s == pytest.approx(math.pi * leg.radius_m / 14.0)
     assert leg.runs == math.floor((1000.0 - 2.0 * (leg.radius_m + 2.5 * leg.turn_s)) / leg.run_m) == 6
     assert leg.turns == 0
+    room = BOX["length_m"] - 6 * leg.run_m - 2.0 * (leg.radius_m + 2.5 * leg.turn_s)  # beyond what six runs take
+    for spare_m, runs in ((1.0, 6), (-1.0, 5)):
+        shorter = plan.scenario.airspace.model_copy(update={"length_m": BOX["length_m"] - room + spare_m})
+        assert leg_of(card, shorter).runs == runs
     wind, box, battery = before_lines(card, plan)
     assert wind == "wind: GO if its mean is at most 5 m/s"
     assert box.startswith("box: GO if 133 m lie ahead per run; no turn between")
-    assert battery.startswith("battery: GO if ")
+    timing = plan.scenario.timing
+    need_J = card.point.power_W * (card.length_s + timing.turn_s + 0.5 * timing.overhead_s)
+    assert battery.startswith(f"battery: GO if {need_J / 3600.0:.3g} Wh ")
     towed = plan.scenario.model_copy(update={"energy": Tow(kind="tow", release_m=300.0, lowest_m=60.0)})
     assert before_lines(card, replace(plan, scenario=towed))[2].startswith("height: GO if the run ends above 60")
 

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from testbench.cli import app
 from testbench.core.paths import SCENARIOS
 from testbench.evaluation.envelope import fly_envelope
-from testbench.page.figure import Words
+from testbench.page.figure import Area, Curve, Rule, Words
 from testbench.questions.plan import ask
 from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.ask import make_plan
@@ -189,6 +189,24 @@ def test_nothing_overlaps_on_the_page_of_a_card(eolo_plan, taurus_plan):
             assert max(y + tall for _, y, _, tall in boxes) < written["Damping"] - 0.3  # room for "t, s"
             assert min(y for _, y, _, _ in boxes) > written["Control sequence"] + 0.2
             assert max(written.values()) < sheet.box_in[3]
+            assert max(x + wide for x, _, wide, _ in boxes) < sheet.box_in[2]
+
+
+def test_panels_show_all_that_is_expected_and_where_damping_ends(eolo_plan):
+    for card in eolo_plan.cards:
+        for panel in card_page(card, eolo_plan).panels[1:]:
+            low, high = panel.y_range
+            curves = [d.y for d in panel.draws if isinstance(d, Curve)]
+            curves += [y for d in panel.draws if isinstance(d, Area) for _, y in d.outlines]
+            y = np.concatenate([*curves, [d.at for d in panel.draws if isinstance(d, Rule) and d.of == "y"]])
+            room = 0.02 * (high - low)
+            assert low + room < y.min() < y.max() < high - room, panel.title
+            assert np.ptp(y) > 0.4 * (high - low), panel.title  # of one side if a command has one
+    (plate,) = [p for p in plan_page(eolo_plan).plates if p.name == "build_up"]
+    damping = next(p for p in plate.chart.panels if "damped" in p.title)
+    low, high = damping.y_range
+    points = np.concatenate([d.y for d in damping.draws if isinstance(d, Curve) and d.marker])
+    assert low < min(0.0, points.min()) <= points.max() < high
 
 
 def test_a_step_that_the_prediction_forbids_is_a_no_go():

@@ -50,6 +50,7 @@ class Vehicle:
         self.mode, self.armed, self.switch, self.chancount, self.throttle = 1, True, 1000, 8, 1600
         self.airspeed, self.z, self.roll, self.pitch, self.az = 12.66, -100.0, 0.0, 0.05, -G0_M_S2
         self.silent = set()
+        self.commands: list[tuple] = []
         self.sent: list[tuple] = []
         self.mav = SimpleNamespace(
             manual_control_send=lambda *x: self.sent.append(x),
@@ -58,6 +59,7 @@ class Vehicle:
         )
 
     def _command(self, *fields) -> None:
+        self.commands.append(fields)
         if fields[2] == 176:
             self.mode = round(fields[5])
 
@@ -93,9 +95,9 @@ class Vehicle:
 class Run:
     """A card on a vehicle in virtual time."""
 
-    def __init__(self, settings) -> None:
+    def __init__(self, settings, parameters=PARAMETERS) -> None:
         self.vehicle, self.words, self.now, self.going = Vehicle(), [], 100.0, True
-        self.card = Card({**settings, "system_id": 1}, self.vehicle, PARAMETERS, self.words.append)
+        self.card = Card({**settings, "system_id": 1}, self.vehicle, parameters, self.words.append)
 
     def frames(self, count: int) -> None:
         for _ in range(count):
@@ -129,6 +131,10 @@ def test_sticks_carry_the_card_and_leave_the_throttle_to_the_pilot(point, eolo):
     count = len(sent)
     run.frames(10)
     assert len(run.vehicle.sent) == count
+    run = Run(settings, {**PARAMETERS, "RC3_REV": -1.0})
+    run.start()
+    run.frames(2)
+    assert {sent[3] for sent in run.vehicle.sent} == {400.0}  # a stick that is up at 1000 us
 
 
 def test_actuator_controls_wait_for_offboard_and_give_the_mode_back(point, eolo):
@@ -138,6 +144,7 @@ def test_actuator_controls_wait_for_offboard_and_give_the_mode_back(point, eolo)
     assert run.vehicle.mode == 1  # set-points come first
     run.frames(35)
     assert run.vehicle.mode == OFFBOARD
+    assert run.vehicle.commands == [(1, 1, 176, 0, 1.0, float(OFFBOARD), 0, 0, 0, 0, 0)]
     run.frames(300)
     assert run.words[-1] == "done"
     assert run.vehicle.mode == 1
