@@ -16,7 +16,7 @@ from testbench.core.errors import RecordError
 
 
 def test_what_is_noticed(monkeypatch):
-    monkeypatch.setattr(survive, "LONGEST_S", 4)
+    monkeypatch.setattr(survive, "LONGEST_S", 2)
     peak_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # of which a child begins with any part
     monkeypatch.setattr(survive, "MOST_KB", peak_kb + 100_000)
 
@@ -27,7 +27,7 @@ def test_what_is_noticed(monkeypatch):
         "fine": lambda folder: (folder / "a").write_text("x"),
         "refused": refused,
         "raises": lambda folder: {}["missing"],
-        "sleeps": lambda folder: time.sleep(9),
+        "sleeps": lambda folder: time.sleep(5),
         "ends": lambda folder: os.kill(os.getpid(), signal.SIGKILL),
         "after the end": lambda folder: 1 / 0,
     }

@@ -62,7 +62,7 @@ SCENARIO = """
 title = "Cells"
 aircraft = "eolo"
 wings = "rigid"
-suites = ["eolo_no_alpha", "eolo_alpha"]
+suites = [{suites}]
 condition = {{ V_m_s = 16.0, h_m = 547.0 }}
 [[manoeuvre]]
 name = "3-2-1-1"
@@ -81,9 +81,12 @@ def own(*names: str) -> str:
     return ", ".join(f'{{ method = "methods.py:{name}" }}' for name in names)
 
 
-def write(folder: Path, estimators: str, limit_s: float = 20.0, name: str = "cells") -> Path:
+def write(
+    folder: Path, estimators: str, limit_s: float = 20.0, name: str = "cells",
+    suites: str = '"eolo_no_alpha", "eolo_alpha"',
+) -> Path:  # fmt: skip
     """Write the scenario with these estimators, and the methods beside it."""
     (folder / "methods.py").write_text(METHODS, encoding="utf-8")
     file = folder / f"{name}.toml"
-    file.write_text(SCENARIO.format(estimators=estimators, limit_s=limit_s), encoding="utf-8")
+    file.write_text(SCENARIO.format(suites=suites, estimators=estimators, limit_s=limit_s), encoding="utf-8")
     return file
