@@ -169,6 +169,13 @@ def unpack(problem: Problem, x: FloatArray, w0: float) -> tuple[FloatArray, Floa
     return a, b * scale, tau
 
 
+def packed(problem: Problem, a: FloatArray, b: FloatArray, tau: FloatArray, w0: float) -> FloatArray:
+    """Return the unknowns of a (n + 1,), b (p, m, n + 1) and tau (p, m): :func:`unpack` the other way."""
+    n, scale = problem.n, w0 ** np.arange(problem.n + 1.0)
+    above = [(b[i, :, n - nz :] / scale[n - nz :]).ravel() for i, nz in enumerate(problem.zeros)]
+    return np.concatenate([a[1:] / scale[1:], *above, *([tau.ravel() * w0] if problem.delay else [])])
+
+
 def model_of(problem: Problem, x: FloatArray, w0: float) -> ComplexArray:
     """Return the response (k, p, m) of unknowns in units of w0."""
     a, b, tau = unpack(problem, x, w0)
@@ -251,7 +258,9 @@ def estimate(
     return replace(model, settings={**model.settings, **said_of_hold(recognised)}) if recognised else model
 
 
-def fit_equivalent(response: FrequencyResponse, settings: LowOrder) -> ContinuousTransferModel:
+def fit_equivalent(
+    response: FrequencyResponse, settings: LowOrder, start: ContinuousTransferModel | None = None
+) -> ContinuousTransferModel:
     """Fit H_ij(jw) = B_ij(jw)/A(jw) exp(-jw tau_ij) to a frequency response.
 
     "loes" minimises, over n_w frequencies of each pair of output and input,
@@ -266,6 +275,7 @@ def fit_equivalent(response: FrequencyResponse, settings: LowOrder) -> Continuou
         settings: order, delays, weights and band. For inputs that are held what is fitted is the response of the
             sampled model, exactly: the hold, whose half sample of delay would end in tau otherwise, and what folds down
             from beyond the Nyquist frequency.
+        start: a fit of nearly the same response with the same settings, which is refined; no other start is sought.
 
     Returns:
         The model. Covariance: the random errors of the response, carried through the weighted fit; values closer
@@ -283,7 +293,7 @@ def fit_equivalent(response: FrequencyResponse, settings: LowOrder) -> Continuou
     part = response if band is None else response.between(2.0 * np.pi * band[0], 2.0 * np.pi * band[1])
     groups = [list(range(len(outputs)))] if settings.common else [[i] for i in range(len(outputs))]
     shared = settings.common and len(outputs) > 1
-    fits = [_solve(problem_of(part, g, table, settings, words)) for g in groups]
+    fits = [_solve(problem_of(part, g, table, settings, words), start, g) for g in groups]
     names, values, blocks, advice = [], [], [], []
     p, m = len(outputs), len(inputs)
     numerators, denominators, delays = np.zeros((p, m, poles + 1)), np.zeros((p, poles + 1)), np.zeros((p, m))
@@ -403,15 +413,22 @@ def _search(problem: Problem, w0: float) -> list[FloatArray]:
     return starts
 
 
-def _solve(problem: Problem) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, dict[str, float]]:
-    """Return a, b, tau, the covariance of the unknowns in SI units, and notes."""
+def _solve(
+    problem: Problem, start: ContinuousTransferModel | None, outputs: list[int]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, dict[str, float]]:
+    """Return a, b, tau, the covariance of the unknowns in SI units, and notes; ``outputs`` are those of the start."""
     w = np.abs(problem.s)
     w0 = float(np.exp(np.mean(np.log(w))))
     pairs = problem.H.shape[1] * problem.H.shape[2]
     # What holds does to a response at the samples is differentiated by numbers.
     jacobian: Any = "3-point" if any(problem.zoh) else lambda x: slopes_of(problem, x, w0)
     best: Any = None
-    for x0 in _search(problem, w0):
+    if start is None:
+        starts = _search(problem, w0)
+    else:
+        of_outputs = start.denominators[outputs[0]], start.numerators[outputs], start.delays_s[outputs]
+        starts = [packed(problem, *of_outputs, w0)]
+    for x0 in starts:
         low = np.full(x0.size, -np.inf)
         if problem.delay:
             low[-pairs:] = 0.0

@@ -89,10 +89,10 @@ def law_through_windows(
     apart = float(np.sum(spacing / np.maximum(spacing, measured.resolution_rad_s))) * measured.H.shape[2]
     best, least = None, np.inf
     for poles, zeros in ((n, z) for n in range(1, _POLES + 1) for z in (n - 1, n)):
-        part = measured
+        part, order, laws = measured, LowOrder(poles=poles, zeros=zeros, hold="foh"), list[ContinuousTransferModel]()
         try:
             for _ in range(_ROUNDS):
-                law = fit_equivalent(part, LowOrder(poles=poles, zeros=zeros, hold="foh"))
+                laws.append(law := fit_equivalent(part, order, *laws[-1:]))
                 answer = _through(records, inputs, (output,), [law], windows, omega)
                 part = replace(measured, H=measured.H * law.frequency_response(omega) / answer.H)
         except EstimationError:  # more unknowns than lines, or no start: a law of this order is not there

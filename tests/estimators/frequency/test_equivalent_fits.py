@@ -7,6 +7,7 @@ from scipy.signal import cont2discrete, lfilter
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators.continuous import ContinuousTransferModel
+from testbench.estimators.frequency import equivalent
 from testbench.estimators.frequency.equivalent import fit_equivalent, model_of, problem_of, residuals, slopes_of
 from testbench.estimators.frequency.response import FrequencyResponse
 from testbench.estimators.settings import LowOrder
@@ -70,6 +71,18 @@ def test_outputs_share_a_denominator_each_pair_with_its_delay():
     apart = fit_equivalent(measured(H), LowOrder(poles=2, zeros={"q": 1, "alpha": 0}, common=False, weighting="loes"))
     assert list(apart.poles()) == ["q", "alpha"]
     assert relative(apart.denominators, model.denominators) < 1e-6
+
+
+@pytest.mark.parametrize("common", [True, False])
+def test_a_fit_of_nearly_the_same_response_is_refined_from_it(common, monkeypatch):
+    H = np.stack([transfer(Q, tau=0.1), transfer(ALPHA, tau=0.25)], axis=1)
+    order = LowOrder(poles=2, zeros={"q": 1, "alpha": 0}, common=common)
+    near = fit_equivalent(measured(H * (1.0 + 0.02 * np.sin(OMEGA))[:, None], 0.01), order)
+    monkeypatch.setattr(equivalent, "_search", lambda *given: pytest.fail("another start was sought"))
+    model = fit_equivalent(measured(H, 0.01), order, near)
+    assert relative(near.denominators, np.stack([A, A])) > 1e-4
+    assert relative(model.denominators, np.stack([A, A])) < 1e-7
+    assert np.allclose(model.delays_s[:, 0], [0.1, 0.25], atol=1e-8)
 
 
 def test_two_inputs():
