@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -118,9 +117,3 @@ def true_coefficients(V_m_s: float, mass: float = 1.0, inertia: float = 1.0) -> 
         for axis in "ZM"
         for v in ("alpha", "q", "de")
     }
-
-
-def write_logs(folder: Path, conditions: Sequence[tuple[float, float]]) -> list[Path]:
-    """Write a log for every (airspeed m/s, factor on mass and pitch inertia); return the descriptions."""
-    folder.mkdir(parents=True, exist_ok=True)
-    return [write_log(folder, f"day{i}", V, mass, mass, seed=i) for i, (V, mass) in enumerate(conditions, 1)]

@@ -13,7 +13,7 @@ import pickle
 import signal
 import sys
 import tempfile
-from collections.abc import Callable, Collection, Generator, Hashable, Mapping, Sequence
+from collections.abc import Callable, Generator, Hashable, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
 from multiprocessing import connection, current_process, get_context
@@ -25,7 +25,6 @@ from testbench.core.files import Scratch
 from testbench.core.interrupts import held_back, leave_to_the_system
 
 T = TypeVar("T")
-K = TypeVar("K", bound=Hashable)
 _CRASHES = frozenset({signal.SIGSEGV, signal.SIGABRT, signal.SIGILL, signal.SIGFPE, getattr(signal, "SIGBUS", 0)})
 _PROCESSES: ContextVar[int] = ContextVar("processes", default=1)
 
@@ -68,21 +67,10 @@ class Ahead:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.keep(())
-
-    def begin_first(self, tasks: Mapping[K, Callable[[], Any]]) -> None:
-        """Begin the first of ``tasks``, as many as there are processes, and end every other running task.
-
-        A single remaining task is not begun: when its result is asked for, it has all processes to itself.
-        """
-        if self.most == 1:
-            return
-        first = list(tasks)[: self.most]
-        self.keep(first)
-        if len(tasks) == 1:
-            return
-        for key in first:
-            self.begin(key, tasks[key])
+        while self._running:
+            _, running = self._running.popitem()
+            running.process.kill()
+            self._end(running)
 
     def begin(self, key: Hashable, task: Callable[[], Any]) -> None:
         """Begin a task, unless it is running or all work is to be done in turn."""
@@ -95,13 +83,6 @@ class Ahead:
             process.start()
         theirs.close()
         self._running[key] = _Running(process, mine, folder)
-
-    def keep(self, keys: Collection[Hashable]) -> None:
-        """End all running tasks but those with these keys."""
-        for key in self._running.keys() - set(keys):
-            running = self._running.pop(key)
-            running.process.kill()
-            self._end(running)
 
     def take(self, key: Hashable, task: Callable[[], T]) -> T:
         """Return the result of a task, begun before under the same key or done here and now.

@@ -254,11 +254,6 @@ def placed(parameters: Mapping[str, float], setting: str) -> tuple[float, float,
     return (x, y, z) if any((x, y, z)) else None
 
 
-def map_channels(log: Log, rules: Iterable[Rule], throw_rad: Mapping[str, float] | None = None) -> list[Mapped]:
-    """Return the channels that :func:`find_channels` finds."""
-    return list(find_channels(log, rules, throw_rad).channels)
-
-
 def find_channels(
     log: Log,
     rules: Iterable[Rule],

@@ -20,7 +20,7 @@ from writers import (
 
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import RecordError
-from testbench.logs.signals import map_channels
+from testbench.logs.signals import find_channels
 from testbench.questions.importing.ask import cut, import_log, read_log
 
 # What the formats keep: 32-bit floats, and hundredths of a degree for the attitude of ArduPilot.
@@ -141,7 +141,7 @@ def test_random_damage_gives_an_error_or_what_could_be_saved(tmp_path, short, na
             ends["refused"] += name in str(error)
         else:
             assert log.warnings
-            assert all(np.isfinite(c.values).all() for c in map_channels(log, rules))
+            assert all(np.isfinite(c.values).all() for c in find_channels(log, rules).channels)
             ends["saved"] += 1
     assert sum(ends.values()) == 12  # a refusal names the file
     assert ends["saved"] >= 6  # with the definitions whole, something can always be saved

@@ -67,7 +67,6 @@ PLAIN = {"low": 1100, "trim": 1500, "high": 1900}
 TURNED = {**PLAIN, "turned": True}
 OFF = {"low": 1050, "trim": 1420, "high": 1990}
 EL, AIL, RUD = UP, RIGHT, YAW
-OPEN = 0.15
 AIRFRAMES = {
     "surfaces of their own": {1: (4, AIL, PLAIN), 2: (19, EL, PLAIN), 4: (21, RUD, PLAIN)},
     "reversed servos": {1: (4, AIL, TURNED), 2: (19, EL, TURNED), 4: (21, RUD, TURNED)},

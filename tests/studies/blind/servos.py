@@ -196,22 +196,6 @@ def slewed(rate_rad_s: float) -> Law:
     return law
 
 
-def sluggish(time_s: float) -> Law:
-    """Return a motor that takes the throttle through two equal stages, each stepped by Euler's rule."""
-
-    def law(u: FloatArray, dt_s: float) -> FloatArray:
-        share, y = min(1.0, dt_s / (0.5 * time_s)), u
-        for _ in range(2):
-            x, out = float(y[0]), []
-            for wanted in y.tolist():
-                x += share * (wanted - x)
-                out.append(x)
-            y = np.array(out)
-        return y
-
-    return law
-
-
 def _lagged(u: FloatArray, dt_s: float, time_s: float) -> FloatArray:
     a = math.exp(-dt_s / time_s)
     now = 1.0 - (1.0 - a) * time_s / dt_s  # weight of the ramp's end, of its beginning 1 - a - now

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -116,11 +115,3 @@ def records(count: int = COUNT) -> list[Row]:
     """Read ``count`` mutants of each format."""
     names = [f"{name} {seed}" for seed in range(count) for name in originals()]
     return go_on("records", names, lambda due: run_cases(due, judged, LONGEST_S, 1.0, BATCH))
-
-
-def by_format(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Return the rows of each format."""
-    out: dict[str, list[Row]] = {}
-    for row in rows:
-        out.setdefault(row["case"].rpartition(" ")[0], []).append(row)
-    return out
