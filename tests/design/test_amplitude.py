@@ -14,6 +14,7 @@ from testbench.design import amplitude as module
 from testbench.design.amplitude import AIR, BELIEVED, BIAS, DRAWS, STABILITY, Ensemble, Flown
 from testbench.design.ensemble import Draws, Flight
 from testbench.design.limits import Tightest
+from testbench.design.problem import best_share
 from testbench.design.realise import Errors, Realised
 
 N, WANTED = 20, 0.05
@@ -171,6 +172,14 @@ def test_a_promised_bias_is_weighed_against_the_noise():
     assert found.tightest.share == pytest.approx(0.5 * found.design.size)
     (straight,) = Ensemble(Range(member(0.5), bend=1e-3, noise=0.03), flights=N).chosen([flown()], BIAS)
     assert straight.share(BIAS) == 1.0
+
+
+@pytest.mark.parametrize(("noise", "share"), [(0.03, np.sqrt(0.03)), (2.0, 1.0), (0.001, 0.1)])
+def test_the_best_share_has_as_much_bias_as_noise_from_a_tenth_to_the_whole(noise, share):
+    """Noise falls with the amplitude, what an estimate is off by grows with it; shares are 11 % apart."""
+    problem = SimpleNamespace(cost_off=lambda M, off: float(np.hypot(1.0 / np.sqrt(M), off)))
+    design = SimpleNamespace(information=1.0 / noise**2)
+    assert best_share(problem, design, 1.0) == pytest.approx(share, rel=0.06)
 
 
 def test_the_amplitude_is_lowered_until_the_measured_bias_no_longer_rules():

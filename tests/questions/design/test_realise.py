@@ -13,6 +13,7 @@ from testbench.core.scenario.air import AirSpec
 from testbench.design.amplitude import AIR, Ensemble
 from testbench.design.ensemble import Setting, with_mode
 from testbench.design.identified import STRUCTURE, identified_by
+from testbench.design.problem import rescaled
 from testbench.design.realise import FALSE_ALARM, TRUST, Errors, Realised, without_noise
 from testbench.estimators.parametric.structures.written import written
 from testbench.flight import load_aircraft
@@ -218,6 +219,18 @@ def test_where_only_noise_disturbs_a_small_input_the_promise_is_kept(small):
     np.testing.assert_allclose(small.best.errors, small.best.design.errors, rtol=0.3)
     assert any("it has the promised errors within what 20 flights can tell" in s for s in design_sentences(small))
     assert AIR not in small.best.bounds  # still air has no extremes of its own
+
+
+@pytest.mark.parametrize("factor", [1.0, 20.0])
+def test_what_an_error_is_made_of_begins_with_the_noise(small, factor):
+    """Still air adds nothing, what is as promised no bias or scatter; noise falls with the square of the input."""
+    best = small.best
+    assert not best.realised.differs.any()
+    larger = rescaled(small.problem, best.design, factor)
+    causes = small.ensemble.range_._causes(larger, best.realised.found, best.realised.differs)
+    for parts, promised in zip(causes, best.design.errors / factor, strict=True):
+        assert [parts[cause] for cause in ("air", "bias", "scatter")] == pytest.approx([0.0] * 3, abs=1e-9 * promised)
+        assert 0.5 * promised**2 < parts["noise"] <= promised**2 * (1.0 + 1e-9)
 
 
 def test_the_written_scenario_is_read_and_its_estimator_gives_the_targets(small, tmp_path):
