@@ -11,6 +11,7 @@ import pytest
 
 from testbench.core.errors import Refusal
 from testbench.design import amplitude as module
+from testbench.design import ensemble as ensemble_module
 from testbench.design.amplitude import AIR, BELIEVED, BIAS, DRAWS, STABILITY, Ensemble, Flown
 from testbench.design.ensemble import Draws, Flight
 from testbench.design.limits import Tightest
@@ -208,6 +209,31 @@ def test_what_a_design_is_over_the_draws_is_that_of_its_last_amplitude(monkeypat
         range_.flown.clear()
         assert [f.over for f in ensemble.over(found)] == [f.over for f in found]
         assert range_.flown == []
+
+
+def test_the_first_stays_the_first_unless_another_is_clearly_better():
+    """Three designs of which the last has 0.8, then 0.6 times the realised error of the others."""
+    for error, best in ((0.8, 0), (0.6, 2)):
+        range_ = Range(member(0.5))
+        errors = iter((0.02, 0.02, 0.02 * error))
+        range_.realised = lambda design, n, say, e=errors: realised(0.0, next(e), 0.02)  # type: ignore[method-assign]
+        range_.certain = lambda design, n, first, say: first  # type: ignore[attr-defined]
+        designs = [replace(flown(size), design=Design(size, cost=0.1)) for size in (1.0, 0.9, 0.8)]
+        found = Ensemble(range_, flights=N).realised(designs, lambda text: None)
+        assert found[0].design is designs[best].design
+        assert len(found) == 3
+
+
+def test_every_wanted_accuracy_is_reached_where_no_target_needs_more(monkeypatch):
+    targets = SimpleNamespace(names=("M_alpha", "M_q"), wanted=np.array([0.05, 0.1]))
+    members = [
+        SimpleNamespace(problem=SimpleNamespace(targets=targets, errors=e)) for e in ([0.05, 0.09], [0.06, 0.09])
+    ]
+    monkeypatch.setattr(ensemble_module, "seen_in", lambda problem, design: SimpleNamespace(cost=1.0))
+    monkeypatch.setattr(ensemble_module, "total_errors", lambda problem, seen: np.array(problem.errors))
+    found = ensemble_module.told(Design(1.0), members, ("M_q", "M_alpha"))  # type: ignore[arg-type]
+    assert found.reached == 1
+    np.testing.assert_allclose(found.ratios, [[0.9, 1.0], [0.9, 1.2]])
 
 
 def test_an_amplitude_that_is_not_clearly_better_is_not_taken():

@@ -1,12 +1,14 @@
 """Switching signals, minimum time, multisines and obstacles on a small problem."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from design_problems import best_of_all_signs, problem
 
 from testbench.core.errors import EstimationError
+from testbench.design import refine
 from testbench.design.candidates import candidates
 from testbench.design.problem import by_energy, judge, obstacles, rescaled
 from testbench.design.refine import (
@@ -98,6 +100,33 @@ def test_minimum_time_reaches_what_is_wanted_and_a_shorter_one_does_not(small, r
     assert early is not None
     assert early.duration_s <= d.duration_s
     assert minimum_time(small, ranked, 0.01 * full.cost) is None
+
+
+def test_minimum_time_is_the_fewest_steps_that_are_enough(small, monkeypatch):
+    start, left, shortest = refine.room(small)
+    stride = small.experiment.stride
+    ends = sorted({-(-(start + n * shortest) // stride) * stride for n in range(1, left // shortest + 1)})
+    for needed in ends:
+        monkeypatch.setattr(
+            refine, "_switched", lambda *_, needed=needed: SimpleNamespace(cost=float(_[-1] < needed), end=_[-1])
+        )
+        assert minimum_time(small, (), 0.5).end == needed
+
+
+def test_a_free_time_comes_to_its_minimum(small, ranked, monkeypatch):
+    """A cost that is least at 1.1 and 0.9 times the time that was screened: ten golden sections come within 1 %."""
+    doublets = sorted(
+        (e.candidate.specs[0].period_s, k) for k, e in enumerate(ranked) if e.candidate.family == "doublet"
+    )
+    centre, k = doublets[len(doublets) // 2]  # neither the shortest nor one that a longer one would not fit
+    entry = ranked[k]
+    for factor in (1.1, 0.9):
+        best = factor * centre
+        monkeypatch.setattr(
+            refine, "judge", lambda _, c, best=best: entry._replace(candidate=c, cost=abs(c.specs[0].period_s - best))
+        )
+        found = refine.refined(small, entry._replace(cost=abs(centre - best)))
+        assert found.candidate.specs[0].period_s == pytest.approx(best, rel=0.01)
 
 
 def test_minimum_time_reaches_every_wanted_accuracy_unless_told_otherwise(small, ranked):
