@@ -295,8 +295,8 @@ def main() -> None:
     done: dict[tuple[str, str, str], str] = {}
     if asked.out.exists():
         with asked.out.open(encoding="utf-8", newline="") as file:
-            done = {(r["path"], r["line"], r["change"]): r["end"] for r in csv.DictReader(file)}
-    done = {key: end for key, end in done.items() if end != asked.again and end != "equivalent"}
+            kept = [r for r in csv.DictReader(file) if r["end"] != asked.again or r["room"] not in asked.rooms]
+        done = {(r["path"], r["line"], r["change"]): r["end"] for r in kept if r["end"] != "equivalent"}
     draw = drawn(asked.count)
     left = [m for m in draw if m.key not in done and m.key not in reasons() and m.room in asked.rooms]
     for library in _LIBRARIES:
