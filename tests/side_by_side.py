@@ -1,7 +1,8 @@
-"""Sections added to a small model, computed by JSBSim and by the batch's interpreter."""
+"""Sections added to a small model, computed by JSBSim and by the batch."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,9 +10,9 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.flight import FlightCondition
 from testbench.flight.batch import registers as r
-from testbench.flight.batch.compiled import LANES
-from testbench.flight.batch.interpret import execute
+from testbench.flight.batch.machine import Machine, object_code
 from testbench.flight.batch.model import BatchModel, batch_model, put, registers
+from testbench.flight.batch.vector import LANES, Code, Module, Rows
 from testbench.flight.executive import Executive
 
 CONDITION = FlightCondition(12.0, 100.0)
@@ -19,6 +20,19 @@ RATE_HZ = 120.0
 INPUTS = tuple(f"fcs/{name}-cmd-norm" for name in ("elevator", "aileron", "rudder", "throttle"))
 """Properties that are moved: the commands, which nothing else moves."""
 _AT = {"h_m": 100.0, "theta": 0.06, "phi": 0.01, "uvw_m_s": (11.98, 0.0, 0.72), "pqr": (0.0, 0.0, 0.0)}
+
+
+def by_itself(work: Callable[[Rows], None]) -> Callable[[np.ndarray], None]:
+    """Return a stage of the frame, or what else changes registers R (registers, LANES), compiled alone."""
+    module = Module()
+
+    def body(code: Code) -> str:
+        work(Rows(code))
+        return "void"
+
+    module.define("alone", "void @alone(ptr %R)", body)
+    machine = Machine(object_code(module.text))
+    return lambda R: machine.function("alone", "ptr")(R.ctypes.data)
 
 
 def with_sections(aircraft: Aircraft, sections: str) -> Aircraft:
@@ -53,7 +67,7 @@ class SideBySide:
         moved = {n: v * one for n, v in commands.items()}
         put(model, R, _AT["h_m"] * one, _AT["theta"] * one, _AT["phi"] * one, uvw, pqr, moved, model.iterations)
         R[r.DT] = 1.0 / RATE_HZ
-        execute(model.program.before, model.program.tables, R)
+        model.program.machine.before(R)
         return cls(fdm, model, R, names)
 
     def points(self, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -93,11 +107,11 @@ class SideBySide:
         return [self.fdm.get(n) for n in self.names]
 
     def _frame(self) -> np.ndarray:
-        execute(self.model.program.frame, self.model.program.tables, self.R)
+        self.model.program.machine.frame(self.R)
         return self._logged()
 
     def _logged(self) -> np.ndarray:
-        execute(self.model.program.log, self.model.program.tables, self.R)
+        self.model.program.machine.log(self.R)
         return self.R[[self.model.program.logged[n] for n in self.names]]
 
 

@@ -115,8 +115,8 @@ def misplaced_imports(path: Path) -> Iterator[str]:
             yield f"{place}: {top} belongs in {ONLY_IN.get(top)}/"
         if top in ("dask", "distributed") and path.parent != PACKAGE / "questions" / "campaign":
             yield f"{place}: {top} belongs in campaign/"
-        if top == "numba" and path.name != "compiled.py":
-            yield f"{place}: kernels are compiled by flight/batch/compiled.py"
+        if path.name != {"numba": "compiled.py", "llvmlite": "machine.py"}.get(top, path.name):
+            yield f"{place}: only compiled.py and machine.py of flight/batch/ compile"
         if top != "testbench":
             continue
         there = [*module.split("."), "__init__"][1]
@@ -484,7 +484,7 @@ READS_ITSELF = {
     "core/lazily.py": "the stub of the package",
     "page/html.py": "templates",
     "page/terminal.py": "the null device in the place of a stream that is closed",
-    "flight/batch/compiled.py": "sources of the package",
+    "flight/batch/machine.py": "sources of the package, and code that it has made of them",
     "questions/studio/page/__init__.py": "parts of its page",
     "questions/plan/injection/lua.py": "the body of the script",
     "questions/plan/injection/px4.py": "the body of the script",

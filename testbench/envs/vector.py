@@ -1,6 +1,6 @@
 """Copies of :class:`testbench.envs.excitation.ExcitationDesign` that fly together, all steps of all copies in arrays.
 
-JSBSim's aircraft flies as a batch: one call of the interpreter for the frames of a decision. Each copy is the single
+JSBSim's aircraft flies as a batch: one call of machine code for the frames of a decision. Each copy is the single
 environment of its own seed: same observations, rewards and ends to 1e-9 of their range.
 """
 

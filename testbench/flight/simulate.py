@@ -234,7 +234,7 @@ def truth_of(
     )
     if aircraft.flown_stations() and (wanted is None or set(wanted) != set(names)):
         record = with_stations(record, aircraft.flown_stations(), aircraft.flown_modes())
-    return record if wanted is None else record.select(wanted)
+    return record if wanted is None or tuple(wanted) == record.channels else record.select(wanted)
 
 
 def aborted(record: FlightRecord, aircraft: str, manoeuvre: str, log_rate_hz: float) -> FlightAborted:

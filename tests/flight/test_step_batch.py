@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from side_by_side import by_itself
 
 from testbench.core.errors import ChannelError, LimitError
 from testbench.flight import FlightCondition, trim
 from testbench.flight.batch import registers as r
-from testbench.flight.batch.air import atan2
-from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.motion import turn_earth
 from testbench.flight.batch.step import SteppedBatch
+from testbench.flight.batch.vector import LANES, atan2
 from testbench.flight.step import SteppedFlight
 
 CHANNELS = ("V", "alpha", "beta", "q", "theta", "phi", "psi", "de", "h", "az")
@@ -129,13 +129,16 @@ def test_faults_are_named(taurus, taurus_trim):
 
 def test_the_earth_s_angle_and_the_angles_of_the_flow_are_the_library_s():
     rng = np.random.default_rng(4)
-    R = np.zeros((r.COUNT, LANES))
+    R, turn = np.zeros((r.COUNT, LANES)), by_itself(turn_earth)
     for angles in (np.linspace(0.0, 0.02, LANES), rng.uniform(0.0, 30.0, LANES), np.pi / 4 * np.arange(LANES)):
         R[r.EARTH_ANGLE] = angles
-        turn_earth(R)
+        turn(R)
         # beyond half a quarter turn, two hours and a half, its reduction rounds by the last bit of the angle
         np.testing.assert_allclose(R[r.COS_EARTH], np.cos(angles), rtol=0.0, atol=2e-16 * (1.0 + angles.max()))
         np.testing.assert_allclose(R[r.SIN_EARTH], np.sin(angles), rtol=0.0, atol=2e-16 * (1.0 + angles.max()))
+    angle = by_itself(lambda rows: rows.__setitem__(0, atan2(rows[0], rows[1])))
     corners = [(1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (-1.0, 0.0), (1.0, 1.0), (0.0, 0.0)]
     for x, y in [*rng.standard_normal((500, 2)), *corners]:
-        assert atan2(y, x) == pytest.approx(math.atan2(y, x), rel=5e-16, abs=0.0)
+        R[0], R[1] = y, x
+        angle(R)
+        assert R[0] == pytest.approx(np.full(LANES, math.atan2(y, x)), rel=5e-16, abs=0.0)

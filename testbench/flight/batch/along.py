@@ -18,11 +18,10 @@ from testbench.core.errors import LimitError
 from testbench.core.record import FloatArray
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import judged
-from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.fly import placed
-from testbench.flight.batch.interpret import run
-from testbench.flight.batch.model import BatchModel
+from testbench.flight.batch.model import BatchModel, filled
 from testbench.flight.batch.program import Op, Program
+from testbench.flight.batch.vector import LANES
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.simulate import stride
 from testbench.flight.start import Beginning
@@ -144,17 +143,17 @@ def _block(lanes: Sequence[Lane], models: Sequence[BatchModel], channels: Sequen
     R[r.DT] = 1.0 / model.rate_hz
     first, controls = model.program.size, tuple(given.commands)
     targets = [*range(first, first + _GIVEN), r.U_DOT, r.U_DOT + 1, r.U_DOT + 2, *(model.commands[n] for n in controls)]
-    inputs = np.stack([_inputs(lane, controls, step) for lane in lanes], axis=2)
+    inputs = filled(np.stack([_inputs(lane, controls, step) for lane in lanes], axis=2))
     logged = [*(register for register, _ in _LOGGED), *(model.program.logged[n] for n in channels)]
     own = [model.channels.index(n) for n in channels]
     scale = np.stack([np.array([*(f for _, f in _LOGGED), *m.factors[own]]) for m in models], axis=1)
-    data = np.empty((len(lanes), len(inputs), len(logged)))
-    none, m = np.empty((0, len(lanes))), len(lanes)
-    run(
-        program.before, program.frame, program.log, program.tables, R, inputs, np.array(targets, np.int64), 1,
-        np.array(logged, np.int64), scale, data, np.empty(0, np.int64), none, none, np.full(m, -1),
-        np.zeros(m, np.int64), np.zeros(m), 0,
+    rows, none = np.empty((len(inputs), len(logged), LANES)), np.empty((0, LANES))
+    program.machine.before(R)
+    program.machine.run(
+        R, inputs, np.array(targets, np.int64), 1, np.array(logged, np.int64), filled(scale), rows,
+        np.empty(0, np.int64), none, none, np.zeros(LANES, bool),
     )  # fmt: skip
+    data = np.ascontiguousarray(np.moveaxis(rows, 2, 0)[: len(lanes)])
     at = data[:, step::step, :3]  # the first frame of the second sample time is that of the first sample
     return [_forces(x, there, channels) for x, there in zip(_sampled(data, step), at, strict=True)]
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 import sys
 import xml.etree.ElementTree as ET
 from collections import OrderedDict
@@ -29,8 +28,8 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.door import read_json
 from testbench.core.errors import Refusal
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
-from testbench.flight.batch.compiled import SOURCES
 from testbench.flight.batch.jobs import BATCH, Job, Tally
+from testbench.flight.batch.machine import SOURCES, folder, keep
 from testbench.flight.batch.model import BatchModel, attributes, batch_model, variant
 from testbench.flight.batch.program import Untranslated
 from testbench.flight.condition import FlightCondition, TrimmedFlight
@@ -187,11 +186,7 @@ def _verdict(model: BatchModel, trimmed: Callable[[], TrimmedFlight]) -> Judged:
             return _of(model, worst, name)
     worst, name = compared(model, trimmed())
     if kept is not None and math.isfinite(worst):
-        with suppress(OSError):
-            kept.parent.mkdir(parents=True, exist_ok=True)
-            partial = kept.with_suffix(f".{os.getpid()}")
-            partial.write_text(json.dumps({"worst": worst, "channel": name}), encoding="utf-8")
-            partial.replace(kept)
+        keep(kept, json.dumps({"worst": worst, "channel": name}).encode())
     return _of(model, worst, name)
 
 
@@ -205,8 +200,8 @@ def _of(model: BatchModel, worst: float, name: str) -> Judged:
 
 def _place(model: BatchModel) -> Path | None:
     """Return the file of a verdict, or None if there is no place for it."""
-    base = os.environ.get("XDG_CACHE_HOME") or (Path.home() / ".cache" if _has_home() else None)
-    if base is None:
+    place = folder()
+    if place is None:
         return None
     p = model.program
     parts = (
@@ -217,14 +212,7 @@ def _place(model: BatchModel) -> Path | None:
         (SOURCES, version("jsbsim"), sys.platform),
     )
     text = repr(parts)
-    return Path(base) / "flight-testbench" / "batch" / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.json"
-
-
-def _has_home() -> bool:
-    with suppress(RuntimeError):
-        Path.home()
-        return True
-    return False
+    return place / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.json"
 
 
 def compared(model: BatchModel, trimmed: TrimmedFlight) -> tuple[float, str]:

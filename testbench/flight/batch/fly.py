@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import zlib
+from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -23,10 +24,9 @@ from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.air import Air
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import Judged, difference, distrust, judged
-from testbench.flight.batch.compiled import LANES
-from testbench.flight.batch.interpret import run
 from testbench.flight.batch.jobs import BATCH, BOTH, JSBSIM, Job, Simulator, Tally
 from testbench.flight.batch.model import TOP_FT, BatchModel, filled, put, read, registers, states_at
+from testbench.flight.batch.vector import LANES
 from testbench.flight.condition import Start, TrimmedFlight
 from testbench.flight.executive import body_from_earth
 from testbench.flight.recorder import limit_broken
@@ -302,30 +302,28 @@ def _fly_block(lanes: Sequence[_Ready], flown: Tally) -> list[FlightRecord | Ref
     limits = limits_of([x.model for x in lanes])
     columns = [model.channels.index(n) for n in names]
     logged = np.array([model.program.logged[n] for n in names], np.int64)
-    scale = np.stack([x.model.factors[columns] for x in lanes], axis=1)
-    data = _scratch("rows", (len(lanes), rows + 1, len(names)))
-    data[:, 0] = (read(model, R)[columns, : len(lanes)] * scale).T
-    left, broken = np.full(len(lanes), -1), np.zeros(len(lanes), np.int64)
-    value = np.zeros(len(lanes))
+    scale = filled(np.stack([x.model.factors[columns] for x in lanes], axis=1))
+    data = _scratch("rows", (rows + 1, len(names), LANES))
+    data[0] = read(model, R)[columns] * scale
     R[r.DT] = 1.0 / model.rate_hz
-    p = model.program
-    run(
-        p.before, p.frame, p.log, p.tables, R, _inputs(lanes, controls, blowing, rows * step),
-        np.array([model.commands[n] for n in controls] + _GUSTS[: 3 * blowing], np.int64), step, logged, scale, data,
-        np.array([x.register for x in limits], np.int64), np.stack([x.low for x in limits]),
-        np.stack([x.high for x in limits]), left, broken, value, 1,
+    model.program.machine.before(R)
+    left, broken, value = model.program.machine.run(
+        R, _inputs(lanes, controls, blowing, rows * step),
+        np.array([model.commands[n] for n in controls] + _GUSTS[: 3 * blowing], np.int64), step, logged, scale,
+        data[1:], np.array([x.register for x in limits], np.int64), np.stack([x.low for x in limits]),
+        np.stack([x.high for x in limits]), np.arange(LANES) >= len(lanes),
     )  # fmt: skip
     out: list[FlightRecord | Refusal | None] = [None] * len(lanes)
     beyond: dict[int, tuple[Job, str]] = {}
     for lane, ready in enumerate(lanes):
         count = (ready.u.shape[0] - 1) // step + 1
-        ends, limit = left[lane], limits[broken[lane]]
-        if not 0 <= ends < count:
-            out[lane] = _record(ready, data[lane, :count], "")
+        ends, limit = left[lane] + 1, limits[broken[lane]]
+        if not 0 < ends < count:
+            out[lane] = _record(ready, data[:count, :, lane], "")
         elif limit.name:
             low, high = ready.job.aircraft.limits[limit.of]
             reason = limit_broken(limit.name, limit.factor, low, high, value[lane])
-            out[lane] = _record(ready, data[lane, :ends], reason)
+            out[lane] = _record(ready, data[:ends, :, lane], reason)
         else:
             beyond[lane] = ready.job, "it comes near the ground or leaves the atmosphere of the batch"
     flown.batch += len(lanes) - len(beyond)
@@ -350,12 +348,19 @@ def _engines(models: Sequence[BatchModel], beginnings: Sequence[Beginning]) -> l
     """Return what the engines of flights hold where they begin; nothing if they have no states of their own."""
     if not models[0].settles:
         return []
-    known: dict[object, dict[str, float]] = {}
-    keys = [(id(m), x.key) for m, x in zip(models, beginnings, strict=True)]
-    for key, model, beginning in zip(keys, models, beginnings, strict=True):
-        if key not in known:
-            known[key] = states_at(model, beginning)
-    return [known[key] for key in keys]
+    return [_states(model, x.key, x) for model, x in zip(models, beginnings, strict=True)]
+
+
+_HELD: OrderedDict[tuple[object, object], tuple[Beginning, dict[str, float]]] = OrderedDict()
+
+
+def _states(model: BatchModel, key: object, beginning: Beginning) -> dict[str, float]:
+    """Return what engines hold, from JSBSim unless they began there a moment ago."""
+    if (model, key) not in _HELD:
+        _HELD[model, key] = beginning, states_at(model, beginning)  # the key tells as long as its trim lives
+        if len(_HELD) > AT_ONCE:
+            _HELD.popitem(last=False)
+    return _HELD[model, key][1]
 
 
 def _column(beginning: Beginning) -> tuple[float, float, float, FloatArray, FloatArray, FloatArray]:
@@ -366,22 +371,24 @@ def _column(beginning: Beginning) -> tuple[float, float, float, FloatArray, Floa
 
 
 def _inputs(lanes: Sequence[_Ready], controls: Sequence[str], blowing: bool, frames: int) -> FloatArray:
-    """Return what is written before each frame (frames, inputs, flights), in JSBSim's units."""
-    out = _scratch("inputs", (frames, len(controls) + (3 if blowing else 0), len(lanes)))
+    """Return what is written before each frame (frames, inputs, LANES), in JSBSim's units; the last is held."""
+    out = _scratch("inputs", (frames, len(controls) + (3 if blowing else 0), LANES))
     for lane, x in enumerate(lanes):
-        signal, frame = x.job.manoeuvre.signal.channels, np.minimum(np.arange(1, frames + 1), x.u.shape[0] - 1)
+        signal, n = x.job.manoeuvre.signal.channels, min(frames, x.u.shape[0] - 1)
         for k, name in enumerate(controls):
-            absolute = x.u[frame, signal.index(name)] if name in signal else x.job.trimmed.controls[name]
-            out[:, k, lane] = absolute / x.job.aircraft.controls[name].scale
+            absolute = x.u[1 : n + 1, signal.index(name)] if name in signal else x.job.trimmed.controls[name]
+            out[:n, k, lane] = absolute / x.job.aircraft.controls[name].scale
         if blowing:
-            wind = x.wind[frame] if x.wind is not None else steady_wind(x.job.trimmed)
-            out[:, len(controls) :, lane] = np.asarray(wind) / FT_M
+            wind = x.wind[1 : n + 1] if x.wind is not None else steady_wind(x.job.trimmed)
+            out[:n, len(controls) :, lane] = np.asarray(wind) / FT_M
+        out[n:, :, lane] = out[n - 1, :, lane]
+    out[:, :, len(lanes) :] = out[:, :, len(lanes) - 1 :][:, :, :1]
     return out
 
 
 @dataclass(frozen=True, eq=False)
 class Limit:
-    """A register that must stay between bounds (flights,) in JSBSim's unit; no name if JSBSim flies on from there."""
+    """A register that must stay between bounds (LANES,) in JSBSim's unit; no name if JSBSim flies on from there."""
 
     register: int
     low: FloatArray
@@ -398,9 +405,9 @@ def limits_of(models: Sequence[BatchModel]) -> list[Limit]:
         for name in [n for n in model.channels if n.startswith("eta_")] if of == "eta" else [of]:
             i = model.channels.index(name)
             factors = np.array([x.factors[i] for x in models])
-            low, high = np.array([x.aircraft.limits[of] for x in models]).T / factors
+            low, high = filled(np.array([x.aircraft.limits[of] for x in models]).T / factors)
             out.append(Limit(model.program.logged[name], low, high, name, of, float(factors[0])))
-    one = np.ones(len(models))
+    one = np.ones(LANES)
     out.append(Limit(r.H_SL, -np.inf * one, TOP_FT * one))
     out.append(Limit(r.H_AGL, model.floor_ft * one, np.inf * one))
     return out
@@ -421,7 +428,7 @@ def _record(ready: _Ready, data: FloatArray, reason: str) -> FlightRecord | Refu
     job = ready.job
     provenance = provenance_of(job.aircraft, job.trimmed, job.manoeuvre, job.air, job.start) | {"simulator": BATCH}
     try:
-        return truth_of(job.aircraft, data.copy(), ready.logged, ready.wanted, job.log_rate_hz, provenance, reason)
+        return truth_of(job.aircraft, data, ready.logged, ready.wanted, job.log_rate_hz, provenance, reason)
     except FlightAborted as error:
         return error
 

@@ -15,11 +15,10 @@ from testbench.core.processes import spread
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import judged
-from testbench.flight.batch.compiled import LANES
-from testbench.flight.batch.interpret import execute
 from testbench.flight.batch.jobs import Simulator
 from testbench.flight.batch.model import BatchModel, filled, put, registers
 from testbench.flight.batch.properties import plain
+from testbench.flight.batch.vector import LANES
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.linear_model import LinearModel
 from testbench.flight.linearise import Layout, Points, along, linearise, linearise_along
@@ -144,7 +143,7 @@ def _values(model: BatchModel, layout: Layout, points: Points) -> FloatArray:
             R[register] = filled(x[b])
         own = {n: x[b] for n, x in commands.items()}
         put(model, R, at["h"][b], at["theta"][b], at["phi"][b], uvw[:, b], pqr[:, b], own, model.iterations)
-        execute(model.program.log, model.program.tables, R)
+        model.program.machine.log(R)
         out[:, b] = R[wanted, : min(LANES, size - k)]
     p, q, s, c = at["p"], at["q"], np.sin(at["phi"]), np.cos(at["phi"])
     turning = q * s + at["r"] * c

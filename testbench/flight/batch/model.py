@@ -15,14 +15,12 @@ from testbench.aircraft import Aircraft
 from testbench.core.constants import FT_M
 from testbench.core.record import FloatArray
 from testbench.flight.batch import registers as r
-from testbench.flight.batch.compiled import LANES
-from testbench.flight.batch.forces import weigh
-from testbench.flight.batch.interpret import execute
-from testbench.flight.batch.motion import begin, place
+from testbench.flight.batch.machine import on_ground
 from testbench.flight.batch.program import Program, Untranslated
 from testbench.flight.batch.properties import CORE, ON_GROUND, plain
 from testbench.flight.batch.scope import MEMORY
 from testbench.flight.batch.translate import Translation, declared, translate
+from testbench.flight.batch.vector import LANES
 from testbench.flight.batch.weights import Weights, dry
 from testbench.flight.condition import FlightCondition
 from testbench.flight.executive import Executive
@@ -428,26 +426,26 @@ def put(
         states: of every flight, see ``states_at``; none of them moves while time stands still.
     """
     R[r.DT] = 0.0
-    weigh(R)
+    machine, ground = model.program.machine, on_ground()
+    ground.weigh(R)
     _wake(model, R)
     for name, register in model.commands.items():
         if name in commands:
             R[register] = filled(np.asarray(commands[name])) / model.aircraft.controls[name].scale
-    euler = filled(np.stack([phi, theta, np.zeros_like(phi)]))
-    h_ft, uvw, pqr = filled(np.asarray(h_m) / FT_M), filled(uvw_m_s / FT_M), filled(pqr)
+    at = filled(np.stack([np.asarray(h_m) / FT_M, phi, theta, np.zeros_like(phi), *(uvw_m_s / FT_M), *pqr]))
     held = {n: filled(np.array([s[n] for s in states])) for n in (states[0] if states else ())}
     turned = held.pop(_EARTH_ANGLE, np.zeros(1))
     for name, values in held.items():
         R[model.program.properties[name]] = values
-    execute(model.program.before, model.program.tables, R)
+    machine.before(R)
     for _ in range(times):
-        place(R, h_ft, euler, uvw, pqr)
-        execute(model.program.frame, model.program.tables, R)
-        begin(R)  # JSBSim's integrators remember the accelerations that its second frame begins with
-        execute(model.program.frame, model.program.tables, R)
+        ground.place(R, at)
+        machine.frame(R)
+        ground.begin(R)  # JSBSim's integrators remember the accelerations that its second frame begins with
+        machine.frame(R)
     if turned.any():
         R[r.EARTH_ANGLE] = turned
-        execute(model.program.frame, model.program.tables, R)
+        machine.frame(R)
 
 
 def _wake(model: BatchModel, R: FloatArray) -> None:
@@ -457,18 +455,18 @@ def _wake(model: BatchModel, R: FloatArray) -> None:
     seen = R.copy()
     for register, value in model.outputs.items():
         R[register] = value
-    execute(model.program.before, model.program.tables, R)
-    none = np.zeros((3, LANES))
+    model.program.machine.before(R)
     for h_m, V_m_s in model.loading:
-        speed = np.array([[V_m_s / FT_M], [0.0], [0.0]]) + none
-        place(R, np.full(LANES, h_m / FT_M), none, speed, none)
-        execute(model.program.frame, model.program.tables, R)
-        execute(model.program.frame, model.program.tables, R)
+        at = np.zeros((10, LANES))
+        at[0], at[4] = h_m / FT_M, V_m_s / FT_M
+        on_ground().place(R, at)
+        model.program.machine.frame(R)
+        model.program.machine.frame(R)
     seen[model.memories] = R[model.memories]
     R[:] = seen
 
 
 def read(model: BatchModel, R: FloatArray) -> FloatArray:
     """Return every channel of the simulator (channels, flights) as it is now, in JSBSim's unit."""
-    execute(model.program.log, model.program.tables, R)
+    model.program.machine.log(R)
     return R[[model.program.logged[n] for n in model.channels]]

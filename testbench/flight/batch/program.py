@@ -11,13 +11,17 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import NamedTuple
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from testbench.core.record import FloatArray
 from testbench.flight.batch import registers as r
+
+if TYPE_CHECKING:
+    from testbench.flight.batch.machine import Flying
 
 
 class Untranslated(Exception):
@@ -140,7 +144,7 @@ class _Instruction:
 
 @dataclass(frozen=True)
 class Program:
-    """What the interpreter runs.
+    """What is computed, as numbers.
 
     Attributes:
         before: (n, 6) operations done before the first frame: operation, target, three operands, a further number.
@@ -148,6 +152,7 @@ class Program:
         log: (n, 6) after frames that are logged.
         tables: all tables, one after the other.
         size: number of registers.
+        scratch: first of those that hold what only this frame reads.
         numbers: register of each number of the model, in the order in which they stand there.
         properties: property -> its register.
         logged: name -> register, after ``log``.
@@ -158,9 +163,17 @@ class Program:
     log: npt.NDArray[np.int64]
     tables: FloatArray
     size: int
+    scratch: int
     numbers: npt.NDArray[np.int64]
     properties: Mapping[str, int]
     logged: Mapping[str, int]
+
+    @cached_property
+    def machine(self) -> Flying:
+        """The program as it runs."""
+        from testbench.flight.batch.machine import machine_of
+
+        return machine_of(self)
 
 
 @dataclass
@@ -456,6 +469,7 @@ class _Assembly:
             log=log_,
             tables=np.array([*b.tables, 0.0]),
             size=most,
+            scratch=base,
             numbers=np.arange(first_number, first_number + len(b.numbers)),
             properties={self._names[s]: register for s, register in state_register.items()},
             logged={name: of(v) for name, v in b._logged.items()},

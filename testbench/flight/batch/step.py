@@ -12,10 +12,9 @@ from testbench.core.errors import ChannelError, LimitError, nearest
 from testbench.core.record import FloatArray
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import judged
-from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.fly import limits_of, placed
-from testbench.flight.batch.interpret import execute, run
 from testbench.flight.batch.model import BatchModel
+from testbench.flight.batch.vector import LANES
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.recorder import limit_broken
 from testbench.flight.simulate import stride
@@ -77,8 +76,8 @@ class SteppedBatch:
         self._factors = model.factors[index]
         R = placed([model], [Beginning.at(trimmed)])
         R[r.DT] = 1.0 / model.rate_hz
-        execute(model.program.before, model.program.tables, R)  # time stood still when they were placed
-        execute(model.program.log, model.program.tables, R)
+        model.program.machine.before(R)  # time stood still when they were placed
+        model.program.machine.log(R)
         logged = np.array([model.program.logged[n] for n in channels], np.int64)
         self._blocks = [
             _Block(model, R.copy(), min(LANES, flights - k), logged, self._factors, self._step)
@@ -210,23 +209,22 @@ class _Block:
         self, model: BatchModel, R: FloatArray, size: int, logged: npt.NDArray[np.int64], factors: FloatArray, step: int
     ) -> None:
         self.R, self.size, self._model, self._step = R, size, model, step
-        self._logged, self._factors = logged, np.tile(factors[:, None], size)
+        self._logged, self._factors = logged, np.tile(factors[:, None], LANES)
         self._limits = limits_of([model] * size)
         self._watched = np.array([x.register for x in self._limits], np.int64)
         self._low, self._high = np.stack([x.low for x in self._limits]), np.stack([x.high for x in self._limits])
-        self._broken, self._value = np.zeros(size, np.int64), np.zeros(size)
         # commands are held: they are written into the registers before, and no input changes from frame to frame
-        self._inputs, self._targets = np.empty((0, 0, size)), np.empty(0, np.int64)
+        self._inputs, self._targets = np.empty((0, 0, LANES)), np.empty(0, np.int64)
 
     def fly(self, data: FloatArray, ended: Mask) -> npt.NDArray[np.int64]:
         """Fill rows (size, rows, channels); return the row at which each flight left its limits, -1 if it did not."""
-        p = self._model.program
-        left = np.where(ended, 0, -1)
-        run(
-            p.before[:0], p.frame, p.log, p.tables, self.R, self._inputs, self._targets, self._step, self._logged,
-            self._factors, data, self._watched, self._low, self._high, left, self._broken, self._value, 0,
+        rows = np.empty((data.shape[1], data.shape[2], LANES))
+        left, self._broken, self._value = self._model.program.machine.run(
+            self.R, self._inputs, self._targets, self._step, self._logged, self._factors, rows, self._watched,
+            self._low, self._high, np.r_[ended, np.ones(LANES - self.size, bool)],
         )  # fmt: skip
-        return left
+        data[:] = np.moveaxis(rows, 2, 0)[: self.size]
+        return left[: self.size]
 
     def reason(self, lane: int) -> str:
         """Return which limit a flight broke, "" if JSBSim flies on from there."""

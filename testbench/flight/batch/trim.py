@@ -16,9 +16,9 @@ from testbench.core.record import FloatArray
 from testbench.flight.air import Air
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import judged_at
-from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.jobs import Simulator
 from testbench.flight.batch.model import BatchModel, filled, put, read, registers
+from testbench.flight.batch.vector import LANES
 from testbench.flight.condition import FlightCondition, TrimmedFlight
 from testbench.flight.executive import body_from_earth
 from testbench.flight.trim import (

@@ -7,17 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from side_by_side import by_itself
 
 import testbench as tb
 from testbench.core.constants import G0_M_S2, LBF_N
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import TOLERANCE, compared, difference
-from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.fly import fly_many
 from testbench.flight.batch.forces import thruster
 from testbench.flight.batch.model import batch_model, put, registers, states_at
 from testbench.flight.batch.program import Untranslated
 from testbench.flight.batch.translate import translate
+from testbench.flight.batch.vector import LANES
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import Executive
 from testbench.flight.start import Beginning
@@ -198,7 +199,7 @@ def test_a_propeller_s_gyroscopic_moment_and_torque_are_those_of_a_spinning_body
     R[r.RATE : r.RATE + 3] = omega
     R[r.CG] = 10.0
     R[r.COUNT :] = np.vstack([thrust, axis, at, torque, h])
-    thruster(R, r.COUNT)
+    by_itself(lambda rows: thruster(rows, r.COUNT))(R)
     arm = np.stack([10.0 - at[0], at[1], -at[2]]) / 12.0  # structural axes: aft, right, up
     moment = np.cross(arm.T, (thrust * axis).T) + np.cross(omega.T, (h * axis).T) + (torque * axis).T
     np.testing.assert_allclose(R[r.ENGINE_MOMENT : r.ENGINE_MOMENT + 3].T, moment, rtol=1e-12, atol=1e-13)

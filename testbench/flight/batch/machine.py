@@ -1,0 +1,202 @@
+"""Programs as they run: compiled by LLVM once each, and kept on disk where there is a place for it."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+from collections import OrderedDict
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache, partial
+from pathlib import Path
+
+import llvmlite
+import llvmlite.binding as llvm
+import numpy as np
+import numpy.typing as npt
+
+from testbench.core.record import FloatArray
+from testbench.flight.batch.emit import RUN, ground, module_of
+from testbench.flight.batch.program import Program
+from testbench.flight.batch.vector import LANES
+
+SOURCES = hashlib.sha256(b"".join(p.read_bytes() for p in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
+"""Hash of the code of the batch."""
+
+
+class Machine:
+    """Functions that change registers R (registers, LANES) of flights, see :mod:`testbench.flight.batch.emit`."""
+
+    def __init__(self, code: bytes) -> None:
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target())
+        self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+        self._engine.finalize_object()
+
+    def function(self, name: str, *takes: str) -> Callable[..., None]:
+        """Return one of them; ``takes`` says of what kind its arguments are, "ptr" or "i64"."""
+        types = (ctypes.c_int64 if of.startswith("i64") else ctypes.c_void_p for of in takes)
+        return ctypes.CFUNCTYPE(None, *types)(self._engine.get_function_address(name))
+
+
+class Flying(Machine):
+    """A program as it runs."""
+
+    def __init__(self, code: bytes) -> None:
+        super().__init__(code)
+        self._before, self._frame, self._log = (self.function(n, "ptr") for n in ("before", "frame", "logged"))
+        self._run = self.function("run", *RUN)
+
+    def before(self, R: FloatArray) -> None:
+        """Do what is done before the first frame."""
+        self._before(_of(R))
+
+    def frame(self, R: FloatArray) -> None:
+        """Fly a frame."""
+        self._frame(_of(R))
+
+    def log(self, R: FloatArray) -> None:
+        """Compute what is logged."""
+        self._log(_of(R))
+
+    def run(
+        self,
+        R: FloatArray,
+        inputs: FloatArray,
+        targets: npt.NDArray[np.int64],
+        stride: int,
+        logged: npt.NDArray[np.int64],
+        scale: FloatArray,
+        rows: FloatArray,
+        watched: npt.NDArray[np.int64],
+        low: FloatArray,
+        high: FloatArray,
+        ended: npt.NDArray[np.bool_],
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], FloatArray]:
+        """Fly: inputs, frame, and every ``stride`` frames a row, until every flight has left its limits.
+
+        Args:
+            R: (registers, LANES).
+            inputs: (frames, inputs, LANES) what is written before each frame.
+            targets: register of each input.
+            stride: frames per row.
+            logged: registers that make a row.
+            scale: (logged, LANES) factor of each.
+            rows: (rows, logged, LANES) filled.
+            watched: registers that have limits.
+            low: (watched, LANES) the lower ones.
+            high: (watched, LANES) the upper ones.
+            ended: (LANES,) flights that are not looked at: they have ended, or only fill the block.
+
+        Returns:
+            For each flight (LANES,) the row at which it left its limits, or -1, which limit it broke, and with what.
+        """
+        left, broken, value = np.where(ended, 0.0, -1.0), np.zeros(LANES), np.zeros(LANES)
+        assert all(x.flags.c_contiguous for x in (inputs, scale, rows, low, high, targets, logged, watched))
+        assert len(inputs) >= len(rows) * stride or not targets.size
+        self._run(
+            _of(R), inputs.ctypes.data, targets.ctypes.data, targets.size, stride, logged.ctypes.data, logged.size,
+            scale.ctypes.data, rows.ctypes.data, len(rows), watched.ctypes.data, watched.size, low.ctypes.data,
+            high.ctypes.data, left.ctypes.data, broken.ctypes.data, value.ctypes.data,
+        )  # fmt: skip
+        return left.astype(np.int64), broken.astype(np.int64), value
+
+
+class Ground(Machine):
+    """What prepares flights, of any program."""
+
+    def __init__(self, code: bytes) -> None:
+        super().__init__(code)
+        self._place = self.function("place", "ptr", "ptr")
+        self._begin, self._weigh = self.function("begin", "ptr"), self.function("weigh", "ptr")
+
+    def place(self, R: FloatArray, at: FloatArray) -> None:
+        """Set the initial state: height (ft), phi, theta, psi, velocity (3, ft/s), rates (3, rad/s) in (10, LANES)."""
+        self._place(_of(R), _of(at))
+
+    def begin(self, R: FloatArray) -> None:
+        """Fill the memory of the integrators with the present rates."""
+        self._begin(_of(R))
+
+    def weigh(self, R: FloatArray) -> None:
+        """Invert the inertia."""
+        self._weigh(_of(R))
+
+
+def _of(R: FloatArray) -> int:
+    assert R.flags.c_contiguous
+    assert R.shape[1] == LANES
+    return int(R.ctypes.data)
+
+
+_KEPT = 256
+_FLYING: OrderedDict[str, Flying] = OrderedDict()
+
+
+def machine_of(program: Program) -> Flying:
+    """Return a program as it runs, compiled if it is not on disk."""
+    parts = (program.before, program.frame, program.log, program.tables)
+    of = hashlib.sha256(b"".join(x.tobytes() for x in parts) + repr([len(x) for x in parts]).encode()).hexdigest()
+    if of not in _FLYING:
+        _FLYING[of] = Flying(_kept(of, partial(module_of, program)))
+        if len(_FLYING) > _KEPT:
+            _FLYING.popitem(last=False)
+    return _FLYING[of]
+
+
+@cache
+def on_ground() -> Ground:
+    """Return what prepares flights."""
+    return Ground(_kept("ground", ground))
+
+
+def folder() -> Path | None:
+    """Return the folder in which the batch keeps what it has made; None if there is none."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    with suppress(RuntimeError):
+        return Path(base or Path.home() / ".cache") / "flight-testbench" / "batch"
+    return None
+
+
+def keep(file: Path, content: bytes) -> None:
+    """Write a file that others may read or write at the same time; if it cannot be, it is not kept."""
+    with suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        new = file.with_suffix(f".{os.getpid()}")
+        new.write_bytes(content)
+        new.replace(file)
+
+
+def _kept(of: str, text: Callable[[], str]) -> bytes:
+    """Return the code of what is known by ``of``, from disk if it is there."""
+    place, key = folder(), hashlib.sha256(repr((of, SOURCES, *_host())).encode()).hexdigest()[:32]
+    if place is None:
+        return object_code(text())
+    file = place / f"{key}.o"
+    with suppress(OSError):
+        kept = file.read_bytes()
+        if hashlib.sha256(kept[32:]).digest() == kept[:32]:
+            return kept[32:]
+    code = object_code(text())
+    keep(file, hashlib.sha256(code).digest() + code)
+    return code
+
+
+def object_code(text: str) -> bytes:
+    """Return what LLVM makes of a module."""
+    code: bytes = _target().emit_object(llvm.parse_assembly(text))
+    return code
+
+
+@cache
+def _host() -> tuple[str, ...]:
+    """Return what code is made for: compiler, system, processor and what it can do."""
+    return llvmlite.__version__, _target().triple, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+
+
+def _target() -> llvm.TargetMachine:
+    """Return a new one: that which links object code belongs to it from then on."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    cpu, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+    return llvm.Target.from_default_triple().create_target_machine(cpu=cpu, features=features, opt=2, jit=True)
