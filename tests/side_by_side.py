@@ -32,7 +32,7 @@ def by_itself(work: Callable[[Rows], None]) -> Callable[[np.ndarray], None]:
 
     module.define("alone", "void @alone(ptr %R)", body)
     machine = Machine(object_code(module.text))
-    return lambda R: machine.function("alone", "ptr")(R.ctypes.data)
+    return machine.function("alone", "ptr")
 
 
 def with_sections(aircraft: Aircraft, sections: str) -> Aircraft:

@@ -97,7 +97,7 @@ class FlightRecord:
     def __post_init__(self) -> None:
         t, data = _frozen("t_s", self.t_s), _frozen("data", self.data)
         names = tuple(self.channels)
-        valid = _frozen("valid", np.ones(data.shape) if self.valid is None else self.valid, bool)
+        valid = _frozen("valid", np.ones(data.shape, bool) if self.valid is None else self.valid, bool)
         if t.ndim != 1 or data.shape != (t.size, len(names)) or valid.shape != data.shape:
             raise RecordError(
                 f"data and valid must have shape (samples, channels) = ({t.size}, {len(names)}), "

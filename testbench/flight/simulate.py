@@ -96,9 +96,9 @@ def commands(aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre) -
             raise LimitError(f"{aircraft.name} has no control '{name}'{nearest(name, aircraft.controls)}")
         u[:, i] += trimmed.controls[name]
         control = aircraft.controls[name]
-        scale, unit = (100.0, "%") if name == "thr" else (1.0 / DEG_RAD, "deg")
-        worst = u[np.argmax(np.abs(u[:, i] - 0.5 * (control.full + control.low))), i]
-        if not control.low - 1e-9 <= worst <= control.full + 1e-9:
+        if not (control.low - 1e-9 <= u[:, i].min() and u[:, i].max() <= control.full + 1e-9):
+            scale, unit = (100.0, "%") if name == "thr" else (1.0 / DEG_RAD, "deg")
+            worst = u[np.argmax(np.abs(u[:, i] - 0.5 * (control.full + control.low))), i]
             raise LimitError(
                 f"{control.low * scale:g} <= {name} <= {control.full * scale:g} {unit} must hold for {aircraft.name}, "
                 f"got {worst * scale:.2f} {unit} ({trimmed.controls[name] * scale:.2f} at trim and "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -38,7 +39,7 @@ class Beginning:
         """What tells it from others, as long as its trim lives."""
         return id(self.trimmed), self.start, () if self.start is None else tuple(self.controls.items())
 
-    @property
+    @cached_property
     def placed(self) -> Placed:
         """Height, attitude, airspeed and rates.
 

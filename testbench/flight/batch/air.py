@@ -12,7 +12,7 @@ from testbench.flight.batch import registers as r
 from testbench.flight.batch.vector import Lanes, Rows, atan2, library, power, sometimes, sqrt, stage, where
 
 # FGAtmosphere, FGStandardAtmosphere
-_FT_M = 0.3048
+_FT_M, _FT_IN = 0.3048, 1.0 / 12.0
 _KG_SLUG = 0.06852168
 _R_STAR = 8.31432 * _KG_SLUG / (1.8 * (_FT_M * _FT_M))
 _M_AIR = 28.9645 * _KG_SLUG / 1000.0
@@ -37,7 +37,6 @@ _SUTHERLAND, _BETA = 198.72, 2.269690e-08
 _STANDARD_G = 9.80665 / _FT_M
 
 
-@stage
 def atmosphere(R: Rows) -> None:
     """Take the standard atmosphere at the height, and the wind as it is set (FGStandardAtmosphere, FGWinds)."""
     h = R[r.H_SL]
@@ -46,7 +45,7 @@ def atmosphere(R: Rows) -> None:
     lapsing = where(low, SEA_LEVEL_T + _LAPSE_0 * H, _TEMPERATURES[2] + _LAPSE_2 * (H - _LAYERS[2]))
     exponent = where(low, _G0 / (GAS_CONSTANT * _LAPSE_0), _G0 / (GAS_CONSTANT * _LAPSE_2))
     pressure = where(low, SEA_LEVEL_P, _P_2) * power(where(low, SEA_LEVEL_T, _TEMPERATURES[2]) / lapsing, exponent)
-    falling = -_G0 * (H - _LAYERS[1]) / (GAS_CONSTANT * _TEMPERATURES[1])
+    falling = (H - _LAYERS[1]) * (-_G0 / (GAS_CONSTANT * _TEMPERATURES[1]))
     pressure = sometimes(middle, lambda: _P_1 * library("exp", falling), pressure)
     T = where(middle, _TEMPERATURES[1], lapsing)
     R[r.TEMPERATURE], R[r.PRESSURE] = T, pressure
@@ -86,6 +85,12 @@ def _mach_of(impact: Lanes) -> Lanes:
     return sometimes(slow > 1.0, supersonic, slow)
 
 
+def arm(R: Rows, at: int) -> tuple[Lanes, Lanes, Lanes]:
+    """Return where a place (3 registers, in, structural axes) lies from the centre of gravity, ft, body axes."""
+    k = r.CG
+    return (R[k] - R[at]) * _FT_IN, (R[at + 1] - R[k + 1]) * _FT_IN, (R[k + 2] - R[at + 2]) * _FT_IN
+
+
 @stage
 def auxiliary(R: Rows) -> None:
     """Take the motion through the air from that over the ground (FGAuxiliary); accelerations are the last frame's."""
@@ -103,14 +108,15 @@ def auxiliary(R: Rows) -> None:
     moves = vt > 0.001
     forward = moves & (uw >= 1e-6)
     ud, vd, wd = R[r.U_DOT], R[r.V_DOT], R[r.W_DOT]
-    vt_dot = (u * ud + v * vd + w * wd) / vt
-    alpha_dot, beta_dot = (u * wd - w * ud) / uw, (vd * vt - v * vt_dot) / (vt * root)
+    over_vt, over_root = 1.0 / vt, 1.0 / root
+    vt_dot = (u * ud + v * vd + w * wd) * over_vt
+    alpha_dot, beta_dot = (u * wd - w * ud) * (over_root * over_root), (vd * vt - v * vt_dot) * (over_vt * over_root)
     R[r.ALPHA_DOT] = where(forward, alpha_dot, 0.0)
     R[r.BETA_DOT] = where(forward, beta_dot, 0.0)
-    R[r.COS_ALPHA] = where(forward, u / root, 1.0)
-    R[r.SIN_ALPHA] = where(forward, w / root, 0.0)
-    R[r.COS_BETA] = where(moves, root / vt, 1.0)
-    R[r.SIN_BETA] = where(moves, v / vt, 0.0)
+    R[r.COS_ALPHA] = where(forward, u * over_root, 1.0)
+    R[r.SIN_ALPHA] = where(forward, w * over_root, 0.0)
+    R[r.COS_BETA] = where(moves, root * over_vt, 1.0)
+    R[r.SIN_BETA] = where(moves, v * over_vt, 0.0)
     half_rho = 0.5 * R[r.DENSITY]
     qbar = half_rho * vt2
     R[r.VT] = vt
@@ -127,28 +133,15 @@ def auxiliary(R: Rows) -> None:
 
 @stage
 def air_data(R: Rows) -> None:
-    """The rest of FGAuxiliary, which few models and channels read: track, pitot, load factors, height over span."""
+    """More of FGAuxiliary, which few models and channels read: track, load factors, height over span."""
     vn, ve, vd = R[r.V_NORTH], R[r.V_EAST], R[r.V_DOWN]
     track = atan2(ve, vn)
     R[r.TRACK] = where(track < 0.0, track + 2.0 * math.pi, track)
     R[r.GAMMA] = atan2(-vd, R[r.V_GROUND])
-    mach, pressure = R[r.MACH], R[r.PRESSURE]
-    R[r.TOTAL_TEMPERATURE] = R[r.TEMPERATURE] * (1.0 + 0.2 * mach * mach)
-    coefficient, square = math.pow(1.2, 3.5) * math.pow(6.0, 2.5), mach * mach
-    total = sometimes(
-        ~(mach < 1.0),
-        lambda: pressure * coefficient * power(mach, 7.0) / power(7.0 * square - 1.0, 2.5),
-        pressure * power(1.0 + 0.2 * square, 3.5),
-    )
-    R[r.TOTAL_PRESSURE] = total
-    R[r.VC] = where(mach > 0.0, SEA_LEVEL_A * _mach_of(total - pressure), 0.0)
-    R[r.VE] = where(mach > 0.0, sqrt(2.0 * R[r.QBAR] / SEA_LEVEL_RHO), 0.0)
     ax, ay, az = R[r.BODY_ACCEL], R[r.BODY_ACCEL + 1], R[r.BODY_ACCEL + 2]
     R[r.N_X], R[r.N_Y], R[r.N_Z] = ax / _STANDARD_G, ay / _STANDARD_G, -az / _STANDARD_G
-    i, k = r.EYE_POINT, r.CG
-    ex = (R[k] - R[i]) / 12.0
-    ey = (R[i + 1] - R[k + 1]) / 12.0
-    ez = (R[k + 2] - R[i + 2]) / 12.0
+    i = r.EYE_POINT
+    ex, ey, ez = arm(R, i)
     pd, qd, sd = R[r.RATE_DOT], R[r.RATE_DOT + 1], R[r.RATE_DOT + 2]
     p, q, s = R[r.RATE], R[r.RATE + 1], R[r.RATE + 2]
     cx, cy, cz = q * ez - s * ey, s * ex - p * ez, p * ey - q * ex
@@ -160,8 +153,22 @@ def air_data(R: Rows) -> None:
     R[r.REYNOLDS] = R[r.VT] * R[r.CHORD] / viscosity
     h, span = R[r.H_AGL], R[r.WING_SPAN]
     i, j = r.REFERENCE_POINT, r.LOCAL_TO_BODY
-    rx = (R[k] - R[i]) / 12.0
-    ry = (R[i + 1] - R[k + 1]) / 12.0
-    rz = (R[k + 2] - R[i + 2]) / 12.0
+    rx, ry, rz = arm(R, i)
     R[r.H_B_CG] = h / span
     R[r.H_B_MAC] = (h - (R[j + 2] * rx + R[j + 5] * ry + R[j + 8] * rz)) / span
+
+
+@stage
+def pitot(R: Rows) -> None:
+    """The rest of FGAuxiliary: what a pitot tube measures."""
+    mach, pressure = R[r.MACH], R[r.PRESSURE]
+    R[r.TOTAL_TEMPERATURE] = R[r.TEMPERATURE] * (1.0 + 0.2 * mach * mach)
+    coefficient, square = math.pow(1.2, 3.5) * math.pow(6.0, 2.5), mach * mach
+    total = sometimes(
+        ~(mach < 1.0),
+        lambda: pressure * coefficient * power(mach, 7.0) / power(7.0 * square - 1.0, 2.5),
+        pressure * power(1.0 + 0.2 * square, 3.5),
+    )
+    R[r.TOTAL_PRESSURE] = total
+    R[r.VC] = where(mach > 0.0, SEA_LEVEL_A * _mach_of(total - pressure), 0.0)
+    R[r.VE] = where(mach > 0.0, sqrt(2.0 * R[r.QBAR] / SEA_LEVEL_RHO), 0.0)

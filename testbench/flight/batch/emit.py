@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -41,6 +41,7 @@ _STAGES: dict[Op, Callable[..., None]] = {
     Op.PROPAGATE: motion.propagate,
     Op.AUXILIARY: air.auxiliary,
     Op.AIR_DATA: air.air_data,
+    Op.PITOT: air.pitot,
     Op.MOTION_NUMBERS: forces.motion_numbers,
     Op.AERODYNAMICS: forces.aerodynamics,
     Op.CLEAR: forces.clear,
@@ -58,8 +59,7 @@ _STAGES: dict[Op, Callable[..., None]] = {
 def module_of(program: Program) -> str:
     """Return the functions of a program in LLVM's language.
 
-    Each takes the registers R (registers, LANES): ``before``, ``frame`` and ``logged``; ``run``
-    flies.
+    ``before``, ``frame`` and ``logged`` take the registers R (registers, LANES); ``run`` flies, see RUN.
     """
     module = Module()
     for name, rows in (("before", program.before), ("frame", program.frame), ("logged", program.log)):
@@ -72,57 +72,50 @@ def module_of(program: Program) -> str:
 
 
 def ground() -> str:
-    """Return what prepares flights, in LLVM's language: ``place``, ``begin`` and ``weigh``."""
+    """Return what prepares flights, in LLVM's language: ``place``, ``settle`` and ``weigh``."""
     module = Module()
 
     def place(code: Code) -> str:
         motion.place(Rows(code), Rows(code, "%A"))
         return "void"
 
-    def alone(code: Code, work: Callable[[Rows], None]) -> str:
-        work(Rows(code))
+    def settle(code: Code) -> str:
+        with loop(code, "%times"):
+            code.lines += ["  call void @place(ptr %R, ptr %A)", "  call void %frame(ptr %R)"]
+            motion.begin(Rows(code))  # JSBSim's integrators remember what its second frame begins with
+            code.lines.append("  call void %frame(ptr %R)")
+        return "void"
+
+    def weigh(code: Code) -> str:
+        forces.weigh(Rows(code))
         return "void"
 
     module.define("place", "void @place(ptr noalias %R, ptr noalias %A)", place)
-    module.define("begin", "void @begin(ptr %R)", lambda code: alone(code, motion.begin))
-    module.define("weigh", "void @weigh(ptr %R)", lambda code: alone(code, forces.weigh))
+    module.define("settle", "void @settle(ptr %R, ptr %A, ptr %frame, i64 %times)", settle)
+    module.define("weigh", "void @weigh(ptr %R)", weigh)
     return module.text
-
-
-def operations(rows: npt.NDArray[np.int64]) -> Iterator[tuple[Op, list[int], list[int]]]:
-    """Yield each operation of a program, the other numbers of its row, and the registers that stand behind it."""
-    k = 0
-    while k < len(rows):
-        op, own = Op(int(rows[k, 0])), [int(x) for x in rows[k, 1:]]
-        behind = 2 * own[1] if op is Op.SCALAR_PRODUCT else 0
-        k += 1
-        yield op, own, [int(x) for x in rows[k:].reshape(-1)[:behind]]
-        k += -(-behind // 6)
 
 
 def _body(code: Code, T: FloatArray, rows: npt.NDArray[np.int64], scratch: int | None) -> str:
     R = Rows(code, scratch=scratch)
-    for k, (op, (t, *operands), behind) in enumerate(operations(rows)):
-        if op in _STAGES:
-            _stage(op, R, t, operands[3])
-            continue
+    for k, (number, t, *operands, extra) in enumerate(rows.tolist()):
+        op = Op(number)
         if k % _TOGETHER == 0:
             R.forget()
-        if op is Op.SCALAR_PRODUCT:
-            y = _scalar_product(R, operands[1], behind)
+        if op in _STAGES:
+            _stage(op, R, t, extra)
         elif op is Op.KINEMATIC:
-            y = _kinematic(R, *operands)
+            R[t] = _kinematic(R, operands, extra)
         elif op in _TABLES:
-            y = table(code, T, operands[3], *(R[x] for x in operands[: _TABLES[op]]))
+            R[t] = table(code, T, extra, *(R[x] for x in operands[: _TABLES[op]]))
         else:
             take, work = _OPERATIONS[op]
-            y = work(*(R[x] for x in operands[:take]))
-        R[t] = y
+            R[t] = work(*(R[x] for x in operands[:take]))
     return "void"
 
 
 def _stage(op: Op, R: Rows, t: int, extra: int) -> None:
-    if op in (Op.AERODYNAMICS,):
+    if op is Op.AERODYNAMICS:
         _STAGES[op](R, extra % 16, extra // 16)
     elif op is Op.REACTION:
         _STAGES[op](R, t, extra % 16, extra // 16)
@@ -130,15 +123,6 @@ def _stage(op: Op, R: Rows, t: int, extra: int) -> None:
         _STAGES[op](R, t)
     else:
         _STAGES[op](R)
-
-
-def _scalar_product(R: Rows, start: int, pairs: list[int]) -> Lanes:
-    """Sum products from the first to the last."""
-    products = [R[x] * R[y] for x, y in zip(pairs[::2], pairs[1::2], strict=True)]
-    total = R[start] if start >= 0 else products.pop(0)
-    for product in products:
-        total = product + total
-    return total
 
 
 def _truth(x: Lanes) -> Lanes:
@@ -243,16 +227,15 @@ _OPERATIONS: dict[Op, tuple[int, Callable[..., Lanes]]] = {
     Op.NOT: (1, lambda x: 1.0 - _truth(x)),
     Op.SELECT: (3, _select),
     Op.CLIP: (3, _clip),
-    Op.MULADD: (3, lambda x, y, z: x * y + z),
     Op.NEG: (1, lambda x: -x),
 }
 _TABLES = {Op.TABLE_1: 1, Op.TABLE_2: 2, Op.TABLE_3: 3}
 
 
-def _kinematic(R: Rows, a: int, b: int, c: int, e: int) -> Lanes:
+def _kinematic(R: Rows, operands: list[int], extra: int) -> Lanes:
     """Move from detent to detent until the time is over or the end is reached (FGKinemat)."""
-    n, detents = e % MOST_DETENTS, e // MOST_DETENTS
-    x, y, left = R[a], R[b], R[c]
+    n, detents = extra % MOST_DETENTS, extra // MOST_DETENTS
+    x, y, left = (R[k] for k in operands)
     keys, times = [R[detents + i] for i in range(n)], [R[detents + n + i] for i in range(n)]
 
     def is_there(y: Lanes) -> Mask:

@@ -7,6 +7,7 @@ FGAerodynamics, FGExternalForce, FGThruster, FGMassBalance and FGAccelerations. 
 from __future__ import annotations
 
 from testbench.flight.batch import registers as r
+from testbench.flight.batch.air import arm
 from testbench.flight.batch.motion import EARTH_RATE
 from testbench.flight.batch.vector import Rows, stage, where
 
@@ -33,7 +34,8 @@ def weigh(R: Rows) -> None:
 def motion_numbers(R: Rows) -> None:
     """Set b/2V, c/2V and their like, after the functions that stand before the axes (FGAerodynamics::Run)."""
     twice, b, c = 2.0 * R[r.VT], R[r.BI2VEL], R[r.CI2VEL]
-    over_b, over_c = R[r.WING_SPAN] / twice, R[r.CHORD] / twice
+    over = 1.0 / twice
+    over_b, over_c = R[r.WING_SPAN] * over, R[r.CHORD] * over
     R[r.BI2VEL] = where(twice.differs(0.0), over_b, b)
     R[r.CI2VEL] = where(twice.differs(0.0), over_c, c)
     R[r.ALPHA_WING] = R[r.ALPHA] + R[r.INCIDENCE]
@@ -71,12 +73,11 @@ def aerodynamics(R: Rows, forces: int, moments: int) -> None:
         _to_body(R, r.NATIVE, forces)
         _to_body(R, r.NATIVE_AT_CG, forces)
     _to_body(R, r.NATIVE_MOMENT, moments)
-    i, j, m, k = r.NATIVE, r.NATIVE_AT_CG, r.NATIVE_MOMENT, r.CG
+    i, j, m = r.NATIVE, r.NATIVE_AT_CG, r.NATIVE_MOMENT
     ca, sa, cb, sb = R[r.COS_ALPHA], R[r.SIN_ALPHA], R[r.COS_BETA], R[r.SIN_BETA]
     fx, fy, fz = R[i], R[i + 1], R[i + 2]
-    dx = (R[k] - R[r.REFERENCE_POINT]) / 12.0 - R[r.REFERENCE_SHIFT] * R[r.CHORD]
-    dy = (R[r.REFERENCE_POINT + 1] - R[k + 1]) / 12.0
-    dz = (R[k + 2] - R[r.REFERENCE_POINT + 2]) / 12.0
+    dx, dy, dz = arm(R, r.REFERENCE_POINT)
+    dx = dx - R[r.REFERENCE_SHIFT] * R[r.CHORD]
     R[r.AERO_MOMENT] = R[m] + dy * fz - dz * fy
     R[r.AERO_MOMENT + 1] = R[m + 1] + dz * fx - dx * fz
     R[r.AERO_MOMENT + 2] = R[m + 2] + dx * fy - dy * fx
@@ -125,10 +126,7 @@ def reaction(R: Rows, block: int, frame: int, is_moment: int) -> None:
         R[i + 1] += y
         R[i + 2] += z
     else:
-        k = r.CG
-        dx = (R[k] - R[block + 4]) / 12.0
-        dy = (R[block + 5] - R[k + 1]) / 12.0
-        dz = (R[k + 2] - R[block + 6]) / 12.0
+        dx, dy, dz = arm(R, block + 4)
         i = r.ADDED_FORCE
         R[i] += x
         R[i + 1] += y
@@ -148,15 +146,13 @@ def thruster(R: Rows, block: int) -> None:
         block: first of thrust (lbf), direction in body axes (3) and location (3, in, structural axes), torque (lbf ft)
             and angular momentum (slug ft2/s) about that direction.
     """
-    thrust, k = R[block], r.CG
+    thrust = R[block]
     ex, ey, ez = R[block + 1], R[block + 2], R[block + 3]
     x, y, z = thrust * ex, thrust * ey, thrust * ez
     torque, h = R[block + 7], R[block + 8]
     hx, hy, hz = ex * h, ey * h, ez * h
     p, q, s = R[r.RATE], R[r.RATE + 1], R[r.RATE + 2]
-    dx = (R[k] - R[block + 4]) / 12.0
-    dy = (R[block + 5] - R[k + 1]) / 12.0
-    dz = (R[k + 2] - R[block + 6]) / 12.0
+    dx, dy, dz = arm(R, block + 4)
     i = r.ENGINE_FORCE
     R[i] += x
     R[i + 1] += y
@@ -193,8 +189,8 @@ def accelerate(R: Rows) -> None:
     R[r.P_DOT] = pd + q * ez - s * ey
     R[r.Q_DOT] = qd + s * ex - p * ez
     R[r.R_DOT] = sd + p * ey - q * ex
-    mass = R[r.MASS]
-    ax, ay, az = R[r.FORCE] / mass, R[r.FORCE + 1] / mass, R[r.FORCE + 2] / mass
+    over = 1.0 / R[r.MASS]
+    ax, ay, az = R[r.FORCE] * over, R[r.FORCE + 1] * over, R[r.FORCE + 2] * over
     R[r.BODY_ACCEL], R[r.BODY_ACCEL + 1], R[r.BODY_ACCEL + 2] = ax, ay, az
     u, v, w = R[r.U], R[r.V], R[r.W]
     wx, wy, wz = R[r.P] + 2.0 * ex, R[r.Q] + 2.0 * ey, R[r.R] + 2.0 * ez

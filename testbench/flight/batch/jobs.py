@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal, Self
 
 from testbench.aircraft import Aircraft
@@ -48,7 +49,7 @@ class Job:
         """Return the truth of the flight by :func:`testbench.flight.fly`."""
         return fly(self.aircraft, self.trimmed, self.manoeuvre, self.log_rate_hz, self.channels, self.air, self.start)
 
-    @property
+    @cached_property
     def beginning(self) -> Beginning:
         """Where it begins."""
         return beginning_of(self.trimmed, self.manoeuvre, self.start)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial, reduce
 
 from testbench.core.record import FloatArray
@@ -55,9 +56,8 @@ def _between(code: Code, T: FloatArray, keys: int, values: int, n: int, x: Lanes
 
     def body(inside: Code) -> str:
         x = Lanes(inside, "%x")
-        k = _interval(inside, x)
-        x0, x1 = _gathered(inside, "%keys", k), _gathered(inside, "%keys", k, 1)
-        y0, y1 = _gathered(inside, "%values", k), _gathered(inside, "%values", k, 1)
+        places = [("%keys", 0), ("%keys", 1), ("%values", 0), ("%values", 1)]
+        x0, x1, y0, y1 = _taken(inside, _interval(inside, x), places)
         return f"{LANE} {((x - x0) / (x1 - x0) * (y1 - y0) + y0).text}"
 
     head = f"internal {LANE} @between(i64 %keys, i64 %values, i64 %n, {LANE} %x) noinline"
@@ -75,12 +75,12 @@ def _two(code: Code, T: FloatArray, begins: int, row: Lanes, column: Lanes) -> L
         return _between(code, T, rows, values, n, row)
     c, across = _fraction(code, columns, m, column)
     if n == 1:
-        y0, y1 = _gathered(code, values, c), _gathered(code, values, c, 1)
+        y0, y1 = _taken(code, c, [(values, 0), (values, 1)])
         return across * (y1 - y0) + y0
     k, up = _fraction(code, rows, n, row)
     corner = code.put(f"mul {INT} {k}, {whole(m)}")
     corner = code.put(f"add {INT} {corner}, {c}")
-    low, low_next, high, high_next = (_gathered(code, values, corner, further) for further in (0, 1, m, m + 1))
+    low, low_next, high, high_next = _taken(code, corner, [(values, further) for further in (0, 1, m, m + 1)])
     left = up * high + (1.0 - up) * low
     right = up * high_next + (1.0 - up) * low_next
     return across * (right - left) + left
@@ -92,7 +92,7 @@ def _fraction(code: Code, keys: int, n: int, x: Lanes) -> tuple[str, Lanes]:
     def body(inside: Code) -> str:
         x = Lanes(inside, "%x")
         k = _interval(inside, x)
-        x0, x1 = _gathered(inside, "%keys", k), _gathered(inside, "%keys", k, 1)
+        x0, x1 = _taken(inside, k, [("%keys", 0), ("%keys", 1)])
         factor = (x - x0) / (x1 - x0)
         factor = where(factor < 0.0, 0.0, where(factor > 1.0, 1.0, factor))
         half = inside.put(f"insertvalue {both} undef, {INT} {k}, 0")
@@ -116,7 +116,7 @@ def _interval(code: Code, x: Lanes) -> str:
         f"  br i1 %{name}go, label %{name}b, label %{name}e",
         f"{name}b:",
     ]
-    key = code.put(f"load double, ptr {_place(code, code.put(f'add i64 %keys, %{name}j'))}")
+    key = _number(code, "%keys", f"%{name}j")
     below = code.put(f"zext <{LANES} x i1> {(spread(code, key) < x).text} to {INT}")
     code.lines += [
         f"  %{name}k1 = add {INT} %{name}k, {below}",
@@ -128,16 +128,31 @@ def _interval(code: Code, x: Lanes) -> str:
     return f"%{name}k"
 
 
-def _place(code: Code, at: str) -> str:
-    return code.put(f"getelementptr double, ptr @T, i64 {at}")
+def _taken(code: Code, k: str, places: Sequence[tuple[str | int, int]]) -> list[Lanes]:
+    """Return the numbers that lie ``k`` behind places; of all flights at once where all have one ``k``."""
+    first, name = code.put(f"extractelement {INT} {k}, i64 0"), code.name()
+    one = code.put(f"insertelement {INT} undef, i64 {first}, i64 0")
+    same = code.put(f"shufflevector {INT} {one}, {INT} undef, <{LANES} x i32> zeroinitializer")
+    apart = Mask(code, code.put(f"icmp ne {INT} {k}, {same}")).any()
+    begins = [code.put(f"add i64 {base}, {further}") for base, further in places]
+    code.lines += [f"  br i1 {apart}, label %{name}a, label %{name}t", f"{name}a:"]
+    alone = [_gathered(code, begin, k) for begin in begins]
+    code.lines += [f"  br label %{name}", f"{name}t:"]
+    together = [spread(code, _number(code, begin, first)) for begin in begins]
+    code.label(name)
+    found = zip(alone, together, strict=True)
+    return [Lanes(code, code.put(f"phi {LANE} [ {x.text}, %{name}a ], [ {y.text}, %{name}t ]")) for x, y in found]
 
 
-def _gathered(code: Code, base: str | int, k: str, further: int = 0) -> Lanes:
-    """Return the numbers of the tables at ``base`` and so much further, each flight's own."""
-    begins = code.put(f"add i64 {base}, {further}")
+def _gathered(code: Code, begins: str, k: str) -> Lanes:
     out = "undef"
     for f in range(LANES):
         own = code.put(f"extractelement {INT} {k}, i64 {f}")
-        x = code.put(f"load double, ptr {_place(code, code.put(f'add i64 {begins}, {own}'))}")
-        out = code.put(f"insertelement {LANE} {out}, double {x}, i64 {f}")
+        out = code.put(f"insertelement {LANE} {out}, double {_number(code, begins, own)}, i64 {f}")
     return Lanes(code, out)
+
+
+def _number(code: Code, begins: str, k: str) -> str:
+    """Return a number of the tables."""
+    place = code.put(f"getelementptr double, ptr @T, i64 {code.put(f'add i64 {begins}, {k}')}")
+    return code.put(f"load double, ptr {place}")

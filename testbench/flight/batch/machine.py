@@ -10,6 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import llvmlite
 import llvmlite.binding as llvm
@@ -23,41 +24,46 @@ from testbench.flight.batch.vector import LANES
 
 SOURCES = hashlib.sha256(b"".join(p.read_bytes() for p in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
 """Hash of the code of the batch."""
+_KEPT = 256  # programs that are ready to run
+_FLYING: OrderedDict[str, Flying] = OrderedDict()
 
 
 class Machine:
-    """Functions that change registers R (registers, LANES) of flights, see :mod:`testbench.flight.batch.emit`."""
+    """Object code ready to run."""
 
     def __init__(self, code: bytes) -> None:
         self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target())
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         self._engine.finalize_object()
 
+    def address(self, name: str) -> int:
+        """Return where a function begins."""
+        return int(self._engine.get_function_address(name))
+
     def function(self, name: str, *takes: str) -> Callable[..., None]:
-        """Return one of them; ``takes`` says of what kind its arguments are, "ptr" or "i64"."""
+        """Return a function of arrays and whole numbers; ``takes`` says which, "ptr" or "i64"."""
         types = (ctypes.c_int64 if of.startswith("i64") else ctypes.c_void_p for of in takes)
-        return ctypes.CFUNCTYPE(None, *types)(self._engine.get_function_address(name))
+        call = ctypes.CFUNCTYPE(None, *types)(self.address(name))
+        return lambda *xs, engine=self._engine: call(*map(_passed, xs))  # which lives as long as its functions
+
+
+def _passed(x: Any) -> int:
+    """Return a number, or where an array begins: one number per flight in the last of several axes."""
+    if isinstance(x, int):
+        return x
+    assert x.flags.c_contiguous
+    assert x.ndim == 1 or x.shape[-1] == LANES
+    address: int = x.__array_interface__["data"][0]  # several times as fast as ctypes
+    return address
 
 
 class Flying(Machine):
-    """A program as it runs."""
+    """A program as it runs: ``before``, ``frame`` and ``log`` change registers R (registers, LANES)."""
 
     def __init__(self, code: bytes) -> None:
         super().__init__(code)
-        self._before, self._frame, self._log = (self.function(n, "ptr") for n in ("before", "frame", "logged"))
+        self.before, self.frame, self.log = (self.function(n, "ptr") for n in ("before", "frame", "logged"))
         self._run = self.function("run", *RUN)
-
-    def before(self, R: FloatArray) -> None:
-        """Do what is done before the first frame."""
-        self._before(_of(R))
-
-    def frame(self, R: FloatArray) -> None:
-        """Fly a frame."""
-        self._frame(_of(R))
-
-    def log(self, R: FloatArray) -> None:
-        """Compute what is logged."""
-        self._log(_of(R))
 
     def run(
         self,
@@ -92,45 +98,29 @@ class Flying(Machine):
             For each flight (LANES,) the row at which it left its limits, or -1, which limit it broke, and with what.
         """
         left, broken, value = np.where(ended, 0.0, -1.0), np.zeros(LANES), np.zeros(LANES)
-        assert all(x.flags.c_contiguous for x in (inputs, scale, rows, low, high, targets, logged, watched))
         assert len(inputs) >= len(rows) * stride or not targets.size
         self._run(
-            _of(R), inputs.ctypes.data, targets.ctypes.data, targets.size, stride, logged.ctypes.data, logged.size,
-            scale.ctypes.data, rows.ctypes.data, len(rows), watched.ctypes.data, watched.size, low.ctypes.data,
-            high.ctypes.data, left.ctypes.data, broken.ctypes.data, value.ctypes.data,
+            R, inputs, targets, targets.size, stride, logged, logged.size, scale, rows, len(rows), watched,
+            watched.size, low, high, left, broken, value,
         )  # fmt: skip
         return left.astype(np.int64), broken.astype(np.int64), value
 
 
 class Ground(Machine):
-    """What prepares flights, of any program."""
+    """What prepares flights of any program.
+
+    Attributes:
+        place: sets the state in registers to height (ft), phi, theta, psi, velocity (3, ft/s) and rates (3, rad/s) of
+            an array (10, LANES).
+        settle: places so, and evaluates the forces by the frame at an address, a number of times, while time stands
+            still.
+        weigh: inverts the inertia in registers.
+    """
 
     def __init__(self, code: bytes) -> None:
         super().__init__(code)
-        self._place = self.function("place", "ptr", "ptr")
-        self._begin, self._weigh = self.function("begin", "ptr"), self.function("weigh", "ptr")
-
-    def place(self, R: FloatArray, at: FloatArray) -> None:
-        """Set the initial state: height (ft), phi, theta, psi, velocity (3, ft/s), rates (3, rad/s) in (10, LANES)."""
-        self._place(_of(R), _of(at))
-
-    def begin(self, R: FloatArray) -> None:
-        """Fill the memory of the integrators with the present rates."""
-        self._begin(_of(R))
-
-    def weigh(self, R: FloatArray) -> None:
-        """Invert the inertia."""
-        self._weigh(_of(R))
-
-
-def _of(R: FloatArray) -> int:
-    assert R.flags.c_contiguous
-    assert R.shape[1] == LANES
-    return int(R.ctypes.data)
-
-
-_KEPT = 256
-_FLYING: OrderedDict[str, Flying] = OrderedDict()
+        self.place, self.weigh = self.function("place", "ptr", "ptr"), self.function("weigh", "ptr")
+        self.settle = self.function("settle", "ptr", "ptr", "ptr", "i64")
 
 
 def machine_of(program: Program) -> Flying:
@@ -169,16 +159,17 @@ def keep(file: Path, content: bytes) -> None:
 
 def _kept(of: str, text: Callable[[], str]) -> bytes:
     """Return the code of what is known by ``of``, from disk if it is there."""
-    place, key = folder(), hashlib.sha256(repr((of, SOURCES, *_host())).encode()).hexdigest()[:32]
-    if place is None:
-        return object_code(text())
-    file = place / f"{key}.o"
+    cpu = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+    key = hashlib.sha256(repr((of, SOURCES, llvmlite.__version__, llvm.get_process_triple(), cpu)).encode())
+    place = folder()
+    file = None if place is None else place / f"{key.hexdigest()[:32]}.o"
     with suppress(OSError):
-        kept = file.read_bytes()
+        kept = b"" if file is None else file.read_bytes()
         if hashlib.sha256(kept[32:]).digest() == kept[:32]:
             return kept[32:]
     code = object_code(text())
-    keep(file, hashlib.sha256(code).digest() + code)
+    if file is not None:
+        keep(file, hashlib.sha256(code).digest() + code)
     return code
 
 
@@ -186,12 +177,6 @@ def object_code(text: str) -> bytes:
     """Return what LLVM makes of a module."""
     code: bytes = _target().emit_object(llvm.parse_assembly(text))
     return code
-
-
-@cache
-def _host() -> tuple[str, ...]:
-    """Return what code is made for: compiler, system, processor and what it can do."""
-    return llvmlite.__version__, _target().triple, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
 def _target() -> llvm.TargetMachine:

@@ -438,11 +438,7 @@ def put(
     for name, values in held.items():
         R[model.program.properties[name]] = values
     machine.before(R)
-    for _ in range(times):
-        ground.place(R, at)
-        machine.frame(R)
-        ground.begin(R)  # JSBSim's integrators remember the accelerations that its second frame begins with
-        machine.frame(R)
+    ground.settle(R, at, machine.address("frame"), times)
     if turned.any():
         R[r.EARTH_ANGLE] = turned
         machine.frame(R)

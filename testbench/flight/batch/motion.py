@@ -10,7 +10,7 @@ import math
 
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.air import atmosphere
-from testbench.flight.batch.vector import Rows, atan2, branch, copysign, cos, fabs, sin, sqrt, stage, where
+from testbench.flight.batch.vector import Rows, atan2, branch, copysign, fabs, sincos, sometimes, sqrt, stage, where
 
 # FGInertial: WGS 84, ft and ft3/s2
 EARTH_RATE = 0.00007292115
@@ -38,9 +38,7 @@ def place(R: Rows, at: Rows, first: int = 0) -> None:
     R[r.EARTH_ANGLE] = 0.0
     x = _A + h_ft
     R[r.POSITION], R[r.POSITION + 1], R[r.POSITION + 2] = x, 0.0, 0.0
-    sp, cp = sin(0.5 * phi), cos(0.5 * phi)
-    st, ct = sin(0.5 * theta), cos(0.5 * theta)
-    ss, cs = sin(0.5 * psi), cos(0.5 * psi)
+    (sp, cp), (st, ct), (ss, cs) = (sincos(0.5 * x) for x in (phi, theta, psi))
     b0 = cp * ct * cs + sp * st * ss
     b1 = sp * ct * cs - cp * st * ss
     b2 = cp * st * cs + sp * ct * ss
@@ -91,7 +89,7 @@ def _integrate(R: Rows) -> None:
     _step(R, r.VELOCITY, r.VELOCITY_DOT, r.VELOCITY_1, r.VELOCITY_2, 3)
     q0, q1, q2, q3 = R[r.ATTITUDE], R[r.ATTITUDE + 1], R[r.ATTITUDE + 2], R[r.ATTITUDE + 3]
     norm = sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
-    n = where(norm.equals(0.0) | (fabs(norm - 1.0) < 1e-10), 1.0, 1.0 / norm)
+    n = sometimes(norm.differs(0.0) & ~(fabs(norm - 1.0) < 1e-10), lambda: 1.0 / norm, 1.0)
     R[r.ATTITUDE], R[r.ATTITUDE + 1], R[r.ATTITUDE + 2], R[r.ATTITUDE + 3] = q0 * n, q1 * n, q2 * n, q3 * n
     dt = R[r.DT]
     R[r.TIME] += dt
@@ -131,10 +129,9 @@ def held(R: Rows, first: int) -> None:
 
 def turn_earth(R: Rows) -> None:
     """Take cosine and sine of the Earth's angle."""
-    R[r.COS_EARTH], R[r.SIN_EARTH] = cos(R[r.EARTH_ANGLE]), sin(R[r.EARTH_ANGLE])
+    R[r.SIN_EARTH], R[r.COS_EARTH] = sincos(R[r.EARTH_ANGLE])
 
 
-@stage
 def _locate(R: Rows) -> None:
     """Take location, height and gravity from the inertial position (FGLocation, FGInertial::GetGravityJ2).
 
@@ -144,8 +141,8 @@ def _locate(R: Rows) -> None:
     x, y, z = R[r.POSITION], R[r.POSITION + 1], R[r.POSITION + 2]
     lx, ly, lz = ce * x + se * y, -se * x + ce * y, z
     R[r.LOCATION], R[r.LOCATION + 1], R[r.LOCATION + 2] = lx, ly, lz
-    radius = sqrt(lx * lx + ly * ly + lz * lz)
-    rxy = sqrt(lx * lx + ly * ly)
+    rxy2 = lx * lx + ly * ly
+    radius, rxy = sqrt(rxy2 + lz * lz), sqrt(rxy2)
     sign = copysign(1.0, lz)
     s0 = fabs(lz)
     zc, c0 = _EC * s0, _EC * rxy
@@ -163,23 +160,23 @@ def _locate(R: Rows) -> None:
     R[r.RADIUS] = radius
     R[r.SIN_LATITUDE], R[r.COS_LATITUDE] = sign * s1 * over, cc * over
     R[r.H_AGL] = (rxy * cc + s0 * fabs(s1) - _A * sqrt(_EC2 * s1 * s1 + cc * cc)) * over
-    cos_gc, sin_gc = rxy / radius, lz / radius
+    inverse = 1.0 / radius
+    cos_gc, sin_gc = rxy * inverse, lz * inverse
     R[r.H_SL] = radius - _A * _EC / sqrt(1.0 - _E2 * cos_gc * cos_gc)
-    a_r = _A / radius
+    a_r = _A * inverse
     common = 1.5 * _J2 * a_r * a_r
-    g = -_GM / (radius * radius)
-    g_xy = g * (1.0 + common * (1.0 - 5.0 * sin_gc * sin_gc)) / radius
+    g = -_GM * (inverse * inverse)
+    g_xy = g * (1.0 + common * (1.0 - 5.0 * sin_gc * sin_gc)) * inverse
     g_z = g * (1.0 + common * (3.0 - 5.0 * sin_gc * sin_gc))
     R[r.GRAVITY], R[r.GRAVITY + 1], R[r.GRAVITY + 2] = g_xy * lx, g_xy * ly, g_z * sin_gc
 
 
-@stage
 def _turn(R: Rows) -> None:
     """Take matrices, velocities and rates in body axes from attitude and location (rest of FGPropagate::Run)."""
     ce, se = R[r.COS_EARTH], R[r.SIN_EARTH]
     lx, ly = R[r.LOCATION], R[r.LOCATION + 1]
-    rxy = sqrt(lx * lx + ly * ly)
-    sin_lon, cos_lon = ly / rxy, lx / rxy
+    inverse = 1.0 / sqrt(lx * lx + ly * ly)
+    sin_lon, cos_lon = ly * inverse, lx * inverse
     sin_lat, cos_lat = R[r.SIN_LATITUDE], R[r.COS_LATITUDE]
     # local axes against earth-fixed ones, then against inertial ones
     e11, e12, e13 = -cos_lon * sin_lat, -sin_lon * sin_lat, cos_lat
@@ -254,8 +251,8 @@ def geography(R: Rows) -> None:
 def euler_rates(R: Rows) -> None:
     """Take the rates of bank, pitch and heading from the body's (FGAuxiliary)."""
     p, q, s = R[r.P], R[r.Q], R[r.R]
-    sin_phi, cos_phi = sin(R[r.PHI]), cos(R[r.PHI])
-    sin_theta, cos_theta = -R[r.LOCAL_TO_BODY + 2], cos(R[r.THETA])
+    (sin_phi, cos_phi), (_, cos_theta) = sincos(R[r.PHI]), sincos(R[r.THETA])
+    sin_theta = -R[r.LOCAL_TO_BODY + 2]
     R[r.THETA_DOT] = q * cos_phi - s * sin_phi
     upright, psi_dot = cos_theta.differs(0.0), (q * sin_phi + s * cos_phi) / cos_theta
     R[r.PSI_DOT] = where(upright, psi_dot, R[r.PSI_DOT])

@@ -75,14 +75,13 @@ class Op(IntEnum):
     TABLE_1 = 41
     TABLE_2 = 42
     TABLE_3 = 43
-    MULADD = 44
     NEG = 45
     KINEMATIC = 46
-    SCALAR_PRODUCT = 47  # of pairs of registers, which stand in the rows behind it
     # stages of the frame
     PROPAGATE = 60
     AUXILIARY = 61
     AIR_DATA = 62
+    PITOT = 69
     MOTION_NUMBERS = 63
     AERODYNAMICS = 64
     CLEAR = 65
@@ -113,7 +112,8 @@ WRITES: Mapping[Op, tuple[int, ...]] = {
     Op.GEOGRAPHY: tuple(range(r.LATITUDE, r.PHI_DOT)),
     Op.EULER_RATES: tuple(range(r.PHI_DOT, r.DENSITY_ALTITUDE)),
     Op.AUXILIARY: (*range(r.U_AERO, r.GAMMA), *range(r.COS_ALPHA, r.N_X), r.CL_SQUARED),
-    Op.AIR_DATA: (*range(r.GAMMA, r.COS_ALPHA), *range(r.N_X, r.CL_SQUARED)),
+    Op.AIR_DATA: (r.GAMMA, r.TRACK, *range(r.N_X, r.CL_SQUARED)),
+    Op.PITOT: tuple(range(r.TOTAL_TEMPERATURE, r.COS_ALPHA)),
     Op.MOTION_NUMBERS: tuple(range(r.BI2VEL, r.PHI)),
     Op.AERODYNAMICS: tuple(range(r.AERO_FORCE, r.ENGINE_FORCE)),
     Op.CLEAR: (),
@@ -152,7 +152,7 @@ class Program:
         log: (n, 6) after frames that are logged.
         tables: all tables, one after the other.
         size: number of registers.
-        scratch: first of those that hold what only this frame reads.
+        scratch: from here on a frame numbers results that only it reads, which are in no memory.
         numbers: register of each number of the model, in the order in which they stand there.
         properties: property -> its register.
         logged: name -> register, after ``log``.
@@ -333,8 +333,6 @@ class _Assembly:
         self._names = {number: name for name, number in b._states.items()}
         self._commit = {b._states[name]: value for name, value in b._ended.items()}
         self._live()
-        self._frame = _fused(self._frame, set(self._commit.values()))
-        self._log = _fused(self._log, set(b._logged.values()))
 
     def _live(self) -> None:
         """Leave out operations whose results nothing reads; keep the properties that something reads."""
@@ -427,46 +425,15 @@ class _Assembly:
                 return state_register[value.key]
             return value.key if value.kind == _CORE else place[value]
 
-        for item in before:
-            if item.result is not None:
-                place[item.result] = next_free
-                next_free += 1
-        commits = [(state_register[s], v) for s, v in self._commit.items()]
-        code = {"before": [row for i in before for row in _rows(i, of)]}
-        base, most = next_free, next_free
-        for part, items, ends in (
-            ("frame", frame, [v for _, v in commits]),
-            ("log", self._log, list(b._logged.values())),
-        ):
-            last = {}
-            for k, item in enumerate(items):
-                for value in item.arguments:
-                    last[value] = k
-            for value in ends:
-                last[value] = len(items)
-            free: list[int] = []
-            top = base
-            rows: list[tuple[int, ...]] = []
-            for k, item in enumerate(items):
-                for value in dict.fromkeys(item.arguments):
-                    if value.kind == _TEMP and place[value] >= base and last[value] == k:
-                        free.append(place[value])  # of which the result may take the place: flights go one by one
-                if item.result is not None:
-                    if free:
-                        place[item.result] = free.pop()
-                    else:
-                        place[item.result] = top
-                        top += 1
-                rows += _rows(item, of)
-            if part == "frame":
-                rows += [(int(Op.COPY), register, of(v), 0, 0, 0) for register, v in commits]
-            code[part] = rows
-            most = max(most, top)
-        before_, frame_, log_ = (np.array(code[n], np.int64).reshape(-1, 6) for n in ("before", "frame", "log"))
+        base = next_free + sum(item.result is not None for item in before)
+        code: dict[str, list[tuple[int, ...]]] = {}
+        for part, items, first in (("before", before, next_free), ("frame", frame, base), ("log", self._log, base)):
+            place |= {result: first + k for k, result in enumerate(i.result for i in items if i.result is not None)}
+            code[part] = [_coded(item, of) for item in items]
+        code["frame"] += [(int(Op.COPY), state_register[s], of(v), 0, 0, 0) for s, v in self._commit.items()]
+        most = base + sum(item.result is not None for item in self._log)  # a frame's results are in no memory
         return Program(
-            before=before_,
-            frame=frame_,
-            log=log_,
+            **{n: np.array(rows, np.int64).reshape(-1, 6) for n, rows in code.items()},
             tables=np.array([*b.tables, 0.0]),
             size=most,
             scratch=base,
@@ -474,62 +441,6 @@ class _Assembly:
             properties={self._names[s]: register for s, register in state_register.items()},
             logged={name: of(v) for name, v in b._logged.items()},
         )
-
-
-def _fused(items: list[_Instruction], kept: set[Value]) -> list[_Instruction]:
-    """Return operations with a product that only a sum reads taken into that sum."""
-    uses: dict[Value, int] = {}
-    for item in items:
-        for value in item.arguments:
-            uses[value] = uses.get(value, 0) + 1
-    made = {item.result: item for item in items if item.op is Op.MUL and item.result not in kept}
-    gone: set[int] = set()
-    out = []
-    for item in items:
-        if item.op is Op.ADD:
-            for product, other in (item.arguments, item.arguments[::-1]):
-                source = made.get(product)
-                if source is not None and uses[product] == 1 and product != other:
-                    gone.add(id(source))
-                    item = _Instruction(Op.MULADD, (*source.arguments, other), 0, item.result)
-                    break
-        out.append(item)
-    return _chained([item for item in out if id(item) not in gone], uses, kept)
-
-
-def _chained(items: list[_Instruction], uses: Mapping[Value, int], kept: set[Value]) -> list[_Instruction]:
-    """Return operations with sums of several products as one: a sum that only the next takes up need not be stored."""
-    begun: dict[Value, _Instruction] = {}
-    gone: set[int] = set()
-    out = []
-    for item in items:
-        if item.op is Op.MULADD and item.result is not None:
-            x, y, sum_ = item.arguments
-            before = begun.get(sum_)
-            if before is not None and uses[sum_] == 1 and sum_ not in kept and sum_ not in (x, y):
-                gone.add(id(before))
-                start = before.arguments[2:] if before.op is Op.MULADD else ()
-                rest = before.arguments[:2] if before.op in (Op.MULADD, Op.MUL) else before.arguments
-                extra = len(start) if before.op is not Op.SCALAR_PRODUCT else before.extra
-                item = _Instruction(Op.SCALAR_PRODUCT, (*start, *rest, x, y), extra, item.result)
-        if item.op in (Op.MUL, Op.MULADD, Op.SCALAR_PRODUCT) and item.result is not None:
-            begun[item.result] = item
-        out.append(item)
-    return [item for item in out if id(item) not in gone]
-
-
-def _rows(item: _Instruction, of: Callable[[Value], int]) -> list[tuple[int, ...]]:
-    """Return the rows of an operation.
-
-    A scalar product has the number of pairs, the register that it begins with or -1, and the pairs behind it.
-    """
-    if item.op is not Op.SCALAR_PRODUCT:
-        return [_coded(item, of)]
-    assert item.result is not None
-    start, pairs = item.arguments[: item.extra], [of(v) for v in item.arguments[item.extra :]]
-    head = (int(item.op), of(item.result), len(pairs) // 2, of(start[0]) if start else -1, 0, 0)
-    pairs += [0] * (-len(pairs) % 6)
-    return [head, *(tuple(pairs[k : k + 6]) for k in range(0, len(pairs), 6))]
 
 
 def _coded(item: _Instruction, of: Callable[[Value], int]) -> tuple[int, ...]:

@@ -124,12 +124,6 @@ AIR_DATA: dict[str, tuple[int, float]] = {
     "flight-path/gamma-rad": (r.GAMMA, 1.0),
     "flight-path/gamma-deg": (r.GAMMA, _DEG),
     "flight-path/psi-gt-rad": (r.TRACK, 1.0),
-    "propulsion/tat-r": (r.TOTAL_TEMPERATURE, 1.0),
-    "propulsion/pt-lbs_sqft": (r.TOTAL_PRESSURE, 1.0),
-    "velocities/vc-fps": (r.VC, 1.0),
-    "velocities/vc-kts": (r.VC, _KT),
-    "velocities/ve-fps": (r.VE, 1.0),
-    "velocities/ve-kts": (r.VE, _KT),
     "accelerations/Nx": (r.N_X, 1.0),
     "accelerations/Ny": (r.N_Y, 1.0),
     "accelerations/Nz": (r.N_Z, 1.0),
@@ -138,11 +132,19 @@ AIR_DATA: dict[str, tuple[int, float]] = {
     **{f"accelerations/a-pilot-{a}-ft_sec2": (r.PILOT_ACCEL + i, 1.0) for i, a in enumerate("xyz")},
     **{f"accelerations/n-pilot-{a}-norm": (r.PILOT_ACCEL + i, 0.3048 / 9.80665) for i, a in enumerate("xyz")},
 }
+PITOT: dict[str, tuple[int, float]] = {
+    "propulsion/tat-r": (r.TOTAL_TEMPERATURE, 1.0),
+    "propulsion/pt-lbs_sqft": (r.TOTAL_PRESSURE, 1.0),
+    "velocities/vc-fps": (r.VC, 1.0),
+    "velocities/vc-kts": (r.VC, _KT),
+    "velocities/ve-fps": (r.VE, 1.0),
+    "velocities/ve-kts": (r.VE, _KT),
+}
 ALTITUDES: dict[str, tuple[int, float]] = {
     "atmosphere/density-altitude": (r.DENSITY_ALTITUDE, 1.0),
     "atmosphere/pressure-altitude": (r.PRESSURE_ALTITUDE, 1.0),
 }
-ON_DEMAND = ALTITUDES | EULER | GEOGRAPHY | EULER_RATES | AIR_DATA
+ON_DEMAND = ALTITUDES | EULER | GEOGRAPHY | EULER_RATES | AIR_DATA | PITOT
 """The same for what is computed only if a model or a channel reads it."""
 
 ABSOLUTE = {"aero/mag-beta-rad": "aero/beta-rad", "aero/mag-beta-deg": "aero/beta-deg"}

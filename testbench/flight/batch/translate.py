@@ -20,7 +20,16 @@ from testbench.flight.batch.engines import Engines
 from testbench.flight.batch.forces import AXIAL_NORMAL, BODY, INERTIAL, LOCAL, STABILITY, WIND_AXES
 from testbench.flight.batch.functions import Functions
 from testbench.flight.batch.program import Builder, Op, Program, Untranslated
-from testbench.flight.batch.properties import AIR_DATA, ALTITUDES, EULER, EULER_RATES, GEOGRAPHY, Properties, plain
+from testbench.flight.batch.properties import (
+    AIR_DATA,
+    ALTITUDES,
+    EULER,
+    EULER_RATES,
+    GEOGRAPHY,
+    PITOT,
+    Properties,
+    plain,
+)
 from testbench.flight.batch.units import convert, triplet
 
 _FORCE_AXES = {
@@ -119,7 +128,8 @@ class _Model:
         b.stage(Op.AUXILIARY)
         read |= self._engines.breathed(tree.find("propulsion"))
         wanted = read | {plain(n) for n in logged}
-        for op, names in ((Op.EULER_RATES, EULER_RATES.keys()), (Op.AIR_DATA, AIR_DATA.keys())):
+        for op, names in ((Op.EULER_RATES, EULER_RATES.keys()), (Op.AIR_DATA, AIR_DATA.keys()),
+                          (Op.PITOT, PITOT.keys())):  # fmt: skip
             if wanted & names:
                 b.stage(op)
         propulsion = tree.find("propulsion")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial, wraps
 
@@ -313,8 +313,20 @@ def stage(work: Callable[..., None]) -> Callable[..., None]:
     return call
 
 
+def _polynomial(z: Lanes, coefficients: Sequence[float]) -> Lanes:
+    """Return a polynomial, its constant first, by halves that do not wait for each other (G. Estrin, 1960)."""
+    terms: list[Lanes | float] = list(coefficients)
+    while len(terms) > 1:
+        pairs = zip(terms[::2], [*terms[1::2], 0.0], strict=False)
+        terms = [low if high == 0.0 else z * high + low for low, high in pairs]
+        z = z * z
+    found = terms[0]
+    assert isinstance(found, Lanes)
+    return found
+
+
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # the first has 33 bits
-_SERIES = tuple(1.0 / math.factorial(n) for n in range(13, 1, -1))
+_SERIES = tuple(1.0 / math.factorial(n) for n in range(2, 14))
 
 
 def _scaled(x: Lanes, more: Lanes | float) -> Lanes:
@@ -323,10 +335,7 @@ def _scaled(x: Lanes, more: Lanes | float) -> Lanes:
     high, low = x - n * _LN2_HIGH, more - n * _LN2_LOW
     z = high + low
     rest = (high - z) + low
-    p = Lanes(x.code, splat(_SERIES[0]))
-    for c in _SERIES[1:]:
-        p = p * z + c
-    y = 1.0 + (z + (z * z * p + rest))
+    y = 1.0 + (z + (z * z * _polynomial(z, _SERIES) + rest))
     power_of_two = x.code.put(f"fptosi {LANE} {n.text} to {INT}")
     return _of_bits(x.code, y.bits("add", x.code.put(f"shl {INT} {power_of_two}, {whole(52)}")))
 
@@ -336,7 +345,7 @@ def _of_bits(code: Code, bits: str) -> Lanes:
 
 
 _ROOT_HALF = 0x3FE6A09E667F3BCD
-_ARTANH = tuple(2.0 / (2.0 * n + 1.0) for n in range(10, 0, -1))
+_ARTANH = tuple(2.0 / (2.0 * n + 1.0) for n in range(1, 11))
 
 
 def _log(x: Lanes) -> tuple[Lanes, Lanes]:
@@ -352,11 +361,8 @@ def _log(x: Lanes) -> tuple[Lanes, Lanes]:
     n = Lanes(code, code.put(f"sitofp {INT} {k} to {LANE}"))
     s, half = f / (2.0 + f), 0.5 * f * f
     z = s * s
-    p = Lanes(code, splat(_ARTANH[0]))
-    for c in _ARTANH[1:]:
-        p = p * z + c
     high = f - half
-    low = ((f - high) - half) + s * (half + z * p) + n * _LN2_LOW
+    low = ((f - high) - half) + s * (half + z * _polynomial(z, _ARTANH)) + n * _LN2_LOW
     twos = n * _LN2_HIGH
     total = twos + high
     return total, where(fabs(twos) > fabs(high), (twos - total) + high, (high - total) + twos) + low
@@ -375,49 +381,34 @@ def power(x: Lanes, y: Lanes) -> Lanes:
 
 
 _QUARTER = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)  # the first two: 33 bits
-_SINE = tuple((-1.0) ** n / math.factorial(2 * n + 1) for n in range(8, 0, -1))
-_COSINE = tuple((-1.0) ** n / math.factorial(2 * n) for n in range(8, 1, -1))
+_SINE = tuple((-1.0) ** n / math.factorial(2 * n + 1) for n in range(1, 9))
+_COSINE = tuple((-1.0) ** n / math.factorial(2 * n) for n in range(2, 9))
 
 
-def _turned(x: Lanes, quarters: float, name: str) -> Lanes:
-    """Return the sine of an angle and so many quarters of a turn."""
+def sincos(x: Lanes) -> tuple[Lanes, Lanes]:
+    """Return sine and cosine."""
     usual = fabs(x) < 1e5
     a = where(usual, x, 0.0)
-    q = floor(a * (2.0 / math.pi) + 0.5)
+    q = floor(a * (2.0 / math.pi) + 0.5)  # quarters of a turn
     first = a - q * _QUARTER[0]
     r = first - q * _QUARTER[1]
     rest = (first - r) - q * _QUARTER[1] - q * _QUARTER[2]
     z = r * r
-    s, c = (Lanes(x.code, splat(of[0])) for of in (_SINE, _COSINE))
-    for k in _SINE[1:]:
-        s = s * z + k
-    for k in _COSINE[1:]:
-        c = c * z + k
     half = 0.5 * z
-    sine = r + (z * r * s + rest * (1.0 - half))
     top = 1.0 - half
-    cosine = top + (((1.0 - top) - half) + (z * z * c - r * rest))
-    q = q + quarters
-    turns = q - 4.0 * floor(0.25 * q)
-    odd = turns.equals(1.0) | turns.equals(3.0)
-    y = where(odd, cosine, sine)
-    return sometimes(~usual, lambda: library(name, x), where(turns >= 2.0, -y, y))
+    s = r + (z * r * _polynomial(z, _SINE) + rest * top)
+    c = top + (((1.0 - top) - half) + (z * z * _polynomial(z, _COSINE) - r * rest))
+    q = q - 4.0 * floor(0.25 * q)
+    odd, turned = q.equals(1.0) | q.equals(3.0), (q.equals(1.0) | q.equals(2.0))
+    sine, cosine = where(odd, c, s), where(odd, s, c)
+    return (
+        sometimes(~usual, partial(library, "sin", x), where(q >= 2.0, -sine, sine)),
+        sometimes(~usual, partial(library, "cos", x), where(turned, -cosine, cosine)),
+    )
 
 
-@function
-def sin(x: Lanes) -> Lanes:
-    """Return the sine."""
-    return _turned(x, 0.0, "sin")
-
-
-@function
-def cos(x: Lanes) -> Lanes:
-    """Return the cosine."""
-    return _turned(x, 1.0, "cos")
-
-
-_ARCTAN = tuple((-1.0) ** n / (2.0 * n + 1.0) for n in range(20, -1, -1))
-"""Coefficients of the series of atan(x) / x in x^2, highest first; for |x| <= tan 22.5 deg the rest is below 1e-17."""
+_ARCTAN = tuple((-1.0) ** n / (2.0 * n + 1.0) for n in range(21))
+"""Coefficients of the series of atan(x) / x in x^2; for |x| <= tan 22.5 deg the rest is below 1e-17."""
 
 
 @function
@@ -428,11 +419,7 @@ def atan2(y: Lanes, x: Lanes) -> Lanes:
     small, large = where(flat, b, a), where(flat, a, b)
     above = small > 0.41421356237309503 * large
     t = where(above, small - large, small) / (where(above, small + large, large) + 1e-300)
-    z = t * t
-    p = Lanes(x.code, splat(_ARCTAN[0]))
-    for c in _ARCTAN[1:]:
-        p = p * z + c
-    p = p * t
+    p = _polynomial(t * t, _ARCTAN) * t
     p = where(above, p + 0.25 * math.pi, p)
     p = where(flat, p, 0.5 * math.pi - p)
     return copysign(where(x < 0.0, math.pi - p, p), y)
