@@ -19,6 +19,7 @@ from testbench.core.record import FloatArray
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import judged
 from testbench.flight.batch.fly import placed
+from testbench.flight.batch.machine import aligned
 from testbench.flight.batch.model import BatchModel, filled
 from testbench.flight.batch.program import Op, Program
 from testbench.flight.batch.vector import LANES
@@ -138,7 +139,7 @@ def _block(lanes: Sequence[Lane], models: Sequence[BatchModel], channels: Sequen
     """Evaluate up to LANES motions of one length and rate by one program."""
     model, given = models[0], lanes[0].given
     step, program = stride(model.rate_hz, given.rate_hz), _held(model.program)
-    R = np.zeros((program.size, LANES))
+    R = aligned(program.size)
     R[: model.program.size] = placed(models, [Beginning.at(lane.trimmed) for lane in lanes])
     R[r.DT] = 1.0 / model.rate_hz
     first, controls = model.program.size, tuple(given.commands)

@@ -57,13 +57,20 @@ def _passed(x: Any) -> int:
     return address
 
 
+def aligned(count: int) -> FloatArray:
+    """Return new registers (count, LANES) that begin with a line of the cache: what crosses one takes longer."""
+    raw = np.empty(count * LANES + 7)
+    first = -(_passed(raw) // 8) % 8
+    return raw[first : first + count * LANES].reshape(count, LANES)
+
+
 class Flying(Machine):
-    """A program as it runs: ``before``, ``frame`` and ``log`` change registers R (registers, LANES)."""
+    """A program as it runs: ``before``, ``frame`` (which begins at ``frame_at``) and ``log`` change registers R."""
 
     def __init__(self, code: bytes) -> None:
         super().__init__(code)
         self.before, self.frame, self.log = (self.function(n, "ptr") for n in ("before", "frame", "logged"))
-        self._run = self.function("run", *RUN)
+        self.frame_at, self._run = self.address("frame"), self.function("run", *RUN)
 
     def run(
         self,

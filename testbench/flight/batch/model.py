@@ -15,7 +15,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.constants import FT_M
 from testbench.core.record import FloatArray
 from testbench.flight.batch import registers as r
-from testbench.flight.batch.machine import on_ground
+from testbench.flight.batch.machine import aligned, on_ground
 from testbench.flight.batch.program import Program, Untranslated
 from testbench.flight.batch.properties import CORE, ON_GROUND, plain
 from testbench.flight.batch.scope import MEMORY
@@ -389,8 +389,11 @@ def states_at(model: BatchModel, beginning: Beginning) -> dict[str, float]:
 
 def registers(models: Sequence[BatchModel]) -> FloatArray:
     """Return the registers (registers, LANES) of up to LANES flights; the last is repeated to fill the block."""
-    columns = [m.start for m in models]
-    return np.stack([*columns, *columns[-1:] * (LANES - len(columns))], axis=1)
+    R = aligned(models[0].start.size)
+    for k, model in enumerate(models):
+        R[:, k] = model.start
+    R[:, len(models) :] = models[-1].start[:, None]
+    return R
 
 
 def filled(x: FloatArray) -> FloatArray:
@@ -438,7 +441,7 @@ def put(
     for name, values in held.items():
         R[model.program.properties[name]] = values
     machine.before(R)
-    ground.settle(R, at, machine.address("frame"), times)
+    ground.settle(R, at, machine.frame_at, times)
     if turned.any():
         R[r.EARTH_ANGLE] = turned
         machine.frame(R)

@@ -13,6 +13,7 @@ from testbench.core.record import FloatArray
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import judged
 from testbench.flight.batch.fly import limits_of, placed
+from testbench.flight.batch.machine import aligned
 from testbench.flight.batch.model import BatchModel
 from testbench.flight.batch.vector import LANES
 from testbench.flight.condition import TrimmedFlight
@@ -80,7 +81,7 @@ class SteppedBatch:
         model.program.machine.log(R)
         logged = np.array([model.program.logged[n] for n in channels], np.int64)
         self._blocks = [
-            _Block(model, R.copy(), min(LANES, flights - k), logged, self._factors, self._step)
+            _Block(model, R, min(LANES, flights - k), logged, self._factors, self._step)
             for k in range(0, flights, LANES)
         ]
         self._begin = R[:, :1].copy()
@@ -208,7 +209,8 @@ class _Block:
     def __init__(
         self, model: BatchModel, R: FloatArray, size: int, logged: npt.NDArray[np.int64], factors: FloatArray, step: int
     ) -> None:
-        self.R, self.size, self._model, self._step = R, size, model, step
+        self.R, self.size, self._model, self._step = aligned(len(R)), size, model, step
+        self.R[:] = R
         self._logged, self._factors = logged, np.tile(factors[:, None], LANES)
         self._limits = limits_of([model] * size)
         self._watched = np.array([x.register for x in self._limits], np.int64)
