@@ -435,7 +435,7 @@ def _record(ready: _Ready, data: FloatArray, reason: str) -> FlightRecord | Refu
 
 def _is_looked_at(ready: _Ready) -> bool:
     """Return whether a flight is one of those flown by both; its own commands decide, whatever flies beside it."""
-    return zlib.crc32(ready.u.tobytes() + _told_apart(ready.job).encode()) % BOTH == 0
+    return zlib.crc32(_told_apart(ready.job).encode(), zlib.crc32(np.ascontiguousarray(ready.u).data)) % BOTH == 0
 
 
 def _told_apart(job: Job) -> str:
