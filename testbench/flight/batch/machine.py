@@ -24,7 +24,7 @@ from testbench.flight.batch.vector import LANES
 
 SOURCES = hashlib.sha256(b"".join(p.read_bytes() for p in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
 """Hash of the code of the batch."""
-_KEPT = 256  # programs that are ready to run
+_KEPT = 256  # programs that are ready to run, and those on disk: 20 MB
 _FLYING: OrderedDict[str, Flying] = OrderedDict()
 
 
@@ -177,6 +177,9 @@ def _kept(of: str, text: Callable[[], str]) -> bytes:
     code = object_code(text())
     if file is not None:
         keep(file, hashlib.sha256(code).digest() + code)
+        with suppress(OSError):  # another process may remove them at the same time
+            for old in sorted(file.parent.glob("*.o"), key=lambda x: x.stat().st_mtime)[:-_KEPT]:
+                old.unlink()
     return code
 
 

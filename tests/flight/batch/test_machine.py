@@ -1,6 +1,7 @@
 """Machine code of the batch: functions of its stages against C's library, and code that is kept on disk."""
 
 import math
+import os
 
 import numpy as np
 import pytest
@@ -46,3 +47,15 @@ def test_code_on_disk_is_used_only_if_it_is_whole(tmp_path, monkeypatch, left_by
     assert machine._kept("ground", text) == code
     assert len(asked) == (1 if left_by_a_crash is None else 2)
     assert machine.Ground(file.read_bytes()[32:]).address("weigh") != 0
+
+
+def test_the_oldest_code_on_disk_gives_way(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(machine, "_KEPT", 2)
+    seen = []
+    for k in range(4):
+        machine._kept(f"{k}", ground)
+        new = [f for f in tmp_path.rglob("*.o") if f not in seen]
+        seen += new
+        os.utime(new[0], (k, k))
+    assert sorted(tmp_path.rglob("*.o")) == sorted(seen[-2:])
