@@ -217,15 +217,17 @@ class _Block:
         self._low, self._high = np.stack([x.low for x in self._limits]), np.stack([x.high for x in self._limits])
         # commands are held: they are written into the registers before, and no input changes from frame to frame
         self._inputs, self._targets = np.empty((0, 0, LANES)), np.empty(0, np.int64)
+        self._unread = np.ones(LANES, bool)  # those that only fill the block, always
 
     def fly(self, data: FloatArray, ended: Mask) -> npt.NDArray[np.int64]:
         """Fill rows (size, rows, channels); return the row at which each flight left its limits, -1 if it did not."""
-        rows = np.empty((data.shape[1], data.shape[2], LANES))
+        rows = np.empty((*data.shape[1:], LANES))
+        self._unread[: self.size] = ended
         left, self._broken, self._value = self._model.program.machine.run(
             self.R, self._inputs, self._targets, self._step, self._logged, self._factors, rows, self._watched,
-            self._low, self._high, np.r_[ended, np.ones(LANES - self.size, bool)],
+            self._low, self._high, self._unread,
         )  # fmt: skip
-        data[:] = np.moveaxis(rows, 2, 0)[: self.size]
+        data[:] = rows.transpose(2, 0, 1)[: self.size]
         return left[: self.size]
 
     def reason(self, lane: int) -> str:
