@@ -135,7 +135,8 @@ def test_roughness_is_the_rms_about_trim_in_the_turbulence_above_the_field():
     t, shown = 0.01 * np.arange(4), response.SHOWN["longitudinal"]
     rough = FlightRecord(t, shown, np.outer([1.0, -1.0, 1.0, -1.0], [0.3, 0.2, 0.1, 0.4]) + 7.0, "truth")
     state = dict.fromkeys(shown, 7.0)
-    together = stub(job=job, signal=lambda task, factor: factor, fly=lambda jobs: [rough], aircraft=stub(name="a"))
+    flier = stub(fly=lambda jobs: [rough])
+    together = stub(job=job, signal=lambda task, factor: factor, flier=flier, aircraft=stub(name="a"))
     point = stub(h_m=350.0, label="20 m/s, 350 m", trimmed=stub(state=state))
     task = stub(point=point, spec=stub(plane="longitudinal", name="m"))
     scenario = stub(turbulence_rms_m_s=1.2, seed=4, timing=stub(field_m=50.0))
