@@ -106,10 +106,8 @@ def _verdict(result: DesignResult) -> list[str]:
     )
     if float(errors[k] / t.wanted[k]) <= 1.0:
         return [f"Fly {what}: it reaches {reached}; the least known is {t.names[k]}, {left}"]
-    out = [
-        f"Fly {what}: the best found leaves {t.names[k]} {left}; no admissible input found in "
-        f"{result.scenario.duration_s:g} s reaches {reached}"
-    ]
+    short = f"No admissible input found in {result.scenario.duration_s:g} s reaches {reached}"
+    out = [f"{short}; the best leaves {t.names[k]} {left}", f"Fly {what}"]
     if result.obstacles.flights and not robust and not _refuted(result.best):
         out.append(
             f"Flown {result.obstacles.flights} times it would reach them: errors fall with the root of the number of "
@@ -162,7 +160,7 @@ def _realised(result: DesignResult) -> list[str]:
         return ["The errors are promised by information alone and have not been realised: realise = 0"]
     flights = r.found.n + len(r.found.failed)
     by = result.ensemble.range_.identified.words
-    head = f"Flown, sensed and identified by {by} {flights} times in {air_words(result)}"
+    head = f"flown, sensed and identified by {by} {flights} times in {air_words(result)}"
     out = []
     if r.found.n < 3:
         out.append(f"{head}, it gives {counted(r.found.n, 'estimate')}: no error can be promised")
@@ -176,8 +174,8 @@ def _realised(result: DesignResult) -> list[str]:
         low, high = r.found.interval()
         k = int(np.argmax(np.where(r.differs, r.headline / t.wanted, -1.0)))
         out.append(
-            f"{head}, it has {'all' if r.differs.all() else 'some'} errors otherwise than promised, and the realised "
-            f"ones count: that of {t.names[k]} is {error_words(result, r.found.rms, k)} "
+            f"{'All' if r.differs.all() else 'Some'} errors differ from the promised ones when flown, and the realised "
+            f"ones count; {head}, that of {t.names[k]} is {error_words(result, r.found.rms, k)} "
             f"({error_words(result, low, k)} to {error_words(result, high, k)}), "
             f"{error_words(result, r.promised, k)} was promised, and the estimator states "
             f"{error_words(result, r.found.claimed, k)}"
