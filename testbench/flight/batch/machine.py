@@ -24,7 +24,8 @@ from testbench.flight.batch.vector import LANES
 
 SOURCES = hashlib.sha256(b"".join(p.read_bytes() for p in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
 """Hash of the code of the batch."""
-_KEPT = 256  # programs that are ready to run, and those on disk: 20 MB
+_READY = 256  # programs that are ready to run
+_KEPT = 1024  # on disk, 70 MB: a library of effects on a few aircraft has some hundreds
 _FLYING: OrderedDict[str, Flying] = OrderedDict()
 
 
@@ -136,7 +137,7 @@ def machine_of(program: Program) -> Flying:
     of = hashlib.sha256(b"".join(x.tobytes() for x in parts) + repr([len(x) for x in parts]).encode()).hexdigest()
     if of not in _FLYING:
         _FLYING[of] = Flying(_kept(of, partial(module_of, program)))
-        if len(_FLYING) > _KEPT:
+        if len(_FLYING) > _READY:
             _FLYING.popitem(last=False)
     return _FLYING[of]
 
