@@ -217,11 +217,11 @@ def whitened(record: Linearised, sums: Grams, scales: FloatArray, kappa: float) 
         q = sums.q
         own = record.counted(record.all_own) / s[:, :, None] * D[:q]
         moved = record.unknown.response[:, :, : len(D) - q] / s[:, :, None] * D[q:]
-        along = [(of.transpose(0, 2, 1) @ each).sum(axis=0) for of in (own, moved)]
+        along = D[:, None] * np.tensordot(scales**-2.0, sums.across[:, : len(D)], 1)
         values, E = np.linalg.eigh(D[:, None] * sums._weighted(scales, len(D)) * D)
         small = np.maximum(values, 1e-12)
         shrink = (1.0 - (1.0 + small) ** -0.5) / small
-        back = E @ (shrink[:, None] * (E.T @ np.concatenate(along)))
+        back = E @ (shrink[:, None] * (E.T @ along))
         each = each - own @ back[:q] - moved @ back[q:]
     each = np.moveaxis(each, 0, 1)
     return each[:, :, k], each[:, :, :k]

@@ -129,7 +129,8 @@ def find_gap(
             records=_smoothed(given.believed, air, given.records),
             held_out=_smoothed(given.believed, air, given.held_out),
         )
-        found = _Asked(given, air, given.sought(how), how.noise, say).answer()
+        sought = given.sought(how)
+        found = _Asked(given, air, sought, how.noise, say).answer()
         if how.check and checked is None:
             checked = ahead.take("check", instruments)
     flights_again = None
@@ -138,10 +139,9 @@ def find_gap(
         def ask(measured: Sequence[FlightRecord], heard: AirFound) -> Naming:
             """Ask about a flight as the measured ones were asked about."""
             heard_in = smoothed(found.all_in, heard, measured)
-            there = replace(given.sought(how), open_terms=False)
-            return search(found.all_in, heard_in, heard, lambda stage: None, there)[1]
+            return search(found.all_in, heard_in, heard, lambda stage: None, replace(sought, open_terms=False))[1]
 
-        flown, effects = list(given.records.values()), given.sought(how).effects or {}
+        flown, effects = list(given.records.values()), sought.effects or {}
         flights_again = fly_again(found.all_in, flown, found.air, effects, how.again, ask, say, how.again_file)
     return replace(_judged(given, found, say), check=checked, again=flights_again)
 
