@@ -9,7 +9,7 @@ from __future__ import annotations
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.air import arm
 from testbench.flight.batch.motion import EARTH_RATE
-from testbench.flight.batch.vector import Rows, stage, where
+from testbench.flight.batch.vector import Lanes, Rows, stage, where
 
 _LB_SLUG = 1.0 / 32.174049
 
@@ -121,20 +121,17 @@ def reaction(R: Rows, block: int, frame: int, is_moment: int) -> None:
             R[i + 6] * x + R[i + 7] * y + R[i + 8] * z,
         )
     if is_moment:
-        i = r.ADDED_MOMENT
-        R[i] += x
-        R[i + 1] += y
-        R[i + 2] += z
+        _add(R, r.ADDED_MOMENT, x, y, z)
     else:
         dx, dy, dz = arm(R, block + 4)
-        i = r.ADDED_FORCE
+        _add(R, r.ADDED_FORCE, x, y, z)
+        _add(R, r.ADDED_MOMENT, dy * z - dz * y, dz * x - dx * z, dx * y - dy * x)
+
+
+def _add(R: Rows, first: int, *vector: Lanes) -> None:
+    """Add a vector to the registers from ``first`` on."""
+    for i, x in enumerate(vector, start=first):
         R[i] += x
-        R[i + 1] += y
-        R[i + 2] += z
-        i = r.ADDED_MOMENT
-        R[i] += dy * z - dz * y
-        R[i + 1] += dz * x - dx * z
-        R[i + 2] += dx * y - dy * x
 
 
 @stage
@@ -153,14 +150,14 @@ def thruster(R: Rows, block: int) -> None:
     hx, hy, hz = ex * h, ey * h, ez * h
     p, q, s = R[r.RATE], R[r.RATE + 1], R[r.RATE + 2]
     dx, dy, dz = arm(R, block + 4)
-    i = r.ENGINE_FORCE
-    R[i] += x
-    R[i + 1] += y
-    R[i + 2] += z
-    i = r.ENGINE_MOMENT
-    R[i] += q * hz - s * hy + ex * torque + (dy * z - dz * y)
-    R[i + 1] += s * hx - p * hz + ey * torque + (dz * x - dx * z)
-    R[i + 2] += p * hy - q * hx + ez * torque + (dx * y - dy * x)
+    _add(R, r.ENGINE_FORCE, x, y, z)
+    _add(
+        R,
+        r.ENGINE_MOMENT,
+        q * hz - s * hy + ex * torque + (dy * z - dz * y),
+        s * hx - p * hz + ey * torque + (dz * x - dx * z),
+        p * hy - q * hx + ez * torque + (dx * y - dy * x),
+    )
 
 
 @stage

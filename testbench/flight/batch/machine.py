@@ -139,6 +139,7 @@ def machine_of(program: Program) -> Flying:
         _FLYING[of] = Flying(_kept(of, partial(module_of, program)))
         if len(_FLYING) > _READY:
             _FLYING.popitem(last=False)
+    _FLYING.move_to_end(of)  # what has not flown for longest gives way
     return _FLYING[of]
 
 
