@@ -18,7 +18,7 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy.signal import lfilter
 from studies.blind import servos
-from studies.blind.__main__ import _kept, _read
+from studies.blind.__main__ import _kept, _read, _rows
 from studies.blind.flights import LOG_HZ, RATE_HZ, SETTLE_S, doublet, half_sine, joined, side_by_side, steps, suite
 from studies.blind.parts import parts_said
 from studies.blind.run import found_row
@@ -692,6 +692,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--draw", choices=[*SEEDS], default="B")
     parser.add_argument("--seed", type=int, help="of a trial, in place of that of the draw")
     parser.add_argument("--out", type=Path, default=Path("results/gap/anybody"))
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--minutes", type=float, default=None, help="start no case after so many minutes")
     asked = parser.parse_args(arguments)
     folder = asked.out / asked.draw if asked.seed is None else asked.out
@@ -699,8 +700,8 @@ def main(arguments: list[str] | None = None) -> int:
     cases = _sealed(folder, asked.seed or SEEDS[asked.draw])
     rows = _read(folder / "rows.jsonl")
     stop = None if asked.minutes is None else time.monotonic() + 60.0 * asked.minutes
-    due = (named(c) for c in cases if c.name not in rows and (stop is None or time.monotonic() < stop))
-    for row in _kept(folder / "rows.jsonl", due):
+    due = [partial(named, c) for c in cases if c.name not in rows]
+    for row in _kept(folder / "rows.jsonl", _rows(due, asked.workers, stop)):
         rows[row["case"]] = row
         case = next(c for c in cases if c.name == row["case"])
         print(f"{len(rows)} {case.name}, {case.aircraft}, {case.kinds}: {row['outcome']} {row['names']}", flush=True)
