@@ -531,13 +531,18 @@ def _adapted(xml: str, adapter: Adapter | None) -> ET.Element:
     key = xml, id(adapter)
     known = _ADAPTED.get(key)
     if known is None or known[0] is not adapter:
-        tree = ET.fromstring(xml)
+        tree = _copied(_parsed(xml))
         if adapter is not None:
             adapter.apply(tree)
         known = _ADAPTED[key] = adapter, tree
         while len(_ADAPTED) > _KEPT:
             _ADAPTED.popitem(last=False)
     return _copied(known[1])
+
+
+@lru_cache(maxsize=_KEPT)
+def _parsed(xml: str) -> ET.Element:
+    return ET.fromstring(xml)
 
 
 def _copied(element: ET.Element) -> ET.Element:

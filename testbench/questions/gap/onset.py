@@ -15,6 +15,7 @@ import numpy as np
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.effects import Effect
+from testbench.inference.calibrate import CREDIBLE, fewest
 from testbench.inference.linear import Linearised, Motion
 from testbench.inference.onset import Onset, find_onset
 from testbench.inference.unknown import PULSE_S
@@ -28,7 +29,7 @@ from testbench.questions.gap.window_length import SHORTEST_S
 from testbench.questions.gap.windows import begin_freely, begin_from, part_of
 
 KNOWN = 0.1  # share of the priors of a start that remains where the flight before tells it
-MOST = 4  # places in which it is sought
+MOST = 4  # places in which it is sought, at most: those that hold CREDIBLE of the probability together
 _ROUNDS = 4  # in which time and coefficients are found in turn
 LATER = "_later"
 """End of the name of an effect that acts in some records alone."""
@@ -98,7 +99,10 @@ def seek(believed: Believed, records: Mapping[str, FlightRecord], naming: Naming
         if before and before[0].place == found[0].place:
             break
         nuisances = point.named(point.towards(point.nuisances + found[0].step))
-    return [_begun(names, records, o) for o in found[:MOST]] if found[0].probability > 0.5 else []
+    if found[0].probability <= 0.5:
+        return []
+    likely = fewest(dict(enumerate(o.share for o in found)), CREDIBLE)
+    return [_begun(names, records, found[i]) for i in likely[:MOST]]
 
 
 def _begun(names: Sequence[str], records: Mapping[str, FlightRecord], found: Onset) -> Begun:
@@ -132,9 +136,10 @@ def _names(begun: Begun) -> tuple[str, str]:
 def begin_there(
     believed: Believed, records: Mapping[str, FlightRecord], begun: Begun, whole: FlightRecord, along: Believed
 ) -> Believed:
-    """Return the belief with the start of what follows the cut.
+    """Return the belief with the starts of what lies before and after the cut.
 
-    Where something begins, the flight before it tells where; where something ends, the readings do, as in windows.
+    Where something begins, the flight before it tells where what follows does; where something ends, the readings do,
+    as in windows. What comes before begins at trim, or is a window, too.
 
     Args:
         believed: whose starts they become.
@@ -143,11 +148,11 @@ def begin_there(
         whole: the record that was cut.
         along: model without what begins, that fits the rest.
     """
-    after = records[_names(begun)[1]]
+    before, after = (records[n] for n in _names(begun))
     if begun.ends:
-        return begin_freely(believed, {"": after}, along)
+        return begin_freely(believed, {"before": before, "after": after}, along)
     found = begin_from(along, whole, after, KNOWN)
-    return replace(believed, free_starts=found.free_starts)
+    return begin_freely(replace(believed, free_starts=found.free_starts), {"before": before}, along)
 
 
 def divided(believed: Believed, records: Mapping[str, FlightRecord], begun: Begun) -> dict[str, FlightRecord]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from questions.gap.gap_flights import CONDITION, ELEVATOR, THROTTLE, believe, measure
+from questions.gap.hand_flown import hand_flown
 
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.inputs import Doublet
@@ -15,6 +16,7 @@ from testbench.flight import Manoeuvre, fly, trim
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap import onset
 from testbench.questions.gap.starts import Start, marked
+from testbench.questions.gap.windows import begin_freely, cut
 from testbench.questions.gap.workflow import GapSearch, find_gap
 
 AT_S = 6.0
@@ -82,6 +84,22 @@ def test_what_begins_acts_in_records_that_say_so():
     assert np.array_equal(believed.predict(before), plain.predict(before))
     assert np.array_equal(believed.predict(after), half.predict(record))
     assert np.array_equal(believed.begun_later().predict(record), half.predict(record))
+
+
+@pytest.mark.parametrize("ends", [False, True])
+def test_both_parts_of_a_window_that_is_cut_can_be_flown(ends):
+    """A record that was in motion from its first sample on is no more at trim before the cut than after it."""
+    believed = believe()
+    whole = cut(believed, {"by hand": hand_flown(believed, 3, 6.0)}, 6.0).records
+    ((name, record),) = whole.items()
+    known = begin_freely(believed, whole)
+    begun = onset.Begun(name, 3.0, ends, 1.0, (f"{name}, {'until' if ends else 'from'} 3 s",), 1)
+    parts = onset.divided(known, whole, begun)
+    assert len(parts) == 2
+    started = onset.begin_there(known, parts, begun, record, known)
+    for part in parts.values():
+        left = started.residuals(part)[started.taken(part)]
+        assert np.sqrt(np.mean(left**2)) < 1.2  # nothing is missing: noise
 
 
 @pytest.mark.slow
