@@ -97,6 +97,7 @@ def test_records_and_models_that_are_none_are_refused(refused, to):
         ("--foo", "No such option: --foo; see `testbench --help`"),
         ("gap --windows 4", "must be given with its records"),
         ("gap eolo", "measured records of eolo must be given"),
+        ("gap jsbsim:J3Cub", "measured records of jsbsim:J3Cub must be given"),
         ("gap eolo none.nc", "got 'none.nc'"),
         ("gap eolo empty.nc", "'empty.nc'"),
         ("gap eolo a.nc --hold-out none.nc", "got 'none.nc'"),

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from testbench.core.errors import RecordError
+from testbench.core.errors import RecordError, ScenarioError
 from testbench.page.terminal import console, stages
 from testbench.questions.gap.window_length import windows_of
 from testbench.questions.options import (
@@ -118,7 +118,7 @@ def show(
     refuse(context, "with records or a case: flights are drawn by --plan", "draws")
     if case is None:
         raise RecordError("the believed aircraft must be given with its records, or a gap case, got nothing")
-    from testbench.core.paths import aircraft_names
+    from testbench.core.paths import STOCK
     from testbench.core.processes import cores, processes
     from testbench.core.store import ResultFolder, folder_in
     from testbench.page.write import record_keeper
@@ -127,10 +127,10 @@ def show(
     from testbench.questions.gap.records import load_flights
     from testbench.questions.gap.workflow import GapSearch
 
-    measured = bool(records) or case in aircraft_names()
+    measured = bool(records) or _is_aircraft(case)
     if measured:
         refuse(context, "with measured records, in which the noise is", "seed")
-        name = Path(case).name  # of the folder, where a path is given
+        name = Path(case.removeprefix(STOCK)).name  # of the folder, where a path is given
     else:
         refuse(context, "with a gap case, whose file says all; or give measured records, too", *FLIGHTS)
         file = find(Path(case), "gap")
@@ -152,6 +152,16 @@ def show(
         page = gap_page(result)
         page.write(place)
     page.show(console(), place.path)
+
+
+def _is_aircraft(name: str) -> bool:
+    """Return whether a name means an aircraft, so that records belong to it, and no gap case."""
+    from testbench.core.paths import AIRCRAFT, resolve
+
+    try:
+        return not name.endswith(".toml") and bool(resolve(name, AIRCRAFT))
+    except ScenarioError:
+        return False
 
 
 def _plan_gap(file: Path, out: Path, draws: int) -> None:

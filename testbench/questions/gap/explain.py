@@ -300,6 +300,11 @@ class Naming:
         return next((f for f in self.ranking if self.names and f.effect.name == self.names[0]), None)
 
     @property
+    def rested(self) -> dict[str, dict[str, float]]:
+        """Hypothesis -> its parameters where it came to rest."""
+        return {row.name: row.posterior.by_name for row in self.weighed.table.rows}
+
+    @property
     def beside_unknown(self) -> dict[str, float]:
         """Coefficient -> factor on what is believed, where an unknown motion does what is missing."""
         return self.weighed.table["nothing"].posterior.by_name

@@ -19,12 +19,13 @@ from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.effects import Effect, left_out, library
 from testbench.effects import Parameter as EffectParameter
 from testbench.effects.base import SIZE, together
-from testbench.inference.compare import Hypothesis, Points, Row, compare_hypotheses
+from testbench.inference.compare import Comparison, Hypothesis, Points, Row, compare_hypotheses
 from testbench.inference.first_order import Columns, FirstOrder, sum_of
 from testbench.inference.linear import Motion, fewer
 from testbench.inference.parameters import Noise, Parameter, Source
 from testbench.inference.unknown import pulses
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.evidence.commanded import starts_freely
 from testbench.questions.gap.explain import Explanation, Naming, Weighed, share_of_excess, wrong_coefficient
 from testbench.questions.gap.open_set import OpenTerm, rank_terms
 from testbench.questions.gap.search.gust_search import sought
@@ -40,8 +41,11 @@ SHOWN = 12  # terms that are listed
 BEGINS = 2  # points from which an effect is fitted, the best first
 BESIDE = 4  # effects that are flown beside each of the best
 NEEDS = 0.1  # probability of something unknown from which another is sought beside the two best, not the best alone
+AT_REST = 1.0  # in ln p: starts are found anew as long as that gains more
 PARTNER = 8.0  # in ln p to first order: what another must gain beside an effect to be flown; neither decides anything
 ELSEWHERE = 0.5  # probability of something that the library lacks from which what begins in flight is tried first
+BEGUN = 4  # rounds in which starts and what flies from there are found in turn
+REACH = 100.0  # in ln p behind the best: what is nearer may come to lead once it begins where it did
 INVISIBLE = 1e-2  # chi-square of what an effect changes at its starts, below which it cannot be seen
 _NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
 
@@ -60,6 +64,8 @@ class Sought:
         elsewhere: whether what is missing may act in a part of the flights alone, so that no second effect is sought
             where the library lacks something more probably than not (``ELSEWHERE``); asked there only, as it takes as
             long as all the rest.
+        rested: hypothesis -> its parameters where an earlier search, in other air or from other starts, came to rest:
+            its fit begins there.
     """
 
     effects: Mapping[str, Effect] | None = None
@@ -69,6 +75,7 @@ class Sought:
     pairs: bool = True
     held_out: Sequence[FlightRecord] = ()
     elsewhere: Callable[[], bool] = lambda: False
+    rested: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 def name_effect(
@@ -91,7 +98,7 @@ def name_effect(
     say, what = progress or (lambda text: None), what or Sought()
     for record in records:
         believed.check_commands(record)
-    asker = _Asker(believed, tuple(records), what.source)
+    asker = _Asker(believed, tuple(records), what.source, what.rested)
     say("re-tune the believed model")
     base = asker.tuned
     say("look through the library")
@@ -123,16 +130,7 @@ def name_effect(
     seen = max(1, len(known) - len(rejected.keys() & known.keys()))
 
     def weighed(before: Weighed | None = None) -> Weighed:
-        found = compare_hypotheses(
-            records,
-            list(asked.values()),
-            asker.noise,
-            asker.unknown,
-            what.held_out,
-            samples=0,
-            ahead=asker.ahead,
-            before=None if before is None else before.table,
-        )
+        found = asker.compared(asked, what.held_out, None if before is None else before.table)
         named = tuple(t.name for t in terms if t.name in shown)
         return Weighed.of(found, dict(shown), seen, len(base.priors), tried, named)
 
@@ -229,9 +227,11 @@ class _Asker:
     believed: Believed
     records: tuple[FlightRecord, ...]
     source: Source
+    rested: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     moved: dict[int, FloatArray] = field(default_factory=dict)  # by an unknown motion, of each record
     models: dict[str, Callable[[Mapping[str, float]], Believed]] = field(default_factory=dict)  # of each hypothesis
     seen: dict[str, list[tuple[FloatArray, FloatArray]]] = field(default_factory=dict)  # of each effect
+    remade: dict[str, Callable[[Mapping[str, float]], Hypothesis]] = field(default_factory=dict)
 
     @cached_property
     def start(self) -> Point:
@@ -415,12 +415,16 @@ class _Asker:
 
     def nothing(self) -> Hypothesis:
         """Return the hypothesis that coefficients within their priors are all."""
-        return self._asked("nothing", self.coefficients, self.tuned.by_name, lambda values: self.believed)
+        return self._asked("nothing", self.coefficients, self._begin("nothing"), lambda values: self.believed)
 
     def coefficient(self, *names: str) -> Hypothesis:
         """Return the hypothesis that a coefficient, or several, are wrong, which is all."""
         own = tuple(replace(p, prior_std=WIDE * p.prior_std) if p.name in names else p for p in self.coefficients)
-        return self._asked(" + ".join(names), own, self.tuned.by_name, lambda values: self.believed)
+        name = " + ".join(names)
+        return self._asked(name, own, self._begin(name), lambda values: self.believed)
+
+    def _begin(self, name: str) -> Mapping[str, float]:
+        return self.rested.get(name, self.tuned.by_name)
 
     def effect(self, one: _Near) -> Hypothesis | None:
         """Return the hypothesis that an effect is what the model lacks; None if it cannot fly where it begins."""
@@ -432,6 +436,8 @@ class _Asker:
             {**beside, **{own[n]: float(np.log(v)) if n in scales else v for n, v in values.items()}}
             for values, beside in one.begins
         ]
+        if effect.name in self.rested:
+            begins = [dict(self.rested[effect.name])]
 
         def flown(values: Mapping[str, float]) -> Believed:
             at = {n: float(np.exp(values[name])) if n in scales else values[name] for n, name in own.items()}
@@ -475,6 +481,31 @@ class _Asker:
                 out.append((rest, hypothesis))
         return out
 
+    def compared(
+        self, asked: dict[str, Hypothesis], held_out: Sequence[FlightRecord], before: Comparison | None
+    ) -> Comparison:
+        """Compare hypotheses; flights that start freely begin where those of the best points did.
+
+        A hypothesis flies from starts that suit the point that its fit begins with. Once that has come to rest
+        elsewhere, its starts are found anew there, and it is fitted again from there, as long as it gains.
+        """
+
+        def compare(before: Comparison | None) -> Comparison:
+            some = list(asked.values())
+            return compare_hypotheses(
+                self.records, some, self.noise, self.unknown, held_out, samples=0, ahead=self.ahead, before=before
+            )
+
+        table, near = compare(before), list(asked)
+        for _ in range(BEGUN if self.rested and any(map(starts_freely, self.records)) else 0):
+            near = [n for n in near if table[n].log_evidence > table.best.log_evidence - REACH]
+            asked |= {n: self.remade[n](table[n].posterior.by_name) for n in near}
+            last, table = table, compare(table)
+            near = [n for n in near if table[n].log_evidence > last[n].log_evidence + AT_REST]
+            if not near:
+                break
+        return table
+
     def _asked(
         self,
         name: str,
@@ -485,6 +516,7 @@ class _Asker:
     ) -> Hypothesis:
         """Return a hypothesis whose flights begin, where starts are free, as they do at its first point."""
         priors = self.tuned.priors
+        self.remade[name] = lambda at: self._asked(name, parameters, at, flown, form_error)
 
         def tuned(model: Believed, values: Mapping[str, float]) -> Believed:
             return model.with_nuisances({n: values[n] for n in priors})

@@ -95,7 +95,10 @@ def load_flights(
     """
     believed_aircraft = load_aircraft(aircraft, wings)
     if not files:
-        raise RecordError(f"measured records of {aircraft} must be given (.nc, or descriptions .toml), got none")
+        raise RecordError(
+            f"measured records of {aircraft} must be given (.nc, as testbench import writes them, or descriptions "
+            f".toml), got none: testbench gap {aircraft} RECORD.nc ..."
+        )
     naming: dict[str, FlightRecord] = {}
     held: dict[str, FlightRecord] = {}
     files = without_wholes([Path(f) for f in files])

@@ -264,18 +264,22 @@ class _Asked:
             beside_it = find_noise(given.stated, list(given.records.values()), self.source, near.added_to(given.stated))
             if noise.differs(beside_it):
                 noise, believed = beside_it, replace(given.stated, suite=beside_it.corrected(given.stated.suite))
-                found = self._found(believed, noise, found.air, alone)
+                found = self._found(believed, noise, found.air, alone, found)
                 near = _nearest(found.naming)
         if near is not None and given.notes:  # tangents of a start are those of the model that it was fitted to
             say("fit where windows start beside what comes nearest")
             believed = begin_freely(believed, {**given.records, **given.held_out}, near.added_to(believed))
-            found = self._found(believed, noise, found.air, replace(alone, pairs=True))
+            found = self._found(believed, noise, found.air, replace(alone, pairs=True), found)
         if found.naming.weighed.unknown <= ELSEWHERE or not self.places:
             return found  # what acts in all records explains them
-        return self._begun(found) or self._found(believed, noise, found.air, replace(self.sought, pairs=True))
+        return self._begun(found) or self._found(believed, noise, found.air, replace(self.sought, pairs=True), found)
 
-    def _found(self, believed: Believed, noise: NoiseFound | None, air: AirFound, sought: Sought) -> _Found:
+    def _found(
+        self, believed: Believed, noise: NoiseFound | None, air: AirFound, sought: Sought, after: _Found | None = None
+    ) -> _Found:
+        """Return what is lacking; fits begin where those of an earlier search came to rest."""
         records = self.given.records
+        sought = sought if after is None else replace(sought, rested=after.naming.rested)
         return _Found(*search(believed, list(records.values()), air, self.say, sought), records, believed, noise)
 
     @cached_property
@@ -296,10 +300,11 @@ class _Asked:
         records, believed = self.given.records, found.all_in
         along = Hypothesis.towards_unknown(found.believed, tuple(records.values()), found.naming.beside_unknown)
         tuned, effects = found.believed.with_nuisances(along.by_name), self.sought.effects or {}
+        rested = found.naming.rested
         for place in self.places:
             cut = onset.divided(believed, records, place)
             later = onset.later(effects, place)
-            there = replace(self.sought, effects=later, further={}, open_terms=False, pairs=False)
+            there = replace(self.sought, effects=later, further={}, open_terms=False, pairs=False, rested=rested)
             begins = believed
             if place.record:
                 begins = onset.begin_there(believed, cut, place, records[place.record], tuned)
@@ -386,7 +391,7 @@ def search(
     if again.moves == air.moves and abs(again.rms_m_s - air.rms_m_s) <= SAME_AIR * air.rms_m_s:
         return flown_in, naming, air
     flown_in = in_air(believed, again, beside)
-    return flown_in, name_effect(flown_in, records, sought, say), again
+    return flown_in, name_effect(flown_in, records, replace(sought, rested=naming.rested), say), again
 
 
 def in_measured_air(believed: Believed, records: Sequence[FlightRecord], air: AirFound) -> tuple[Believed, AirFound]:

@@ -243,7 +243,7 @@ def changes(base: Hypothesis, effects: Sequence[tuple[Effect, FloatArray]]) -> l
     ]
     linear = [i for i in range(len(effects)) if i not in flown]
     out: list[FloatArray | None] = [None] * len(models)
-    ends = flown_all([models[i].beginning(base.starts) for i in flown], base.records)
+    ends = flown_all(base.from_here([models[i] for i in flown]), base.records)
     for i, end in zip(flown, ends, strict=True):
         out[i] = None if end is None else end - base.exact
     ends = linear_all([models[i] for i in linear], base.records) if linear else []
