@@ -7,7 +7,7 @@ found elsewhere.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeVar
@@ -18,7 +18,6 @@ from testbench.core.errors import EstimationError
 from testbench.core.proportion import proportion_interval
 
 T = TypeVar("T")
-K = TypeVar("K", bound=Hashable)
 EDGES = (0.0, 0.2, 0.5, 0.8, 0.9, 0.99, 1.0)
 """Of the classes of stated probabilities."""
 SURE = 0.9
@@ -27,9 +26,9 @@ CREDIBLE = 0.95
 """Probability that a set which is named holds."""
 
 
-def fewest(said: Mapping[K, float], probability: float = CREDIBLE) -> tuple[K, ...]:
+def fewest(said: Mapping[str, float], probability: float = CREDIBLE) -> tuple[str, ...]:
     """Return the fewest names that hold so much probability together, the most probable first."""
-    total, out = 0.0, list[K]()
+    total, out = 0.0, []
     for name in sorted(said, key=lambda n: -said[n]):
         out.append(name)
         total += said[name]

@@ -33,7 +33,6 @@ class Onset:
         ends: whether it ends there, and was there before.
         shows: whether each record shows it.
         places: number of times and records that were compared.
-        share: probability of this record and kind, if it does not act in all of them.
         step: (k,) posterior mean of the re-tuned parameters there, less the point.
     """
 
@@ -43,7 +42,6 @@ class Onset:
     ends: bool
     shows: tuple[bool, ...]
     places: int
-    share: float
     step: FloatArray
 
     @property
@@ -101,21 +99,17 @@ def find_onset(
                 for sample, part in zip(times[i][1:], held[1:], strict=True):
                     cut.append((of_time, _sum([part, *rest]), i, sample, ends, some))
     if not cut:
-        return (Onset(0.0, -1, 0, False, tuple(True for _ in records), count + 1, 1.0, np.zeros(len(mean))),)
+        return (Onset(0.0, -1, 0, False, tuple(True for _ in records), count + 1, np.zeros(len(mean))),)
     density = np.array([log_prior + held.log_evidence(mean, std) for log_prior, held, *_ in cut])
     whole = float(logsumexp(always)) + math.log(1.0 - prior)
     probability = 1.0 / (1.0 + math.exp(min(whole - float(logsumexp(density)), 700.0)))
-    shares: dict[tuple[int, bool], float] = {}
-    for (_, _, record, _, ends, _), p in zip(cut, np.exp(density - logsumexp(density)), strict=True):
-        shares[record, ends] = shares.get((record, ends), 0.0) + float(p)
     out: dict[tuple[int, bool], Onset] = {}
     for k in np.argsort(-density, kind="stable"):
         _, best, record, sample, ends, some = cut[k]
         if (record, ends) not in out:
             shows = tuple(s or i == record for i, s in enumerate(some))
             step = best.posterior(mean, std)[0]
-            share = shares[record, ends]
-            out[record, ends] = Onset(probability, record, sample, ends, shows, count + 1, share, step)
+            out[record, ends] = Onset(probability, record, sample, ends, shows, count + 1, step)
     return tuple(out.values())
 
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.effects import Effect
-from testbench.inference.calibrate import CREDIBLE, fewest
 from testbench.inference.linear import Linearised, Motion
 from testbench.inference.onset import Onset, find_onset
 from testbench.inference.unknown import PULSE_S
@@ -29,7 +28,7 @@ from testbench.questions.gap.window_length import SHORTEST_S
 from testbench.questions.gap.windows import begin_freely, begin_from, part_of
 
 KNOWN = 0.1  # share of the priors of a start that remains where the flight before tells it
-MOST = 4  # places in which it is sought, at most: those that hold CREDIBLE of the probability together
+MOST = 4  # places in which it is sought: to first order the right one need not be the most probable
 _ROUNDS = 4  # in which time and coefficients are found in turn
 LATER = "_later"
 """End of the name of an effect that acts in some records alone."""
@@ -99,10 +98,7 @@ def seek(believed: Believed, records: Mapping[str, FlightRecord], naming: Naming
         if before and before[0].place == found[0].place:
             break
         nuisances = point.named(point.towards(point.nuisances + found[0].step))
-    if found[0].probability <= 0.5:
-        return []
-    likely = fewest(dict(enumerate(o.share for o in found)), CREDIBLE)
-    return [_begun(names, records, found[i]) for i in likely[:MOST]]
+    return [_begun(names, records, o) for o in found[:MOST]] if found[0].probability > 0.5 else []
 
 
 def _begun(names: Sequence[str], records: Mapping[str, FlightRecord], found: Onset) -> Begun:
