@@ -63,8 +63,7 @@ def module_of(program: Program) -> str:
     """
     module = Module()
     for name, rows in (("before", program.before), ("frame", program.frame), ("logged", program.log)):
-        scratch = program.scratch if name == "frame" else None
-        body = partial(_body, T=program.tables, rows=rows, scratch=scratch)
+        body = partial(_body, T=program.tables, rows=rows, scratch=program.scratch if name == "frame" else None)
         module.define(name, f"void @{name}(ptr noalias %R)", body)
     module.define("run", f"void @run({', '.join(RUN)})", _run)
     numbers = ", ".join(map(double, program.tables))
@@ -97,7 +96,18 @@ def ground() -> str:
 
 
 def _body(code: Code, T: FloatArray, rows: npt.NDArray[np.int64], scratch: int | None) -> str:
-    R = Rows(code, scratch=scratch)
+    do(Rows(code, scratch=scratch), rows, partial(table, code, T))
+    return "void"
+
+
+def do(R: Rows, rows: npt.NDArray[np.int64], look_up: Callable[..., Lanes]) -> None:
+    """Write down operations of a program, in whatever language.
+
+    Args:
+        R: registers.
+        rows: (n, 6) operations, see :class:`testbench.flight.batch.program.Program`.
+        look_up: takes where a table begins, and row, column and plane; returns its value.
+    """
     for k, (number, t, *operands, extra) in enumerate(rows.tolist()):
         op = Op(number)
         if k % _TOGETHER == 0:
@@ -107,11 +117,10 @@ def _body(code: Code, T: FloatArray, rows: npt.NDArray[np.int64], scratch: int |
         elif op is Op.KINEMATIC:
             R[t] = _kinematic(R, operands, extra)
         elif op in _TABLES:
-            R[t] = table(code, T, extra, *(R[x] for x in operands[: _TABLES[op]]))
+            R[t] = look_up(extra, *(R[x] for x in operands[: _TABLES[op]]))
         else:
             take, work = _OPERATIONS[op]
             R[t] = work(*(R[x] for x in operands[:take]))
-    return "void"
 
 
 def _stage(op: Op, R: Rows, t: int, extra: int) -> None:

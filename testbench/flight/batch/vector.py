@@ -1,15 +1,18 @@
 """Arithmetic over the flights of a block, written down as a program for LLVM: each value is one number per flight.
 
-Strict IEEE arithmetic, one operation at a time: batch size and order change no bit, nor does the processor.
+Strict IEEE arithmetic, one operation at a time: batch size and order change no bit, nor does the processor. What the
+stages of a frame are written with is a :class:`Language`; another target is another one.
 """
 
 from __future__ import annotations
 
 import math
 import struct
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial, wraps
+from typing import Any, ClassVar
 
 LANES = 8
 """Flights of a block, always: one row of registers fills one cache line, and one vector where the processor has the
@@ -20,6 +23,16 @@ _BOOL = f"<{LANES} x i1>"
 _INTRINSICS = {"fabs": 1, "sqrt": 1, "floor": 1, "ceil": 1, "trunc": 1, "copysign": 2, "fma": 3}
 _LIBRARY = {"exp": 1, "log": 1, "log10": 1, "sin": 1, "cos": 1, "tan": 1, "asin": 1, "acos": 1, "atan": 1, "pow": 2,
             "fmod": 2, "atan2": 2}  # fmt: skip
+_FORMS = {
+    **{op: f"{op} {LANE} {{}}, {{}}" for op in ("fadd", "fsub", "fmul", "fdiv")},
+    **{how: f"fcmp {how} {LANE} {{}}, {{}}" for how in ("olt", "ole", "ogt", "oge", "oeq", "une")},
+    **{op: f"{op} {_BOOL} {{}}, {{}}" for op in ("and", "or")},
+    **{n: f"call {LANE} @llvm.{n}.v{LANES}f64({', '.join([f'{LANE} {{}}'] * k)})" for n, k in _INTRINSICS.items()},
+    "fneg": f"fneg {LANE} {{}}",
+    "not": f"xor {_BOOL} {{}}, <{', '.join(['i1 true'] * LANES)}>",
+    "select": f"select {_BOOL} {{}}, {LANE} {{}}, {LANE} {{}}",
+}
+"""Operation -> how LLVM writes it."""
 
 
 def double(number: float) -> str:
@@ -69,14 +82,57 @@ class Module:
         return "\n".join([*known, *self.functions.values()])
 
 
-class Code:
-    """The body of a function while it is written.
+class Language(ABC):
+    """What a frame is written down in.
+
+    Values are known by what the language calls them: a name in LLVM's language and in C, an array in JAX.
+
+    Attributes:
+        polynomials: whether sine, cosine, arctangent and power are computed by polynomials of this module; else they
+            are the library's.
+    """
+
+    polynomials: ClassVar[bool] = False
+
+    @abstractmethod
+    def do(self, op: str, *xs: Any) -> Any:
+        """Return the result of an operation, by LLVM's name for it, or of a function of C's library."""
+
+    @abstractmethod
+    def constant(self, number: float) -> Any:
+        """Return a number that is the same for every flight."""
+
+    @abstractmethod
+    def load(self, base: str, row: int) -> Any:
+        """Return a row of registers."""
+
+    @abstractmethod
+    def store(self, base: str, row: int, x: Any) -> None:
+        """Write a row of registers."""
+
+    @abstractmethod
+    def branch(self, mask: Any) -> AbstractContextManager[None]:
+        """Do what is written only if it is true for any flight, and then for all."""
+
+    @abstractmethod
+    def sometimes(self, mask: Mask, work: Callable[[], Lanes], otherwise: Lanes | float) -> Lanes:
+        """Return what ``work`` gives where it is true, else ``otherwise``."""
+
+    @abstractmethod
+    def stage(self, name: str, work: Callable[[Rows], None], R: Rows) -> None:
+        """Do what ``work`` does to rows, as a function of its own where there are any."""
+
+
+class Code(Language):
+    """The body of a function while it is written in LLVM's language.
 
     Attributes:
         module: of the function.
         lines: of it.
         block: label of the basic block that is being written.
     """
+
+    polynomials = True
 
     def __init__(self, module: Module) -> None:
         self.module = module
@@ -100,20 +156,74 @@ class Code:
         self.lines += [f"  br label %{name}", f"{name}:"]
         self.block = name
 
+    def do(self, op: str, *xs: Any) -> str:
+        """Write an operation; functions of C's library are called flight by flight."""
+        if op in _FORMS:
+            return self.put(_FORMS[op].format(*xs))
+        out = "undef"
+        for f in range(LANES):
+            each = ", ".join(f"double {self.put(f'extractelement {LANE} {x}, i64 {f}')}" for x in xs)
+            y = self.put(f"call double @{op}({each})")
+            out = self.put(f"insertelement {LANE} {out}, double {y}, i64 {f}")
+        return out
+
+    def constant(self, number: float) -> str:
+        """Return a vector."""
+        return splat(number)
+
+    def _at(self, base: str, row: int) -> str:
+        return self.put(f"getelementptr {LANE}, ptr {base}, i64 {row}")
+
+    def load(self, base: str, row: int) -> str:
+        """Read from memory."""
+        return self.put(f"load {LANE}, ptr {self._at(base, row)}, align 8")
+
+    def store(self, base: str, row: int, x: Any) -> None:
+        """Write into memory."""
+        self.lines.append(f"  store {LANE} {x}, ptr {self._at(base, row)}, align 8")
+
+    @contextmanager
+    def branch(self, mask: Mask) -> Iterator[None]:
+        """Write basic blocks."""
+        name = self.name()
+        self.lines += [f"  br i1 {mask.any()}, label %{name}, label %{name}e", f"{name}:"]
+        self.block = name
+        yield
+        self.label(f"{name}e")
+
+    def sometimes(self, mask: Mask, work: Callable[[], Lanes], otherwise: Lanes | float) -> Lanes:
+        """Write a branch: nothing is computed where it is true nowhere."""
+        before = self.block
+        with self.branch(mask):
+            found = where(mask, work(), otherwise)
+            last = self.block
+        other = _text(self, otherwise)
+        return Lanes(self, self.put(f"phi {LANE} [ {found.text}, %{last} ], [ {other}, %{before} ]"))
+
+    def stage(self, name: str, work: Callable[[Rows], None], R: Rows) -> None:
+        """Write a function and call it."""
+
+        def body(inside: Code) -> str:
+            work(Rows(inside))
+            return "void"
+
+        self.module.define(name, f"internal void @{name}(ptr noalias %R) noinline", body)
+        self.lines.append(f"  call void @{name}(ptr {R.base})")
+
 
 class Lanes:
     """A number per flight; Python's numbers beside it count for every flight."""
 
     __slots__ = ("code", "text")
 
-    def __init__(self, code: Code, text: str) -> None:
+    def __init__(self, code: Any, text: Any) -> None:
         self.code, self.text = code, text
 
     def _do(self, op: str, a: Lanes | float, b: Lanes | float) -> Lanes:
-        return Lanes(self.code, self.code.put(f"{op} {LANE} {_text(a)}, {_text(b)}"))
+        return Lanes(self.code, self.code.do(op, _text(self.code, a), _text(self.code, b)))
 
     def _is(self, how: str, other: Lanes | float) -> Mask:
-        return Mask(self.code, self.code.put(f"fcmp {how} {LANE} {self.text}, {_text(other)}"))
+        return Mask(self.code, self.code.do(how, self.text, _text(self.code, other)))
 
     # fmt: off
     def __add__(self, x: Lanes | float) -> Lanes: return self._do("fadd", self, x)
@@ -131,7 +241,7 @@ class Lanes:
     # fmt: on
 
     def __neg__(self) -> Lanes:
-        return Lanes(self.code, self.code.put(f"fneg {LANE} {self.text}"))
+        return Lanes(self.code, self.code.do("fneg", self.text))
 
     def equals(self, x: Lanes | float) -> Mask:
         """Return where it equals another number."""
@@ -152,26 +262,27 @@ class Mask:
 
     __slots__ = ("code", "text")
 
-    def __init__(self, code: Code, text: str) -> None:
+    def __init__(self, code: Any, text: Any) -> None:
         self.code, self.text = code, text
 
     def __and__(self, other: Mask) -> Mask:
-        return Mask(self.code, self.code.put(f"and {_BOOL} {self.text}, {other.text}"))
+        return Mask(self.code, self.code.do("and", self.text, other.text))
 
     def __or__(self, other: Mask) -> Mask:
-        return Mask(self.code, self.code.put(f"or {_BOOL} {self.text}, {other.text}"))
+        return Mask(self.code, self.code.do("or", self.text, other.text))
 
     def __invert__(self) -> Mask:
-        return Mask(self.code, self.code.put(f"xor {_BOOL} {self.text}, <{', '.join(['i1 true'] * LANES)}>"))
+        return Mask(self.code, self.code.do("not", self.text))
 
     def any(self) -> str:
-        """Return whether it is true for any flight, as one bit."""
+        """Return whether it is true for any flight, as one bit of LLVM's."""
         together = self.code.put(f"bitcast {_BOOL} {self.text} to i{LANES}")
-        return self.code.put(f"icmp ne i{LANES} {together}, 0")
+        found: str = self.code.put(f"icmp ne i{LANES} {together}, 0")
+        return found
 
 
-def _text(x: Lanes | float) -> str:
-    return x.text if isinstance(x, Lanes) else splat(x)
+def _text(code: Language, x: Lanes | float) -> Any:
+    return x.text if isinstance(x, Lanes) else code.constant(x)
 
 
 def spread(code: Code, number: str) -> Lanes:
@@ -182,26 +293,20 @@ def spread(code: Code, number: str) -> Lanes:
 
 def where(mask: Mask, a: Lanes | float, b: Lanes | float) -> Lanes:
     """Return ``a`` where it is true, else ``b``."""
-    return Lanes(mask.code, mask.code.put(f"select {_BOOL} {mask.text}, {LANE} {_text(a)}, {LANE} {_text(b)}"))
+    code = mask.code
+    return Lanes(code, code.do("select", mask.text, _text(code, a), _text(code, b)))
 
 
-@contextmanager
-def branch(mask: Mask) -> Iterator[None]:
+def branch(mask: Mask) -> AbstractContextManager[None]:
     """Do what is written only if it is true for any flight, and then for all."""
-    code, name = mask.code, mask.code.name()
-    code.lines += [f"  br i1 {mask.any()}, label %{name}, label %{name}e", f"{name}:"]
-    code.block = name
-    yield
-    code.label(f"{name}e")
+    code: Language = mask.code
+    return code.branch(mask)
 
 
 def sometimes(mask: Mask, work: Callable[[], Lanes], otherwise: Lanes | float) -> Lanes:
     """Return what ``work`` gives where it is true, else ``otherwise``; nothing is computed where it is true nowhere."""
-    code, before = mask.code, mask.code.block
-    with branch(mask):
-        found = where(mask, work(), otherwise)
-        last = code.block
-    return Lanes(code, code.put(f"phi {LANE} [ {found.text}, %{last} ], [ {_text(otherwise)}, %{before} ]"))
+    code: Language = mask.code
+    return code.sometimes(mask, work, otherwise)
 
 
 @contextmanager
@@ -223,26 +328,13 @@ def loop(code: Code, count: str) -> Iterator[str]:
     code.block = f"{k}end"
 
 
-def _intrinsic(name: str, *xs: Lanes | float) -> Lanes:
-    code = next(x.code for x in xs if isinstance(x, Lanes))
-    arguments = ", ".join(f"{LANE} {_text(x)}" for x in xs)
-    return Lanes(code, code.put(f"call {LANE} @llvm.{name}.v{LANES}f64({arguments})"))
-
-
-fabs, sqrt, floor, ceil, trunc, copysign, _fma = (
-    partial(_intrinsic, n) for n in ("fabs", "sqrt", "floor", "ceil", "trunc", "copysign", "fma")
-)
-
-
 def library(name: str, *xs: Lanes | float) -> Lanes:
-    """Return a function of C's library, flight by flight."""
+    """Return a function of C's library."""
     code = next(x.code for x in xs if isinstance(x, Lanes))
-    out = "undef"
-    for f in range(LANES):
-        each = ", ".join(f"double {code.put(f'extractelement {LANE} {_text(x)}, i64 {f}')}" for x in xs)
-        y = code.put(f"call double @{name}({each})")
-        out = code.put(f"insertelement {LANE} {out}, double {y}, i64 {f}")
-    return Lanes(code, out)
+    return Lanes(code, code.do(name, *(_text(code, x) for x in xs)))
+
+
+fabs, sqrt, floor, ceil, trunc, copysign, _fma = (partial(library, n) for n in _INTRINSICS)
 
 
 class Rows:
@@ -254,45 +346,52 @@ class Rows:
         scratch: first of those that are not kept in memory, because nothing but this code reads them.
     """
 
-    def __init__(self, code: Code, base: str = "%R", scratch: int | None = None) -> None:
+    def __init__(self, code: Language, base: str = "%R", scratch: int | None = None) -> None:
         self.code, self.base = code, base
         self._scratch = math.inf if scratch is None else scratch
         self._known: dict[int, Lanes] = {}
 
-    def _at(self, row: int) -> str:
-        return self.code.put(f"getelementptr {LANE}, ptr {self.base}, i64 {row}")
-
     def __getitem__(self, row: int) -> Lanes:
         if row not in self._known:
-            self._known[row] = Lanes(self.code, self.code.put(f"load {LANE}, ptr {self._at(row)}, align 8"))
+            self._known[row] = Lanes(self.code, self.code.load(self.base, row))
         return self._known[row]
 
     def __setitem__(self, row: int, x: Lanes | float) -> None:
-        self._known[row] = Lanes(self.code, _text(x))
+        self._known[row] = Lanes(self.code, _text(self.code, x))
         if row < self._scratch:
-            self.code.lines.append(f"  store {LANE} {_text(x)}, ptr {self._at(row)}, align 8")
+            self.code.store(self.base, row, self._known[row].text)
 
     def forget(self) -> None:
         """Read from memory anew what is kept there."""
         self._known = {row: x for row, x in self._known.items() if row >= self._scratch}
 
 
-def function(work: Callable[..., Lanes]) -> Callable[..., Lanes]:
-    """Let a function of lanes be one of the module's own, written once however often it is called."""
-    name = f"of_{work.__name__}"
+def function(name: str) -> Callable[[Callable[..., Lanes]], Callable[..., Lanes]]:
+    """Let what computes a function of C's library be one of the module's own, written once however often it is called.
 
-    @wraps(work)
-    def call(*xs: Lanes | float) -> Lanes:
-        code = next(x.code for x in xs if isinstance(x, Lanes))
-        takes = ", ".join(f"{LANE} %a{k}" for k in range(len(xs)))
+    Args:
+        name: of C's function, which takes its place in languages without polynomials.
+    """
 
-        def body(inside: Code) -> str:
-            return f"{LANE} {work(*(Lanes(inside, f'%a{k}') for k in range(len(xs)))).text}"
+    def of(work: Callable[..., Lanes]) -> Callable[..., Lanes]:
+        own = f"of_{work.__name__}"
 
-        code.module.define(name, f"internal {LANE} @{name}({takes}) noinline", body)
-        return Lanes(code, code.put(f"call {LANE} @{name}({', '.join(f'{LANE} {_text(x)}' for x in xs)})"))
+        @wraps(work)
+        def call(*xs: Lanes | float) -> Lanes:
+            code = next(x.code for x in xs if isinstance(x, Lanes))
+            if not code.polynomials:
+                return library(name, *xs)
+            takes = ", ".join(f"{LANE} %a{k}" for k in range(len(xs)))
 
-    return call
+            def body(inside: Code) -> str:
+                return f"{LANE} {work(*(Lanes(inside, f'%a{k}') for k in range(len(xs)))).text}"
+
+            code.module.define(own, f"internal {LANE} @{own}({takes}) noinline", body)
+            return Lanes(code, code.put(f"call {LANE} @{own}({', '.join(f'{LANE} {_text(code, x)}' for x in xs)})"))
+
+        return call
+
+    return of
 
 
 def stage(work: Callable[..., None]) -> Callable[..., None]:
@@ -300,14 +399,7 @@ def stage(work: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(work)
     def call(R: Rows, *known: int) -> None:
-        name = "_".join(["stage", work.__name__, *map(str, known)])
-
-        def body(inside: Code) -> str:
-            work(Rows(inside), *known)
-            return "void"
-
-        R.code.module.define(name, f"internal void @{name}(ptr noalias %R) noinline", body)
-        R.code.lines.append(f"  call void @{name}(ptr {R.base})")
+        R.code.stage("_".join(["stage", work.__name__, *map(str, known)]), lambda rows: work(rows, *known), R)
         R.forget()
 
     return call
@@ -368,7 +460,7 @@ def _log(x: Lanes) -> tuple[Lanes, Lanes]:
     return total, where(fabs(twos) > fabs(high), (twos - total) + high, (high - total) + twos) + low
 
 
-@function
+@function("pow")
 def power(x: Lanes, y: Lanes) -> Lanes:
     """Return x to the power of y."""
     usual = (x >= 2.3e-308) & (x < math.inf)
@@ -387,6 +479,8 @@ _COSINE = tuple((-1.0) ** n / math.factorial(2 * n) for n in range(2, 9))
 
 def sincos(x: Lanes) -> tuple[Lanes, Lanes]:
     """Return sine and cosine."""
+    if not x.code.polynomials:
+        return library("sin", x), library("cos", x)
     usual = fabs(x) < 1e5
     a = where(usual, x, 0.0)
     q = floor(a * (2.0 / math.pi) + 0.5)  # quarters of a turn
@@ -411,7 +505,7 @@ _ARCTAN = tuple((-1.0) ** n / (2.0 * n + 1.0) for n in range(21))
 """Coefficients of the series of atan(x) / x in x^2; for |x| <= tan 22.5 deg the rest is below 1e-17."""
 
 
-@function
+@function("atan2")
 def atan2(y: Lanes, x: Lanes) -> Lanes:
     """Return the angle of (x, y), 0 if both are 0."""
     a, b = fabs(x), fabs(y)
