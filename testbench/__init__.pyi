@@ -82,6 +82,7 @@ from testbench.questions.dataset.open import open_dataset as open_dataset
 from testbench.questions.design.ask import run_design as run_design
 from testbench.questions.design.known import known_after as known_after
 from testbench.questions.design.result import DesignResult as DesignResult
+from testbench.questions.export.aircraft import export_aircraft as export_aircraft
 from testbench.questions.files import ask as ask
 from testbench.questions.files import load as load
 from testbench.questions.gap.ask import GapResult as GapResult

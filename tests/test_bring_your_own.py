@@ -74,7 +74,7 @@ def test_check_run_and_aircraft_take_names_of_the_project_folder(project):
     done = command("aircraft", "mine", cwd=project)
     assert done.returncode == 0, done.stderr
     assert (project / "results" / "aircraft_mine" / "report.html").is_file()
-    done = command("aircraft", "mine", "--export", "plain", cwd=project)
+    done = command("export", "aircraft", "mine", "--to", "jsbsim", "-o", "plain", cwd=project)
     assert done.returncode == 0, done.stderr
     assert (project / "plain" / "mine" / "mine.xml").is_file()
 

@@ -227,12 +227,9 @@ def test_an_aircraft_is_surveyed_and_reported_or_exported(tmp_path):
     for word in ("The aircraft trims from", "short period", "Dutch roll", "report.html"):
         assert word in done.stdout
     assert (tmp_path / "out" / "aircraft_taurus" / "report.html").stat().st_size > 10_000
-    done = command("aircraft", "taurus", "--export", tmp_path / "root", cwd=tmp_path)
+    done = command("export", "aircraft", "taurus", "--to", "jsbsim", "-o", tmp_path / "root", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.strip() == f"Model: {tmp_path / 'root' / 'taurus' / 'taurus.xml'}"
-    assert not (tmp_path / "results").exists()  # nothing was flown for it
-    both = command("aircraft", "taurus", "--out", tmp_path / "out", "--export", tmp_path / "root")
-    assert_fails(both, 2, "--out has no use with --export")
+    assert f"Written: {tmp_path / 'root' / 'taurus' / 'taurus.xml'}\n" in done.stdout
     assert (tmp_path / "root" / "taurus" / "taurus.xml").is_file()
     assert list((tmp_path / "root" / "taurus" / "Engines").glob("*.xml"))
     assert_fails(command("aircraft", "tauris", "-o", tmp_path), 2, "did you mean 'taurus'")

@@ -87,6 +87,24 @@ def python_docstring(text: str) -> str:
     return one_line(text).replace("\\", "\\\\").replace('"', '\\"')
 
 
+def c_identifier(text: str) -> str:
+    """Return text as what names of C begin with: ASCII letters, digits and single underscores, a letter first."""
+    plain = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9]", "_", text)).strip("_")[:40] or "model"
+    return plain if plain[0].isalpha() else f"m_{plain}"
+
+
+def c_comment(text: str) -> str:
+    """Return text as it may stand in a comment of C: one line of ASCII that neither begins nor ends one."""
+    plain = one_line(text).encode("ascii", "replace").decode()
+    return re.sub(r"\*(?=/)|/(?=\*)|\?(?=\?)", lambda found: f"{found[0]} ", plain)
+
+
+def c_string(text: str) -> str:
+    """Return text as a string of C, in its quotes: ASCII, quotes and backslashes escaped, no trigraph."""
+    plain = one_line(text).encode("ascii", "replace").decode()
+    return '"' + re.sub(r'["\\?]', lambda found: f"\\{found[0]}", plain) + '"'
+
+
 def xml_text(text: str) -> str:
     """Return text as the text of an element of XML; characters that XML does not have become blanks."""
     return escape(_NOT_XML.sub(" ", text))

@@ -99,7 +99,7 @@ QUESTIONS = (
         room="importing",
         want="look into a log",
     ),
-    Question("export", "x.json --to mat", "write a model for another program", "ask:export_record"),
+    Question("export", "aircraft taurus --to c", "write a model for other programs", "ask:export_record"),
     Question(
         "global",
         "log*.nc --aircraft f16",

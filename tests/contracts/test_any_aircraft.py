@@ -108,7 +108,7 @@ def test_an_agent_designs_for_an_aircraft_that_is_not_packaged(visitors, tmp_pat
 def test_an_exported_visitor_flies_in_jsbsim_alone(visitors, tmp_path, name):
     """Commanded and told as its README says, it is in balance where the testbench trims it."""
     visitor = visitors(name)
-    done = command("aircraft", visitor.name, "--export", tmp_path / "aircraft")
+    done = command("export", "aircraft", visitor.name, "--to", "jsbsim", "-o", tmp_path / "aircraft")
     assert done.returncode == 0, done.stderr
     readme = (tmp_path / "aircraft" / name / "README.md").read_text(encoding="utf-8")
     aircraft = load_aircraft(visitor.name)

@@ -335,3 +335,18 @@ def test_its_lines_for_pytorch(tmp_path, monkeypatch):
     readings, truth = next(iter(run_code(lines)["loader"]))
     assert tuple(readings.shape[1:]) == (251, 7)
     assert np.isfinite(np.asarray(truth)).any()
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler is found")
+def test_the_exported_aircraft_flies_as_the_guide_flies_it(tmp_path, monkeypatch):
+    pytest.importorskip("fmpy", reason="fmpy is not installed")
+    monkeypatch.chdir(tmp_path)
+    exports, builds = (block.splitlines() for block in blocks_of("export_the_aircraft", "sh"))
+    for line in exports:
+        said_by(line)
+    (code,) = blocks_of("export_the_aircraft", "c")
+    Path("main.c").write_text(code)
+    said = [subprocess.run(shlex.split(line), check=True, capture_output=True, text=True).stdout for line in builds]
+    theta = float(said[1].split(":")[1].split()[0])
+    by_unit = run_code(blocks_of("export_the_aircraft", "python")[0])["flight"]
+    assert by_unit["theta"][by_unit["time"] == 2.0] == pytest.approx(theta, abs=2e-6)

@@ -334,7 +334,7 @@ def _fly_block(lanes: Sequence[_Ready], flown: Tally) -> list[FlightRecord | Ref
 def placed(models: Sequence[BatchModel], beginnings: Sequence[Beginning]) -> FloatArray:
     """Return the registers (registers, LANES) of flights of one program where they begin."""
     R = registers(models)
-    columns = [_column(x) for x in beginnings]
+    columns = [column(x) for x in beginnings]
     h, theta, phi = (np.array([c[k] for c in columns]) for k in range(3))
     uvw, pqr, wind = (np.stack([c[k] for c in columns], axis=1) for k in range(3, 6))
     R[r.GUST : r.GUST + 3] = filled(wind) / FT_M
@@ -363,7 +363,7 @@ def _states(model: BatchModel, key: object, beginning: Beginning) -> dict[str, f
     return _HELD[model, key][1]
 
 
-def _column(beginning: Beginning) -> tuple[float, float, float, FloatArray, FloatArray, FloatArray]:
+def column(beginning: Beginning) -> tuple[float, float, float, FloatArray, FloatArray, FloatArray]:
     """Return height, pitch, bank, velocity over the ground and rates in body axes, and the wind, of a beginning."""
     at, wind = beginning.placed, np.array(steady_wind(beginning.trimmed))
     uvw = at.uvw_m_s + body_from_earth(at.theta, at.phi) @ wind if wind.any() else at.uvw_m_s

@@ -11,7 +11,7 @@ import typer
 from testbench.page.terminal import console, stages
 from testbench.questions.aircraft.flexible.command import flexible
 from testbench.questions.aircraft.new import new
-from testbench.questions.options import ByDefault, OutOption, Wings, refuse, with_figures
+from testbench.questions.options import ByDefault, OutOption, Wings, with_figures
 
 command = typer.Typer(
     cls=ByDefault.first("show"),
@@ -26,7 +26,6 @@ command.command("new")(new)
 @command.command()
 @with_figures
 def show(
-    context: typer.Context,
     name: Annotated[
         str,
         typer.Argument(
@@ -43,27 +42,15 @@ def show(
         typer.Option("--speed", min=0.1, help="Speed of modes and derivatives, m/s; the design speed if not given."),
     ] = None,
     out: OutOption = Path("results"),
-    export: Annotated[
-        Path | None,
-        typer.Option(help="Write only the model, as plain JSBSim XML for its design condition, into this folder."),
-    ] = None,
 ) -> None:
-    """Trim an aircraft over its speed range and show its modes, frequency responses and derivatives.
-
-    Example: `testbench aircraft eolo --export root/aircraft` only writes a model that stock JSBSim loads from `root`.
-    """
+    """Trim an aircraft over its speed range and show its modes, frequency responses and derivatives."""
     from testbench.core.store import ResultFolder, folder_in
     from testbench.flight import FlightCondition, load_aircraft, trim
     from testbench.questions.aircraft.ask import survey
-    from testbench.questions.aircraft.export import export_aircraft
     from testbench.questions.aircraft.page import aircraft_page, folder_name
 
     loaded = load_aircraft(name, wings.value)
     name = loaded.name.removesuffix(", rigid wings")
-    if export is not None:
-        refuse(context, "with --export, which writes the model alone", "out", "speed")
-        print(f"Model: {export_aircraft(loaded, name, export)[0]}")
-        return
     with ResultFolder(folder_in(out, folder_name(loaded, name))) as place, stages() as say:
         say("trim and linearise over speed")
         if speed is not None:

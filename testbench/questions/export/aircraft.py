@@ -1,34 +1,82 @@
-"""An aircraft as plain JSBSim XML, made for its design condition."""
+"""An aircraft for other programs: as C, as a unit for co-simulation, and as plain JSBSim XML."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from testbench.aircraft import Aircraft
-from testbench.core.escape import markdown_cell
+from testbench.core.errors import LimitError, nearest
+from testbench.core.escape import c_identifier, markdown_cell
 from testbench.core.files import write_file
+from testbench.core.named import Named, obtain
 from testbench.core.store import ResultFolder, folder_in
-from testbench.flight import FlightCondition
+from testbench.flight import FlightCondition, trim
+from testbench.flight.batch.alone import alone
+from testbench.flight.batch.c99 import c_files
 from testbench.flight.executive import Executive
+from testbench.questions.export.fmu import fmu
+
+TARGETS = ("c", "fmu2", "fmu3", "jsbsim")
+"""What an aircraft is written as."""
 
 
-def export_aircraft(aircraft: Aircraft, name: str, folder: Path | str) -> list[Path]:
-    """Write NAME/NAME.xml, NAME/Engines/ and NAME/README.md: a model that stock JSBSim loads from ``folder``.
+def export_aircraft(
+    aircraft: Named[Aircraft], to: str, folder: Path | str = "exports", condition: FlightCondition | None = None
+) -> list[Path]:
+    """Write an aircraft for other programs into a folder of its own in ``folder`` and return the paths.
 
-    The elastic equations are made for the design condition and the aircraft's own frame rate. Nothing is flown: the XML
-    is made of the aircraft's own, so that an aircraft that does not trim can be looked at elsewhere. Of a foreign model
-    README.md says how it is commanded and what it must be told.
+    Args:
+        aircraft: what is written; its folder has its name.
+        to: "c" NAME.h and NAME.c, which fly from the trim; "fmu2", "fmu3" a unit for co-simulation by FMI 2.0 or 3.0,
+            which does the same; "jsbsim" NAME.xml, Engines/ and README.md, a model that stock JSBSim loads from
+            ``folder``: nothing is flown for it, so that an aircraft that does not trim can be looked at elsewhere.
+        folder: in which it is written.
+        condition: where it is trimmed, and for which the elastic equations are made; the design condition if not given.
 
     Raises:
+        LimitError: it is not found equal to JSBSim in a batch, of which C and units are made.
+        TrimError: it has no trim there.
         BusyError: another process writes into the folder.
         WriteError: the folder cannot be written to, or has such a file that the testbench did not write.
+
+    Example:
+        >>> import tempfile
+        >>> import testbench as tb
+        >>> [path.name for path in tb.export_aircraft("taurus", "c", tempfile.mkdtemp())]
+        ['taurus.h', 'taurus.c']
     """
-    condition = FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m)
+    if to not in TARGETS:
+        raise LimitError(f"an aircraft goes to one of {', '.join(TARGETS)}, got '{to}'{nearest(to, TARGETS)}")
+    aircraft = obtain(Aircraft, aircraft)
+    condition = condition or FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m)
+    name = aircraft.name.removesuffix(", rigid wings")
+    files: dict[str, str | bytes]
+    if to == "jsbsim":
+        files = dict(_plain(aircraft, name, condition))
+    else:
+        model, stem = alone(aircraft, trim(aircraft, condition)), c_identifier(name)
+        if to == "c":
+            files = dict(zip((f"{stem}.h", f"{stem}.c"), c_files(model, name), strict=True))
+        else:
+            files = {f"{stem}_{to}.fmu": fmu(model, name, int(to[-1]))}
+    with ResultFolder(folder_in(Path(folder), name), adds=True) as place:
+        for file, content in files.items():
+            place.check(file)
+            write_file(place.new / file, content)
+    return [place.path / file for file in files]
+
+
+def _plain(aircraft: Aircraft, name: str, condition: FlightCondition) -> dict[str, str]:
+    """Return the files of a plain model.
+
+    The elastic equations are made for the condition and the aircraft's own frame rate. Of a foreign model README.md
+    says how it is commanded and what it must be told.
+    """
     rate = aircraft.rate_hz
     note = (
         f"# {markdown_cell(name)}\n\n{markdown_cell(aircraft.title)}. Plain JSBSim model, for the `aircraft/` folder "
+        "of a JSBSim root directory.\n\n"
     )
-    note += "of a JSBSim root directory.\n\n"
     if aircraft.flown_modes() is not None:
         note += (
             f"The elastic equations are made for {rate:g} frames per second: set the frame time to 1/{rate:g} s before "
@@ -37,12 +85,11 @@ def export_aircraft(aircraft: Aircraft, name: str, folder: Path | str) -> list[P
         )
     else:
         note += f"The model has no elastic equations and flies at any frame rate; {rate:g} per second is its own.\n"
-    note += _commands(aircraft, condition)
-    with ResultFolder(folder_in(Path(folder), name)) as place:
-        out = [write_file(place.new / f"{name}.xml", aircraft.model_xml(rate, condition.qbar_Pa, condition.V_m_s))]
-        out += [write_file(place.new / "Engines" / file, text) for file, text in aircraft.engine_files.items()]
-        out += [write_file(place.new / "README.md", note)]
-    return [place.path / path.relative_to(place.new) for path in out]
+    return {
+        f"{name}.xml": aircraft.model_xml(rate, condition.qbar_Pa, condition.V_m_s),
+        **{f"Engines/{file}": text for file, text in aircraft.engine_files.items()},
+        "README.md": note + _commands(aircraft, condition),
+    }
 
 
 def _commands(aircraft: Aircraft, condition: FlightCondition) -> str:

@@ -8,6 +8,14 @@ from typing import Annotated
 
 import typer
 
+from testbench.questions.options import ByDefault, Wings
+
+command = typer.Typer(
+    cls=ByDefault.first("file"),
+    no_args_is_help=True,
+    help="Write a record, an identified model or an aircraft for other programs.",
+)
+
 
 class Export(str, Enum):
     """Formats that records and models are exported to."""
@@ -21,7 +29,17 @@ class Export(str, Enum):
     parquet = "parquet"
 
 
-def command(
+class Target(str, Enum):
+    """What an aircraft is written as."""
+
+    c = "c"
+    fmu2 = "fmu2"
+    fmu3 = "fmu3"
+    jsbsim = "jsbsim"
+
+
+@command.command("file")
+def export_file(
     file: Annotated[
         Path, typer.Argument(help="Record (NetCDF) or model (models/*.json of a run).", show_default=False)
     ],
@@ -49,3 +67,47 @@ def command(
     from testbench.questions.export.ask import export_record
 
     print(f"Written: {export_record(file, to.value, out)}")
+
+
+@command.command("aircraft")
+def aircraft_command(
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="Packaged aircraft, a JSBSim model (XML file, folder, or one that comes with JSBSim: jsbsim:c172p), "
+            "or a folder of your own.",
+            show_default=False,
+        ),
+    ],
+    to: Annotated[Target, typer.Option(help="What for.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder; the aircraft gets its own in it.")] = Path(
+        "exports"
+    ),
+    wings: Annotated[
+        Wings, typer.Option(help="Whether the elastic modes move (flexible) or are held (rigid).")
+    ] = Wings.flexible,
+    speed: Annotated[
+        float | None, typer.Option("--speed", min=0.1, help="Where it begins, m/s; else the design speed.")
+    ] = None,
+    height: Annotated[
+        float | None,
+        typer.Option("--height", help="Where it begins, m above sea level; else the design height."),
+    ] = None,
+) -> None:
+    """Write an aircraft as C code, as an FMU, or as a plain JSBSim model, that flies from a trim on.
+
+    c: one header and one source in C99 that need nothing else. fmu2, fmu3: a unit for co-simulation, for Simulink,
+    OpenModelica or Dymola, with its source, and compiled for this machine if it has a C compiler. jsbsim: a model that
+    stock JSBSim loads. Licence and sources of the model stand in what is written. Example:
+    `testbench export aircraft taurus --to c`.
+    """
+    from testbench.flight import FlightCondition, load_aircraft
+    from testbench.questions.export.aircraft import export_aircraft
+
+    loaded = load_aircraft(name, wings.value)
+    V, h = (
+        given if given is not None else own
+        for given, own in ((speed, loaded.design_V_m_s), (height, loaded.design_h_m))
+    )
+    for path in export_aircraft(loaded, to.value, out, FlightCondition(V, h)):
+        print(f"Written: {path}")

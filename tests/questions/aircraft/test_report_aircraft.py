@@ -22,10 +22,10 @@ from testbench.flight import FlightCondition, Manoeuvre, fly, load_aircraft, tri
 from testbench.inputs import InputSignal
 from testbench.questions.aircraft.answer import _intervals, aircraft_answer, shapes_missing
 from testbench.questions.aircraft.ask import SpeedRange, Survey, survey
-from testbench.questions.aircraft.export import export_aircraft
 from testbench.questions.aircraft.figures import aircraft_plates
 from testbench.questions.aircraft.page import aircraft_page, folder_name
 from testbench.questions.aircraft.tables import aircraft_tables, coefficient_table, trim_table
+from testbench.questions.export.aircraft import export_aircraft
 
 
 @pytest.fixture(scope="module")
@@ -206,7 +206,7 @@ def test_the_export_loads_trims_and_flies_in_stock_jsbsim(name, tmp_path):
     aircraft = load_aircraft(name)
     V = aircraft.design_V_m_s
     h = aircraft.design_h_m
-    paths = export_aircraft(aircraft, name, tmp_path / "aircraft")
+    paths = export_aircraft(aircraft, "jsbsim", tmp_path / "aircraft", FlightCondition(V, h))
     note = paths[-1].read_text(encoding="utf-8")
     assert f"{aircraft.rate_hz:g}" in note
     elastic = aircraft.flown_modes() is not None
