@@ -72,6 +72,7 @@ benchmarks: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/batch_speed.py
 	$(BIN)/python tests/benchmarks/batch_cost.py
 	$(BIN)/python tests/benchmarks/batch_cost.py memory
+	$(BIN)/python tests/benchmarks/export_speed.py
 	$(BIN)/python tests/benchmarks/design_speed.py
 	$(BIN)/python tests/benchmarks/campaign_speed.py
 	$(BIN)/python tests/benchmarks/dataset_speed.py

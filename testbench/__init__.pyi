@@ -32,6 +32,8 @@ from testbench.flight import (
 from testbench.flight import (
     load_aircraft as load_aircraft,
 )
+from testbench.flight.batch.as_jax import JaxAircraft as JaxAircraft
+from testbench.flight.batch.as_jax import as_jax as as_jax
 from testbench.flight.batch.fly import fly_many as fly_many
 from testbench.flight.batch.fly import fly_stream as fly_stream
 from testbench.flight.batch.jobs import Job as Job

@@ -11,7 +11,9 @@ Why not dual numbers: they double the registers and more than double the arithme
 form of every operation, table, filter and trim, and a second check of each against JSBSim. They give what differences
 leave at 1e-6 (median of a channel's largest derivative, taurus and eolo) to 1e-12, which no noise of a sensor would
 show. They are silent at a kink: both sides of a rate limit have a derivative, the flight in between has none. And they
-do not serve the models that only JSBSim flies, for which differences give the same numbers.
+do not serve the models that only JSBSim flies, for which differences give the same numbers. Who wants them has them
+from JAX (as_jax): of a flight of 2 s of taurus, six take 66 ms once they are compiled, which takes 13 s; differences
+with their check 120 ms, trims and records included.
 """
 
 from __future__ import annotations

@@ -95,16 +95,18 @@ def find_scenario_of(command, scenario):
     find_scenario(folders[command] + scenario)
 
 
+ELSEWHERE = ("ask_your_own_question", "export_the_aircraft")
+"""Pages whose Python test_guides.py runs: some hundred flights, and packages that need not be there."""
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
 def test_toml_and_python_of_the_pages_are_right(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # what a page writes lies there
     namespace = {}
-    for package in ("fmpy", "jax") if page.stem == "export_the_aircraft" else ():
-        pytest.importorskip(package, reason=f"{package} is not installed")
     for language, body in BLOCK.findall(page.read_text("utf-8")):
         if language == "toml":
             tomllib.loads(body)
-        elif language == "python" and page.stem != "ask_your_own_question":  # some hundred flights: test_guides.py
+        elif language == "python" and page.stem not in ELSEWHERE:
             code = body.replace('"scenarios/', f'"{ROOT.as_posix()}/scenarios/')
             exec(compile(code, name(page), "exec"), namespace)
     assert "result" not in namespace or not namespace["result"].table.empty

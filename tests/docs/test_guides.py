@@ -350,3 +350,16 @@ def test_the_exported_aircraft_flies_as_the_guide_flies_it(tmp_path, monkeypatch
     theta = float(said[1].split(":")[1].split()[0])
     by_unit = run_code(blocks_of("export_the_aircraft", "python")[0])["flight"]
     assert by_unit["theta"][by_unit["time"] == 2.0] == pytest.approx(theta, abs=2e-6)
+
+
+@pytest.mark.slow
+def test_the_guide_finds_a_coefficient_through_jax():
+    jax = pytest.importorskip("jax", reason="jax is not installed")
+    before = jax.config.read("jax_enable_x64")
+    try:
+        _, many, one = blocks_of("export_the_aircraft", "python")
+        found = run_code(one, run_code(many))
+    finally:
+        jax.config.update("jax_enable_x64", before)
+    assert found["flights"].shape == (64, 480)
+    assert float(found["damping"][0]) == pytest.approx(1.0, abs=1e-9)

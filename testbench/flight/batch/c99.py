@@ -177,7 +177,8 @@ class _Code(Language):
             if value is None or value[1] in read:
                 kept.append(line)
                 read.update(_NAMES.findall(line))
-        return "\n".join([head, "{", *reversed(kept), "}", ""])
+        unused = [] if any("R[" in line or "(R" in line for line in kept) else ["    (void)R;"]
+        return "\n".join([head, "{", *unused, *reversed(kept), "}", ""])
 
 
 def c_number(x: float) -> str:
