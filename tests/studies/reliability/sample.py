@@ -10,7 +10,7 @@ from quick_drawing import quick_drawing
 from studies.reliability.small import CASES
 from studies.reliability.treatments import FAULTS, GONE, LOCKED, Trials, treatments
 
-QUICK = ("export", "plan new", "plan rehearse", "compare benchmark", "reproduce", "exercise list",
+QUICK = ("export file", "plan new", "plan rehearse", "compare benchmark", "reproduce", "exercise list",
          "exercise start", "exercise roster", "exercise marks", "exercise check", "check", "list")  # fmt: skip
 """Cases of less than a second; the others are not run to their end here."""
 WHOLE = ("stopped 1", "stopped 4", "<&-, >&-, 2>&-", GONE, LOCKED)
