@@ -17,7 +17,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
 # Studies and benchmarks; each writes what results/README.md says. TESTBENCH_SMALLEST=FOLDER before make: its first unit of
 # work alone, written to FOLDER. ARGS: what the script is told besides, such as make mutants ARGS="--count 60".
 ARGS ?=
-STUDIES = advice-study anybody-test autopilot-log-study believed-study benchmarks blind-test campaign-cost coloured-errors-study corpus-study \
+STUDIES = advice-study anybody-test autopilot-log-study believed-study benchmarks blind-test campaign-cost clearance-study coloured-errors-study corpus-study \
   dataset-study design-study env-study estimator-study filter-error-study gap-in-batches global-study mutants \
   pages-held promise-study reliability same-bytes sequential-study static-margin-study stock surroundings
 
@@ -102,6 +102,10 @@ global-study: $(VENV)/installed-dev
 promise-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/promise_study.py
 	$(BIN)/python tests/studies/robust_study.py
+
+# Writes results/plan/clearance.csv; a quarter of an hour of processor time. Interrupted: it goes on where it stopped.
+clearance-study: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/clearance_study.py $(ARGS)
 
 # Writes results/design/sequential.csv; some 8 s of processor time a trial. Interrupted: it goes on where it stopped.
 sequential-study: $(VENV)/installed-dev

@@ -82,7 +82,7 @@ _ROWS: dict[tuple[float, float, str], str] = {
     ),
     (0, 1000, "1"): "order least_orders poles zeros accelerometers strain_gauges",
     (0.0, 10_000.0, "samples"): "delay_samples",
-    (0.0, 10.0, "1"): "CD0 CD0_added zeta least_damping",
+    (0.0, 10.0, "1"): "CD0 CD0_added zeta",
     (-100.0, 100.0, "1"): (
         "CL effectiveness alpha beta kappa static_cp static_cp_alpha static_cp_beta2 upwash cross_axis speed_ratio "
         "load_factor noise"

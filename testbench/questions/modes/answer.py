@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from testbench.questions.modes.result import ModesResult
 
 
+_WORTH = 1.02  # a step of less than this is no card
 _LEADING = 4  # modes that the first sentence names, so that it can be read at once
 
 
@@ -25,13 +28,15 @@ def modes_answer(result: ModesResult) -> list[Line]:
     found = result.found
     q = found.quantile
     many, outputs = counted(len(found.modes), "mode"), len(found.channels)
-    lead = f"{many} found in {found.duration_s:.0f} s of {outputs} outputs"
+    where = f"at {max(V for V, m in result.at.items() if m is not None):.3g} m/s " if result.at else ""
+    lead = f"{many} found {where}in {found.duration_s:.0f} s of {outputs} outputs"
     if found.modes:
         lead += (
             f": {some([with_error(m.frequency_hz, q * m.frequency_std_hz) for m in found.modes], _LEADING, ', ')} Hz"
         )
     pieces = [f"{_frequency(m, q)} with damping {_damping(m, q)}" for m in found.modes]
-    out = [f"with 95 % intervals: {'; '.join(pieces)}"] if pieces else []
+    out = [*clearance_lines(result)]
+    out += [f"with 95 % intervals: {'; '.join(pieces)}"] if pieces else []
     out += [_judged(match, q) for match in result.matches if match.true is not None and match.found is not None]
     band = found.settings["band_hz"]
     lost = [m.true for m in result.matches if m.found is None and m.true is not None]
@@ -44,7 +49,38 @@ def modes_answer(result: ModesResult) -> list[Line]:
     if result.corners_hz:
         corners = " and ".join(dict.fromkeys(number(f, 2) for f in result.corners_hz))
         text += f"; the spectra of this turbulence bend at {corners} Hz"
-    return [Line("lead", lead), *(Line("finding", finding) for finding in (*out, text)), *advice_lines(found.advice)]
+    heads = [lead] if not result.at else [_cleared(result), lead]
+    lines = [Line("finding", finding) for finding in (*heads[1:], *out, text)]
+    return [Line("lead", heads[0]), *lines, *advice_lines(found.advice)]
+
+
+def _cleared(result: ModesResult) -> str:
+    """Return whether a faster speed may be flown, and at which risk."""
+    top, risk = max(result.at), f"{100.0 * result.risk:.2g} %"
+    if result.onset is None or result.cleared_m_s < _WORTH * top:
+        return f"NO-GO beyond {top:.3g} m/s: no speed worth a card is cleared at a risk of {risk}"
+    return (
+        f"GO to {result.cleared_m_s:.3g} m/s: the probability that flutter begins at or below it is at most {risk}, "
+        f"after flights at {some([f'{V:.3g}' for V in result.at], _LEADING, ', ')} m/s"
+    )
+
+
+def clearance_lines(result: ModesResult) -> Iterator[str]:
+    """Yield the posterior of the onset, the trend of each mode, and what to fly where nothing is cleared."""
+    if result.onset is None:
+        return
+    low, middle, high = (result.onset.quantile(p) for p in (0.05, 0.5, 0.95))
+    far = f"{high:.3g} m/s" if math.isfinite(high) else "no end in sight"
+    yield (
+        f"flutter begins at {middle:.3g} m/s in the median, with 90 % between {low:.3g} and {far}"
+        if math.isfinite(middle)
+        else f"flutter begins beyond {low:.3g} m/s with 95 %; these flights do not tell where"
+    )
+    if result.cleared_m_s < _WORTH * max(result.at):
+        yield (
+            f"fly {max(result.at):.3g} m/s once more and give all records together: the posterior narrows with data, "
+            "unless the onset is near"
+        )
 
 
 def _frequency(mode: OperationalMode, q: float) -> str:

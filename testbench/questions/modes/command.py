@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
+from testbench.core.constants import PERCENT
 from testbench.core.errors import RecordError
+from testbench.estimators.operational.onset import RISK
 from testbench.page.terminal import console, stages
 from testbench.questions.options import DataOption, OutOption, SeedOption, refuse, with_figures
 
@@ -33,6 +35,14 @@ def command(
     band: Annotated[
         tuple[float, float] | None, typer.Option(help="Lowest and highest frequency, Hz.", show_default=False)
     ] = None,
+    risk: Annotated[
+        float,
+        typer.Option(
+            min=0.01,
+            max=50.0,
+            help="Probability of flutter at the speed that is cleared, percent; of records at several speeds.",
+        ),
+    ] = 100.0 * RISK,
     order: Annotated[int | None, typer.Option(help="Largest number of states, even; 40 if not given.")] = None,
     out: OutOption = Path("results"),
     data: DataOption = None,
@@ -41,8 +51,9 @@ def command(
     """Find modes from outputs alone, such as the accelerometers of a wing in turbulence, without any input.
 
     The report gives frequencies, damping ratios and shapes with their errors, and a stabilisation diagram. For a
-    simulated flight it compares them with the modes of the linearised aircraft. Examples: `testbench modes
-    eolo_turbulence`, `testbench modes flown/*.nc --band 2 40 --channels az_wing_1 --channels az_wing_11`.
+    simulated flight it compares them with the modes of the linearised aircraft. Records at two speeds or more also
+    give the posterior of the flutter onset, and the next speed that is cleared at a stated risk. Examples: `testbench
+    modes eolo_turbulence`, `testbench modes 12.nc 13.nc 14.nc --band 2 40 --risk 1`.
     """
     from testbench.core.paths import find_scenario
     from testbench.core.store import ResultFolder, folder_in
@@ -67,10 +78,10 @@ def command(
     with ResultFolder(folder_in(out, f"{scenario.stem}_modes")) as place, stages() as say:
         if flown:
             loaded = ModesScenario.load(scenario)
-            result = fly_modes(loaded, search_for(given, loaded.modes), seed, record_keeper(place), say)
+            result = fly_modes(loaded, search_for(given, loaded.modes), seed, record_keeper(place), say, risk * PERCENT)
         else:
             say("read records")
-            result = read_modes(source, search_for(given), data, say)
+            result = read_modes(source, search_for(given), data, say, risk * PERCENT)
         say("write report")
         page = modes_page(result)
         page.write(place)

@@ -8,11 +8,13 @@ import numpy as np
 
 from testbench.page.figure import (
     COLOURS,
+    DASHED,
     FAINT,
     INK,
     MARKERS,
     MEASURED,
     QUIET,
+    WARN,
     Chart,
     Curve,
     Drawn,
@@ -26,6 +28,7 @@ from testbench.page.labels import number
 
 if TYPE_CHECKING:
     from testbench.estimators.model import ComplexArray
+    from testbench.estimators.operational import Onset
     from testbench.evaluation.operational import TrueMode
     from testbench.questions.modes.result import ModesResult
 
@@ -34,9 +37,41 @@ _FEWEST = 3  # stations along the wing from which on a shape is drawn
 
 
 def modes_plates(result: ModesResult) -> list[Plate]:
-    """Return the stabilisation diagram, and the shapes where the places of at least three sensors are known."""
+    """Return the trend over speed, the stabilisation diagram, and shapes where at least three sensors have a place."""
     places = [y for y in result.stations_m if y is not None]
-    return [_stabilisation(result), *([_shapes(result)] if len(set(places)) >= _FEWEST else [])]
+    trend = [_trend(result, result.onset)] if result.onset is not None else []
+    return [*trend, _stabilisation(result), *([_shapes(result)] if len(set(places)) >= _FEWEST else [])]
+
+
+def _trend(result: ModesResult, onset: Onset) -> Plate:
+    caption = (
+        "Natural frequency and damping ratio of each mode over speed with 95 % intervals, and the probability that "
+        "flutter begins at or below a speed. Dashed: the speed that is cleared."
+    )
+    V, cleared = onset.V_m_s, Rule(at=result.cleared_m_s, colour=INK, dash=DASHED, name="cleared")
+    reach = (float(V[0]) * 0.97, max(min(onset.quantile(0.95), 1.5 * float(V[-1])), 1.1 * float(V[-1])))
+    rows: list[list[Drawn]] = [[cleared], [cleared]]
+    for k, track in enumerate(onset.tracks):
+        seen = [(v, m) for v, m in zip(V, track, strict=True) if m is not None]
+        x = np.array([v for v, _ in seen])
+        figures = [(m.frequency_hz, m.frequency_std_hz, m.damping, m.damping_std) for _, m in seen]
+        f, f_std, zeta, zeta_std = np.array(figures).T
+        look: dict[str, Any] = {"colour": COLOURS[k % 6], "marker": MARKERS[k % 6], "joined": True}
+        rows[0].append(Curve(x=x, y=f, y_error=1.96 * f_std, name=f"mode {k + 1}", **look))
+        rows[1].append(Curve(x=x, y=zeta, y_error=1.96 * zeta_std, **look))
+    ahead = np.linspace(*reach, 200)
+    risk = Curve(x=ahead, y=np.array([onset.risk(v) for v in ahead]), colour=WARN)
+    axes: list[tuple[str, list[Drawn]]] = [
+        ("natural frequency, Hz", rows[0]),
+        ("damping ratio", rows[1]),
+        ("probability of flutter", [risk, cleared]),
+    ]
+    panels = [
+        Panel(draws=draws, x="airspeed, m/s" if y.startswith("prob") else "", y=y, x_range=reach,
+              y_range=(0.0, None), tall_in=1.9)
+        for y, draws in axes
+    ]  # fmt: skip
+    return Plate("trend", "Towards the onset of flutter", caption, grid(panels, 1))
 
 
 def _stabilisation(result: ModesResult) -> Plate:

@@ -19,11 +19,12 @@ class TurbulentFlight(Strict):
     """One flight; controls stay at trim where no input is given.
 
     The record starts ``settle_s`` after the trim: by then the turbulence has risen to its strength. Flights differ in
-    their turbulence.
+    their turbulence, and in speed where they give one.
     """
 
     name: Annotated[str, Field(min_length=1)]
     duration_s: Positive
+    V_m_s: Positive | None = None
     settle_s: NonNegative = 4.0
     input: Annotated[tuple[Input, ...], Field(strict=False)] = ()
 
@@ -55,6 +56,15 @@ class ModesScenario(FlownInAir):
     suite: SuiteName
     flight: Annotated[tuple[TurbulentFlight, ...], Field(min_length=1, strict=False)]
     modes: ModeSearch = ModeSearch()
+
+    @property
+    def speeds_m_s(self) -> list[float]:
+        """The speeds that are flown, rising."""
+        return sorted({f.V_m_s or self.condition.V_m_s for f in self.flight})
+
+    def flown_at(self, V_m_s: float) -> ModesScenario:
+        """Return the scenario with another speed of its condition."""
+        return self.model_copy(update={"condition": self.condition.model_copy(update={"V_m_s": V_m_s})})
 
     @model_validator(mode="after")
     def _moving_air_and_names(self) -> ModesScenario:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from testbench.estimators.operational.onset import tracked
 from testbench.page.tables import Column, Table, Value
 
 if TYPE_CHECKING:
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 def modes_tables(result: ModesResult) -> list[Table]:
     """Return the modes, their comparison with the linear model if there is one, and their shapes."""
-    out = [modes_table(result)]
+    out = [*([trend_table(result)] if result.at else []), modes_table(result)]
     if result.true:
         out.append(_comparison_table(result))
     return [*out, _shape_table(result)]
@@ -45,6 +46,27 @@ def modes_table(result: ModesResult) -> Table:
         f"{100 * criteria['frequency_error']:g} % in frequency and {100 * criteria['damping_error']:g} % in damping."
     )
     return Table("modes", "Modes found", caption, columns, rows, wide=True)
+
+
+def trend_table(result: ModesResult) -> Table:
+    """Return frequency and damping of each mode at each speed of a build-up."""
+    tracks = result.onset.tracks if result.onset is not None else tracked(list(result.at.values()))
+    columns = [Column("V", "V", "m/s", digits=4)]
+    for k in range(1, len(tracks) + 1):
+        columns.append(Column(f"frequency_{k}", "frequency", "Hz", f"mode {k}", digits=4))
+        columns.append(Column(f"frequency_std_{k}", "its std", "Hz", f"mode {k}", digits=2))
+        columns.append(Column(f"damping_{k}", "damping ratio", "", f"mode {k}", digits=3))
+        columns.append(Column(f"damping_std_{k}", "its std", "", f"mode {k}", digits=2))
+    rows: list[tuple[Value, ...]] = []
+    for i, V in enumerate(result.at):
+        here = [t[i] for t in tracks]
+        cells = [(m.frequency_hz, m.frequency_std_hz, m.damping, m.damping_std) if m else (None,) * 4 for m in here]
+        rows.append((V, *(x for four in cells for x in four)))
+    caption = (
+        "Modes followed from speed to speed by pole and shape; where one has no figures it was not found. Damping "
+        "alone may rise until shortly before the onset; frequencies that come together are the earlier sign."
+    )
+    return Table("trend", "Modes over speed", caption, tuple(columns), tuple(rows), wide=True)
 
 
 def _comparison_table(result: ModesResult) -> Table:

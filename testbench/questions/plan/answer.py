@@ -98,29 +98,12 @@ def _onset_lines(plan: Plan) -> list[tuple[str, str]]:
             f"{abs(100.0 * fastest.margin):.0f} % {side} it",
         )
     )
-    least = plan.scenario.least_damping
-    steps = [
-        (m.zeta - m.go, p, m) for p in plan.points for m in p.modes if m.go is not None and p.next_V_m_s is not None
-    ]
-    if steps:
-        _, p, m = min(steps, key=lambda step: step[0])
-        out.append(
-            (
-                "finding",
-                f"the narrowest step is the one from {p.V_m_s:g} to {p.next_V_m_s:g} m/s: it is a go if {m.name} shows "
-                f"a damping ratio of at least {m.go:.3g} at {p.V_m_s:g} m/s ({m.zeta:.3g} predicted)",
-            )
-        )
-    low = [
-        (p, m) for p in plan.points for m in p.modes if m.elastic and m.zeta_next is not None and m.zeta_next < least
-    ]
-    for p, m in low[:2]:
-        out.append(
-            (
-                "doubt",
-                f"NO-GO after {p.label}: damping of {m.name} is predicted to be {m.zeta_next:.3g} at the next point",
-            )
-        )
+    waiting = sorted({p.V_m_s for p in plan.points if plan.waits(p.V_m_s)})
+    if waiting:
+        speeds = listed([f"{V:g}" for V in waiting])
+        out.append(("finding", f"NO-GO yet at {speeds} m/s: {plan.waits(waiting[0])}"))
+    elif plan.cleared is not None:
+        out.append(("finding", f"all speeds are cleared, to {plan.cleared.cleared_m_s:.3g} m/s"))
     return out
 
 

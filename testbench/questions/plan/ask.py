@@ -33,7 +33,7 @@ from testbench.questions.plan.response import (
     roughness,
     scaled,
 )
-from testbench.questions.plan.result import Card, Limit, ModeAt, Plan, Point, Reached, Status
+from testbench.questions.plan.result import Card, Cleared, Limit, ModeAt, Plan, Point, Reached, Status
 from testbench.questions.plan.scenario import PlannedManoeuvre, PlanScenario
 from testbench.sensors import SensorSuite, load_suite
 
@@ -50,6 +50,7 @@ def make_plan(
     survey: Survey = fly_envelope,
     progress: Callable[[str], None] | None = None,
     simulator: Simulator = "auto",
+    cleared: Cleared | None = None,
 ) -> Plan:
     """Return the plan of a scenario: the build-up, every card flown in the simulator, runs, times and flights.
 
@@ -59,6 +60,7 @@ def make_plan(
         progress: called with a few words as each stage begins.
         simulator: "jsbsim" flies one card after the other; "auto" flies many at once, where the model has been found
             equal to JSBSim.
+        cleared: what flights of its slower points told of flutter.
 
     Raises:
         ScenarioError: every point that cannot be trimmed or lies above the onset less the margin, and what else can
@@ -105,7 +107,8 @@ def make_plan(
             cards.append(_card(scenario, aircraft, suite, task, flown, air, len(cards) + 1))
     fits(scenario, cards)
     runs, flights = schedule(scenario, cards, aircraft.mass.mass_kg)
-    return Plan(scenario, aircraft, suite, tuple(envelopes), points, tuple(cards), runs, flights, together.flier.tally)
+    tally = together.flier.tally
+    return Plan(scenario, aircraft, suite, tuple(envelopes), points, tuple(cards), runs, flights, tally, cleared)
 
 
 def _wanted(spec: PlannedManoeuvre, point: Point) -> bool:
@@ -180,27 +183,21 @@ def _points(scenario: PlanScenario, envelopes: Sequence[Envelope]) -> tuple[Poin
                 envelope.models[k],
                 level_power_W(scenario, envelope.trims[k], envelope.aircraft.mass.mass_kg),
                 first_onset(envelope),
-                _modes_at(envelope, k, following, scenario.least_damping),
+                _modes_at(envelope, k, following),
                 following,
             )
         )
     return tuple(out)
 
 
-def _modes_at(envelope: Envelope, k: int, following: float | None, least: float) -> tuple[ModeAt, ...]:
-    """Return the modes at speed ``k``.
-
-    An elastic mode is fit for the next point if its measured damping, less the loss that is predicted on the way there,
-    is at least the least admissible one: go = least + max(0, zeta here - zeta next).
-    """
+def _modes_at(envelope: Envelope, k: int, following: float | None) -> tuple[ModeAt, ...]:
+    """Return the modes at speed ``k``."""
     out = []
     for name in envelope.motion:
         f, zeta = envelope.history(name)
-        here = float(np.nanmin(zeta[k]))
         later = None if following is None else float(np.nanmin(zeta[envelope.nearest(following)]))
-        elastic = name in envelope.elastic
-        go = least + max(0.0, here - later) if elastic and later is not None else (least if elastic else None)
-        out.append(ModeAt(name, elastic, float(np.nanmax(f[k])), here, later, go))
+        here = float(np.nanmin(zeta[k]))
+        out.append(ModeAt(name, name in envelope.elastic, float(np.nanmax(f[k])), here, later))
     return tuple(out)
 
 

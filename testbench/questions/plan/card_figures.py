@@ -171,13 +171,13 @@ def _tail(page: _Page, text: CardText, y: float) -> None:
     page.head(_LEFT, _MIDDLE - 0.2, y, "Damping")
     here = y + 0.2
     width = _MIDDLE - 0.2 - _LEFT
-    xs = (_LEFT, _LEFT + 0.64 * width, _LEFT + 0.76 * width, _LEFT + 0.88 * width, _LEFT + width)
-    for x, head in zip(xs[1:], ("Hz", "ζ here", "ζ next", "go: ζ ≥"), strict=True):
+    xs = (_LEFT, _LEFT + 0.7 * width, _LEFT + 0.85 * width, _LEFT + width)
+    for x, head in zip(xs[1:], ("Hz", "ζ here", "ζ next"), strict=True):
         page.write(x, here, head, 6.5, QUIET, across="right")
-    for name, f, zeta, later, go in text.modes:
+    for name, f, zeta, later in text.modes:
         here += _LINE_IN
         page.write(_LEFT, here, name, 6.2)
-        for x, value in zip(xs[1:], (f.removesuffix(" Hz"), zeta, later, go.removeprefix("≥ ")), strict=True):
+        for x, value in zip(xs[1:], (f.removesuffix(" Hz"), zeta, later), strict=True):
             page.write(x, here, value, 6.5, across="right")
     end = page.lines(_MIDDLE, _RIGHT, y, "Log", text.log, bullet=True)
     page.lines(_MIDDLE, _RIGHT, end + 0.04, "Notes", text.notes, bullet=True)

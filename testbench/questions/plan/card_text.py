@@ -12,7 +12,7 @@ import numpy as np
 from testbench.core.atmosphere import air_density
 from testbench.core.constants import G0_M_S2
 from testbench.page.labels import file_stem, number, shown_unit, symbol
-from testbench.page.words import listed
+from testbench.page.words import listed, some
 from testbench.questions.plan.injection.lua import WATCHED, injectable
 from testbench.questions.plan.resources import leg_of
 from testbench.questions.plan.scenario import Tow
@@ -48,7 +48,7 @@ class CardText:
         setup: (what, value).
         sequence: lines on the control sequence.
         limits: (limit, range, what to do when it is met, who watches it and where it comes from).
-        modes: (mode, frequency, damping here, predicted at the next point, least measured for a go).
+        modes: (mode, frequency, damping here, predicted at the next point).
         before: go or no-go before the run, one line each.
         go: the rule for a go to the next speed, in one sentence.
         log: what to log.
@@ -60,7 +60,7 @@ class CardText:
     setup: tuple[tuple[str, str], ...]
     sequence: tuple[str, ...]
     limits: tuple[tuple[str, str, str, str], ...]
-    modes: tuple[tuple[str, str, str, str, str], ...]
+    modes: tuple[tuple[str, str, str, str], ...]
     before: tuple[str, ...]
     go: str
     log: tuple[str, ...]
@@ -273,7 +273,7 @@ def _plain(value: float) -> str:
     return f"{value:.3g}".replace("-", "−")
 
 
-def _modes(card: Card) -> list[tuple[str, str, str, str, str]]:
+def _modes(card: Card) -> list[tuple[str, str, str, str]]:
     rows = []
     for m in card.point.modes:
         if not m.elastic and (m.name in {"phugoid", "short period"}) != (card.spec.plane == "longitudinal"):
@@ -284,7 +284,6 @@ def _modes(card: Card) -> list[tuple[str, str, str, str, str]]:
                 f"{number(m.f_hz)} Hz",
                 _damping(m.zeta),
                 "–" if m.zeta_next is None else _damping(m.zeta_next),
-                "–" if m.go is None else f"≥ {_damping(m.go)}",
             )
         )
     return rows
@@ -300,7 +299,9 @@ def before_lines(card: Card, plan: Plan) -> list[str]:
         return ["NO-GO: the card is refused"]
     scenario, space = plan.scenario, plan.scenario.airspace
     beyond = beyond_limits(card)
-    out = [f"limits: GO if who watches {listed(beyond)} is ready to end the run"] if beyond else []
+    waits = plan.waits(card.point.V_m_s)
+    out = [f"speed: NO-GO yet, {waits}"] if waits else _cleared_lines(card, plan)
+    out += [f"limits: GO if who watches {listed(beyond)} is ready to end the run"] if beyond else []
     if space is not None:
         gusts = "" if space.gust_m_s is None else f" and gusts at most {space.gust_m_s:g} m/s"
         out.append(f"wind: GO if its mean is at most {space.wind_m_s:g} m/s{gusts}")
@@ -322,6 +323,18 @@ def before_lines(card: Card, plan: Plan) -> list[str]:
     return out
 
 
+def _cleared_lines(card: Card, plan: Plan) -> list[str]:
+    """Return what flights of slower points told of this speed, of an aircraft whose structure vibrates."""
+    if plan.cleared is None or not any(m.elastic for m in card.point.modes):
+        return []
+    told, risk = plan.cleared.onset_m_s, 100.0 * plan.cleared.risk
+    median = f", its median at {told['0.5']:.3g} m/s" if "0.5" in told else ""
+    return [
+        f"speed: GO, cleared to {plan.cleared.cleared_m_s:.3g} m/s; flutter lies lower at a probability of {risk:.2g} %"
+        f"{median}, after {some([f'{V:.3g}' for V in plan.cleared.flown_m_s], 4, ', ')} m/s"
+    ]
+
+
 def _energy_of_a_run_J(card: Card, plan: Plan) -> float:
     """Return the energy of one run with its turn, and of half the time beside the runs, which is the way home."""
     timing = plan.scenario.timing
@@ -336,8 +349,8 @@ def go_rule(card: Card) -> str:
     if not any(m.elastic for m in card.point.modes):
         return f"GO to {following:g} m/s if no limit was met and the response lay inside its band"
     return (
-        f"GO to {following:g} m/s if every measured damping is at least that of the last column, no limit was met and "
-        "the response lay inside its band; else NO-GO, evaluate on the ground"
+        f"GO to {following:g} m/s if testbench modes clears it from the records so far, no limit was met and the "
+        "response lay inside its band; else NO-GO, evaluate on the ground"
     )
 
 

@@ -60,16 +60,22 @@ def show(
     out: OutOption = Path("results"),
     seed: SeedOption = None,
     simulator: SimulatorOption = FlownBy.auto,
+    after: Annotated[
+        Path | None,
+        typer.Option(help="Folder of testbench modes: what flights of slower points cleared.", show_default=False),
+    ] = None,
 ) -> None:
     """Turn test points and manoeuvres into a campaign: build-up, flight cards, repeats, times, energy, scripts.
 
     Every card is flown in the simulator first. Example: `testbench plan eolo_envelope` plans 11 to 19 m/s towards
-    flutter. `testbench plan --from results/design_x` takes a design over: it writes the plan file and plans it.
+    flutter; with `--after results/x_modes` its cards say what the records of slower speeds cleared. `testbench plan
+    --from results/design_x` takes a design over: it writes the plan file and plans it.
     """
     from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.files import find
     from testbench.questions.plan.ask import make_plan
     from testbench.questions.plan.page import plan_page
+    from testbench.questions.plan.result import read_cleared
     from testbench.questions.plan.scenario import PlanScenario
 
     if (scenario is None) == (not designs):
@@ -78,7 +84,8 @@ def show(
     loaded = PlanScenario.load(file)
     loaded = loaded if seed is None else loaded.model_copy(update={"seed": seed})
     with stages() as say, ResultFolder(folder_in(out, f"plan_{loaded.name}")) as place:
-        result = make_plan(loaded, progress=say, simulator=simulator.value)
+        cleared = None if after is None else read_cleared(after)
+        result = make_plan(loaded, progress=say, simulator=simulator.value, cleared=cleared)
         say("write cards and report")
         page = plan_page(result)
         page.write(place)

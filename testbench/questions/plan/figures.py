@@ -11,7 +11,6 @@ from testbench.core.constants import PERCENT
 from testbench.page.figure import (
     COLOURS,
     DASHED,
-    DOTTED,
     INK,
     MEASURED,
     WARN,
@@ -89,7 +88,6 @@ def _damping(plan: Plan, names: list[str]) -> Panel:
             top = max(top, float(here[:, 1].max(initial=0.0)))
     rules = [
         Rule(at=0.0, of="y", colour=INK, width=0.7),
-        Rule(at=plan.scenario.least_damping, of="y", colour=WARN, dash=DOTTED),
         *_onsets(plan),
     ]
     return Panel(

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field
 
 from testbench.aircraft import Aircraft
 from testbench.core.constants import G0_M_S2
+from testbench.core.door import read_json
+from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.schema import Positive, Strict, parse
+from testbench.estimators.operational.onset import CLEARANCE
 from testbench.flight import LinearModel, TrimmedFlight
 from testbench.flight.batch.jobs import Tally
 from testbench.inputs import InputSignal
@@ -32,7 +39,6 @@ class ModeAt:
         f_hz: natural frequency.
         zeta: predicted damping ratio here; the least one of a mode that has split into two roots.
         zeta_next: predicted at the next speed of the build-up, or None after the last one.
-        go: damping ratio that must be measured here before the next point is flown; None for rigid modes.
     """
 
     name: str
@@ -40,7 +46,6 @@ class ModeAt:
     f_hz: float
     zeta: float
     zeta_next: float | None
-    go: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,9 +193,42 @@ class FlightLeg:
         return self.energy_J / self.usable_J
 
 
+_FIRST = 2
+"""Speeds of an aircraft whose structure vibrates that are flown before anything is cleared: two make a trend."""
+
+
+class Cleared(Strict):
+    """What `testbench modes` found in records of the speeds flown so far: the next speed, at most, and the onset."""
+
+    flown_m_s: Annotated[tuple[Positive, ...], Field(min_length=1, strict=False)]
+    cleared_m_s: Positive
+    risk: Annotated[float, Field(gt=0.0, lt=1.0)]
+    onset_m_s: Mapping[str, Positive]
+
+
+def read_cleared(folder: Path) -> Cleared:
+    """Return what a result of `testbench modes` cleared.
+
+    Raises:
+        RecordError: the folder holds no such result, or only records of one speed went into it.
+    """
+    file = folder / CLEARANCE
+    if not file.is_file():
+        raise RecordError(
+            f"--after takes the folder of a result of testbench modes on records at two speeds or more, got {folder}"
+        )
+    found, faults = parse(Cleared, read_json(file, "clearance"), file)
+    if found is None:
+        raise RecordError("; ".join(faults))
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class Plan(Shown, page="testbench.questions.plan.page:plan_page"):
-    """A campaign that can be flown; ``tally`` says by what its cards were flown in the simulator."""
+    """A campaign that can be flown; ``tally`` says by what its cards were flown in the simulator.
+
+    ``cleared`` is what flights of its slower points told of flutter; None before them.
+    """
 
     scenario: PlanScenario
     aircraft: Aircraft
@@ -201,6 +239,18 @@ class Plan(Shown, page="testbench.questions.plan.page:plan_page"):
     runs: tuple[Run, ...]
     flights: tuple[FlightLeg, ...]
     tally: Tally
+    cleared: Cleared | None = None
+
+    def waits(self, V_m_s: float) -> str:
+        """Return why a speed is not flown yet, "" if it may be: flutter must be ruled out at a stated risk before."""
+        if not any(m.elastic for p in self.points for m in p.modes):
+            return ""
+        if self.cleared is not None:
+            most, risk = self.cleared.cleared_m_s, 100.0 * self.cleared.risk
+            said = f"cleared to {most:.3g} m/s, with flutter there at a probability of {risk:.2g} %"
+            return "" if V_m_s <= most else said
+        first = sorted({p.V_m_s for p in self.points})[:_FIRST]
+        return "" if V_m_s <= first[-1] else "testbench modes has not cleared it from records of the slower speeds"
 
     @property
     def weight_N(self) -> float:

@@ -215,8 +215,8 @@ class PlanScenario(Flown):
 
     ``uncertainty_percent`` is the standard deviation of every derivative of the rigid motion of which the aircraft does
     not state one itself (``[uncertainty]`` of aircraft.toml), ``turbulence_rms_m_s`` that of the vertical air: both
-    widen the band of the expected response. ``least_damping`` is the damping ratio of an elastic mode below which
-    nobody flies; the onset of instability less ``onset_margin_percent`` is the fastest admissible speed.
+    widen the band of the expected response. The onset of instability that the model predicts, less
+    ``onset_margin_percent``, is the fastest admissible speed.
     """
 
     unnamed: ClassVar[str] = "plan"
@@ -227,7 +227,6 @@ class PlanScenario(Flown):
     heights_m: Annotated[tuple[float, ...], Field(min_length=1, strict=False)]
     onset_margin_percent: Annotated[float, Field(ge=0.0, lt=100.0)] = 10.0
     allow_above_onset: bool = False
-    least_damping: NonNegative = 0.01
     scale: bool = False
     suite: SuiteName
     turbulence_rms_m_s: NonNegative = 0.0

@@ -94,14 +94,6 @@ def flights_table(plan: Plan) -> Table:
 
 def points_table(plan: Plan) -> Table:
     """Return one row per point of the build-up."""
-    least = plan.scenario.least_damping
-
-    def go(p: Point) -> str:
-        """Return whether the next point is flown."""
-        worst = _least_damped(p)
-        if p.next_V_m_s is None:
-            return "last"
-        return "if measured" if worst is None or (worst.zeta_next or 0.0) >= least else "NO-GO"
 
     def worst(p: Point, what: str) -> Value:
         """Return what is known of the mode of least damping."""
@@ -118,11 +110,11 @@ def points_table(plan: Plan) -> Table:
         Column("least", "least elastic damping ζ", decimals=4, get=lambda p: worst(p, "zeta")),
         Column("least_next", "predicted at the next", decimals=4, get=lambda p: worst(p, "zeta_next")),
         Column("mode", "of the mode", get=lambda p: worst(p, "name")),
-        Column("go", "go", get=go),
+        Column("go", "go", get=lambda p: "not cleared yet" if plan.waits(p.V_m_s) else "go"),
     )  # fmt: skip
     caption = (
-        "From slow to fast. NO-GO: the damping ratio predicted for the next point is below the least admissible one, "
-        f"{least:g}. Otherwise fly the next point if the damping measured here reaches the value on the card."
+        "From slow to fast. Damping is that of the linearised aircraft. A faster point is flown when `testbench modes` "
+        "has cleared it from the records of the slower ones."
     )
     return Table.of("points", "Test points", caption, columns, plan.points, wide=True)
 
@@ -205,10 +197,9 @@ def modes_table(plan: Plan) -> Table:
         Column("f", "f", "Hz"),
         Column("zeta", "ζ", decimals=4),
         Column("zeta_next", "ζ at the next point", decimals=4),
-        Column("go", "least measured for a go", decimals=4),
     )
     rows: list[tuple[Value, ...]] = [
-        (p.number, p.V_m_s, p.h_m, m.name, m.f_hz, m.zeta, m.zeta_next, m.go) for p in plan.points for m in p.modes
+        (p.number, p.V_m_s, p.h_m, m.name, m.f_hz, m.zeta, m.zeta_next) for p in plan.points for m in p.modes
     ]
     caption = (
         "Modes of the linearised aircraft. A mode that has split into two roots has damping 1, or −1 if one of them "

@@ -7,12 +7,15 @@ import json
 import numpy as np
 import pytest
 from commands import ends
+from studies.hidden_wings import draw
 
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import SCENARIOS
+from testbench.core.record import FlightRecord
 from testbench.core.store import PAGE
 from testbench.questions.modes.answer import modes_answer
-from testbench.questions.modes.ask import find_modes, fly_modes, search_for
+from testbench.questions.modes.ask import find_modes, fly_modes, read_modes, search_for
+from testbench.questions.modes.figures import modes_plates
 from testbench.questions.modes.page import modes_page
 from testbench.questions.modes.scenario import ModeSearch, ModesScenario
 from testbench.questions.modes.tables import modes_tables
@@ -142,6 +145,48 @@ def test_wrong_words_are_answered_in_one_line(flown, record, tmp_path, monkeypat
         ended, said = ends(monkeypatch, capsys, "modes", *words, "-o", tmp_path)
         assert (ended, len(said)) == (status, 1), (words, said)
         assert part in said[0], (words, said)
+
+
+@pytest.fixture(scope="module")
+def rising(tmp_path_factory):
+    """Records of a wing at five speeds, two of them at the fastest; its onset."""
+    wing, hidden = draw(np.random.default_rng([1, 7]))
+    folder, files = tmp_path_factory.mktemp("rising"), []
+    for i, share in enumerate((0.5, 0.57, 0.65, 0.73, 0.8, 0.81)):
+        y = wing.fly(share * hidden, 60.0, 100.0, 0.7, np.random.default_rng([i]))
+        V = np.full((len(y), 1), share * hidden)
+        names = ("V", *(f"az_wing_{k}" for k in range(1, 7)))
+        record = FlightRecord(np.arange(len(y)) / 100.0, names, np.hstack([V, y]), "measured")
+        files.append(record.save(folder / f"card_{i}.nc"))
+    return files, hidden
+
+
+def test_records_at_rising_speeds_clear_the_next_one(rising, tmp_path, monkeypatch, capsys):
+    files, hidden = rising
+    status, said = ends(monkeypatch, capsys, "modes", *files, "--band", 3, 30, "-o", tmp_path)
+    assert (status, said) == (0, [])
+    told = json.loads((tmp_path / "card_0_modes" / "models" / "clearance.json").read_text("utf-8"))
+    assert told["flown_m_s"] == pytest.approx([s * hidden for s in (0.5, 0.57, 0.65, 0.73, 0.805)])
+    assert told["onset_m_s"]["0.05"] < hidden < told["onset_m_s"]["0.95"]
+    assert 0.805 * hidden < told["cleared_m_s"] < hidden
+    result = read_modes(files, ModeSearch(band_hz=(3.0, 30.0)), risk=1e-9)
+    answer = [line.text for line in modes_answer(result)]
+    assert answer[0].startswith("NO-GO beyond" if result.cleared_m_s < 1.02 * max(result.at) else "GO to")
+    assert any(line.startswith("flutter begins at") for line in answer)
+    trend = modes_tables(result)[0]
+    assert (trend.name, len(trend.rows)) == ("trend", 5)
+    assert modes_plates(result)[0].name == "trend"
+
+
+def test_where_flutter_cannot_be_told_nothing_is_cleared(rising):
+    """One speed's band shows a single mode: no pair, no onset, and the reason."""
+    files, _ = rising
+    result = read_modes(files[:2], ModeSearch(band_hz=(22.0, 35.0)))
+    assert result.onset is None
+    assert result.cleared_m_s == max(result.at)
+    answer = [line.text for line in modes_answer(result)]
+    assert answer[0].startswith("NO-GO beyond")
+    assert any("flutter takes two modes" in line for line in answer)
 
 
 @pytest.mark.slow

@@ -324,15 +324,11 @@ def test_margin_to_the_onset_and_damping_at_this_and_the_next_point(eolo_plan):
     assert onset.V_m_s == pytest.approx(20.3, abs=0.1)
     assert [p.V_m_s for p in eolo_plan.points] == [13.0, 16.0, 19.0]
     torsion = "1st symmetric wing torsion and tail-boom bending"
-    least = eolo_plan.scenario.least_damping
     modes = [next(m for m in p.modes if m.name == torsion) for p in eolo_plan.points]
     for point, mode, following in zip(eolo_plan.points, modes, [*modes[1:], None], strict=True):
         assert point.margin == pytest.approx(1.0 - point.V_m_s / onset.V_m_s)
         assert mode.zeta_next == (following.zeta if following else None)
-        loss = max(0.0, mode.zeta - following.zeta) if following else 0.0
-        assert mode.go == pytest.approx(least + loss)
     assert [m.zeta for m in modes] == sorted((m.zeta for m in modes), reverse=True)
-    assert all(m.go is None for p in eolo_plan.points for m in p.modes if not m.elastic)
 
 
 def test_speed_stays_below_the_onset_on_every_card(eolo_plan):
