@@ -1,4 +1,4 @@
-"""Drawings of a flight card: control sequence and expected response, for a web page and on one page A4."""
+"""Drawings of a flight card: control sequence and expected response, for a web page, on A4, and on A5 to fly by."""
 
 from __future__ import annotations
 
@@ -26,24 +26,25 @@ from testbench.page.figure import (
     band,
 )
 from testbench.page.labels import axis_label, shown_unit, symbol
-from testbench.questions.plan.card_text import CONTROL_NAMES, CardText, card_text, levels
+from testbench.questions.plan.card_text import CONTROL_NAMES, CardText, card_text, card_title, in_units, levels
 from testbench.questions.plan.response import SHOWN
 
 if TYPE_CHECKING:
     from testbench.core.record import FloatArray
     from testbench.questions.plan.result import Card, Plan
 
-_A4_IN = (8.27, 11.69)
+_A4_IN, _A5_IN = (8.27, 11.69), (5.83, 8.27)
 _LEFT, _RIGHT, _MIDDLE = 0.55, 7.75, 4.3
+_GAP_IN = 0.44  # between plots, with title and ticks
 _LINE_IN = 0.138
 _ROW_IN = 0.118  # of the table of limits
 _BINS = 400  # stretches of a band that are drawn
 _MOST_LEVELS = 14  # whose sizes are written
 
 
-def card_plate(card: Card) -> Plate:
+def card_plate(card: Card, plan: Plan) -> Plate:
     """Return control sequence and expected response of a card as a figure of a page."""
-    controls, responses = _controls(card), _responses(card)
+    controls, responses = _controls(card), _responses(card, plan)
     rows = [*([p] for p in controls), *(responses[k : k + 2] for k in range(0, len(responses), 2))]
     return Plate(
         "card",
@@ -96,11 +97,11 @@ def _edges(held: Sequence[tuple[float, float, float]], width: float) -> list[Dra
     return out
 
 
-def _responses(card: Card) -> list[Panel]:
+def _responses(card: Card, plan: Plan) -> list[Panel]:
     """Return the expected response of the shown channels with its band and the limits that lie near."""
     limits, out = {limit.channel: limit for limit in card.limits}, list[Panel]()
     for name in SHOWN[card.spec.plane]:
-        factor, _ = shown_unit(name)
+        factor, unit = in_units(name, plan)
         y, half = factor * card.expected[name], factor * card.band[name]
         colour = COLOURS[0] if card.status != "refused" else WARN
         draws: list[Drawn] = [
@@ -114,7 +115,7 @@ def _responses(card: Card) -> list[Panel]:
                 draws.append(Rule(at=edge, of="y", colour=WARN, width=1.0, dash=DASHED))
                 low, high = min(low, edge), max(high, edge)
         out.append(
-            Panel(draws=draws, title=f"{symbol(name)} expected", x="t, s", y=axis_label(name), tall_in=1.3,
+            Panel(draws=draws, title=f"{symbol(name)} expected", x="t, s", y=f"{symbol(name)}, {unit}", tall_in=1.3,
                   x_range=(-card.spec.settle_s, card.spec.duration_s), y_range=(low - room, high + room))
         )  # fmt: skip
     return out
@@ -136,27 +137,53 @@ def card_page(card: Card, plan: Plan) -> Chart:
     """Return the card as one page A4 portrait."""
     text, page = card_text(card, plan), _Page()
     page.write(_LEFT, 0.5, f"Flight card {card.number} of {len(plan.cards)}  ·  {plan.scenario.title}", 8.0, QUIET)
-    page.write(_LEFT, 0.76, card.title[:1].upper() + card.title[1:], 14.0, bold=True)
+    title = card_title(card, plan)
+    page.write(_LEFT, 0.76, title[:1].upper() + title[1:], 14.0, bold=True)
     page.write(_LEFT, 1.0, text.status[:150], 8.5, "#00704a" if text.standing == "fly" else WARN, bold=True)
     left = page.pairs(_LEFT, _MIDDLE - 0.2, 1.3, "Set-up", text.setup)
-    right = page.lines(_MIDDLE, _RIGHT, 1.3, "Go or no-go", [*text.before, text.go], bullet=True) - 0.16
+    right = page.lines(_MIDDLE, _RIGHT, 1.3, "Go or no-go", [*text.before, text.go], bullet=True)
+    off = [*text.calls, *text.hazards, *text.emergency]
+    right = page.lines(_MIDDLE, _RIGHT, right + 0.04, "Knock it off, hazards, emergency", off, bullet=True) - 0.16
     y = page.limits(_LEFT, _RIGHT, max(left, right) + 0.2, text) + 0.2
     y = page.lines(_LEFT, _RIGHT, y, "Control sequence", text.sequence)
-    controls, responses = _controls(card), _responses(card)
+    controls, responses = _controls(card), _responses(card, plan)
     tail = _tail_in(text)
-    free = _A4_IN[1] - y - tail - 0.55
-    tall = min(1.45, max(0.33, (free - 0.62 * len(controls) - 2 * 0.62) / (len(controls) + 2)))
+    free = _A4_IN[1] - y - tail - 0.62
+    rows = len(controls) + len(responses) // 2
+    tall = min(1.45, max(0.26, free / rows - _GAP_IN))
     begin, wide = _LEFT + 0.5, _RIGHT - _LEFT - 0.5
-    placed = [replace(p, box_in=(begin, y + 0.12 + k * (tall + 0.55), wide, tall)) for k, p in enumerate(controls)]
-    y += 0.12 + len(controls) * (tall + 0.6)
+    placed = [
+        replace(p, x="", box_in=(begin, y + 0.1 + k * (tall + _GAP_IN), wide, tall)) for k, p in enumerate(controls)
+    ]
+    y += 0.1 + len(controls) * (tall + _GAP_IN)
     half = 0.5 * (wide - 0.75)
     for k, p in enumerate(responses):
         row, column = divmod(k, 2)
-        placed.append(replace(p, box_in=(begin + column * (half + 0.75), y + row * (tall + 0.55), half, tall)))
+        box = (begin + column * (half + 0.75), y + row * (tall + _GAP_IN), half, tall)
+        placed.append(replace(p, x="", title=f"{p.title}, t in s", box_in=box))
     _tail(page, text, _A4_IN[1] - tail - 0.3)
-    ranges: dict[str, Any] = {"x_range": (0.0, _A4_IN[0]), "y_range": (_A4_IN[1], 0.0)}
-    sheet = Panel(draws=page.draws, bare=True, box_in=(0.0, 0.0, *_A4_IN), **ranges)
-    return Chart([[sheet], placed], keys=(), size_in=_A4_IN)
+    return Chart([[page.sheet(_A4_IN)], placed], keys=(), size_in=_A4_IN)
+
+
+def kneeboard_page(card: Card, plan: Plan) -> Chart:
+    """Return what a card is flown by as one page A5 portrait: no figure, letters that are read at arm's length."""
+    text, page, left, right = card_text(card, plan), _Page(8.6), 0.4, _A5_IN[0] - 0.35
+    title, said = card_title(card, plan), dict(text.setup)
+    page.write(left, 0.42, f"{card.number} / {len(plan.cards)}  ·  {plan.scenario.title}"[:78], 7.5, QUIET)
+    page.write(left, 0.7, title[:1].upper() + title[1:], 13.0, bold=True)
+    good = text.standing == "fly"
+    page.write(left, 0.93, text.standing.upper(), 9.5, "#00704a" if good else WARN, bold=True)
+    names = ("speed", "height", "configured", "mass, c.g.", "trim", "build-up", "runs", "script", "player", "switch")
+    y = page.pairs(left, right, 1.2, "Set-up", [(n, said[n]) for n in names if n in said]) + 0.25
+    y = page.lines(left, right, y, "Go", text.before) + 0.06
+    y = page.lines(left, right, y, "Fly", text.sequence) + 0.06
+    limits = "   ".join(f"{name} {span}" for name, span, _, _ in text.limits)
+    y = page.lines(left, right, y, "Limits", [limits]) + 0.06
+    off = [text.calls[0].removeprefix("KNOCK IT OFF: "), *text.hazards]
+    y = page.lines(left, right, y, "Knock it off", off) + 0.06
+    y = page.lines(left, right, y, "Emergency", text.emergency) + 0.06
+    page.lines(left, right, y, "Next", [text.go])
+    return Chart([[page.sheet(_A5_IN)]], keys=(), size_in=_A5_IN)
 
 
 def _tail_in(text: CardText) -> float:
@@ -189,10 +216,16 @@ def _wrapped(text: str, width_in: float, size: float) -> list[str]:
 
 
 class _Page:
-    """Text placed on a page in inches from its upper left corner."""
+    """Text placed on a page in inches from its upper left corner, of one size of letters (points) below headings."""
 
-    def __init__(self) -> None:
+    def __init__(self, size: float = 7.0) -> None:
         self.draws: list[Drawn] = []
+        self.size, self.line_in = size, _LINE_IN * size / 7.0
+
+    def sheet(self, size_in: tuple[float, float]) -> Panel:
+        """Return the page as a panel of its size."""
+        ranges: dict[str, Any] = {"x_range": (0.0, size_in[0]), "y_range": (size_in[1], 0.0)}
+        return Panel(draws=self.draws, bare=True, box_in=(0.0, 0.0, *size_in), **ranges)
 
     def write(self, x: float, y: float, text: str, size: float, colour: str = INK, **other: Any) -> None:
         """Write one line with its base line at ``y``."""
@@ -200,7 +233,7 @@ class _Page:
 
     def head(self, left: float, right: float, y: float, text: str) -> None:
         """Write a heading over a rule."""
-        self.write(left, y, text, 8.5, bold=True)
+        self.write(left, y, text, self.size + 1.5, bold=True)
         self.draws.append(Curve(x=[left, right], y=[y + 0.045, y + 0.045], colour=AXIS, width=0.7))
 
     def pairs(self, left: float, right: float, y: float, title: str, rows: Sequence[tuple[str, str]]) -> float:
@@ -208,11 +241,11 @@ class _Page:
         self.head(left, right, y, title)
         y += 0.06
         for what, value in rows:
-            for k, line in enumerate(_wrapped(value, 0.92 * (right - left - 0.85), 7.4)):
-                y += _LINE_IN
+            for k, line in enumerate(_wrapped(value, 0.92 * (right - left - 0.85), self.size + 0.4)):
+                y += self.line_in
                 if k == 0:
-                    self.write(left, y, what, 7.4, QUIET)
-                self.write(left + 0.85, y, line, 7.4)
+                    self.write(left, y, what, self.size + 0.4, QUIET)
+                self.write(left + 0.85, y, line, self.size + 0.4)
         return y
 
     def limits(self, left: float, right: float, y: float, text: CardText) -> float:
@@ -236,7 +269,7 @@ class _Page:
         self.head(left, right, y, title)
         y += 0.06
         for text in lines:
-            for k, line in enumerate(_wrapped(text, right - left - 0.1, 7.0)):
-                y += _LINE_IN
-                self.write(left, y, ("· " if bullet and k == 0 else "  " if bullet else "") + line, 7.0)
+            for k, line in enumerate(_wrapped(text, right - left - 0.1, self.size)):
+                y += self.line_in
+                self.write(left, y, ("· " if bullet and k == 0 else "  " if bullet else "") + line, self.size)
         return y + 0.16

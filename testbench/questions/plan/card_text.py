@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -10,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from testbench.core.atmosphere import air_density
-from testbench.core.constants import G0_M_S2
+from testbench.core.constants import FT_M, G0_M_S2, KT_M_S
+from testbench.evaluation.derivatives import dimensional_derivatives, static_margin
 from testbench.page.labels import file_stem, number, shown_unit, symbol
 from testbench.page.words import listed, some
-from testbench.questions.plan.injection.lua import WATCHED, injectable
+from testbench.questions.plan.injection.lua import WATCHED, heap_bytes, injectable, lua_script
 from testbench.questions.plan.resources import leg_of
-from testbench.questions.plan.scenario import Tow
+from testbench.questions.plan.scenario import HEAVY_KG, Fuel, Tow
 
 if TYPE_CHECKING:
     from testbench.core.record import FloatArray
@@ -32,6 +34,26 @@ _WHAT_TO_DO = {
     "theta": "release, bring the nose to the horizon, then the speed back",
     "h": "end the run, fly back to height",
 }
+_RELEASE = {
+    "pilot": "release, wings level, throttle to trim, climb away from the box's floor",
+    "autopilot": "start switch low, sticks centred: the pilot has control; wings level, throttle to trim",
+}
+_CALLS = (
+    "a limit met, or the response outside its band",
+    "vibration that does not die away, a sound or a smell that is new",
+    "telemetry, link or position lost",
+    "traffic or people in the box, wind beyond its limit",
+    "anyone in doubt",
+)
+_HAZARDS = {
+    "de": "stall or overstress in the pulse: unload before anything else, power after that",
+    "da": "bank runs away to a spiral: throttle idle, level the wings, then the nose",
+    "dr": "sideslip to a departure or spin: rudder centred, unload, throttle idle, recover above the floor",
+    "thr": "engine stops: best glide, field ahead first",
+    "elastic": "flutter: throttle idle, slow down by a gentle climb, land; the flight is over",
+    "autopilot": "script or servo sticks: start switch low, another flight mode, then power off what sends",
+}
+_NO_EMERGENCY = "nobody has said in [card] emergency what is done at loss of link, fire, landing out"
 _NARROW = "\u00a0"  # a unit stays on the line of its number
 _STOPS = "the surface is at its limit: the run is void, trim anew"
 CONTROL_NAMES = {"de": "elevator", "da": "aileron", "dr": "rudder", "thr": "throttle"}
@@ -51,6 +73,9 @@ class CardText:
         modes: (mode, frequency, damping here, predicted at the next point).
         before: go or no-go before the run, one line each.
         go: the rule for a go to the next speed, in one sentence.
+        hazards: what may go wrong in this manoeuvre, and what is done then.
+        calls: what anybody calls "knock it off" for, and what follows, one line each.
+        emergency: what is done when something fails, as the plan says.
         log: what to log.
         notes: accuracy, band, limits met at full amplitude.
     """
@@ -63,6 +88,9 @@ class CardText:
     modes: tuple[tuple[str, str, str, str], ...]
     before: tuple[str, ...]
     go: str
+    hazards: tuple[str, ...]
+    calls: tuple[str, ...]
+    emergency: tuple[str, ...]
     log: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -70,6 +98,30 @@ class CardText:
 def card_stem(card: Card) -> str:
     """Return the name of a card's files, without ending."""
     return file_stem(f"{card.number:02d}_{card.spec.name}_{card.point.V_m_s:g}mps_{card.point.h_m:g}m")
+
+
+def in_units(channel: str, plan: Plan) -> tuple[float, str]:
+    """Return factor and unit in which cards give a channel: knots and feet for aircraft that are flown by them."""
+    units = plan.scenario.card.units or ("aviation" if plan.aircraft.mass.mass_kg > HEAVY_KG else "metric")
+    aviation = {"V": (1.0 / KT_M_S, "kt"), "h": (1.0 / FT_M, "ft")} if units == "aviation" else {}
+    return aviation.get(channel) or shown_unit(channel)
+
+
+def speed(V_m_s: float, plan: Plan) -> str:
+    """Return a speed in the units of the cards."""
+    factor, unit = in_units("V", plan)
+    return f"{factor * V_m_s:.0f}{_NARROW}{unit}" if unit == "kt" else f"{V_m_s:g} m/s"
+
+
+def height(h_m: float, plan: Plan) -> str:
+    """Return a height in the units of the cards, feet to tens."""
+    factor, unit = in_units("h", plan)
+    return f"{round(factor * h_m, -1):.0f}{_NARROW}{unit}" if unit == "ft" else f"{h_m:g} m"
+
+
+def card_title(card: Card, plan: Plan) -> str:
+    """Return what is flown where, in the units of the cards."""
+    return f"{card.spec.name} at {speed(card.point.V_m_s, plan)}, {height(card.point.h_m, plan)}"
 
 
 def short_name(name: str) -> str:
@@ -139,7 +191,10 @@ def card_text(card: Card, plan: Plan) -> CardText:
         tuple(_limits(card, plan)),
         tuple(_modes(card)),
         tuple(before_lines(card, plan)),
-        go_rule(card),
+        go_rule(card, plan),
+        tuple(_hazards(card, plan)),
+        (f"KNOCK IT OFF: {_RELEASE[plan.scenario.flown_by]}", f"anybody calls it for {'; '.join(_CALLS)}"),
+        plan.scenario.card.emergency or (_NO_EMERGENCY,),
         tuple(_log(card, plan)),
         tuple(_notes(card, plan)),
     )
@@ -177,15 +232,21 @@ def _setup(card: Card, plan: Plan) -> list[tuple[str, str]]:
     flights = sorted({r.flight for r in mine})
     names = {"de": "elevator", "thr": "throttle"}
     held = ", ".join(f"{words} {shown(n, trimmed.controls[n])}" for n, words in names.items() if n in trimmed.controls)
+    factor, unit = in_units("V", plan)
+    above = height(point.h_m - scenario.timing.field_m, plan)
+    steps = sorted({p.V_m_s for p in plan.points if p.h_m == point.h_m})
     out = [
         ("aircraft", plan.aircraft.name),
-        ("speed", f"{point.V_m_s:g} m/s true, {eas:.1f} m/s equivalent"),
-        ("height", f"{point.h_m:g} m above sea level, {point.h_m - scenario.timing.field_m:g} m above the field"),
+        ("configured", scenario.card.configuration or "flaps, gear and payload as in the model of the aircraft"),
+        ("mass, c.g.", _mass_words(card, plan)),
+        ("speed", f"{speed(point.V_m_s, plan)} true, {eas * factor:.3g} {unit} equivalent"),
+        ("height", f"{height(point.h_m, plan)} above sea level, {above} above the field"),
+        ("build-up", f"speed {steps.index(point.V_m_s) + 1} of {len(steps)}: {_steps_words(steps, plan)}"),
         (
             "trim",
             f"alpha {shown('alpha', trimmed.alpha)}, {held}, hands off for {card.spec.settle_s:g} s",
         ),
-        ("to the onset", onset_words(card)),
+        ("to the onset", onset_words(card, plan)),
         (
             "runs",
             f"{card.repeats} of {card.length_s:g} s"
@@ -195,11 +256,46 @@ def _setup(card: Card, plan: Plan) -> list[tuple[str, str]]:
                 else ""
             ),
         ),
-        ("power", f"{number(point.power_W)} W level"),
+        ("power", _power_words(card, plan)),
         ("flown by", scenario.flown_by),
     ]
     out += _script_rows(card, plan)
     return out
+
+
+def _mass_words(card: Card, plan: Plan) -> str:
+    """Return mass, and where the centre of gravity lies by the static margin that it makes."""
+    found = static_margin(plan.aircraft, dimensional_derivatives(card.point.model, card.point.trimmed))
+    mass = plan.aircraft.mass.mass_kg
+    where = f"{abs(found.flown):.0f} % of the chord {'ahead of' if found.flown > 0.0 else 'BEHIND'} the neutral point"
+    return f"{f'{mass:.0f}' if mass >= 100.0 else f'{mass:.3g}'} kg; c.g. {where}"
+
+
+def _steps_words(steps: Sequence[float], plan: Plan) -> str:
+    factor, unit = in_units("V", plan)
+    return f"{some([f'{factor * V:.3g}' for V in steps], 6, ', ')} {unit}, slow to fast"
+
+
+def _power_words(card: Card, plan: Plan) -> str:
+    """Return what level flight takes: watts, or litres of fuel in an hour; a glider, its sink."""
+    energy, power = plan.scenario.energy, card.point.power_W
+    if isinstance(energy, Fuel):
+        return f"{_litres(3600.0 * power, energy):.3g} litres of fuel in an hour of level flight"
+    if isinstance(energy, Tow):
+        return f"sinks at {power / plan.weight_N:.2g} m/s"
+    return f"{number(power)} W in level flight"
+
+
+def _litres(energy_J: float, fuel: Fuel) -> float:
+    return energy_J / (1e6 * fuel.heating_MJ_kg * fuel.density_kg_l)
+
+
+def _hazards(card: Card, plan: Plan) -> list[str]:
+    """Return what may go wrong in this manoeuvre; the plan's own lines come first."""
+    kinds: list[str] = [*card.spec.controls]
+    kinds += ["elastic"] if any(m.elastic for m in card.point.modes) else []
+    kinds += ["autopilot"] if plan.scenario.flown_by == "autopilot" else []
+    return [*plan.scenario.card.hazards, *(_HAZARDS[k] for k in kinds)]
 
 
 def _script_rows(card: Card, plan: Plan) -> list[tuple[str, str]]:
@@ -218,11 +314,13 @@ def _script_rows(card: Card, plan: Plan) -> list[tuple[str, str]]:
         }[pilot.interface]
         return [
             ("script", f"{card_stem(card)}.py on a companion computer; {need}"),
-            ("switch", f"radio channel {pilot.switch_channel}: low, then high; low at once ends it"),
+            ("switch", f"radio channel {pilot.switch_channel}: low, then high; low, or a stick, at once ends it"),
         ]
+    heap = heap_bytes(lua_script(card, plan.aircraft, pilot))
     return [
         ("script", f"{card_stem(card)}.lua; SCR_USER1 = {card.number}, mode {pilot.mode}"),
-        ("switch", f"RCn_OPTION = {pilot.switch_option}: low, then high; low at once ends it"),
+        ("switch", f"RCn_OPTION = {pilot.switch_option}: low, then high; low, or a stick, at once ends it"),
+        ("memory", f"one script at a time in APM/scripts; it takes up to {heap} of SCR_HEAP_SIZE"),
     ]
 
 
@@ -230,22 +328,22 @@ def _range(first: int, last: int) -> str:
     return f"{first}" if first == last else f"{first} to {last}"
 
 
-def onset_words(card: Card) -> str:
+def onset_words(card: Card, plan: Plan) -> str:
     """Return the distance to the onset of instability in words."""
     point = card.point
-    if point.margin is None or point.onset is None:
+    if point.margin is None or point.onset is None or point.onset.V_m_s is None:
         return "no elastic instability predicted"
-    return f"{100.0 * point.margin:.0f} % below {point.onset.V_m_s:.3g} m/s ({point.onset.name})"
+    factor, unit = in_units("V", plan)
+    return f"{100.0 * point.margin:.0f} % below {factor * point.onset.V_m_s:.3g} {unit} ({point.onset.name})"
 
 
 def _limits(card: Card, plan: Plan) -> list[tuple[str, str, str, str]]:
     out = []
     for limit in card.limits:
-        factor, unit = shown_unit(limit.channel)
         if limit.channel == "az":
-            low, high, unit = -limit.high / G0_M_S2, -limit.low / G0_M_S2, "g"
-            name = "load factor"
+            low, high, unit, name = -limit.high / G0_M_S2, -limit.low / G0_M_S2, "g", "load factor"
         else:
+            factor, unit = in_units(limit.channel, plan)
             low, high, name = limit.low * factor, limit.high * factor, symbol(limit.channel)
         if not math.isfinite(low) or (limit.channel == "V" and low <= 0.0):
             span = f"≤ {_plain(high)} {unit}"
@@ -255,7 +353,7 @@ def _limits(card: Card, plan: Plan) -> list[tuple[str, str, str, str]]:
         out.append((name, span, _WHAT_TO_DO.get(limit.channel, _STOPS), f"{who} watches, {limit.source}"))
     slower = "start switch low, " if plan.scenario.flown_by == "autopilot" else "release, "
     if any(m.elastic for m in card.point.modes):
-        what = f"{slower}throttle idle, slow down by 2 m/s; the flight is over"
+        what = f"{slower}throttle idle, slow down by a tenth; the flight is over"
         out.append(("vibration", "dies away", what, "PILOT watches"))
     return out
 
@@ -270,7 +368,7 @@ def watcher(channel: str, card: Card, plan: Plan) -> str:
 
 
 def _plain(value: float) -> str:
-    return f"{value:.3g}".replace("-", "−")
+    return (f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}").replace("-", "−")
 
 
 def _modes(card: Card) -> list[tuple[str, str, str, str]]:
@@ -299,22 +397,29 @@ def before_lines(card: Card, plan: Plan) -> list[str]:
         return ["NO-GO: the card is refused"]
     scenario, space = plan.scenario, plan.scenario.airspace
     beyond = beyond_limits(card)
-    waits = plan.waits(card.point.V_m_s)
-    out = [f"speed: NO-GO yet, {waits}"] if waits else _cleared_lines(card, plan)
+    out = _cleared_lines(card, plan)
     out += [f"limits: GO if who watches {listed(beyond)} is ready to end the run"] if beyond else []
     if space is not None:
-        gusts = "" if space.gust_m_s is None else f" and gusts at most {space.gust_m_s:g} m/s"
-        out.append(f"wind: GO if its mean is at most {space.wind_m_s:g} m/s{gusts}")
+        gusts = "" if space.gust_m_s is None else f" and gusts at most {speed(space.gust_m_s, plan)}"
+        rms = scenario.turbulence_rms_m_s
+        calm = f"; turbulence no stronger than {rms:g} m/s rms" if rms else ""
+        out.append(f"weather: GO if the mean wind is at most {speed(space.wind_m_s, plan)}{gusts}{calm}")
         leg = leg_of(card, space)
         turn = f"turn back after {leg.runs} {'run' if leg.runs == 1 else 'runs'}" if leg.turns else "no turn between"
         out.append(
-            f"box: GO if {leg.run_m:.0f} m lie ahead per run; {turn}, {leg.radius_m:.0f} m radius, {leg.turn_s:.0f} s"
+            f"box: GO if {leg.run_m:.0f} m lie ahead per run; {turn}, {leg.radius_m:.0f} m radius, {leg.turn_s:.0f} s; "
+            f"floor {height(space.lowest_m, plan)}, ceiling {height(space.highest_m, plan)} above sea level"
         )
     need = _energy_of_a_run_J(card, plan)
     if isinstance(scenario.energy, Tow):
         kept = scenario.energy.lowest_m
         out.append(
-            f"height: GO if the run ends above {kept:g} m; it takes {need / plan.weight_N:.0f} m and the landing"
+            f"height: GO if the run ends above {height(kept, plan)}; it takes {need / plan.weight_N:.0f} m and the "
+            "landing"
+        )
+    elif isinstance(scenario.energy, Fuel):
+        out.append(
+            f"fuel: GO if {_litres(need, scenario.energy):.2g} litres of what is usable are left: this run and landing"
         )
     else:
         out.append(
@@ -324,14 +429,19 @@ def before_lines(card: Card, plan: Plan) -> list[str]:
 
 
 def _cleared_lines(card: Card, plan: Plan) -> list[str]:
-    """Return what flights of slower points told of this speed, of an aircraft whose structure vibrates."""
-    if plan.cleared is None or not any(m.elastic for m in card.point.modes):
+    """Return whether this speed is cleared, of an aircraft whose structure vibrates."""
+    waits, told = plan.waits(card.point.V_m_s), plan.cleared
+    if told is None:
+        return [f"speed: NO-GO yet, {waits}"] if waits else []
+    if not any(m.elastic for m in card.point.modes):
         return []
-    told, risk = plan.cleared.onset_m_s, 100.0 * plan.cleared.risk
-    median = f", its median at {told['0.5']:.3g} m/s" if "0.5" in told else ""
+    factor, unit = in_units("V", plan)
+    shown_at = {p: f"{factor * V:.3g} {unit}" for p, V in {**told.onset_m_s, "most": told.cleared_m_s}.items()}
+    median = f", its median at {shown_at['0.5']}" if "0.5" in shown_at else ""
+    flown = some([f"{factor * V:.3g}" for V in told.flown_m_s], 4, ", ")
     return [
-        f"speed: GO, cleared to {plan.cleared.cleared_m_s:.3g} m/s; flutter lies lower at a probability of {risk:.2g} %"
-        f"{median}, after {some([f'{V:.3g}' for V in plan.cleared.flown_m_s], 4, ', ')} m/s"
+        f"speed: {'NO-GO yet' if waits else 'GO'}, cleared to {shown_at['most']}; flutter lies lower at a probability "
+        f"of {100.0 * told.risk:.2g} %{median}, after {flown} {unit}"
     ]
 
 
@@ -341,16 +451,16 @@ def _energy_of_a_run_J(card: Card, plan: Plan) -> float:
     return card.point.power_W * (card.length_s + timing.turn_s + 0.5 * timing.overhead_s)
 
 
-def go_rule(card: Card) -> str:
+def go_rule(card: Card, plan: Plan) -> str:
     """Return the rule for going on to the next point."""
     following = card.point.next_V_m_s
     if following is None:
         return "last speed of the build-up at this height"
     if not any(m.elastic for m in card.point.modes):
-        return f"GO to {following:g} m/s if no limit was met and the response lay inside its band"
+        return f"GO to {speed(following, plan)} if no limit was met and the response lay inside its band"
     return (
-        f"GO to {following:g} m/s if testbench modes clears it from the records so far, no limit was met and the "
-        "response lay inside its band; else NO-GO, evaluate on the ground"
+        f"GO to {speed(following, plan)} if testbench modes clears it from the records so far, no limit was met and "
+        "the response lay inside its band; else NO-GO, evaluate on the ground"
     )
 
 

@@ -20,7 +20,7 @@ from testbench.questions.plan.bounds import stall_speed_m_s
 from testbench.questions.plan.designs import Taken, limits_of_designs, planned
 from testbench.questions.plan.resources import turn_back
 from testbench.questions.plan.result import Point
-from testbench.questions.plan.scenario import Airspace
+from testbench.questions.plan.scenario import HEAVY_KG, Airspace
 from testbench.sensors import SensorSuite, load_suite
 from testbench.sensors.suite import MOTIONS, needed
 
@@ -33,10 +33,10 @@ _USUAL_LIMITS = {
     "pitch_change_deg": "30.0", "speed_change_m_s": "3.0", "height_change_m": "30.0", "V_min_m_s": "10.0",
     "V_max_m_s": "20.0", "deflection_deg": "{ de = 10.0 }", "rate_deg_s": "{ de = 300.0 }",
 }  # fmt: skip
-_FIELD_BELOW_M = 100.0
+_ABOVE_M = ((25.0, 100.0), (HEAVY_KG, 300.0), (math.inf, 1000.0))
+"""(up to this mass in kg, height above the field in m): room to recover in, some 3000 ft for what carries people."""
 _WIND = (0.3, 8.0)  # strongest wind of a new plan: a part of the speed, at most so many m/s
 _LEVEL_MIN = 20.0  # time of level flight that the battery of a new plan holds
-_BY_FUEL_KG = 150.0  # heavier aircraft burn fuel
 _SETTLE_S = 2.0
 _SIGNALS_PER_S = 50.0  # what an autopilot's script reaches: steps last whole periods of it
 
@@ -80,7 +80,7 @@ def plan_head(aircraft: Aircraft, name: str, autopilot: str, longest_s: float) -
     Raises:
         TrimError: the aircraft cannot be trimmed at its design condition.
     """
-    point = _point(aircraft, aircraft.design_V_m_s, aircraft.design_h_m)
+    point = _point(aircraft, *_conditions(aircraft, ())[0])
     return "\n".join(_head(aircraft, name, autopilot, point, None, (), _SETTLE_S + longest_s))
 
 
@@ -106,7 +106,8 @@ def _head(
     if designs:
         speeds = sorted({V for V, _ in _conditions(aircraft, designs)})
         heights = sorted({h for _, h in _conditions(aircraft, designs)})
-    field = max(0.0, round(min(heights) - _FIELD_BELOW_M, -1)) if min(heights) > 0.0 else min(heights) - _FIELD_BELOW_M
+    above = _above_m(aircraft)
+    field = max(0.0, round(min(heights) - above, -1)) if min(heights) > 0.0 else min(heights) - above
     wings = [f"wings = {quoted(designs[0].scenario.wings)}"] if designs else []
     stall_words = "" if stall is None else f"; level flight at {stall:.3g} m/s takes the highest angle of attack"
     lines = [
@@ -139,6 +140,13 @@ def _head(
         "",
         *_airspace(max(speeds), max(heights), field, longest),
         *_energy(aircraft, trimmed, V, heights, field),
+        "[card]                        # what cards say that no simulation knows",
+        f"units = {quoted('aviation' if aircraft.mass.mass_kg > HEAVY_KG else 'metric')}"
+        f"{' ' * 14}# knots and feet, or m/s and m",
+        '# configuration = "flaps up, gear up, camera on board"   # YOURS',
+        '# hazards = ["birds at the ridge"]                       # YOURS',
+        '# emergency = ["loss of link: it returns and circles"]   # YOURS: loss of link, fire, landing out',
+        "",
     ]
     if autopilot != "pilot":
         lines += [
@@ -161,9 +169,14 @@ def _head(
     return lines
 
 
+def _above_m(aircraft: Aircraft) -> float:
+    """Return the height above the field at which a new plan flies."""
+    return next(above for most, above in _ABOVE_M if aircraft.mass.mass_kg <= most)
+
+
 def _conditions(aircraft: Aircraft, designs: Sequence[Taken]) -> list[tuple[float, float]]:
     if not designs:
-        return [(aircraft.design_V_m_s, aircraft.design_h_m)]
+        return [(aircraft.design_V_m_s, max(aircraft.design_h_m, _above_m(aircraft)))]
     return [(t.scenario.condition.V_m_s, t.scenario.condition.h_m) for t in designs]
 
 
@@ -223,7 +236,7 @@ def _energy(aircraft: Aircraft, trimmed: TrimmedFlight, V: float, heights: Seque
             "",
         ]
     power = max(trimmed.state.get("thrust", 0.0), 0.0) * V
-    if aircraft.mass.mass_kg > _BY_FUEL_KG:
+    if aircraft.mass.mass_kg > HEAVY_KG:
         kg = max(1.0, 2.0 * 3600.0 * power / 0.25 / 43e6 / 0.8)
         return [
             "[energy]                      # YOURS",

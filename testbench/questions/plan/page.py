@@ -10,8 +10,8 @@ from testbench.core.files import write_file
 from testbench.page.html import picture, render
 from testbench.page.page import Page, source_of
 from testbench.questions.plan.answer import plan_answer
-from testbench.questions.plan.card_figures import card_page, card_plate
-from testbench.questions.plan.card_text import card_stem, card_text, standing
+from testbench.questions.plan.card_figures import card_page, card_plate, kneeboard_page
+from testbench.questions.plan.card_text import card_stem, card_text, card_title, standing
 from testbench.questions.plan.figures import plan_plates
 from testbench.questions.plan.injection import injected_signal, lua_script, px4_script, signal_csv
 from testbench.questions.plan.injection.lua import injectable
@@ -40,7 +40,7 @@ def plan_page(plan: Plan) -> Page:
         flown=plan.tally,
         source=source_of(plan.scenario),
         terminal=[short_cards(plan)],
-        closing=[("Cards", "{}/cards.pdf")],
+        closing=[("Cards", "{}/cards.pdf"), *([("Kneeboard", "{}/kneeboard.pdf")] if plan.runs else [])],
     )
 
 
@@ -51,7 +51,10 @@ _HAND_PERIOD_MS = 20
 
 
 def write_cards(plan: Plan, folder: Path) -> list[Path]:
-    """Write cards/NAME.html and NAME.pdf, one page A4 each, and cards.pdf with all of them; return the paths."""
+    """Write cards/NAME.html and NAME.pdf, one page A4 each, and cards.pdf with all of them; return the paths.
+
+    kneeboard.pdf, A5, has what a card is flown by; refused cards have no page in it.
+    """
     from testbench.page.draw import pdf_pages, styled
 
     out = []
@@ -63,12 +66,16 @@ def write_cards(plan: Plan, folder: Path) -> list[Path]:
             card=card,
             count=len(plan.cards),
             title=plan.scenario.title,
+            head=card_title(card, plan),
             text=card_text(card, plan),
-            picture=picture(card_plate(card)),
+            picture=picture(card_plate(card, plan)),
         )
         out.append(write_file(folder / "cards" / f"{stem}.html", html))
         out.append(write_file(folder / "cards" / f"{stem}.pdf", pdf_pages([page])))
     out.append(write_file(folder / "cards.pdf", pdf_pages(pages)))
+    knees = [styled(kneeboard_page(card, plan)) for card in plan.cards if card.status != "refused"]
+    if knees:
+        out.append(write_file(folder / "kneeboard.pdf", pdf_pages(knees)))
     return out
 
 

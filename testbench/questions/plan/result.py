@@ -217,7 +217,7 @@ def read_cleared(folder: Path) -> Cleared:
         raise RecordError(
             f"--after takes the folder of a result of testbench modes on records at two speeds or more, got {folder}"
         )
-    found, faults = parse(Cleared, read_json(file, "clearance"), file)
+    found, faults = parse(Cleared, read_json(file, "model"), file)
     if found is None:
         raise RecordError("; ".join(faults))
     return found

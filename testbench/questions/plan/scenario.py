@@ -15,6 +15,8 @@ from testbench.inputs import InputSignal, build
 
 _NOT_BY_HAND = ("multisine", "prbs", "gbn")
 Name = Annotated[str, Field(min_length=1)]
+HEAVY_KG = 150.0
+"""Aircraft above it burn fuel, and are flown in knots and feet, where a plan does not say otherwise."""
 Share = Annotated[float, Field(gt=0.0, le=100.0)]
 
 
@@ -140,13 +142,17 @@ class Battery(Strict):
 
 
 class Fuel(Strict):
-    """A combustion engine: fuel power = thrust V / efficiency; ``heating_MJ_kg`` is the lower heating value."""
+    """A combustion engine: fuel power = thrust V / efficiency; ``heating_MJ_kg`` is the lower heating value.
+
+    ``density_kg_l`` is 0.72 for aviation gasoline, 0.80 for jet fuel.
+    """
 
     kind: Literal["fuel"]
     capacity_kg: Positive
     usable_percent: Share = 80.0
     efficiency_percent: Share
     heating_MJ_kg: Positive = 43.0
+    density_kg_l: Positive = 0.72
     avionics_W: NonNegative = 0.0
     source: Name
 
@@ -170,6 +176,20 @@ class Tow(Strict):
         return self
 
 
+class OnTheCard(Strict):
+    """What cards say that no simulation knows, and in which units they say it.
+
+    ``units`` are "metric" (m/s, m) or "aviation" (knots, feet); aircraft above 150 kg have the latter where nothing is
+    given. ``configuration`` is that of flaps, gear and payload. ``emergency`` are lines on what is done when something
+    fails; ``hazards`` stand beside those that the manoeuvre itself has.
+    """
+
+    units: Literal["metric", "aviation"] | None = None
+    configuration: Name | None = None
+    hazards: Annotated[tuple[Name, ...], Field(strict=False)] = ()
+    emergency: Annotated[tuple[Name, ...], Field(strict=False)] = ()
+
+
 _FASTEST_MS = {"ardupilot": 20, "px4": 20, "own": 1}  # scripting reaches 30 to 50 Hz, a companion's messages as well
 
 
@@ -181,7 +201,8 @@ class Autopilot(Strict):
     ArduPilot: ``switch_option`` is the RCn_OPTION of the start switch (300 to 307: Scripting1 to Scripting8), ``mode``
     the number of the flight mode (0: MANUAL). PX4: ``switch_channel`` is the radio channel of the start switch;
     ``interface`` is "manual_control" (PX4 1.17 and later) or "actuator_control" (1.13 with mixers). ``hold`` "all"
-    keeps every surface at its trim while a sequence runs; "moved" only those that it moves.
+    keeps every surface at its trim while a sequence runs; "moved" only those that it moves. ``stick_us`` is how far the
+    pulse of the pilot's roll, pitch or yaw stick may be from where it was at the start before the run ends.
     """
 
     system: Literal["ardupilot", "px4", "own"] = "ardupilot"
@@ -193,6 +214,7 @@ class Autopilot(Strict):
     hold: Literal["all", "moved"] = "moved"
     speed_window_m_s: Positive = 1.0
     bank_at_start_deg: Positive = 10.0
+    stick_us: Annotated[int, Field(ge=20, le=400)] = 50
 
     @model_validator(mode="after")
     def _no_faster_than_it_can(self) -> Autopilot:
@@ -236,6 +258,7 @@ class PlanScenario(Flown):
     airspace: Airspace | None = None
     energy: Annotated[Battery | Fuel | Tow, Field(discriminator="kind")]
     autopilot: Autopilot = Autopilot()
+    card: OnTheCard = OnTheCard()
     manoeuvre: Annotated[tuple[PlannedManoeuvre, ...], Field(min_length=1, strict=False)]
 
     @property

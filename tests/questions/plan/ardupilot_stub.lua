@@ -2,8 +2,8 @@
 stub = {
   now = 1000, switch = 0, armed = true, mode = 0, radio = true, eas = 13.0, eas2tas = 1.0, roll = 0.0, pitch = 0.05,
   down = -100.0, az = -9.80665, sent = {}, logged = {}, texts = {}, channel_outputs = true,
-  params = { SCR_USER1 = 0 },
-  pwm = {},
+  params = { SCR_USER1 = 0, RCMAP_ROLL = 1.0, RCMAP_PITCH = 2.0, RCMAP_YAW = 4.0 },
+  pwm = {}, roll_us = 1500, pitch_us = 1480, yaw_us = 1510, breaches = 0,
 }
 
 local uint32 = {}
@@ -16,6 +16,12 @@ gcs = {}
 function gcs:send_text(level, text) stub.texts[#stub.texts + 1] = text end
 
 rc = {}
+function rc:get_pwm(channel)
+  assert(math.type(channel) == 'integer', 'channel must be an integer')
+  return ({ stub.roll_us, stub.pitch_us, 1700, stub.yaw_us })[channel]
+end
+fence = {}
+function fence:get_breaches() return stub.breaches end
 function rc:has_valid_input() return stub.radio end
 function rc:find_channel_for_option(option)
   if option ~= stub.option then return nil end
@@ -62,5 +68,5 @@ end
 logger = {}
 function logger:write(name, labels, format, ...)
   assert(#name <= 4 and #labels <= 64 and #format == select('#', ...), 'log message')
-  stub.logged[#stub.logged + 1] = { ... }
+  if name == 'TBSE' then stub.ended = { ... } else stub.logged[#stub.logged + 1] = { ... } end
 end

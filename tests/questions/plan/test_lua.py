@@ -14,6 +14,7 @@ from lupa.lua53 import LuaError, LuaRuntime
 from testbench.core.errors import LimitError
 from testbench.flight import linearise
 from testbench.questions.plan.injection import injected_signal, lua_script, signal_csv
+from testbench.questions.plan.injection.lua import heap_bytes
 from testbench.questions.plan.result import Card, Limit, Point
 from testbench.questions.plan.scenario import Autopilot, PlannedManoeuvre
 
@@ -217,6 +218,11 @@ def test_another_card_says_and_does_nothing(point, eolo):
         ("down", -74.0, "height limit"),
         ("roll", 0.55, "bank limit"),
         ("pitch", -0.45, "pitch limit"),
+        ("roll_us", 1551, "the pilot took the stick"),
+        ("pitch_us", 1429, "the pilot took the stick"),
+        ("yaw_us", 1561, "the pilot took the stick"),
+        ("yaw_us", float("nan"), "the pilot took the stick"),
+        ("breaches", 4, "geofence"),
     ],
 )
 def test_a_run_ends_at_once_and_nothing_is_commanded_any_more(point, eolo, key, value, text):
@@ -228,16 +234,43 @@ def test_a_run_ends_at_once_and_nothing_is_commanded_any_more(point, eolo, key, 
     bench.run(2.0)
     assert len(bench.sent()) == before
     assert "ABORTED, " + text in bench.texts[-1]
+    card, seconds, why = bench.stub.ended.values()
+    assert (card, why) == (7, "ABORTED, " + text)
+    assert 1.9 <= seconds <= 2.1
     if key == "switch":
         return  # low and high again is the next run
     # all well again: it does not go on by itself
     bench.stub[key] = {"switch": 2, "mode": 0, "armed": True, "radio": True, "eas": 13.0, "eas2tas": 1.0,
-                       "down": -100.0, "roll": 0.0, "pitch": 0.05}[key]  # fmt: skip
+                       "down": -100.0, "roll": 0.0, "pitch": 0.05, "roll_us": 1500, "pitch_us": 1480, "yaw_us": 1510,
+                       "breaches": 0}[key]  # fmt: skip
     bench.run(2.0)
     assert len(bench.sent()) == before
     bench.stub.switch = 0
     bench.fly(1.0)
     assert len(bench.sent()) > before
+
+
+def test_a_script_takes_no_more_memory_than_is_said(point, eolo):
+    """While it is loaded and run, in a Lua of 64 bit numbers; ArduPilot's are of 32."""
+    for which in ("elevator", "lateral"):
+        script = lua_script(card_of(point, which), eolo, AUTOPILOT)
+        lua = LuaRuntime()
+        lua.execute(STUB + "collectgarbage('collect'); collectgarbage('stop')")
+        before = lua.eval("collectgarbage('count')")
+        lua.execute(script)
+        assert 1024.0 * (lua.eval("collectgarbage('count')") - before) < heap_bytes(script)
+
+
+def test_a_hand_that_rests_on_the_stick_ends_nothing(point, eolo):
+    """The dead band counts from where the sticks were at the start; older firmware without fence:get_breaches flies."""
+    bench = Bench(lua_script(card_of(point, "elevator"), eolo, AUTOPILOT))
+    bench.lua.execute("fence = nil")
+    bench.stub.pitch_us = 1600
+    bench.fly(1.0)
+    bench.stub.pitch_us, bench.stub.roll_us = 1649, 1451
+    bench.run(6.0)
+    assert bench.texts[-1].endswith("done")
+    assert list(bench.stub.ended.values())[2] == "done"
 
 
 def test_no_room_at_a_stop_or_no_such_servo_is_refused_and_not_clipped(point, eolo):

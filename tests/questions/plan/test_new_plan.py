@@ -74,7 +74,7 @@ def test_a_new_plan_flies_as_it_is(name, tmp_path):
     assert all(card.status != "refused" for card in plan.cards)
     for card in plan.cards:
         lines = before_lines(card, plan)
-        assert [line.split(":")[0] for line in lines[:2]] == ["wind", "box"]
+        assert [line.split(":")[0] for line in lines[:2]] == ["weather", "box"]
         assert all("GO if" in line for line in lines)
 
 
@@ -200,7 +200,7 @@ def test_a_run_goes_as_far_as_the_wind_carries_it(tmp_path):
         shorter = plan.scenario.airspace.model_copy(update={"length_m": BOX["length_m"] - room + spare_m})
         assert leg_of(card, shorter).runs == runs
     wind, box, battery = before_lines(card, plan)
-    assert wind == "wind: GO if its mean is at most 5 m/s"
+    assert wind == "weather: GO if the mean wind is at most 5 m/s"
     assert box.startswith("box: GO if 133 m lie ahead per run; no turn between")
     timing = plan.scenario.timing
     need_J = card.point.power_W * (card.length_s + timing.turn_s + 0.5 * timing.overhead_s)

@@ -21,11 +21,11 @@ from testbench.page.figure import Area, Curve, Rule, Words
 from testbench.questions.plan import ask
 from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.ask import make_plan
-from testbench.questions.plan.card_figures import card_page
+from testbench.questions.plan.card_figures import card_page, kneeboard_page
 from testbench.questions.plan.card_text import beyond_limits, card_stem, card_text, levels, sequence_lines, standing
 from testbench.questions.plan.page import plan_page, write_cards
 from testbench.questions.plan.result import read_cleared
-from testbench.questions.plan.scenario import Autopilot, PlanScenario
+from testbench.questions.plan.scenario import Autopilot, Fuel, OnTheCard, PlanScenario
 from testbench.questions.plan.tables import modes_table, points_table, runs_table, short_cards
 
 
@@ -79,6 +79,10 @@ def test_every_card_is_one_page_a4_and_a_page_of_its_own(written, taurus_plan):
         assert "http://" not in html.replace("http://www.w3.org", "")
         assert (folder / "signals" / f"{stem}.csv").stat().st_size > 100
     assert len(re.findall(rb"/Type /Page\b", (folder / "cards.pdf").read_bytes())) == 7
+    knees = (folder / "kneeboard.pdf").read_bytes()
+    assert len(re.findall(rb"/Type /Page\b", knees)) == 7
+    box = [float(x) for x in re.search(rb"/MediaBox \[([^\]]*)\]", knees)[1].split()]
+    np.testing.assert_allclose(box, [0.0, 0.0, 419.5, 595.3], atol=0.6)  # A5 in points
     assert not list(folder.rglob("*.lua"))  # a pilot flies
     assert not list(folder.rglob("*.part"))
 
@@ -152,10 +156,9 @@ def test_tables_of_an_autopilot_s_plan(eolo_plan, tmp_path):
     paths = plan_page(eolo_plan).write(tmp_path)
     assert not [p for p in paths if p.suffix in (".lua", ".py")]  # faster than scripting: a player of one's own
     assert paths[-1].name == "report.html"
-    page = paths[-1].read_text(encoding="utf-8")
-    assert "the narrowest step is the one from 18 to 19 m/s" in page.lower()
+    assert any("the fastest point, 19 m/s, lies 6 % below it" in text for _, text in plan_answer(eolo_plan))
     table = points_table(eolo_plan)
-    assert [row[-1] for row in table.rows] == ["if measured", "last"]
+    assert [row[-1] for row in table.rows] == ["go", "go"]
     assert len(modes_table(eolo_plan).rows) == sum(len(p.modes) for p in eolo_plan.points)
     assert len(runs_table(eolo_plan).rows) == len(eolo_plan.runs)
 
@@ -186,7 +189,7 @@ def test_nothing_overlaps_on_the_page_of_a_card(eolo_plan, taurus_plan):
             sheet, *panels = card_page(card, plan).panels  # places are inches from the upper edge
             written = {d.text: d.y for d in sheet.draws if isinstance(d, Words)}
             boxes = [p.box_in for p in panels]
-            assert max(y + tall for _, y, _, tall in boxes) < written["Damping"] - 0.3  # room for "t, s"
+            assert max(y + tall for _, y, _, tall in boxes) < written["Damping"] - 0.3  # room for the ticks
             assert min(y for _, y, _, _ in boxes) > written["Control sequence"] + 0.2
             assert max(written.values()) < sheet.box_in[3]
             assert max(x + wide for x, _, wide, _ in boxes) < sheet.box_in[2]
@@ -207,6 +210,32 @@ def test_panels_show_all_that_is_expected_and_where_damping_ends(eolo_plan):
     low, high = damping.y_range
     points = np.concatenate([d.y for d in damping.draws if isinstance(d, Curve) and d.marker])
     assert low < min(0.0, points.min()) <= points.max() < high
+
+
+def test_cards_speak_in_the_units_of_who_flies(taurus_plan):
+    """Knots, feet and litres: 12 m/s are 23 kt, 100 m 330 ft; a run's 1.43 Wh at 43 MJ/kg and 0.72 kg/l 0.17 ml."""
+    fuel = Fuel(kind="fuel", capacity_kg=0.2, efficiency_percent=45.0, source="s")
+    said = OnTheCard(units="aviation", configuration="gear up", hazards=("birds",), emergency=("loss of link: circle",))
+    scenario = taurus_plan.scenario.model_copy(update={"card": said, "energy": fuel})
+    plan = replace(taurus_plan, scenario=scenario)
+    card = plan.cards[0]
+    text = card_text(card, plan)
+    setup = dict(text.setup)
+    assert setup["speed"].replace("\u00a0", " ") == "23 kt true, 23.2 kt equivalent"
+    assert setup["height"].startswith("330\u00a0ft above sea level")
+    assert setup["configured"] == "gear up"
+    assert setup["mass, c.g."].startswith("1.8 kg; c.g. 16 % of the chord ahead of")
+    assert setup["build-up"] == "speed 1 of 2: 23.3, 27.2 kt, slow to fast"
+    assert next(span for name, span, _, _ in text.limits if name == "V") == "15.6 to 31.1 kt"
+    litres = float(re.search(r"fuel: GO if ([\d.e-]+) litres", text.before[-1])[1])
+    assert litres == pytest.approx(1.43 * 3600.0 / (43e6 * 0.72), rel=0.05)
+    assert text.hazards[0] == "birds"
+    assert text.emergency == said.emergency
+    assert text.calls[0].startswith("KNOCK IT OFF: release")
+    shown = [w.text for row in kneeboard_page(card, plan).rows for p in row for w in p.draws if isinstance(w, Words)]
+    assert {"gear up", "loss of link: circle", "birds"} <= {t.strip() for t in shown}
+    metric = dict(card_text(card, taurus_plan).setup)
+    assert metric["speed"] == "12 m/s true, 11.9 m/s equivalent"
 
 
 def test_a_speed_waits_until_flights_of_slower_ones_clear_it(tmp_path):

@@ -34,8 +34,14 @@ ACTUATORS = Autopilot(system="px4", interface="actuator_control")
 PARAMETERS = {
     "FW_MAN_R_SC": 1.0, "FW_MAN_P_SC": 0.8, "FW_MAN_Y_SC": 1.0, "COM_RC_IN_MODE": 6.0, "SYS_CTRL_ALLOC": 0.0,
     "RC_MAP_THROTTLE": 3.0, "RC3_MIN": 1000.0, "RC3_MAX": 2000.0, "RC3_REV": 1.0, "SDLOG_PROFILE": 25.0,
+    "RC_MAP_ROLL": 1.0, "RC_MAP_PITCH": 2.0, "RC_MAP_YAW": 4.0,
 }  # fmt: skip
-INTEGERS = {"COM_RC_IN_MODE", "SYS_CTRL_ALLOC", "RC_MAP_THROTTLE", "SDLOG_PROFILE"}
+INTEGERS = {
+    "COM_RC_IN_MODE",
+    "SYS_CTRL_ALLOC",
+    "SDLOG_PROFILE",
+    *(f"RC_MAP_{n}" for n in ("THROTTLE", "ROLL", "PITCH", "YAW")),
+}
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +54,7 @@ class Vehicle:
 
     def __init__(self) -> None:
         self.mode, self.armed, self.switch, self.chancount, self.throttle = 1, True, 1000, 8, 1600
+        self.stick = 1500
         self.airspeed, self.z, self.roll, self.pitch, self.az = 12.66, -100.0, 0.0, 0.05, -G0_M_S2
         self.silent = set()
         self.commands: list[tuple] = []
@@ -71,6 +78,7 @@ class Vehicle:
             "LOCAL_POSITION_NED": {"z": self.z},
             "RC_CHANNELS": {
                 **channels,
+                "chan2_raw": self.stick,
                 "chan7_raw": self.switch,
                 "chan3_raw": self.throttle,
                 "chancount": self.chancount,
@@ -180,6 +188,8 @@ FAULTS = {
     "pitch": {"pitch": -0.41},
     "load factor": {"az": -2.01 * G0_M_S2},
     "load factor is no number": {"az": math.nan},
+    "the pilot pulls": {"stick": 1551},
+    "the pilot pushes": {"stick": 1449},
 }
 
 
@@ -302,10 +312,11 @@ class Autopilot127(threading.Thread):
         self.intervals: dict[int, float] = {}
 
     def run(self) -> None:
-        mav, begun = self.link.mav, time.monotonic()
+        mav, asked = self.link.mav, math.inf
         while not self.stopped.is_set():
-            now = time.monotonic() - begun
-            self.vehicle.switch = 2000 if len(self.intervals) == len(STREAMS) and now > 1.0 else 1000
+            now = time.monotonic()
+            asked = min(asked, now) if len(self.intervals) == len(STREAMS) else math.inf
+            self.vehicle.switch = 2000 if now > asked + 1.0 else 1000
             f = self.vehicle.fields()
             mav.heartbeat_send(1, 12, f["HEARTBEAT"]["base_mode"], f["HEARTBEAT"]["custom_mode"], 4)
             mav.attitude_send(0, self.vehicle.roll, self.vehicle.pitch, 0.0, 0.0, 0.0, 0.0)

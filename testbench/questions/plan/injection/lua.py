@@ -61,6 +61,7 @@ def lua_script(card: Card, aircraft: Aircraft, autopilot: Autopilot) -> str:
         f"local SPEED = {card.point.V_m_s:.3f}",
         f"local SPEED_WINDOW = {autopilot.speed_window_m_s:.3f}",
         f"local START_BANK_DEG = {autopilot.bank_at_start_deg:.2f}",
+        f"local STICK_US = {autopilot.stick_us}",
         f"local TRIM_ALPHA_DEG, TRIM_LOAD, LOAD_PER_DEG = {alpha:.3f}, {load:.4f}, {slope:.5f}",
         "-- lowest and highest: true airspeed (m/s), height from the start (m), bank and pitch (deg), load factor (g),",
         "-- angle of attack (deg); what is not here the pilot watches",
@@ -86,6 +87,11 @@ def lua_script(card: Card, aircraft: Aircraft, autopilot: Autopilot) -> str:
         "",
     ]
     return "\n".join(lines) + _BODY.read_text(encoding="utf-8")
+
+
+def heap_bytes(script: str) -> int:
+    """Return the share of SCR_HEAP_SIZE that a script takes at most while it loads: five times its text."""
+    return 1000 * -(-5 * len(script) // 1000)
 
 
 def rows_of(card: Card, period_ms: int) -> tuple[list[int], FloatArray]:

@@ -50,6 +50,7 @@ def sender_settings(card: Card, aircraft: Aircraft, autopilot: Autopilot) -> dic
         "speed_m_s": card.point.V_m_s,
         "window_m_s": autopilot.speed_window_m_s,
         "bank_deg": autopilot.bank_at_start_deg,
+        "stick_us": autopilot.stick_us,
         "eas2tas": round(math.sqrt(air_density(0.0) / air_density(card.point.h_m)), 5),
         "lift_curve": [round(x, 5) for x in lift_curve(card)],
         "limits": {name: [round(x, 4) for x in limit] for name, limit in watched_limits(card).items()},

@@ -14,10 +14,10 @@ Both give demands of roll, pitch and yaw, which PX4 mixes: elevons, V-tails and 
 up, and a demand of one is full throw with PX4's own scales (CA_SV_CSn_TRQ as proposed). Set SDLOG_PROFILE to 25.
 
 The sequence starts when the radio's start switch goes high, at the card's airspeed and with little bank. It ends within
-one frame, and the last frame brings the surfaces back to where they were, when the switch leaves high, the flight mode
-changes, the aircraft is disarmed, radio or telemetry are older than they may be, or a limit of the card is met or is
-not a number. Before the first flight: with the propeller off, play each card (--bench) and compare
-the deflections.
+one frame, and the last frame brings the surfaces back to where they were, when the switch leaves high, the pilot moves
+the radio's stick of roll, pitch or yaw beyond a dead band, the flight mode changes, as by a geofence, the aircraft is
+disarmed, radio or telemetry are older than they may be, or a limit of the card is met or is not a number. Before the
+first flight: with the propeller off, play each card (--bench) and compare the deflections.
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ STREAMS = {
 NEEDED = ("ATTITUDE", "LOCAL_POSITION_NED", "RC_CHANNELS", "VFR_HUD", "HIGHRES_IMU")
 SCALES = ("FW_MAN_R_SC", "FW_MAN_P_SC", "FW_MAN_Y_SC")
 THROTTLE = "RC_MAP_THROTTLE"
+STICKS = ("RC_MAP_ROLL", "RC_MAP_PITCH", "RC_MAP_YAW")
 HIGH_US, LOW_US = 1700, 1300
 
 
@@ -73,6 +74,7 @@ class Card:
         self.state = "wait for the switch to be low"
         self.held: tuple[float, float, float, float] | None = None
         self.started = self.height = 0.0
+        self.sticks = [0.0, 0.0, 0.0]
         self.row = 0
 
     def hear(self, message: Any, now: float) -> None:
@@ -110,7 +112,7 @@ class Card:
             self.state = "wait for the switch to be low"
             self.say(f"NOT STARTED, {reason}")
             return True
-        self.started, self.row = now, 0
+        self.started, self.row, self.sticks = now, 0, self._sticks()
         self.height = -self.heard["LOCAL_POSITION_NED"][1].z
         self.state = "running" if self.by_sticks else "offboard"
         self.say("running")
@@ -119,7 +121,7 @@ class Card:
     def _run(self, now: float) -> bool:
         if self.state == "offboard":  # PX4 enters OFFBOARD only after it has heard set-points for a while
             reason = (
-                "switch" if self._switch(now) != "high" else self._not_fit(now, (MANUAL, OFFBOARD)) or self._limit_met()
+                "switch" if self._switch(now) != "high" else self._not_fit(now, (MANUAL, OFFBOARD)) or self._taken()
             )
             if reason:
                 return self._end(f"ABORTED, {reason}", now)
@@ -133,7 +135,7 @@ class Card:
                 return self._end("ABORTED, the autopilot does not enter OFFBOARD", now)
             return True
         reason = "switch" if self._switch(now) != "high" else None
-        reason = reason or self._not_fit(now, (MANUAL if self.by_sticks else OFFBOARD,)) or self._limit_met()
+        reason = reason or self._not_fit(now, (MANUAL if self.by_sticks else OFFBOARD,)) or self._taken()
         if reason:
             return self._end(f"ABORTED, {reason}", now)
         t = now - self.started - self.settings["settle_s"]
@@ -195,6 +197,18 @@ class Card:
             "load factor": load,
             "alpha": alpha + (load * slow * slow - load_at_trim) / load_per_deg,
         }
+
+    def _sticks(self) -> list[float]:
+        """Return the pulses of the pilot's roll, pitch and yaw sticks, us."""
+        message = self.heard["RC_CHANNELS"][1]
+        return [float(getattr(message, f"chan{self.parameters[n]:.0f}_raw")) for n in STICKS]
+
+    def _taken(self) -> str | None:
+        """Return why a run does not go on: the pilot's stick beyond its dead band, or a limit."""
+        moved = (abs(now - then) for now, then in zip(self._sticks(), self.sticks, strict=True))
+        if not all(x <= self.settings["stick_us"] for x in moved):
+            return "the pilot took the stick"
+        return self._limit_met()
 
     def _limit_met(self) -> str | None:
         measured = self._measured()
@@ -306,6 +320,9 @@ def refusal(settings: Mapping[str, Any], parameters: Mapping[str, float]) -> str
             "SYS_CTRL_ALLOC 0 must hold (PX4 1.13 with mixers): later versions move nothing by actuator controls, got "
             f"{parameters.get('SYS_CTRL_ALLOC', 'no answer')}"
         )
+    if any(not 1.0 <= parameters.get(n, 0.0) <= 18.0 for n in STICKS):
+        got = ", ".join(f"{n} {parameters.get(n, 'no answer')}" for n in STICKS)
+        return f"the channels of the pilot's sticks must be set, so that they end a run, got {got}"
     return None
 
 
@@ -333,7 +350,7 @@ def main(settings: Mapping[str, Any], arguments: list[str] | None = None) -> int
     settings = {**settings, "system_id": system}
     by_sticks = settings["interface"] == "manual_control"
     names = (*SCALES, THROTTLE, "COM_RC_IN_MODE") if by_sticks else ("SYS_CTRL_ALLOC",)
-    parameters = read_parameters(link, system, (*names, "SDLOG_PROFILE"))
+    parameters = read_parameters(link, system, (*names, *STICKS, "SDLOG_PROFILE"))
     reason = refusal(settings, parameters)
     if by_sticks and not reason:
         ends = tuple(f"RC{parameters[THROTTLE]:.0f}_{end}" for end in ("MIN", "MAX", "REV"))

@@ -6,10 +6,12 @@ the outputs they have at that moment, for SETTLE_MS, and the sequence is added t
 SERVOn_FUNCTION: elevator 19, aileron 4, rudder 21, flaperons 24 and 25, elevons 77 and 78, V-tail 79 and 80; a pulse is
 reckoned from SERVOn_MIN, _TRIM, _MAX and _REVERSED as the autopilot reckons it.
 
-It stops, and the outputs return to the autopilot within TIMEOUT_MS, when the switch leaves high, the mode changes, radio
-or airspeed are lost, the aircraft is disarmed, a quantity of LIMITS leaves its limits or is not a number, or when the
-autopilot calls the script so late that its outputs have lapsed. The next run takes switching low and high again. What is
-commanded is logged as TBSQ. The accelerometer's load factor is that behind INS_ACCEL_FILTER; angle of attack is
+It stops, and the outputs return to the autopilot within TIMEOUT_MS, when the switch leaves high, the pilot moves the
+stick of roll, pitch or yaw (RCMAP_) by more than STICK_US, the mode changes, as by a geofence, or a fence is breached,
+radio or airspeed are lost, the aircraft is disarmed, a quantity of LIMITS leaves its limits or is not a number, or when
+the autopilot calls the script so late that its outputs have lapsed. The next run takes switching low and high again.
+What is commanded is logged as TBSQ, what ended a run as TBSE. All scripts on the card share the memory of SCR_HEAP_SIZE:
+copy those that are flown next. The accelerometer's load factor is that behind INS_ACCEL_FILTER; angle of attack is
 reckoned from load factor and airspeed by the lift curve of the card.
 
 Before the first flight: with the propeller off, in MODE, play each card on the ground (set SPEED_WINDOW to 100 and take
@@ -31,6 +33,7 @@ local SPLIT = { [16] = true, [17] = true, [86] = true, [87] = true } -- split el
 
 local state = IDLE
 local outputs = {}   -- one per servo: channel (from 0), share (of full throw, captured), its ends, parts and bases
+local sticks         -- pulses of the pilot's sticks at the start
 local started        -- millis() at which surfaces were captured
 local last           -- millis() of the frame before
 local start_height
@@ -92,6 +95,33 @@ local function switch_is_high()
   return channel ~= nil and channel:get_aux_switch_pos() == 2
 end
 
+-- pulses of roll, pitch and yaw as the pilot holds them; nil where one is not to be read
+local function sticks_now()
+  local pulses = {}
+  for i, name in ipairs({ 'RCMAP_ROLL', 'RCMAP_PITCH', 'RCMAP_YAW' }) do
+    local channel = param:get(name)
+    local pulse = channel and rc:get_pwm(math.floor(channel))
+    if not pulse then return nil end
+    pulses[i] = pulse
+  end
+  return pulses
+end
+
+local function stick_moved()
+  local now = sticks_now()
+  if not now then return 'sticks cannot be read' end
+  for i, pulse in ipairs(now) do
+    if not (math.abs(pulse - sticks[i]) <= STICK_US) then return 'the pilot took the stick' end
+  end
+  return nil
+end
+
+-- older firmware tells no breach; its fence changes the flight mode, which ends a run as well
+local function fence_breached()
+  local ok, breaches = pcall(function() return fence:get_breaches() end)
+  return ok and breaches ~= 0
+end
+
 -- what keeps a run from starting or going on, whatever the state; nil if nothing does
 local function not_fit()
   if param:get('SCR_USER1') ~= CARD then return 'SCR_USER1 is not this card' end
@@ -99,6 +129,7 @@ local function not_fit()
   if vehicle:get_mode() ~= MODE then return 'wrong flight mode' end
   if not rc:has_valid_input() then return 'no radio contact' end
   if not true_airspeed() then return 'no airspeed' end
+  if fence_breached() then return 'geofence' end
   return nil
 end
 
@@ -214,7 +245,8 @@ local function start()
   local reason = not_fit()
   if not reason and not (math.abs(true_airspeed() - SPEED) <= SPEED_WINDOW) then reason = 'not at the speed of the card' end
   if not reason and not (math.abs(math.deg(roll_rad())) <= START_BANK_DEG) then reason = 'too much bank' end
-  reason = reason or capture()
+  sticks = sticks_now()
+  reason = reason or (not sticks and 'sticks cannot be read') or capture()
   if reason then
     state = SPENT
     say(WARNING, 'not started, ' .. reason)
@@ -228,13 +260,15 @@ end
 local function stop(level, text)
   state, outputs = SPENT, {} -- nothing is commanded any more: the last overrides lapse
   say(level, text)
+  local seconds = started and 0.001 * (millis() - started):tofloat() or 0.0
+  pcall(function() logger:write('TBSE', 'Card,T,Why', 'ffZ', CARD, seconds, text:sub(1, 63)) end)
 end
 
 local function run()
   local now = millis()
   local late = (now - last):tofloat() > TIMEOUT_MS
   last = now
-  local reason = (not switch_is_high() and 'switch') or not_fit() or limit_met() or (late and 'scripting is too slow') or nil
+  local reason = (not switch_is_high() and 'switch') or not_fit() or stick_moved() or limit_met() or (late and 'scripting is too slow') or nil
   if reason then
     stop(WARNING, 'ABORTED, ' .. reason)
     return
