@@ -39,18 +39,18 @@ _RELEASE = {
     "autopilot": "start switch low, sticks centred: the pilot has control; wings level, throttle to trim",
 }
 _CALLS = (
-    "a limit met, or the response outside its band",
-    "vibration that does not die away, a sound or a smell that is new",
+    "a limit met or the band left",
+    "vibration, a new sound or smell",
     "telemetry, link or position lost",
-    "traffic or people in the box, wind beyond its limit",
+    "traffic, people, wind",
     "anyone in doubt",
 )
 _HAZARDS = {
-    "de": "stall or overstress in the pulse: unload before anything else, power after that",
+    "de": "stall or overstress in the pulse: unload first, then power",
     "da": "bank runs away to a spiral: throttle idle, level the wings, then the nose",
     "dr": "sideslip to a departure or spin: rudder centred, unload, throttle idle, recover above the floor",
     "thr": "engine stops: best glide, field ahead first",
-    "elastic": "flutter: throttle idle, slow down by a gentle climb, land; the flight is over",
+    "elastic": "flutter: throttle idle, a gentle climb, land; the flight is over",
     "autopilot": "script or servo sticks: start switch low, another flight mode, then power off what sends",
 }
 _NO_EMERGENCY = "nobody has said in [card] emergency what is done at loss of link, fire, landing out"
@@ -193,7 +193,7 @@ def card_text(card: Card, plan: Plan) -> CardText:
         tuple(before_lines(card, plan)),
         go_rule(card, plan),
         tuple(_hazards(card, plan)),
-        (f"KNOCK IT OFF: {_RELEASE[plan.scenario.flown_by]}", f"anybody calls it for {'; '.join(_CALLS)}"),
+        (f"KNOCK IT OFF: {_RELEASE[plan.scenario.flown_by]}", f"called by anybody for {'; '.join(_CALLS)}"),
         plan.scenario.card.emergency or (_NO_EMERGENCY,),
         tuple(_log(card, plan)),
         tuple(_notes(card, plan)),

@@ -193,6 +193,8 @@ def test_nothing_overlaps_on_the_page_of_a_card(eolo_plan, taurus_plan):
             assert min(y for _, y, _, _ in boxes) > written["Control sequence"] + 0.2
             assert max(written.values()) < sheet.box_in[3]
             assert max(x + wide for x, _, wide, _ in boxes) < sheet.box_in[2]
+            (knee,) = kneeboard_page(card, plan).panels
+            assert max(d.y for d in knee.draws if isinstance(d, Words)) < knee.box_in[3] - 0.2
 
 
 def test_panels_show_all_that_is_expected_and_where_damping_ends(eolo_plan):
