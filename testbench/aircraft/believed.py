@@ -87,18 +87,25 @@ def drawn(aircraft: Aircraft, seed: int, index: int) -> Aircraft:
     return aircraft.amended(Amendment(f"draw {index}", "coefficients within their stated uncertainty", changes))
 
 
-def as_it_may_be(aircraft: Aircraft, seed: int) -> Aircraft:
-    """Return the aircraft with its coefficients drawn by what it states of them, else by what handbooks reach.
-
-    Raises:
-        ModelError: see :func:`stated_deviations`.
-    """
+def with_priors(aircraft: Aircraft) -> Aircraft:
+    """Return the aircraft with deviations of its coefficients: those that it states, else what handbooks reach."""
+    if aircraft.uncertainty:
+        return aircraft
     values = {n: aircraft.coefficient(n) for n in coefficient_names(aircraft) if n in ROWS}
     slope = values.get("CL_alpha", 0.0)
     handbook = {
         n: min(1.0, relative_deviation(n, abs(v), abs(slope))) for n, v in values.items() if abs(v) > _NOTHING and slope
     }
-    return drawn(replace(aircraft, uncertainty=aircraft.uncertainty or handbook), seed, 0)
+    return replace(aircraft, uncertainty=handbook)
+
+
+def as_it_may_be(aircraft: Aircraft, seed: int) -> Aircraft:
+    """Return the aircraft with its coefficients drawn by :func:`with_priors`.
+
+    Raises:
+        ModelError: see :func:`stated_deviations`.
+    """
+    return drawn(with_priors(aircraft), seed, 0)
 
 
 @lru_cache(maxsize=16)

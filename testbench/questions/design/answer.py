@@ -242,14 +242,20 @@ def _over_draws(result: DesignResult) -> list[str]:
     """Return what the stated uncertainty of the aircraft makes of the best design."""
     draws, over, name = result.draws, result.best.over, result.aircraft.name
     if draws is None:
-        return []
+        if result.scenario.draws == 0:
+            return []
+        return [
+            f"Errors and limits are those of {name} as it is believed, which states no [uncertainty]: draws = 20 finds "
+            "them over aircraft drawn by what handbooks reach, and robust = true chooses the input for those"
+        ]
     out = []
     if over is not None:
         n = len(over.told.costs)
+        by = f"the uncertainty that {name} states" if result.aircraft.uncertainty else "what handbooks reach"
         worst, median = (over.told.over(how) * result.problem.targets.wanted for how in (np.max, np.median))
         k = worst_target(result, worst)
         out.append(
-            f"Over {counted(n, 'aircraft', 'aircraft')} drawn by the uncertainty that {name} states, the standard "
+            f"Over {counted(n, 'aircraft', 'aircraft')} drawn by {by}, the standard "
             f"error of {result.problem.targets.names[k]} is {error_words(result, median, k)} in the median and "
             f"{error_words(result, worst, k)} in the worst, beside "
             f"{error_words(result, result.best.design.errors, k)} of the believed one; every wanted accuracy is "

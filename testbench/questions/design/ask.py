@@ -10,6 +10,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
+from testbench.aircraft.believed import with_priors
 from testbench.core.blas import on_one_thread
 from testbench.core.constants import PERCENT
 from testbench.core.errors import EstimationError, LimitError, located
@@ -85,7 +86,7 @@ def run_design(
     draws = None
     with located(where, "draws"):
         if count := draws_of(scenario, believed.aircraft):
-            draws = draw(setting, believed.aircraft, count, scenario.seed, designs[0], flier)
+            draws = draw(setting, with_priors(believed.aircraft), count, scenario.seed, designs[0], flier)
     if scenario.robust and draws is not None and not draws.judged:
         raise EstimationError(
             f"robust = true needs drawn aircraft that can be judged, but none of {draws.asked} can: "

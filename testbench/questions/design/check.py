@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft
-from testbench.aircraft.believed import stated_deviations
+from testbench.aircraft.believed import stated_deviations, with_priors
 from testbench.core.constants import DEG_RAD, PERCENT
 from testbench.core.errors import Faults, Refusal, ScenarioError, nearest
 from testbench.flight import load_aircraft
@@ -34,7 +34,8 @@ def check(scenario: DesignScenario) -> list[str]:
         note("aircraft", error.message)
         return faults
     if draws_of(scenario, aircraft):
-        faults.attempt("robust" if scenario.robust and not scenario.draws else "draws", stated_deviations, aircraft)
+        key = "robust" if scenario.robust and not scenario.draws else "draws"
+        faults.attempt(key, stated_deviations, with_priors(aircraft))
     plane = scenario.plane
     for control in scenario.controls:
         if control not in aircraft.controls:

@@ -78,8 +78,9 @@ def nothing_page(scenario: DesignScenario, found: AllKnown) -> Page:
 def _drawn_words(result: DesignResult) -> str:
     """Return what was drawn, and what it decides."""
     assert result.draws is not None
+    who = f"{result.aircraft.name} states" if result.aircraft.uncertainty else "handbooks reach"
     chosen = "the worst of them" if result.scenario.robust else "the believed aircraft"
     return (
-        f"{counted(result.draws.asked, 'aircraft', 'aircraft')} drawn by what {result.aircraft.name} states of its "
-        f"coefficients; input and amplitude are chosen for {chosen}"
+        f"{counted(result.draws.asked, 'aircraft', 'aircraft')} drawn by what {who} of its coefficients; "
+        f"input and amplitude are chosen for {chosen}"
     )

@@ -51,8 +51,9 @@ class DesignScenario(FlownInAir):
     The input is designed for the first suite; the others show what it would tell them. ``duration_s`` is the longest
     manoeuvre, the undisturbed flight of ``start_s`` before the input included.
 
-    ``draws`` is how many aircraft are drawn from the uncertainty that the aircraft states of its coefficients; the
-    design is judged over them. If it is left out, 20 are drawn of an aircraft that states one, none of another.
+    ``draws`` is how many aircraft are drawn from the uncertainty that the aircraft states of its coefficients, else
+    from what handbooks reach; the design is judged over them. If it is left out, 20 are drawn of an aircraft that
+    states one and for ``robust``, else none.
     ``robust`` chooses input and amplitude for the worst of them.
 
     ``realise`` is how often the best design is flown and identified, so that its errors are promised and realised; 0:

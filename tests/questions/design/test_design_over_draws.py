@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from believed_taurus import believed_taurus
 
-from testbench.aircraft.believed import drawn
+from testbench.aircraft.believed import drawn, with_priors
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.design.amplitude import DRAWS
@@ -59,7 +59,10 @@ def test_the_believed_aircraft_is_judged_as_without_draws(judged):
     assert [r.design.cost for r in plain.ranking] == [r.design.cost for r in judged.ranking]
     np.testing.assert_array_equal(plain.best.design.errors, judged.best.design.errors)
     assert "draws" not in {t.name for t in design_page(plain).tables}
-    assert not any("drawn" in s for s in design_sentences(plain))
+    said = [s for s in design_sentences(plain) if "drawn" in s]
+    assert [s.split(":")[0] for s in said] == [
+        "Errors and limits are those of taurus as it is believed, which states no [uncertainty]"
+    ]
 
 
 def test_flights_with_all_draws_and_of_all_designs_are_flown_together(folder):
@@ -199,11 +202,6 @@ def test_drawn_aircraft_that_cannot_be_flown_are_counted_with_the_reason(tmp_pat
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        (
-            {"robust": True},
-            r"robust: taurus must state how well its coefficients are known.*\[uncertainty\]; write that",
-        ),
-        ({"draws": 5}, r"draws: taurus must state how well its coefficients are known"),
         ({"robust": True, "draws": 0}, r"draws >= 1 must hold, got 0"),
         ({"draws": -1}, r"draws: must be 0 to 100000, got -1"),
     ],
@@ -211,6 +209,15 @@ def test_drawn_aircraft_that_cannot_be_flown_are_counted_with_the_reason(tmp_pat
 def test_what_cannot_be_drawn_is_refused(changes, words):
     with pytest.raises(ScenarioError, match=words):
         scenario(**changes)
+
+
+def test_an_aircraft_that_states_nothing_is_drawn_by_handbooks():
+    """What an aircraft states counts alone."""
+    silent = load_aircraft("taurus")
+    assert scenario(draws=5).draws == 5
+    assert with_priors(silent).uncertainty["Cm_alpha"] > 0.1
+    stated = replace(silent, uncertainty={"Cm_alpha": 0.02})
+    assert with_priors(stated) is stated
 
 
 def test_a_robust_design_is_at_least_as_good_in_the_worst_draw_as_the_nominal_one(robust):
