@@ -9,7 +9,6 @@ import typer
 
 from testbench.core.constants import PERCENT
 from testbench.core.errors import RecordError
-from testbench.estimators.operational.onset import RISK
 from testbench.page.terminal import console, stages
 from testbench.questions.options import DataOption, OutOption, SeedOption, refuse, with_figures
 
@@ -36,13 +35,14 @@ def command(
         tuple[float, float] | None, typer.Option(help="Lowest and highest frequency, Hz.", show_default=False)
     ] = None,
     risk: Annotated[
-        float,
+        float | None,
         typer.Option(
             min=0.01,
             max=50.0,
-            help="Probability of flutter at the speed that is cleared, percent; of records at several speeds.",
+            help="Probability of flutter up to the speed that is cleared, percent; 1 if not given.",
+            show_default=False,
         ),
-    ] = 100.0 * RISK,
+    ] = None,
     order: Annotated[int | None, typer.Option(help="Largest number of states, even; 40 if not given.")] = None,
     out: OutOption = Path("results"),
     data: DataOption = None,
@@ -57,6 +57,7 @@ def command(
     """
     from testbench.core.paths import find_scenario
     from testbench.core.store import ResultFolder, folder_in
+    from testbench.estimators.operational.onset import RISK
     from testbench.page.write import record_keeper
     from testbench.questions.files import find, kinds_of
     from testbench.questions.modes.ask import fly_modes, read_modes, search_for
@@ -65,6 +66,7 @@ def command(
 
     asked = {"channels": channels, "references": references, "band_hz": band, "order": order}
     given = {key: value for key, value in asked.items() if value}
+    at_most = RISK if risk is None else risk * PERCENT
     scenario = find_scenario(source[0])
     flown = source[0].suffix.lower() != ".nc"
     flown = flown and not (scenario.is_file() and kinds_of(scenario)[0].command == "identify")
@@ -78,10 +80,10 @@ def command(
     with ResultFolder(folder_in(out, f"{scenario.stem}_modes")) as place, stages() as say:
         if flown:
             loaded = ModesScenario.load(scenario)
-            result = fly_modes(loaded, search_for(given, loaded.modes), seed, record_keeper(place), say, risk * PERCENT)
+            result = fly_modes(loaded, search_for(given, loaded.modes), seed, record_keeper(place), say, at_most)
         else:
             say("read records")
-            result = read_modes(source, search_for(given), data, say, risk * PERCENT)
+            result = read_modes(source, search_for(given), data, say, at_most)
         say("write report")
         page = modes_page(result)
         page.write(place)
