@@ -7,14 +7,21 @@ writes a channel behind the model's own control system,
     command (rad) -> servo -> deflection (rad) -> each property that the aerodynamics reads
 
 so that command and surface are seams of their own with one meaning in every model, and gearing, trim tabs, autopilot
-and stability augmentation of the model's own control system have no part in them.
+and stability augmentation of the model's own control system have no part in them. A control may be commanded by the
+stick instead: then the model's own control law stays,
+
+    command (rad) -> stick -> the model's law, which feels the motion -> demand (rad) -> servo -> deflection (rad)
+
+A trim is the same by either way: while time stands still the demand is the command. What the law makes of the stick in
+its middle and of the motion at trim is taken away from then on, as a trim wheel does, so that it acts about the trim.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -22,6 +29,10 @@ SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
 """Control -> the word that its properties are named by."""
 PREFIX = "testbench/"
 THROTTLE = f"{PREFIX}throttle-command"
+CommandedAt = Literal["stick", "surface"]
+"""Where commands enter: before the model's own control law, or behind it."""
+BIAS = "-bias-rad"
+"""How the properties end that hold what a law makes of a trim."""
 CHANNEL = "testbench"
 """Name of the channel that moves the surfaces."""
 
@@ -40,6 +51,28 @@ class Drive:
 
 
 @dataclass(frozen=True)
+class Law:
+    """The model's own way from the stick to a surface.
+
+    Attributes:
+        stick: property of the pilot's command, -1 to 1.
+        sign: of the stick that deflects the surface to its positive side.
+        own: property that tells where the model has the surface.
+        factor: of it to the deflection in rad.
+        ends: (lowest, highest) deflection, rad: full stick to either side.
+        lag_rad_s, rate_limit_rad_s: of the servo that stands for the whole way where the law is left out.
+    """
+
+    stick: str
+    sign: float
+    own: str
+    factor: float
+    ends: tuple[float, float]
+    lag_rad_s: float | None = None
+    rate_limit_rad_s: float | None = None
+
+
+@dataclass(frozen=True)
 class Link:
     """One control surface of a model: what it moves, how far, and the servo before it.
 
@@ -50,6 +83,8 @@ class Link:
         rate_limit_rad_s: of the servo; None without one.
         apart: True if command and surface are properties of their own even without a lag, so that something can be put
             between them.
+        law: the model's own law, where it has one that feels the motion.
+        by_stick: whether the command is the stick, and the law flies.
     """
 
     control: str
@@ -57,6 +92,15 @@ class Link:
     lag_rad_s: float | None = None
     rate_limit_rad_s: float | None = None
     apart: bool = False
+    law: Law | None = None
+    by_stick: bool = False
+
+    def commanded_at(self, point: CommandedAt) -> Link:
+        """Return the link commanded at the "stick" or at the "surface"; without a law both are one."""
+        if self.law is None or self.by_stick == (point == "stick"):
+            return self
+        lag, limit = (self.law.lag_rad_s, self.law.rate_limit_rad_s) if self.by_stick else (None, None)
+        return replace(self, by_stick=not self.by_stick, lag_rad_s=lag, rate_limit_rad_s=limit)
 
     @property
     def word(self) -> str:
@@ -69,10 +113,15 @@ class Link:
         return f"{PREFIX}{self.word}-command-rad"
 
     @property
+    def demand(self) -> str:
+        """Property of what the servo is to follow, rad: the command, or what the law makes of it."""
+        return f"{PREFIX}{self.word}-demand-rad" if self.by_stick else self.command
+
+    @property
     def surface(self) -> str:
-        """Property of the deflection, rad: where the servo stands, or the command itself unless they are apart."""
+        """Property of the deflection, rad: where the servo stands, or what it follows unless they are apart."""
         joined = self.lag_rad_s is None and not self.apart
-        return self.command if joined else f"{PREFIX}{self.word}-pos-rad"
+        return self.demand if joined else f"{PREFIX}{self.word}-pos-rad"
 
     @property
     def lag(self) -> str:
@@ -107,6 +156,10 @@ class Adapter:
         """Return the link of a control, or None."""
         return next((x for x in self.links if x.control == control), None)
 
+    def commanded_at(self, point: CommandedAt) -> Adapter:
+        """Return the adapter with every control commanded at the "stick" or at the "surface"."""
+        return replace(self, links=tuple(link.commanded_at(point) for link in self.links))
+
     def apply(self, tree: ET.Element) -> None:
         """Add declarations and channels to a model in place."""
         control = tree.find("flight_control")
@@ -124,28 +177,63 @@ class Adapter:
         for name in self.throttles:
             if _is_position(name):  # last of all, whatever the model's own control system made of its throttle
                 channel.append(_throttle_gain(name, [name]))
+        sticks = ET.Element("channel", {"name": "testbench stick"})
         for link in self.links:
             declared[link.command] = 0.0
-            if link.surface != link.command:
+            if link.law is not None and link.by_stick:
+                names = {"WORD": link.word, "OWN": link.law.own, "FACTOR": repr(link.law.factor)}
+                names |= dict(zip(("LOW", "HIGH"), map(repr, link.law.ends), strict=True))
+                sticks.extend(_components(_STICK, names))
+                full = link.law.sign
+                ends = tuple(zip((link.law.ends[0], 0.0, link.law.ends[1]), (-full, 0.0, full), strict=True))
+                sticks.append(_drive(link.law.stick, [(f"{PREFIX}{link.word}-stick-rad", Drive("", ends))]))
+                channel.extend(_components(_LAW, names))
+                declared |= {f"{PREFIX}{link.word}-{n}-rad": 0.0 for n in ("trim", "stick", "bias", "demand")}
+            if link.surface != link.demand:
                 declared[link.surface] = 0.0
                 declared[link.rate_limit] = 1e3 if link.rate_limit_rad_s is None else link.rate_limit_rad_s
                 if link.lag_rad_s is not None:
                     declared |= {link.lag: link.lag_rad_s, f"{PREFIX}{link.word}-previous-rad": 0.0}
                 servo = _RIGID if link.lag_rad_s is None else _SERVO
-                for element in ET.fromstring(f"<channel>{servo.replace('WORD', link.word)}</channel>"):
-                    channel.append(element)
+                channel.extend(_components(servo, {"DEMAND": link.demand, "WORD": link.word}))
             # What was added to coefficients by a deflection follows the surface, whatever servo it has by now.
             for name in {link.command, f"{PREFIX}{link.word}-pos-rad"} - {link.surface}:
                 _read_instead(tree, name, link.surface)
         renamed = _own_names(tree)
-        for name, terms in _by_property(self.links).items():
-            target = f"{PREFIX}{name.replace('/', '-')}" if name in renamed else name
+        for name, links in _by_property(self.links).items():
+            lawful = any(link.by_stick for link, _ in links)
+            target = f"{PREFIX}{name.replace('/', '-')}" if name in renamed or lawful else name
             if target != name:
                 declared[target] = 0.0
                 _read_instead(tree, name, target)
-            channel.append(_drive(target, terms))
+            moved = [(link.surface, drive) for link, drive in links]
+            if not lawful:
+                channel.append(_drive(target, moved))
+                continue
+            # What the law has moved, and what a servo that was put behind it leaves of that.
+            demanded = [(link.demand, drive) for link, drive in links]
+            still, bias = f"{target}-still", f"{target}{BIAS}"
+            declared |= {still: 0.0, bias: 0.0}
+            channel.append(_drive(still, demanded))
+            names = {"TARGET": target, "STILL": still, "BIAS": bias, "OWN": name, "LATE": still}
+            if moved != demanded:
+                names["LATE"] = f"{target}-late"
+                declared[names["LATE"]] = 0.0
+                channel.append(_drive(names["LATE"], moved))
+            channel.extend(_components(_MOVED_BY_LAW, names))
+        if len(sticks):
+            system = ET.Element("system", {"name": "testbench stick"})
+            system.append(sticks)
+            tree.insert(_first_system(tree), system)
         declare(tree, declared)
         control.append(channel)
+
+
+def _components(template: str, names: Mapping[str, str]) -> list[ET.Element]:
+    """Return the components of a template with words put in."""
+    for word, text in names.items():
+        template = template.replace(word, text)
+    return list(ET.fromstring(f"<channel>{template}</channel>"))
 
 
 def _place(tree: ET.Element) -> int:
@@ -232,22 +320,22 @@ def _by_property(links: Sequence[Link]) -> dict[str, list[tuple[Link, Drive]]]:
     return out
 
 
-def _drive(target: str, terms: Sequence[tuple[Link, Drive]]) -> ET.Element:
-    """Return the component that moves one property with its controls."""
+def _drive(target: str, terms: Sequence[tuple[str, Drive]]) -> ET.Element:
+    """Return the component that moves one property with deflections, which are properties in rad."""
     name = f"{PREFIX}drive-{target.removeprefix(PREFIX).replace('/', '-')}"
     if len(terms) == 1:
-        link, drive = terms[0]
+        deflection, drive = terms[0]
         (low, at_low), (high, at_high) = drive.points[0], drive.points[-1]
         gain = at_high / high if high else 0.0
         if len(drive.points) == 2 and abs(at_low - gain * low) <= 1e-9 * abs(at_high - at_low):
             out = ET.Element("pure_gain", {"name": name})
-            ET.SubElement(out, "input").text = link.surface
+            ET.SubElement(out, "input").text = deflection
             ET.SubElement(out, "gain").text = repr(gain)
             ET.SubElement(out, "output").text = target
             return out
         if len(drive.points) == 3 and drive.points[1] == (0.0, 0.0):
             out = ET.Element("aerosurface_scale", {"name": name})
-            ET.SubElement(out, "input").text = link.surface
+            ET.SubElement(out, "input").text = deflection
             for tag, ends in (("domain", (low, high)), ("range", (at_low, at_high))):
                 element = ET.SubElement(out, tag)
                 for end, value in zip(("min", "max"), ends, strict=True):
@@ -256,9 +344,9 @@ def _drive(target: str, terms: Sequence[tuple[Link, Drive]]) -> ET.Element:
             return out
     out = ET.Element("fcs_function", {"name": name})
     total = ET.SubElement(ET.SubElement(out, "function"), "sum")
-    for i, (link, drive) in enumerate(terms):
+    for i, (deflection, drive) in enumerate(terms):
         table = ET.SubElement(total, "table")
-        ET.SubElement(table, "independentVar", {"lookup": "row"}).text = link.surface
+        ET.SubElement(table, "independentVar", {"lookup": "row"}).text = deflection
         offset = (
             0.0 if i == 0 else float(np.interp(0.0, *np.array(drive.points).T))
         )  # what the property is without any deflection counts once
@@ -269,6 +357,41 @@ def _drive(target: str, terms: Sequence[tuple[Link, Drive]]) -> ET.Element:
     ET.SubElement(out, "output").text = target
     return out
 
+
+_STILL = "<gt> <property>simulation/dt</property> <value>0</value> </gt>"
+# The stick is moved by what is commanded beyond the trim.
+_STICK = f"""
+<fcs_function name="testbench/WORD-trim"> <function>
+  <ifthen> {_STILL} <property>testbench/WORD-trim-rad</property>
+    <property>testbench/WORD-command-rad</property> </ifthen>
+</function> <output>testbench/WORD-trim-rad</output> </fcs_function>
+<fcs_function name="testbench/WORD-stick"> <function>
+  <ifthen> {_STILL} <difference> <property>testbench/WORD-command-rad</property>
+    <property>testbench/WORD-trim-rad</property> </difference> <value>0</value> </ifthen>
+</function> <output>testbench/WORD-stick-rad</output> </fcs_function>
+"""
+_LAW = f"""
+<fcs_function name="testbench/WORD-bias"> <function>
+  <ifthen> {_STILL} <property>testbench/WORD-bias-rad</property>
+    <difference> <property>testbench/WORD-trim-rad</property>
+      <product> <value>FACTOR</value> <property>OWN</property> </product> </difference> </ifthen>
+</function> <output>testbench/WORD-bias-rad</output> </fcs_function>
+<fcs_function name="testbench/WORD-demand"> <function>
+  <max> <value>LOW</value> <min> <value>HIGH</value>
+    <sum> <property>testbench/WORD-bias-rad</property>
+      <product> <value>FACTOR</value> <property>OWN</property> </product> </sum> </min> </max>
+</function> <output>testbench/WORD-demand-rad</output> </fcs_function>
+"""
+_MOVED_BY_LAW = f"""
+<fcs_function name="TARGET-holds"> <function>
+  <ifthen> {_STILL} <property>BIAS</property>
+    <difference> <property>STILL</property> <property>OWN</property> </difference> </ifthen>
+</function> <output>BIAS</output> </fcs_function>
+<fcs_function name="TARGET-moves"> <function>
+  <sum> <property>OWN</property> <property>BIAS</property>
+    <difference> <property>LATE</property> <property>STILL</property> </difference> </sum>
+</function> <output>TARGET</output> </fcs_function>
+"""
 
 # A surface that turns by CHANGE in a frame, no faster than its limit; without time it is where its command is.
 _ACTUATOR = """
@@ -288,7 +411,7 @@ _ACTUATOR = """
           </min>
         </max>
       </sum>
-      <property>testbench/WORD-command-rad</property>
+      <property>DEMAND</property>
     </ifthen>
   </function>
   <output>testbench/WORD-pos-rad</output>
@@ -297,8 +420,7 @@ _ACTUATOR = """
 # Without a lag it turns the whole way.
 _RIGID = _ACTUATOR.replace(
     "CHANGE",
-    "<difference> <property>testbench/WORD-command-rad</property> <property>testbench/WORD-pos-rad</property> "
-    "</difference>",
+    "<difference> <property>DEMAND</property> <property>testbench/WORD-pos-rad</property> </difference>",
 )
 # With the lag of the packaged aircraft it is exact for commands that run linearly from frame to frame:
 # x+ = a x + b0 c + b1 c+, a = exp(-lag dt), b1 = 1 - (1 - a)/(lag dt), b0 = 1 - a - b1.
@@ -308,7 +430,7 @@ _LAGGED = """<sum>
       <property>testbench/WORD-servo-a</property> </difference>
     <property>testbench/WORD-previous-rad</property>
   </product>
-  <product> <property>testbench/WORD-servo-b1</property> <property>testbench/WORD-command-rad</property> </product>
+  <product> <property>testbench/WORD-servo-b1</property> <property>DEMAND</property> </product>
   <product>
     <difference> <property>testbench/WORD-servo-a</property> <value>1</value> </difference>
     <property>testbench/WORD-pos-rad</property>
@@ -329,7 +451,7 @@ _SERVO = f"""
 </fcs_function>
 {_ACTUATOR.replace("CHANGE", _LAGGED)}
 <fcs_function name="testbench/WORD-memory">
-  <function> <sum> <property>testbench/WORD-command-rad</property> <value>0</value> </sum> </function>
+  <function> <sum> <property>DEMAND</property> <value>0</value> </sum> </function>
   <output>testbench/WORD-previous-rad</output>
 </fcs_function>
 """

@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from testbench.aircraft.adapter import SURFACES, THROTTLE, Adapter, Drive, Link
+from testbench.aircraft.adapter import SURFACES, THROTTLE, Adapter, CommandedAt, Drive, Law, Link
 from testbench.aircraft.airframe import WingStation
 from testbench.aircraft.amend import Amendment, Memory
 from testbench.aircraft.elastic import ElasticMode, ElasticModel, WingShape, add_modes
@@ -192,6 +192,18 @@ class Aircraft:
             amendment.apply(tree, self)
         return tree
 
+    @property
+    def under_law(self) -> tuple[str, ...]:
+        """The controls whose command is the stick of the model's own control law, which flies."""
+        return () if self.adapter is None else tuple(x.control for x in self.adapter.links if x.by_stick)
+
+    def commanded_at(self, point: CommandedAt) -> Aircraft:
+        """Return the aircraft commanded at the "stick", its own control law flying, or at the "surface", without it.
+
+        An aircraft that has no control law of its own stays as it is.
+        """
+        return self if self.adapter is None else replace(self, adapter=self.adapter.commanded_at(point))
+
     def source_of(self, channel: str) -> tuple[str | None, float]:
         """Return the JSBSim property that a channel of the table is read from, and the factor to SI."""
         c = channel_of(channel)
@@ -286,6 +298,13 @@ _Point = Annotated[tuple[float, float], Field(strict=False)]
 _Points = dict[_Property, Annotated[tuple[_Point, ...], Field(strict=False)]]
 
 
+class _Law(Strict):
+    stick: _Property
+    turned: bool = False
+    own: _Property
+    rad_per_unit: Annotated[float, Field(ge=-1e3, le=1e3)]
+
+
 class _Controls(Strict):
     command: _Property | None = None
     full_deflection_deg: Positive | None = None
@@ -293,10 +312,12 @@ class _Controls(Strict):
     drives: _Points = {}
     servo_lag_rad_s: Positive | None = None
     servo_rate_limit_deg_s: Positive | None = None
+    law: _Law | None = None
     engines: Annotated[tuple[_Property, ...], Field(strict=False)] = ()
 
 
 class _Adapter(Strict):
+    commanded_at: CommandedAt = "surface"
     set: dict[_Property, float] = {}
     declare: dict[_Property, float] = {}
 
@@ -466,7 +487,7 @@ def _controls(described: AircraftFile, path: Path) -> dict[str, Control]:
         if described.adapter is None:
             if c.command is None:
                 faults.note(f"controls.{n}", "command must be the JSBSim property that commands it, got none")
-            for key in ("throw_deg", "drives", "servo_lag_rad_s", "servo_rate_limit_deg_s", "engines"):
+            for key in ("throw_deg", "drives", "servo_lag_rad_s", "servo_rate_limit_deg_s", "law", "engines"):
                 if getattr(c, key):
                     faults.note(f"controls.{n}.{key}", "it is for models with an [adapter] only; leave it out")
             full = 1.0 if c.full_deflection_deg is None else c.full_deflection_deg * DEG_RAD
@@ -496,14 +517,19 @@ def _adapter(described: AircraftFile) -> Adapter | None:
         if n != "thr":
             drives = (Drive(k, tuple((d * DEG_RAD, v) for d, v in points)) for k, points in c.drives.items())
             limit = None if c.servo_rate_limit_deg_s is None else c.servo_rate_limit_deg_s * DEG_RAD
-            links.append(Link(n, tuple(drives), c.servo_lag_rad_s, limit))
+            servo, law = (c.servo_lag_rad_s, limit), None
+            if c.law is not None and c.throw_deg is not None:
+                ends = (c.throw_deg[0] * DEG_RAD, c.throw_deg[1] * DEG_RAD)
+                law = Law(c.law.stick, -1.0 if c.law.turned else 1.0, c.law.own, c.law.rad_per_unit, ends, *servo)
+            links.append(Link(n, tuple(drives), *servo, law=law))
     thr = described.controls.get("thr")
-    return Adapter(
+    adapter = Adapter(
         tuple(links),
         thr.engines if thr is not None else (),
         dict(described.adapter.set),
         dict(described.adapter.declare),
     )
+    return adapter.commanded_at(described.adapter.commanded_at)
 
 
 def _quantity(

@@ -252,15 +252,17 @@ def fly_envelope(aircraft: Aircraft, speeds: Sequence[float], h_m: float | None 
         speeds: true airspeeds, m/s; order and repetition do not matter.
         h_m: altitude, m; the design altitude if none is given.
 
+    Trims and models are those of the airframe: a control law of the model's own changes no trim, and is left out.
+
     Raises:
         TrimError: not one of the speeds can be trimmed.
     """
-    height = aircraft.design_h_m if h_m is None else h_m
+    height, airframe = aircraft.design_h_m if h_m is None else h_m, aircraft.commanded_at("surface")
     trims: list[TrimmedFlight] = []
     untrimmed: list[Untrimmed] = []
     for V in sorted(set(map(float, speeds))):
         try:
-            trims.append(trim(aircraft, FlightCondition(V, height)))
+            trims.append(trim(airframe, FlightCondition(V, height)))
         except TrimError as error:
             untrimmed.append(Untrimmed(V, error.message))
     if not trims:
@@ -268,7 +270,7 @@ def fly_envelope(aircraft: Aircraft, speeds: Sequence[float], h_m: float | None 
             f"{aircraft.name} must trim at one speed at least, got none of {len(untrimmed)} at {height:g} m; "
             f"{untrimmed[0].reason if untrimmed else 'give a speed'}"
         )
-    models = tuple(linearise(aircraft, t) for t in trims)
+    models = tuple(linearise(airframe, t) for t in trims)
     flown = tuple(t.condition.V_m_s for t in trims)
     start = int(np.argmin(np.abs(np.array(flown) - aircraft.design_V_m_s)))
     poles: list[dict[str, tuple[complex, ...]]] = [{} for _ in flown]

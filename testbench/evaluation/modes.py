@@ -12,10 +12,11 @@ from scipy.optimize import linear_sum_assignment
 
 from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
-from testbench.flight.linear_model import LinearModel
+from testbench.flight.linear_model import LAW, SERVO, LinearModel
 
 _RIGID = ("u", "w", "q", "theta")
 _LATERAL = ("v", "p", "r", "phi")
+_LAW_STEPS = 20  # from no law to all of it, in which poles are followed
 
 
 def longitudinal_modes(model: LinearModel, elastic_names: Mapping[int, str]) -> dict[str, complex]:
@@ -117,10 +118,42 @@ def spectrum(model: LinearModel, motion: str, elastic: Mapping[int, str]) -> Spe
     """
     rigid = _RIGID if motion == "longitudinal" else _LATERAL
     states = (*rigid, *(f"eta_{i}" for i in elastic), *(f"etadot_{i}" for i in elastic))
-    poles, left, right = eig(model.subsystem(states).A, left=True, right=True)
+    return _spectrum(states, model.subsystem(states).A)
+
+
+def _spectrum(states: tuple[str, ...], A: FloatArray) -> Spectrum:
+    poles, left, right = eig(A, left=True, right=True)
     product = np.sum(left.conj() * right, axis=0)
     scale = np.where(np.abs(product) > 1e-12, product, 1e-12)  # zero where two eigenvalues meet in one eigenvector
     return Spectrum(states, np.asarray(poles, np.complex128), right, left / scale.conj())
+
+
+def modes_by_law(model: LinearModel, motion: str, elastic: Mapping[int, str]) -> dict[str, tuple[complex, ...]]:
+    """Return mode -> its poles where the aircraft flies by its own control law.
+
+    They are followed by name from those without the law while what the law demands of the servos grows from nothing.
+
+    Args:
+        model: with states of the law, or of servos that it moves at once.
+        motion: "longitudinal" or "lateral-directional".
+        elastic: number -> name of the elastic modes of that motion.
+    """
+    alone = spectrum(model, motion, elastic)
+    plane, surfaces = ("longitudinal", ("de",)) if motion == "longitudinal" else ("lateral", ("da", "dr"))
+    law = [s for s in model.states if s.startswith(f"{LAW}{plane}") or s.removeprefix(SERVO) in surfaces]
+    states = (*alone.states, *law)
+    A = model.subsystem(states).A
+    fed = np.zeros_like(A)
+    for i, name in enumerate(states):
+        if name.startswith(SERVO):
+            fed[i] = np.where(np.arange(len(A)) == i, 0.0, A[i])
+    before = _spectrum(states, A - fed)
+    names = {n: [alone.poles[k] for k in owned] for n, owned in name_modes(alone, elastic).items()}
+    owners: Owners = {n: tuple(int(np.argmin(np.abs(before.poles - s))) for s in own) for n, own in names.items()}
+    for share in np.linspace(0.0, 1.0, _LAW_STEPS + 1)[1:]:
+        after = _spectrum(states, A - (1.0 - share) * fed)
+        owners, before = follow(before, owners, after), after
+    return {name: poles_of(before, owned) for name, owned in owners.items()}
 
 
 def name_modes(found: Spectrum, elastic: Mapping[int, str]) -> dict[str, tuple[int, ...]]:

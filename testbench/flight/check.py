@@ -91,7 +91,7 @@ def _check(key: _Key) -> tuple[MassProperties, tuple[str, ...]]:
             continue
         _check_throw(fdm, control, condition, file)
         _check_sign(fdm, control, condition, file)
-    return mass, (*notes, *_departs(stabilised(replace(aircraft, mass=mass)), condition))
+    return mass, (*notes, *departs(stabilised(replace(aircraft, mass=mass)), condition))
 
 
 def _check_drives(aircraft: Aircraft, condition: FlightCondition, file: Path) -> list[str]:
@@ -126,7 +126,7 @@ def _check_drives(aircraft: Aircraft, condition: FlightCondition, file: Path) ->
     return [n for n in found.found if "one side is still" in n]
 
 
-def _departs(aircraft: Aircraft, condition: FlightCondition) -> list[str]:
+def departs(aircraft: Aircraft, condition: FlightCondition) -> list[str]:
     """Return why an aircraft cannot be flown from its design condition for a second, if it cannot."""
     try:
         trimmed = trim(aircraft, condition)

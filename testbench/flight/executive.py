@@ -69,6 +69,7 @@ class UndefinedProperties(ModelError):
 # costs 0.6 % of a modal rate at 21 to 30 Hz and 500 frames per second; fourth order is stable over half the range only.
 ADAMS_BASHFORTH_3 = 4
 _NONE = 0
+_LAW_RESTS_S = 3.0  # of frames in which a model's own control law comes to rest
 _INTEGRATORS = ("rate/rotational", "rate/translational", "position/rotational", "position/translational")
 ACCELERATIONS = (
     ("accelerations/udot-ft_sec2", FT_M),
@@ -112,6 +113,8 @@ class Executive:
         self._iterations, self.to_rest = (5, 12) if "aero/alphadot-rad_sec" in written.properties else (2, 5)
         if aircraft.adapter is not None:
             self._iterations = max(3, self._iterations)  # throttle: command, position, thrust
+            if aircraft.under_law:
+                self.to_rest = round(_LAW_RESTS_S * rate_hz)
         self._logger = _QuietLogger()
         jsbsim.set_logger(self._logger)
         self.fdm = jsbsim.FGFDMExec(written.root)
@@ -194,6 +197,11 @@ class Executive:
     def has(self, name: str | None) -> bool:
         """Return whether the model has a property."""
         return name is not None and self._manager.hasNode(name)
+
+    @property
+    def read_by_functions(self) -> frozenset[str]:
+        """The properties that a function of the model reads."""
+        return self._read
 
     def reads(self, name: str) -> bool:
         """Return whether a function of the model reads a property."""

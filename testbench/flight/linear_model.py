@@ -16,6 +16,8 @@ from testbench.core.record import FloatArray
 
 SERVO = "servo_"
 """Before the name of a control: the state of its servo."""
+LAW = "law_"
+"""Before the name of a motion and a number: a state of the model's own control law."""
 ENGINE = ("motor_speed", "manifold_pressure")
 """States of propellers and piston engines, where an aircraft has them: rad/s, and Pa in the first engine."""
 

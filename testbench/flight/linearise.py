@@ -17,7 +17,8 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.engines import with_engine
 from testbench.flight.executive import ACCELERATIONS, Executive
-from testbench.flight.linear_model import SERVO, LinearModel, index_of
+from testbench.flight.law import HOLD, Law, law_along, with_law
+from testbench.flight.linear_model import LAW, SERVO, LinearModel, index_of
 from testbench.flight.trim import place_at_trim
 
 _RIGID = ("u", "v", "w", "p", "q", "r", "phi", "theta", "h")
@@ -45,6 +46,9 @@ def linearise(aircraft: Named[Aircraft], trimmed: TrimmedFlight) -> LinearModel:
     feedback to a command passes too), or are the deflections where there is no servo. Outputs: every channel of the
     simulator, and those of the wing stations.
 
+    With its own control law the aircraft has the states of that, too: see :mod:`testbench.flight.law`. Those before the
+    servos, taken alone (``subsystem``), are the aircraft without it.
+
     Example:
         >>> import testbench as tb
         >>> taurus = tb.load_aircraft("taurus")
@@ -56,7 +60,11 @@ def linearise(aircraft: Named[Aircraft], trimmed: TrimmedFlight) -> LinearModel:
     point = _Point.of(aircraft, trimmed)
     at = point.layout.trim_of(trimmed)
     model = point.layout.model(point.values(point.layout.points(at)))
-    return with_engine(model, point.fdm, point.back, at) if point.engine else model
+    if point.engine:
+        model = with_engine(model, point.fdm, point.back, at)
+    if not aircraft.under_law:
+        return model
+    return with_law(model, Law.of(Executive(aircraft, trimmed.rate_hz, trimmed.condition), trimmed))
 
 
 def linearise_along(
@@ -74,7 +82,10 @@ def linearise_along(
     Returns A (n, k, k), C (n, p, k), and the names of the p outputs: those of :func:`linearise`.
     """
     point = _Point.of(aircraft, trimmed)
-    return along(point.layout, flown, states, point.values)
+    A, C, outputs = along(point.layout, flown, [s for s in states if not s.startswith(LAW)], point.values)
+    if aircraft.under_law:
+        A, C = law_along(A, C, states, Law.of(Executive(aircraft, trimmed.rate_hz, trimmed.condition), trimmed))
+    return A, C, outputs
 
 
 def along(
@@ -275,6 +286,7 @@ class _Point:
             fdm.set("modal/static-ic", 0.0)
         lags = {u: aircraft.servo_of(u) for u in _SURFACES if u in aircraft.controls}
         servos = {u: fdm.get(lag) for u, lag in lags.items() if lag is not None and fdm.has(lag)}
+        servos = dict.fromkeys(aircraft.under_law, HOLD * trimmed.rate_hz) | servos
         return cls(fdm, Layout.of(aircraft, fdm.channels, servos), trimmed)
 
     @property

@@ -8,19 +8,21 @@ from functools import lru_cache
 from pathlib import Path
 
 from testbench.aircraft import Aircraft, read_aircraft
-from testbench.aircraft.adapter import CHANNEL
+from testbench.aircraft.adapter import CHANNEL, CommandedAt
 from testbench.aircraft.source import Source, find_model, read_source
 from testbench.aircraft.stabiliser import stabilised
 from testbench.core.errors import ModelError
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, resolve, stock_root
 from testbench.flight.adopt import Adopted, adopt
-from testbench.flight.check import checked
+from testbench.flight.check import checked, departs
 from testbench.flight.coefficients import Perturbed
 from testbench.flight.condition import FlightCondition
 from testbench.flight.executive import Executive
 
 
-def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None = None) -> Aircraft:
+def load_aircraft(
+    name: str | Path, wings: str = "flexible", folder: Path | None = None, commanded_at: CommandedAt | None = None
+) -> Aircraft:
     """Load an aircraft and check that it does what is said of it.
 
     A JSBSim model without an aircraft.toml is adopted: probed and trimmed, which takes some tenths of a second, see
@@ -31,6 +33,8 @@ def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None
             name in the user's ``aircraft/``; or a model that comes with JSBSim, "jsbsim:f16", or "f16" alone.
         wings: "flexible", or "rigid" to hold the elastic modes at zero.
         folder: read this folder instead.
+        commanded_at: "stick", with the model's own control law, or "surface", without it; what aircraft.toml says, or
+            the surface, if not given.
 
     Raises:
         ModelError: the model is damaged, JSBSim refuses it, or a control does not move as aircraft.toml says.
@@ -47,11 +51,38 @@ def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None
     if folder is None:
         named = resolve(str(name), AIRCRAFT)
         if named.startswith(STOCK):
-            return _whole(stock(named.removeprefix(STOCK)).aircraft)
+            return _whole(_at(stock(named.removeprefix(STOCK)).aircraft, commanded_at))
         folder = AIRCRAFT_MODELS / named if named in aircraft_names() else Path(named)
     if not (folder / "aircraft.toml").is_file():
-        return _whole(adopted_at(folder).aircraft)
-    return _whole(checked(read_aircraft(folder, wings), folder / "aircraft.toml"))
+        return _whole(_at(adopted_at(folder).aircraft, commanded_at))
+    return _whole(checked(_at(read_aircraft(folder, wings), commanded_at), folder / "aircraft.toml"))
+
+
+def _at(aircraft: Aircraft, point: CommandedAt | None) -> Aircraft:
+    """Return the aircraft commanded there.
+
+    Raises:
+        ModelError: it has no control law of its own, and the stick is asked for.
+    """
+    if point == "stick" and not aircraft.commanded_at(point).under_law:
+        raise ModelError(
+            f"an aircraft must have a control law to be commanded at the stick, but nothing in {aircraft.name} moves a "
+            "surface with the motion: command the surface"
+        )
+    return aircraft if point is None else aircraft.commanded_at(point)
+
+
+def by_stick(adopted: Adopted) -> Adopted:
+    """Return an adopted model commanded at the stick, its own control law flying, if it has one that holds the trim."""
+    aircraft = adopted.aircraft.commanded_at("stick")
+    if not aircraft.under_law:
+        return adopted
+    away = departs(aircraft, adopted.trimmed.condition)
+    if away and not departs(adopted.aircraft, adopted.trimmed.condition):
+        said = f"control law: it does not hold the trim ({away[0]}): the surfaces are commanded, and it is left out"
+        return replace(adopted, found=(*adopted.found, said))
+    said = "control law: the model's own flies, and the commands are the stick; adapter.commanded_at can leave it out"
+    return replace(adopted, aircraft=aircraft, found=(*adopted.found, said))
 
 
 class AircraftNote(UserWarning):

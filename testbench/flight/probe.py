@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.aircraft.adapter import SURFACES, Adapter, Drive, Link
+from testbench.aircraft.adapter import SURFACES, Adapter, Drive, Law, Link
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
@@ -131,8 +131,11 @@ def probe(aircraft: Aircraft, condition: FlightCondition, alpha: float) -> Probe
         drives = tuple(Drive(m.name, _points(deflection, m.values)) for m in moved)
         fast = _Bench(aircraft, condition, alpha, [reference.name], _SERVO_RATE_HZ)
         lag, limit = fast.servo(command, reference.name, factor)
-        links.append(Link(control, drives, lag, limit))
-        low, high = min(deflection[0], deflection[-1]) / DEG_RAD, max(deflection[0], deflection[-1]) / DEG_RAD
+        ends = float(min(deflection[0], deflection[-1])), float(max(deflection[0], deflection[-1]))
+        way = 1.0 if deflection[-1] >= deflection[0] else -1.0
+        law = Law(command, way, reference.name, float(sign * factor), ends, lag, limit)
+        links.append(Link(control, drives, lag, limit, law=law))
+        low, high = (end / DEG_RAD for end in ends)
         turned = " with the opposite sign" if sign * (reference.values[-1] - reference.values[0]) < 0 else ""
         sides = {side for side in ("left", "right") if any(f"{side}-{SURFACES[control]}" in m.name for m in moved)}
         unread = {"left", "right"} - sides if sides else set()
@@ -154,10 +157,12 @@ def probe(aircraft: Aircraft, condition: FlightCondition, alpha: float) -> Probe
         if feedback:
             augmented.append(control)
             found.append(
-                f"{SURFACES[control]}: it moves with {', '.join(feedback)} while its command stands still: the model's "
-                "own control system is switched off for it, and the surface is commanded directly"
+                f"{SURFACES[control]}: it moves with {', '.join(feedback)} while its command stands still: a control "
+                "law of the model's own"
             )
     links = _uncrossed(links)
+    if not augmented:  # nothing feels the motion: what lies between is a gearing and a servo
+        links = [replace(link, law=None) for link in links]
     if not links:
         raise ModelError(
             f"{NO_SURFACES}, but none of {', '.join(COMMANDS.values())} moves anything that "

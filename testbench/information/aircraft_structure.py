@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from testbench.core.errors import ChannelError, EstimationError, nearest
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices, Parameter
-from testbench.flight.linear_model import LinearModel
+from testbench.flight.linear_model import LAW, LinearModel
 
 Plane = Literal["longitudinal", "lateral"]
 _STATES = {"longitudinal": ("u", "w", "q", "theta", "h"), "lateral": ("v", "p", "r", "phi")}
@@ -142,7 +142,8 @@ def aircraft_structure(
             raise ChannelError(f"the linear model has no channel '{name}'{nearest(name, names)}")
     servos = [f"servo_{c}" for c in _VARIABLES[plane][3:] if f"servo_{c}" in model.states and f"{c}_cmd" in inputs]
     modal = [f"{kind}_{i}" for kind in ("eta", "etadot") for i in modes]
-    states = [*_STATES[plane], *modal, *servos]
+    law = [s for s in model.states if s.startswith(f"{LAW}{plane}")] if servos else []
+    states = [*_STATES[plane], *modal, *law, *servos]
     at = [model.states.index(s) for s in states]
     columns = [model.inputs.index(i) for i in inputs]
     rows = [model.outputs.index(o) for o in outputs]

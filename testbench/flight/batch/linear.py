@@ -100,8 +100,8 @@ def _model(aircraft: Aircraft, trimmed: TrimmedFlight) -> tuple[BatchModel, Layo
 def _layout(model: BatchModel) -> Layout | None:
     """Return what the linear model consists of; None if the program leaves out something that it needs."""
     aircraft, known, servos = model.aircraft, model.program.properties, {}
-    if model.settles:
-        return None  # engines have states of their own
+    if model.settles or aircraft.under_law:
+        return None  # engines, or its control law, have states of their own
     for control in (u for u in _SURFACES if u in aircraft.controls):
         lag = aircraft.servo_of(control)
         if lag is None:

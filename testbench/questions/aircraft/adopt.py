@@ -98,6 +98,15 @@ def described(adopted: Adopted, model: str) -> str:
     if adapter.throttles:
         throttles = ", ".join(quoted(x) for x in adapter.throttles)
         lines += ["[controls.thr]             # one command for all engines", f"engines = [{throttles}]", ""]
+    if any(link.law is not None for link in adapter.links):
+        lines += [
+            *_comment(
+                'Where commands enter: at the "stick", with the control law of the model, or at the "surface", without.'
+            ),
+            "[adapter]",
+            f"commanded_at = {quoted('stick' if aircraft.under_law else 'surface')}",
+            "",
+        ]
     lines += ["# What the model is told before it flies.", "[adapter.set]"]
     lines += [f"{quoted(n)} = {v!r}" for n, v in adapter.settings.items()]
     if adapter.neutral:
@@ -126,10 +135,14 @@ def _control(link: Link, aircraft: Aircraft) -> list[str]:
     ]
     drives = (f"{quoted(d.name)} = [{', '.join(f'[{_degrees(a)}, {v!r}]' for a, v in d.points)}]" for d in link.drives)
     out.append(f"drives = {{ {', '.join(drives)} }}")
-    if link.lag_rad_s is not None:
-        out.append(f"servo_lag_rad_s = {real(link.lag_rad_s, 6)}")
-    if link.rate_limit_rad_s is not None:
-        out.append(f"servo_rate_limit_deg_s = {real(link.rate_limit_rad_s / DEG_RAD, 6)}")
+    surface, law = link.commanded_at("surface"), link.law
+    if surface.lag_rad_s is not None:
+        out.append(f"servo_lag_rad_s = {real(surface.lag_rad_s, 6)}")
+    if surface.rate_limit_rad_s is not None:
+        out.append(f"servo_rate_limit_deg_s = {real(surface.rate_limit_rad_s / DEG_RAD, 6)}")
+    if law is not None:
+        said = f"stick = {quoted(law.stick)}, own = {quoted(law.own)}, rad_per_unit = {law.factor!r}"
+        out.append(f"law = {{ {said}{', turned = true' if law.sign < 0.0 else ''} }}")
     return [*out, ""]
 
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from testbench.evaluation.envelope import Envelope
     from testbench.questions.aircraft.ask import Survey
 
+_SAME = 0.01  # of a pole: what a control law moves by less is not said
 _NOISE = 1e-6  # what perturbing a model leaves of a coefficient that it does not have
 
 
@@ -32,6 +33,7 @@ def aircraft_answer(survey: Survey) -> list[str]:
         f"the aircraft trims from {found.slowest:g} to {found.fastest:g} m/s at {envelope.h_m:g} m"
         + ("" if ends else ", the whole range that its limits allow"),
     ]
+    out += _law_words(survey)
     margin, *remarks = _pitch_remarks(envelope)
     out.append(margin)
     if envelope.elastic:
@@ -50,6 +52,22 @@ def aircraft_answer(survey: Survey) -> list[str]:
     out += envelope.aircraft.notes
     out.append(f"rigid modes at {envelope.speeds[envelope.design]:g} m/s: {'; '.join(said)}")
     return out
+
+
+def _law_words(survey: Survey) -> list[str]:
+    """Return whether the model's own control law flies, and what it does to the modes; empty if it has none."""
+    if not survey.by_law:
+        return []
+    alone, said = survey.envelope.poles[survey.envelope.design], []
+    for name, poles in survey.by_law.items():
+        was = alone[name]
+        if len(poles) != len(was) or any(abs(a - b) > _SAME * abs(a) for a, b in zip(was, poles, strict=True)):
+            words = [" and ".join(_motion_words(s, *frequency_and_damping(s)) for s in found) for found in (was, poles)]
+            said.append(f"{name}: {words[0]} without it, {words[1]} with it")
+    flies = "flies: commands are the stick" if survey.envelope.aircraft.under_law else (
+        "is left out: commands are those of the surfaces (--commanded-at stick lets it fly)"
+    )  # fmt: skip
+    return [f"the model's own control law {flies}; {'; '.join(said) or 'it moves no pole'}"]
 
 
 def _pitch_remarks(envelope: Envelope) -> list[str]:

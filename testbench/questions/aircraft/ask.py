@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,11 +17,13 @@ from testbench.evaluation.envelope import (
     _RESPONSE_SPEEDS,
     _SCAN,
     _TABLED,
+    MOTIONS,
     Envelope,
     Untrimmed,
     fly_envelope,
 )
-from testbench.flight import FlightCondition, trim
+from testbench.evaluation.modes import modes_by_law
+from testbench.flight import FlightCondition, linearise, trim
 from testbench.page.shown import Shown
 
 
@@ -63,7 +66,7 @@ def speed_range(aircraft: Aircraft, h_m: float | None = None) -> SpeedRange:
     Raises:
         TrimError: no speed within the limits can be trimmed.
     """
-    height = aircraft.design_h_m if h_m is None else h_m
+    height, aircraft = aircraft.design_h_m if h_m is None else h_m, aircraft.commanded_at("surface")
     design = aircraft.design_V_m_s
     low, high = aircraft.limits.get("V", (0.5 * design, 2.0 * design))
     step = 10.0 ** (math.floor(math.log10(high - low)) - 2)
@@ -118,6 +121,8 @@ class Survey(Shown, page="testbench.questions.aircraft.page:aircraft_page"):
         tabled: speeds of the tables, m/s, all trimmed.
         responses: speeds of the frequency responses, m/s, all trimmed.
         untrimmed: speeds that cannot be flown: asked for, or at the ends of the range.
+        by_law: mode -> its poles at the design speed where the model's own control law flies; empty if it has
+            none.
     """
 
     name: str
@@ -126,6 +131,7 @@ class Survey(Shown, page="testbench.questions.aircraft.page:aircraft_page"):
     tabled: tuple[float, ...]
     responses: tuple[float, ...]
     untrimmed: tuple[Untrimmed, ...]
+    by_law: Mapping[str, tuple[complex, ...]] = field(default_factory=dict)
 
     @property
     def shaped(self) -> dict[int, ElasticMode]:
@@ -166,4 +172,18 @@ def survey(aircraft: Named[Aircraft], name: str = "") -> Survey:
         tuple(V for V in tabled if V in flown),
         tuple(V for V in wanted if V in flown),
         tuple(refused[V] for V in sorted(refused)),
+        _by_law(envelope),
     )
+
+
+def _by_law(envelope: Envelope) -> dict[str, tuple[complex, ...]]:
+    """Return the poles of all modes at the design speed under the model's own control law, if it has one."""
+    flown = envelope.aircraft.commanded_at("stick")
+    if not flown.under_law:
+        return {}
+    model = linearise(flown, envelope.trims[envelope.design])
+    out: dict[str, tuple[complex, ...]] = {}
+    for motion in MOTIONS:
+        members = {envelope.elastic[n]: n for n in envelope.names(motion, elastic=True)}
+        out |= modes_by_law(model, motion, members)
+    return out

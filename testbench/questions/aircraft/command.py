@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +19,23 @@ command = typer.Typer(
     no_args_is_help=True,
     help="Show an aircraft: any JSBSim model, packaged, your own, or one that ships with JSBSim.",
 )
+
+
+class Point(StrEnum):
+    """Where commands enter an aircraft."""
+
+    stick = "stick"
+    surface = "surface"
+
+
+CommandedAtOption = Annotated[
+    Point | None,
+    typer.Option(
+        "--commanded-at",
+        help="Where commands enter: at the stick, with the model's own control law, or at the surface, without it.",
+        show_default=False,
+    ),
+]
 command.command("flexible")(flexible)
 
 command.command("new")(new)
@@ -41,6 +59,7 @@ def show(
         float | None,
         typer.Option("--speed", min=0.1, help="Speed of modes and derivatives, m/s; the design speed if not given."),
     ] = None,
+    commanded_at: CommandedAtOption = None,
     out: OutOption = Path("results"),
 ) -> None:
     """Trim an aircraft over its speed range and show its modes, frequency responses and derivatives."""
@@ -49,7 +68,7 @@ def show(
     from testbench.questions.aircraft.ask import survey
     from testbench.questions.aircraft.page import aircraft_page, folder_name
 
-    loaded = load_aircraft(name, wings.value)
+    loaded = load_aircraft(name, wings.value, commanded_at=None if commanded_at is None else commanded_at.value)
     name = loaded.name.removesuffix(", rigid wings")
     with ResultFolder(folder_in(out, folder_name(loaded, name))) as place, stages() as say:
         say("trim and linearise over speed")
@@ -75,6 +94,7 @@ def adopt_command(
     ] = None,
     speed: Annotated[float | None, typer.Option("--speed", min=0.1, help="Design speed, m/s.")] = None,
     height: Annotated[float | None, typer.Option("--height", help="Design altitude above sea level, m.")] = None,
+    commanded_at: CommandedAtOption = Point.stick,
     report: Annotated[Path, typer.Option("--report", help="Folder for the page.")] = Path("results"),
 ) -> None:
     """Make a JSBSim model your own: probe its controls, find its trims, and write an aircraft.toml that says so.
@@ -84,7 +104,7 @@ def adopt_command(
     from testbench.core.paths import STOCK, stock_names, stock_root
     from testbench.core.store import folder_in
     from testbench.flight import load_aircraft
-    from testbench.flight.load import adopted_at
+    from testbench.flight.load import adopted_at, by_stick
     from testbench.questions.aircraft.adopt import write_adopted
     from testbench.questions.aircraft.ask import survey
     from testbench.questions.aircraft.page import adopted_page
@@ -95,6 +115,8 @@ def adopt_command(
     with stages() as say:
         say("start the model and probe its controls")
         found = adopted_at(model, speed, height)
+        if commanded_at == Point.stick:
+            found = by_stick(found)
         place = folder if folder is not None else Path("aircraft") / found.aircraft.name
         write_adopted(found, place)
         say("trim and linearise over speed")

@@ -10,7 +10,7 @@ from testbench.page.page import Page
 from testbench.questions.aircraft.adopt import found_table
 from testbench.questions.aircraft.answer import aircraft_answer, shapes_missing
 from testbench.questions.aircraft.figures import aircraft_plates
-from testbench.questions.aircraft.tables import aircraft_tables, mode_table, modes_over_speed, trim_table
+from testbench.questions.aircraft.tables import aircraft_tables, law_table, mode_table, modes_over_speed, trim_table
 
 if TYPE_CHECKING:
     from testbench.aircraft import Aircraft
@@ -31,7 +31,11 @@ def aircraft_page(survey: Survey) -> Page:
         plates=aircraft_plates(survey),
         template="questions/aircraft/page.html.j2",
         context={"envelope": survey.envelope, "aircraft": aircraft, "shapes_missing": shapes_missing(survey)},
-        terminal=[trim_table(survey).without("qbar"), mode_table(survey).without("motion")],
+        terminal=[
+            trim_table(survey).without("qbar"),
+            mode_table(survey).without("motion"),
+            *([law_table(survey).without("motion")] if survey.by_law else []),
+        ],
     )
 
 

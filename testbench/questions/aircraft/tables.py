@@ -24,6 +24,7 @@ def aircraft_tables(survey: Survey) -> list[Table]:
         trim_table(survey),
         untrimmed_table(survey),
         mode_table(survey),
+        law_table(survey),
         elastic_table(survey),
         derivative_table(survey),
         coefficient_table(survey.envelope.aircraft),
@@ -106,6 +107,24 @@ def mode_table(survey: Survey) -> Table:
     columns = (Column("mode", "mode"), Column("motion", "motion"), *_MODE_COLUMNS, Column("t_half", "T½", "s"))
     title = f"Modes at {envelope.speeds[envelope.design]:g} m/s"
     return Table("modes", title, caption, columns, tuple(rows))
+
+
+def law_table(survey: Survey) -> Table:
+    """Return the poles at the design speed without the model's own control law and with it."""
+    envelope = survey.envelope
+    rows: list[tuple[Value, ...]] = []
+    for name, motion in (envelope.motion if survey.by_law else {}).items():
+        for way, found in (("without", envelope.poles[envelope.design]), ("with", survey.by_law)):
+            for root, pole in _roots(name, found[name]):
+                wn, zeta = frequency_and_damping(pole)
+                rows.append((root, motion, way, pole.real, pole.imag, wn / (2.0 * math.pi), zeta))
+    columns = (Column("mode", "mode"), Column("motion", "motion"), Column("law", "control law"), *_MODE_COLUMNS)
+    caption = (
+        "Poles of the linearised aircraft with its surfaces held, and with the model's own control law, followed by "
+        "name while the law's part grows from nothing. The other tables are those of the aircraft without it."
+    )
+    return Table("law", f"Modes with the control law at {envelope.speeds[envelope.design]:g} m/s", caption, columns,
+                 tuple(rows))  # fmt: skip
 
 
 def _roots(mode: str, poles: Sequence[complex]) -> list[tuple[str, complex]]:

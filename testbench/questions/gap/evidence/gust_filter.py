@@ -26,6 +26,7 @@ from scipy.linalg.blas import dtbsv
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.parametric.kalman.innovations import sampled_noise
 from testbench.flight.air import scale_lengths, turbulence_rms
+from testbench.flight.linear_model import LAW
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import jumps, surface_noise
 from testbench.questions.gap.evidence.gusts import INERTIAL, record_key
@@ -189,6 +190,7 @@ def _moving(believed: Believed) -> tuple[str, ...]:
         *(("v", "p", "r", "phi") if _LATERAL & outputs else ()),
         *(m.name for m in believed.aircraft.memories),
         *believed.linear.fed_back,
+        *(s for s in believed.linear.states if s.startswith(LAW)),
     )
 
 
