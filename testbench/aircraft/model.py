@@ -93,6 +93,11 @@ ASSUMED = "assumed by the testbench"
 """Where a limit comes from that neither a model, nor its trims, nor its owner states."""
 
 
+def source_at(source: str, end: str) -> str:
+    """Return what the source of a limit says of its "lowest" or "highest" end: all of it, if it holds for both."""
+    return next((x.removeprefix(f"{end}: ") for x in source.split("; ") if x.startswith(f"{end}: ")), source)
+
+
 @dataclass(frozen=True)
 class Aircraft:
     """One aircraft: JSBSim XML of the rigid airframe, elastic modes, limits and what was amended.

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.constants import G0_M_S2
 from testbench.core.record import FloatArray
 from testbench.flight import LinearModel, TrimmedFlight
 
@@ -71,6 +72,12 @@ def static_margin(aircraft: Aircraft, derivatives: Sequence[Derivative]) -> Stat
     size = 100.0 * aircraft.mass.Iyy / (aircraft.mass.mass_kg * aircraft.geometry.cbar_m)
     M_flown, Z_flown = (d.held if d.static is None else d.static for d in (M, Z))
     return StaticMargin(size * M.held / Z.held, size * M_flown / Z_flown)
+
+
+def lift_per_rad(model: LinearModel, V_m_s: float) -> float:
+    """Return the change of load factor with angle of attack at a trimmed speed, dn/dalpha = -Z_w V / g, per rad."""
+    w = model.states.index("w")
+    return float(-model.A[w, w] * V_m_s / G0_M_S2)
 
 
 def dimensional_derivatives(model: LinearModel, trimmed: TrimmedFlight) -> list[Derivative]:

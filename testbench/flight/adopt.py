@@ -12,18 +12,17 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from testbench.aircraft import Aircraft, Control
 from testbench.aircraft.adapter import THROTTLE, Adapter
-from testbench.aircraft.model import ASSUMED, Geometry, MassProperties
+from testbench.aircraft.model import Geometry, MassProperties
 from testbench.aircraft.sketch import sketch
 from testbench.aircraft.source import Source
 from testbench.core.atmosphere import air_density
-from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, JSBSIM_LENGTH_M, LBF_N
+from testbench.core.constants import FT_M, G0_M_S2, JSBSIM_LENGTH_M, LBF_N
 from testbench.core.errors import ModelError, TrimError
 from testbench.flight.condition import FlightCondition, TrimmedFlight
 from testbench.flight.executive import Executive
+from testbench.flight.limits import limits_of
 from testbench.flight.mass import geometry_flown, mass_flown
 from testbench.flight.probe import NO_SURFACES, Probe, probe, undefined
 from testbench.flight.thrust import engine_words, thrust_N
@@ -33,7 +32,6 @@ RATE_HZ = 200.0
 _LIFT = (0.5, 0.35, 0.7, 0.25, 0.9, 0.15)  # lift coefficients at which a trim is sought first, in this order
 _SPEED_STEP = 1.08
 _FASTER, _SLOWER = 2.2, 0.5  # of the design speed: no trim is sought beyond
-_ALPHA_DEG, _ALPHA_STEP = (-10.0, 20.0), 0.25 * DEG_RAD
 _SMALL_SPAN_M, _LARGE_SPAN_M = 6.0, 20.0
 _HEIGHT_M = {"small": 300.0, "middle": 1000.0, "large": 3000.0}
 # What is set in every model that has it. The throttle is the user's; fuel does not burn, so that the mass stays.
@@ -138,7 +136,7 @@ def _adopted(source: Source, V_m_s: float | None, h_m: float | None, declared: f
     if V_m_s is None and design < _CLOSE * slowest:
         design = float(f"{min(_CRUISE * slowest, math.sqrt(slowest * fastest)):.3g}")
         aircraft = replace(aircraft, design_V_m_s=design)
-    limits, sources = _limits(aircraft, first, slowest, fastest)
+    limits, sources = limits_of(aircraft, first, (slowest, fastest), ends)
     aircraft = replace(aircraft, limits=limits, limit_sources=sources, level_V_m_s=(slowest, fastest))
     missing = tuple(a for a in ("ixx", "iyy", "izz", "ixz") if tree.find(f"mass_balance/{a}") is None)
     found = [*probed.found, *_taken(source), *said, *turned]
@@ -265,7 +263,7 @@ def _assumed(neutral: Mapping[str, float], declared: float, missing: Sequence[st
         out.append(
             f"the tanks that feed engines are empty in the file ({', '.join(map(str, fed))}): {_FEED_LBS:g} lb each"
         )
-    return [*out, "limits of sideslip, attitude and height, as no model states them"]
+    return [*out, "limits of attitude and height, as no model states them"]
 
 
 def _with_inertia(aircraft: Aircraft, tree: ET.Element, condition: FlightCondition) -> tuple[Aircraft, list[str]]:
@@ -466,7 +464,7 @@ def _first_trim(aircraft: Aircraft, speeds: Sequence[float], heights: Sequence[f
 
 
 def _range(aircraft: Aircraft, first: TrimmedFlight) -> tuple[float, float, tuple[str, str]]:
-    """Return the slowest and fastest speed that trims in steps of 8 %, and why those beyond do not.
+    """Return the slowest speed that trims, to 0.2 %, the fastest, in steps of 8 %, and why those beyond do not.
 
     A search may fail where speeds on either side of it trim (JSBSim's PC-7 at 60 m/s): one such step is passed over.
     """
@@ -498,38 +496,6 @@ def _range(aircraft: Aircraft, first: TrimmedFlight) -> tuple[float, float, tupl
         ends.append(float(f"{end * (1.0 + _END if failed and factor < 1.0 else 1.0):.3g}"))
         reasons.append(failed or "no trim was sought beyond")
     return ends[0], ends[1], (reasons[0], reasons[1])
-
-
-def _limits(
-    aircraft: Aircraft, first: TrimmedFlight, slowest: float, fastest: float
-) -> tuple[dict[str, tuple[float, float]], dict[str, str]]:
-    """Return the limits of flights, and of each where it comes from."""
-    h_m = first.condition.h_m
-    alpha, said = _lifting(aircraft, first)
-    limits = {
-        "V": (float(f"{0.85 * slowest:.3g}"), float(f"{1.15 * fastest:.3g}")),
-        "alpha": (_ALPHA_DEG[0] * DEG_RAD, alpha),
-        "beta": (-25.0 * DEG_RAD, 25.0 * DEG_RAD),
-        "theta": (-60.0 * DEG_RAD, 60.0 * DEG_RAD),
-        "phi": (-80.0 * DEG_RAD, 80.0 * DEG_RAD),
-        "h": (10.0, max(2.0 * h_m, h_m + 3000.0)),
-    }
-    return limits, {**dict.fromkeys(limits, ASSUMED), "V": "15 % beyond the trims found", "alpha": said}
-
-
-def _lifting(aircraft: Aircraft, at: TrimmedFlight) -> tuple[float, str]:
-    """Return the angle of attack up to which lift rises, rad, at most the one assumed, and where it comes from."""
-    fdm = Executive(aircraft, RATE_HZ, at.condition)
-    fdm.command(dict(at.controls))
-    V, h_m, most = at.condition.V_m_s, at.condition.h_m, -math.inf
-    for alpha in np.arange(at.alpha, _ALPHA_DEG[1] * DEG_RAD, _ALPHA_STEP):
-        fdm.place(h_m, alpha + at.condition.gamma_rad, 0.0, (V * math.cos(alpha), 0.0, V * math.sin(alpha)))
-        fdm.evaluate(held=True)
-        lift = fdm.get("forces/fwz-aero-lbs")
-        if lift < most:
-            return float(alpha - _ALPHA_STEP), f"lowest: {ASSUMED}; highest: lift is greatest there at {V:g} m/s"
-        most = lift
-    return _ALPHA_DEG[1] * DEG_RAD, ASSUMED
 
 
 def _empty_feeds(fdm: Executive, tree: ET.Element) -> list[int]:

@@ -35,6 +35,15 @@ def thrust_N(fdm: Executive) -> float:
     return sum(fdm.get(f"propulsion/engine[{i}]/thrust-lbs") for i in range(count)) * LBF_N
 
 
+def full_thrust_N(aircraft: Aircraft, trimmed: TrimmedFlight) -> float:
+    """Return the thrust of all engines at full throttle in the state of a trim, N."""
+    fdm = Executive(aircraft, trimmed.rate_hz, trimmed.condition)
+    place_at_trim(fdm, trimmed)
+    fdm.command({"thr": aircraft.controls["thr"].full})
+    fdm.evaluate(to_rest=True)
+    return thrust_N(fdm)
+
+
 def thrust_words(aircraft: Aircraft, trimmed: TrimmedFlight) -> str:
     """Return in a sentence what gives thrust at a trim, how much of how much; or that nothing does, and its path."""
     fdm = Executive(aircraft, trimmed.rate_hz, trimmed.condition)
@@ -46,11 +55,9 @@ def thrust_words(aircraft: Aircraft, trimmed: TrimmedFlight) -> str:
     held = thrust_N(fdm)
     speeds = np.unique(np.round(fdm.propellers.speeds() / RPM_RAD_S))
     turning = f" at {' and '.join(f'{n:.0f}' for n in speeds)} rpm" if speeds.size else ""
-    fdm.command({"thr": aircraft.controls["thr"].full})
-    fdm.evaluate(to_rest=True)
     engines = dict.fromkeys(engine_words(fdm, i) for i in range(count))
     several = f"{count} engines, " if count > 1 else ""
     return (
-        f"thrust: {held:.3g} N{turning} of {thrust_N(fdm):.3g} N at full throttle and {V:g} m/s "
+        f"thrust: {held:.3g} N{turning} of {full_thrust_N(aircraft, trimmed):.3g} N at full throttle and {V:g} m/s "
         f"({several}{'; '.join(engines)})"
     )

@@ -124,6 +124,22 @@ def slopes_at(aircraft: Aircraft, trimmed: TrimmedFlight) -> FloatArray:
     return problem.jacobian(x)
 
 
+def sideslip_held_by(aircraft: Aircraft, trimmed: TrimmedFlight, rudder: float) -> float:
+    """Return the sideslip, rad, of steady straight flight with the rudder held there, rad, at the speed of a trim.
+
+    Raises:
+        TrimError: bank, aileron and the rest cannot balance it.
+    """
+    fdm = Executive(aircraft, trimmed.rate_hz, trimmed.condition)
+    names = tuple("beta" if n == "dr" else n for n in unknowns(aircraft))
+    fdm.command({"dr": rudder})
+    problem = _Problem(fdm, trimmed.condition, names)
+    x, solved = problem.newton(values_of(names, trimmed))
+    if not (solved and problem.balanced(x, problem.no_fault(x))):
+        raise TrimError(f"{aircraft.name} has no steady flight with the rudder at {rudder / DEG_RAD:.3g} deg")
+    return problem.values(x)["beta"]
+
+
 class FrameRateWarning(UserWarning):
     """An amendment that counts frames, such as a delay, is flown at another frame rate than it was made for."""
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import testbench.flight.adopt as adopt_module
+from testbench.aircraft.model import ASSUMED, source_at
 from testbench.aircraft.source import find_model, read_source
 from testbench.core.constants import DEG_RAD, G0_M_S2, LBF_N, RPM_RAD_S
 from testbench.core.errors import ModelError, TrimError
@@ -18,6 +19,7 @@ from testbench.core.paths import stock_root
 from testbench.flight import FlightCondition, Manoeuvre, fly, trim
 from testbench.flight.adopt import Adopted, adopt
 from testbench.flight.executive import Executive
+from testbench.flight.limits import steady_sideslip
 from testbench.flight.trim import place_at_trim
 from testbench.inputs.signal import InputSignal
 
@@ -156,9 +158,13 @@ def test_limits_are_found_and_say_where_they_come_from():
     assert fast.controls["thr"] == pytest.approx(0.93, abs=0.02)
     with pytest.raises(TrimError):
         trim(aircraft, FlightCondition(0.985 * slowest, h_m))
-    assert "lift is greatest there" in aircraft.limit_source("alpha")
+    assert "lift is greatest there" in source_at(aircraft.limit_source("alpha"), "highest")
+    assert "lift is least there" in source_at(aircraft.limit_source("alpha"), "lowest")
     assert aircraft.limits["alpha"][1] == pytest.approx(16.0 * DEG_RAD, abs=0.3 * DEG_RAD)
-    assert aircraft.limit_source("beta") == "assumed by the testbench"
+    assert aircraft.limits["beta"][1] == pytest.approx(20.0 * DEG_RAD, rel=1e-2)
+    assert aircraft.limit_source("beta") == "the tables of the model end there"
+    assert source_at(aircraft.limit_source("V"), "highest").startswith("15 % above the fastest")
+    assert aircraft.limit_source("phi") == ASSUMED
 
 
 def test_an_engine_without_thrust_counts_as_none():
@@ -228,3 +234,11 @@ def test_one_speed_at_which_the_search_for_a_trim_fails_ends_no_range(monkeypatc
     found, _, (why, _) = adopt_module._range(SimpleNamespace(), first)
     assert found == pytest.approx(slowest, rel=0.005)
     assert why == ("step 3 must trim" if len(lost) == 2 else "no trim was sought beyond")
+
+
+def test_full_rudder_holds_a_sideslip_and_no_more_than_the_tables_hold():
+    found = adopted("c172p")
+    held = steady_sideslip(found.aircraft, found.trimmed)
+    assert held is not None
+    assert 10.0 * DEG_RAD < held < found.aircraft.limits["beta"][1]
+    assert steady_sideslip(replace(found.aircraft, controls={}), found.trimmed) is None

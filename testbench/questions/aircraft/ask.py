@@ -23,7 +23,7 @@ from testbench.evaluation.envelope import (
     fly_envelope,
 )
 from testbench.evaluation.modes import modes_by_law
-from testbench.flight import FlightCondition, linearise, trim
+from testbench.flight import FlightCondition, TrimmedFlight, linearise, trim
 from testbench.page.shown import Shown
 
 
@@ -72,12 +72,14 @@ def speed_range(aircraft: Aircraft, h_m: float | None = None) -> SpeedRange:
     step = 10.0 ** (math.floor(math.log10(high - low)) - 2)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     reasons: dict[int, str | None] = {}
+    trims: dict[int, TrimmedFlight] = {}
 
     def flies(k: int) -> bool:
-        """Return whether speed ``k * step`` trims; keep the reason if not."""
+        """Return whether speed ``k * step`` trims, from the nearest trim that is known; keep the reason if not."""
         if k not in reasons:
+            near = trims[min(trims, key=lambda i: abs(i - k))] if trims else None
             try:
-                trim(aircraft, FlightCondition(round(k * step, 9), height))
+                trims[k] = trim(aircraft, FlightCondition(round(k * step, 9), height), near=near)
                 reasons[k] = None
             except TrimError as error:
                 reasons[k] = error.message

@@ -7,9 +7,12 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from testbench.core.channels import CHANNELS
 from testbench.core.constants import DEG_RAD, PERCENT
-from testbench.evaluation.derivatives import dimensional_derivatives
+from testbench.evaluation.derivatives import dimensional_derivatives, lift_per_rad
 from testbench.evaluation.modes import frequency_and_damping
+from testbench.flight.limits import steady_sideslip
+from testbench.flight.thrust import full_thrust_N
 from testbench.page.labels import shown_unit, symbol
 from testbench.page.tables import Column, Table, Value
 
@@ -23,6 +26,7 @@ def aircraft_tables(survey: Survey) -> list[Table]:
     made = [
         trim_table(survey),
         untrimmed_table(survey),
+        limit_table(survey),
         mode_table(survey),
         law_table(survey),
         elastic_table(survey),
@@ -80,6 +84,53 @@ def untrimmed_table(survey: Survey) -> Table:
     columns = (Column("V", "V", "m/s", given=True, digits=5), Column("reason", "reason"))
     rows = tuple((u.V_m_s, u.reason) for u in survey.untrimmed)
     return Table("untrimmed", "Speeds that cannot be trimmed", caption, columns, rows)
+
+
+def limit_table(survey: Survey) -> Table:
+    """Return the limits of flights, and what controls and engines can do at the design speed, with their sources."""
+    envelope = survey.envelope
+    aircraft, trimmed, model = envelope.aircraft, envelope.trims[envelope.design], envelope.models[envelope.design]
+    V = envelope.speeds[envelope.design]
+    rows: list[tuple[Value, ...]] = []
+    for channel, (low, high) in aircraft.limits.items():
+        factor, unit = shown_unit(channel) if channel in CHANNELS else (1.0, "")  # a deflection in its mode's own unit
+        name = symbol(channel) if channel in CHANNELS else channel
+        rows.append((name, low * factor, high * factor, unit, aircraft.limit_source(channel)))
+    rows.append(("level flight", survey.range.slowest, survey.range.fastest, "m/s", "found by trimming"))
+    if "alpha" in aircraft.limits:
+        lift = lift_per_rad(model, V)
+        n = [math.cos(trimmed.condition.gamma_rad) + lift * (a - trimmed.alpha) for a in aircraft.limits["alpha"]]
+        rows.append(("load factor", *n, "", f"lift at the limits of alpha and {V:g} m/s, linear about trim"))
+    for control, axis in (("de", "q"), ("da", "p"), ("dr", "r")):
+        if control not in aircraft.controls:
+            continue
+        i, j = model.states.index(axis), model.inputs.index(control)
+        ends = (aircraft.controls[control].low, aircraft.controls[control].full)
+        moved = sorted(float(model.B[i, j]) * (end - trimmed.controls[control]) / DEG_RAD for end in ends)
+        said = f"{control} from trim to its stops at {V:g} m/s, linear"
+        rows.append((symbol(f"{axis}dot"), *moved, "deg/s²", said))
+        if control == "da" and model.A[i, i] < 0.0:
+            rolls = [float(-x / model.A[i, i]) for x in moved]
+            rows.append((symbol("p"), *rolls, "deg/s", f"full aileron in steady roll at {V:g} m/s: L_da da / L_p"))
+    held = steady_sideslip(aircraft.commanded_at("surface"), trimmed)
+    if held is not None:
+        said = f"full rudder in steady straight flight at {V:g} m/s, found by trimming"
+        rows.append((symbol("beta"), -held / DEG_RAD, held / DEG_RAD, "deg", said))
+    if "thr" in aircraft.controls:
+        most = full_thrust_N(aircraft.commanded_at("surface"), trimmed)
+        rows.append(("thrust", 0.0, most, "N", f"engines at full throttle and {V:g} m/s"))
+    columns = (
+        Column("of", "of"),
+        Column("lowest", "lowest", digits=4),
+        Column("highest", "highest", digits=4),
+        Column("unit", "unit"),
+        Column("source", "where it comes from"),
+    )
+    caption = (
+        "First the limits at which a flight is stopped, then what trims, surfaces and engines can do. What the "
+        "testbench assumed is no limit of the aircraft: state your own in [limits] of aircraft.toml."
+    )
+    return Table("limits", "Limits, and where they come from", caption, columns, tuple(rows), wide=True)
 
 
 _MODE_COLUMNS = (

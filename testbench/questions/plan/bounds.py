@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from testbench.aircraft import Aircraft
-from testbench.aircraft.model import ASSUMED
+from testbench.aircraft.model import ASSUMED, source_at
 from testbench.core.atmosphere import air_density
 from testbench.core.constants import DEG_RAD, G0_M_S2
-from testbench.flight import LinearModel
+from testbench.evaluation.derivatives import lift_per_rad
 from testbench.questions.plan.result import Point
 from testbench.questions.plan.scenario import PlanLimits
 
@@ -34,19 +34,13 @@ class Bounds:
     sources: dict[str, str]
 
 
-def lift_per_rad(model: LinearModel, V_m_s: float) -> float:
-    """Return the change of load factor with angle of attack at a trimmed speed, dn/dalpha = -Z_w V / g, per rad."""
-    w = model.states.index("w")
-    return float(-model.A[w, w] * V_m_s / G0_M_S2)
-
-
 def stall_speed_m_s(aircraft: Aircraft, point: Point) -> float | None:
     """Return the speed at which level flight takes the highest angle of attack of the aircraft, or None if it has none.
 
     An angle that was only assumed is none. From lift that is linear in alpha at the trim of the point:
     (V / V_s)^2 = 1 + dn/dalpha (alpha_max - alpha).
     """
-    if "alpha" not in aircraft.limits or aircraft.limit_source("alpha") == ASSUMED:
+    if "alpha" not in aircraft.limits or source_at(aircraft.limit_source("alpha"), "highest") == ASSUMED:
         return None
     room = aircraft.limits["alpha"][1] - point.trimmed.alpha
     ratio = 1.0 + lift_per_rad(point.model, point.V_m_s) * room
@@ -151,7 +145,7 @@ def _speeds(
         said.append(f"lowest: {_STALL_MARGIN:g} x {stall:.3g} m/s (stall)")
     elif low > 0.0:
         new["V_min_m_s"] = low
-        said.append(f"lowest: {aircraft.limit_source('V')}")
+        said.append(f"lowest: {source_at(aircraft.limit_source('V'), 'lowest')}")
     else:  # nobody knows the stall: no slower than a tenth below the speed of the card
         new["V_min_m_s"] = 0.9 * point.V_m_s
         said.append("lowest: stall unknown, 10 % below the card's speed taken")
@@ -159,7 +153,7 @@ def _speeds(
         said.append("highest: as the plan says")
     elif math.isfinite(high):
         new["V_max_m_s"] = high
-        said.append(f"highest: {aircraft.limit_source('V')}")
+        said.append(f"highest: {source_at(aircraft.limit_source('V'), 'highest')}")
     else:
         new["V_max_m_s"] = 1.3 * point.V_m_s
         said.append("highest: no limit is stated, 30 % above the card's speed taken")

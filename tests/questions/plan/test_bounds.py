@@ -11,9 +11,10 @@ import pytest
 
 from testbench.aircraft.model import ASSUMED
 from testbench.core.constants import DEG_RAD, G0_M_S2
+from testbench.evaluation.derivatives import lift_per_rad
 from testbench.flight import FlightCondition, linearise, trim
 from testbench.questions.plan.ask import make_plan
-from testbench.questions.plan.bounds import GIVEN, bounds_at, lift_per_rad, stall_speed_m_s
+from testbench.questions.plan.bounds import GIVEN, bounds_at, stall_speed_m_s
 from testbench.questions.plan.result import Point
 from testbench.questions.plan.scenario import PlanLimits, PlanScenario
 

@@ -17,7 +17,7 @@ from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import LimitError
 from testbench.core.escape import lua_comment
 from testbench.core.record import FloatArray
-from testbench.questions.plan.bounds import lift_per_rad
+from testbench.evaluation.derivatives import lift_per_rad
 from testbench.questions.plan.injection.signal_table import SURFACES, injected_signal
 from testbench.questions.plan.result import Card
 from testbench.questions.plan.scenario import Autopilot
