@@ -293,7 +293,7 @@ def _rising(stations: tuple[float, ...]) -> tuple[float, ...]:
 
 def _property(name: str) -> str:
     """Return a name that reaches JSBSim: its parser takes no other letters."""
-    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.\-]*(\[[0-9]+\])?(/[A-Za-z0-9_.\-]+(\[[0-9]+\])?)*", name):
+    if not re.fullmatch(r"/?[A-Za-z_][A-Za-z0-9_.\-]*(\[[0-9]+\])?(/[A-Za-z0-9_.\-]+(\[[0-9]+\])?)*", name):
         raise ValueError(f"must be a property of JSBSim, such as fcs/elevator-cmd-norm, in ASCII letters, got '{name}'")
     return name
 

@@ -41,6 +41,7 @@ class Source:
         engine_files: file name -> XML of every engine and thruster that it names.
         included: files that were put into it, as they are named there.
         left_out: elements that were not taken, in words.
+        repaired: what was changed so that JSBSim takes it, in sentences.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Source:
     engine_files: dict[str, str]
     included: tuple[str, ...]
     left_out: tuple[str, ...]
+    repaired: tuple[str, ...] = ()
 
 
 def find_model(path: Path) -> Path | None:
@@ -73,20 +75,25 @@ def find_model(path: Path) -> Path | None:
     return found[0] if found else None
 
 
-def read_source(path: Path) -> Source:
+def read_source(path: Path, repair: bool = False) -> Source:
     """Read a JSBSim model with everything that it includes.
 
     Args:
         path: its main file.
+        repair: whether to mend what JSBSim refuses: systems whose file is missing are left out, and of functions that
+            have one name all but the first get a number. Each is said.
 
     Raises:
-        ModelError: a file is missing, is no XML (with line and column), or is no JSBSim model.
+        ModelError: a file is missing, is no XML (with line and column), or is no JSBSim model; functions of one name.
     """
     tree = _read(path)
     if tree.tag != "fdm_config":
         raise ModelError(f"a JSBSim model must begin with <fdm_config>, got <{tree.tag}> in '{path}'")
     home = path.resolve().parent
-    included = tuple(_include(tree, home, path))
+    repaired: list[str] = []
+    read = {path: tree}
+    included = tuple(_include(tree, home, path, read, repaired if repair else None))
+    repaired += _renamed(tree, [path, *read], repair)
     left_out = []
     for tag in _LEFT_OUT:
         for element in tree.findall(tag):
@@ -107,20 +114,64 @@ def read_source(path: Path) -> Source:
         if not isinstance(element.tag, str):  # pragma: no cover - the parser leaves comments out
             raise ModelError(f"a JSBSim model must consist of elements, got {element.tag!r} in '{path}'")
     tree.set("name", path.stem)
-    return Source(path.stem, path, ET.tostring(tree, encoding="unicode"), engines, included, tuple(left_out))
+    text = ET.tostring(tree, encoding="unicode")
+    return Source(path.stem, path, text, engines, included, tuple(left_out), tuple(repaired))
 
 
-def _include(tree: ET.Element, home: Path, main: Path) -> Iterator[str]:
-    """Put the content of included files into ``tree``; yield their names."""
-    for element in tree:
+def _renamed(tree: ET.Element, files: Sequence[Path], repair: bool) -> list[str]:
+    """Give functions that share a name with one before them a number; return what was done.
+
+    Raises:
+        ModelError: there are some, and nothing is to be repaired. JSBSim would refuse the model.
+    """
+    seen: set[str] = set()
+    said = []
+    for function in tree.iter("function"):
+        name = (function.get("name") or "").strip()
+        if name and name in seen:
+            lines = [
+                f"{file.name}, line {i}"
+                for file in dict.fromkeys(files)
+                for i, line in enumerate(read_text(file, "JSBSim model", errors="replace").splitlines(), 1)
+                if "<function" in line and f'"{name}"' in line.replace("'", '"')
+            ]
+            where = f"'{name}' stands in {' and '.join(lines)}"
+            if not repair:
+                raise ModelError(
+                    f"functions of a JSBSim model must have names of their own, but {where}; name one otherwise, or "
+                    "adopt it with --repair, which gives the second a number: both count"
+                )
+            new = next(f"{name}-{k}" for k in range(2, 1000) if f"{name}-{k}" not in seen)
+            function.set("name", new)
+            said.append(f"repaired: {where}: one of them is '{new}' now, and both count")
+            name = new
+        seen.add(name)
+    return said
+
+
+def _include(
+    tree: ET.Element, home: Path, main: Path, read: dict[Path, ET.Element], left_out: list[str] | None
+) -> Iterator[str]:
+    """Put the content of included files into ``tree``; yield their names, keep their paths in ``read``.
+
+    A system whose file is missing is left out, if that may be said in ``left_out``.
+    """
+    for element in list(tree):
         file = element.get("file")
         if element.tag not in _INCLUDES or file is None:
             continue
         places = _engine_places(home) if element.tag == "propulsion" else _system_places(home)
         found = _find(file, (home, *places))
         if found is None:
-            raise ModelError(_missing(f"the <{element.tag}>", file, main, (home, *places)))
-        content = _read(found)
+            missing = _missing(f"the <{element.tag}>", file, main, (home, *places))
+            if element.tag not in ("system", "autopilot"):
+                raise ModelError(missing)
+            if left_out is None:
+                raise ModelError(f"{missing}, or adopt it with --repair, which leaves it out")
+            left_out.append(f"repaired: <{element.tag} file='{file}'> is left out, as there is no such file")
+            tree.remove(element)
+            continue
+        content = read[found] = _read(found)
         if content.tag != element.tag and {content.tag, element.tag} - {"system", "autopilot", "flight_control"}:
             raise ModelError(
                 f"a file that <{element.tag}> of '{main}' includes must begin with <{element.tag}>, got "
@@ -145,7 +196,7 @@ def _read(path: Path) -> ET.Element:
 
 
 def _system_places(home: Path) -> tuple[Path, ...]:
-    return (home / "Systems", home / "systems", *_roots(home, "systems"))
+    return (home / "Systems", home / "systems", home.parent.parent / "Systems", *_roots(home, "systems"))
 
 
 def _engine_places(home: Path) -> tuple[Path, ...]:

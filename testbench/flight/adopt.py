@@ -244,7 +244,7 @@ def _probed(source: Source, raw: Aircraft, engines: int, condition: FlightCondit
 
 def _taken(source: Source) -> list[str]:
     """Return what was put into the model and what was left out, in sentences."""
-    out = []
+    out = list(source.repaired)
     if source.left_out:
         out.append(f"left out: {', '.join(source.left_out)} (a flight is recorded by the testbench)")
     if source.included:

@@ -367,7 +367,7 @@ class _Key:
 def _model(key: _Key) -> tuple[bytes, frozenset[str]]:
     """Return the text of a model and the properties that its functions read."""
     tree = key.aircraft.model_tree(key.rate_hz, key.condition.qbar_Pa, key.condition.V_m_s)
-    read = {(e.text or "").strip().lstrip("-") for e in tree.iter("property")}
+    read = {(e.text or "").strip().lstrip("-") for tag in ("property", "p") for e in tree.iter(tag)}
     # Text encoded as a whole: an encoding given to ElementTree is taken up anew for every word of it.
     text = '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(tree, encoding="unicode")
     return text.encode(), frozenset(read - {""})

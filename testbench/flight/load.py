@@ -103,8 +103,10 @@ def _whole(aircraft: Aircraft) -> Aircraft:
     return stabilised(replace(aircraft, perturbed=Perturbed(aircraft)))
 
 
-def adopted_at(path: Path, V_m_s: float | None = None, h_m: float | None = None) -> Adopted:
+def adopted_at(path: Path, V_m_s: float | None = None, h_m: float | None = None, repair: bool = False) -> Adopted:
     """Adopt the JSBSim model at a path, an XML file or a folder; once in a process, unless a file of it changes.
+
+    With ``repair``, what JSBSim refuses of it is mended, see :func:`testbench.aircraft.source.read_source`.
 
     Raises:
         ModelError: there is no JSBSim model, or it cannot be flown.
@@ -116,7 +118,7 @@ def adopted_at(path: Path, V_m_s: float | None = None, h_m: float | None = None)
             f"an aircraft must be a folder with aircraft.toml, or a JSBSim model (an XML file that begins with "
             f"<fdm_config>, or a folder with one), got '{path}'"
         )
-    source = read_source(main)
+    source = read_source(main, repair)
     if f'<channel name="{CHANNEL}">' in source.xml:
         raise ModelError(
             f"a model is adopted as its author wrote it, but '{main}' holds the channels that the testbench adds: "

@@ -25,6 +25,10 @@ from testbench.flight.executive import Executive, UndefinedProperties
 
 COMMANDS = {"de": "fcs/elevator-cmd-norm", "da": "fcs/aileron-cmd-norm", "dr": "fcs/rudder-cmd-norm"}
 """Control -> the pilot's command of every JSBSim model."""
+_FLIGHTGEAR = {"de": "/controls/flight/elevator", "da": "/controls/flight/aileron", "dr": "/controls/flight/rudder"}
+_WORDS = {"de": "elev", "da": "ail", "dr": "rud"}
+Command = tuple[tuple[str, float], ...]
+"""What is moved by one command: (property, its sign)."""
 NO_SURFACES = "an aircraft must have control surfaces"
 TURNS = {"de": ("m", -1.0), "da": ("l", 1.0), "dr": ("n", -1.0)}
 """Control -> JSBSim's letter of the moment that a positive deflection makes, and its sign."""
@@ -36,6 +40,7 @@ _CROSSED = 0.02  # of what its own control moves a property by: less is no mixin
 _MOST_FRAMES = 1500  # of a control system until its surfaces stand still: 12 s of it
 _STILL_FRAMES = 40
 _MOVED = 1e-7
+_SMALL = 0.1  # of a throw, at which the sign of a deflection is found
 _STRAIGHT = 1e-6  # of the range: a gearing is straight on both sides
 _NO_ANGLE = re.compile(
     r"^/?(aero|velocities|attitude|position|atmosphere|accelerations|simulation|inertia|metrics|forces|moments|"
@@ -99,11 +104,15 @@ def probe(aircraft: Aircraft, condition: FlightCondition, alpha: float) -> Probe
     Raises:
         ModelError: JSBSim refuses the model, or no command moves anything that the aerodynamics reads.
     """
-    names = watched(aircraft.model_tree(aircraft.rate_hz, condition.qbar_Pa, condition.V_m_s))
+    tree = aircraft.model_tree(aircraft.rate_hz, condition.qbar_Pa, condition.V_m_s)
+    names, own_commands = watched(tree), _declared_commands(tree)
     links, found, assumed, augmented = [], [], [], []
-    for control, command in COMMANDS.items():
+    for control, usual in COMMANDS.items():
         bench = _Bench(aircraft, condition, alpha, names, aircraft.rate_hz)
-        moved = bench.sweep(command)
+        tries: list[Command] = [((n, 1.0),) for n in (usual, _FLIGHTGEAR[control])]
+        tries.append(bench.together(control, [n for n in own_commands if _WORDS[control] in n.lower()]))
+        moved, put = next(((m, c) for c in tries if c and (m := bench.sweep(c))), ([], tries[0]))
+        command = " and ".join(n for n, _ in put)
         direct = bench.readable(control)
         if not moved and direct is not None:
             links.append(
@@ -118,10 +127,10 @@ def probe(aircraft: Aircraft, condition: FlightCondition, alpha: float) -> Probe
         if not moved:
             found.append(f"{command} moves nothing that the aerodynamics reads: there is no {SURFACES[control]}")
             continue
-        reference, factor, said = _reference(control, moved, bench)
+        reference, factor, said = _reference(control, moved, bench, put)
         if said:
             assumed.append(said)
-        sign = bench.sign(control, command)
+        sign = bench.sign(control, put)
         deflection = sign * factor * reference.values
         if not np.all(np.diff(deflection * np.sign(deflection[-1] - deflection[0] or 1.0)) >= -1e-9):
             raise ModelError(
@@ -130,11 +139,11 @@ def probe(aircraft: Aircraft, condition: FlightCondition, alpha: float) -> Probe
             )
         drives = tuple(Drive(m.name, _points(deflection, m.values)) for m in moved)
         fast = _Bench(aircraft, condition, alpha, [reference.name], _SERVO_RATE_HZ)
-        lag, limit = fast.servo(command, reference.name, factor)
+        lag, limit = fast.servo(put, reference.name, factor)
         ends = float(min(deflection[0], deflection[-1])), float(max(deflection[0], deflection[-1]))
         way = 1.0 if deflection[-1] >= deflection[0] else -1.0
         law = Law(command, way, reference.name, float(sign * factor), ends, lag, limit)
-        links.append(Link(control, drives, lag, limit, law=law))
+        links.append(Link(control, drives, lag, limit, law=law if put == tries[0] else None))
         low, high = (end / DEG_RAD for end in ends)
         turned = " with the opposite sign" if sign * (reference.values[-1] - reference.values[0]) < 0 else ""
         sides = {side for side in ("left", "right") if any(f"{side}-{SURFACES[control]}" in m.name for m in moved)}
@@ -168,7 +177,54 @@ def probe(aircraft: Aircraft, condition: FlightCondition, alpha: float) -> Probe
             f"{NO_SURFACES}, but none of {', '.join(COMMANDS.values())} moves anything that "
             f"the aerodynamics of {aircraft.name} reads"
         )
-    return Probe(tuple(links), tuple(found), tuple(assumed), tuple(augmented))
+    links, turned_round = _turned_right(aircraft, condition, alpha, links)
+    return Probe(tuple(links), (*found, *turned_round), tuple(assumed), tuple(augmented))
+
+
+def _turned_right(
+    aircraft: Aircraft, condition: FlightCondition, alpha: float, links: Sequence[Link]
+) -> tuple[list[Link], list[str]]:
+    """Return the links with the sign by which a small deflection turns the aircraft, and which of them were turned.
+
+    The sign of a command over half of its range is not that of a small one where tables bend, and a surface that is
+    commanded directly was not moved before.
+    """
+    V, out, said = condition.V_m_s, [], []
+    for link in links:
+        fdm = Executive(
+            replace(aircraft, adapter=replace(aircraft.adapter or Adapter(), links=(link,))),
+            aircraft.rate_hz,
+            condition,
+        )
+        axis, wanted = TURNS[link.control]
+        size, moments = _SMALL * min(abs(d) for d in (_ends(link))), []
+        for way in (-1.0, 1.0):
+            fdm.set(link.command, way * size)
+            fdm.place(condition.h_m, alpha, 0.0, (V * np.cos(alpha), 0.0, V * np.sin(alpha)))
+            fdm.evaluate(held=True)
+            moments.append(fdm.get(f"moments/{axis}-aero-lbsft"))
+        if wanted * (moments[1] - moments[0]) < 0.0:
+            said.append(f"{link.word}: its sign is that of a small deflection, which turns the aircraft the other way")
+            drives = tuple(Drive(d.name, tuple((-a, v) for a, v in reversed(d.points))) for d in link.drives)
+            link = replace(link, drives=drives, law=None)
+        out.append(link)
+    return out, said
+
+
+def _ends(link: Link) -> tuple[float, float]:
+    deflections = [d for drive in link.drives for d, _ in drive.points]
+    return min(deflections), max(deflections)
+
+
+def _declared_commands(tree: ET.Element) -> list[str]:
+    """Return the properties that a model declares for commands from outside, which none of its components write."""
+    written = {(e.text or "").strip() for e in tree.iter("output")}
+    declared = {
+        (e.text or "").strip()
+        for part in ("flight_control", "system", "autopilot")
+        for e in tree.iterfind(f"{part}/property")
+    }
+    return sorted(n for n in declared - written if "cmd" in n.lower())
 
 
 def _uncrossed(links: Sequence[Link]) -> list[Link]:
@@ -225,12 +281,21 @@ class _Bench:
                 break
         return last
 
-    def sweep(self, command: str) -> list[Moved]:
+    def _put(self, command: Command, value: float) -> None:
+        for name, sign in command:
+            self._fdm.set(name, sign * value)
+
+    def together(self, control: str, names: Sequence[str]) -> Command:
+        """Return the command that moves several properties, each with the sign by which it turns the aircraft alike."""
+        found = [(n, self.sign(control, ((n, 1.0),))) for n in names if self._fdm.has(n)]
+        return tuple((n, sign * found[0][1]) for n, sign in found)
+
+    def sweep(self, command: Command) -> list[Moved]:
         """Return the properties that a command moves over its range.
 
         The commands at which one of them goes through zero are added: there a gearing may have its corner.
         """
-        if not self._fdm.has(command):
+        if not all(self._fdm.has(name) for name, _ in command):
             return []
         commands = np.linspace(-1.0, 1.0, _GRID)
         table = self._table(command, commands)
@@ -245,38 +310,38 @@ class _Bench:
         moved = np.ptp(table, axis=0) > _MOVED
         return [Moved(n, commands, table[:, i]) for i, n in enumerate(self.names) if moved[i]]
 
-    def _table(self, command: str, commands: FloatArray) -> FloatArray:
+    def _table(self, command: Command, commands: FloatArray) -> FloatArray:
         """Return what is watched (n, names) for commands (n,)."""
         rows = []
         for value in commands:
-            self._fdm.set(command, value)
+            self._put(command, value)
             rows.append(self._rest())
-        self._fdm.set(command, 0.0)
+        self._put(command, 0.0)
         self._rest()
         return np.array(rows)
 
-    def angle(self, name: str, command: str, commands: FloatArray) -> FloatArray | None:
+    def angle(self, name: str, command: Command, commands: FloatArray) -> FloatArray | None:
         """Return the values of a property over commands (n,), or None if the model has none of that name."""
         if not self._fdm.has(name):
             return None
         node, values = self._fdm.node(name), []
         for value in commands:
-            self._fdm.set(command, value)
+            self._put(command, value)
             self._rest()
             values.append(node.get_double_value())
-        self._fdm.set(command, 0.0)
+        self._put(command, 0.0)
         self._rest()
         return np.array(values)
 
-    def sign(self, control: str, command: str) -> float:
+    def sign(self, control: str, command: Command) -> float:
         """Return 1 if a positive command gives the moment of a positive deflection, else -1: see the signal table."""
         axis, wanted = TURNS[control]
         moments = []
         for value in (-0.5, 0.5):
-            self._fdm.set(command, value)
+            self._put(command, value)
             self._rest()
             moments.append(self._fdm.get(f"moments/{axis}-aero-lbsft"))
-        self._fdm.set(command, 0.0)
+        self._put(command, 0.0)
         self._rest()
         return 1.0 if wanted * (moments[1] - moments[0]) >= 0.0 else -1.0
 
@@ -306,7 +371,7 @@ class _Bench:
             self._rest()
         return out
 
-    def servo(self, command: str, name: str, factor: float) -> tuple[float | None, float | None]:
+    def servo(self, command: Command, name: str, factor: float) -> tuple[float | None, float | None]:
         """Return lag (rad/s) and rate limit (rad/s) between a command and its surface; None where there is none.
 
         A small step shows the lag: the surface has covered 63 % of it after one time constant. A full step shows the
@@ -324,37 +389,39 @@ class _Bench:
             return rate / first, limit
         return (None, None) if limit is None else (_FAST_RAD_S, limit)
 
-    def _step(self, node: Any, command: str, size: float) -> FloatArray | None:
+    def _step(self, node: Any, command: Command, size: float) -> FloatArray | None:
         """Return the value of a property from the step of its command until it rests, one value per frame.
 
         Time runs, as some servos stand still without it, but nothing of the aircraft moves.
         """
-        self._fdm.set(command, 0.0)
+        self._put(command, 0.0)
         self._rest()
         values = [node.get_double_value()]
-        self._fdm.set(command, size)
+        self._put(command, size)
         with self._fdm.still():
             for _ in range(_MOST_FRAMES):
                 self._fdm.fdm.run()
                 values.append(node.get_double_value())
                 if len(values) > 5 and values[-1] == values[-5]:
                     break
-        self._fdm.set(command, 0.0)
+        self._put(command, 0.0)
         self._rest()
         found = np.array(values)
         return found if abs(found[-1] - found[0]) > 0.0 else None
 
 
-def _reference(control: str, moved: Sequence[Moved], bench: _Bench) -> tuple[Moved, float, str]:
+def _reference(control: str, moved: Sequence[Moved], bench: _Bench, command: Command) -> tuple[Moved, float, str]:
     """Return the property that tells the deflection of a control, its factor to rad, and what was assumed, if anything.
 
     An angle in rad or degrees, of the surface that the control is named by if there are several.
     """
     word = SURFACES[control]
-    units = {"-rad": 1.0, "-deg": DEG_RAD}
+    units = {"-rad": 1.0, "_rad": 1.0, "-deg": DEG_RAD, "_deg": DEG_RAD}
 
     def rank(m: Moved) -> tuple[int, int, float]:
-        own = word in m.name or (control == "de" and re.search(r"stabil|elevon|tail", m.name) is not None)
+        own = _WORDS[control] in m.name.lower() or (
+            control == "de" and re.search(r"stabil|elevon|tail", m.name) is not None
+        )
         angle = any(u in m.name for u in units)
         return (0 if angle else 1, 0 if own else 1, -float(np.ptp(m.values)))
 
@@ -364,7 +431,7 @@ def _reference(control: str, moved: Sequence[Moved], bench: _Bench) -> tuple[Mov
             return best, factor, ""
     for unit, factor in units.items():
         for name in (f"fcs/{word}-pos{unit}", f"fcs/left-{word}-pos{unit}"):
-            values = bench.angle(name, COMMANDS[control], best.commands)
+            values = bench.angle(name, command, best.commands)
             if values is not None and np.ptp(values) > 1e-3:
                 return Moved(name, best.commands, values), factor, ""
     most = float(np.max(np.abs(best.values)))

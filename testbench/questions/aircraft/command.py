@@ -95,6 +95,10 @@ def adopt_command(
     speed: Annotated[float | None, typer.Option("--speed", min=0.1, help="Design speed, m/s.")] = None,
     height: Annotated[float | None, typer.Option("--height", help="Design altitude above sea level, m.")] = None,
     commanded_at: CommandedAtOption = Point.stick,
+    repair: Annotated[
+        bool,
+        typer.Option("--repair", help="Mend what JSBSim refuses: functions of one name, missing files of systems."),
+    ] = False,
     report: Annotated[Path, typer.Option("--report", help="Folder for the page.")] = Path("results"),
 ) -> None:
     """Make a JSBSim model your own: probe its controls, find its trims, and write an aircraft.toml that says so.
@@ -114,7 +118,7 @@ def adopt_command(
         model = root / "aircraft" / path.removeprefix(STOCK)
     with stages() as say:
         say("start the model and probe its controls")
-        found = adopted_at(model, speed, height)
+        found = adopted_at(model, speed, height, repair)
         if commanded_at == Point.stick:
             found = by_stick(found)
         place = folder if folder is not None else Path("aircraft") / found.aircraft.name
