@@ -251,8 +251,8 @@ def _three(values: Sequence[float]) -> tuple[float, float, float]:
 
 def _of_section(lines: _Lines, key: str, words: list[str], surface: _Surface, notes: list[str], line: int) -> None:
     section = surface.sections[-1]
-    if key in ("NACA", "AFILE", "AIRFOIL") and len(words) >= 2:
-        raise lines.fault(f"{key} must take the whole chord, got a range X1 X2", line)
+    if key in ("NACA", "AFILE", "AIRFOIL") and len(words) >= 2 and not _whole(words):
+        raise lines.fault(f"{key} must take the whole chord, X1 X2 = 0 1, got {' '.join(words)}", line)
     if key == "CLAF":
         lines.numbers("CLaf", 1)
         notes.append(f"CLAF (line {line}) left out: lift slopes are computed from the sections")
@@ -275,6 +275,14 @@ def _of_section(lines: _Lines, key: str, words: list[str], surface: _Surface, no
             if lines.path.name in error.message:
                 raise
             raise lines.fault(error.message) from error
+
+
+def _whole(words: Sequence[str]) -> bool:
+    """Return whether a range X1 X2 of the chord is all of it."""
+    try:
+        return [float(x) for x in words] == [0.0, 1.0]
+    except ValueError:
+        return False
 
 
 def _coordinates(lines: _Lines, key: str) -> Airfoil:
@@ -360,12 +368,17 @@ def _lifting(
             if k.name not in ends or k.name not in meaning:
                 continue
             moved, other = meaning[k.name], ends[k.name]
-            if min(k.hinge, other.hinge) <= 0.0:
-                raise lines.fault(f"CONTROL '{k.name}' must lie at the trailing edge (Xhinge > 0)", k.line)
+            if min(k.hinge, other.hinge) < 0.0:
+                raise lines.fault(
+                    f"CONTROL '{k.name}' must lie at the trailing edge (Xhinge > 0), or move the whole surface (0)",
+                    k.line,
+                )
             _check_sign(lines, k, moved, surface.mirrored)
             fraction = 1.0 - 0.5 * (k.hinge + other.hinge)
             if not 0.0 < fraction <= 1.0:
-                raise lines.fault(f"Xhinge must lie between 0 and 1, got {k.hinge:g} and {other.hinge:g}", k.line)
+                raise lines.fault(
+                    f"Xhinge must be 0 or more, and less than 1, got {k.hinge:g} and {other.hinge:g}", k.line
+                )
             if along[i + 1] > along[i]:
                 way = [b.xyz[j] - a.xyz[j] for j in range(3)]
                 turned = -1.0 if sum(v * w for v, w in zip(k.axis, way, strict=True)) < 0.0 else 1.0

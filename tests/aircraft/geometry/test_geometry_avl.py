@@ -158,3 +158,18 @@ def test_a_trainer_cut_anywhere_ends_in_words(tmp_path):
             said.append(str(error))
     assert all("plane.avl" in words for words in said)
     assert whole <= 8  # from the rudder's last line on, the file is an aircraft: its body may be missing or cut
+
+
+def test_an_all_moving_tail_and_a_section_over_its_whole_chord_are_read(tmp_path):
+    control = "CONTROL\nelevator 1.0 0.0 0 1 0 1\n"
+    tail = surface(
+        "Tail", "YDUPLICATE\n0\n", section(1.0, 0, 0, 0.2, "NACA 0.0 1.0\n0010\n" + control),
+        section(1.0, 0.3, 0, 0.2, "NACA\n0010\n" + control),
+    )  # fmt: skip
+    _, found = read(tmp_path, HEAD + WING + tail, {"de": None}).surfaces
+    (flap,) = found.flaps
+    assert flap.chord_fraction == 1.0
+    (fault,) = refused(tmp_path, HEAD + WING + tail.replace("0.0 1.0", "0.2 1.0"), {"de": None})
+    assert "must take the whole chord, X1 X2 = 0 1, got 0.2 1.0" in fault
+    (fault,) = refused(tmp_path, HEAD + WING + tail.replace("1.0 0.0 0 1 0 1", "1.0 -0.3 0 1 0 1"), {"de": None})
+    assert "or move the whole surface (0)" in fault
