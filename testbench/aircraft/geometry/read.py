@@ -1,4 +1,4 @@
-"""Read the plan of an aircraft: geometry.toml, or an AVL file and what lies beside it; all faults at once."""
+"""Read the plan of an aircraft: geometry.toml, or a file of AVL or xflr5 and what lies beside it; all faults."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from testbench.aircraft.geometry.avl import read_avl
 from testbench.aircraft.geometry.masses import Balance, balance
 from testbench.aircraft.geometry.schema import BesideAvl, Common, Fin, GeometryFile, Servo, Trapezoid
 from testbench.aircraft.geometry.shape import Flap, Hull, LiftingSurface, Moved, Plane, Role, Station
+from testbench.aircraft.geometry.xflr5 import read_xflr5
 from testbench.core.door import read_toml
 from testbench.core.errors import Faults, ScenarioError
 from testbench.core.schema import parse
@@ -45,29 +46,32 @@ def read_plan(path: Path, mass: Path | None = None) -> Plan:
     """Read a plan.
 
     Args:
-        path: geometry.toml, or a file of AVL (.avl).
-        mass: beside an AVL file, a TOML file with what it lacks.
+        path: geometry.toml, a file of AVL (.avl), or a plane that xflr5 exported (.xml).
+        mass: beside one of the latter, a TOML file with what it lacks.
 
     Raises:
         RecordError: a file cannot be read.
         ScenarioError: it breaks its schema, or does not make an aircraft; names every fault.
     """
-    if path.suffix.lower() == ".avl":
-        if mass is None:
-            raise ScenarioError(
-                f"{path}: an AVL file lacks mass, design speed, throws and motor: give them with --mass FILE.toml"
-            )
-        return _from_avl(path, mass)
-    if mass is not None:
-        raise ScenarioError(f"--mass goes with an AVL file, got '{path}': write [mass] into it")
-    said, problems = parse(GeometryFile, read_toml(path, "geometry"), path)
+    kind = {".avl": "an AVL file", ".xml": "a plane of xflr5"}.get(path.suffix.lower())
+    if kind is not None and mass is None:
+        raise ScenarioError(
+            f"{path}: {kind} lacks mass, design speed, throws and motor: give them with --mass FILE.toml"
+        )
+    if kind == "an AVL file":
+        return _from_avl(path, Path(str(mass)))
+    if kind is None and mass is not None:
+        raise ScenarioError(f"--mass goes with a file of AVL or xflr5, got '{path}': write [mass] into it")
+    given = read_toml(path, "geometry") if mass is None else read_xflr5(path) | read_toml(mass, "geometry")
+    said, problems = parse(GeometryFile, given, path)
     faults = Faults(path)
     faults.extend(problems)
     plane = _plane(said, faults) if said is not None else None
     if faults or plane is None or said is None:
         raise ScenarioError(faults)
     sources = {s.airfoil.name: s.airfoil.file for x in plane.surfaces for s in x.stations if s.airfoil.file is not None}
-    return _plan(said, plane, said.control, path, {path.name: path, **sources}, said.title or path.stem)
+    files = {p.name: p for p in (path, mass) if p is not None}
+    return _plan(said, plane, said.control, path, files | sources, said.title or path.stem)
 
 
 def _plan(

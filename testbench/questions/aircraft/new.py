@@ -22,7 +22,10 @@ _REPORT = "from_geometry"
 
 
 def new(
-    plan: Annotated[Path, typer.Argument(help="geometry.toml, or a file of AVL (.avl).", show_default=False)],
+    plan: Annotated[
+        Path,
+        typer.Argument(help="geometry.toml, a file of AVL (.avl), or a plane of xflr5 (.xml).", show_default=False),
+    ],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder of the aircraft; aircraft/NAME if not given.")
     ] = None,
