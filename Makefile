@@ -19,7 +19,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
 ARGS ?=
 STUDIES = advice-study anybody-test autopilot-log-study believed-study benchmarks blind-test campaign-cost clearance-study coloured-errors-study corpus-study \
   dataset-study design-study env-study estimator-study filter-error-study gap-in-batches global-study mutants \
-  pages-held promise-study reliability same-bytes sequential-study static-margin-study stock surroundings
+  pages-held promise-study reliability same-bytes sequential-study static-margin-study stock surroundings third-party
 
 .PHONY: demo quick lint test test-slow fuzz docs clean reproduction $(STUDIES)
 
@@ -86,6 +86,10 @@ benchmarks: $(VENV)/installed-dev
 # Every model that comes with JSBSim, into results/aircraft/stock.csv: some two minutes on two cores.
 stock: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/stock_aircraft.py
+
+# Aircraft of other people, from a folder of repositories OWNER+NAME: make third-party ARGS=FOLDER; minutes each.
+third-party: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/third_party.py $(ARGS)
 
 campaign-cost: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/campaign_cost.py

@@ -46,7 +46,7 @@ CURVES = {
 @pytest.mark.parametrize("name", CURVES)
 def test_a_drive_follows_its_points(name):
     link = Link("de", (Drive("fcs/x", CURVES[name]),))
-    component = _drive("fcs/x", [(link, link.drives[0])])
+    component = _drive("fcs/x", [(link.surface, link.drives[0])])
     for x in np.linspace(-0.4, CURVES[name][-1][0], 17):
         expected = np.interp(x, *np.array(CURVES[name]).T)
         assert value(component, {link.surface: x}) == pytest.approx(expected, abs=1e-12)
@@ -58,7 +58,7 @@ def test_two_controls_of_one_property_add_up_and_its_value_at_rest_counts_once()
         Link(c, (Drive("fcs/x", CURVES[n]),))
         for c, n in (("de", "a line that misses zero"), ("da", "a kink elsewhere"))
     )
-    component = _drive("fcs/x", [(link, link.drives[0]) for link in (de, da)])
+    component = _drive("fcs/x", [(link.surface, link.drives[0]) for link in (de, da)])
     rest = np.interp(0.0, *np.array(CURVES["a kink elsewhere"]).T)
     for x, y in ((0.0, 0.0), (0.3, 0.0), (0.0, -0.2), (-0.3, 0.25)):
         expected = sum(np.interp(u, *np.array(link.drives[0].points).T) for u, link in ((x, de), (y, da))) - rest
