@@ -121,10 +121,9 @@ estimator-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/f16_prediction.py
 	$(BIN)/python tests/studies/estimator_study.py
 
-# Writes advice.csv and advice_loop.csv in results/estimators; 45 min of processor time. Interrupted: the same again.
+# Writes results/estimators/advice.csv; 40 min of processor time. Interrupted: the same again.
 advice-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/advice_study.py
-	$(BIN)/python tests/studies/advice_study.py --loop
 
 # From simulated PX4 and ArduPilot logs to derivatives, 100 seeds: hours on one core; it goes on where it stopped.
 autopilot-log-study: $(VENV)/installed-dev

@@ -164,10 +164,6 @@ def centred(z: FloatArray, lead: int) -> FloatArray:
     return np.ascontiguousarray(z - z.mean(axis=0) if lead else z)
 
 
-def _consecutive(first: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    return np.split(first, np.flatnonzero(np.diff(first) > 1) + 1)
-
-
 def lag_products(z: FloatArray, begin: int, end: int, length: int) -> FloatArray:
     """Return sum over k = begin, ..., end - 1 of z[k]' [z[k], ..., z[k + length - 1]], shape (d, length d).
 

@@ -13,8 +13,7 @@ from testbench.estimators.causes.leavings import Stretch, Whitener, normal, regr
 from testbench.estimators.causes.search import _moving
 from testbench.estimators.residuals import Autoregression
 from testbench.estimators.transfer_function import in_free_run
-from testbench.questions.compare.benchmark.flights import TRUE, doublets, steady_states
-from tests.studies.advice_cases import INPUTS, OUTPUTS, WN, fly
+from testbench.questions.compare.benchmark.flights import INPUTS, OUTPUTS, TRUE, WN, doublets, fly, steady_states
 
 STRUCTURE = {"structure": "short_period", "held": ["de"]}
 HORIZONS = {"order": 2, "past_horizon": 12, "future_horizon": 15}

@@ -1,12 +1,11 @@
-"""Is the cause named? Flights with one thing wrong with each, every method, many seeds: results/estimators/advice.csv.
+"""Is the cause named? Drawn aircraft, one thing wrong with each flight, every method: results/estimators/advice.csv.
 
     python tests/studies/advice_study.py [--seeds N] [--slow-seeds N] [--first-seed N] [--cases CASE...]
 
 Seed after seed is judged and kept in build/advice_study.jsonl; after an interruption the command goes on where it
 stopped, and the table holds what is there. Delete that file after a change of the estimators or of their advice.
-Methods of ``SLOW`` take more than twice as long as all others together and get fewer seeds. Thresholds were set on
-seeds up to 20; the study measures on seeds from 101 on. The level of the test of the loop was chosen on seeds up to
-259, so that it is measured on others: results/estimators/advice_loop.csv, by ``--loop``.
+Methods of ``SLOW`` take more than twice as long as all others together and get fewer seeds. Every seed is another
+aircraft at another speed and rate. What decides was set on seeds below ``FIRST_SEED``; the study measures from there.
 
 An estimate is wrong if a derivative is more than four of its errors off, or, for methods without derivatives, if the
 pole nearest to the truth is more than ``TOLERANCE`` off in frequency, relative, or in damping ratio.
@@ -18,6 +17,7 @@ import argparse
 import csv
 import json
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from smallest import build, results, sized
-from studies.advice_cases import CASES, INPUTS, OUTPUTS, TRUTH, WN, ZETA, fly
+from studies.advice_cases import CASES, INPUTS, OUTPUTS, Drawn, fly
 
 from testbench.core.errors import EstimationError
 from testbench.estimators import estimate
@@ -35,51 +35,57 @@ from testbench.estimators.causes import with_causes
 TABLE = results("estimators", "advice.csv")
 KEPT = build("advice_study.jsonl")
 SLOW = ("equivalent", "filter_error", "ekf", "ukf")
-FIRST_SEED, LOOP_FROM = 101, 260
+FIRST_SEED = 1000
 ERRORS, TOLERANCE = 4.0, 0.05
 COLUMNS = ("case", "method", "seeds", "refused", "wrong", "wrong_flagged", "wrong_named", "flagged", "named")
 SUBSPACE = ("dsr_e", "moesp", "n4sid", "cva", "dsr", "ssarx", "pbsid_opt")
 STRUCTURED = ("equation_error", "output_error", "filter_error", "ekf", "ukf")
 
 
-def methods(case: str) -> dict[str, dict[str, Any]]:
+def methods(case: str, aircraft: Drawn) -> dict[str, dict[str, Any]]:
     """Return the settings of every method for a case; a structure has the order that it has."""
-    n, short = CASES[case].order, case == "short"
+    n, short, held = CASES[case].order, case == "short", case == "held"
     horizons = {"past_horizon": 3, "future_horizon": 3} if short else {"past_horizon": 12, "future_horizon": 15}
-    zeros = min(1, n - 1)
+    zeros, hold = min(1, n - 1), "foh" if held else "zoh"
     out: dict[str, dict[str, Any]] = {m: {"order": n, **horizons} for m in (*SUBSPACE, "prediction_error")}
     out["transfer_function"] = {"poles": n, "zeros": [zeros]}
-    out["srivc"] = {"poles": [n], "zeros": [zeros], "hold": "zoh"}
-    out["equivalent"] = {"poles": n, "zeros": zeros, "hold": "zoh", "window_s": [0.3 if short else 6.0]}
+    out["srivc"] = {"poles": [n], "zeros": [zeros], "hold": hold}
+    window = (1.3 if short else 26.0) / aircraft.wn
+    out["equivalent"] = {"poles": n, "zeros": zeros, "hold": hold, "window_s": [window]}
     if n == 2:
-        out |= {m: {"structure": "short_period", "held": ["de"]} for m in STRUCTURED}
-    return out
+        out |= {m: {"structure": "short_period", "held": [] if held else ["de"]} for m in STRUCTURED}
+    return {m: s for m, s in out.items() if not held or m in (*STRUCTURED, "srivc", "equivalent")}
 
 
-def is_wrong(model: Any) -> bool:
+def is_wrong(model: Any, aircraft: Drawn) -> bool:
     """Return whether the estimates of a model are wrong."""
     if hasattr(model, "values"):
-        errors = model.standard_errors
-        return any(abs(model.values[k] - v) > ERRORS * errors[k] for k, v in TRUTH.items() if errors.get(k, 0.0) > 0.0)
+        true, errors = aircraft.truth, model.standard_errors
+        return any(abs(model.values[k] - v) > ERRORS * errors[k] for k, v in true.items() if errors.get(k, 0.0) > 0.0)
     poles = np.concatenate([np.ravel(s) for s in model.poles().values()])
     if not poles.size:
         return True
-    truth = WN * complex(-ZETA, np.sqrt(1.0 - ZETA**2))
+    wn, zeta = aircraft.wn, aircraft.zeta
+    truth = wn * complex(-zeta, np.sqrt(1.0 - zeta**2))
     s = complex(poles[np.argmin(np.abs(poles - truth))])
-    return abs(abs(s) / WN - 1.0) > TOLERANCE or abs(-s.real / abs(s) - ZETA) > TOLERANCE
+    return abs(abs(s) / wn - 1.0) > TOLERANCE or abs(-s.real / abs(s) - zeta) > TOLERANCE
+
+
+flown = cache(fly)
 
 
 def judge(case: str, method: str, seed: int) -> tuple[bool, bool, bool] | None:
     """Return whether an estimate is wrong, flagged, and flagged with its cause among the first two; None if refused."""
+    aircraft = Drawn(seed)
     try:
-        settings = methods(case)[method]
-        record = fly(case, seed)
-        model = estimate(method, [record], INPUTS, OUTPUTS, [fly(case, seed + 50_000)], **settings)
+        record = flown(case, seed)
+        settings = methods(case, aircraft)[method]
+        model = estimate(method, [record], INPUTS, OUTPUTS, [flown(case, seed, True)], **settings)
         model = with_causes(model, [record])
     except EstimationError:
         return None
     serious = [a.code for a in model.advice if a.severity != "note"]
-    return is_wrong(model), bool(serious), bool(set(serious[:2]) & set(CASES[case].names))
+    return is_wrong(model, aircraft), bool(serious), bool(set(serious[:2]) & set(CASES[case].names))
 
 
 def row(case: str, method: str, got: list[tuple[bool, bool, bool] | None]) -> dict[str, Any]:
@@ -94,15 +100,13 @@ def row(case: str, method: str, got: list[tuple[bool, bool, bool] | None]) -> di
 def main(arguments: list[str] | None = None) -> None:
     """Judge what is missing and write the table after every seed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--loop", action="store_true", help="the case of the loop alone, for a table of its own")
-    loop = parser.parse_known_args(arguments)[0].loop
-    parser.add_argument("--seeds", type=int, default=sized(100 if loop else 50, 1))
-    parser.add_argument("--slow-seeds", type=int, default=sized(100 if loop else 20, 0))
-    parser.add_argument("--table", type=Path, default=TABLE.with_stem("advice_loop") if loop else TABLE)
-    parser.add_argument("--kept", type=Path, default=KEPT.with_stem("advice_loop") if loop else KEPT)
+    parser.add_argument("--seeds", type=int, default=sized(40, 1))
+    parser.add_argument("--slow-seeds", type=int, default=sized(10, 0))
+    parser.add_argument("--table", type=Path, default=TABLE)
+    parser.add_argument("--kept", type=Path, default=KEPT)
     parser.add_argument("--methods", nargs="*", help="only these")
-    parser.add_argument("--cases", nargs="*", choices=CASES, default=["loop"] if loop else [*CASES][: sized(None, 1)])
-    parser.add_argument("--first-seed", type=int, default=LOOP_FROM if loop else FIRST_SEED)
+    parser.add_argument("--cases", nargs="*", choices=CASES, default=[*CASES][: sized(None, 1)])
+    parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
     given = parser.parse_args(arguments)
     done: dict[tuple[str, str], dict[int, Any]] = {}
     if given.kept.exists():
@@ -111,7 +115,7 @@ def main(arguments: list[str] | None = None) -> None:
             done.setdefault((case, method), {})[seed] = got
     given.kept.parent.mkdir(parents=True, exist_ok=True)
     for i in range(given.seeds):
-        for case, method in ((c, m) for c in given.cases for m in methods(c)):
+        for case, method in ((c, m) for c in given.cases for m in methods(c, Drawn(0))):
             seed, kept = given.first_seed + i, done.setdefault((case, method), {})
             wanted = i < given.slow_seeds or method not in SLOW
             if seed not in kept and wanted and (not given.methods or method in given.methods):

@@ -3,18 +3,18 @@
 import csv
 import re
 
-import pytest
+import numpy as np
 
 from tests.studies import advice_study
-from tests.studies.advice_cases import CASES
+from tests.studies.advice_cases import CASES, Drawn, fly
 
-LOOP = advice_study.TABLE.with_name("advice_loop.csv")
 README = advice_study.TABLE.with_name("README.md")
 BIASED = {"transfer_function"}  # noise biases it, and it says so
+LOOPS = ("damper", "stability", "hold")  # whose sensors' noise may hide them
 
 
-def table(path=advice_study.TABLE):
-    with path.open(encoding="utf-8", newline="") as stream:
+def table():
+    with advice_study.TABLE.open(encoding="utf-8", newline="") as stream:
         return [{k: v if k in ("case", "method") else int(v) for k, v in r.items()} for r in csv.DictReader(stream)]
 
 
@@ -23,30 +23,21 @@ def total(rows, name):
 
 
 def test_every_method_is_in_the_table():
-    assert {(r["case"], r["method"]) for r in table()} == {(c, m) for c in CASES for m in advice_study.methods(c)}
+    assert {(r["case"], r["method"]) for r in table()} == {
+        (c, m) for c in CASES for m in advice_study.methods(c, Drawn(0))
+    }
 
 
 def test_wrong_estimates_are_flagged_and_their_cause_is_named():
-    # Named in nine of ten; the loop, whose damper hides in the noise of its sensors, in seven of eight.
-    for case in CASES:
-        rows = [r for r in table() if r["case"] == case]
-        assert total(rows, "wrong_flagged") >= 0.9 * total(rows, "wrong")
-        assert total(rows, "wrong_named") >= (0.875 if case == "loop" else 0.9) * total(rows, "wrong")
-
-
-def test_the_loop_is_named_on_flights_that_chose_nothing():
-    rows = table(LOOP)
-    wrong, named = (total(rows, name) for name in ("wrong", "wrong_named"))
-    assert {r["method"] for r in rows} == set(advice_study.methods("loop"))
-    assert all(r["seeds"] == 100 for r in rows)
-    assert named / wrong == pytest.approx(0.9, abs=0.005)
-    assert f"{named} of {wrong} wrong\nestimates are named" in README.read_text("utf-8")
+    for rows in (table(), [r for r in table() if r["case"] not in LOOPS]):
+        assert total(rows, "wrong_flagged") >= 0.98 * total(rows, "wrong")
+        assert total(rows, "wrong_named") >= 0.9 * total(rows, "wrong")
 
 
 def test_clean_fits_are_good():
     rows = [r for r in table() if r["case"] == "clean" and r["method"] not in BIASED]
     right = total(rows, "seeds") - total(rows, "refused") - total(rows, "wrong")
-    assert total(rows, "flagged") - total(rows, "wrong_flagged") <= 0.02 * right
+    assert total(rows, "flagged") - total(rows, "wrong_flagged") <= 0.03 * right
 
 
 def test_the_page_quotes_the_table():
@@ -59,23 +50,27 @@ def test_the_page_quotes_the_table():
         assert quoted[case] == " | ".join(str(n) for n in counts)
 
 
+def test_aircraft_differ_and_a_flight_is_that_of_its_derivatives():
+    assert len({round(Drawn(seed).wn, 6) for seed in range(20)}) == 20
+    aircraft, record = Drawn(7), fly("clean", 7)
+    A, b = aircraft.matrices
+    x, dx = record.data[:, 1:], np.gradient(record.data[:, 1:], aircraft.dt, axis=0)
+    slopes = np.linalg.lstsq(np.column_stack([x, record["de"]]), dx, rcond=None)[0].T
+    # differences of noisy samples: a rough estimate of a right flight, and not of another aircraft's
+    assert np.linalg.norm(slopes[1] - [*A[1], b[1]]) < 0.5 * np.linalg.norm([*A[1], b[1]])
+
+
 def test_the_study_runs_and_resumes(tmp_path):
     kept, out = tmp_path / "kept.jsonl", tmp_path / "advice.csv"
     given = ["--methods", "moesp", "transfer_function", "--kept", str(kept), "--table", str(out)]
-    advice_study.main([*given, "--seeds", "1"])
+    given += ["--cases", "clean", "stall", "--seeds", "1", "--first-seed", "101"]
+    advice_study.main(given)
     first = kept.read_text()
-    advice_study.main([*given, "--seeds", "1"])
+    advice_study.main(given)
     assert kept.read_text() == first
     with out.open(encoding="utf-8", newline="") as stream:
         rows = {(r["case"], r["method"]): r for r in csv.DictReader(stream)}
-    assert len(rows) == 2 * len(CASES)
+    assert len(rows) == 4
     assert all(r["seeds"] == "1" for r in rows.values())
     assert rows["clean", "moesp"]["flagged"] == "0"  # false alarm: 2e-3, and on this seed for good
     assert rows["stall", "moesp"]["wrong_named"] == rows["stall", "moesp"]["wrong"]
-
-
-@pytest.mark.parametrize("case", [c for c in CASES if c not in ("clean", "order4", "short")])
-def test_a_wrong_estimate_is_named_on_a_seed_of_the_study(case):
-    for seed in (101, 102):  # chance of a miss: some 2 % each, and on these seeds for good
-        wrong, flagged, named = advice_study.judge(case, "dsr_e", seed)
-        assert flagged and named if wrong else True

@@ -287,6 +287,8 @@ def moved(model: IdentifiedModel, found: Sequence[Direction], change: FloatArray
             arrays[name] = here + sum(
                 (c / d.step) * (getattr(d.model, name) - here) for d, c in zip(found, change, strict=True)
             )
+            if name == "delays_s":  # no model answers before its input
+                arrays[name] = np.maximum(arrays[name], 0.0)
     return replace(model, **arrays)
 
 

@@ -13,7 +13,7 @@ from testbench.estimators.parametric import equation_error, output_error
 from testbench.estimators.parametric.structures import Trim, longitudinal, short_period
 from testbench.estimators.regression.smoothing import SineSeries
 from testbench.estimators.settings import EquationError
-from tests.studies.advice_cases import doublets
+from testbench.questions.compare.benchmark.flights import doublets
 
 DT = 0.02
 VALUES = {"Z_alpha": -1.6, "Z_q": -0.03, "Z_de": -0.2, "M_alpha": -9.0, "M_q": -2.4, "M_de": -11.0}
