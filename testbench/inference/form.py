@@ -2,8 +2,9 @@
 
 The derivatives of an aircraft go with the angle of attack and with dynamic pressure. A linear model that is fitted to a
 manoeuvre has a mean of them over what was flown, whose residuals may look like noise; at trim they are others. To first
-order every derivative is p (1 + sum_j c_j s_j(t)) with schedules s(t) from the flight itself: alpha over 0.1 rad, its
-square, that of beta, and the share by which dynamic pressure is above that of trim. The coefficients c have a prior and
+order every derivative is p + p_0 sum_j c_j s_j(t), of the size p_0 of p and of what cancels in it, with schedules s(t)
+from the flight itself: alpha over 0.1 rad, its square, that of beta, and the share by which dynamic pressure is above
+that of trim. The coefficients c have a prior and
 are estimated beside the parameters; those are then
 
     theta = theta_linear - G E[c],     P = P_linear + G cov(c) G',
@@ -14,6 +15,7 @@ pressure, and those of rates with speed, is known: the mean of its prior.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -28,6 +30,7 @@ from testbench.estimators.parametric.likelihood import Likelihood
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.response import respond, scheduled
 from testbench.estimators.parametric.structure import LinearStructure
+from testbench.estimators.structured import per_speed
 from testbench.inference.considered import at_rest
 
 ALPHA_RAD = 0.1
@@ -81,8 +84,11 @@ def formed(
         flown = likelihood.driven(stretch.u, own), likelihood.sampling, x0
         x = respond(structure, model.params, [], *flown).x
         schedules, means, stds = _schedules(structure.states, x, record, form_std, V_m_s)
+        with_qbar = bool(means[-1:].any())
         moved = scheduled(structure, model.params, chosen.tolist(), *flown, schedules)
-        moved *= np.where(stretch.valid[:, :, None, None], model.params[chosen][:, None] * stds, 0.0)
+        sizes = np.column_stack([_sizes(model, V_m_s)[chosen]] * (len(stds) - with_qbar))
+        sizes = np.column_stack([sizes, model.params[chosen]]) if with_qbar else sizes
+        moved *= np.where(stretch.valid[:, :, None, None], sizes * stds, 0.0)
         columns.append(np.einsum("ij,njfq->nifq", whiten, moved).reshape(-1, chosen.size * stds.size))
     if not stds.size:
         return model
@@ -111,6 +117,23 @@ def formed(
     params[chosen] -= G[: chosen.size] @ mean
     added[np.ix_(chosen, chosen)] = G[: chosen.size] @ covariance @ G[: chosen.size].T
     return replace(model, params=params, covariance=model.covariance + added)
+
+
+def _sizes(model: ParametricModel, V_m_s: float) -> FloatArray:
+    """Return by what size (k,) each derivative varies with the angles: its own, and that of what may cancel in it.
+
+    M_alpha is the small difference of moments of wing and tail: a neutral point that moves by as much as lies between
+    it and the manoeuvre point changes it by M_q Z_alpha / V. X_alpha is that of drag and of lift that leans forward,
+    which leans by twice the angle: CX = CL sin(alpha) - CD cos(alpha), CX_alphaalpha = 2 CL_alpha.
+    """
+    values, name = dict(zip(model.structure.parameter_names, model.params, strict=True)), model.structure.meaning
+    force = {axis: 1.0 if per_speed(name, axis) else V_m_s for axis in "YZ"}
+    beside = {
+        "M_alpha": values.get("M_q", 0.0) * values.get("Z_alpha", 0.0) / force["Z"],
+        "N_beta": values.get("N_r", 0.0) * values.get("Y_beta", 0.0) / force["Y"],
+        "X_alpha": 2.0 * ALPHA_RAD * values.get("Z_alpha", 0.0) * V_m_s / force["Z"],
+    }
+    return np.array([math.hypot(v, beside.get(n, 0.0)) for n, v in values.items()])
 
 
 def _explained(model: ParametricModel, chances: FloatArray | None) -> ParametricModel:
