@@ -11,25 +11,36 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.signal import lfilter
 
+from testbench.core.advice import doubt
 from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
 from testbench.estimators.causes import with_causes
+from testbench.estimators.parametric.likelihood import Likelihood
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.settings import FilterErrorEntry, OutputErrorEntry
 from testbench.estimators.structured import Servo
+from testbench.inference.considered import at_rest
 from testbench.inference.form import BY_INPUT
 
+COLOUR = "coloured noise of the sensors"
+"""What is said of a fit whose errors hold what its residuals are."""
 COLOURED = 1e-3
 """Probability of white residuals below which a cure is looked for."""
 P_CURE, CLEAR = 0.1, 0.9
 """Prior probability of each cure, and probability from which one is taken."""
 _ENOUGH = math.log(CLEAR / (1.0 - CLEAR)) + math.log((1.0 - P_CURE) / P_CURE)
 _LATE = 3.0  # standard errors of lateness from which it may be that of a servo
+_FASTER, _MOMENTS = 3.0, ("L_", "M_", "N_")
+_SAME = 0.1  # in ln of the evidence: two maxima that are one
+_SAID, _FAR, _NAMED = 0.05, 2.0, 3  # probability of a rival and shift in errors that are said, and of how many values
+_POLES, _WHITE = (0.0, 0.3, 0.6, 0.8, 0.9, 0.95, 0.98, 0.99), (0.0, 0.2, 0.4, 0.6, 0.8, 0.9)  # a; m over a
+_UNLIKELY = 1e-4  # probability below which no rival is kept
 
 
 @dataclass(frozen=True)
@@ -45,6 +56,21 @@ class Tried:
     name: str
     gain: float
     taken: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """A model that explains the same records, and that was not taken.
+
+    Attributes:
+        name: what it takes into the model, in words.
+        probability: that it is right, of all that were tried.
+        model: what was identified with it.
+    """
+
+    name: str
+    probability: float
+    model: ParametricModel
 
 
 def wanting(model: ParametricModel) -> bool:
@@ -78,12 +104,21 @@ def evidence(model: ParametricModel, samples: int) -> float:
 
 
 def _deterministic(entry: Any, model: ParametricModel) -> Iterator[tuple[str, Any]]:
-    """Yield what may mend a fit by output error but for gusts: in words, and the settings that hold it."""
+    """Yield what may mend a fit by output error but for gusts: in words, and the settings that hold it.
+
+    A lag and a fast mode of the aircraft may change places: what the model takes for its mode may be the servo, and the
+    aircraft behind it much faster. Both are maxima of one likelihood, so a second start has the moments of the model
+    ``_FASTER`` and the lag of its mode. The clock of an input may be late beside its servo.
+    """
     for name in model.inputs:
         if name not in entry.servo and name not in entry.delays_s:
-            late = {n: s for n, s in entry.late_std_s.items() if n != name}
             behind = {**entry.servo, name: Servo(lag_s="estimate", delay_s=0.0)}
-            yield f"a lag behind {name}", entry.model_copy(update={"servo": behind, "late_std_s": late})
+            yield f"a lag behind {name}", (other := entry.model_copy(update={"servo": behind}))
+            poles = np.concatenate([np.zeros(0), *(np.ravel(p) for p in model.poles().values())])
+            faster = {n: _FASTER * v for n, v in model.values.items() if n[:2] in _MOMENTS and model.standard_errors[n]}
+            if poles.size and faster:
+                tau = {f"tau_{name.removesuffix('_cmd')}": float(1.0 / np.abs(poles).max())}
+                yield f"a lag behind {name}", other.model_copy(update={"start": {**entry.start, **faster, **tau}})
 
 
 def _gusty(entry: OutputErrorEntry, model: ParametricModel) -> FilterErrorEntry:
@@ -99,11 +134,13 @@ def mended(
     records: Sequence[FlightRecord],
     fit: Callable[[Any], ParametricModel],
     gusts: bool,
-) -> tuple[Any, ParametricModel, tuple[Tried, ...]]:
-    """Try cures of a fit whose residuals are not noise; return settings and model of the best, and what was tried.
+) -> tuple[Any, ParametricModel, tuple[Tried, ...], tuple[Rival, ...]]:
+    """Try cures of a fit; return settings and model of the best, what was tried, and what may be right in its place.
 
-    Gusts explain whatever moves the aircraft, a wrong model too: they come after what does not depend on chance, beside
-    it, and only where kinematics show them and what is left does not go with the inputs.
+    A lag is tried where the residuals are not noise, where an input acts late, and where nobody says when it acts
+    (``late_std_s``): a command may be logged for the surface, and the fit looks as good. Gusts explain whatever moves
+    the aircraft, a wrong model too: they come after what does not depend on chance, beside it, and only where
+    kinematics show them and what is left does not go with the inputs.
 
     Args:
         entry: settings of output error that the model was identified with.
@@ -113,44 +150,157 @@ def mended(
         gusts: whether kinematics show any, which are not tried otherwise.
     """
     samples = sum(int(r.select(model.outputs).valid.sum()) for r in records)
-    tried: list[Tried] = []
     best: tuple[Any, ParametricModel] = entry, model
-    if not (wanting(model) or _late(model)):
-        return *best, ()
-    base, others = evidence(model, samples), []
+    if not (wanting(model) or _late(model) or entry.late_std_s):
+        return *best, (), ()
+    base = evidence(model, samples)
+    ways = [_Way("nothing", 0.0, entry, model)]
     for name, other in _deterministic(entry, model):
         there, gain = _gained(fit, other, base, samples)
-        tried.append(Tried(name, gain))
-        if there is not None:
-            others.append((gain, len(tried) - 1, other, there))
-    gain, at, other, there = max(others, key=lambda one: one[0], default=(-math.inf, 0, entry, model))
-    if gain > _enough(there):
-        tried[at] = Tried(tried[at].name, gain, True)
-        best, base = (other, there), base + gain
+        if not any(abs(gain - way.gain) < _SAME for way in ways[1:]):
+            ways.append(_Way(name, gain, other, there))
+    lags = sorted(ways[1:], key=lambda way: -way.gain)
+    tried = [Tried(way.name, way.gain) for way in lags]
+    taken = ways[0]
+    if lags and lags[0].settled and lags[0].gain > _enough(lags[0].model):
+        taken, tried[0] = lags[0], Tried(tried[0].name, tried[0].gain, True)
+    assert taken.model is not None
+    best, base = (taken.entry, taken.model), base + taken.gain
+    if not (wanting(model) or _late(model) or taken is not ways[0]):
+        tried = []
     named = set() if not gusts else {c["code"] for c in with_causes(best[1], records).diagnostics.get("causes", ())}
     if not gusts or not wanting(best[1]) or named & BY_INPUT:
-        return *best, tuple(tried)
-    ways = [("gusts", best)]
-    ways += [(f"gusts and {tried[i].name}", (o, m)) for g, i, o, m in others if m is not best[1] and math.isfinite(g)]
+        return *best, tuple(tried), _rivals(taken, ways)
     gusty = []
-    for name, (own, found) in ways:
-        other = _gusty(own, found)
+    before = [taken, *(way for way in lags if way is not taken and way.settled)]
+    for way in before:
+        assert way.model is not None
+        name = "gusts" if way is taken else f"gusts and {way.name}"
+        other = _gusty(way.entry, way.model)
         there, gain = _gained(fit, other, base, samples)
         tried.append(Tried(name, gain))
-        gusty.append((gain, len(tried) - 1, other, there))
-    gain, at, other, there = gusty[0]
+        gusty.append(_Way(name, gain, other, there))
+    best_gust = gusty[0]
     for more in gusty[1:]:  # what else it takes must be needed beside gusts
-        if there is None or (more[3] is not None and more[0] - gain > _enough(more[3])):
-            gain, at, other, there = more
-    if there is not None and gain > _ENOUGH:
-        tried[at] = Tried(tried[at].name, gain, True)
-        best = other, there
-    return *best, tuple(tried)
+        if not best_gust.settled or (more.settled and more.gain - best_gust.gain > _enough(more.model)):
+            best_gust = more
+    colour = _Way(COLOUR, _by_colour(best[1], records, samples), *best)
+    tried.append(Tried(colour.name, colour.gain))
+    if best_gust.model is None or not best_gust.settled or best_gust.gain <= max(colour.gain, _ENOUGH):
+        beside = _rivals(colour, [colour, *gusty])
+        left = 1.0 - sum(r.probability for r in beside)
+        others = (replace(r, probability=left * r.probability) for r in _rivals(taken, ways))
+        return *best, tuple(tried), (*beside, *others)
+    found = next(i for i, way in enumerate(gusty) if way is best_gust)
+    tried[found - len(gusty) - 1] = Tried(best_gust.name, best_gust.gain, True)
+    # One that gusts could not be fitted to is as likely beside them as it was without: its model stays in doubt.
+    more_likely = best_gust.gain - before[found].gain
+    gusty = [
+        way if way.settled else way._replace(gain=at.gain + more_likely, entry=at.entry, model=at.model)
+        for way, at in zip(gusty, before, strict=True)
+    ]
+    return best_gust.entry, best_gust.model, tuple(tried), _rivals(best_gust, [colour, *gusty])
 
 
-def _enough(model: ParametricModel) -> float:
+class _Way(NamedTuple):
+    """A hypothesis: in words, what ln of the evidence gains by it, its settings and its model; None without a fit."""
+
+    name: str
+    gain: float
+    entry: Any
+    model: ParametricModel | None
+
+    @property
+    def settled(self) -> bool:
+        """Whether its fit has converged."""
+        return self.model is not None and bool(self.model.diagnostics.get("converged", True))
+
+
+def _rivals(taken: _Way, ways: Sequence[_Way]) -> tuple[Rival, ...]:
+    """Return what may be right in place of what was taken.
+
+    Of white noise alone, the first way of the deterministic ones, the prior is what cures leave, and the evidence of
+    coloured residuals counts less; with their colour or gusts in the hypotheses, these are alike.
+    """
+    white = ways[0].name != COLOUR
+    prior = [1.0 - P_CURE if white else P_CURE] + [P_CURE / max(len(ways) - 1, 1)] * (len(ways) - 1)
+    counts = _enough(taken.model) / _ENOUGH if white else 1.0
+    ln_p = np.array([math.log(p) + way.gain / counts for p, way in zip(prior, ways, strict=True)])
+    share = np.exp(ln_p - ln_p.max())
+    share /= share.sum()
+    found = [Rival(w.name, float(p), w.model) for w, p in zip(ways, share, strict=True) if w is not taken and w.model]
+    return tuple(r for r in found if r.probability > _UNLIKELY)
+
+
+def mixed(model: ParametricModel, rivals: Sequence[Rival]) -> ParametricModel:
+    """Return a model whose covariance is that of the mixture of it and its rivals, about its own values.
+
+        P = sum_i p_i (P_i + (theta_i - theta) (theta_i - theta)')
+
+    over the parameters that all have (J. A. Hoeting and others, Statistical Science 14, 1999, equation 3, of which the
+    mean is that of the most probable). Where a likely rival moves a derivative beyond its error, a doubt says so.
+
+    Args:
+        model: that was taken.
+        rivals: what may be right in its place, with the same meaning of its values.
+    """
+    names = model.structure.parameter_names
+    own = 1.0 - sum(r.probability for r in rivals)
+    covariance, said = own * model.covariance, []
+    for rival in rivals:
+        theirs = rival.model.structure.parameter_names
+        at = [theirs.index(n) if n in theirs else -1 for n in names]
+        free = np.array([i >= 0 and model.covariance[k, k] > 0.0 for k, i in enumerate(at)])
+        off = np.where(free, rival.model.params[at] - model.params, 0.0)
+        both = np.outer(free, free)
+        there = np.where(both, rival.model.covariance[np.ix_(at, at)], model.covariance)
+        covariance = covariance + rival.probability * (there + np.outer(off, off))
+        moved = np.abs(off) / np.sqrt(np.where(free, np.diag(model.covariance), 1.0))
+        if rival.probability > _SAID and moved.max() > _FAR:
+            worst = [names[i] for i in np.argsort(-moved) if moved[i] > _FAR][:_NAMED]
+            values = ", ".join(f"{n} {rival.model.values[n]:.3g}, not {model.values[n]:.3g}" for n in worst)
+            said.append(f"with {rival.name} (probability {rival.probability:.2g}) {values}")
+    if said:
+        text = f"{'; '.join(said)}: these records do not tell them apart; log the position of the surface"
+        model = replace(model, advice=(doubt("rival_model", text), *model.advice))
+    return replace(model, covariance=covariance)
+
+
+def _enough(model: ParametricModel | None) -> float:
     """Return the ln evidence that a cure must gain; of coloured residuals it counts less, as their errors show."""
-    return _ENOUGH * float(np.max(model.diagnostics.get("error_inflation", 1.0))) ** 2
+    inflation = 1.0 if model is None else float(np.max(model.diagnostics.get("error_inflation", 1.0), initial=1.0))
+    return _ENOUGH * inflation**2
+
+
+def _by_colour(model: ParametricModel, records: Sequence[FlightRecord], samples: int) -> float:
+    """Return what ln of the evidence gains if the noise of every sensor by itself is coloured: the rival of gusts.
+
+    It is white noise and a process of first order, e_k - a e_(k-1) = w_k - m w_(k-1) with m < a, of two unknowns for
+    each output; the parameters move by one step of least squares in that noise. What gusts do to all outputs together,
+    through the modes of the aircraft, it does not follow. An airspeed is left out: gusts along the path are its own
+    slow noise, whatever moves the rest.
+    """
+    likelihood = Likelihood.of(model, records)
+    whiten = np.linalg.inv(np.linalg.cholesky(model.noise_covariance))
+    _, (left, slopes) = at_rest(likelihood, model.params, whiten)
+    shape, back = (-1, len(model.outputs)), np.linalg.inv(whiten)
+    ends = np.cumsum([s.y.size for s in likelihood.stretches])[:-1]
+    parts = [v.reshape(shape) @ back.T for v in np.split(left, ends)]
+    moved = [(back @ s.reshape(*shape, slopes.shape[1])) for s in np.split(slopes, ends)]
+    moved = [s.reshape(len(v), len(model.outputs), -1) for s, v in zip(moved, parts, strict=True)]
+    for o in (i for i, name in enumerate(model.outputs) if name != "V"):
+        polynomials = [([1.0, -a], [1.0, -share * a]) for a in _POLES for share in _WHITE]
+        found = min(polynomials, key=lambda ba: sum(float(np.sum(lfilter(*ba, v[:, o]) ** 2)) for v in parts))
+        for v, s in zip(parts, moved, strict=True):
+            v[:, o], s[:, o] = lfilter(*found, v[:, o]), lfilter(*found, s[:, o], axis=0)
+    E, J = np.vstack(parts), np.concatenate(moved)
+    before = np.linalg.slogdet(model.noise_covariance)[1]
+    for _ in range(2):  # the covariance of what is new, then the step in it
+        W = np.linalg.inv(np.linalg.cholesky(E.T @ E / len(E)))
+        step = np.linalg.lstsq((W @ J).reshape(-1, J.shape[2]), -(E @ W.T).ravel(), rcond=1e-10)[0]
+        E = E + J @ step
+    after = np.linalg.slogdet(E.T @ E / len(E))[1]
+    return float(0.5 * len(E) * (before - after)) - sum(n != "V" for n in model.outputs) * math.log(samples)
 
 
 def _gained(
@@ -159,7 +309,5 @@ def _gained(
     try:
         there = fit(other)
     except Refusal:
-        return None, -math.inf
-    if not there.diagnostics.get("converged", True):
         return None, -math.inf
     return there, evidence(there, samples) - base

@@ -12,7 +12,7 @@ from testbench.sensors.sensor import first_order_lag
 RATE = 50.0
 
 
-def record(late_s=0.0, seed=3, noise=1.0, lag_s=0.0):
+def record(late_s=0.0, seed=3, noise=1.0, lag_s=0.0, moments=(-12.0, -6.0, -20.0)):
     """Return 12 s of a short period, a 3-2-1-1 that acts ``late_s`` after what is logged, and behind a lag."""
     n, fine = round(12.0 * RATE), 20
     t, rng = np.arange(n) / RATE, np.random.default_rng(seed)
@@ -27,7 +27,8 @@ def record(late_s=0.0, seed=3, noise=1.0, lag_s=0.0):
         if k % fine == 0:
             y[k // fine] = x
         a, q = x
-        x = x + np.array([-2.0 * a + 0.97 * q - 0.2 * acting[k], -12.0 * a - 6.0 * q - 20.0 * acting[k]]) / RATE / fine
+        turned = np.dot(moments, [a, q, acting[k]])
+        x = x + np.array([-2.0 * a + 0.97 * q - 0.2 * acting[k], turned]) / RATE / fine
     y += noise * np.array([5e-4, 1e-3]) * rng.standard_normal(y.shape)
     return tb.FlightRecord(t, ("alpha", "q", "de"), np.column_stack([y, u[::fine]]), "measured")
 

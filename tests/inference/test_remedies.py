@@ -1,12 +1,14 @@
 """What mends a fit is tried: a servo, gusts; and nothing where nothing is wanting."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_considered import record
 
 import testbench as tb
 from testbench.estimators.settings import OutputErrorEntry
-from testbench.inference.remedies import evidence, mended, wanting
+from testbench.inference.remedies import Rival, evidence, mended, mixed, wanting
 from testbench.sensors.sensor import first_order_lag
 
 ENTRY = OutputErrorEntry(method="output_error", structure="short_period")
@@ -16,7 +18,7 @@ def asked(flown, gusts=True, entry=ENTRY):
     def fit(other):
         return tb.estimate(other, [flown], ["de"], ["alpha", "q"])
 
-    return mended(entry, fit(entry), [flown], fit, gusts)
+    return mended(entry, fit(entry), [flown], fit, gusts)[:3]
 
 
 def test_a_fit_that_leaves_white_noise_is_left_as_it_is():
@@ -53,3 +55,32 @@ def test_gusts_are_no_cure_where_kinematics_show_none():
     assert evidence(model, 2 * len(flown)) > evidence(
         tb.estimate(ENTRY, [flown], ["de"], ["alpha", "q"]), 2 * len(flown)
     )
+
+
+def test_a_lag_that_changes_places_with_the_mode_is_a_rival_that_widens_the_errors():
+    # A fast aircraft behind a slow servo looks like a slow aircraft; the clock of the elevator is not known either.
+    true = {"M_alpha": -120.0, "M_q": -40.0, "M_de": -240.0}
+    flown = record(lag_s=0.12, noise=4.0, moments=tuple(true.values()))
+    entry = ENTRY.model_copy(update={"late_std_s": {"de": 0.05}})
+
+    def fit(other):
+        return tb.estimate(other, [flown], ["de"], ["alpha", "q"])
+
+    plain = fit(entry)
+    _, model, _, rivals = mended(entry, plain, [flown], fit, False)
+    errors = mixed(model, rivals).standard_errors
+    off = {n: abs(plain.values[n] - v) / plain.standard_errors[n] for n, v in true.items()}
+    assert not wanting(plain)
+    assert max(off.values()) > 100.0
+    assert max(abs(model.values[n] - v) / errors[n] for n, v in true.items()) < 2.5
+
+
+def test_a_mixture_has_the_spread_of_its_models_and_says_what_they_would_be():
+    model = tb.estimate(ENTRY, [record()], ["de"], ["alpha", "q"])
+    moved = replace(model, params=model.params + 5.0 * np.sqrt(np.diag(model.covariance)))
+    both = mixed(model, [Rival("a lag behind de", 0.2, moved)])
+    assert both.standard_errors["M_q"] == pytest.approx(np.sqrt(1.0 + 0.2 * 25.0) * model.standard_errors["M_q"])
+    assert both.values == model.values
+    assert next(a.code for a in both.advice) == "rival_model"
+    few = mixed(model, [Rival("a lag behind de", 0.01, moved)])
+    assert [a.code for a in few.advice] == [a.code for a in model.advice]

@@ -9,7 +9,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from testbench.inference.considered import considered
 from testbench.inference.form import formed
 from testbench.inference.instruments import Agreement, InstrumentFault, agreement, taken_for_sure, without_errors
 from testbench.inference.reflown import Reflown, reflown
-from testbench.inference.remedies import Tried, mended, wanting
+from testbench.inference.remedies import COLOUR, Rival, Tried, mended, mixed, wanting
 from testbench.line import RECORDED, Case, Flight, Keep, Report, identify_and_judge
 from testbench.logs.plausible import questions_of
 from testbench.logs.read import read_records
@@ -194,13 +194,12 @@ def _identified(
         failed=failed,
     )
     say("try what may mend the fit")
-    cases, replaced, cured = _mended(cases, instruments.gusts_felt)
+    cases, replaced, cured, rivals = _mended(cases, instruments.gusts_felt)
     flown = flown_condition(description, cases[0].identification, aircraft, getattr(cases[0].estimator, "V_m_s", None))
     reflights = _flown_again(cases, replaced, again, say)
     if not instruments.contradicted:
-        cases = tuple(
-            _in_doubt_of_all(case, instruments, taken, description, flown.V_m_s or math.nan) for case in cases
-        )
+        believed = _Believed(instruments, taken, description, flown.V_m_s or math.nan)
+        cases = tuple(_in_doubt_of_all(case, believed, rivals.get(i, ())) for i, case in enumerate(cases))
     known = None if aircraft is None else before(aircraft, flown)
     say("weigh the derivatives")
     derivatives = found_derivatives(
@@ -252,14 +251,17 @@ def _identified(
     return replace(found, derivatives=in_doubt(derivatives, found.contradicted), doubts=doubts)
 
 
-def _mended(cases: Sequence[Case], gusts: bool) -> tuple[tuple[Case, ...], frozenset[int], list[str]]:
-    """Return the cases, before each the one that mends it if a cure does, which were mended, and what was tried."""
+def _mended(
+    cases: Sequence[Case], gusts: bool
+) -> tuple[tuple[Case, ...], frozenset[int], list[str], dict[int, tuple[Rival, ...]]]:
+    """Return the cases, before each the one that mends it if a cure does, which were mended, what was tried, rivals."""
     out: list[Case] = []
     replaced: set[int] = set()
     said: list[str] = []
+    rivals: dict[int, tuple[Rival, ...]] = {}
     for case in cases:
         if isinstance(case.estimator, OutputErrorEntry) and isinstance(case.model, ParametricModel):
-            other, tried = _cured(case.estimator, case.model, case, gusts)
+            other, tried, rivals[len(out)] = _cured(case.estimator, case.model, case, gusts)
             said += tried_in_words(case, tried)
             if other is not None:
                 out.append(other)
@@ -267,13 +269,13 @@ def _mended(cases: Sequence[Case], gusts: bool) -> tuple[tuple[Case, ...], froze
                 why = note("replaced", f"{other.label} fits better, and what it finds is said instead")
                 case = replace(case, model=replace(case.model, advice=(why,)))
         out.append(case)
-    return tuple(out), frozenset(replaced), said
+    return tuple(out), frozenset(replaced), said, rivals
 
 
 def _cured(
     entry: OutputErrorEntry, model: ParametricModel, case: Case, gusts: bool
-) -> tuple[Case | None, tuple[Tried, ...]]:
-    """Return the case that a cure makes of one, None if none helps, and what was tried."""
+) -> tuple[Case | None, tuple[Tried, ...], tuple[Rival, ...]]:
+    """Return the case that a cure makes of one, None if none helps, what was tried, and rivals of what is believed."""
 
     def fit(other: Structured) -> ParametricModel:
         assert isinstance(other, Settings)
@@ -281,17 +283,17 @@ def _cured(
         assert isinstance(found, ParametricModel)
         return found
 
-    other, better, tried = mended(entry, model, case.identification, fit, gusts)
+    other, better, tried, rivals = mended(entry, model, case.identification, fit, gusts)
     if better is model:
-        return None, tried
+        return None, tried, rivals
     label = f"{entry.shown} with {' and '.join(t.name for t in tried if t.taken)}"
     try:
         best = with_causes(better, case.identification)
         scores = evaluate(best, case.identification, case.validation)
     except Refusal:  # it cannot fly its own records
-        return None, tried
+        return None, tried, ()
     other = other.model_copy(update={"label": label})
-    return replace(case, estimator=other, model=best, evaluation=scores), tried
+    return replace(case, estimator=other, model=best, evaluation=scores), tried, rivals
 
 
 def _flown_again(
@@ -317,20 +319,33 @@ def _flown_again(
     return out
 
 
-def _in_doubt_of_all(
-    case: Case, instruments: Agreement, taken: Mapping[str, float], description: RecordDescription, V_m_s: float
-) -> Case:
-    """Return a case whose model has derivatives at trim, and errors that hold those of instruments and of its form."""
+class _Believed(NamedTuple):
+    """What is believed of the records of a description, and the airspeed at trim, m/s."""
+
+    instruments: Agreement
+    taken: Mapping[str, float]
+    description: RecordDescription
+    V_m_s: float
+
+    def whole(self, linear: ParametricModel, records: Sequence[FlightRecord]) -> ParametricModel:
+        """Return a model with derivatives at trim, and errors that hold those of instruments and of its form."""
+        form, errors = self.description.form_std, self.description.instrument_std
+        model = formed(linear, records, form, self.V_m_s) if form else linear
+        if errors:
+            found = considered(linear, records, self.instruments, self.taken, errors)
+            model = replace(model, covariance=model.covariance + found.parameters_covariance)
+        return model
+
+
+def _in_doubt_of_all(case: Case, believed: _Believed, rivals: Sequence[Rival]) -> Case:
+    """Return a case whose model has errors that hold those of instruments, of its form, and of what may be in it."""
     linear, records = case.model, case.identification
     if not isinstance(linear, ParametricModel):
         return case
-    model = linear
     try:
-        if description.form_std:
-            model = formed(model, records, description.form_std, V_m_s)
-        if description.instrument_std:
-            found = considered(linear, records, instruments, taken, description.instrument_std)
-            model = replace(model, covariance=model.covariance + found.parameters_covariance)
+        model = believed.whole(linear, records)
+        if rivals:
+            model = mixed(model, [replace(r, model=believed.whole(r.model, records)) for r in rivals])
         if np.array_equal(model.params, linear.params):  # it predicts what it did
             return replace(case, model=model)
         return replace(case, model=model, evaluation=evaluate(model, records, case.validation))
@@ -375,6 +390,9 @@ def tried_in_words(case: Case, tried: Sequence[Tried]) -> list[str]:
     out = f"{case.label}: {what}. "
     if taken:
         out += f"{listed(taken)} {'mend' if len(taken) > 1 else 'mends'} it (ln of the evidence) and stand in the model"
+    elif tried[-1].name == COLOUR and tried[-1].gain > 0.0:
+        out += f"{tried[-1].name} ({tried[-1].gain:+.3g}) explains them better than gusts, and the errors hold it"
+        others.pop()
     else:
         out += "no cure was found"
     return [out + (f"; tried without help: {listed(others)}" if others else "")]
