@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -21,11 +21,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from clock import since
 from smallest import results
-from studies.instruments_study import FLOWN, KINDS, aircraft_of, by_kinds, condition, flight, measured
+from studies.instruments_study import FLOWN, KINDS, NOISE, Flying, aircraft_of, by_kinds, condition, flight, measured
 
 import testbench as tb
+from testbench.core.advice import ranked
 from testbench.core.errors import Refusal
-from testbench.core.record import FlightRecord
+from testbench.core.record import FlightAborted, FlightRecord
 from testbench.evaluation.derivatives import Derivative, dimensional_derivatives
 from testbench.evaluation.parameters import true_parameters
 from testbench.flight import linearise
@@ -47,10 +48,51 @@ COLUMNS = (
     "wrong_unseen",
     "median_s",
 )
-OF_THE_CONTROL = {"command, servo of 0.1 s": 0.1, "surface logged 60 ms early": 0.06}
-"""Kinds beside those of instruments: lag behind what is logged, or time by which that is logged early, s."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What is in the way of a log but for errors of instruments.
+
+    Attributes:
+        how: it is flown.
+        lag_s: behind what is logged of the elevator.
+        early_s: by which the elevator is logged early.
+        commanded: log the elevator as it would have moved without ``how.rate``.
+        without: channels that are not logged.
+        drift: of every channel, over the record, in standard deviations of its noise.
+        colour_s: time constant of noise four times as large; 0 for white noise alone.
+        samples: that are logged, from just before the first input; 0 for all.
+    """
+
+    how: Flying = field(default_factory=Flying)
+    lag_s: float = 0.0
+    early_s: float = 0.0
+    commanded: bool = False
+    without: tuple[str, ...] = ()
+    drift: float = 0.0
+    colour_s: float = 0.0
+    samples: int = 0
+
+
+OTHERS: Mapping[str, Kind] = {
+    "command, servo of 0.1 s": Kind(lag_s=0.1),
+    "surface logged 60 ms early": Kind(early_s=0.06),
+    "command, rate limit": Kind(Flying(rate=8.0), commanded=True),
+    "gusts, no vane": Kind(Flying(gusts=True), without=("alpha", "beta")),
+    "pitch damper in gusts": Kind(Flying(True, ("pitch_damper", (("gain_s", 0.15),)))),
+    "filtered damper in gusts": Kind(Flying(True, ("filtered_pitch_damper", (("gain_s", 0.1), ("lag_s", 0.1))))),
+    "washed damper in gusts": Kind(Flying(True, ("washed_pitch_damper", (("gain_s", 0.15), ("washout_rad_s", 0.5))))),
+    "twice the input": Kind(Flying(larger=2.0)),
+    "drifts": Kind(drift=5.0),
+    "coloured noise": Kind(colour_s=0.5),
+    "held at 10 Hz": Kind(Flying(held_hz=10.0)),
+    "thirty samples": Kind(samples=30),
+    "throttle moves with it": Kind(Flying(thrust=0.1)),
+}
+"""Kinds beside those of instruments."""
 UNITS = dict.fromkeys(("az", "ax", "ay"), "m/s2") | dict.fromkeys(("p", "q", "r"), "rad/s") | {"V": "m/s", "h": "m"}
-KINDS_HERE = (*KINDS, *OF_THE_CONTROL)
+KINDS_HERE = (*KINDS, *OTHERS)
 ERRORS = 4.0
 
 
@@ -68,22 +110,40 @@ class Judged:
 
 def logged(kind: str, seed: int) -> FlightRecord:
     """Return the record of one draw with the elevator as it is logged."""
-    own = OF_THE_CONTROL.get(kind)
-    record = measured("clean" if own is not None else kind, seed)
-    truth, _ = flight(seed, kind == "clean in gusts")
+    own = OTHERS.get(kind, Kind())
+    record = measured(kind if kind in KINDS else "clean", seed, own.how if kind in OTHERS else None)
+    truth, rng = flight(seed, own.how if kind in OTHERS else Flying(kind == "clean in gusts"))
+    if own.commanded:
+        truth, _ = flight(seed, replace(own.how, rate=0.0))
+    controls = [c for c in ("de", "thr") if c in truth]
     de, t = truth["de"], truth.t_s
-    if kind == "surface logged 60 ms early":
-        de = np.interp(t + own, t, de)
-    elif own is not None:  # the command that a servo of this lag turns into what flew
-        de = de + own * np.gradient(first_order_lag(de, truth.dt_s, 0.02), t)
-    step = round(record.dt_s / truth.dt_s)
-    column = de[::step][: len(record)]
-    return FlightRecord(record.t_s, (*record.channels, "de"), np.column_stack([record.data, column]), "measured")
+    if own.early_s:
+        de = np.interp(t + own.early_s, t, de)
+    if own.lag_s:  # the command that a servo of this lag turns into what flew
+        de = de + own.lag_s * np.gradient(first_order_lag(de, truth.dt_s, 0.02), t)
+    step, kept = round(record.dt_s / truth.dt_s), [c for c in record.channels if c not in own.without]
+    inputs = np.column_stack([de, *(truth[c] for c in controls[1:])])[::step][: len(record)]
+    n, noise = len(record), np.array([NOISE[c] for c in kept])
+    columns = record.select(kept).data + own.drift * noise * np.linspace(0.0, 1.0, n)[:, None]
+    if own.colour_s:
+        white = rng.standard_normal(columns.shape)
+        slow = first_order_lag(white, record.dt_s, own.colour_s)
+        columns = columns + 4.0 * noise * slow / slow.std(axis=0)
+    taken = slice(0, n)
+    if own.samples:
+        first = int(np.argmax(np.abs(inputs[:, 0] - inputs[0, 0]) > 1e-3)) - 3
+        every = max(1, round(0.05 / record.dt_s))
+        taken = slice(first, first + own.samples * every, every)
+    data = np.column_stack([columns, inputs])[taken]
+    return FlightRecord(record.t_s[: len(data)] * (taken.step or 1), (*kept, *controls), data, "measured")
 
 
 def judge(kind: str, seed: int) -> Judged:
     """Return what is said of one log."""
-    record = logged(kind, seed)
+    try:
+        record = logged(kind, seed)
+    except FlightAborted as error:
+        return Judged(True, False, (), 0, 0.0, str(error))
     began = time.process_time()
     with TemporaryDirectory() as folder:
         path = Path(folder) / "log.csv"
@@ -112,9 +172,10 @@ def _judged(found: Identified, true: Sequence[Derivative], V_m_s: float, spent_s
             off.append((d.value - told[d.name]) / d.std)
             if abs(off[-1]) > ERRORS:
                 said.append(f"{d.name} {d.value:.4g}+-{d.std:.2g} ({told[d.name]:.4g})")
+    said += [f"{a.severity} {a.code}" for c in mine for a in ranked(c.model.advice) if a.severity != "note"]
     said += [m.why[:90] for m in found.missed]
     said += [str(a)[:90] for c in mine for a in c.model.advice if a.severity == "wrong"]
-    said += [note[:60] for note in found.notes if "white" in note]
+    said += [note[:160] for note in found.notes if "white" in note or "late" in note]
     unusable = bool(found.missed) or any(c.model.status == "wrong" for c in mine)
     return Judged(False, unusable, tuple(off), count, spent_s, "; ".join(said))
 

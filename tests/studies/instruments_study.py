@@ -29,6 +29,7 @@ import testbench as tb
 from testbench.aircraft.geometry.build import model_from_plan
 from testbench.aircraft.geometry.read import read_plan
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.effects import EFFECTS
 from testbench.flight.air import Air, turbulence_rms
 from testbench.inference.instruments import Agreement, agreement
 from testbench.sensors.sensor import first_order_lag
@@ -100,11 +101,34 @@ def condition(seed: int) -> tb.FlightCondition:
     return tb.FlightCondition(np.random.default_rng([seed, 20]).uniform(flown.slow_m_s, flown.fast_m_s), flown.h_m)
 
 
+@dataclass(frozen=True)
+class Flying:
+    """How one draw is flown: in gusts, beside an effect of the library, with inputs that are larger, limited or held.
+
+    Attributes:
+        gusts: turbulence of 0.1 to 0.5 m/s.
+        effect: name and values of what the aircraft has besides.
+        larger: factor of the inputs.
+        rate: largest rate of the input, in its own sizes per second; 0 without limit.
+        held_hz: rate at which a computer renews the input of a sweep; 0 for a 3-2-1-1.
+        thrust: throttle that moves with the elevator, per its own size.
+    """
+
+    gusts: bool = False
+    effect: tuple[str, tuple[tuple[str, float], ...]] = ("", ())
+    larger: float = 1.0
+    rate: float = 0.0
+    held_hz: float = 0.0
+    thrust: float = 0.0
+
+
 @cache
-def flight(seed: int, gusts: bool) -> tuple[FlightRecord, np.random.Generator]:
+def flight(seed: int, how: Flying) -> tuple[FlightRecord, np.random.Generator]:
     """Return the truth of one draw, and what draws the instruments."""
     rng, flown = np.random.default_rng([seed, 20]), FLOWN[seed % len(FLOWN)]
     aircraft = aircraft_of(flown.name, seed % 5)
+    if how.effect[0]:
+        aircraft, _ = EFFECTS[how.effect[0]].amend(aircraft, tb.load_suite("eolo_gap"), dict(how.effect[1]))
     trim = tb.trim(aircraft, condition(seed))
     rng.uniform()  # as far as the condition has drawn
     step, size = flown.step_s * rng.uniform(0.8, 1.3), flown.de_rad * rng.uniform(0.7, 1.2)
@@ -114,15 +138,28 @@ def flight(seed: int, gusts: bool) -> tuple[FlightRecord, np.random.Generator]:
         for length, way in ((3, 1), (2, -1), (1, 1), (1, -1)):
             u[(t >= begin) & (t < begin + length * step), 0] = sign * way * size
             begin += length * step
-    rms = rng.uniform(0.1, 0.5) if gusts else 0.0
-    air = Air(turbulence_rms_m_s=turbulence_rms(rms, flown.h_m), height_m=flown.h_m, seed=seed) if gusts else None
-    manoeuvre = tb.Manoeuvre("3211", tb.InputSignal(t, u, ("de",)), settle_s=0.0)
-    return tb.fly(aircraft, trim, manoeuvre, min(trim.rate_hz, 2.0 * LOG_HZ), (*NOISE, "qdot", "de"), air), rng
+    rms = rng.uniform(0.1, 0.5) if how.gusts else 0.0
+    air = Air(turbulence_rms_m_s=turbulence_rms(rms, flown.h_m), height_m=flown.h_m, seed=seed) if how.gusts else None
+    if how.held_hz:  # a sweep from a quarter to twice the frequency of the steps
+        f = np.linspace(0.06, 0.5, t.size) / step
+        u[:, 0] = size * np.sin(2.0 * np.pi * np.cumsum(f) / trim.rate_hz)
+        u = u[np.arange(t.size) // round(trim.rate_hz / how.held_hz) * round(trim.rate_hz / how.held_hz)]
+    if how.rate:
+        most = how.rate * size / trim.rate_hz
+        for k in range(1, t.size):
+            u[k] = np.clip(u[k], u[k - 1] - most, u[k - 1] + most)
+    u = u * how.larger
+    if how.thrust:
+        u = np.column_stack([u[:, 0], how.thrust * u[:, 0] / size])
+    manoeuvre = tb.Manoeuvre("3211", tb.InputSignal(t, u, ("de", "thr")[: u.shape[1]]), settle_s=0.0)
+    return tb.fly(
+        aircraft, trim, manoeuvre, min(trim.rate_hz, 2.0 * LOG_HZ), (*NOISE, "qdot", *manoeuvre.signal.channels), air
+    ), rng
 
 
-def measured(kind: str, seed: int) -> FlightRecord:
-    """Return the record of one draw with one kind of error."""
-    truth, rng = flight(seed, kind == "clean in gusts")
+def measured(kind: str, seed: int, how: Flying | None = None) -> FlightRecord:
+    """Return the record of one draw with one kind of error, flown as ``how`` says."""
+    truth, rng = flight(seed, how or Flying(kind == "clean in gusts"))
     channel, what, size = KINDS[kind]
     dt, true = truth.dt_s, {c: truth[c].copy() for c in NOISE}
     true["psi"] = np.unwrap(true["psi"])
