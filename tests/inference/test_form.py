@@ -54,6 +54,14 @@ def test_derivatives_at_trim_are_found_where_what_is_left_of_a_linear_model_is_n
     assert "form" in [a.code for a in model.advice]
 
 
+def test_a_stability_that_is_a_small_difference_varies_by_what_cancels_in_it():
+    record = flown(0.03, M_alpha=-0.6, shift=4.0)  # and not by a share of 0.6, which explains little
+    linear = fitted(record)
+    model = formed(linear, [record], FORM_STD, 50.0)
+    assert abs(model.values["M_alpha"] + 0.6) < 3.0 * model.standard_errors["M_alpha"]
+    assert model.standard_errors["M_alpha"] < 0.5 * linear.standard_errors["M_alpha"]
+
+
 def test_a_linear_flight_keeps_its_derivatives_and_errors_grow_with_how_far_it_flew():
     grown = []
     for size in (0.02, 0.12):

@@ -22,10 +22,11 @@ def pulses(size, t):
     return u
 
 
-def flown(size=0.12, bend=0.0, square=0.0, seed=1, noise=1.0, pressure=0.0):
+def flown(size=0.12, bend=0.0, square=0.0, seed=1, noise=1.0, pressure=0.0, M_alpha=-12.0, shift=0.0):
     """Return 14 s of a short period whose derivatives are (1 + bend a + square a^2) of those at trim, a = alpha / 0.1.
 
-    ``pressure`` is the amplitude of a swing of dynamic pressure that they follow.
+    ``pressure`` is the amplitude of a swing of dynamic pressure that they follow; ``shift`` is added to M_alpha for
+    every 0.1 rad, as by a neutral point that moves.
     """
     t = np.arange(round(14.0 * RATE * FINE)) / RATE / FINE
     u, x, y = pulses(size, t), np.zeros(2), np.zeros((t.size // FINE, 2))
@@ -35,7 +36,8 @@ def flown(size=0.12, bend=0.0, square=0.0, seed=1, noise=1.0, pressure=0.0):
             y[k // FINE] = x
         a, q = x
         s = (1.0 + bend * a / 0.1 + square * (a / 0.1) ** 2) * (1.0 + share[k])
-        x = x + np.array([-2.0 * s * a + q - 0.2 * s * u[k], s * (-12.0 * a - 4.0 * q - 20.0 * u[k])]) / RATE / FINE
+        M = s * ((M_alpha + shift * a / 0.1) * a - 4.0 * q - 20.0 * u[k])
+        x = x + np.array([-2.0 * s * a + q - 0.2 * s * u[k], M]) / RATE / FINE
     rng = np.random.default_rng(seed)
     y = y + noise * np.array([1e-3, 2e-3]) * rng.standard_normal(y.shape)
     V = 50.0 * np.sqrt(1.0 + share[::FINE])
