@@ -27,6 +27,7 @@ from tempfile import TemporaryDirectory
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from clock import since
 from smallest import results, sized
 
 from testbench.core.constants import DEG_RAD
@@ -107,7 +108,7 @@ def study(source: str, path: Path) -> dict[str, str]:
         row["adopt"] = said
         if said == "yes":
             row |= _questions(Path(place))
-    return row | {"seconds": f"{time.monotonic() - begun:.0f}"}
+    return row | {"seconds": f"{since(begun, time.monotonic):.0f}"}
 
 
 def _questions(place: Path) -> dict[str, str]:
