@@ -258,28 +258,29 @@ class _Asked:
         given, say = self.given, self.say
         believed, noise = given.believed, given.noise
         alone = replace(self.sought, elsewhere=lambda: bool(self.places))
-        found = self._found(believed, noise, self.air, alone)
+        found = self._found(believed, noise, alone)
         near = _nearest(found.naming)
         if noise is not None and near is not None:  # what was missing may have been taken for noise
             beside_it = find_noise(given.stated, list(given.records.values()), self.source, near.added_to(given.stated))
             if noise.differs(beside_it):
                 noise, believed = beside_it, replace(given.stated, suite=beside_it.corrected(given.stated.suite))
-                found = self._found(believed, noise, found.air, alone, found)
+                found = self._found(believed, noise, alone, found)
                 near = _nearest(found.naming)
         if near is not None and given.notes:  # tangents of a start are those of the model that it was fitted to
             say("fit where windows start beside what comes nearest")
             believed = begin_freely(believed, {**given.records, **given.held_out}, near.added_to(believed))
-            found = self._found(believed, noise, found.air, replace(alone, pairs=True), found)
+            found = self._found(believed, noise, replace(alone, pairs=True), found)
         if found.naming.weighed.unknown <= ELSEWHERE or not self.places:
             return found  # what acts in all records explains them
-        return self._begun(found) or self._found(believed, noise, found.air, replace(self.sought, pairs=True), found)
+        return self._begun(found) or self._found(believed, noise, replace(self.sought, pairs=True), found)
 
     def _found(
-        self, believed: Believed, noise: NoiseFound | None, air: AirFound, sought: Sought, after: _Found | None = None
+        self, believed: Believed, noise: NoiseFound | None, sought: Sought, after: _Found | None = None
     ) -> _Found:
-        """Return what is lacking; fits begin where those of an earlier search came to rest."""
-        records = self.given.records
-        sought = sought if after is None else replace(sought, rested=after.naming.rested)
+        """Return what is lacking; an earlier search tells the air, and where fits came to rest, which begin there."""
+        records, air = self.given.records, self.air
+        if after is not None:
+            air, sought = after.air, replace(sought, rested=after.naming.rested)
         return _Found(*search(believed, list(records.values()), air, self.say, sought), records, believed, noise)
 
     @cached_property
@@ -300,11 +301,10 @@ class _Asked:
         records, believed = self.given.records, found.all_in
         along = Hypothesis.towards_unknown(found.believed, tuple(records.values()), found.naming.beside_unknown)
         tuned, effects = found.believed.with_nuisances(along.by_name), self.sought.effects or {}
-        rested = found.naming.rested
+        alone = replace(self.sought, further={}, open_terms=False, pairs=False, rested=found.naming.rested)
         for place in self.places:
             cut = onset.divided(believed, records, place)
-            later = onset.later(effects, place)
-            there = replace(self.sought, effects=later, further={}, open_terms=False, pairs=False, rested=rested)
+            there = replace(alone, effects=onset.later(effects, place))
             begins = believed
             if place.record:
                 begins = onset.begin_there(believed, cut, place, records[place.record], tuned)
