@@ -98,9 +98,10 @@ def _tables(tree: ET.Element, names: Collection[str], unit: float) -> list[tuple
         for lookup, name in variables.items():
             if name not in names or lookup == "table":
                 continue
-            rows = [line.split() for data in table.findall("tableData") for line in (data.text or "").splitlines()]
-            rows = [row for row in rows if row]
-            points = rows[0] if lookup == "column" else [row[0] for row in rows[len(variables) > 1 :]]
+            points: list[str] = []
+            for data in table.findall("tableData"):  # of three dimensions: one for each value of the third
+                rows = [line.split() for line in (data.text or "").splitlines() if line.strip()]
+                points += rows[0] if lookup == "column" else [row[0] for row in rows[len(variables) > 1 :]]
             out.append((name, unit * np.array(points, float)))
     return out
 

@@ -19,6 +19,7 @@ from testbench.core.paths import stock_root
 from testbench.flight import FlightCondition, Manoeuvre, fly, trim
 from testbench.flight.adopt import Adopted, adopt
 from testbench.flight.executive import Executive
+from testbench.flight.limits import _sideslip as sideslip_of_tables
 from testbench.flight.limits import steady_sideslip
 from testbench.flight.trim import place_at_trim
 from testbench.inputs.signal import InputSignal
@@ -234,6 +235,15 @@ def test_one_speed_at_which_the_search_for_a_trim_fails_ends_no_range(monkeypatc
     found, _, (why, _) = adopt_module._range(SimpleNamespace(), first)
     assert found == pytest.approx(slowest, rel=0.005)
     assert why == ("step 3 must trim" if len(lost) == 2 else "no trim was sought beyond")
+
+
+def test_the_angles_above_a_table_are_no_sideslips_in_any_of_its_planes():
+    plane = '<tableData breakPoint="{}"> 40 50\n0 1 1\n0.2 1 1\n</tableData>'
+    axes = (("row", "aero/mag-beta-rad"), ("column", "aero/alpha-deg"), ("table", "velocities/mach"))
+    variables = "".join(f'<independentVar lookup="{lookup}">{name}</independentVar>' for lookup, name in axes)
+    table = f"<table>{variables}{plane.format(0.1)}{plane.format(0.5)}</table>"
+    xml = f"<fdm_config><aerodynamics><function>{table}</function></aerodynamics></fdm_config>"
+    assert sideslip_of_tables(SimpleNamespace(xml=xml)) == (0.2, "the tables of the model end there")
 
 
 def test_full_rudder_holds_a_sideslip_and_no_more_than_the_tables_hold():
