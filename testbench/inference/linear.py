@@ -13,7 +13,7 @@ The sizes come to rest by fixed points of the evidence (D. J. C. MacKay, Bayesia
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -51,6 +51,18 @@ class Motion:
         """``response`` as (n p, m)."""
         return self.response.transpose(1, 0, 2).reshape(-1, self.size.size)
 
+    def prewhitened(self, colour: FloatArray, taken: NDArray[np.bool_]) -> Motion:
+        """Return what it does to channels that are (:func:`prewhitened`); no direction is seen better than by so much.
+
+        Its directions are principal ones no more.
+        """
+        if not colour.any():
+            return self
+        by_sample = prewhitened(self.response.transpose(1, 0, 2), colour, taken)
+        response = np.ascontiguousarray(by_sample.transpose(1, 0, 2))
+        most = float(np.max(np.sqrt((1.0 + np.abs(colour)) / (1.0 - np.abs(colour)))))
+        return Motion(response, response.transpose(0, 2, 1) @ response, most * self.size)
+
     @classmethod
     def none(cls, taken: NDArray[np.bool_]) -> Motion:
         """Return no motion, of a record whose samples (n, p) are taken."""
@@ -69,6 +81,23 @@ def fewer(unknown: FloatArray, taken: NDArray[np.bool_]) -> Motion:
     order = [j for j in np.argsort(-values) if values[j] > _UNSEEN**2]
     response = np.ascontiguousarray((U @ turn[:, order]).reshape(*taken.shape, -1).transpose(1, 0, 2))
     return Motion(response, response.transpose(0, 2, 1) @ response, np.sqrt(values[order]))
+
+
+def prewhitened(values: FloatArray, colour: FloatArray, taken: NDArray[np.bool_]) -> FloatArray:
+    """Return what makes the noise of each channel white: (y_t - a y_(t-1)) / sqrt(1 - a^2), of the same variance.
+
+    Args:
+        values: (n, p) or (n, p, m) in units of the noise.
+        colour: (p,) correlation ``a`` of the noise from sample to sample, an autoregressive process of first order.
+        taken: (n, p) whether a sample counts; the first one, and one after a gap, stays as it is.
+    """
+    out = values.copy(order="K")
+    for c in np.flatnonzero(colour):
+        a, follows = colour[c], taken[1:, c] & taken[:-1, c]
+        y = values[:, c]
+        white = (y[1:] - a * y[:-1]) / np.sqrt(1.0 - a**2)
+        out[1:, c] = white if follows.all() else np.where(follows.reshape(-1, *[1] * (y.ndim - 1)), white, y[1:])
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,23 +382,32 @@ def _left(
     grams: Sequence[Grams], scales: FloatArray, kappa: float, mean: FloatArray, std: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return, by channel, the squares of the noise that is left over s^2, and its effective number of samples (p,)."""
-    theta, covariance = reduced(grams, scales, kappa).posterior(mean, std)
     squares, effective, weights = np.zeros(len(scales)), np.zeros(len(scales)), scales**-2.0
-    for g in grams:
-        k = g.k
-        D, factor, _ = g.inner(scales, kappa)
-        r = len(D)
+    for g, (found, Sigma) in zip(grams, expected(grams, scales, kappa, mean, std), strict=True):
+        k, r = g.k, len(found) - g.k
         XX, xy = g.shared[:, :k, :k], g.shared[:, :k, k]
-        found, Sigma = theta, covariance
         if r:
-            P = D[:, None] * cho_solve(factor, np.diag(D), check_finite=False)
-            across = np.tensordot(weights, g.across[:, :r], 1)
-            T = P @ across[:, :k]
-            found = np.concatenate([theta, P @ across[:, k] - T @ theta])
-            Sigma = np.block([[covariance, -covariance @ T.T], [-T @ covariance, P + T @ covariance @ T.T]])
             between = g.across[:, :r, :k]
             XX = np.block([[XX, between.transpose(0, 2, 1)], [between, g.inside[:, :r, :r]]])
             xy = np.concatenate([xy, g.across[:, :r, k]], axis=1)
         squares += weights * (g.shared[:, k, k] - 2.0 * xy @ found + (XX @ found) @ found)
         effective += g.samples - weights * np.tensordot(XX, Sigma, 2)
     return squares, np.maximum(effective, 1e-3)
+
+
+def expected(
+    grams: Sequence[Grams], scales: FloatArray, kappa: float, mean: FloatArray, std: FloatArray
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield of each record the posterior mean (k + r,) and covariance of parameters and of what is its own."""
+    theta, covariance = reduced(grams, scales, kappa).posterior(mean, std)
+    for g in grams:
+        D, factor, _ = g.inner(scales, kappa)
+        r, k = len(D), g.k
+        if not r:
+            yield theta, covariance
+            continue
+        P = D[:, None] * cho_solve(factor, np.diag(D), check_finite=False)
+        across = np.tensordot(scales**-2.0, g.across[:, :r], 1)
+        T = P @ across[:, :k]
+        covariances = np.block([[covariance, -covariance @ T.T], [-T @ covariance, P + T @ covariance @ T.T]])
+        yield np.concatenate([theta, P @ across[:, k] - T @ theta]), covariances

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from hashlib import blake2b
@@ -18,6 +19,7 @@ from itertools import count, takewhile
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import lfilter
 
 from testbench import __version__
 from testbench.core.door import read_bytes, read_text
@@ -42,6 +44,7 @@ def fingerprint(believed: Believed, records: Sequence[FlightRecord], air: AirFou
     parts = [__version__, a.xml, repr((a.elastic, a.amendments, a.mass, a.limits, believed.suite, believed.condition))]
     parts += [] if a.adapter is None else [repr(a.adapter)]
     parts += [repr(starts)] if any(starts := [start_of(record) for record in records]) else []
+    parts += [repr(sorted(believed.colour.items()))] if believed.colour else []
     parts += [repr((believed.rate_hz, air.moves, air.rms_m_s, air.height_m)), *map(record_key, records)]
     return blake2b("\0".join(parts).encode(), digest_size=16).hexdigest()
 
@@ -199,10 +202,22 @@ def _air(found: AirFound, seed: int) -> Air | None:
 
 def _measured(real: Believed, record: FlightRecord, air: Air | None, seed: int) -> FlightRecord:
     """Return ``record`` with what the sensors of ``real`` read, in place of what was measured."""
-    measured = real.at(record).suite.measure(real.flown(record, None, air), seed)
+    truth = real.flown(record, None, air)
+    measured = real.at(record).suite.measure(truth, seed)
+    if real.colours.any():
+        measured = _coloured(real, measured, real.at(record).suite.without_errors().measure(truth, seed))
     surfaces = {f"{n}_cmd": s for n, s in surface_noise(record).items() if np.ptp(record[f"{n}_cmd"]) > 0.0}
     rng = np.random.default_rng([seed, 1])
     read = {
         n: record[n] + std * rng.standard_normal(len(record)) for n, std in surfaces.items()
     }  # as they are measured
     return record.with_columns({**{name: measured[name] for name in real.outputs}, **read})
+
+
+def _coloured(real: Believed, measured: FlightRecord, exact: FlightRecord) -> FlightRecord:
+    """Return what was measured with noise that is as coloured as it is believed to be."""
+    noise = {n: np.nan_to_num(measured[n] - exact[n]) for n in real.outputs}
+    scaled = {n: np.r_[e[:1], math.sqrt(1.0 - real.colour.get(n, 0.0) ** 2) * e[1:]] for n, e in noise.items()}
+    return measured.with_columns(
+        {n: exact[n] + lfilter([1.0], [1.0, -real.colour.get(n, 0.0)], e) for n, e in scaled.items()}
+    )

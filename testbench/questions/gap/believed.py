@@ -23,6 +23,7 @@ from testbench.flight.batch.jobs import Simulator
 from testbench.flight.linear_model import SERVO
 from testbench.flight.simulate import commands as absolute_commands
 from testbench.flight.start import Beginning
+from testbench.inference.linear import prewhitened
 from testbench.inputs.signal import InputSignal
 from testbench.line import flown_already
 from testbench.questions.gap.added import grown_by, in_place, moved_by, raised, shaped_by
@@ -81,7 +82,8 @@ class Believed:
     ``elsewhere`` are effects that move the condition: condition of a record -> the one that it was really flown from.
     ``condition`` is moved by them already, by ``higher_m`` in height; the limits of the height go along. ``later`` are
     effects with their values that begin in flight: they act in records that say so. ``surfaces`` are the controls whose
-    recorded surfaces are channels as all others are, as their commands drive the model.
+    recorded surfaces are channels as all others are, as their commands drive the model. ``colour`` is the correlation
+    of the noise from sample to sample, by channel; 0 of those that it does not name: residuals are freed of it.
 
     Raises:
         ScenarioError: the suite has no channel to compare, or one without any noise.
@@ -106,6 +108,7 @@ class Believed:
     higher_m: float = 0.0
     later: tuple[tuple[Effect, Mapping[str, float]], ...] = ()
     surfaces: tuple[str, ...] = ()
+    colour: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not _outputs(self.suite):
@@ -373,7 +376,9 @@ class Believed:
         return free.moved(x, self._directions(record, free).best(self.over_noise(record, left)))
 
     def _directions(self, record: FlightRecord, free: FreeStart) -> Directions:
-        return free.directions(partial(self.over_noise, record), (self.whiten, self.noise_std.tobytes()))
+        return free.directions(
+            partial(self.over_noise, record), (self.whiten, self.noise_std.tobytes() + self.colours.tobytes())
+        )
 
     def _deviations(self, record: FlightRecord, at: FloatArray | None = None) -> tuple[tuple[str, ...], FloatArray]:
         """Return controls and the deviations (n, m) of their commands from trim, with the offsets of a start ``at``."""
@@ -591,6 +596,11 @@ class Believed:
         """Channels of the suite that are compared: all but commands, other surfaces and those left out."""
         return _outputs(self.suite, self.surfaces)
 
+    @cached_property
+    def colours(self) -> FloatArray:
+        """Correlation of the noise of each output from sample to sample (outputs,)."""
+        return np.array([self.colour.get(n, 0.0) for n in self.outputs])
+
     @property
     def noise_std(self) -> FloatArray:
         """Standard deviation of one sample of each output, what its bias wanders by within a manoeuvre in it, SI."""
@@ -640,8 +650,13 @@ class Believed:
         valid = self.taken(record)
         r = difference / self.noise_std
         mean = (r * valid).sum(axis=0) / np.maximum(valid.sum(axis=0), 1)
-        r = (r - mean) * valid
-        return r if self.whiten is None else self.whiten(record, r)
+        r = prewhitened((r - mean) * valid, self.colours, valid)
+        if self.whiten is not None:
+            return self.whiten(record, r)
+        if not self.colours.any():
+            return r
+        one = prewhitened(valid.astype(float), self.colours, valid)  # what a bias is then
+        return np.asarray(r - one * (np.sum(one * r, axis=0) / np.maximum(np.sum(one**2, axis=0), 1e-12)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -281,6 +281,7 @@ class Naming:
         samples: number of samples in those sums.
         rejected: effect that was not flown -> why.
         terms: of the open set that come nearest to first order, the most probable first.
+        near: effects in the order of their probability to first order.
     """
 
     outcome: str
@@ -293,6 +294,7 @@ class Naming:
     samples: int
     rejected: Mapping[str, str] = field(default_factory=dict)
     terms: tuple[OpenTerm, ...] = ()
+    near: tuple[str, ...] = ()
 
     @property
     def best(self) -> Explanation | None:

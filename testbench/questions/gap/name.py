@@ -163,7 +163,17 @@ def name_effect(
         n: f"ln p of its signature lies {behind[n]:.3g} behind the nearest"
         for n in behind.keys() - shown.keys() - rejected.keys()
     }
-    return asker.named(out, rejected, terms)
+    return replace(asker.named(out, rejected, terms), near=tuple(one.effect.name for one in near))
+
+
+def nearest(believed: Believed, records: Sequence[FlightRecord], effects: Sequence[Effect]) -> float:
+    """Return ln p, to first order, of the effect that comes nearest to records.
+
+    Raises:
+        FlightAborted, TrimError, LimitError: the believed aircraft does not survive the measured commands.
+    """
+    near = _Asker(believed, tuple(records), "measured").near(effects)
+    return near[0].log if near else -np.inf
 
 
 def _beside_the_best(

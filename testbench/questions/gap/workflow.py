@@ -36,7 +36,7 @@ from testbench.questions.gap.evidence.locate import (
 from testbench.questions.gap.evidence.noise_found import NoiseFound, find_noise
 from testbench.questions.gap.explain import Explanation, Naming
 from testbench.questions.gap.flights import flights
-from testbench.questions.gap.name import ELSEWHERE, Sought, name_effect, unknown_motion
+from testbench.questions.gap.name import ELSEWHERE, Sought, name_effect, nearest, unknown_motion
 from testbench.questions.gap.plan import separate
 from testbench.questions.gap.result import GapFinding, Shrink
 from testbench.questions.gap.scenario import Drive
@@ -45,6 +45,7 @@ from testbench.questions.gap.window_length import Windows
 from testbench.questions.gap.windows import as_they_start, begin_freely, in_windows
 
 SHOWN = 3  # records of which it is shown over time what the model lacks: those with the largest residuals
+NEAR = 20  # effects that are sought to begin in flight: those that come nearest in all of it
 SAME_AIR = 0.15  # share by which the rms of turbulence may change before the search is made again
 
 
@@ -195,7 +196,7 @@ class _Given:
         if how.noise != "simulated":
             say("measure the noise")
             noise = find_noise(stated, list(records.values()), how.noise)
-            believed = replace(stated, suite=noise.corrected(stated.suite))
+            believed = noise.corrects(stated)
         return cls(stated, believed, records, held_out, cut.whole, noise, by.paths, cut.notes, others.notes)
 
     def sought(self, how: GapSearch) -> Sought:
@@ -263,7 +264,7 @@ class _Asked:
         if noise is not None and near is not None:  # what was missing may have been taken for noise
             beside_it = find_noise(given.stated, list(given.records.values()), self.source, near.added_to(given.stated))
             if noise.differs(beside_it):
-                noise, believed = beside_it, replace(given.stated, suite=beside_it.corrected(given.stated.suite))
+                noise, believed = beside_it, beside_it.corrects(given.stated)
                 found = self._found(believed, noise, alone, found)
                 near = _nearest(found.naming)
         if near is not None and given.notes:  # tangents of a start are those of the model that it was fitted to
@@ -297,21 +298,30 @@ class _Asked:
         return [] if naming.weighed.nothing > 0.5 else onset.seek(flown_in, records, naming)
 
     def _begun(self, found: _Found) -> _Found | None:
-        """Return what is found in records that are cut at the first place whose effects explain them there."""
-        records, believed = self.given.records, found.all_in
+        """Return what is found in records that are cut where effects come nearest, if they explain them there.
+
+        What acts in a part of the flights comes near in all of them, too, so that few effects are asked about.
+        """
+        records, believed, of = self.given.records, found.all_in, self.sought.effects or {}
         along = Hypothesis.towards_unknown(found.believed, tuple(records.values()), found.naming.beside_unknown)
-        tuned, effects = found.believed.with_nuisances(along.by_name), self.sought.effects or {}
+        tuned = found.believed.with_nuisances(along.by_name)
+        near = {n: of[n] for n in found.naming.near if n in of}
+        effects = dict(list(near.items())[:NEAR])
         alone = replace(self.sought, further={}, open_terms=False, pairs=False, rested=found.naming.rested)
+        best = -np.inf
         for place in self.places:
-            cut = onset.divided(believed, records, place)
-            there = replace(alone, effects=onset.later(effects, place))
-            begins = believed
+            cut, begins = onset.divided(believed, records, place), believed
             if place.record:
                 begins = onset.begin_there(believed, cut, place, records[place.record], tuned)
-            named = search(begins, list(cut.values()), found.air, self.say, there)
-            if named[1].weighed.unknown < ELSEWHERE:
-                return _Found(*named, cut, believed, found.noise, place)
-        return None
+            there, flown = onset.later(effects, place), list(cut.values())
+            log = nearest(in_air(begins, found.air), flown, [e for e in there.values() if e.later])
+            if log > best:
+                best, at = log, (begins, flown, replace(alone, effects=there), cut, place)
+        if not np.isfinite(best):
+            return None
+        begins, flown, sought, cut, place = at
+        named = search(begins, flown, found.air, self.say, sought)
+        return _Found(*named, cut, believed, found.noise, place) if named[1].weighed.unknown < ELSEWHERE else None
 
 
 def _judged(given: _Given, found: _Found, say: Callable[[str], None]) -> GapFinding:
@@ -385,9 +395,9 @@ def search(
         return flown_in, naming, air
     say("listen to the air again")
     near = _nearest(naming)
-    tuned = believed.with_nuisances(naming.nuisances)
-    beside = tuned if near is None else near.added_to(believed)
-    again = listen_again(tuned, beside, records, air, 0.0 if near is None else near.gain)
+    beside = believed.with_nuisances(naming.nuisances) if near is None else near.added_to(believed)
+    left = naming.weighed.table["nothing" if near is None else near.effect.name].posterior
+    again = listen_again(beside, records, air, 2.0 * (left.log_part - left.log_whole))
     if again.moves == air.moves and abs(again.rms_m_s - air.rms_m_s) <= SAME_AIR * air.rms_m_s:
         return flown_in, naming, air
     flown_in = in_air(believed, again, beside)

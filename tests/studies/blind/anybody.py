@@ -43,7 +43,7 @@ from testbench.core.errors import LimitError, ModelError, TrimError
 from testbench.core.proportion import proportion_interval
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight import FlightCondition, load_aircraft, trim
-from testbench.flight.air import Air
+from testbench.flight.air import ONSET_S, Air
 from testbench.questions import hidden
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.priors import deviations_of
@@ -527,8 +527,11 @@ def fly(case: Case, held_out: bool) -> dict[str, FlightRecord]:
             first, share = case.onset
             begins = np.inf if i < first else share * len(u) / LOG_HZ if i == first else 0.0
         real = hidden.Real(aircraft, truth=_truth(case, aircraft, plane, begins, seed))
-        flights = [hidden.Commands(name, controls, u, SETTLE_S, seed, start, air)]
+        flights = [hidden.Commands(name, controls, u, SETTLE_S + ONSET_S, seed, start, air)]
         record = hidden.fly_hidden(real, _suite(aircraft), flights, RATE_HZ)[name]
+        record = record.between(
+            record.t_s[round(ONSET_S * LOG_HZ)], record.t_s[-1]
+        )  # turbulence does not begin with it
         out[name] = record if case.quiet else _in_motion(record)
     return out
 
@@ -557,8 +560,8 @@ def _truth(case: Case, aircraft: Aircraft, plane: Plane, begins_s: float, seed: 
         for s in sensors.sensors:
             own = fields.get(s.channel, {})
             times = {n: getattr(s, n) + x for n, x in own.items() if n != "scale"}
-            noise = {"noise_std": 0.0, "quantum": max(s.quantum, case.quanta * s.noise_std)} if s.noise_std else {}
-            real.append(replace(s, **noise, **times, scale=s.scale * own.get("scale", 1.0)))
+            quiet = {"noise_std": 0.0, "quantum": 0.0} if s.noise_std else {}
+            real.append(replace(s, **quiet, **times, scale=s.scale * own.get("scale", 1.0)))
         return flies, replace(sensors, sensors=tuple(real))
 
     def send(controls: Sequence[str], u: FloatArray, dt_s: float, at_s: float) -> FloatArray:
@@ -574,16 +577,18 @@ def _truth(case: Case, aircraft: Aircraft, plane: Plane, begins_s: float, seed: 
         return out
 
     def read(record: FlightRecord) -> FlightRecord:
-        data, stated = record.data.copy(), _suite(aircraft).noise_std
+        data, stated = record.data.copy(), {s.channel: s for s in _suite(aircraft).sensors}
         for what, how in made:
             if what == "read":
                 k = record.channels.index(how[0])
                 data[:, k] = data[0, k] + how[1](data[:, k] - data[0, k], record.dt_s)
         for k, channel in enumerate(record.channels):
-            if stated.get(channel, 0.0) > 0.0 and channel in case.noise:
-                rng = np.random.default_rng([seed, k])
-                white = rng.standard_normal(len(data))
-                data[:, k] += case.noise[channel] * stated[channel] * _coloured(white, case.colour)
+            sensor = stated.get(channel)
+            if sensor is not None and sensor.noise_std > 0.0 and channel in case.noise:
+                white = np.random.default_rng([seed, k]).standard_normal(len(data))
+                data[:, k] += case.noise[channel] * sensor.noise_std * _coloured(white, case.colour)
+                if quantum := max(sensor.quantum, case.quanta * sensor.noise_std):  # of what is read, noise and all
+                    data[:, k] = quantum * np.rint(data[:, k] / quantum)
         return replace(record, data=data)
 
     return hidden.Truth(amend, send, read)

@@ -139,34 +139,30 @@ def listen_in_flight(tuned: Believed, records: Sequence[FlightRecord], heard: Ai
     return heard if _refuted(tuned, records, found, heard) else found
 
 
-def listen_again(
-    believed: Believed, amended: Believed, records: Sequence[FlightRecord], heard: AirFound, gain: float
-) -> AirFound:
+def listen_again(amended: Believed, records: Sequence[FlightRecord], heard: AirFound, unknown: float) -> AirFound:
     """Return what all of the records say of the air, once something was named.
 
     If turbulence was heard, its rms is measured anew beside what was named, as a gap adds to it. If it was not, light
-    turbulence may still be all there is, as it does not show in a second or two of quiet flight. It is the better
-    explanation if it gains more likelihood on the believed model than what was named, and if the quiet flight does not
-    refute that rms. The second condition is needed: a gap that no effect explains looks like turbulence from the first
-    command on.
+    turbulence may still be what is left, as it does not show in a second or two of quiet flight. It is the better
+    explanation if it gains more likelihood than an unknown motion does, and if the quiet flight does not refute that
+    rms. The second condition is needed: a gap that no effect explains looks like turbulence from the first command on.
 
     Args:
-        believed: without what was named.
-        amended: with it.
+        amended: with what was named.
         records: those that it was named from.
         heard: what the quiet flight said.
-        gain: fall of chi-square by what was named, 0 if nothing was.
+        unknown: twice what an unknown motion beside it gains in ln p.
     """
     if heard.moves:
         return measure(amended, records, heard)
     if not heard.quiet_s:  # a gap that nothing explains would look like turbulence
         return heard
-    rms, of_turbulence = _likeliest(believed, _plain_residuals(believed, records), heard.height_m)
-    if of_turbulence <= max(heard.threshold, gain):
+    rms, of_turbulence = _likeliest(amended, _plain_residuals(amended, records), heard.height_m)
+    if of_turbulence <= max(heard.threshold, unknown):
         return heard
-    if _refuted(believed, records, replace(heard, rms_m_s=rms), replace(heard, rms_m_s=0.0)):
+    if _refuted(amended, records, replace(heard, rms_m_s=rms), replace(heard, rms_m_s=0.0)):
         return heard
-    return measure(believed, records, replace(heard, moves=True, rms_m_s=rms, gain=of_turbulence, in_quiet=False))
+    return measure(amended, records, replace(heard, moves=True, rms_m_s=rms, gain=of_turbulence, in_quiet=False))
 
 
 def misfit(model: Believed, records: Sequence[FlightRecord], air: AirFound) -> float:

@@ -27,6 +27,7 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.parametric.kalman.innovations import sampled_noise
 from testbench.flight.air import scale_lengths, turbulence_rms
 from testbench.flight.linear_model import LAW
+from testbench.inference.linear import prewhitened
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import jumps, surface_noise
 from testbench.questions.gap.evidence.gusts import INERTIAL, record_key
@@ -49,7 +50,8 @@ class GustModel:
     of zero of the surfaces that drive it, those of the gust's forming filters, those of sensor lags, and the noise of
     those surfaces; the first ``moving`` are the aircraft's and the errors of zero, of which nothing is known as a
     record begins, the last ``renewed`` the noise, which is new at every sample. F, Q (k, n, n) and H (k, p, n) belong
-    to k points: to one, trim, or to every sample of a record.
+    to k points: to one, trim, or to every sample of a record. Residuals of channels whose noise has a ``colour`` (p,)
+    are prewhitened (:func:`testbench.inference.linear.prewhitened`).
     """
 
     F: FloatArray
@@ -58,6 +60,7 @@ class GustModel:
     H: FloatArray
     moving: int
     renewed: int = 0
+    colour: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def at_trim(cls, believed: Believed, height_m: float, dt_s: float) -> GustModel:
@@ -122,7 +125,7 @@ class GustModel:
             H[:, k] = np.eye(size)[j]
         F, Q = sampled_noise(M, driven, dt_s)
         Q = 0.5 * (Q + np.swapaxes(Q, -1, -2))
-        found = cls(F, Q, np.diag(np.where(np.arange(size) < n, _UNMODELLED**2, 1e-12)), H, n)
+        found = cls(F, Q, np.diag(np.where(np.arange(size) < n, _UNMODELLED**2, 1e-12)), H, n, 0, believed.colours)
         for control, std in believed.surface_noise.items():
             found = found._with_noise(names.index(_ZERO + control), std)
         return found
@@ -142,7 +145,7 @@ class GustModel:
         new = np.column_stack([half, np.ones(k)])
         Q0 += std**2 * new[:, :, None] * new[:, None, :]
         H = np.concatenate([self.H, self.H[:, :, zero : zero + 1]], axis=2)
-        return GustModel(F, Q, Q0, H, self.moving, self.renewed + 1)
+        return GustModel(F, Q, Q0, H, self.moving, self.renewed + 1, self.colour)
 
     def _with_jumps(self, noise: int, jumped: FloatArray) -> GustModel:
         """Return the model with what a surface, whose noise is a state, may do besides: its jumps (n,) come anywhere
@@ -223,6 +226,7 @@ def _read(
     return own, gust
 
 
+_WIDE = 100.0  # prior deviation of biases (noise units) and initial states (SI): nothing is known of them
 _INDEPENDENT = 1e-6  # share of the largest singular value below which free columns depend on each other
 
 
@@ -287,12 +291,18 @@ class GustFilter:
         sample is missing.
         """
         n, p = valid.shape
-        size = model.F.shape[1]
+        known = size = model.F.shape[1]
         F, H = np.broadcast_to(model.F, (n, size, size)), np.broadcast_to(model.H, (n, p, size))
         Q = np.broadcast_to(rms_m_s**2 * model.Q + model.Q0, F.shape)
-        P = P0 = solve_discrete_are(F[0].T, H[0].T, Q[0], np.eye(p))
+        if model.colour.any():
+            F, H, Q = _prewhitened(F, H, Q, model.colour, valid)
+            size = F.shape[1]
+        P = P0 = solve_discrete_are(F[0].T, H[-1].T, Q[0], np.eye(p))
         if len(model.F) == 1 and valid.all():
-            K, W, log_det = (np.broadcast_to(g, (n, *np.shape(g))) for g in _gain(F[0], P, H[0], valid[0]))
+            K, W, log_det = (np.broadcast_to(g, (n, *np.shape(g))) for g in _gain(F[0], P, H[-1], valid[0]))
+            if model.colour.any():  # the first sample follows none
+                K, W, log_det = K.copy(), W.copy(), log_det.copy()
+                K[0], W[0], log_det[0] = _gain(F[0], P, H[0], valid[0])
         else:
             K, W, log_det = np.empty((n, size, p)), np.empty((n, p, p)), np.empty(n)
             for k in range(n):
@@ -305,10 +315,13 @@ class GustFilter:
         for i in range(size):
             for j in range(size):
                 band[size + i - j, j : (n - 1) * size : size] = -M[:-1, i, j]
-        new = slice(size - model.renewed, size)
+        new = slice(known - model.renewed, known)
         renewed = np.concatenate([P0[None, new], Q[:-1, new]])
         alone = cls(K, W, H, log_det, renewed, band, np.zeros((n * p, 0)))
-        biases = (alone._innovations(np.where(valid, row, 0.0), np.zeros(size)) for row in np.eye(p))
+        steady = [np.where(valid, row, 0.0) for row in np.eye(p)]
+        if model.colour.any():
+            steady = [prewhitened(x, model.colour, valid) for x in steady]
+        biases = (alone._innovations(x, np.zeros(size)) for x in steady)
         starts = (alone._innovations(np.zeros((n, p)), x0) for x0 in np.eye(size)[: model.moving])
         return cls(K, W, H, log_det, renewed, band, np.column_stack([c.ravel() for c in (*biases, *starts)]))
 
@@ -318,10 +331,15 @@ class GustFilter:
         band, put_in = self._band[:, : n * size], self._put_in[: n * p]
         return GustFilter(self.K[:n], self.W[:n], self.H[:n], self.log_dets[:n], self.renewed[:n], band, put_in)
 
-    @property
+    @cached_property
     def log_det(self) -> float:
-        """Sum of log det S over the samples."""
-        return float(np.sum(self.log_dets))
+        """Log det of the covariance of all samples, biases and initial states that are not known being part of it.
+
+        What turbulence does in a short record is much like what these do. Were they taken out of the innovations
+        alone, its rms would be too small (D. A. Harville, 1977): with their wide prior the likelihood is that of REML.
+        """
+        Z = _WIDE * self._put_in
+        return float(np.sum(self.log_dets)) + float(np.linalg.slogdet(np.eye(Z.shape[1]) + Z.T @ Z)[1])
 
     @cached_property
     def _free(self) -> FloatArray:
@@ -353,6 +371,22 @@ class GustFilter:
         drive = np.concatenate([x0[None], (self.K[:-1] @ y[:-1, :, None])[:, :, 0]])
         x = dtbsv(2 * size - 1, self._band, drive.ravel(), lower=1, diag=1).reshape(n, size)
         return np.asarray(self.W @ (y - (self.H @ x[:, :, None])[:, :, 0])[:, :, None])[:, :, 0]
+
+
+def _prewhitened(
+    F: FloatArray, H: FloatArray, Q: FloatArray, colour: FloatArray, valid: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return F, H and Q of prewhitened readings: what coloured channels read last is a further state of each."""
+    on = np.flatnonzero(colour)
+    (n, p, size), m = H.shape, on.size
+    wide, read, noise = np.zeros((n, size + m, size + m)), np.zeros((n, p, size + m)), np.zeros((n, size + m, size + m))
+    wide[:, :size, :size], wide[:, size:, :size], noise[:, :size, :size] = F, H[:, on], Q
+    noise[:, size:, size:] = 1e-12 * np.eye(m)
+    a = np.where(np.concatenate([np.zeros((1, p), dtype=bool), valid[1:] & valid[:-1]]), colour, 0.0)
+    over = 1.0 / np.sqrt(1.0 - a**2)
+    read[:, :, :size] = over[:, :, None] * H
+    read[:, on, size + np.arange(m)] = -(a * over)[:, on]
+    return wide, read, noise
 
 
 def _gain(

@@ -3,18 +3,23 @@
 The noise is what no motion does: its scales are estimated beside re-tuned coefficients, an unknown motion of free size
 and a slow drift of every instrument (:mod:`testbench.inference.linear`), so that what the model lacks does not count
 as noise. The suite with these scales takes the place of the one that was stated.
+
+Nor is it white: filters and averages of a logger let a sample depend on the one before. The noise of a channel is an
+autoregressive process of first order. Its coefficient a, the colour, comes to rest where the prewhitened noise e that
+is expected beside all else is white, sum E[e_t e_(t-1)] = 0 (the expectation of R. H. Shumway and D. S. Stoffer, An
+approach to time series smoothing and forecasting using the EM algorithm, 1982).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.inference.linear import Grams, Linearised, fewer, sized
+from testbench.inference.linear import Grams, Linearised, expected, fewer, prewhitened, sized
 from testbench.inference.parameters import NOISE_SPREAD, Source
 from testbench.inference.unknown import pulses
 from testbench.questions.gap.believed import Believed
@@ -23,14 +28,28 @@ from testbench.sensors import SensorSuite
 
 _KAPPAS = (1e-4, 1e-3, 1e-2, 0.1, 1.0)
 _DRIFT_S = 1.0  # between the knots of an instrument's drift: slower than any noise, quicker than any wander
-_SURE = 3.0  # standard errors by which a scale differs from 1 before it is spoken of
+_SURE = 3.0  # standard errors by which a scale differs from 1 before it is spoken of, a colour from 0 before it is one
+_COLOURED = 0.1  # of a sample's variance comes a hundredth from the one before: less is not spoken of
+_MOST = 0.95  # colour: beyond it noise is a drift
+_ROUNDS = 6
+_AT_REST = 0.01  # of the colour
 
 
 @dataclass(frozen=True)
 class NoiseFound:
-    """Noise as the records show it: channel -> (true over stated standard deviation, standard error)."""
+    """Noise as the records show it.
+
+    Attributes:
+        scales: channel -> (true over stated standard deviation, standard error).
+        colour: channel -> correlation from sample to sample; 0 of those that it does not name.
+    """
 
     scales: Mapping[str, tuple[float, float]]
+    colour: Mapping[str, float] = field(default_factory=dict)
+
+    def corrects(self, believed: Believed) -> Believed:
+        """Return the belief with the noise that was found."""
+        return replace(believed, suite=self.corrected(believed.suite), colour=self.colour)
 
     def corrected(self, suite: SensorSuite) -> SensorSuite:
         """Return a suite with the noise that was found; the quantisation of a sensor stays."""
@@ -43,15 +62,29 @@ class NoiseFound:
         return replace(suite, sensors=tuple(sensors))
 
     def differs(self, other: NoiseFound) -> bool:
-        """Return whether another estimate has a channel that differs by more than the errors of both."""
+        """Return whether another estimate has a channel that differs by more than the errors of both.
+
+        Scales that differ by less than the prior of noise that was measured leaves open are found beside every
+        hypothesis.
+        """
+        if any(abs(a - other.colour.get(n, 0.0)) > _COLOURED for n, a in self.colour.items()):
+            return True
         return any(
-            abs(math.log(other.scales[n][0] / s)) > _SURE * math.hypot(e / s, other.scales[n][1] / other.scales[n][0])
+            abs(math.log(other.scales[n][0] / s))
+            > max(NOISE_SPREAD["measured"], _SURE * math.hypot(e / s, other.scales[n][1] / other.scales[n][0]))
             for n, (s, e) in self.scales.items()
         )
 
     @property
     def sentence(self) -> str:
         """What differs from what is stated, in words; empty if nothing does."""
+        coloured = {n: a for n, a in self.colour.items() if abs(a) > _COLOURED}
+        told = ", ".join(f"{n} {a:.2f}" for n, a in coloured.items())
+        correlated = f"the noise is correlated from sample to sample ({told})" if told else ""
+        return "; ".join(x for x in (self._scaled, correlated) if x)
+
+    @property
+    def _scaled(self) -> str:
         off = {n: s for n, (s, e) in self.scales.items() if abs(math.log(s)) > _SURE * e / s}
         if not off:
             return ""
@@ -81,8 +114,7 @@ def find_noise(
         FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the commands.
     """
     point = Hypothesis.at(believed, model or believed, tuple(records))
-    p = len(believed.outputs)
-    grams = []
+    parts = []
     for record, left, tangents in zip(
         records, point.by_record(point.exact), point.by_record(point.tangents), strict=True
     ):
@@ -91,18 +123,69 @@ def find_noise(
         taken = believed.taken(record)
         U = np.concatenate(unknown, axis=2) / believed.noise_std[:, None]
         U -= np.where(taken[:, :, None], U, 0.0).sum(axis=0) / np.maximum(taken.sum(axis=0), 1)[:, None]
-        grams.append(Grams.made(Linearised(left, -tangents, fewer(U, taken), taken)))
-    spread = np.full(p, NOISE_SPREAD[source])
-    mean, begin = -point.deviations * point.prior_std, None
-    best = None
-    for kappa in _KAPPAS:
-        found = sized(grams, mean, point.prior_std, spread, kappa, begin)
+        parts.append((left, -tangents, fewer(U, taken), taken))
+    colour = np.zeros(len(believed.outputs))
+    spread, mean = np.full(len(colour), NOISE_SPREAD[source]), -point.deviations * point.prior_std
+    count = np.sum([taken.sum(axis=0) for *_, taken in parts], axis=0)
+    found: _Scaled | None = None
+    kappas: Sequence[float] = _KAPPAS
+    for _ in range(_ROUNDS):
+        blocks = [
+            Linearised(
+                prewhitened(left, colour, taken), prewhitened(T, colour, taken), U.prewhitened(colour, taken), taken
+            )
+            for left, T, U, taken in parts
+        ]
+        found = _most_probable(blocks, kappas, mean, point.prior_std, spread, found)
+        kappas = (found.kappa,)
+        before, colour = colour, np.clip(colour + (1.0 - colour**2) * found.correlation, -_MOST, _MOST)
+        colour = np.where(np.abs(colour) * np.sqrt(count) > _SURE, colour, 0.0)
+        if np.max(np.abs(colour - before)) < _AT_REST:
+            break
+    assert found is not None
+    each = zip(believed.outputs, found.scales.tolist(), found.errors.tolist(), strict=True)
+    known = {n: float(a) for n, a in zip(believed.outputs, colour, strict=True) if a}
+    return NoiseFound({n: (s, e) for n, s, e in each}, known)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scaled:
+    """Scales (p,) of the noise, their standard errors, its correlation from sample to sample, and kappa beside it."""
+
+    scales: FloatArray
+    errors: FloatArray
+    correlation: FloatArray
+    kappa: float
+
+
+def _most_probable(
+    blocks: Sequence[Linearised],
+    kappas: Sequence[float],
+    mean: FloatArray,
+    std: FloatArray,
+    spread: FloatArray,
+    before: _Scaled | None,
+) -> _Scaled:
+    """Return the noise beside the unknown motion whose size is most probable."""
+    grams = [Grams.made(block) for block in blocks]
+    begin, best, size = None if before is None else before.scales, None, 0.0
+    for kappa in kappas:
+        found = sized(grams, mean, std, spread, kappa, begin)
         begin = found.scales
         if best is None or found.log_density > best.log_density:
-            best = found
+            best, size = found, kappa
     assert best is not None
-    errors = best.scales * best.log_errors
-    return NoiseFound(dict(zip(believed.outputs, zip(best.scales.tolist(), errors.tolist(), strict=True), strict=True)))
+    products, squares = np.zeros(len(spread)), np.zeros(len(spread))
+    for block, (found_at, Sigma) in zip(blocks, expected(grams, best.scales, size, mean, std), strict=True):
+        r = len(found_at) - block.columns.shape[2]
+        for c in range(len(spread)):
+            Z = np.concatenate([block.columns[:, c], block.unknown.response[c, :, :r]], axis=1)
+            counts = block.taken[:, c]
+            Z = np.where(counts[:, None], Z, 0.0)
+            e, spreads = np.where(counts, block.residual[:, c] - Z @ found_at, 0.0), Z @ Sigma
+            squares[c] += e @ e + np.sum(spreads * Z)
+            products[c] += e[1:] @ e[:-1] + np.sum(spreads[1:] * Z[:-1])
+    return _Scaled(best.scales, best.scales * best.log_errors, products / np.maximum(squares, 1e-12), size)
 
 
 def _drifts(believed: Believed, record: FlightRecord) -> FloatArray:
