@@ -45,8 +45,10 @@ if TYPE_CHECKING:
 
 Predict = Callable[[FlightRecord, Mapping[str, float]], FloatArray]
 """(record, parameter -> value) -> what the channels would have read, (n, channels), SI, without noise."""
-Unknown = Callable[[FlightRecord], FloatArray]
-"""record -> what pulses of an unknown motion do to the channels, (n, channels, m), SI, see :mod:`.unknown`."""
+Pulses = Callable[[FlightRecord], FloatArray]
+"""record -> what pulses do to the channels, (n, channels, m), SI, see :mod:`.unknown`."""
+Unknown = Callable[[FlightRecord], FloatArray | Motion]
+"""The same of an unknown motion; or its principal directions, in units of the noise."""
 Slopes = Callable[[FlightRecord], Mapping[str, FloatArray]]
 """record -> parameter -> change of the prediction by one unit of it, (n, channels), SI."""
 Points = Sequence[tuple[str, Mapping[str, float]]]
@@ -289,7 +291,7 @@ def compare_hypotheses(
     noise: Noise,
     unknown: Unknown | None = None,
     held_out: Sequence[FlightRecord] = (),
-    air: Unknown | None = None,
+    air: Pulses | None = None,
     samples: int = 128,
     ahead: Callable[[Points], None] | None = None,
     before: Comparison | None = None,
@@ -423,7 +425,7 @@ class _Fit:
     records: Sequence[FlightRecord]
     noise: Noise
     unknown: Unknown | None
-    air: Unknown | None
+    air: Pulses | None
     theta: FloatArray
     blocks: Sequence[Linearised]
     grams: Sequence[Grams]
@@ -445,7 +447,7 @@ class _Fit:
         records: Sequence[FlightRecord],
         noise: Noise,
         unknown: Unknown | None,
-        air: Unknown | None,
+        air: Pulses | None,
         shared: _Shared,
         scales: FloatArray | None = None,
     ) -> _Run:
@@ -675,7 +677,8 @@ class _Fit:
             taken, own = self._measured(record)[1], np.zeros((len(record), len(stated), 0))
             U = Motion.none(taken)
             if self.unknown is not None:
-                U = fewer(self.unknown(record) / stated[:, None], taken)
+                moved = self.unknown(record)
+                U = moved if isinstance(moved, Motion) else fewer(moved / stated[:, None], taken)
             if self.air is not None:
                 own = self.air(record) / stated[:, None]
             known[record] = U, own

@@ -238,7 +238,7 @@ class _Asker:
     records: tuple[FlightRecord, ...]
     source: Source
     rested: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    moved: dict[int, FloatArray] = field(default_factory=dict)  # by an unknown motion, of each record
+    motions: dict[int, Motion] = field(default_factory=dict)  # unknown ones, of each record
     models: dict[str, Callable[[Mapping[str, float]], Believed]] = field(default_factory=dict)  # of each hypothesis
     seen: dict[str, list[tuple[FloatArray, FloatArray]]] = field(default_factory=dict)  # of each effect
     remade: dict[str, Callable[[Mapping[str, float]], Hypothesis]] = field(default_factory=dict)
@@ -382,14 +382,9 @@ class _Asker:
         self, base: Point, shared: FloatArray, each: FloatArray, mean: FloatArray, std: FloatArray, sizes: FloatArray
     ) -> FirstOrder:
         """Weigh columns ``each`` (samples, h) about a point, beside those that all share, (samples, k)."""
-        parts = columns_of(base, np.column_stack([shared, each]), self._directions)
+        parts = columns_of(base, np.column_stack([shared, each]), [self.unknown(r) for r in self.records])
         left = [c.left(r.reshape(-1, 1)) for c, r in zip(parts, base.by_record(base.exact), strict=True)]
         return FirstOrder.of(sum_of(c.sums for c in parts), sum_of(left), mean, std, sizes)
-
-    @cached_property
-    def _directions(self) -> list[Motion]:
-        """Of each record, an unknown motion by its principal directions."""
-        return [fewer(self._moved(r), self.believed.taken(r)) for r in self.records]
 
     def open_terms(self) -> tuple[tuple[OpenTerm, ...], int]:
         """Return the terms of the open set that the aircraft can have, the most probable first, and how many there are.
@@ -409,14 +404,11 @@ class _Asker:
         known = left_out({t.name: t.effect for t in found[:SHOWN]}, self.believed.aircraft, self.believed.suite)
         return tuple(t for t in found[:SHOWN] if t.name not in known), tried
 
-    def unknown(self, record: FlightRecord) -> FloatArray:
+    def unknown(self, record: FlightRecord) -> Motion:
         """Return what an unknown motion does to a record, its mean and what an unknown start changes taken out."""
-        return self._moved(record) * self.believed.noise_std[:, None]
-
-    def _moved(self, record: FlightRecord) -> FloatArray:
-        if id(record) not in self.moved:
-            self.moved[id(record)] = unknown_motion(self.believed, record)
-        return self.moved[id(record)]
+        if id(record) not in self.motions:
+            self.motions[id(record)] = fewer(unknown_motion(self.believed, record), self.believed.taken(record))
+        return self.motions[id(record)]
 
     @cached_property
     def coefficients(self) -> tuple[Parameter, ...]:

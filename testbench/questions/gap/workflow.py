@@ -271,9 +271,13 @@ class _Asked:
             say("fit where windows start beside what comes nearest")
             believed = begin_freely(believed, {**given.records, **given.held_out}, near.added_to(believed))
             found = self._found(believed, noise, replace(alone, pairs=True), found)
-        if found.naming.weighed.unknown <= ELSEWHERE or not self.places:
+        weighed = found.naming.weighed
+        if not (weighed.unknown > ELSEWHERE or weighed.open) or not self.places:
             return found  # what acts in all records explains them
-        return self._begun(found) or self._found(believed, noise, replace(self.sought, pairs=True), found)
+        begun = self._begun(found)
+        if weighed.open:  # one of hundreds of terms may do what an effect does in a part of the flights
+            return begun if begun is not None and begun.naming.weighed.lead > weighed.lead else found
+        return begun or self._found(believed, noise, replace(self.sought, pairs=True), found)
 
     def _found(
         self, believed: Believed, noise: NoiseFound | None, sought: Sought, after: _Found | None = None
