@@ -13,7 +13,6 @@ from testbench.evaluation.derivatives import dimensional_derivatives, static_mar
 from testbench.evaluation.modes import frequency_and_damping
 from testbench.flight.thrust import thrust_words
 from testbench.page.labels import number
-from testbench.questions.aircraft.tables import elevator_left
 
 if TYPE_CHECKING:
     from testbench.aircraft import Aircraft
@@ -109,7 +108,7 @@ def _elevator_words(survey: Survey) -> str:
     design = envelope.trims[envelope.design]
     said = []
     for V in (envelope.speeds[envelope.design], survey.range.slowest):
-        up, down = (a / DEG_RAD for a in elevator_left(survey, V))
+        up, down = (a / DEG_RAD for a in survey.elevator_left(V))
         said.append(f"{up:.1f} deg up and {down:.1f} deg down")
     control, held = envelope.aircraft.controls["de"], design.controls["de"]
     throw = (control.full if held >= 0.0 else -control.low) / DEG_RAD  # to the side that trim takes it

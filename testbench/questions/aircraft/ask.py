@@ -144,6 +144,12 @@ class Survey(Shown, page="testbench.questions.aircraft.page:aircraft_page"):
         numbers = self.envelope.elastic.values()
         return {i: flown.modes[i - 1] for i in numbers if flown.modes[i - 1].shape is not None}
 
+    def elevator_left(self, V_m_s: float) -> tuple[float, float]:
+        """Return how far the elevator can turn from its trim, trailing edge up and down, rad; both are positive."""
+        at = self.envelope.trims[self.envelope.nearest(V_m_s)].controls["de"]
+        control = self.envelope.aircraft.controls["de"]
+        return at - control.low, control.full - at
+
 
 @on_one_thread
 def survey(aircraft: Named[Aircraft], name: str = "") -> Survey:

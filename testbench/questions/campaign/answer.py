@@ -11,7 +11,6 @@ from testbench.page.labels import number
 from testbench.page.words import counted
 from testbench.questions.campaign.methods import ranked_contests
 from testbench.questions.campaign.summary import short_name
-from testbench.questions.campaign.tables import tally_of
 from testbench.questions.side_by_side import best_words
 
 if TYPE_CHECKING:
@@ -171,7 +170,8 @@ def _progress(result: CampaignResult) -> str:
     text = f"{counts.done} of {counts.total} runs are done{failed}"
     if counts.finished < counts.total:
         text += f"; {counts.total - counts.finished} are still to be flown and do not count yet"
-    text += _simulators(result.summary)
+    if words := flown_words(result.summary.tally, "run"):
+        text += f"; {words}"
     rule = result.campaign.spec.stop
     if rule is not None and result.stopped is not None:
         text += (
@@ -181,12 +181,6 @@ def _progress(result: CampaignResult) -> str:
     elif rule is not None and counts.finished == counts.total:
         text += f"; the wanted ± {rule.half_width:g} of '{rule.quantity}' was not reached"
     return text
-
-
-def _simulators(summary: Summary) -> str:
-    """Return what flew, and why where JSBSim had to fly run by run."""
-    words = flown_words(tally_of(summary), "run")
-    return f"; {words}" if words else ""
 
 
 def most_biased(summary: Summary) -> list[Accuracy]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from testbench.core.proportion import proportion_interval
 from testbench.core.record import FloatArray
+from testbench.flight.batch.jobs import Tally
 from testbench.questions.campaign.scenario import Entry
 from testbench.questions.campaign.store import Row
 
@@ -114,6 +115,7 @@ class Summary:
         done: (n,) bool.
         columns: name of a figure -> (n,) values, NaN where there is none.
         inputs: varied key -> (n,) values as given.
+        tally: by what the finished runs were flown; stores of earlier versions do not say.
         figures, accuracies, causes: in the order of their names; causes by number of runs.
         cells: suites and estimators that gave no model in runs that are done, by number of runs.
     """
@@ -125,7 +127,7 @@ class Summary:
     figures: tuple[Figure, ...]
     accuracies: tuple[Accuracy, ...]
     causes: tuple[Cause, ...]
-    simulators: Mapping[str, int]
+    tally: Tally
     cells: tuple[CellCause, ...] = ()
 
     @property
@@ -178,7 +180,7 @@ def summarise(rows: Iterable[Row]) -> Summary:
     done: list[bool] = []
     whole, cells = _Reasons(), _Reasons()
     inputs: dict[str, list[Entry]] = {}
-    simulators: dict[str, int] = {}
+    tally = Tally()
     for row in rows:
         runs.append(row.run)
         done.append(row.state == "done")
@@ -191,7 +193,10 @@ def summarise(rows: Iterable[Row]) -> Summary:
             if "true" in found:
                 columns.add(TRUE, found["true"])
             if "flown" in found:  # stores of earlier versions do not say
-                simulators[found["flown"]] = simulators.get(found["flown"], 0) + 1
+                if found["flown"] == TOGETHER:
+                    tally.batch += 1
+                else:
+                    tally.by_jsbsim(found["flown"].removeprefix(ALONE).removeprefix(", as "))
             for case, reason in found.get("failed", {}).items():
                 cells.add(case, row.run, reason)
         else:
@@ -206,7 +211,7 @@ def summarise(rows: Iterable[Row]) -> Summary:
         tuple(_figure(name, values[flown]) for name, values in named.items() if not _beside(name, named)),
         tuple(_accuracy(name, truth, named, flown) for name in named if (truth := truth_of(name, named))),
         tuple(cause for _, cause in whole.ordered()),
-        simulators,
+        tally,
         tuple(CellCause(case, cause) for case, cause in cells.ordered()),
     )
 

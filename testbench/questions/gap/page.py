@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from testbench.core.door import read_text
 from testbench.page.page import Page, source_of
-from testbench.questions.compatibility.tables import fault_table
+from testbench.questions.compatibility.page import fault_table
 from testbench.questions.gap.drive import driven_by
 from testbench.questions.gap.export import amended_files
 from testbench.questions.gap.figures import gap_plates, plan_plates

@@ -6,14 +6,28 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from testbench.page.page import FLOWN, Page
+from testbench.page.tables import Column, Table
 from testbench.page.words import answer_lines
 from testbench.questions.identify.answer import identify_answer
-from testbench.questions.identify.tables import derivative_table
+from testbench.questions.identify.derivatives import scaling_of
+from testbench.questions.run.labels import case_names
 from testbench.questions.run.page import run_page
 
 if TYPE_CHECKING:
     from testbench.questions.identify.amend.result import Amended
     from testbench.questions.identify.result import Identified
+
+
+_NONE: tuple[None, None, None] = (None, None, None)
+_READ = (
+    "X, Y and Z are specific forces, L, M and N angular accelerations (products of inertia included), per rad, rad/s "
+    "or m/s. Standard errors are corrected for residuals that are correlated in time."
+)
+_BELIEVED = (
+    "Determined: the data decide it. Weak: the error is more than half of the value. Correlated: it stands for another "
+    "one, only both together are known. At bound: the bound set it, not the data. In doubt: something that the model "
+    "lacks is left in the residuals, and the standard error may not cover what that does."
+)
 
 
 def identify_page(found: Identified, amended: Amended | None = None) -> Page:
@@ -69,3 +83,61 @@ def _with_amendment(page: Page, amended: Amended) -> Page:
         packages=FLOWN,
         closing=[*page.closing, ("Aircraft", str(amended.folder)), ("Next", f"testbench check {amended.folder}")],
     )
+
+
+# --- tables -----------------------------------------------------------------------------------------------------------
+
+
+def derivative_table(found: Identified) -> Table | None:
+    """Return the derivatives of all models, one row each; None if no model has some."""
+    if not found.derivatives:
+        return None
+    several = len({d.case for d in found.derivatives}) > 1
+    known = any(d.before is not None for d in found.derivatives)
+    scaled = any(d.coefficient is not None for d in found.derivatives)
+    names = case_names(found.cases)
+    columns = [
+        *([Column("model", "model", get=lambda d: names[d.case])] if several else []),
+        Column("derivative", "derivative", get="name"),
+        Column("value", "value", digits=4),
+        Column("std", "± std", digits=2, get=lambda d: d.std if d.std > 0.0 else None),
+        Column("unit", "unit", get=lambda d: d.unit or None),
+    ]
+    if known:
+        columns += [Column("before", "before", digits=4)]
+    if scaled:
+        columns += [
+            Column("coefficient", "coefficient", get=lambda d: (d.coefficient or _NONE)[0]),
+            Column("coefficient_value", "its value", digits=4, get=lambda d: (d.coefficient or _NONE)[1]),
+            Column("coefficient_std", "± std", digits=2, get=lambda d: (d.coefficient or _NONE)[2]),
+        ]
+    if found.again:
+        columns += [
+            Column("bias", "mean error again", digits=2, get=lambda d: (d.again or _NONE)[0]),
+            Column("scatter", "scatter again", digits=2, get=lambda d: (d.again or _NONE)[1]),
+            Column("held", "95 % held, %", digits=3, get=lambda d: 100.0 * d.again[2] if d.again else None),
+        ]
+    columns += [Column("believed", "believed?", get=lambda d: f"{d.believed}{', changed' if d.changed else ''}")]
+    return Table.of("derivatives", "Derivatives", _caption(found, known, scaled), columns, found.derivatives)
+
+
+def _caption(found: Identified, known: bool, scaled: bool) -> str:
+    out = [_READ, _BELIEVED]
+    if known:
+        sources = ", ".join(sorted({d.source for d in found.derivatives if d.source}))
+        out.append(f"Before: {sources}. Changed: further from it than three standard errors.")
+    if found.again:
+        out.append(
+            "Again: in flights of what was found, with noise as it was left, identified by the same likelihood; errors "
+            "are widened where these flights show more than is stated."
+        )
+    scaling = None if found.flown is None else scaling_of(found.flown, found.before)
+    if scaled and scaling is not None:
+        whose = f" of {found.before.aircraft.name}" if found.before else ""
+        mass = "" if scaling.mass.mass_kg is None else f" of {scaling.mass.mass_kg:.4g} kg"
+        out.append(
+            f"Coefficients with a mass{mass}, inertia and geometry{whose} at {scaling.V_m_s:.4g} m/s and a dynamic "
+            f"pressure of {scaling.qbar_Pa:.4g} Pa, whose own errors are not counted; CX and CZ in stability axes: "
+            "CZ_alpha = −CL_alpha − CD."
+        )
+    return " ".join(out)

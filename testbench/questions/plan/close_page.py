@@ -5,14 +5,17 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from testbench.core.constants import PERCENT
+from testbench.design.realise import INTERVAL
 from testbench.page.page import COMPUTED, Content, Page, source_of
+from testbench.page.tables import Column, Table, Value
 from testbench.page.write import json_text
+from testbench.questions.design.answer import is_ratio
 from testbench.questions.plan.card_text import card_stem
 from testbench.questions.plan.close_answer import close_answer
-from testbench.questions.plan.close_tables import cards_table, causes_table, runs_table, targets_table
-from testbench.questions.plan.figures import close_plates
 from testbench.questions.plan.flown_card import DESCRIPTIONS
-from testbench.questions.plan.verdicts import Campaign, JudgedCard
+from testbench.questions.plan.page import close_plates
+from testbench.questions.plan.verdicts import CHANCE, SLACK, Campaign, JudgedCard, Target
 
 _SHORT = ("card", "target", "flown", "error", "as", "promised", "realised", "flown error", "verdict", "more")
 
@@ -58,3 +61,157 @@ def _written(c: JudgedCard) -> dict[str, Any]:
     errors = {t.name: t.error for t in c.targets if t.estimate is not None and math.isfinite(t.error)}
     V = c.card.point.V_m_s if c.flown.V_m_s is None else c.flown.V_m_s
     return {**c.flown.case.model.written(), "condition": {"V_m_s": V, "h_m": c.card.point.h_m}, "flown_errors": errors}
+
+
+# --- tables -----------------------------------------------------------------------------------------------------------
+
+
+def cards_table(campaign: Campaign) -> Table:
+    """Return one row per card: runs wanted, flown, good, and to fly, and whether it may be flown."""
+    closed = campaign.closed
+    columns = (
+        Column("card", "card"),
+        Column("manoeuvre", "manoeuvre"),
+        Column("V", "V", "m/s", given=True),
+        Column("wanted", "runs"),
+        Column("flown", "flown"),
+        Column("good", "good"),
+        Column("promise", "as promised"),
+        Column("left", "to fly"),
+        Column("go", "go?"),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for c in campaign.cards:
+        card, found = c.card, closed.of(c.card)
+        kept = sum(t.verdict == "reached" for t in c.targets)
+        told = f"{kept} of {len(c.targets)}" if c.flown.runs and c.targets else None
+        go = "NO-GO: " + c.go if c.go else "GO" if c.more else "done"
+        good = len(closed.good(card))
+        rows.append((card.number, card.spec.name, card.point.V_m_s, card.repeats, len(found), good, told, c.more, go))
+    caption = (
+        "Runs found in the logs by what was commanded. To fly: runs that the plan misses, or that bring every target "
+        "to what is wanted of it. GO: the cards of slower points are flown, and met no limit."
+    )
+    return Table("cards", "Cards", caption, columns, tuple(rows), wide=True)
+
+
+def targets_table(campaign: Campaign) -> Table:
+    """Return one row per card and target: promised, realised in simulation, and flown."""
+    shown = "standard error of the runs that were flown"
+    columns = (
+        Column("card", "card"),
+        Column("target", "target"),
+        Column("runs", "runs"),
+        Column("believed", "believed", "", "value", digits=4),
+        Column("here", "at the flown speed", "", "value", digits=4),
+        Column("flown", "flown", "", "value", digits=4),
+        Column("stated", "± stated by the estimator", "", "value", digits=2),
+        Column("error", "±", "", "value", digits=2),
+        Column("unit", "unit", "", "value"),
+        Column("as", "in", "", shown),
+        Column("wanted", "wanted", "", shown, digits=2),
+        Column("promised", "promised", "", shown, digits=2),
+        Column("realised", "realised", "", shown, digits=2),
+        Column("low", "from", "", shown, digits=2),
+        Column("high", "to", "", shown, digits=2),
+        Column("flown error", "flown", "", shown, digits=2),
+        Column("differs", "off the believed, in errors", digits=2),
+        Column("verdict", "verdict"),
+        Column("more", "more runs"),
+        Column("believe", "believed?"),
+    )
+    rows = tuple(_row(c, t) for c in campaign.cards for t in c.targets)
+    return Table("targets", "Promised, realised, flown", _caption(campaign), columns, rows, wide=True)
+
+
+def _row(c: JudgedCard, t: Target) -> tuple[Value, ...]:
+    e, ratio = t.estimate, is_ratio(t.name) and math.isfinite(t.believed)
+    per = abs(t.believed) * PERCENT if ratio else 1.0
+    own = abs(e.value) * PERCENT if ratio and e is not None and e.value else per
+    units = {} if c.flown.found is None else {d.name: d.unit for d in c.flown.found.derivatives}
+    low, high = (None, None) if t.realised is None else (t.realised[1] / per, t.realised[2] / per)
+    return (
+        c.card.number,
+        t.name,
+        t.runs,
+        _number(t.believed),
+        _number(t.here) if t.estimate is not None else None,
+        None if e is None else _number(e.value),
+        None if e is None else _number(e.stated),
+        _number(t.error),
+        "rad/s" if t.name.startswith("wn of") else units.get(t.name) or None,
+        "%" if ratio else "",
+        _number(t.wanted / own),
+        _number(t.promised / per),
+        None if t.realised is None else t.realised[0] / per,
+        low,
+        high,
+        _number(t.error / own),
+        _number(t.differs),
+        t.verdict,
+        t.more,
+        None if e is None else e.believed,
+    )
+
+
+def causes_table(campaign: Campaign) -> Table:
+    """Return what makes errors larger than promised, one row per card and target that has a cause."""
+    columns = (Column("card", "card"), Column("target", "target"), Column("why", "why"))
+    rows = tuple((c.card.number, t.name, "; ".join(t.causes)) for c in campaign.cards for t in c.targets if t.causes)
+    caption = "What makes these errors larger than promised, the likeliest first."
+    return Table("causes", "Why a target is not known as well as promised", caption, columns, rows, wide=True)
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _caption(campaign: Campaign) -> str:
+    out = [
+        "Promised: by Fisher information, of as many runs as were flown. Realised: root mean square of simulated "
+        f"flights of the design, with the {100 * INTERVAL:g} % interval of one run's, for as many runs. Flown: the "
+        "error that the estimator states, with the scatter of the runs, with what simulated errors scatter more than "
+        "the stated ones, and with their mean.",
+        f"The promise is kept below the error that simulated flights exceed with {100 * CHANCE:g} %, or {SLACK:g} "
+        "times the promised one. The difference counts in flown errors and in what the stated offset of the airspeed "
+        "sensor makes of the believed value.",
+    ]
+    airs = {c.flown.promise.air for c in campaign.cards if c.flown.promise is not None and c.flown.promise.air}
+    if airs:
+        out.append(f"Simulated in {' or '.join(sorted(airs))}.")
+    bare = [str(c.card.number) for c in campaign.cards if c.flown.promise is None or c.flown.promise.realised is None]
+    if bare:
+        out.append(f"Not realised in simulation: card{'s' if bare[1:] else ''} {', '.join(bare)}.")
+    return " ".join(out)
+
+
+def runs_table(campaign: Campaign) -> Table:
+    """Return one row per run that was found."""
+    columns = (
+        Column("card", "card"),
+        Column("log", "log"),
+        Column("start", "start", "s", decimals=2),
+        Column("likeness", "likeness of the command", decimals=3),
+        Column("amplitude", "amplitude", "%", decimals=0),
+        Column("V", "V before", "m/s", decimals=1),
+        Column("inside", "least part inside the band", "%", decimals=0),
+        Column("faults", "why to repeat"),
+    )
+    rows: list[tuple[Value, ...]] = [
+        (
+            r.card.number,
+            r.log,
+            r.start_s,
+            r.likeness,
+            r.gain / PERCENT,
+            r.V_m_s,
+            100.0 * min(r.inside.values()) if r.inside else None,
+            "; ".join(r.faults) or None,
+        )
+        for r in campaign.closed.runs
+    ]
+    caption = (
+        "Likeness is 1 for the card's own command, amplitude 100 %; a negative one has the other sign. The band is the "
+        "95 % band of the card, deviations from before."
+    )
+    return Table("runs", "Runs", caption, columns, tuple(rows), wide=True)

@@ -2,23 +2,50 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from testbench.core.constants import PERCENT
 from testbench.core.files import write_file
+from testbench.page.figure import (
+    COLOURS,
+    DASHED,
+    INK,
+    MEASURED,
+    WARN,
+    Chart,
+    Curve,
+    Drawn,
+    Panel,
+    Plate,
+    Rule,
+    Words,
+    bars,
+    line_look,
+    rows,
+)
 from testbench.page.html import picture, render
 from testbench.page.page import Page, source_of
+from testbench.page.tables import Column, Table, Value
 from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.card_figures import card_page, card_plate, kneeboard_page
-from testbench.questions.plan.card_text import card_stem, card_text, card_title, standing
-from testbench.questions.plan.figures import plan_plates
+from testbench.questions.plan.card_text import card_stem, card_text, card_title, short_name, standing
 from testbench.questions.plan.injection import injected_signal, lua_script, px4_script, signal_csv
 from testbench.questions.plan.injection.lua import injectable
-from testbench.questions.plan.tables import modes_table, plan_tables, runs_table, short_cards
+from testbench.questions.plan.scenario import Tow
 
 if TYPE_CHECKING:
-    from testbench.questions.plan.result import Card, Plan
+    from testbench.questions.plan.result import Card, ModeAt, Plan, Point
+    from testbench.questions.plan.verdicts import Campaign, Target
+
+
+_SHOWN_MODES = 4
+_MOST = 14  # targets that one figure shows
+_KINDS = (("promised", MEASURED), ("realised in simulation", COLOURS[0]), ("flown", COLOURS[1]))
 
 
 def plan_page(plan: Plan) -> Page:
@@ -101,3 +128,358 @@ def script_of(card: Card, plan: Plan) -> str | None:
     if plan.scenario.flown_by != "autopilot" or not autopilot.scripted or not injectable(card):
         return None
     return f"injection/{card_stem(card)}{'.lua' if autopilot.system == 'ardupilot' else '.py'}"
+
+
+# --- tables -----------------------------------------------------------------------------------------------------------
+
+
+def plan_tables(plan: Plan) -> list[Table]:
+    """Return the tables of the page: flights, points, cards, damping."""
+    out = [points_table(plan), cards_table(plan)]
+    if plan.flights:
+        out.insert(0, flights_table(plan))
+    if any(p.modes for p in plan.points):
+        out.append(modes_table(plan))
+    return out
+
+
+def runs_table(plan: Plan) -> Table:
+    """Return one row per run, in the order of flying: the plan itself."""
+    columns = (
+        Column("run", "run"),
+        Column("flight", "flight"),
+        Column("start", "start", "min", decimals=1),
+        Column("card", "card"),
+        Column("manoeuvre", "manoeuvre"),
+        Column("plane", "motion"),
+        Column("repeat", "repeat"),
+        Column("V", "V", "m/s", given=True),
+        Column("h", "h", "m", given=True),
+        Column("amplitude", "amplitude", "%", decimals=0),
+        Column("length", "length", "s", given=True),
+        Column("used", "energy used", "Wh", decimals=1),
+    )
+    rows: list[tuple[Value, ...]] = [
+        (
+            r.number,
+            r.flight,
+            r.start_s / 60.0,
+            r.card.number,
+            r.card.spec.name,
+            r.card.spec.plane,
+            r.repeat,
+            r.card.point.V_m_s,
+            r.card.point.h_m,
+            100.0 * r.card.factor,
+            r.card.length_s,
+            r.used_J / 3600.0,
+        )
+        for r in plan.runs
+    ]
+    caption = "Runs in the order of flying. Times and energy count from take-off; energy up to the end of the run."
+    return Table("plan", "Runs", caption, columns, tuple(rows))
+
+
+def flights_table(plan: Plan) -> Table:
+    """Return one row per flight on one battery or tank."""
+    kind = plan.scenario.energy.kind
+    columns = (
+        Column("flight", "flight"),
+        Column("runs", "runs"),
+        Column("time", "time", "min", decimals=1),
+        Column("energy", "energy", "Wh", decimals=1),
+        Column("share", "of the usable", "%", decimals=0),
+    )
+    rows: list[tuple[Value, ...]] = [
+        (
+            f.number,
+            f"{f.first_run} to {f.last_run}",
+            f.time_s / 60.0,
+            f.energy_J / 3600.0,
+            100.0 * f.share,
+        )
+        for f in plan.flights
+    ]
+    spec = plan.scenario.energy
+    caption = (
+        f"A glider pays with height: every flight may sink from {spec.release_m:g} to {spec.lowest_m:g} m."
+        if (isinstance(spec, Tow))
+        else (
+            f"Power is thrust times speed at trim over an efficiency of {spec.efficiency_percent:g} %, and "
+            f"{spec.avionics_W:g} W ({spec.source}); {spec.usable_percent:g} % of the {kind} is usable."
+        )
+    )
+    return Table("flights", f"Flights, each on one {'tank' if kind == 'fuel' else kind}", caption, columns, tuple(rows))
+
+
+def points_table(plan: Plan) -> Table:
+    """Return one row per point of the build-up."""
+
+    def worst(p: Point, what: str) -> Value:
+        """Return what is known of the mode of least damping."""
+        return Column(what, "").of(_least_damped(p))
+
+    columns = (
+        Column("point", "point", get="number"),
+        Column("V", "V", "m/s", given=True, get="V_m_s"),
+        Column("h", "h", "m", given=True, get="h_m"),
+        Column("margin", "below the onset", "%", decimals=0,
+               get=lambda p: None if p.margin is None else 100.0 * p.margin),
+        Column("alpha", "α at trim", "deg", decimals=1, get=lambda p: math.degrees(p.trimmed.alpha)),
+        Column("power", "level power", "W", decimals=0, get="power_W"),
+        Column("least", "least elastic damping ζ", decimals=4, get=lambda p: worst(p, "zeta")),
+        Column("least_next", "predicted at the next", decimals=4, get=lambda p: worst(p, "zeta_next")),
+        Column("mode", "of the mode", get=lambda p: worst(p, "name")),
+        Column("go", "go", get=lambda p: "not cleared yet" if plan.waits(p.V_m_s) else "go"),
+    )  # fmt: skip
+    caption = (
+        "From slow to fast. Damping is that of the linearised aircraft. A faster point is flown when `testbench modes` "
+        "has cleared it from the records of the slower ones."
+    )
+    return Table.of("points", "Test points", caption, columns, plan.points, wide=True)
+
+
+def _least_damped(point: Point) -> ModeAt | None:
+    """Return the elastic mode with the least damping, here or predicted at the next point."""
+    elastic = [m for m in point.modes if m.elastic]
+    return min(elastic, key=lambda m: m.zeta if m.zeta_next is None else min(m.zeta, m.zeta_next), default=None)
+
+
+def short_cards(plan: Plan) -> Table:
+    """Return one row per card as a terminal shows it: its point, whether it is flown, runs, flights, least damping."""
+    columns = (
+        Column("card", "card"),
+        Column("manoeuvre", "manoeuvre"),
+        Column("V", "V", "m/s", given=True),
+        Column("h", "h", "m", given=True),
+        Column("margin", "below onset", "%", decimals=0),
+        Column("status", "status"),
+        Column("repeats", "runs"),
+        Column("flights", "flight"),
+        Column("least", "least elastic ζ", decimals=3),
+        Column("least_next", "next", decimals=3),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for card in plan.cards:
+        point, worst = card.point, _least_damped(card.point)
+        flights = ", ".join(str(n) for n in sorted({r.flight for r in plan.runs if r.card is card}))
+        margin = None if point.margin is None else 100.0 * point.margin
+        least = (worst.zeta, worst.zeta_next) if worst else (None, None)
+        rows.append(
+            (
+                *(card.number, card.spec.name, point.V_m_s, point.h_m, margin, standing(card), card.repeats),
+                *(flights or None, *least),
+            )
+        )
+    return Table("cards", "", "", columns, tuple(rows))
+
+
+def cards_table(plan: Plan) -> Table:
+    """Return one row per card."""
+    columns = (
+        Column("card", "card"),
+        Column("manoeuvre", "manoeuvre"),
+        Column("V", "V", "m/s", given=True),
+        Column("h", "h", "m", given=True),
+        Column("status", "status"),
+        Column("amplitude", "amplitude", "%", decimals=0),
+        Column("repeats", "runs"),
+        Column("accuracy", "accuracy reached"),
+        Column("met", "limits met at full amplitude"),
+        Column("file", "file"),
+    )
+    rows: list[tuple[Value, ...]] = [
+        (
+            c.number,
+            c.spec.name,
+            c.point.V_m_s,
+            c.point.h_m,
+            standing(c),
+            100.0 * c.factor,
+            c.repeats,
+            "; ".join(r.sentence for r in c.reached) or None,
+            "; ".join(c.met) or None,
+            card_stem(c),
+        )
+        for c in plan.cards
+    ]
+    caption = "Every card was flown in the simulator; a card that breaks a limit there is scaled down or refused."
+    return Table("cards", "Cards", caption, columns, tuple(rows), wide=True)
+
+
+def modes_table(plan: Plan) -> Table:
+    """Return frequency and damping of every mode at every point."""
+    columns = (
+        Column("point", "point"),
+        Column("V", "V", "m/s", given=True),
+        Column("h", "h", "m", given=True),
+        Column("mode", "mode"),
+        Column("f", "f", "Hz"),
+        Column("zeta", "ζ", decimals=4),
+        Column("zeta_next", "ζ at the next point", decimals=4),
+    )
+    rows: list[tuple[Value, ...]] = [
+        (p.number, p.V_m_s, p.h_m, m.name, m.f_hz, m.zeta, m.zeta_next) for p in plan.points for m in p.modes
+    ]
+    caption = (
+        "Modes of the linearised aircraft. A mode that has split into two roots has damping 1, or −1 if one of them "
+        "diverges."
+    )
+    return Table("damping", "Predicted modes", caption, columns, tuple(rows))
+
+
+# --- figures ----------------------------------------------------------------------------------------------------------
+
+
+def plan_plates(plan: Plan) -> list[Plate]:
+    """Return the figures of the plan's page; the first shows what limits the plan, elastic modes or energy."""
+    out = [_build_up(plan), *([_energy(plan)] if plan.flights else [])]
+    return out if _weakest(plan) else out[::-1]
+
+
+def _weakest(plan: Plan) -> list[str]:
+    """Return the elastic modes that are damped least at some point, the least first."""
+    least: dict[str, float] = {}
+    for p in plan.points:
+        for m in p.modes:
+            if m.elastic:
+                least[m.name] = min(least.get(m.name, np.inf), m.zeta)
+    return sorted(least, key=lambda n: least[n])[:_SHOWN_MODES]
+
+
+def _build_up(plan: Plan) -> Plate:
+    names = _weakest(plan)
+    caption = "Points are numbered in the order of flying: a circle as given, a diamond scaled, a square refused. " + (
+        "Damping ratio of the least damped elastic modes. Dashed: onset of instability and, where the plan keeps it, "
+        "the onset less the margin. Dotted: least admissible damping."
+        if names
+        else "The aircraft has no elastic modes: only its limits bound the build-up."
+    )
+    panels = [*([[_damping(plan, names)]] if names else []), [_points(plan, 1.1 if names else 1.6)]]
+    return Plate("build_up", "Build-up", caption, Chart(panels))
+
+
+def _span(plan: Plan) -> tuple[float, float]:
+    """Return the range of speeds that is drawn."""
+    speeds = [p.V_m_s for p in plan.points]
+    onset = [p.onset.V_m_s for p in plan.points if p.onset is not None and p.onset.V_m_s is not None]
+    low, high = min(speeds), max([*speeds, *onset])
+    room = max(0.06 * (high - low), 0.5)
+    return low - room, high + room
+
+
+def _damping(plan: Plan, names: list[str]) -> Panel:
+    low, high = _span(plan)
+    draws, top = list[Drawn](), 0.0
+    for envelope in plan.envelopes:
+        V = np.array(envelope.speeds)
+        inside = (low <= V) & (high * 1.08 >= V)
+        for k, name in enumerate(names):
+            zeta = np.nanmin(envelope.history(name)[1], axis=1)
+            draws.append(Curve(x=V[inside], y=zeta[inside], name=short_name(name), **line_look(k)))
+            at = [p for p in plan.points if p.h_m == envelope.h_m]
+            here = np.array([(p.V_m_s, m.zeta) for p in at for m in p.modes if m.name == name]).reshape(-1, 2)
+            draws.append(Curve(x=here[:, 0], y=here[:, 1], colour=COLOURS[k % 6], marker="o", size=4.0))
+            top = max(top, float(here[:, 1].max(initial=0.0)))
+    rules = [
+        Rule(at=0.0, of="y", colour=INK, width=0.7),
+        *_onsets(plan),
+    ]
+    return Panel(
+        draws=[*draws, *rules], title="least damped elastic modes", y="damping ratio ζ", x_range=(low, high),
+        y_range=(-0.25 * top, 1.15 * top), tall_in=2.3,
+    )  # fmt: skip
+
+
+def _onsets(plan: Plan) -> list[Rule]:
+    out = []
+    for onset in {p.onset.V_m_s for p in plan.points if p.onset is not None and p.onset.V_m_s is not None}:
+        out.append(Rule(at=onset, colour=WARN, width=1.1, dash=DASHED))
+        if not plan.scenario.allow_above_onset:
+            out.append(Rule(at=onset * (1.0 - plan.scenario.onset_margin_percent / 100.0), dash=DASHED))
+    return out
+
+
+def _points(plan: Plan, tall_in: float) -> Panel:
+    heights = sorted({p.h_m for p in plan.points})
+    draws: list[Drawn] = []
+    looks = {"refused": ("s", WARN), "scaled": ("D", COLOURS[4]), "": ("o", COLOURS[2])}
+    for p in plan.points:
+        found = {c.status for c in plan.cards if c.point is p}
+        marker, colour = looks[next((status for status in looks if status in found), "")]
+        draws.append(Curve(x=[p.V_m_s], y=[p.h_m], marker=marker, colour=colour, size=7.0, order=3.0))
+        draws.append(Words(x=p.V_m_s, y=p.h_m, text=str(p.number), shift=(0, 7), across="center", up="bottom"))
+    room = max(0.25 * (heights[-1] - heights[0]), 20.0)
+    return Panel(
+        draws=[*draws, *_onsets(plan)], title="test points", x="true airspeed V, m/s", y="h, m", x_range=_span(plan),
+        y_range=(heights[0] - room, heights[-1] + 1.6 * room), tall_in=tall_in,
+        y_ticks=[(h, f"{h:g}") for h in heights] if len(heights) < 5 else None,
+    )  # fmt: skip
+
+
+def _energy(plan: Plan) -> Plate:
+    """Return the energy used over the time of each flight, one after the other."""
+    draws, before = list[Drawn](), 0.0
+    usable = plan.flights[0].usable_J / 3600.0
+    for leg in plan.flights:
+        mine = [r for r in plan.runs if r.flight == leg.number]
+        ends = [r.start_s + r.card.length_s + plan.scenario.timing.turn_s for r in mine]
+        t = before + np.array([0.0, mine[0].start_s, *ends]) / 60.0
+        first = mine[0].used_J - mine[0].card.point.power_W * (ends[0] - mine[0].start_s)
+        used = np.array([0.0, first, *(r.used_J for r in mine)]) / 3600.0
+        draws.append(Curve(x=t, y=used, colour=COLOURS[0], marker=".", size=4.5, joined=True, width=1.2))
+        draws.append(Words(x=t[0], y=usable, text=f"flight {leg.number}", shift=(3, 3), up="bottom", size=7.5))
+        before += leg.time_s / 60.0
+    panel = Panel(
+        draws=[*draws, Rule(at=usable, of="y", colour=WARN, width=1.0, dash=DASHED)], x="time in the air, min",
+        y="energy, Wh", title="energy used in each flight", x_range=(0.0, 1.01 * before),
+        y_range=(0.0, 1.12 * usable), tall_in=1.75,
+    )  # fmt: skip
+    caption = "One dot per run; time between flights is left out. Dashed: usable energy."
+    return Plate("energy", "Energy and time", caption, Chart([[panel]]))
+
+
+# --- after the flights ------------------------------------------------------------------------------------------------
+
+
+def close_plates(campaign: Campaign) -> list[Plate]:
+    """Return the figure of the errors; none where nothing was promised or found."""
+    targets = [(c.card.number, t) for c in campaign.cards for t in c.targets if _percent(t, t.promised) is not None]
+    if not targets:
+        return []
+    left = len(targets) - _MOST
+    shown = sorted(sorted(targets, key=lambda row: -row[1].lack)[:_MOST], key=lambda row: row[0])
+    caption = (
+        "Standard errors of the runs that were flown, of cards that were not, those of the planned ones. Lines: 95 % "
+        "interval of what was realised. Marks: what was wanted."
+        + (f" {left} more stand in the table." if left > 0 else "")
+    )
+    errors = np.array([[math.nan if v is None else v for v in _bars(t)] for _, t in shown])
+    low, at = 0.5 * float(np.nanmin(errors)), np.arange(len(shown))
+    draws: list[Drawn] = [
+        bars(at + 0.24 * (k - 1), low, errors[:, k], 0.2, name=name, colour=colour)
+        for k, (name, colour) in enumerate(_KINDS)
+    ]
+    for y, (_, t) in enumerate(shown):
+        if t.realised is not None and t.believed:
+            draws.append(Curve(x=[end / abs(t.believed) / PERCENT for end in t.realised[1:]], y=[y, y], width=1.0))
+    wanted = [_percent(t, t.wanted) for _, t in shown]
+    x = [math.nan if v is None else v for v in wanted]
+    draws.append(Curve(x=x, y=at, name="wanted", marker="|", size=18.0, colour=INK, order=4.0))
+    panel = Panel(
+        draws=draws, x="standard error, % of the believed value", log_x=True,
+        x_range=(low, 2.0 * float(np.nanmax(errors))), **rows([f"{number}: {t.name}" for number, t in shown], 0.42),
+    )  # fmt: skip
+    return [Plate("errors", "Promised, realised, flown", caption, Chart([[panel]]))]
+
+
+def _bars(t: Target) -> tuple[float | None, float | None, float | None]:
+    """Return promised, realised and flown error, in percent of the believed value."""
+    realised = math.nan if t.realised is None else t.realised[0]
+    return _percent(t, t.promised), _percent(t, realised), _percent(t, t.error)
+
+
+def _percent(t: Target, error: float) -> float | None:
+    if not math.isfinite(error) or not t.believed or not math.isfinite(t.believed):
+        return None
+    return error / abs(t.believed) / PERCENT

@@ -22,9 +22,14 @@ from testbench.flight import FlightCondition, Manoeuvre, fly, load_aircraft, tri
 from testbench.inputs import InputSignal
 from testbench.questions.aircraft.answer import _intervals, aircraft_answer, shapes_missing
 from testbench.questions.aircraft.ask import SpeedRange, Survey, survey
-from testbench.questions.aircraft.figures import aircraft_plates
-from testbench.questions.aircraft.page import aircraft_page, folder_name
-from testbench.questions.aircraft.tables import aircraft_tables, coefficient_table, trim_table
+from testbench.questions.aircraft.page import (
+    aircraft_page,
+    aircraft_plates,
+    aircraft_tables,
+    coefficient_table,
+    folder_name,
+    trim_table,
+)
 from testbench.questions.export.aircraft import export_aircraft
 
 

@@ -21,9 +21,9 @@ from testbench.core.record import load_record
 from testbench.questions.campaign.ask import DIED, fly_campaign
 from testbench.questions.campaign.flying import Job, Outcome, fly_batch
 from testbench.questions.campaign.load import load_campaign
+from testbench.questions.campaign.page import runs_csv
 from testbench.questions.campaign.store import Row, Store
 from testbench.questions.campaign.summary import summarise
-from testbench.questions.campaign.tables import runs_csv
 from testbench.questions.campaign.workers import Died, Lost, Workers
 
 

@@ -16,14 +16,18 @@ from testbench.core.paths import SCENARIOS
 from testbench.questions.campaign.answer import campaign_answer as answer
 from testbench.questions.campaign.answer import cost_sentence
 from testbench.questions.campaign.ask import Progress, fly_campaign
-from testbench.questions.campaign.figures import campaign_plates
 from testbench.questions.campaign.load import load_campaign
-from testbench.questions.campaign.page import campaign_page
+from testbench.questions.campaign.page import (
+    accuracy_table,
+    campaign_page,
+    campaign_plates,
+    campaign_tables,
+    figure_table,
+)
 from testbench.questions.campaign.progress import show_progress
 from testbench.questions.campaign.result import read_campaign
 from testbench.questions.campaign.store import Counts, Store
 from testbench.questions.campaign.summary import Cause
-from testbench.questions.campaign.tables import accuracy_table, campaign_tables, figure_table
 
 
 @pytest.fixture(scope="module")

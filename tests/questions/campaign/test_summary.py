@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 
+from testbench.questions.campaign.page import runs_csv
 from testbench.questions.campaign.store import Row
 from testbench.questions.campaign.summary import summarise
-from testbench.questions.campaign.tables import runs_csv
 
 CASE = "suite, method"
 

@@ -14,10 +14,9 @@ from testbench.flight import load_aircraft
 from testbench.questions.compare.answer import compare_answer, compare_sentences
 from testbench.questions.compare.ask import Experiment, _known, compare, derived_seed
 from testbench.questions.compare.judge import errors_in_own_units
-from testbench.questions.compare.page import compare_page
+from testbench.questions.compare.page import compare_page, compare_tables
 from testbench.questions.compare.result import CaseKey, Quantity
 from testbench.questions.compare.scenario import CompareScenario
-from testbench.questions.compare.tables import compare_tables
 from testbench.sensors import KINDS, load_suite, suite_toml
 
 SENSORS = {

@@ -13,8 +13,7 @@ from testbench.estimators import data_compatibility
 from testbench.flight import Manoeuvre, fly
 from testbench.inputs.signal import InputSignal
 from testbench.questions.compatibility.answer import compatibility_answer
-from testbench.questions.compatibility.page import compatibility_page
-from testbench.questions.compatibility.tables import compatibility_tables
+from testbench.questions.compatibility.page import compatibility_page, compatibility_tables
 from testbench.questions.identify.scenario import RecordDescription
 
 pytestmark = pytest.mark.drawn

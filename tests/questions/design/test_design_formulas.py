@@ -17,10 +17,10 @@ from testbench.design.problem import _flights
 from testbench.design.realise import Errors, repeats
 from testbench.flight import LinearModel
 from testbench.page.tables import Column, Table
-from testbench.questions.design import tables
+from testbench.questions.design import page
+from testbench.questions.design.page import limit_symbol
 from testbench.questions.design.pose import _input_rate, with_positions
 from testbench.questions.design.scenario import DesignLimits
-from testbench.questions.design.tables import limit_symbol
 from testbench.sensors.sensor import ROTATION, Sensor, lever
 
 
@@ -117,13 +117,13 @@ def test_on_a_terminal_units_stand_beside_the_targets_and_no_cell_moves(monkeypa
     keys = ("target", "low", "median", "unit", "high", "wanted", "counts", "failed", "last")
     rows = (("M_q", 1, 2, "1/s", 3, 4, 5, 0, "x"), ("gain", 6, 7, "", 8, 9, 10, 0, "y"))
     whole = Table("realised", "t", "c", tuple(Column(k, k) for k in keys), rows)
-    monkeypatch.setattr(tables, "realised_table", lambda result: whole)
-    short = tables.short_realised(None)
+    monkeypatch.setattr(page, "realised_table", lambda result: whole)
+    short = page.short_realised(None)
     assert [c.key for c in short.columns] == ["target", "median", "last"]
     assert [tuple(row) for row in short.rows] == [("M_q, 1/s", 2, "x"), ("gain", 7, "y")]
     failed = replace(whole, rows=(("M_q", 1, 2, "1/s", 3, 4, 5, 2, "x"),))
-    monkeypatch.setattr(tables, "realised_table", lambda result: failed)
-    assert [tuple(row) for row in tables.short_realised(None).rows] == [("M_q, 1/s", 2, 2, "x")]
+    monkeypatch.setattr(page, "realised_table", lambda result: failed)
+    assert [tuple(row) for row in page.short_realised(None).rows] == [("M_q, 1/s", 2, 2, "x")]
 
 
 def test_limits_have_the_symbols_of_their_channels():

@@ -22,10 +22,9 @@ from testbench.flight import FlightCondition, linearise, load_aircraft, trim
 from testbench.information.fisher import cost
 from testbench.questions.design.answer import design_sentences
 from testbench.questions.design.ask import run_design
-from testbench.questions.design.page import design_page
+from testbench.questions.design.page import design_page, draws_table, ranking_table
 from testbench.questions.design.pose import setting_of
 from testbench.questions.design.scenario import DesignScenario
-from testbench.questions.design.tables import draws_table, ranking_table
 from testbench.questions.plan.response import relative_spread
 
 STATED = {"CL_alpha": 0.05, "Cm_alpha": 0.15, "Cm_q": 0.25, "Cm_de": 0.10}

@@ -19,11 +19,10 @@ from testbench.flight import load_aircraft
 from testbench.information.fisher import accuracy
 from testbench.questions.design.ask import run_design
 from testbench.questions.design.known import AllKnown, known_after, of_problem, together, with_values
-from testbench.questions.design.page import design_page
+from testbench.questions.design.page import design_page, known_table
 from testbench.questions.design.pose import pose
 from testbench.questions.design.ready import Promise, promise_text
 from testbench.questions.design.scenario import DesignScenario
-from testbench.questions.design.tables import known_table
 from testbench.questions.files import promise_beside
 from testbench.sensors import load_suite
 

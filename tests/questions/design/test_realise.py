@@ -20,10 +20,9 @@ from testbench.flight import load_aircraft
 from testbench.information.modes import modes_of
 from testbench.questions.design.answer import design_sentences
 from testbench.questions.design.ask import run_design
-from testbench.questions.design.page import design_page
+from testbench.questions.design.page import design_page, elsewhere_table, realised_table
 from testbench.questions.design.pose import expected_air, limits_of, place, problem_of
 from testbench.questions.design.scenario import DesignScenario
-from testbench.questions.design.tables import elsewhere_table, realised_table
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import load_suite
 

@@ -13,11 +13,9 @@ from rich.console import Console
 from testbench.core.paths import SCENARIOS
 from testbench.questions.design.answer import design_sentences, family_label, limit_rows
 from testbench.questions.design.ask import run_design
-from testbench.questions.design.figures import compared, design_plates
-from testbench.questions.design.page import design_page
+from testbench.questions.design.page import compared, design_page, design_plates, design_tables
 from testbench.questions.design.ready import scenario_toml
 from testbench.questions.design.scenario import DesignScenario
-from testbench.questions.design.tables import design_tables
 
 pytestmark = pytest.mark.drawn
 

@@ -14,7 +14,7 @@ from testbench.questions.global_model.amend import amend, with_functions
 from testbench.questions.global_model.answer import global_answer
 from testbench.questions.global_model.ask import flights_of, global_model
 from testbench.questions.global_model.coefficients import COEFFICIENTS
-from testbench.questions.global_model.tables import domain_table, held_table, terms_table
+from testbench.questions.global_model.page import domain_table, held_table, terms_table
 
 H_M = 3000.0
 

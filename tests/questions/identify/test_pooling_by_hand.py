@@ -12,7 +12,7 @@ import testbench as tb
 from testbench.aircraft.model import MassProperties
 from testbench.page.figure import Area
 from testbench.questions.identify.derivatives import Scaling
-from testbench.questions.identify.pool import answer, figures, least_squares, scales
+from testbench.questions.identify.pool import answer, least_squares, page, scales
 from testbench.questions.identify.pool.least_squares import Trend, _chance_by_scatter, _conditions, best_trend, fit
 from testbench.questions.identify.pool.pooling import CRITERIA, PooledCoefficient, added, disagreement
 
@@ -221,7 +221,7 @@ def test_the_answer_names_the_shared_error_and_a_third_condition():
 
 def test_the_figure_draws_the_pooled_value_with_its_interval():
     pooled = tb.pool(line([0.0, 0.2], 0.1, (10.0, 20.0)), trend="none")
-    (plate,) = figures.pool_plates(SimpleNamespace(pooled=pooled))
+    (plate,) = page.pool_plates(SimpleNamespace(pooled=pooled))
     panel = next(p for p in plate.chart.panels if p.title == "Cm_alpha")
     (band,) = (d for d in panel.draws if isinstance(d, Area))
     y = np.asarray(band.outlines[0][1])

@@ -15,10 +15,8 @@ from testbench.core.record import FlightRecord
 from testbench.core.store import PAGE
 from testbench.questions.modes.answer import modes_answer
 from testbench.questions.modes.ask import find_modes, fly_modes, read_modes, search_for
-from testbench.questions.modes.figures import modes_plates
-from testbench.questions.modes.page import modes_page
+from testbench.questions.modes.page import modes_page, modes_plates, modes_tables
 from testbench.questions.modes.scenario import ModeSearch, ModesScenario
-from testbench.questions.modes.tables import modes_tables
 
 SYMMETRIC = (
     "1st symmetric wing bending",

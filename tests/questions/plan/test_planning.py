@@ -30,7 +30,7 @@ from testbench.questions.plan.ask import first_onset, make_plan
 from testbench.questions.plan.card_text import card_text
 from testbench.questions.plan.check import check
 from testbench.questions.plan.injection.lua import rows_of
-from testbench.questions.plan.page import plan_page
+from testbench.questions.plan.page import plan_page, plan_tables
 from testbench.questions.plan.repeats import reach, repeats_for
 from testbench.questions.plan.resources import level_power_W, schedule, usable_J
 from testbench.questions.plan.response import (
@@ -44,7 +44,6 @@ from testbench.questions.plan.response import (
     roughness,
 )
 from testbench.questions.plan.scenario import PlanScenario, Tow, commanded
-from testbench.questions.plan.tables import plan_tables
 from testbench.sensors import Sensor, SensorSuite, load_suite
 
 DOUBLET = {"signal": "doublet", "control": "de", "amplitude_deg": 2.0, "period_s": 2.0, "start_s": 0.5}

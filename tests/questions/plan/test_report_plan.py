@@ -23,10 +23,9 @@ from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.ask import make_plan
 from testbench.questions.plan.card_figures import card_page, kneeboard_page
 from testbench.questions.plan.card_text import beyond_limits, card_stem, card_text, levels, sequence_lines, standing
-from testbench.questions.plan.page import plan_page, write_cards
+from testbench.questions.plan.page import modes_table, plan_page, points_table, runs_table, short_cards, write_cards
 from testbench.questions.plan.result import read_cleared
 from testbench.questions.plan.scenario import Autopilot, Fuel, OnTheCard, PlanScenario
-from testbench.questions.plan.tables import modes_table, points_table, runs_table, short_cards
 
 
 @pytest.fixture(scope="module")

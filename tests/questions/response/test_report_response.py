@@ -13,8 +13,7 @@ from testbench.estimators.frequency.response import estimate_frequency_response
 from testbench.page.labels import number
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.response.answer import response_answer
-from testbench.questions.response.page import response_page
-from testbench.questions.response.tables import response_table
+from testbench.questions.response.page import response_page, response_table
 
 pytestmark = pytest.mark.drawn
 

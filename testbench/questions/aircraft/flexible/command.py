@@ -29,7 +29,7 @@ def flexible(
     from testbench.questions.aircraft.flexible.answer import flexible_answer
     from testbench.questions.aircraft.flexible.ask import add_ground_test
     from testbench.questions.aircraft.flexible.tables import compared_table, constant_table
-    from testbench.questions.aircraft.tables import elastic_table
+    from testbench.questions.aircraft.page import elastic_table
 
     with stages() as say:
         found = add_ground_test(name, modes, out, say)
