@@ -122,14 +122,14 @@ from testbench.questions.results.ask import (
 from testbench.questions.results.ask import (
     ResultSummary as ResultSummary,
 )
+from testbench.questions.results.ask import Verified as Verified
 from testbench.questions.results.ask import (
     compare_results as compare_results,
 )
 from testbench.questions.results.ask import (
     list_results as list_results,
 )
-from testbench.questions.results.verify import Verified as Verified
-from testbench.questions.results.verify import verify_results as verify_results
+from testbench.questions.results.ask import verify_results as verify_results
 from testbench.questions.run.ask import load_scenario as load_scenario
 from testbench.questions.run.ask import run as run
 from testbench.questions.run.result import RunResult as RunResult

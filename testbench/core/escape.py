@@ -2,7 +2,7 @@
 
 Names that come from files are one line already (core/schema.py); those given from Python, or in a model's JSON, need
 not be. HTML is escaped by its templates, TOML by :func:`testbench.core.escape.quoted`, LaTeX by
-:func:`testbench.page.latex.latex_text`; a literal of Python is ``repr``, a comment of one line
+:func:`testbench.page.publish.latex_text`; a literal of Python is ``repr``, a comment of one line
 :func:`one_line`; names of files come from :func:`testbench.page.labels.file_stem`.
 
 Texts and numbers as a TOML file has them.

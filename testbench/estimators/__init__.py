@@ -16,9 +16,8 @@ from testbench.core.errors import EstimationError, nearest
 from testbench.core.named import Named, obtain_all
 from testbench.core.record import FlightRecord
 from testbench.core.schema import parse
-from testbench.estimators import own
-from testbench.estimators.brought import is_text, place
-from testbench.estimators.own import OwnMethod
+from testbench.estimators import brought
+from testbench.estimators.brought import OwnMethod, is_text, place
 from testbench.estimators.settings import (
     DsrE,
     EquationErrorEntry,
@@ -229,7 +228,7 @@ def estimate(
     if not outputs:
         raise EstimationError("an estimate needs at least one output channel, got none; name outputs or add sensors")
     if isinstance(entry, OwnMethod):
-        return own.run(entry, flown, inputs, outputs, held)
+        return brought.run(entry, flown, inputs, outputs, held)
     row = _row(entry.method)
     if isinstance(entry, Structured):
         from testbench.estimators.parametric.servo import by_surfaces, in_front
@@ -273,7 +272,7 @@ def settings_of(method: str | Settings, given: dict[str, Any]) -> Settings:
         EstimationError: the method is not in :data:`METHODS`, or a setting breaks a law; all faults are listed.
     """
     if isinstance(method, str) and is_brought(method):
-        return own.of_python(method, given)
+        return brought.of_python(method, given)
     if isinstance(method, OwnMethod):
         return method
     if isinstance(method, str):

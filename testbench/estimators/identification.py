@@ -10,8 +10,8 @@ from testbench.core.bring import is_brought
 from testbench.core.errors import nearest
 from testbench.core.schema import Positive, Strict
 from testbench.estimators import METHODS
+from testbench.estimators.brought import OwnMethod
 from testbench.estimators.equations import STAND_IN, Equations, Symbol
-from testbench.estimators.own import OwnMethod
 from testbench.estimators.settings import Settings
 from testbench.estimators.structured import STRUCTURE_NAMES, Structured
 

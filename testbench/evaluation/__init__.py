@@ -13,13 +13,12 @@ from testbench.core.blas import on_one_thread
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.relative import percent_in_words
-from testbench.evaluation.bode import BodeError, bode_error
-from testbench.evaluation.metrics import fit_percent, mrse_percent
+from testbench.evaluation.metrics import BodeError, bode_error, fit_percent, mrse_percent
 
 if TYPE_CHECKING:
     from testbench.estimators.model import IdentifiedModel
-    from testbench.evaluation.parameters import ParameterEstimate
-    from testbench.evaluation.poles import PoleMatch
+    from testbench.evaluation.derivatives import ParameterEstimate
+    from testbench.evaluation.modes import PoleMatch
 
 __all__ = ["BodeError", "Evaluation", "Scores", "bode_error", "evaluate", "fit_percent", "mrse_percent"]
 
@@ -162,7 +161,7 @@ def evaluate(
     sets = model.poles()
     matches: list[PoleMatch] = []
     if true_poles:
-        from testbench.evaluation.poles import match_poles
+        from testbench.evaluation.modes import match_poles
 
         for names, poles in sets.items():
             matches += match_poles(poles, true_poles, names)
@@ -187,7 +186,7 @@ def _parameters(model: IdentifiedModel, truth: Mapping[str, float] | None) -> tu
 
     if not isinstance(model, ParametricModel):
         return ()
-    from testbench.evaluation.parameters import parameter_estimates
+    from testbench.evaluation.derivatives import parameter_estimates
 
     return parameter_estimates(model, truth)
 

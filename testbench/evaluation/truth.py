@@ -13,11 +13,10 @@ from testbench.aircraft import Aircraft
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.structured import STRUCTURE_NAMES
-from testbench.evaluation.bode import zero_order_hold
-from testbench.evaluation.derivatives import dimensional_derivatives
+from testbench.evaluation.derivatives import dimensional_derivatives, true_parameters
 from testbench.evaluation.excitation import ModeExcitation, excitation
+from testbench.evaluation.metrics import zero_order_hold
 from testbench.evaluation.modes import lateral_modes, longitudinal_modes
-from testbench.evaluation.parameters import true_parameters
 from testbench.flight import LinearModel, TrimmedFlight, linearise
 from testbench.inputs.signal import energy_spectrum
 from testbench.sensors import SensorSuite

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from testbench.aircraft import Aircraft, Control
 from testbench.aircraft.adapter import THROTTLE, Adapter
 from testbench.aircraft.model import Geometry, MassProperties
-from testbench.aircraft.sketch import sketch
+from testbench.aircraft.outline import sketch
 from testbench.aircraft.source import Source
 from testbench.core.atmosphere import air_density
 from testbench.core.constants import FT_M, G0_M_S2, JSBSIM_LENGTH_M, LBF_N

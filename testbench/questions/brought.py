@@ -63,8 +63,7 @@ def found_at(what: Path) -> Found | None:
 
         return Found("structure", lambda: read_equations(test), lambda: list(tried(str(what))))
     if {"mode", "normalisation"} <= keys:
-        from testbench.aircraft.strips.contract import ground_test_laws
-        from testbench.aircraft.strips.reading import read_ground_test
+        from testbench.aircraft.strips.ground_test import ground_test_laws, read_ground_test
 
         return Found(
             "ground vibration test",

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from testbench.core.record import FloatArray
-from testbench.evaluation.calibration import Ranks, calibration, ranks
-from testbench.evaluation.statistics import LEAST_PAIRS, Test, holm, paired
+from testbench.evaluation.statistics import LEAST_PAIRS, Ranks, Test, calibration, holm, paired, ranks
 from testbench.page.figure import COLOURS, Chart, Curve, Drawn, Panel, Plate, Words, band, grid
 from testbench.page.tables import Column, Table, Value
 from testbench.page.words import listed

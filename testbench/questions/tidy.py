@@ -76,7 +76,7 @@ def tidy(long: pd.DataFrame, true: pd.DataFrame, **same: str) -> pd.DataFrame:
 
 
 def of_found(found: Mapping[str, Any], run: int, seed: int, **same: str) -> pd.DataFrame:
-    """Return the tidy table of one run from what it found, see :func:`testbench.questions.run.found.found_of`."""
+    """Return the tidy table of one run from what it found, see :func:`testbench.questions.run.result.found_of`."""
     import pandas as pd
 
     rows = [(run, seed, cell, name, value, "") for cell, of in found["figures"].items() for name, value in of.items()]

@@ -10,7 +10,7 @@ import pytest
 
 from testbench.aircraft.adapter import Drive, Link, _drive
 from testbench.aircraft.amend import SetProperty
-from testbench.aircraft.sketch import sketch
+from testbench.aircraft.outline import sketch
 from testbench.core.errors import ModelError
 
 

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from structure_alone import uncoupled
 
 from testbench.aircraft.elastic import _held, first_order_hold
-from testbench.aircraft.strips.reading import _Columns, _shape
+from testbench.aircraft.strips.ground_test import _Columns, _shape
 from testbench.core.errors import Faults
 from testbench.flight import load_aircraft
 

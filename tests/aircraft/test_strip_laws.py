@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from testbench.aircraft.elastic import ElasticModel
-from testbench.aircraft.strips.coupling import Vibration, at_stations, coupled_modes
-from testbench.aircraft.strips.loads import StripModel
-from testbench.aircraft.strips.measured import generalised_mass, largest_motion, on_strips, with_body
+from testbench.aircraft.strips.flexible import generalised_mass, largest_motion, on_strips, with_body
+from testbench.aircraft.strips.loads import StripModel, Vibration, at_stations, coupled_modes
 from testbench.aircraft.strips.ritz import (
     Stiffness,
     asymmetric_inertia,

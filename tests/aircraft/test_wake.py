@@ -9,8 +9,7 @@ from scipy.optimize import fsolve
 from scipy.special import hankel2
 
 from testbench.aircraft.elastic import ElasticModel
-from testbench.aircraft.strips.coupling import Vibration, coupled_modes
-from testbench.aircraft.strips.loads import StripModel
+from testbench.aircraft.strips.loads import StripModel, Vibration, coupled_modes
 from testbench.aircraft.strips.ritz import cantilever_bending, cantilever_torsion
 from testbench.aircraft.strips.shapes import STRIPS, Shape, Tail, Wing, combine
 from testbench.aircraft.wake import with_wake

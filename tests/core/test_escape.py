@@ -34,11 +34,10 @@ from testbench.core.files import write_file
 from testbench.page.draw import styled
 from testbench.page.figure import Chart, Curve, Panel
 from testbench.page.html import text_page
-from testbench.page.latex import latex_text
-from testbench.page.publish import data_of
+from testbench.page.publish import data_of, latex_text
 from testbench.page.tables import Column, Table
 from testbench.questions.exercise.answers import template
-from testbench.questions.exercise.names import load_exercise
+from testbench.questions.exercise.seal import load_exercise
 from testbench.questions.export.ask import control_text
 from testbench.questions.export.jsbsim_system import jsbsim_text
 from testbench.questions.export.matrices import Matrices

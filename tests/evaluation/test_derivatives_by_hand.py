@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from testbench.core.record import FlightRecord
-from testbench.evaluation.derivatives import Derivative, dimensional_derivatives
+from testbench.evaluation.derivatives import Derivative, ParameterEstimate, dimensional_derivatives, true_parameters
 from testbench.evaluation.modes import lateral_modes
-from testbench.evaluation.parameters import ParameterEstimate, true_parameters
 from testbench.evaluation.truth import _possible, excited, excited_band, true_model
 from testbench.flight import FlightCondition, LinearModel, fly, load_aircraft, trim
 from testbench.flight.simulate import Manoeuvre

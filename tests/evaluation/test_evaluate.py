@@ -10,7 +10,7 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators.state_space import StateSpaceModel
 from testbench.evaluation import Evaluation, _pole_verdict, evaluate
-from testbench.evaluation.poles import match_poles
+from testbench.evaluation.modes import match_poles
 
 DT = 0.05
 A_S = np.array([[-1.2, 1.0], [-6.6, -2.5]])

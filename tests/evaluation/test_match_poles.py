@@ -15,9 +15,8 @@ import pytest
 from testbench.estimators.operational.result import OperationalMode
 from testbench.estimators.settings import DsrE
 from testbench.evaluation.excitation import excitation
-from testbench.evaluation.modes import frequency_of, roots_of
+from testbench.evaluation.modes import damping, frequency_of, match_poles, roots_of
 from testbench.evaluation.operational import TrueMode, match_modes, true_modes
-from testbench.evaluation.poles import damping, match_poles
 from testbench.flight import LinearModel
 from testbench.questions.run.findings import alpha_findings
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from testbench.core.errors import EstimationError
-from testbench.evaluation.bode import bode_error, zero_order_hold
-from testbench.evaluation.metrics import fit_percent, mrse_mean, mrse_percent
+from testbench.evaluation.metrics import bode_error, fit_percent, mrse_mean, mrse_percent, zero_order_hold
 
 Y = np.array([[3.0, 1.0], [4.0, -1.0], [0.0, 1.0], [0.0, -1.0]])
 

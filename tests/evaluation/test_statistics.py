@@ -13,13 +13,15 @@ import pytest
 from scipy import stats
 
 from testbench.core.proportion import proportion_interval
-from testbench.evaluation.calibration import Ranks, calibration, ranks
 from testbench.evaluation.statistics import (
+    Ranks,
+    calibration,
     chance_of_scatter,
     holm,
     mean_interval,
     paired,
     paired_misses,
+    ranks,
     root_mean_square,
     scatter_interval,
     seeds_needed,

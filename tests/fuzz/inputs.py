@@ -14,7 +14,7 @@ import numpy as np
 from scipy.io import netcdf_file, savemat
 from writers import dataflash_bin, dataflash_log, ulog, write_73
 
-from testbench.aircraft.strips.reading import read_ground_test
+from testbench.aircraft.strips.ground_test import read_ground_test
 from testbench.core.paths import SCENARIOS, SUITES
 from testbench.core.record import FlightRecord
 from testbench.estimators.contract import Text

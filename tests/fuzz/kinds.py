@@ -14,7 +14,7 @@ from fuzz import inputs
 from testbench.aircraft.geometry.airfoils import read_coordinates
 from testbench.aircraft.geometry.read import read_plan
 from testbench.aircraft.model import read_aircraft
-from testbench.aircraft.strips.reading import read_ground_test
+from testbench.aircraft.strips.ground_test import read_ground_test
 from testbench.core.bring import declared
 from testbench.core.paths import AIRCRAFT_MODELS, SCENARIOS, SUITES
 from testbench.core.record import load_record
@@ -28,9 +28,8 @@ from testbench.questions.compare.benchmark.ask import Kept
 from testbench.questions.dataset.store import SUMS, damaged
 from testbench.questions.design.ready import promise_of_file
 from testbench.questions.exercise.answers import read_answers, template
-from testbench.questions.exercise.names import load_exercise
 from testbench.questions.exercise.roster import TABLE, exercises_of, students_of
-from testbench.questions.exercise.seal import read_key
+from testbench.questions.exercise.seal import load_exercise, read_key
 from testbench.questions.export.matrices import load_matrices
 from testbench.questions.files import load
 from testbench.questions.identify.pool.prior import prior_of_file

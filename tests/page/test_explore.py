@@ -8,9 +8,9 @@ import json
 import numpy as np
 import pytest
 
+from testbench.page.draw import small_svg
 from testbench.page.explore import MOST_VALUES, View, peaks_kept, to_json
 from testbench.page.figure import Curve, Panel, Rule
-from testbench.page.svg import small_svg
 
 pytestmark = pytest.mark.drawn
 

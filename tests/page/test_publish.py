@@ -15,8 +15,7 @@ from typer.testing import CliRunner
 from testbench.core.errors import MissingPackage, RecordError
 from testbench.page.draw import styled
 from testbench.page.figure import Chart, Curve, Image, Panel, Plate, bars, line_look
-from testbench.page.latex import latex_text, set_by_latex
-from testbench.page.publish import Publication, asked, publish, published
+from testbench.page.publish import Publication, asked, latex_text, publish, published, set_by_latex
 from testbench.questions.options import with_figures
 
 pytestmark = pytest.mark.drawn

@@ -12,7 +12,7 @@ import time
 import numpy as np
 
 from testbench.estimators import estimate as packaged
-from testbench.estimators.own import stamped
+from testbench.estimators.brought import stamped
 
 
 def raises(records, inputs, outputs):

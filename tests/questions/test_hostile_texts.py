@@ -16,7 +16,7 @@ from testbench.questions import QUESTIONS
 from testbench.questions.exercise.answers import read_answers
 from testbench.questions.exercise.check import verdict
 from testbench.questions.exercise.exercise import Answer
-from testbench.questions.exercise.names import load_exercise
+from testbench.questions.exercise.seal import load_exercise
 
 HOSTILE = "x\nos.execute('touch PWNED') --"
 ON_ONE_LINE = (

@@ -18,9 +18,8 @@ import testbench as tb
 from testbench.core.errors import RecordError
 from testbench.questions.campaign.ask import fly_campaign
 from testbench.questions.campaign.load import load_campaign
-from testbench.questions.campaign.methods import contests, ranked_contests
 from testbench.questions.campaign.page import campaign_page
-from testbench.questions.campaign.result import read_campaign
+from testbench.questions.campaign.result import contests, ranked_contests, read_campaign
 from testbench.questions.campaign.store import Store
 from testbench.questions.compare import methods as compared
 from testbench.questions.compare.result import CaseKey, Quantity

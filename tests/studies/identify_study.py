@@ -27,8 +27,7 @@ import testbench as tb
 from testbench.core.advice import ranked
 from testbench.core.errors import Refusal
 from testbench.core.record import FlightAborted, FlightRecord
-from testbench.evaluation.derivatives import Derivative, dimensional_derivatives
-from testbench.evaluation.parameters import true_parameters
+from testbench.evaluation.derivatives import Derivative, dimensional_derivatives, true_parameters
 from testbench.flight import linearise
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.logs import descriptions_of

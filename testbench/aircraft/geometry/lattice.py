@@ -17,18 +17,23 @@ through a panel at three quarters of its chord, and rho Gamma V x l on its bound
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from testbench.aircraft.geometry.airfoils import Airfoil
-from testbench.aircraft.geometry.interference import share, sidewash
-from testbench.aircraft.geometry.shape import Moved, Plane
-from testbench.aircraft.geometry.strips import Cut, cuts, moved_by
+from testbench.aircraft.geometry.shape import ALONG, LiftingSurface, Moved, Plane, Station
+from testbench.aircraft.strips.fit import helmbold
 from testbench.core.record import FloatArray
 
+FLAP = 0.78
+_TAIL, _END_PLATE = 0.9, 1.55
+_STATIONS = 400
+_STRIPS = {"wing": 12, "tail": 6, "fin": 6}  # on one side
+_TOUCH = 0.02  # of a surface's length within which another one touches it
 CHORDWISE = 12
 _OWN_CORE = 1e-4  # the same on its own surface, where it only keeps rounding out of the vortex itself
 _CORE = 0.5  # of the width of a strip: radius of its vortices' cores as other surfaces feel them; AVL has the like
@@ -166,3 +171,164 @@ class Lattice:
         for number in sorted(set(self.number.tolist())):
             out[f"CL:{number}"] = float(lift @ force[self.number == number].sum(axis=0))
         return out
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A place along a surface where strips meet: the station there, and its place from 0 to 1."""
+
+    s: float
+    station: Station
+    blend: tuple[Airfoil, Airfoil, float]
+
+
+def cuts(surface: LiftingSurface, others: Sequence[LiftingSurface] = ()) -> list[Cut]:
+    """Return the ends of the strips of a surface: its stations, ends of flaps, junctions, and even parts between them.
+
+    Where another surface begins or ends on this one, vortices of both must run along one line: one that passed beside a
+    panel's middle by chance would drive it without bound.
+    """
+    along = surface.along
+    fixed = {*along, *(e for f in surface.flaps for e in (f.start, f.end)), *_junctions(surface, others)}
+    ends: list[float] = []
+    for s in sorted(fixed):
+        if not ends or s - ends[-1] > 10.0 * ALONG:
+            ends.append(s)
+    out: list[float] = []
+    for a, b in pairwise(ends):
+        n = max(1, round((b - a) * _STRIPS[surface.role]))
+        out += [a + (b - a) * i / n for i in range(n)]
+    return [_at(surface, along, s) for s in (*out, ends[-1])]
+
+
+def _junctions(surface: LiftingSurface, others: Sequence[LiftingSurface]) -> set[float]:
+    """Return where along a surface others begin or end on it, as seen from the front."""
+    out = set()
+    for other in others:
+        for end in (other.stations[0], other.stations[-1]) if other is not surface else ():
+            for (a, b), (start, stop) in zip(pairwise(surface.stations), pairwise(surface.along), strict=True):
+                way, to = np.array([b.y_m - a.y_m, b.z_m - a.z_m]), np.array([end.y_m - a.y_m, end.z_m - a.z_m])
+                t = float(to @ way / (way @ way))
+                s = start + t * (stop - start)
+                near = float(np.hypot(*(to - t * way))) < _TOUCH * surface.length_m
+                if near and 0.0 <= t <= 1.0 and _TOUCH < s < 1.0 - _TOUCH:
+                    out.add(s)
+    return out
+
+
+def _at(surface: LiftingSurface, along: tuple[float, ...], s: float) -> Cut:
+    i = min(max(int(np.searchsorted(along, s, side="right")) - 1, 0), len(along) - 2)
+    a, b = surface.stations[i], surface.stations[i + 1]
+    t = min(max((s - along[i]) / (along[i + 1] - along[i]), 0.0), 1.0)
+
+    def mix(name: str) -> float:
+        return float((1.0 - t) * getattr(a, name) + t * getattr(b, name))
+
+    station = Station(mix("x_m"), mix("y_m"), mix("z_m"), mix("chord_m"), mix("twist_deg"), a.airfoil)
+    return Cut(s, station, (a.airfoil, b.airfoil, t))
+
+
+def moved_by(surface: LiftingSurface, s: float) -> list[tuple[Moved, float, float]]:
+    """Return (control, chord fraction, deflection in rad per rad of the control) of the flaps at a place.
+
+    The deflection is that of the right side, positive towards the surface's lower side; the left side turns the same
+    way for the elevator and the other way for aileron and rudder. See the signs in core/channels.py.
+    """
+    out: list[tuple[Moved, float, float]] = []
+    for f in surface.flaps:
+        if f.start - ALONG < s < f.end + ALONG:
+            sign = 1.0 if f.moves == "de" or (f.moves == "dr" and not surface.rises) else -1.0
+            out.append((f.moves, f.chord_fraction, sign * f.gain))
+    return out
+
+
+# --- interference -----------------------------------------------------------------------------------------------------
+
+
+def share(plane: Plane, surface: LiftingSurface) -> float:
+    """Return the loads of a surface on the aircraft over those of the same surface in free air."""
+    if surface.role == "tail":
+        return _TAIL if surface.quarter_chord_m[0] > plane.wing.quarter_chord_m[0] else 1.0
+    if surface.role == "fin" and _on_body(plane, surface):
+        A = surface.length_m**2 / surface.area_m2
+        return helmbold(_END_PLATE * A) / helmbold(A)
+    return 1.0
+
+
+def sidewash(plane: Plane, surface: LiftingSurface) -> float:
+    """Return the sideslip at a surface over that of the aircraft."""
+    if not _on_body(plane, surface):
+        return 1.0
+    a, b = surface.stations[0], surface.stations[-1]
+    aft = b.x_m + 0.25 * b.chord_m - a.x_m - 0.25 * a.chord_m
+    cos = math.cos(math.atan2(aft, surface.length_m))
+    height, below = _at_wing(plane)
+    A = plane.wing.span_m**2 / plane.wing.projected_m2
+    return 0.724 + 3.06 * surface.area_m2 / plane.S_m2 / (1.0 + cos) + 0.4 * below / height + 0.009 * A
+
+
+def body(plane: Plane, wing_slope: float, downwash: float) -> dict[str, float]:
+    """Return Cm_alpha, CY_beta, Cn_beta and Cl_beta, per rad, that the fuselage adds about the origin of places.
+
+    Args:
+        plane: the outside, about the centre of gravity.
+        wing_slope: lift slope of the wing, per rad.
+        downwash: its gradient at the tail.
+    """
+    if not plane.body:
+        return {}
+    x, width, height = _hull(plane)
+    wing = plane.wing
+    root, tails = wing.stations[0], plane.of("tail")
+    edge = root.x_m + root.chord_m
+    end = max((t.quarter_chord_m[0] for t in tails), default=x[-1])
+    ahead = np.maximum(root.x_m + 0.25 * root.chord_m - x, 0.25 * root.chord_m)
+    behind = (1.0 - downwash) * np.clip((x - edge) / max(end - edge, 0.01 * root.chord_m), 0.0, 1.0)
+    wash = np.where(x < root.x_m, 1.0 + wing_slope * root.chord_m / (4.0 * np.pi * ahead), behind)
+    pitch = 0.5 * np.pi * float(np.trapezoid(width**2 * wash, x)) / (plane.S_m2 * plane.cbar_m)
+
+    area = 0.25 * np.pi * height**2
+    length = float(x[-1] - x[0])
+    taper = np.gradient(area, x)
+    steepest = float(x[int(np.argmin(taper))] - x[0]) if np.min(taper) < 0.0 else length
+    attached = x <= x[0] + 0.378 * length + 0.527 * steepest
+    inertia = 2.0 * _inertia_factors(length / float(np.sqrt(np.max(width * height))))
+    wing_height, below = _at_wing(plane)
+    K = 1.0 + (0.85 if below > 0.0 else 0.5) * min(abs(below) / (0.5 * wing_height), 1.0)
+    turning = float(np.trapezoid(-x[attached] * taper[attached], x[attached]))
+    A, b = wing.span_m**2 / wing.projected_m2, wing.span_m
+    return {
+        "Cm_alpha": pitch,
+        "CY_beta": -inertia * K * float(area[attached][-1]) / plane.S_m2,
+        "Cn_beta": -inertia * turning / (plane.S_m2 * plane.b_m),
+        "Cl_beta": 1.2 * math.sqrt(A) * below / b * 2.0 * wing_height / b,
+    }
+
+
+def _on_body(plane: Plane, surface: LiftingSurface) -> bool:
+    return bool(plane.body) and surface.role == "fin" and not surface.mirrored
+
+
+def _hull(plane: Plane) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return x, width and height of the fuselage at many places."""
+    at = np.array([h.x_m for h in plane.body])
+    x = np.linspace(at[0], at[-1], _STATIONS)
+    return x, *(np.interp(x, at, [getattr(h, n) for h in plane.body]) for n in ("width_m", "height_m"))
+
+
+def _at_wing(plane: Plane) -> tuple[float, float]:
+    """Return the height of the fuselage at the wing's root and how far the wing lies below its axis, m."""
+    root = plane.wing.stations[0]
+    at = [h.x_m for h in plane.body]
+    x = root.x_m + 0.25 * root.chord_m
+    height = float(np.interp(x, at, [h.height_m for h in plane.body]))
+    return max(height, 1e-6), float(np.interp(x, at, [h.z_m for h in plane.body])) - root.z_m
+
+
+def _inertia_factors(fineness: float) -> float:
+    """Return k2 - k1 of a spheroid."""
+    e = math.sqrt(1.0 - 1.0 / max(fineness, 1.01) ** 2)
+    log = math.log((1.0 + e) / (1.0 - e))
+    along = 2.0 * (1.0 - e**2) / e**3 * (0.5 * log - e)
+    across = 1.0 / e**2 - (1.0 - e**2) / (2.0 * e**3) * log
+    return across / (2.0 - across) - along / (2.0 - along)

@@ -19,9 +19,8 @@ from dataclasses import dataclass, field, replace
 
 from testbench.aircraft.model import Aircraft
 from testbench.aircraft.outline import Outline, Surface
-from testbench.aircraft.strips.coupling import MOTIONS
 from testbench.aircraft.strips.ground_test import GroundTestFile, StripSettings
-from testbench.aircraft.strips.loads import StripModel
+from testbench.aircraft.strips.loads import MOTIONS, StripModel
 from testbench.aircraft.strips.shapes import Tail, Wing
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ModelError

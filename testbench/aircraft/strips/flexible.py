@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
+import textwrap
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,15 +14,17 @@ import numpy as np
 from testbench.aircraft.airframe import WingStation
 from testbench.aircraft.elastic import COEFFICIENTS, ElasticModel
 from testbench.aircraft.model import Aircraft
-from testbench.aircraft.strips.coupling import Vibration, coupled_modes
 from testbench.aircraft.strips.fit import FittedStrips, drawn_of, fit_strips
-from testbench.aircraft.strips.measured import generalised_mass, in_units, largest_motion, on_strips
-from testbench.aircraft.strips.reading import GroundTest, check_span
-from testbench.aircraft.strips.ritz import Inertia, asymmetric_inertia, symmetric_inertia
-from testbench.aircraft.strips.shapes import STRIPS, Shape
+from testbench.aircraft.strips.ground_test import GroundTest, check_span
+from testbench.aircraft.strips.loads import Vibration, coupled_modes, elastic_toml
+from testbench.aircraft.strips.ritz import Inertia, asymmetric_inertia, heave_and_pitch, roll, symmetric_inertia
+from testbench.aircraft.strips.shapes import STRIPS, Shape, Tail, Wing, scaled
 from testbench.core.errors import Faults, ModelError, ScenarioError, located
+from testbench.core.escape import one_line, quoted
 from testbench.core.record import FloatArray
 
+_AT_TIP = 0.98  # of the half span: a last station beyond this shows how a free tip bends
+_WIDTH = 118
 STATIONS = 17
 """Stations at which shapes are written, root and tip among them."""
 FRAMES = 16.0
@@ -222,3 +226,183 @@ def _sensors(strips: FittedStrips, thickness: float) -> tuple[WingStation, ...]:
         for s in (0.0, *_SENSORS)
     ]
     return (*(replace(s, y_m=-s.y_m) for s in reversed(right[1:])), *right)
+
+
+# --- aircraft.toml ----------------------------------------------------------------------------------------------------
+
+
+def flexible_toml(rigid: str, made: Flexible, test: GroundTest, name: str) -> str:
+    """Return the text of aircraft.toml.
+
+    Args:
+        rigid: text of the rigid aircraft's file; what is not changed keeps its comments.
+        made: the flexible aircraft.
+        test: its modes.
+        name: of the rigid aircraft.
+
+    Raises:
+        ModelError: the rigid aircraft's file does not have its keys where they can be changed.
+    """
+    text = rigid if rigid.endswith("\n") else rigid + "\n"
+    text = _replaced(text, r"^title\s*=.*$", f"title = {quoted(made.aircraft.title)}", "title")
+    if made.raised:
+        rate = (
+            f"rate_hz = {made.aircraft.rate_hz!r}           # {FRAMES:g} frames or more per period of the fastest mode"
+        )
+        text = _replaced(text, r"^rate_hz\s*=.*$", rate, "simulation.rate_hz")
+    if not re.search(r"^eta\s*=", text, flags=re.MULTILINE):
+        limit = f"eta = [{-ETA_LIMIT!r}, {ETA_LIMIT!r}]         # of every mode, in its own unit; see below"
+        text = _replaced(text, r"^\[limits\][^\n]*$", f"[limits]\n{limit}", "limits")
+    if made.new_stations:
+        rows = "".join(
+            f"    {{ y_m = {s.y_m!r}, x_m = {s.x_m!r}, height_m = {s.height_m!r} }},\n"
+            for s in made.aircraft.wing_stations
+        )
+        said = _comment(
+            "Where instruments may sit on the wing, on its elastic axis: station, and height of the upper skin above "
+            "the neutral axis."
+        )
+        table = re.search(r"^\[", text, flags=re.MULTILINE)
+        place = table.start() if table else len(text)
+        attached = not text[:place].endswith("\n\n")  # a comment right above the first table belongs to it
+        before = text[:place].rstrip("\n")
+        *head, last = before.split("\n\n") if "\n\n" in before else ("", before)
+        comments = last if attached and head and all(line.startswith("#") for line in last.splitlines()) else ""
+        before = "\n\n".join(head) if comments else before
+        text = f"{before}\n\n{said}wing_station = [\n{rows}]\n\n{comments}{chr(10) if comments else ''}{text[place:]}"
+    of = one_line(f"{name} and {test.path.name}")
+    first = f"# Made by `testbench aircraft flexible` from {of}; made anew each time.\n"
+    return f"{first}{text.rstrip()}\n\n{_sources(made, test)}\n{_elastic(made, test)}"
+
+
+def _elastic(made: Flexible, test: GroundTest) -> str:
+    elastic = made.aircraft.elastic
+    assert elastic is not None
+    comments = [
+        _comment(
+            f"Frequency, damping and shape {test.content.evidence}; generalised mass {origin.mass}. One unit of eta: "
+            f"{origin.unit}. All coefficients derived."
+        )
+        for origin in made.origins
+    ]
+    return elastic_toml(elastic.modes, made.stations_m, comments)
+
+
+def _sources(made: Flexible, test: GroundTest) -> str:
+    """Return what is measured, derived and assumed, as comments."""
+    out = _comment(f"Elastic modes of {test.path.name}: {test.content.source}")
+    out += _comment(
+        "Derived: the coefficients below, by quasi-steady strips over the shapes (testbench/aircraft/strips), with"
+    )
+    out += _comment(f"  plan forms: {made.strips.plan_forms}")
+    for c in made.strips.constants:
+        out += _comment(f"  {c.name}: {c.value:.5g}{f' {c.unit}' if c.unit else ''} ({c.source})")
+    out += _comment("Rigid derivatives, the aircraft's own and those of the strips:")
+    for d in made.strips.compared:
+        out += _comment(f"  {d.name}: {'not known' if d.own is None else f'{d.own:.4g}'} and {d.strips:.4g}")
+    for note in made.notes:
+        out += _comment(f"Note: {note}.")
+    return out
+
+
+def _comment(text: str) -> str:
+    indent = "#   " if text.startswith("  ") else "# "
+    lines = textwrap.wrap(one_line(text), _WIDTH, initial_indent=indent, subsequent_indent=indent)
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _replaced(text: str, pattern: str, by: str, key: str) -> str:
+    found, count = re.subn(pattern, lambda _: by, text, count=1, flags=re.MULTILINE)
+    if count != 1:
+        raise ModelError(f"aircraft.toml must have {key} at the beginning of a line of its own, got none")
+    return found
+
+
+# --- measured shapes --------------------------------------------------------------------------------------------------
+
+
+def on_strips(
+    wing: Wing, y_m: FloatArray, bend_m: FloatArray, twist_rad: FloatArray, curvature_1_m: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return displacement, twist and curvature (n,) at the strips of what was measured at stations (k,).
+
+    Cubic splines run through the values. The displacement has no curvature at a free tip, if a station lies there.
+    Before the first and beyond the last station the curves go on straight. The curvature is the spline's second
+    derivative where it was not given.
+    """
+    tip = y_m[-1] >= _AT_TIP * 0.5 * wing.span_m
+    bend, bent = _curve(y_m, bend_m, free=bool(tip))
+    twist, _ = _curve(y_m, twist_rad)
+    if curvature_1_m is not None:
+        bent, _ = _curve(y_m, curvature_1_m)
+    return bend(wing.y), twist(wing.y), bent(wing.y)
+
+
+_Curve = Callable[[FloatArray], FloatArray]
+
+
+def _curve(y: FloatArray, values: FloatArray, free: bool = False) -> tuple[_Curve, _Curve]:
+    """Return a spline through the values, straight beyond its ends, and its second derivative."""
+    from scipy.interpolate import CubicSpline
+
+    spline = CubicSpline(y, values, bc_type=("not-a-knot", "natural") if free else "not-a-knot")
+    first, last = y[0], y[-1]
+
+    def value(at: FloatArray) -> FloatArray:
+        inside = np.clip(at, first, last)
+        return np.asarray(spline(inside) + spline(inside, 1) * (at - inside))
+
+    def second(at: FloatArray) -> FloatArray:
+        return np.asarray(np.where((at >= first) & (at <= last), spline(np.clip(at, first, last), 2), 0.0))
+
+    return value, second
+
+
+def with_body(shape: Shape, wing: Wing, tail: Tail, inertia: Inertia) -> Shape:
+    """Return the shape with the motion of the fuselage that keeps the momentum of the whole aircraft at zero.
+
+    An elastic mode of a free aircraft moves neither its centre of gravity nor its mean axes (M. R. Waszak, D. K.
+    Schmidt, J. Aircraft 25(6), 1988, eqs. 3 and 4), so its kinetic coupling with the rigid motions is nothing.
+    """
+    zero = np.zeros(STRIPS)
+    if shape.symmetric:
+        rigid = list(heave_and_pitch(wing, tail))
+        parts = [Shape(zero, zero, body_up=1.0), Shape(zero, zero, body_pitch=1.0)]
+    else:
+        rigid, parts = [roll(wing)], [Shape(zero, zero, body_roll=1.0, symmetric=False)]
+    still = replace(shape, body_up=0.0, body_pitch=0.0, body_roll=0.0)
+    M = np.array([[inertia(r, part) for part in parts] for r in rigid])
+    found = np.linalg.solve(M, [-inertia(r, still) for r in rigid])
+    if shape.symmetric:
+        return replace(still, body_up=float(found[0]), body_pitch=float(found[1]))
+    return replace(still, body_roll=float(found[0]))
+
+
+def generalised_mass(shape: Shape, wing: Wing, tail: Tail, inertia: Inertia) -> float:
+    """Return the generalised mass of a shape, kg m2, the fuselage moving so that no momentum is left."""
+    moving = with_body(shape, wing, tail, inertia)
+    return inertia(moving, moving)
+
+
+def largest_motion(shape: Shape, wing: Wing, cbar_m: float) -> tuple[float, str]:
+    """Return the largest of a shape's motions at tip and tail, and what it is in words.
+
+    Deflections count in chords cbar, rotations in rad; a mode divided by it moves that place by one chord or one rad.
+    """
+    at_tip = [float(values[-1] + 0.5 * (values[-1] - values[-2])) for values in (shape.bend, shape.twist)]
+    chord = f"of one chord ({cbar_m:g} m)"
+    found = [
+        (at_tip[0] / cbar_m, f"wing-tip deflection {chord}"),
+        (at_tip[1], "wing-tip twist of 1 rad"),
+        (shape.tail_up / cbar_m, f"tail deflection {chord}"),
+        (shape.tail_pitch, "tail rotation of 1 rad nose up"),
+        (shape.tail_side / cbar_m, f"tail deflection to the right {chord}"),
+        (shape.tail_roll, "tail roll of 1 rad"),
+        (shape.tail_yaw, "tail rotation of 1 rad nose right"),
+    ]
+    return max(found, key=lambda pair: abs(pair[0]))
+
+
+def in_units(shape: Shape, mass_kg_m2: float, size: float) -> tuple[Shape, float]:
+    """Return shape and generalised mass per unit of a coordinate that is ``size`` times as large."""
+    return scaled(shape, 1.0 / size), mass_kg_m2 / size**2

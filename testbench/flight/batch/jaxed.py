@@ -132,7 +132,7 @@ class _Code(Language):
         work(R)
 
     def look_up(self, at: int, *xs: Lanes) -> Lanes:
-        """Return a table's value (see :func:`testbench.flight.batch.lookup.table`)."""
+        """Return a table's value (see :func:`testbench.flight.batch.emit.table`)."""
         return Lanes(self, _table(self._T, at, *(jnp.asarray(x.text) for x in xs)))
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from testbench.page.flown import flown_words
 from testbench.page.labels import number
 from testbench.page.words import counted
-from testbench.questions.campaign.methods import ranked_contests
+from testbench.questions.campaign.result import ranked_contests
 from testbench.questions.campaign.summary import short_name
 from testbench.questions.side_by_side import best_words
 

@@ -36,7 +36,7 @@ from testbench.questions.campaign.scenario import CampaignSpec
 from testbench.questions.campaign.summary import ALONE, TOGETHER
 from testbench.questions.campaign.targets import change_aircraft, change_suites, set_keys
 from testbench.questions.run.ask import Prepared, run, wanted_flights
-from testbench.questions.run.found import found_of
+from testbench.questions.run.result import found_of
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import SensorSuite, load_suite
 

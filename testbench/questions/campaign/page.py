@@ -36,8 +36,7 @@ from testbench.page.labels import number
 from testbench.page.page import Page
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.campaign.answer import campaign_answer, cost_sentence, most_biased
-from testbench.questions.campaign.methods import contests, ranked_contests
-from testbench.questions.campaign.result import errors
+from testbench.questions.campaign.result import contests, errors, ranked_contests
 from testbench.questions.campaign.scenario import Normal
 from testbench.questions.campaign.summary import QUANTILES, short_name, truth_of
 from testbench.questions.campaign.tidy import tidy_files

@@ -22,7 +22,7 @@ from testbench.questions.compare.answer import (
     worth,
 )
 from testbench.questions.compare.methods import OVER, contests, ranked_contests
-from testbench.questions.run.found import finite
+from testbench.questions.run.result import finite
 from testbench.questions.side_by_side import best_words, pair_table, rank_plates, rank_table
 from testbench.questions.tidy import COLUMNS, files_of
 

@@ -15,9 +15,8 @@ from testbench.core.store import OWN, ResultFolder, entry_of, manifest_of
 from testbench.page.html import text_page
 from testbench.questions.exercise.answers import ANSWERS, template
 from testbench.questions.exercise.exercise import Case, Exercise, Handout
-from testbench.questions.exercise.names import CATALOGUE, load_exercise
 from testbench.questions.exercise.notebook import NOTEBOOK, notebook
-from testbench.questions.exercise.seal import Seal, seal
+from testbench.questions.exercise.seal import CATALOGUE, Seal, load_exercise, seal
 
 CARD, GIVEN, TEXT, TEXT_PAGE = "exercise.toml", "given.toml", "README.md", "README.html"
 _LONGEST = 80

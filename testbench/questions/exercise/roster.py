@@ -16,8 +16,7 @@ from testbench.core.store import ResultFolder, manifest_of, settle
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.exercise.ask import CARD, restore, start
 from testbench.questions.exercise.check import Result
-from testbench.questions.exercise.names import NAMES, load_exercise
-from testbench.questions.exercise.seal import read_key
+from testbench.questions.exercise.seal import NAMES, load_exercise, read_key
 
 KEY, TABLE, MARKS = "key.txt", "roster.csv", "marks.csv"
 HANDED_OUT = "students"

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from testbench.core.errors import Refusal
 from testbench.page.terminal import print_rows
 from testbench.questions.exercise.exercise import Number
-from testbench.questions.exercise.names import NAMES, load_exercise
 from testbench.questions.exercise.notebook import NOTEBOOK
+from testbench.questions.exercise.seal import NAMES, load_exercise
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -29,8 +29,7 @@ from testbench.core.errors import Refusal
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.structured import STRUCTURE_NAMES, Servo, per_speed
-from testbench.evaluation.derivatives import Derivative, dimensional_derivatives
-from testbench.evaluation.parameters import true_parameters
+from testbench.evaluation.derivatives import Derivative, dimensional_derivatives, true_parameters
 from testbench.flight import FlightCondition, linearise, trim
 from testbench.inference.form import BY_INPUT
 from testbench.inference.reflown import Reflown

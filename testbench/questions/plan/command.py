@@ -120,8 +120,7 @@ def _write(
     """Write a new plan file and return its path."""
     from testbench.core.files import write_new
     from testbench.flight import load_aircraft
-    from testbench.questions.plan.designs import take
-    from testbench.questions.plan.new import plan_text
+    from testbench.questions.plan.new import plan_text, take
     from testbench.sensors import load_suite
 
     taken = take(designs)

@@ -14,16 +14,15 @@ from testbench.core.scenario.inputs import Doublet, StandardMultistep
 from testbench.estimators.identification import Estimator
 from testbench.estimators.prepare import prepare
 from testbench.evaluation.envelope import fly_envelope
-from testbench.evaluation.poles import match_poles
+from testbench.evaluation.modes import match_poles
 from testbench.flight import FlightCondition, trim
 from testbench.page.figure import Panel, Plate
 from testbench.page.labels import number, symbol
 from testbench.page.tables import Column, Table, Value
 from testbench.page.words import listed
 from testbench.questions.reproduce.bench import Bench, attempt, bench, dsr_e, lost_poles
-from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.printed import EOLO_FUTURE, EOLO_PAST
-from testbench.questions.reproduce.section import Comparison, Say, Section
+from testbench.questions.reproduce.section import Comparison, Say, Section, line, plate
 from testbench.questions.reproduce.verdict import Why, claim_row
 from testbench.sensors import load_suite
 

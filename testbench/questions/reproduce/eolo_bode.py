@@ -9,16 +9,15 @@ import numpy as np
 
 from testbench.core.record import FloatArray
 from testbench.estimators.model import ComplexArray
-from testbench.evaluation.bode import bode_error
 from testbench.evaluation.envelope import Envelope, fly_envelope
+from testbench.evaluation.metrics import bode_error
 from testbench.evaluation.modes import frequency_and_damping
 from testbench.page.figure import DOTTED, PHASE_STEPS, Panel, Plate, Rule
 from testbench.page.labels import ratio_unit, symbol
 from testbench.page.tables import Column, Table, Value
 from testbench.page.words import listed
-from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.printed import BAND_RAD_S, HEIGHT_M, RATE_HZ, SPEEDS_M_S, VIBRATION_M_S, A, B, C, D
-from testbench.questions.reproduce.section import Comparison, Say, Section
+from testbench.questions.reproduce.section import Comparison, Say, Section, line, plate
 from testbench.questions.reproduce.verdict import Why, claim_row
 from testbench.questions.run.ask import run
 from testbench.questions.run.result import RunResult

@@ -12,13 +12,12 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.inputs import Input, StandardMultistep
 from testbench.estimators.prepare import prepare
 from testbench.evaluation.excitation import excitation
-from testbench.evaluation.poles import match_poles
+from testbench.evaluation.modes import match_poles
 from testbench.page.figure import Panel, Plate
 from testbench.page.labels import symbol
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.reproduce.bench import Bench, attempt, bench, subspace
-from testbench.questions.reproduce.figures import line, plate
-from testbench.questions.reproduce.section import Comparison, Say, Section
+from testbench.questions.reproduce.section import Comparison, Say, Section, line, plate
 from testbench.questions.reproduce.verdict import Why, claim_row, not_printed
 from testbench.sensors import load_suite
 

@@ -14,15 +14,14 @@ from testbench.estimators import estimate
 from testbench.estimators.identification import Estimator
 from testbench.estimators.prepare import prepare
 from testbench.estimators.settings import OutputErrorEntry, PredictionError
-from testbench.evaluation.poles import match_poles
+from testbench.evaluation.modes import match_poles
 from testbench.page.figure import DOTTED, Panel, Plate, Rule
 from testbench.page.labels import number
 from testbench.page.tables import Column, Table
 from testbench.page.words import listed
 from testbench.questions.reproduce.bench import Bench, bench, dsr_e, lost_poles, subspace
-from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.printed import EOLO_FUTURE, EOLO_PAST, STATED_Z3
-from testbench.questions.reproduce.section import Comparison, Say, Section
+from testbench.questions.reproduce.section import Comparison, Say, Section, line, plate
 from testbench.questions.reproduce.verdict import Why, claim_row, span
 from testbench.sensors import SensorSuite, load_suite
 

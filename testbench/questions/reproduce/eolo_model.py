@@ -15,7 +15,6 @@ from testbench.page.labels import number, shown_unit, symbol
 from testbench.page.tables import Column, Table, Value
 from testbench.page.words import listed
 from testbench.questions.reproduce.bench import from_rest, scores
-from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.printed import (
     EOLO_FUTURE,
     EOLO_PAST,
@@ -30,7 +29,7 @@ from testbench.questions.reproduce.printed import (
     VALIDATION,
     A,
 )
-from testbench.questions.reproduce.section import Comparison, Say, Section
+from testbench.questions.reproduce.section import Comparison, Say, Section, line, plate
 from testbench.questions.reproduce.verdict import SAME, Why, claim_row, number_row, taken_over
 from testbench.questions.run.ask import run
 from testbench.questions.run.result import RunResult

@@ -22,7 +22,6 @@ from testbench.page.labels import symbol
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.plan.scenario import PlanScenario
 from testbench.questions.reproduce.bench import attempt
-from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.printed import (
     DOUBLET_S,
     LATERAL,
@@ -32,7 +31,7 @@ from testbench.questions.reproduce.printed import (
     SHARE_PERCENT,
     TRANSFER_FUNCTIONS,
 )
-from testbench.questions.reproduce.section import Comparison, Say, Section
+from testbench.questions.reproduce.section import Comparison, Say, Section, line, plate
 from testbench.questions.reproduce.taurus_model import fast_pair, peak_rad_s, printed_poles
 from testbench.questions.reproduce.verdict import Why, claim_row, judge_number, number_row, span, taken_over
 from testbench.sensors import SensorSuite, load_suite

@@ -6,4 +6,4 @@ still is what was written, and what it was made from.
 
 from testbench.core.lazily import lazily
 
-__getattr__ = lazily(__name__, list_results="ask", compare_results="ask", verify_results="verify")
+__getattr__ = lazily(__name__, list_results="ask", compare_results="ask", verify_results="ask")

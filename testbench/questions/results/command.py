@@ -40,9 +40,8 @@ def command(
     from testbench.page.serve import serving
     from testbench.page.terminal import print_rows
     from testbench.page.words import sentence
-    from testbench.questions.results.ask import compare_results, list_results
+    from testbench.questions.results.ask import compare_results, list_results, verify_results
     from testbench.questions.results.page import compared_page, files_of, index_html, made_from, states, verdict
-    from testbench.questions.results.verify import verify_results
 
     if other is not None:
         refuse(context, "where two results are compared", "serve", "port", "verify")

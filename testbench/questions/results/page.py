@@ -22,8 +22,7 @@ from testbench.questions.results.ask import KICKER
 
 if TYPE_CHECKING:
     from testbench.core.store import Entry, Manifest
-    from testbench.questions.results.ask import Difference, ResultsCompared, ResultSummary
-    from testbench.questions.results.verify import Verified
+    from testbench.questions.results.ask import Difference, ResultsCompared, ResultSummary, Verified
 
 _LARGEST_BYTES = 200_000_000  # of a file that is served
 _MOST_ROWS = 500

@@ -13,8 +13,8 @@ from testbench.page.write import json_text
 from testbench.questions.files import promise_beside
 from testbench.questions.run.answer import run_answer
 from testbench.questions.run.figures import plates
-from testbench.questions.run.found import found_of
 from testbench.questions.run.labels import case_names, failed_table
+from testbench.questions.run.result import found_of
 from testbench.questions.run.seeds_answer import seeds_in_short
 from testbench.questions.run.tables import flown_tables, result_tables, validation_table
 from testbench.questions.tidy import files_of, of_found

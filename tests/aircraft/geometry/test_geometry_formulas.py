@@ -22,8 +22,7 @@ from testbench.aircraft.geometry.aerodynamics import (
 from testbench.aircraft.geometry.airfoils import airfoil
 from testbench.aircraft.geometry.build import _remarks
 from testbench.aircraft.geometry.describe import limits_of
-from testbench.aircraft.geometry.interference import _inertia_factors, body, share, sidewash
-from testbench.aircraft.geometry.lattice import Lattice
+from testbench.aircraft.geometry.lattice import Lattice, _inertia_factors, body, share, sidewash
 from testbench.aircraft.geometry.model_xml import Polar
 from testbench.aircraft.geometry.schema import Limits
 from testbench.aircraft.geometry.shape import Hull, LiftingSurface, Plane, Station

@@ -119,7 +119,7 @@ def test_an_aircraft_mirrored_in_its_plane_of_symmetry_answers_mirrored():
 
 def test_aerosandbox_has_the_same_lattice_where_it_applies():
     asb = pytest.importorskip("aerosandbox", reason="needs the extra geometry")
-    from testbench.aircraft.geometry.strips import cuts
+    from testbench.aircraft.geometry.lattice import cuts
 
     p = plane(wing(6.0, 1.0, 0.5, 0.4, 0.3, CAMBERED), wing(2.0, 0.5, role="tail", x=4.0))
     wings = [

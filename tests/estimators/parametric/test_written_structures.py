@@ -25,8 +25,7 @@ from testbench.estimators.parametric.structure import LinearStructure
 from testbench.estimators.parametric.structures import Trim, aerodynamic_longitudinal, short_period
 from testbench.estimators.parametric.structures.written import structure_from_equations, written
 from testbench.estimators.settings import EquationError, FilterError, OutputError
-from testbench.evaluation.derivatives import Derivative
-from testbench.evaluation.parameters import true_parameters
+from testbench.evaluation.derivatives import Derivative, true_parameters
 
 DT, N = 0.02, 500
 

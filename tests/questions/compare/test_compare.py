@@ -12,8 +12,7 @@ from scipy import stats
 from testbench.core.errors import ScenarioError
 from testbench.flight import load_aircraft
 from testbench.questions.compare.answer import compare_answer, compare_sentences
-from testbench.questions.compare.ask import Experiment, _known, compare, derived_seed
-from testbench.questions.compare.judge import errors_in_own_units
+from testbench.questions.compare.ask import Experiment, _known, compare, derived_seed, errors_in_own_units
 from testbench.questions.compare.page import compare_page, compare_tables
 from testbench.questions.compare.result import CaseKey, Quantity
 from testbench.questions.compare.scenario import CompareScenario

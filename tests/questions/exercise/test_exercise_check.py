@@ -11,8 +11,7 @@ from testbench.questions.exercise.answers import write_answers
 from testbench.questions.exercise.ask import case_of, start
 from testbench.questions.exercise.check import check, check_class, off_by, verdict
 from testbench.questions.exercise.exercise import Answer, Choice, Mistake, Number
-from testbench.questions.exercise.names import load_exercise
-from testbench.questions.exercise.seal import PUBLIC_KEY, VARIABLE, read_key, seal
+from testbench.questions.exercise.seal import PUBLIC_KEY, VARIABLE, load_exercise, read_key, seal
 
 ROUND = Number("x", "rad/s", "a frequency", 0.05)
 

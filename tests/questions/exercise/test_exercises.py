@@ -15,8 +15,7 @@ from testbench.core.record import load_record
 from testbench.questions.exercise.ask import Started, case_of, start
 from testbench.questions.exercise.check import Result, judge
 from testbench.questions.exercise.exercise import Choice, Number
-from testbench.questions.exercise.names import CATALOGUE, NAMES, load_exercise
-from testbench.questions.exercise.seal import PUBLIC_KEY, seal
+from testbench.questions.exercise.seal import CATALOGUE, NAMES, PUBLIC_KEY, load_exercise, seal
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _FOLDERS: dict[tuple[str, str], Started] = {}

@@ -15,9 +15,8 @@ from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.store import OWN, entry_of, manifest_of
 from testbench.questions.exercise.answers import write_answers
 from testbench.questions.exercise.ask import reopen
-from testbench.questions.exercise.names import NAMES, load_exercise
 from testbench.questions.exercise.roster import KEY, TABLE, exercises_of, make_roster, students_of
-from testbench.questions.exercise.seal import PUBLIC_KEY, read_key
+from testbench.questions.exercise.seal import NAMES, PUBLIC_KEY, load_exercise, read_key
 
 EXERCISE = "doublet_length"
 

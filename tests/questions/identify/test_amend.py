@@ -16,7 +16,7 @@ from testbench.core.errors import EstimationError, ScenarioError, WriteError
 from testbench.effects import SERVOS
 from testbench.estimators.parametric.structures import Trim
 from testbench.estimators.structured import Servo
-from testbench.evaluation.parameters import true_parameters
+from testbench.evaluation.derivatives import true_parameters
 from testbench.questions.aircraft.contract import aircraft_laws
 from testbench.questions.identify.amend.answer import amended_answer
 from testbench.questions.identify.amend.ask import amend

@@ -21,10 +21,9 @@ from testbench.core.store import LOCK, ResultFolder
 from testbench.page.figure import Panel, Rule
 from testbench.questions.reproduce import paper_checks, printed
 from testbench.questions.reproduce.ask import CHAPTERS, reproduce
-from testbench.questions.reproduce.figures import line, plate
 from testbench.questions.reproduce.page import PAGE, groups, summary, write_reproduction
 from testbench.questions.reproduce.printed import polynomial
-from testbench.questions.reproduce.section import VERDICTS, Chapter, Section
+from testbench.questions.reproduce.section import VERDICTS, Chapter, Section, line, plate
 from testbench.questions.reproduce.verdict import Why, claim_row, number_row
 
 pytestmark = pytest.mark.drawn

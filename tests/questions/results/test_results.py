@@ -26,10 +26,9 @@ from testbench.page.page import COMPUTED, Page
 from testbench.page.serve import Answer
 from testbench.page.tables import Column, Table
 from testbench.questions.gap.new import record_files
-from testbench.questions.plan.designs import take
-from testbench.questions.results.ask import compare_results, list_results
+from testbench.questions.plan.new import take
+from testbench.questions.results.ask import compare_results, list_results, verify_results
 from testbench.questions.results.page import compared_page, files_of, index_html
-from testbench.questions.results.verify import verify_results
 from testbench.questions.tidy import COLUMNS
 
 HOSTILE = "<script>document.title = 'run'</script>"

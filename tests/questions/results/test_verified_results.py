@@ -14,7 +14,7 @@ from testbench.core.errors import RecordError, WriteError
 from testbench.core.store import MANIFEST, OWN, ResultFolder
 from testbench.page.page import Page
 from testbench.page.tables import Column, Table
-from testbench.questions.results.verify import verify_results
+from testbench.questions.results.ask import verify_results
 
 ROOT = Path(__file__).parents[3]
 USERS = {f"{name}/mine.txt": name for name in ("figures", "models", "tables", "cards", "records")}

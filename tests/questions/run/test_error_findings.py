@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from testbench.evaluation.parameters import ParameterEstimate
+from testbench.evaluation.derivatives import ParameterEstimate
 from testbench.page.words import MOST_WORDS
 from testbench.questions.run.findings import error_findings
 

@@ -13,8 +13,8 @@ import pytest
 from rich.console import Console
 
 from testbench.core.advice import doubt, note, wrong
-from testbench.evaluation.parameters import ParameterEstimate
-from testbench.evaluation.poles import match_poles
+from testbench.evaluation.derivatives import ParameterEstimate
+from testbench.evaluation.modes import match_poles
 from testbench.page.labels import axis_label, file_stem, number, ratio_unit, shown_unit, symbol, unique
 from testbench.page.tables import Column, Table
 from testbench.page.terminal import print_answer

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from testbench.aircraft import Aircraft
-from testbench.aircraft.strips.flexible import Flexible, make_flexible
-from testbench.aircraft.strips.reading import GroundTest, read_ground_test
-from testbench.aircraft.strips.writing import flexible_toml
+from testbench.aircraft.strips.flexible import Flexible, flexible_toml, make_flexible
+from testbench.aircraft.strips.ground_test import GroundTest, read_ground_test
 from testbench.core.door import read_bytes, read_text
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.files import write_file

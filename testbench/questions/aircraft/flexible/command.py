@@ -26,9 +26,8 @@ def flexible(
     is copied into a folder of its own, which every other command flies.
     Example: `testbench aircraft flexible taurus modes.toml -o aircraft/soft`, then `testbench aircraft soft`.
     """
-    from testbench.questions.aircraft.flexible.answer import flexible_answer
+    from testbench.questions.aircraft.flexible.answer import compared_table, constant_table, flexible_answer
     from testbench.questions.aircraft.flexible.ask import add_ground_test
-    from testbench.questions.aircraft.flexible.tables import compared_table, constant_table
     from testbench.questions.aircraft.page import elastic_table
 
     with stages() as say:

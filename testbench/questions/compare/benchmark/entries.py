@@ -10,8 +10,7 @@ from testbench.core import bring
 from testbench.core.door import sha256
 from testbench.core.errors import EstimationError, nearest
 from testbench.estimators import METHODS, settings_of
-from testbench.estimators.brought import place, whole
-from testbench.estimators.own import OwnMethod
+from testbench.estimators.brought import OwnMethod, place, whole
 from testbench.estimators.settings import Settings
 
 ASKED: dict[str, Any] = {

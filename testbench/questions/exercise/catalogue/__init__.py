@@ -1,1 +1,1 @@
-"""One module and one text per exercise; the modules are named in ``testbench.questions.exercise.names.NAMES``."""
+"""One module and one text per exercise; the modules are named in ``testbench.questions.exercise.seal.NAMES``."""

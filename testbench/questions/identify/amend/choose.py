@@ -37,8 +37,7 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.structured import STRUCTURE_NAMES, Structured, per_speed
-from testbench.evaluation.derivatives import dimensional_derivatives
-from testbench.evaluation.parameters import true_parameters
+from testbench.evaluation.derivatives import dimensional_derivatives, true_parameters
 from testbench.flight import FlightCondition, TrimmedFlight, linearise, trim
 from testbench.line import Case
 from testbench.questions.identify.amend.result import Aim, ServoAim, Targets

@@ -12,7 +12,7 @@ from testbench.core.advice import Advice, doubt, ranked
 from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.model import ParametricModel
-from testbench.evaluation.parameters import true_parameters
+from testbench.evaluation.derivatives import true_parameters
 from testbench.line import Case
 from testbench.questions.identify.derivatives import Scaling, covariance_of, weights
 from testbench.questions.identify.flown import FlownCondition, PartialMass
