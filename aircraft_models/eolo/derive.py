@@ -19,9 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from testbench.aircraft.strips import coupling
-from testbench.aircraft.strips.coupling import MOTIONS, Vibration, at_stations, coupled_modes
-from testbench.aircraft.strips.loads import StripModel
+from testbench.aircraft.strips import loads
+from testbench.aircraft.strips.loads import MOTIONS, StripModel, Vibration, at_stations, coupled_modes
 from testbench.aircraft.strips.ritz import Modes, Stiffness, asymmetric_modes, symmetric_modes
 from testbench.aircraft.strips.shapes import Shape, Tail, Wing
 from testbench.core.record import FloatArray
@@ -245,7 +244,7 @@ def elastic_toml() -> str:
         Vibration(name, f_hz, zeta, m, shape)
         for (_, _, name, f_hz, zeta, _), m, shape in zip(GROUND_TEST, masses, shapes, strict=True)
     ]
-    return coupling.elastic_toml(coupled_modes(found, MODEL, MODEL, STATIONS), STATIONS)
+    return loads.elastic_toml(coupled_modes(found, MODEL, MODEL, STATIONS), STATIONS)
 
 
 def amended_files() -> dict[Path, str]:
