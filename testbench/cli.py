@@ -230,7 +230,7 @@ def check(
 
 def list_(kind: Annotated[Kind, typer.Argument(help="What to list.", show_default=False)]) -> None:
     """List what a scenario may name: aircraft, inputs, sensors (suites), estimators, structures, scenarios, effects."""
-    from testbench.questions.catalogue import FAMILIES
+    from testbench.questions.files import FAMILIES
 
     heads, *rows = FAMILIES[kind.value]()
     print_rows(console(), heads, rows)

@@ -328,7 +328,7 @@ WRITERS = {
         "questions/gap/again.py",
     },
     "a new folder that the user names": {"questions/project/new.py"},
-    "a folder for temporary files": {"questions/exercise/catalogue/wrong_sign.py", "questions/export/fmu.py"},
+    "a folder for temporary files": {"questions/exercise/catalogue/wrong_sign.py", "questions/export/aircraft.py"},
 }  # fmt: skip
 _WRITES = frozenset({
     "mkdir", "makedirs", "write_text", "write_bytes", "write_file", "touch", "copytree", "copyfile", "unlink", "rmdir",
@@ -486,7 +486,7 @@ READS_ITSELF = {
     "page/terminal.py": "the null device in the place of a stream that is closed",
     "flight/batch/machine.py": "sources of the package, and code that it has made of them",
     "questions/studio/page/__init__.py": "parts of its page",
-    "questions/export/fmu.py": "the functions of FMI, and the library that it has just compiled",
+    "questions/export/aircraft.py": "the functions of FMI, and the library that it has just compiled",
     "questions/plan/injection/lua.py": "the body of the script",
     "questions/plan/injection/px4.py": "the body of the script",
     "questions/exercise/ask.py": "texts of the catalogue",

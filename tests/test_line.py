@@ -13,8 +13,8 @@ from testbench.core.errors import TrimError
 from testbench.core.paths import SCENARIOS
 from testbench.core.record import FlightAborted
 from testbench.core.store import ResultFolder
+from testbench.page.page import record_keeper
 from testbench.page.shown import write_results
-from testbench.page.write import record_keeper
 from testbench.questions.run import figures
 from testbench.questions.run.ask import run
 from testbench.questions.run.scenario import Scenario

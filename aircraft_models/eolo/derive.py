@@ -20,9 +20,17 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from testbench.aircraft.strips import loads
-from testbench.aircraft.strips.loads import MOTIONS, StripModel, Vibration, at_stations, coupled_modes
+from testbench.aircraft.strips.loads import (
+    MOTIONS,
+    Shape,
+    StripModel,
+    Tail,
+    Vibration,
+    Wing,
+    at_stations,
+    coupled_modes,
+)
 from testbench.aircraft.strips.ritz import Modes, Stiffness, asymmetric_modes, symmetric_modes
-from testbench.aircraft.strips.shapes import Shape, Tail, Wing
 from testbench.core.record import FloatArray
 
 FOLDER = Path(__file__).resolve().parent

@@ -17,9 +17,8 @@ from scipy.optimize import least_squares
 
 from testbench.aircraft.outline import Surface
 from testbench.aircraft.strips.ground_test import GroundTestFile
-from testbench.aircraft.strips.loads import at_stations
+from testbench.aircraft.strips.loads import Shape, Tail, Wing, at_stations
 from testbench.aircraft.strips.ritz import Modes, Stiffness, symmetric_modes
-from testbench.aircraft.strips.shapes import Shape, Tail, Wing
 from testbench.core.door import read_toml
 from testbench.core.schema import parse
 

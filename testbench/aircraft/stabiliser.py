@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from testbench.aircraft.amend import Amendment
 from testbench.aircraft.model import Aircraft
-from testbench.aircraft.reroute import product, prop, reroute, value
-from testbench.aircraft.seams import control_path, opened, with_servo
+from testbench.aircraft.seams import control_path, opened, product, prop, reroute, value, with_servo
 
 FED_BACK = {
     "alpha": "aero/alpha-rad",

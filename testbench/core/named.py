@@ -17,7 +17,7 @@ _READERS = {
     "Asked": ("a scenario", "testbench.questions.files:read"),
     "Campaign": ("a campaign", "testbench.questions.campaign.load:load_campaign"),
     "FlightRecord": ("a record", "testbench.core.record:load_record"),
-    "SensorSuite": ("a sensor suite", "testbench.sensors.files:load_suite"),
+    "SensorSuite": ("a sensor suite", "testbench.sensors.suite:load_suite"),
 }
 """Class -> one of it in words, and what reads it, by name: the rooms of the readers lie above this one."""
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from testbench.aircraft import Aircraft, Amendment, Increment, Insert, Memory
-from testbench.aircraft.reroute import component, corner, moving, product, prop, value
-from testbench.aircraft.seams import control_path
+from testbench.aircraft.seams import component, control_path, corner, moving, product, prop, value
 from testbench.core.constants import FT_M
 from testbench.effects.base import Effect, Parameter, Values, added
 

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Literal
 
 from testbench.aircraft import Aircraft, Amendment
-from testbench.aircraft.reroute import product, prop, value
+from testbench.aircraft.seams import product, prop, value
 from testbench.core.atmosphere import air_density, height_of_density
 from testbench.core.constants import FT_M
 from testbench.effects.aerodynamics import ALPHA, CURVED, force

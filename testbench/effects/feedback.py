@@ -10,8 +10,9 @@ from functools import partial
 
 from testbench.aircraft import Aircraft, Amendment, Memory
 from testbench.aircraft.paths import ControlPath
-from testbench.aircraft.reroute import (
+from testbench.aircraft.seams import (
     band_feedback,
+    control_path,
     filtered_feedback,
     product,
     prop,
@@ -19,7 +20,6 @@ from testbench.aircraft.reroute import (
     value,
     washed_feedback,
 )
-from testbench.aircraft.seams import control_path
 from testbench.effects.base import AUTOPILOT, FORCES, Effect, Parameter, Values, on_path
 from testbench.effects.servo import WORDS
 

@@ -13,7 +13,7 @@ import numpy as np
 from testbench.aircraft import Aircraft, Amendment, Insert
 from testbench.aircraft.adapter import PREFIX, declare
 from testbench.aircraft.paths import ControlPath
-from testbench.aircraft.reroute import Reroute, component, moving, product, prop, reroute, value
+from testbench.aircraft.seams import Reroute, component, moving, product, prop, reroute, value
 from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
 from testbench.effects.aerodynamics import CURVED

@@ -19,8 +19,7 @@ from testbench.aircraft import Aircraft, Amendment, Insert, SetProperty
 from testbench.aircraft.adapter import declare
 from testbench.aircraft.elastic import first_order_hold
 from testbench.aircraft.paths import ControlPath
-from testbench.aircraft.reroute import moving, product, prop, reroute, value
-from testbench.aircraft.seams import control_path, with_servo
+from testbench.aircraft.seams import control_path, moving, product, prop, reroute, value, with_servo
 from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
 from testbench.effects.base import FORCES, LINK, SERVO, Effect, Parameter, Values, on_path

@@ -9,7 +9,7 @@ from functools import partial
 
 from testbench.aircraft import Aircraft, Amendment
 from testbench.aircraft.amend import Change
-from testbench.aircraft.reroute import product, prop, value
+from testbench.aircraft.seams import product, prop, value
 from testbench.effects.aerodynamics import ALPHA, CURVED, followed, force
 from testbench.effects.base import Effect, Parameter, Values, added
 

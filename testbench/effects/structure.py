@@ -15,8 +15,7 @@ from functools import partial
 from testbench.aircraft import Aircraft, Amendment, ElasticMode, Increment
 from testbench.aircraft.amend import Change
 from testbench.aircraft.model import MassProperties
-from testbench.aircraft.reroute import product, prop, value
-from testbench.aircraft.seams import control_path, moved_centre, scaled_mass
+from testbench.aircraft.seams import control_path, moved_centre, product, prop, scaled_mass, value
 from testbench.core.errors import ModelError
 from testbench.effects.aerodynamics import ALPHA, CURVED, force
 from testbench.effects.base import Effect, Parameter, Values, added

@@ -14,8 +14,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment, Increment, Insert, SetText
 from testbench.aircraft.amend import Change, Thrust, ThrustLine
-from testbench.aircraft.reroute import component, moving, product, prop, reroute, value
-from testbench.aircraft.seams import control_path
+from testbench.aircraft.seams import component, control_path, moving, product, prop, reroute, value
 from testbench.core.constants import FT_M, SLUG_KG
 from testbench.core.record import FloatArray
 from testbench.effects import linkage

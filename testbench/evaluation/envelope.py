@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.aircraft import Aircraft
-from testbench.aircraft.elastic import ElasticModel
+from testbench.aircraft.elastic import UNSTEADY, ElasticModel, reduced_frequency, with_wake
 from testbench.aircraft.geometry.coefficients import ROWS
-from testbench.aircraft.wake import UNSTEADY, reduced_frequency, with_wake
 from testbench.core.atmosphere import air_density
 from testbench.core.errors import TrimError
 from testbench.core.record import FloatArray

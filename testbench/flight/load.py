@@ -2,22 +2,45 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
-from testbench.aircraft import Aircraft, read_aircraft
+import numpy as np
+
+from testbench.aircraft import Aircraft, Control, read_aircraft
 from testbench.aircraft.adapter import CHANNEL, CommandedAt
+from testbench.aircraft.model import MassProperties
 from testbench.aircraft.source import Source, find_model, read_source
 from testbench.aircraft.stabiliser import stabilised
-from testbench.core.errors import ModelError
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import ModelError, TrimError
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, resolve, stock_root
+from testbench.core.record import FlightAborted
 from testbench.flight.adopt import Adopted, adopt
-from testbench.flight.check import checked, departs
 from testbench.flight.coefficients import Perturbed
 from testbench.flight.condition import FlightCondition
 from testbench.flight.executive import Executive
+from testbench.flight.mass import mass_flown
+from testbench.flight.probe import TURNS, probe
+from testbench.flight.simulate import Manoeuvre, fly
+from testbench.flight.trim import trim
+from testbench.inputs.signal import InputSignal
+
+_FAR = 0.02  # relative difference of a deflection that is a mistake and no rounding
+_STEP = 0.1  # of the full deflection, for the sign
+_FRAMES = 60
+_SAME = 1e-3  # of mass and inertia: JSBSim converts units with five digits
+_SECONDS = 1.0
+DEPARTED = {"V": 1.0, "theta": 5.0 * DEG_RAD, "phi": 5.0 * DEG_RAD}  # changes in a second that are no trim any more
+_WAYS = {
+    "de": ("nose down", "trailing edge down"),
+    "da": ("right wing down", "rolling right"),
+    "dr": ("nose left", "trailing edge left"),
+}
 
 
 def load_aircraft(
@@ -151,3 +174,179 @@ def stock(name: str) -> Adopted:
     if root is None:
         raise ModelError("models that come with JSBSim need the jsbsim package, which was not found")
     return adopted_at(root / "aircraft" / name)
+
+
+# --- checked as it is loaded ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Key:
+    aircraft: Aircraft = field(compare=False)
+    file: Path
+    contents: tuple[object, ...]
+
+
+def checked(aircraft: Aircraft, file: Path) -> Aircraft:
+    """Return the aircraft, its mass as flown, if every control moves as aircraft.toml says.
+
+    What is odd but can be flown stands in its notes: an aileron that is read on one side only, no trim at the design
+    condition, a flight from trim that diverges within a second although nothing moves.
+
+    Args:
+        aircraft: as read.
+        file: its aircraft.toml, for messages.
+
+    Raises:
+        ModelError: a command moves no surface, moves it by another angle than is said, or turns the aircraft the wrong
+            way; JSBSim refuses the model.
+    """
+    contents = (
+        aircraft.xml,
+        repr(aircraft.adapter),
+        repr(aircraft.controls),
+        repr(aircraft.elastic),
+        repr(aircraft.stabiliser),
+    )
+    mass, notes = _check(_Key(aircraft, file, (*contents, tuple(sorted(aircraft.engine_files.items())))))
+    return replace(aircraft, mass=mass, notes=notes)
+
+
+@lru_cache(maxsize=256)
+def _check(key: _Key) -> tuple[MassProperties, tuple[str, ...]]:
+    aircraft, file = key.aircraft, key.file
+    condition = FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m)
+    fdm = Executive(aircraft.with_rigid_wings(), aircraft.rate_hz, condition)
+    mass = mass_flown(fdm, file)
+    pairs = list(zip(astuple(mass), astuple(aircraft.mass), strict=True))
+    small = _SAME * mass.Izz  # a product of inertia is small against the moments
+    if math.isclose(*pairs[0], rel_tol=_SAME) and all(
+        math.isclose(*p, rel_tol=_SAME, abs_tol=small) for p in pairs[1:]
+    ):
+        mass = aircraft.mass
+    notes = _check_drives(aircraft, condition, file) if aircraft.adapter is not None else []
+    for name, control in aircraft.controls.items():
+        if name == "thr":
+            continue
+        _check_throw(fdm, control, condition, file)
+        _check_sign(fdm, control, condition, file)
+    return mass, (*notes, *departs(stabilised(replace(aircraft, mass=mass)), condition))
+
+
+def _check_drives(aircraft: Aircraft, condition: FlightCondition, file: Path) -> list[str]:
+    """Return what a new probe notes; raise ModelError if a control moves a property otherwise than aircraft.toml says.
+
+    A throw may be less than the model's own; what a surface does within it may not differ.
+    """
+    assert aircraft.adapter is not None
+    bare = replace(aircraft, adapter=replace(aircraft.adapter, links=(), throttles=()), controls={}, limits={})
+    found = probe(bare, condition, 0.05)
+    for link in found.links:
+        said = aircraft.adapter.link(link.control)
+        if said is None or link.control in found.augmented:
+            continue
+        drives = {d.name: d for d in link.drives}
+        for drive in said.drives:
+            own = drives.get(drive.name)
+            key = f"controls.{link.control}.drives"
+            if own is None:
+                raise ModelError(
+                    f"{key} must name what {link.control} moves in the model ({', '.join(drives)}), got '{drive.name}' "
+                    f"({file})"
+                )
+            d, v = np.array(own.points).T
+            for deflection, value in drive.points:
+                got = float(np.interp(deflection, d, v))
+                if abs(got - value) > _FAR * float(np.ptp(v)):
+                    raise ModelError(
+                        f"{key} must be what the model does: at {link.control} = {deflection / DEG_RAD:.4g} deg, "
+                        f"{drive.name} is {got:.4g}, but {value:.4g} is said ({file})"
+                    )
+    return [n for n in found.found if "one side is still" in n]
+
+
+def departs(aircraft: Aircraft, condition: FlightCondition) -> list[str]:
+    """Return why an aircraft cannot be flown from its design condition for a second, if it cannot."""
+    try:
+        trimmed = trim(aircraft, condition)
+    except TrimError as error:
+        return [f"{aircraft.name} does not trim at its design condition: {error.message}"]
+    n = round(_SECONDS * trimmed.rate_hz)
+    signal = InputSignal(np.arange(n) / trimmed.rate_hz, np.zeros((n, 1)), (next(iter(aircraft.controls)),))
+    names = ("V", "alpha", "theta", "phi")
+    try:
+        flown = fly(aircraft, trimmed, Manoeuvre("nothing", signal, 0.0), trimmed.rate_hz, names)
+    except FlightAborted as error:
+        return [
+            f"{aircraft.name} diverges within {_SECONDS:g} s although nothing moves: {error.reason} after "
+            f"{error.time_s:.2f} s"
+        ]
+    away = {c: float(np.abs(flown[c] - flown[c][0]).max()) for c in names}
+    for channel, most in DEPARTED.items():
+        if away[channel] > most:
+            scale, unit = (1.0, "m/s") if channel == "V" else (1.0 / DEG_RAD, "deg")
+            return [
+                f"{aircraft.name} leaves its trim within {_SECONDS:g} s although nothing moves: {channel} by "
+                f"{away[channel] * scale:.3g} {unit}"
+            ]
+    return []
+
+
+def _placed(fdm: Executive, condition: FlightCondition, commands: Mapping[str, float]) -> None:
+    alpha = 0.03
+    uvw = (condition.V_m_s * math.cos(alpha), 0.0, condition.V_m_s * math.sin(alpha))
+    fdm.command(dict(commands))
+    fdm.place(condition.h_m, alpha, 0.0, uvw)
+    fdm.evaluate(held=True)
+
+
+def _check_throw(fdm: Executive, control: Control, condition: FlightCondition, file: Path) -> None:
+    """Raise ModelError if the surface is not where its command says."""
+    name = control.name
+    if name not in fdm.channels:
+        raise ModelError(
+            f"the model of {fdm.aircraft.name} must say where {name} stands in {fdm.aircraft.source_of(name)[0]}, it "
+            f"has no such property ({file}, controls.{name}); adopt it (testbench aircraft adopt) to have it probed"
+        )
+    i = fdm.channels.index(name)
+    for said in (control.low, control.full):
+        _placed(fdm, condition, {name: said})
+        got = fdm.channel_nodes[i].get_double_value() * fdm.factors[i]
+        for _ in range(_FRAMES):  # a servo that goes on while time stands still is on its way
+            if abs(got - said) <= _FAR * abs(said):
+                break
+            fdm.fdm.run_ic()
+            got = fdm.channel_nodes[i].get_double_value() * fdm.factors[i]
+        if not abs(got - said) <= _FAR * abs(said):
+            is_key = fdm.aircraft.adapter is None
+            key = "full_deflection_deg" if is_key else "throw_deg"
+            words = f"{abs(got) / DEG_RAD:.4g}" if got else "0 (the command moves nothing)"
+            _placed(fdm, condition, {name: 0.0})
+            raise ModelError(
+                f"{key} of {name} must be what the model does: {control.command} = "
+                f"{said / control.scale:g} moves {fdm.aircraft.source_of(name)[0]} by {words} deg, but "
+                f"{abs(said) / DEG_RAD:.4g} is said ({file}, controls.{name}.{key})"
+            )
+    _placed(fdm, condition, {name: 0.0})
+
+
+def _check_sign(fdm: Executive, control: Control, condition: FlightCondition, file: Path) -> None:
+    """Raise ModelError if a positive deflection turns the aircraft the wrong way, or not at all."""
+    axis, wanted = TURNS[control.name]
+    way, meaning = _WAYS[control.name]
+    got = []
+    for sign in (-1.0, 1.0):
+        _placed(fdm, condition, {control.name: sign * _STEP * min(control.full, -control.low)})
+        got.append(fdm.get(f"moments/{axis}-total-lbsft"))
+    _placed(fdm, condition, {control.name: 0.0})
+    change = got[1] - got[0]
+    if not np.isfinite(change) or change == 0.0:
+        raise ModelError(
+            f"{control.name} must turn {fdm.aircraft.name}, but a deflection changes no moment about its axis: the "
+            f"aerodynamics does not read {fdm.aircraft.source_of(control.name)[0]} ({file}, controls.{control.name})"
+        )
+    if wanted * change < 0.0:
+        raise ModelError(
+            f"a positive {control.name} ({meaning}) must turn {fdm.aircraft.name} {way}, but it turns it the other "
+            "way: change the sign in the model, or adopt it (testbench aircraft adopt) "
+            f"({file}, controls.{control.name})"
+        )

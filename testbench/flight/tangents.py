@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.aircraft import Aircraft
-from testbench.aircraft.vary import AIRCRAFT_KEYS, varied
+from testbench.aircraft.believed import AIRCRAFT_KEYS, varied
 from testbench.core.blas import on_one_thread
 from testbench.core.channels import channel
 from testbench.core.differences import Ends, ends, slope

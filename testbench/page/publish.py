@@ -1,6 +1,6 @@
 """Figures for a paper: the file formats, the width of a column, a style of the reader's own, text set by LaTeX, data.
 
-What is asked for holds within :func:`published`, and :func:`testbench.page.write.write_plates` obeys it. The page
+What is asked for holds within :func:`published`, and :func:`testbench.page.page.write_plates` obeys it. The page
 itself is drawn as always.
 """
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
@@ -13,6 +13,7 @@ from testbench.core.door import read_toml
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.paths import (
     AIRCRAFT,
+    AIRCRAFT_MODELS,
     SCENARIOS,
     SENSOR_SUITES,
     STOCK,
@@ -25,6 +26,7 @@ from testbench.core.scenario.base import Asked
 from testbench.core.schema import Strict
 from testbench.questions import BY_COMMAND, QUESTIONS, Question
 
+Rows = list[tuple[str, ...]]
 WITH_FILES = tuple(q for q in QUESTIONS if q.kind)
 """The questions that are asked in a file."""
 PROMISES = "promises"
@@ -103,7 +105,7 @@ def file_classes() -> dict[str, type[Strict]]:
     from testbench.aircraft.strips.ground_test import GroundTestFile
     from testbench.estimators.equations import Equations
     from testbench.questions.identify.pool.prior import PriorFile
-    from testbench.sensors.files import SensorEntry, SuiteFile
+    from testbench.sensors.suite import SensorEntry, SuiteFile
 
     brought: dict[str, type[Strict]] = {
         "suite": SuiteFile,
@@ -184,7 +186,7 @@ def load(what: Any) -> Any:
         return _of_file(path)
     for family, place in (
         (AIRCRAFT, "testbench.flight.load:load_aircraft"),
-        (SENSOR_SUITES, "testbench.sensors.files:load_suite"),
+        (SENSOR_SUITES, "testbench.sensors.suite:load_suite"),
     ):
         if name.startswith(STOCK) or name in (*family.packaged(), *family.stock(), *family.own(Path())):
             module, reader = place.split(":")
@@ -271,3 +273,82 @@ def _checked(path: Path) -> tuple[Question, Asked]:
         raise RecordError(f"a scenario must be a file or a packaged one, got {got}")
     question = kinds_of(file)[0]
     return question, question.file_class.load(file)
+
+
+# --- what there is ----------------------------------------------------------------------------------------------------
+
+
+def aircraft() -> Rows:
+    """Return the packaged aircraft; the first row holds the heads, as in all tables here."""
+    return [("aircraft", "what it is"), *((n, _title(n)) for n in aircraft_names())]
+
+
+def _title(name: str) -> str:
+    return str(read_toml(AIRCRAFT_MODELS / name / "aircraft.toml", "aircraft").get("title", ""))
+
+
+def inputs() -> Rows:
+    """Return the families of signals."""
+    from testbench.inputs import FAMILIES
+
+    return [("signal", "what it is"), *((n, text) for n, (_, text) in FAMILIES.items())]
+
+
+def sensors() -> Rows:
+    """Return the packaged sensor suites."""
+    from testbench.sensors import load_suite
+
+    suites = [load_suite(n) for n in suite_names()]
+    return [
+        ("suite", "rate", "channels", "what it is"),
+        *((s.name, f"{s.rate_hz:g} Hz", ", ".join(s.channels), s.title) for s in suites),
+    ]
+
+
+def estimators() -> Rows:
+    """Return the methods of estimation, what each needs and gives."""
+    from testbench.estimators import METHODS, Method
+
+    def words(method: Method) -> str:
+        needs = f"; needs: {', '.join(method.needs)}" if method.needs else ""
+        return f"{method.words}{needs}; gives: {', '.join(method.gives)}"
+
+    return [("method", "what it is, what it needs, what it gives"), *((n, words(m)) for n, m in METHODS.items())]
+
+
+def structures() -> Rows:
+    """Return the packaged model structures, and examples of equations as text."""
+    from testbench.estimators.equations import read_equations
+    from testbench.estimators.parametric.structures import STRUCTURES
+
+    texts = sorted((SCENARIOS / "structures").glob("*.toml"))
+    return [
+        ("structure", "what it is"),
+        *((name, family.description) for name, family in STRUCTURES.items()),
+        *((f"structures/{path.name}", read_equations(path).title) for path in texts),
+    ]
+
+
+def scenarios() -> Rows:
+    """Return the packaged files of all questions."""
+    rows: Rows = [("scenario", "command", "title")]
+    for question in WITH_FILES:
+        for path in sorted((SCENARIOS / question.folder).glob("*.toml")):
+            name = f"{question.folder}/{path.stem}".lstrip("/")
+            rows.append((name, question.command, str(read_toml(path).get("title", ""))))
+    return rows
+
+
+def effects() -> Rows:
+    """Return the effects that the gap workflow can name."""
+    from testbench.effects import EFFECTS, OTHER_SERVOS
+
+    beside = "weighed where an effect in its path comes near, or by name"
+    further = ((n, f"({beside}) {e.physics}") for n, e in OTHER_SERVOS.items())
+    return [("effect", "physics"), *((n, e.physics) for n, e in EFFECTS.items()), *further]
+
+
+FAMILIES: dict[str, Callable[[], Rows]] = {
+    f.__name__: f for f in (aircraft, inputs, sensors, estimators, structures, scenarios, effects)
+}
+"""What `testbench list` can list."""

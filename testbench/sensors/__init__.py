@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from testbench.sensors.files import load_suite, noise_std, suite_table, suite_toml
 from testbench.sensors.kinds import KINDS
 from testbench.sensors.sensor import Sensor
-from testbench.sensors.suite import SensorSuite
+from testbench.sensors.suite import SensorSuite, load_suite, noise_std, suite_table, suite_toml
 
 __all__ = ["KINDS", "Sensor", "SensorSuite", "load_suite", "noise_std", "suite_table", "suite_toml"]

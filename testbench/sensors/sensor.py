@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from testbench.core.channels import channel, require
 from testbench.core.errors import ChannelError, ScenarioError
-from testbench.core.quantities import OF_CHANNELS, OF_ITS_CHANNEL, QUANTITIES
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.schema import OF_CHANNELS, OF_ITS_CHANNEL, QUANTITIES
 
 ACCELEROMETERS = ("ax", "ay", "az")
 ROTATION = ("p", "q", "r", "pdot", "qdot", "rdot")

@@ -9,7 +9,17 @@ import pytest
 
 from testbench.aircraft.elastic import ElasticModel
 from testbench.aircraft.strips.flexible import generalised_mass, largest_motion, on_strips, with_body
-from testbench.aircraft.strips.loads import StripModel, Vibration, at_stations, coupled_modes
+from testbench.aircraft.strips.loads import (
+    STRIPS,
+    Shape,
+    StripModel,
+    Tail,
+    Vibration,
+    Wing,
+    at_stations,
+    combine,
+    coupled_modes,
+)
 from testbench.aircraft.strips.ritz import (
     Stiffness,
     asymmetric_inertia,
@@ -19,7 +29,6 @@ from testbench.aircraft.strips.ritz import (
     symmetric_inertia,
     symmetric_modes,
 )
-from testbench.aircraft.strips.shapes import STRIPS, Shape, Tail, Wing, combine
 
 SWEPT = Wing(12.0, 1.2, 0.4, 60.0, 0.38, 0.43, 0.26, 5.1, 0.1, np.radians(12.0))
 TAIL = Tail(4.0, 8.0, 1.3, 4.1, 0.3, 0.5, 0.9, 2.9, 0.5, 0.6, 2.6, 1.5, 0.2)

@@ -9,7 +9,7 @@ import pytest
 
 from testbench.aircraft import ScaleCoefficient
 from testbench.aircraft.amend import Amendment
-from testbench.aircraft.strips.loads import StripModel
+from testbench.aircraft.strips.loads import STRIPS, Shape, StripModel, Tail, Wing
 from testbench.aircraft.strips.ritz import (
     Stiffness,
     asymmetric_modes,
@@ -17,7 +17,6 @@ from testbench.aircraft.strips.ritz import (
     cantilever_torsion,
     symmetric_modes,
 )
-from testbench.aircraft.strips.shapes import STRIPS, Shape, Tail, Wing
 from testbench.core.errors import TrimError
 from testbench.evaluation.modes import longitudinal_modes
 from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim

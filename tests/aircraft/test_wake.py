@@ -8,11 +8,9 @@ from scipy.linalg import eigh
 from scipy.optimize import fsolve
 from scipy.special import hankel2
 
-from testbench.aircraft.elastic import ElasticModel
-from testbench.aircraft.strips.loads import StripModel, Vibration, coupled_modes
+from testbench.aircraft.elastic import ElasticModel, with_wake
+from testbench.aircraft.strips.loads import STRIPS, Shape, StripModel, Tail, Vibration, Wing, combine, coupled_modes
 from testbench.aircraft.strips.ritz import cantilever_bending, cantilever_torsion
-from testbench.aircraft.strips.shapes import STRIPS, Shape, Tail, Wing, combine
-from testbench.aircraft.wake import with_wake
 
 NOTHING = Tail(1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0)
 RHO = 1.225

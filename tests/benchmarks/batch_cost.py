@@ -183,7 +183,7 @@ def streamed(varied: bool) -> list[tuple[int, float]]:
 
 def stream(varied: bool) -> None:
     """Fly and forget; print the most memory that the process was seen to have."""
-    from testbench.aircraft.vary import varied as changed
+    from testbench.aircraft.believed import varied as changed
 
     case = case_of("taurus", *MODELS["taurus"])
 

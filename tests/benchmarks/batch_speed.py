@@ -26,7 +26,7 @@ from testbench.aircraft import Aircraft
 from testbench.flight.batch.check import compared
 from testbench.flight.batch.model import batch_model
 from testbench.flight.condition import TrimmedFlight
-from testbench.questions.campaign.targets import change_aircraft
+from testbench.questions.campaign.draws import change_aircraft
 
 FLIGHTS, ALONE, ROUNDS, DURATION_S = sized((256, 4, 5, 25.0), (4, 1, 1, 2.0))
 CASES = (

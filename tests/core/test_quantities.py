@@ -9,11 +9,10 @@ from pkgutil import walk_packages
 import pytest
 
 import testbench
-from testbench.core.quantities import QUANTITIES, quantity
-from testbench.core.schema import Strict, parse
+from testbench.core.schema import QUANTITIES, Strict, parse, quantity
 from testbench.questions.files import file_classes, json_schemas
-from testbench.sensors.files import load_suite
 from testbench.sensors.sensor import Sensor
+from testbench.sensors.suite import load_suite
 
 _LOW, _HIGH = {"minimum", "exclusiveMinimum"}, {"maximum", "exclusiveMaximum"}
 _OPTIONAL = ("testbench.envs", "testbench.__main__")

@@ -13,7 +13,7 @@ from scipy.io import loadmat
 import testbench.cli as cli
 from testbench.core.channels import channel
 from testbench.core.store import ResultFolder
-from testbench.page.write import record_keeper
+from testbench.page.page import record_keeper
 from testbench.questions.identify import ask
 from testbench.questions.identify.ask import identify
 from testbench.questions.run.ask import run

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from testbench.aircraft.wake import with_wake
+from testbench.aircraft.elastic import with_wake
 from testbench.core.errors import ModelError, TrimError
 from testbench.core.paths import aircraft_names
 from testbench.evaluation.derivatives import dimensional_derivatives

@@ -18,7 +18,7 @@ from testbench.evaluation.excitation import excitation
 from testbench.evaluation.modes import damping, frequency_of, match_poles, roots_of
 from testbench.evaluation.operational import TrueMode, match_modes, true_modes
 from testbench.flight import LinearModel
-from testbench.questions.run.findings import alpha_findings
+from testbench.questions.run.result import alpha_findings
 
 
 def pole(wn, zeta):

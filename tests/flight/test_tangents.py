@@ -11,7 +11,7 @@ import pytest
 import testbench as tb
 from testbench.aircraft import Aircraft, ScaleCoefficient
 from testbench.aircraft.amend import Amendment, Insert, SetProperty
-from testbench.aircraft.vary import varied
+from testbench.aircraft.believed import varied
 from testbench.core.errors import LimitError, ModelError
 from testbench.core.record import FlightAborted, FloatArray
 

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 from fuzz import inputs
 
-from testbench.aircraft.geometry.airfoils import read_coordinates
 from testbench.aircraft.geometry.read import read_plan
+from testbench.aircraft.geometry.shape import read_coordinates
 from testbench.aircraft.model import read_aircraft
 from testbench.aircraft.strips.ground_test import read_ground_test
 from testbench.core.bring import declared

@@ -7,8 +7,7 @@ import pytest
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.questions import QUESTIONS
-from testbench.questions.catalogue import FAMILIES
-from testbench.questions.files import WITH_FILES, check_file, find, kinds_of
+from testbench.questions.files import FAMILIES, WITH_FILES, check_file, find, kinds_of
 
 PACKAGED = sorted(p for q in WITH_FILES for p in (SCENARIOS / q.folder).glob("*.toml"))
 

@@ -42,9 +42,8 @@ from typing import Any
 
 import numpy as np
 
-from testbench.aircraft.geometry.airfoils import Airfoil
 from testbench.aircraft.geometry.lattice import FLAP, Lattice, body, cuts, moved_by, share, sidewash
-from testbench.aircraft.geometry.shape import LiftingSurface, Moved, Plane
+from testbench.aircraft.geometry.shape import Airfoil, LiftingSurface, Moved, Plane
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import MissingPackage, ModelError
 from testbench.core.record import FloatArray

@@ -11,8 +11,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from testbench.aircraft.geometry.airfoils import Airfoil, airfoil, naca, normalised
-from testbench.aircraft.geometry.shape import Flap, LiftingSurface, Moved, Role, Station
+from testbench.aircraft.geometry.shape import (
+    Airfoil,
+    Flap,
+    LiftingSurface,
+    Moved,
+    Role,
+    Station,
+    airfoil,
+    naca,
+    normalised,
+)
 from testbench.core.door import read_text
 from testbench.core.errors import Refusal, ScenarioError, nearest
 

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from testbench.aircraft.geometry.aerodynamics import Aerodynamics, aerodynamics, aerosandbox, check_sign
-from testbench.aircraft.geometry.coefficients import Coefficient, coefficients
-from testbench.aircraft.geometry.describe import aircraft_toml, limits_of, sources_md
-from testbench.aircraft.geometry.model_xml import Polar, engine_files, model_xml
+from testbench.aircraft.geometry.coefficients import ROWS, Coefficient, coefficients
+from testbench.aircraft.geometry.model_xml import COMMANDS, Polar, engine_files, model_xml
 from testbench.aircraft.geometry.propulsion import Thrust, thrust_law
 from testbench.aircraft.geometry.read import Plan
-from testbench.core.constants import G0_M_S2
+from testbench.aircraft.geometry.shape import LiftingSurface, Plane
+from testbench.aircraft.outline import Outline, Surface
+from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.door import read_bytes
 from testbench.core.errors import ScenarioError, located
+from testbench.core.escape import markdown_cell, one_line, quoted, real
 from testbench.core.files import write_file
+
+_STEEPEST_DEG = 79.0  # dihedral of a drawing
+_BETA_DEG, _THETA_DEG, _PHI_DEG = 20.0, 60.0, 80.0
+_FASTEST, _CLIMB_M = 2.0, 1500.0
+Pair = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -146,3 +153,307 @@ def _remarks(
     if missing:
         out.append(f"it has no {', '.join(missing)}")
     return tuple(out)
+
+
+# --- the files beside a model -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class FlownLimits:
+    """Limits of flights, in the units of aircraft.toml, and where each comes from."""
+
+    V_m_s: Pair
+    alpha_deg: Pair
+    beta_deg: Pair
+    theta_deg: Pair
+    phi_deg: Pair
+    h_m: Pair
+    sources: Mapping[str, str]
+
+
+def limits_of(plan: Plan, found: Aerodynamics, values: Mapping[str, Coefficient]) -> FlownLimits:
+    """Return the limits that the plan gives, and those that follow for the others."""
+    said, V, h = plan.said.limits, plan.said.design_V_m_s, plan.said.design_h_m
+    low, high = (round(a / DEG_RAD, 1) for a in found.alpha_limits_rad)
+    top = (said.alpha_deg or (low, high))[1]
+    CL0 = values["CL0"].used if "CL0" in values else 0.0
+    most = CL0 + values["CL_alpha"].used * top * DEG_RAD
+    slowest = V * math.sqrt(found.CL / most) if most > 0.0 < found.CL else 0.5 * V
+    slowest = math.ceil(10.0 * min(slowest, 0.9 * V)) / 10.0
+    derived: dict[str, tuple[Pair, str]] = {
+        "V_m_s": (
+            (slowest, _FASTEST * V),
+            f"level flight at the highest alpha; {_FASTEST:g} times the design speed, judged",
+        ),
+        "alpha_deg": (
+            (low, high),
+            "where the lift of the build-up leaves a straight line by 0.2, at least 5 deg about the trim",
+        ),
+        "beta_deg": ((-_BETA_DEG, _BETA_DEG), "judged: where a fin stalls"),
+        "theta_deg": ((-_THETA_DEG, _THETA_DEG), "judged"),
+        "phi_deg": ((-_PHI_DEG, _PHI_DEG), "judged"),
+        "h_m": ((min(10.0, h - 90.0), h + _CLIMB_M), "judged"),
+    }
+    values_, sources = {}, {}
+    for key, (pair, words) in derived.items():
+        given = getattr(said, key)
+        values_[key] = given or pair
+        sources[key] = "given" if given else words
+    return FlownLimits(**values_, sources=sources)
+
+
+def aircraft_toml(
+    name: str,
+    plan: Plan,
+    centred: Plane,
+    found: Aerodynamics,
+    values: Mapping[str, Coefficient],
+    limits: FlownLimits,
+) -> str:
+    """Return the text of aircraft.toml; ``centred`` is the outside about the centre of gravity."""
+    said = plan.said
+    out = [
+        "# Made from its geometry by `testbench aircraft new`. Sources of every number: SOURCES.md.",
+        f"title = {quoted(plan.title)}",
+        f"model = {quoted(f'{name}.xml')}",
+        f"design_V_m_s = {real(said.design_V_m_s)}  # the coefficients were computed for this condition",
+        f"design_h_m = {real(said.design_h_m)}",
+        "",
+        "[simulation]",
+        f"rate_hz = {real(said.rate_hz)}",
+        "",
+        "# full_deflection_deg is the throw of the geometry file.",
+    ]
+    for control, servo in plan.servos.items():
+        out += [
+            f"[controls.{control}]",
+            f'command = "{COMMANDS[control]}"',
+            f"full_deflection_deg = {real(servo.throw_deg)}",
+        ]
+    if said.motor is not None:
+        out += ["[controls.thr]", 'command = "fcs/throttle-cmd-norm"']
+    out += ["", "# A flight that leaves these is aborted.", "[limits]"]
+    for key in limits.sources:
+        low, high = getattr(limits, key)
+        out.append(f"{key} = [{real(low)}, {real(high)}]")
+    out += ["", "# Where those come from that nobody gave.", "[limit_sources]"]
+    out += [f"{k.split('_')[0]} = {quoted(one_line(words))}" for k, words in limits.sources.items() if words != "given"]
+    out += [
+        "",
+        "# Relative standard deviation of every coefficient, by which the believed model may be off: how far computed "
+        "ones lie from",
+        "# published ones (coefficients.py). Questions that ask for a prior take it from here.",
+        "[uncertainty]",
+    ]
+    for c in values.values():
+        out.append(f"{c.name} = {c.deviation:.3g}")
+    out += [
+        "",
+        "# What the aircraft looks like, for the drawing of its report only; nothing here enters a flight. "
+        "Places count from the",
+        "# centre of gravity, x forward and z up.",
+        "[drawing]",
+    ]
+    drawn = outline(centred)
+    out.append(f"note = {quoted(drawn.note)}")
+    for key in ("wing", "tail", "fin"):
+        surface = getattr(drawn, key)
+        if surface is not None:
+            items = {k: v for k, v in surface.model_dump().items() if v or k.endswith(("span_m", "chord_m", "x_m"))}
+            out.append(f"{key} = {{ {', '.join(f'{k} = {real(v)}' for k, v in items.items())} }}")
+    rows = ", ".join(f"[{', '.join(real(round(v, 5)) for v in row)}]" for row in drawn.body_m)
+    return "\n".join([*out, f"body_m = [{rows}]", ""])
+
+
+def sources_md(
+    name: str,
+    plan: Plan,
+    found: Aerodynamics,
+    values: Mapping[str, Coefficient],
+    polar: Polar,
+    thrust: Thrust | None,
+    limits: FlownLimits,
+    remarks: tuple[str, ...],
+) -> str:
+    """Return the text of SOURCES.md: every number with where it comes from."""
+    plane, b = plan.plane, plan.balance
+    files = ", ".join(f"`{markdown_cell(n)}`" for n in plan.sources)
+    out = [
+        f"# {markdown_cell(name)}: where every number comes from",
+        "",
+        f"Made by `testbench aircraft new` from {files}. **given** = stands there; **computed**, **estimated** "
+        "and **judged** as they",
+        "say. Nothing has been validated against flight.",
+        "",
+        "| number | value | source |",
+        "|---|---|---|",
+        f"| S, b, cbar | {plane.S_m2:.5g} m2, {plane.b_m:.5g} m, {plane.cbar_m:.5g} m | {_reference(plan)} |",
+        f"| mass | {b.mass_kg:.5g} kg | {markdown_cell(b.source)} |",
+        f"| centre of gravity | x = {b.cg_m[0]:.5g}, y = {b.cg_m[1]:.5g}, z = {b.cg_m[2]:.5g} m in the file | "
+        "as the mass |",
+        f"| Ixx, Iyy, Izz, Ixz | {b.Ixx:.4g}, {b.Iyy:.4g}, {b.Izz:.4g}, {b.Ixz:.4g} kg m2 | as the mass |",
+    ]
+    for control, servo in plan.servos.items():
+        out.append(
+            f"| {control}: throw, lag, rate limit | {servo.throw_deg:g} deg, {servo.lag_rad_s:g} rad/s, "
+            f"{servo.rate_limit_deg_s:g} deg/s | {_given(plan, control)} |"
+        )
+    if thrust is not None:
+        out.append(f"| thrust | {thrust.static_N:.4g} N nominal | {markdown_cell(thrust.words)} |")
+        out.append(f"| thrust line | | {_line(plan)} |")
+    else:
+        out.append("| thrust | none | given: no motor |")
+    out.append(
+        f"| CD0, k, CL at least drag | {polar.CD0:.4g}, {polar.k:.4g}, {polar.CL_least_drag:.3g} | computed: "
+        "build-up, a parabola fitted "
+        f"where lift is straight ({found.polar_rms:.2g} rms of CD); CD0 includes {plan.said.drag.CD0_added:g} "
+        "given as CD0_added |"
+    )
+    for key, words in limits.sources.items():
+        low, high = getattr(limits, key)
+        out.append(f"| limit of {key} | {low:g} to {high:g} | {markdown_cell(words)} |")
+    out += [
+        "",
+        "## Coefficients",
+        "",
+        f"Computed at the trimmed alpha of {found.alpha_rad / DEG_RAD:.2f} deg (CL = {found.CL:.3f}) by both "
+        "methods of "
+        "`testbench/aircraft/geometry/aerodynamics.py`,",
+        "where formulas and sources stand. Per rad; rates as p b/2V, q cbar/2V, r b/2V, alphadot cbar/2V; "
+        "moments about the centre of",
+        f"gravity. Gradient of the downwash at the tail: {found.buildup.downwash:.3f} (build-up) and "
+        f"{found.lattice.downwash:.3f} (lattice).",
+        "",
+        "The value used is the lattice's times a bias, the deviation relative, one standard deviation; both come of "
+        "published derivatives of",
+        "other aircraft (`coefficients.py`). "
+        f"That of Cm_alpha holds {ROWS['Cm_alpha'].floor:g} CL_alpha, the doubt about the neutral point.",
+        "",
+        "| coefficient | build-up | lattice | used | deviation | whose value, and why |",
+        "|---|---|---|---|---|---|",
+    ]
+    for c in values.values():
+        lattice = "" if c.lattice is None else f"{c.lattice:.4g}"
+        build = "" if c.buildup is None else f"{c.buildup:.4g}"
+        out.append(
+            f"| {c.name} | {build} | {lattice} | {c.used:.4g} | {100.0 * c.deviation:.0f} % | {markdown_cell(c.why)} |"
+        )
+    out.append("")
+    out.append("CD is the drag coefficient at the trimmed alpha; the model carries the polar.")
+    absent = [n for n in ROWS if n not in values]
+    if absent:
+        out.append(f"Zero by symmetry, or for want of a surface: {', '.join(absent)}.")
+    if {"de", "da"} <= set(plan.servos) and _shared(plan, "de", "da"):
+        out.append("Elevons: elevator and aileron have servos of their own in the model; each may use its whole throw.")
+    if {"de", "dr"} <= set(plan.servos) and _shared(plan, "de", "dr"):
+        out.append("V-tail: elevator and rudder have servos of their own in the model; each may use its whole throw.")
+    if remarks:
+        out += ["", "## Remarks", "", *(f"- {r[0].upper()}{r[1:]}." for r in remarks)]
+    return "\n".join([*out, ""])
+
+
+def _reference(plan: Plan) -> str:
+    r = plan.said.reference
+    given = [k.split("_")[0] for k, v in r.model_dump().items() if v is not None]
+    rest = "computed: the wing as seen from above, its span and mean aerodynamic chord"
+    if plan.file.name not in plan.sources or any(n.lower().endswith(".avl") for n in plan.sources):
+        rest = "given: Sref, Bref, Cref"
+    return f"{', '.join(given)} given; others {rest}" if given else rest
+
+
+def _given(plan: Plan, control: str) -> str:
+    servo = plan.servos[control]  # type: ignore[index]
+    assumed = [k for k in ("lag_rad_s", "rate_limit_deg_s") if k not in servo.model_fields_set]
+    if not assumed:
+        return "given"
+    return f"given; {' and '.join(assumed)} assumed, those of the Ultra Stick 25e (aircraft_models/taurus)"
+
+
+def _line(plan: Plan) -> str:
+    motor = plan.said.motor
+    assert motor is not None
+    where = "through the centre of gravity, assumed" if motor.at_m is None else "given"
+    return f"{where}; {motor.down_deg:g} deg down, {motor.right_deg:g} deg to the right"
+
+
+def _shared(plan: Plan, a: str, b: str) -> bool:
+    """Say whether two controls move one and the same part of a surface."""
+    return any({a, b} <= {f.moves for f in s.flaps} for s in plan.plane.surfaces)
+
+
+# --- the drawing ------------------------------------------------------------------------------------------------------
+
+
+def outline(plane: Plane) -> Outline:
+    """Return the drawing of an aircraft whose places count from its centre of gravity.
+
+    A surface of several panels is drawn as the trapezoid with its span, area and mean chord.
+    """
+    tails, fins = plane.of("tail"), plane.of("fin")
+    notes = ["Drawn from the geometry that the coefficients were computed from."]
+    several = [s.name for s in (plane.wing, *tails[:1], *fins[:1]) if len(s.stations) > 2]
+    if several:
+        notes.append(f"Drawn as the trapezoid of the same span, area and mean chord: {', '.join(several)}.")
+    left_out = [s.name for s in plane.surfaces if s is not plane.wing and s not in (*tails[:1], *fins[:1])]
+    if left_out:
+        notes.append(f"Not drawn: {', '.join(left_out)}.")
+    if plane.body:
+        body = tuple((-h.x_m, 0.5 * h.width_m, h.z_m - 0.5 * h.height_m, h.z_m + 0.5 * h.height_m) for h in plane.body)
+    else:
+        notes.append("No fuselage was given; the line along the middle is none.")
+        roots = [s.stations[0] for s in plane.surfaces]
+        middle = [s for s in roots if abs(s.y_m) < 1e-6 * plane.b_m] or roots
+        xs = [s.x_m + f * s.chord_m for s in middle for f in (0.0, 1.0)]
+        thin = 2e-3 * plane.b_m
+        body = tuple((-x, thin, -thin, thin) for x in (min(xs), max(xs)))
+    return Outline(
+        note=" ".join(notes),
+        wing=_trapezoid(plane.wing),
+        tail=_trapezoid(tails[0]) if tails else None,
+        fin=_trapezoid(fins[0]) if fins else None,
+        body_m=body,
+    )
+
+
+def _trapezoid(surface: LiftingSurface) -> Surface:
+    if surface.role == "fin" and not surface.rises:  # a drawing's fin stands on its lower end
+        surface = replace(surface, stations=surface.stations[::-1])
+    fin = surface.role == "fin"
+    root, tip = surface.stations[0], surface.stations[-1]
+    across, up = abs(tip.y_m - root.y_m), tip.z_m - root.z_m
+    side = abs(up) if fin else across
+    span = side if fin else 2.0 * max(abs(s.y_m) for s in surface.stations)
+    area = surface.area_m2 / (2.0 if fin and surface.mirrored else 1.0) if fin else surface.projected_m2
+    chords = (root.chord_m, tip.chord_m)
+    if len(surface.stations) > 2:
+        chords = _chords(area / span, surface.mean_chord_m, root.chord_m < tip.chord_m)
+    aft = tip.x_m + 0.25 * tip.chord_m - root.x_m - 0.25 * root.chord_m
+    sweep = math.atan2(aft, side)
+    # The mean chord's quarter chord of the drawing lies where that of the surface does.
+    taper = chords[1] / chords[0]
+    share = (1.0 + 2.0 * taper) / (3.0 * (1.0 + taper))
+    x = surface.quarter_chord_m[0] - share * side * math.tan(sweep)
+    dihedral = 0.0 if fin else math.degrees(math.atan2(up, across))
+    return Surface(
+        span_m=_r(span),
+        root_chord_m=_r(chords[0]),
+        tip_chord_m=_r(chords[1]),
+        x_m=_r(-x),
+        z_m=_r(root.z_m),
+        sweep_deg=_r(math.degrees(sweep)),
+        dihedral_deg=_r(max(-_STEEPEST_DEG, min(_STEEPEST_DEG, dihedral))),
+        y_m=_r(abs(root.y_m)) if fin else 0.0,
+    )
+
+
+def _chords(mean_m: float, aerodynamic_m: float, widens: bool) -> tuple[float, float]:
+    """Return root and tip chord of the trapezoid with this mean and mean aerodynamic chord.
+
+    Their ratio is (4/3) (1 + t + t^2) / (1 + t)^2 = 1 + u^2/3 with u = (1 - t) / (1 + t).
+    """
+    u = min(math.sqrt(max(3.0 * (aerodynamic_m / mean_m - 1.0), 0.0)), 0.95)
+    return (mean_m * (1.0 - u), mean_m * (1.0 + u)) if widens else (mean_m * (1.0 + u), mean_m * (1.0 - u))
+
+
+def _r(value: float) -> float:
+    return round(float(value), 5) + 0.0

@@ -24,8 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from testbench.aircraft.geometry.airfoils import Airfoil
-from testbench.aircraft.geometry.shape import ALONG, LiftingSurface, Moved, Plane, Station
+from testbench.aircraft.geometry.shape import ALONG, Airfoil, LiftingSurface, Moved, Plane, Station
 from testbench.aircraft.strips.fit import helmbold
 from testbench.core.record import FloatArray
 

@@ -11,11 +11,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from testbench.aircraft.geometry.airfoils import Airfoil, airfoil
 from testbench.aircraft.geometry.avl import read_avl
 from testbench.aircraft.geometry.masses import Balance, balance
 from testbench.aircraft.geometry.schema import BesideAvl, Common, Fin, GeometryFile, Servo, Trapezoid
-from testbench.aircraft.geometry.shape import Flap, Hull, LiftingSurface, Moved, Plane, Role, Station
+from testbench.aircraft.geometry.shape import Airfoil, Flap, Hull, LiftingSurface, Moved, Plane, Role, Station, airfoil
 from testbench.core.door import read_toml, read_xml
 from testbench.core.errors import Faults, ScenarioError
 from testbench.core.schema import parse

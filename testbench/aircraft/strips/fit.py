@@ -20,8 +20,7 @@ from dataclasses import dataclass, field, replace
 from testbench.aircraft.model import Aircraft
 from testbench.aircraft.outline import Outline, Surface
 from testbench.aircraft.strips.ground_test import GroundTestFile, StripSettings
-from testbench.aircraft.strips.loads import MOTIONS, StripModel
-from testbench.aircraft.strips.shapes import Tail, Wing
+from testbench.aircraft.strips.loads import MOTIONS, StripModel, Tail, Wing
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ModelError
 

@@ -16,9 +16,8 @@ from testbench.aircraft.elastic import COEFFICIENTS, ElasticModel
 from testbench.aircraft.model import Aircraft
 from testbench.aircraft.strips.fit import FittedStrips, drawn_of, fit_strips
 from testbench.aircraft.strips.ground_test import GroundTest, check_span
-from testbench.aircraft.strips.loads import Vibration, coupled_modes, elastic_toml
+from testbench.aircraft.strips.loads import STRIPS, Shape, Tail, Vibration, Wing, coupled_modes, elastic_toml, scaled
 from testbench.aircraft.strips.ritz import Inertia, asymmetric_inertia, heave_and_pitch, roll, symmetric_inertia
-from testbench.aircraft.strips.shapes import STRIPS, Shape, Tail, Wing, scaled
 from testbench.core.errors import Faults, ModelError, ScenarioError, located
 from testbench.core.escape import one_line, quoted
 from testbench.core.record import FloatArray

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh
 
-from testbench.aircraft.strips.shapes import STRIPS, Shape, Tail, Wing, combine
+from testbench.aircraft.strips.loads import STRIPS, Shape, Tail, Wing, combine
 from testbench.core.record import FloatArray
 
 

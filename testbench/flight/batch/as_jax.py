@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.aircraft.vary import AIRCRAFT_KEYS, varied
+from testbench.aircraft.believed import AIRCRAFT_KEYS, varied
 from testbench.core.errors import LimitError, MissingPackage
 from testbench.core.named import Named, obtain
 from testbench.core.record import FloatArray

@@ -13,7 +13,7 @@ from testbench.core.contract import Law
 from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
 from testbench.flight import FlightCondition, TrimmedFlight, linearise, trim
-from testbench.flight.check import DEPARTED
+from testbench.flight.load import DEPARTED
 from testbench.inputs import InputSignal
 from testbench.line import fly_and_measure
 

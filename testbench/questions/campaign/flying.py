@@ -30,11 +30,10 @@ from testbench.flight.air import air_of
 from testbench.flight.batch.jobs import BATCH, Simulator, Tally
 from testbench.flight.batch.jobs import Job as FlightJob
 from testbench.line import condition_of
-from testbench.questions.campaign.draws import run_inputs, run_seed
+from testbench.questions.campaign.draws import change_aircraft, change_suites, run_inputs, run_seed, set_keys
 from testbench.questions.campaign.load import versions
 from testbench.questions.campaign.scenario import CampaignSpec
 from testbench.questions.campaign.summary import ALONE, TOGETHER
-from testbench.questions.campaign.targets import change_aircraft, change_suites, set_keys
 from testbench.questions.run.ask import Prepared, run, wanted_flights
 from testbench.questions.run.result import found_of
 from testbench.questions.run.scenario import Scenario

@@ -22,9 +22,17 @@ from testbench.core.schema import parse
 from testbench.estimators.brought import is_text, place, whole
 from testbench.estimators.identification import estimator_name
 from testbench.flight import load_aircraft
-from testbench.questions.campaign.draws import nominal_inputs, own_keys, with_own_laws
+from testbench.questions.campaign.draws import (
+    change_aircraft,
+    change_suites,
+    check_target,
+    is_scenario_key,
+    nominal_inputs,
+    own_keys,
+    set_keys,
+    with_own_laws,
+)
 from testbench.questions.campaign.scenario import CampaignSpec
-from testbench.questions.campaign.targets import change_aircraft, change_suites, check_target, is_scenario_key, set_keys
 from testbench.questions.run.check import check, notes
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import SensorSuite, load_suite

@@ -31,16 +31,19 @@ from testbench.information.targets import needed_parameters
 from testbench.line import Report, log_rate, manoeuvre_of, trim_for, truth_of
 from testbench.questions.compare.placement import Placed, place, templates
 from testbench.questions.compare.prediction import (
+    Known,
     LaggedStructure,
     Prediction,
     aircraft_poles,
     best_estimate,
     lagged_structure,
     predict,
+    sensors_of,
+    unknowns,
+    wanted_modes,
 )
 from testbench.questions.compare.result import CaseKey, CompareResult, Failure, Quantity
 from testbench.questions.compare.scenario import BEST_CASE, CompareScenario, Placement
-from testbench.questions.compare.seen import Known, sensors_of, unknowns, wanted_modes
 from testbench.sensors import SensorSuite, load_suite
 
 _AT_ONCE = 64  # repetitions in turbulence that are flown together

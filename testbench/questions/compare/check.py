@@ -8,8 +8,8 @@ from testbench.flight import load_aircraft
 from testbench.information.aircraft_structure import parameter_names
 from testbench.information.modes import RIGID_MODES, elastic_modes
 from testbench.questions.compare.placement import templates
+from testbench.questions.compare.prediction import sensors_of
 from testbench.questions.compare.scenario import CompareScenario
-from testbench.questions.compare.seen import sensors_of
 from testbench.questions.run.check import check as check_flight
 from testbench.sensors import load_suite
 

@@ -25,9 +25,8 @@ from testbench.evaluation.statistics import (
 from testbench.flight.batch.jobs import Tally
 from testbench.page.shown import Shown
 from testbench.questions.compare.placement import Placed
-from testbench.questions.compare.prediction import Prediction
+from testbench.questions.compare.prediction import Known, Prediction
 from testbench.questions.compare.scenario import BEST_CASE, CompareScenario
-from testbench.questions.compare.seen import Known
 from testbench.sensors import SensorSuite
 
 _WN = "wn of "

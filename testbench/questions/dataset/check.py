@@ -9,9 +9,8 @@ from testbench.core.errors import Faults, LimitError, nearest
 from testbench.effects import Effect, catalogue, left_out
 from testbench.flight import load_aircraft
 from testbench.inputs import build
-from testbench.questions.campaign.draws import middle
+from testbench.questions.campaign.draws import check_target, is_scenario_key, middle
 from testbench.questions.campaign.scenario import Uncertainty
-from testbench.questions.campaign.targets import check_target, is_scenario_key
 from testbench.questions.dataset.draws import MOST_HIDDEN
 from testbench.questions.dataset.scenario import DatasetScenario, Level
 from testbench.sensors import SensorSuite, load_suite

@@ -19,7 +19,7 @@ from testbench.flight.batch.jobs import Job, Simulator
 from testbench.flight.batch.linear import linearise_many
 from testbench.flight.batch.trim import trim_many
 from testbench.inputs import InputSignal, build
-from testbench.questions.campaign.targets import change_aircraft, change_suites
+from testbench.questions.campaign.draws import change_aircraft, change_suites
 from testbench.questions.dataset.draws import Draw, aircraft_of, draw, true_figures
 from testbench.questions.dataset.layout import Layout, label
 from testbench.questions.dataset.scenario import SPLITS, DatasetScenario

@@ -15,8 +15,8 @@ from testbench.core.store import OWN, ResultFolder, entry_of, manifest_of
 from testbench.page.html import text_page
 from testbench.questions.exercise.answers import ANSWERS, template
 from testbench.questions.exercise.exercise import Case, Exercise, Handout
-from testbench.questions.exercise.notebook import NOTEBOOK, notebook
 from testbench.questions.exercise.seal import CATALOGUE, Seal, load_exercise, seal
+from testbench.questions.exercise.show import NOTEBOOK, notebook
 
 CARD, GIVEN, TEXT, TEXT_PAGE = "exercise.toml", "given.toml", "README.md", "README.html"
 _LONGEST = 80

@@ -121,7 +121,7 @@ def show(
     from testbench.core.paths import STOCK
     from testbench.core.processes import cores, processes
     from testbench.core.store import ResultFolder, folder_in
-    from testbench.page.write import record_keeper
+    from testbench.page.page import record_keeper
     from testbench.questions.gap.ask import run_flights, run_gap
     from testbench.questions.gap.page import gap_page
     from testbench.questions.gap.records import load_flights

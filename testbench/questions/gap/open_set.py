@@ -25,7 +25,7 @@ from scipy.ndimage import gaussian_filter1d
 from testbench.aircraft import Aircraft, Amendment, Increment, Memory
 from testbench.aircraft.amend import Change
 from testbench.aircraft.reactions import MOTIONS
-from testbench.aircraft.reroute import product, prop, value
+from testbench.aircraft.seams import product, prop, value
 from testbench.core.constants import FT_M
 from testbench.core.errors import ModelError
 from testbench.core.record import FlightRecord, FloatArray

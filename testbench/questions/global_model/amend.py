@@ -16,7 +16,7 @@ from testbench.aircraft import Aircraft, Insert
 from testbench.aircraft.adapter import PREFIX, declare
 from testbench.aircraft.amend import Change, ReplaceCoefficient
 from testbench.aircraft.reactions import MOTIONS
-from testbench.aircraft.reroute import product, prop, value
+from testbench.aircraft.seams import product, prop, value
 from testbench.core.constants import FT_M
 from testbench.core.errors import ModelError
 from testbench.core.escape import markdown_cell, markdown_table

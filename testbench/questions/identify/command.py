@@ -81,7 +81,7 @@ def command(
     """
     from testbench.core.errors import TestbenchError
     from testbench.core.store import ResultFolder, folder_in
-    from testbench.page.write import record_keeper
+    from testbench.page.page import record_keeper
     from testbench.questions.identify.amend.ask import amend as write_amended
     from testbench.questions.identify.ask import identify
     from testbench.questions.identify.logs import descriptions_of

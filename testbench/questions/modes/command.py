@@ -58,7 +58,7 @@ def command(
     from testbench.core.paths import find_scenario
     from testbench.core.store import ResultFolder, folder_in
     from testbench.estimators.operational.onset import RISK
-    from testbench.page.write import record_keeper
+    from testbench.page.page import record_keeper
     from testbench.questions.files import find, kinds_of
     from testbench.questions.modes.ask import fly_modes, read_modes, search_for
     from testbench.questions.modes.page import modes_page

@@ -27,9 +27,8 @@ from testbench.page.figure import (
     grid,
 )
 from testbench.page.labels import number
-from testbench.page.page import COMPUTED, FLOWN, Page
+from testbench.page.page import COMPUTED, FLOWN, Page, json_text
 from testbench.page.tables import Column, Table, Value
-from testbench.page.write import json_text
 from testbench.questions.modes.answer import modes_answer
 
 if TYPE_CHECKING:

@@ -7,9 +7,8 @@ from typing import Any
 
 from testbench.core.constants import PERCENT
 from testbench.design.realise import INTERVAL
-from testbench.page.page import COMPUTED, Content, Page, source_of
+from testbench.page.page import COMPUTED, Content, Page, json_text, source_of
 from testbench.page.tables import Column, Table, Value
-from testbench.page.write import json_text
 from testbench.questions.design.answer import is_ratio
 from testbench.questions.plan.card_text import card_stem
 from testbench.questions.plan.close_answer import close_answer

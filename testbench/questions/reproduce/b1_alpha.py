@@ -18,8 +18,18 @@ from testbench.page.tables import Column, Table, Value
 from testbench.page.words import listed
 from testbench.questions.reproduce.bench import attempt, bench, dsr_e, scores, subspace
 from testbench.questions.reproduce.printed import B1_FUTURE, B1_PAST, TABLE_4
-from testbench.questions.reproduce.section import Comparison, Say, Section, line, plate
-from testbench.questions.reproduce.verdict import Why, claim_row, judge_number, number_row, taken_over
+from testbench.questions.reproduce.section import (
+    Comparison,
+    Say,
+    Section,
+    Why,
+    claim_row,
+    judge_number,
+    line,
+    number_row,
+    plate,
+    taken_over,
+)
 from testbench.sensors import load_suite
 
 OUTPUTS = {"without": ("q", "V", "theta"), "with": ("q", "V", "alpha", "theta")}

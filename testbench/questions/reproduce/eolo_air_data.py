@@ -22,8 +22,7 @@ from testbench.page.tables import Column, Table, Value
 from testbench.page.words import listed
 from testbench.questions.reproduce.bench import Bench, attempt, bench, dsr_e, lost_poles
 from testbench.questions.reproduce.printed import EOLO_FUTURE, EOLO_PAST
-from testbench.questions.reproduce.section import Comparison, Say, Section, line, plate
-from testbench.questions.reproduce.verdict import Why, claim_row
+from testbench.questions.reproduce.section import Comparison, Say, Section, Why, claim_row, line, plate
 from testbench.sensors import load_suite
 
 SEEDS = 8

@@ -15,8 +15,7 @@ from testbench.inputs import build
 from testbench.page.figure import Panel, Plate
 from testbench.page.tables import Column, Table
 from testbench.questions.reproduce.bench import Bench, attempt, bench, dsr_e, subspace
-from testbench.questions.reproduce.section import Comparison, Say, Section, line, plate
-from testbench.questions.reproduce.verdict import Why, claim_row, span
+from testbench.questions.reproduce.section import Comparison, Say, Section, Why, claim_row, line, plate, span
 from testbench.sensors import load_suite
 
 GAIN_S = 0.8

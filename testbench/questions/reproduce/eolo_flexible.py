@@ -17,8 +17,7 @@ from testbench.page.figure import Panel, Plate
 from testbench.page.labels import symbol
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.reproduce.bench import Bench, attempt, bench, subspace
-from testbench.questions.reproduce.section import Comparison, Say, Section, line, plate
-from testbench.questions.reproduce.verdict import Why, claim_row, not_printed
+from testbench.questions.reproduce.section import Comparison, Say, Section, Why, claim_row, line, not_printed, plate
 from testbench.sensors import load_suite
 
 SUITES = {

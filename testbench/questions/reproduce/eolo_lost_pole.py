@@ -21,8 +21,7 @@ from testbench.page.tables import Column, Table
 from testbench.page.words import listed
 from testbench.questions.reproduce.bench import Bench, bench, dsr_e, lost_poles, subspace
 from testbench.questions.reproduce.printed import EOLO_FUTURE, EOLO_PAST, STATED_Z3
-from testbench.questions.reproduce.section import Comparison, Say, Section, line, plate
-from testbench.questions.reproduce.verdict import Why, claim_row, span
+from testbench.questions.reproduce.section import Comparison, Say, Section, Why, claim_row, line, plate, span
 from testbench.sensors import SensorSuite, load_suite
 
 OUTPUTS = ("q", "V", "theta")

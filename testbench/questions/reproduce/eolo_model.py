@@ -29,8 +29,18 @@ from testbench.questions.reproduce.printed import (
     VALIDATION,
     A,
 )
-from testbench.questions.reproduce.section import Comparison, Say, Section, line, plate
-from testbench.questions.reproduce.verdict import SAME, Why, claim_row, number_row, taken_over
+from testbench.questions.reproduce.section import (
+    SAME,
+    Comparison,
+    Say,
+    Section,
+    Why,
+    claim_row,
+    line,
+    number_row,
+    plate,
+    taken_over,
+)
 from testbench.questions.run.ask import run
 from testbench.questions.run.result import RunResult
 from testbench.questions.run.scenario import Scenario

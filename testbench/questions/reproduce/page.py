@@ -19,8 +19,7 @@ from testbench.page.page import versions
 from testbench.page.publish import asked, publish
 from testbench.page.tables import Table
 from testbench.page.terminal import print_answer
-from testbench.questions.reproduce.section import Chapter, Comparison, check_table, comparison_table
-from testbench.questions.reproduce.verdict import LAWS, tally
+from testbench.questions.reproduce.section import LAWS, Chapter, Comparison, check_table, comparison_table, tally
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -40,8 +40,11 @@ from testbench.questions.reproduce.printed import (
     K,
     shown,
 )
-from testbench.questions.reproduce.section import Comparison, Equation, Say, Section
-from testbench.questions.reproduce.verdict import (
+from testbench.questions.reproduce.section import (
+    Comparison,
+    Equation,
+    Say,
+    Section,
     Why,
     claim_row,
     judge_number,

@@ -31,9 +31,20 @@ from testbench.questions.reproduce.printed import (
     SHARE_PERCENT,
     TRANSFER_FUNCTIONS,
 )
-from testbench.questions.reproduce.section import Comparison, Say, Section, line, plate
+from testbench.questions.reproduce.section import (
+    Comparison,
+    Say,
+    Section,
+    Why,
+    claim_row,
+    judge_number,
+    line,
+    number_row,
+    plate,
+    span,
+    taken_over,
+)
 from testbench.questions.reproduce.taurus_model import fast_pair, peak_rad_s, printed_poles
-from testbench.questions.reproduce.verdict import Why, claim_row, judge_number, number_row, span, taken_over
 from testbench.sensors import SensorSuite, load_suite
 
 OUTPUTS = ("theta", "q", "u", "h")

@@ -15,9 +15,8 @@ from testbench.page.figure import Panel, Plate
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.reproduce.bench import Bench, attempt, bench
 from testbench.questions.reproduce.printed import DOUBLET_S, LOG_HZ
-from testbench.questions.reproduce.section import Comparison, Say, Section, line, plate
+from testbench.questions.reproduce.section import Comparison, Say, Section, Why, claim_row, line, plate
 from testbench.questions.reproduce.taurus_model import fast_pair
-from testbench.questions.reproduce.verdict import Why, claim_row
 from testbench.sensors import load_suite
 
 PERIODS_S = (DOUBLET_S, 0.5)

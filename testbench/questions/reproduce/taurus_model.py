@@ -13,8 +13,18 @@ from testbench.page.figure import DOTTED, Panel, Plate, Rule
 from testbench.page.labels import number, shown_unit, symbol
 from testbench.page.tables import Column, Table
 from testbench.questions.reproduce.printed import DOUBLET_S, LOG_HZ, TRANSFER_FUNCTIONS, polynomial
-from testbench.questions.reproduce.section import Comparison, Say, Section, line, plate
-from testbench.questions.reproduce.verdict import Why, claim_row, not_printed, number_row, span
+from testbench.questions.reproduce.section import (
+    Comparison,
+    Say,
+    Section,
+    Why,
+    claim_row,
+    line,
+    not_printed,
+    number_row,
+    plate,
+    span,
+)
 from testbench.questions.run.ask import run
 from testbench.questions.run.result import RunResult
 from testbench.questions.run.scenario import Scenario

@@ -31,8 +31,7 @@ def command(
     from testbench.core.named import obtain
     from testbench.core.record import FlightAborted
     from testbench.core.store import ResultFolder, folder_in
-    from testbench.page.page import Page
-    from testbench.page.write import record_keeper
+    from testbench.page.page import Page, record_keeper
     from testbench.questions.run.ask import run
     from testbench.questions.run.page import run_page
     from testbench.questions.run.scenario import Scenario

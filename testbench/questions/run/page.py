@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from testbench.core.scenario.base import FlownAt
 from testbench.page.labels import file_stem, unique
-from testbench.page.page import COMPUTED, FLOWN, Page, source_of
+from testbench.page.page import COMPUTED, FLOWN, Page, json_text, source_of
 from testbench.page.tables import Table
-from testbench.page.write import json_text
 from testbench.questions.files import promise_beside
 from testbench.questions.run.answer import run_answer
 from testbench.questions.run.figures import plates

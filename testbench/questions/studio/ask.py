@@ -34,7 +34,7 @@ from testbench.questions.design.pose import limits_of, problem_of
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.plan.new import plan_head
 from testbench.sensors import SensorSuite, load_suite
-from testbench.sensors.files import suite_toml
+from testbench.sensors.suite import suite_toml
 
 SPEEDS = {"taurus": (9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 16.0, 18.0), "eolo": (11.0, 12.0, 13.0, 14.0, 15.0, 16.0, 17.0,
           18.0, 19.0, 20.0)}  # fmt: skip

@@ -19,13 +19,11 @@ from testbench.aircraft.geometry.aerodynamics import (
     downwash_gradient,
     finite_slope,
 )
-from testbench.aircraft.geometry.airfoils import airfoil
-from testbench.aircraft.geometry.build import _remarks
-from testbench.aircraft.geometry.describe import limits_of
+from testbench.aircraft.geometry.build import _remarks, limits_of
 from testbench.aircraft.geometry.lattice import Lattice, _inertia_factors, body, share, sidewash
 from testbench.aircraft.geometry.model_xml import Polar
 from testbench.aircraft.geometry.schema import Limits
-from testbench.aircraft.geometry.shape import Hull, LiftingSurface, Plane, Station
+from testbench.aircraft.geometry.shape import Hull, LiftingSurface, Plane, Station, airfoil
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import ModelError
 

@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from testbench.aircraft.geometry.airfoils import airfoil
 from testbench.aircraft.geometry.lattice import Lattice
-from testbench.aircraft.geometry.shape import Flap, LiftingSurface, Plane, Station
+from testbench.aircraft.geometry.shape import Flap, LiftingSurface, Plane, Station, airfoil
 
 FLAT, CAMBERED = airfoil("naca0010"), airfoil("naca4410")
 STEP = 1e-3

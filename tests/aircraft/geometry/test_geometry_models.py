@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from testbench.aircraft.geometry.aerodynamics import Aerodynamics, Method
+from testbench.aircraft.geometry.build import _chords
 from testbench.aircraft.geometry.coefficients import ROWS, coefficients
-from testbench.aircraft.geometry.describe import _chords
 from testbench.aircraft.geometry.model_xml import engine_files
 from testbench.aircraft.geometry.propulsion import LEAST_THROTTLE, equilibrium, fit, thrust_law
 from testbench.aircraft.geometry.read import read_plan

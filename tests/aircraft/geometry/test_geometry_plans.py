@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from testbench.aircraft.geometry.airfoils import airfoil, naca
 from testbench.aircraft.geometry.read import read_plan
+from testbench.aircraft.geometry.shape import airfoil, naca
 from testbench.core.errors import RecordError, ScenarioError
 
 PLANS = Path(__file__).parent / "plans"

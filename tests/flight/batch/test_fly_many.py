@@ -31,7 +31,7 @@ from testbench.flight.batch.functions import Functions
 from testbench.flight.batch.jobs import BATCH, Job, Tally
 from testbench.flight.condition import Start, TrimmedFlight
 from testbench.flight.trim import horizon_rates
-from testbench.questions.campaign.targets import change_aircraft
+from testbench.questions.campaign.draws import change_aircraft
 
 CONDITIONS = {
     "taurus": tb.FlightCondition(13.0, 100.0),

@@ -15,7 +15,7 @@ from testbench.flight import TrimmedFlight, linearise
 from testbench.flight.air import Air
 from testbench.flight.batch.linear import linearise_many
 from testbench.flight.batch.trim import trim_many
-from testbench.questions.campaign.targets import change_aircraft
+from testbench.questions.campaign.draws import change_aircraft
 
 
 @pytest.mark.parametrize(("name", "V", "h"), [("taurus", 13.0, 100.0), ("eolo", 16.0, 547.0), ("b1", 200.0, 3000.0)])

@@ -18,8 +18,7 @@ from testbench.aircraft.model import MassProperties
 from testbench.aircraft.strips.fit import fit_strips, helmbold
 from testbench.aircraft.strips.flexible import make_flexible
 from testbench.aircraft.strips.ground_test import read_ground_test
-from testbench.aircraft.strips.loads import elastic_toml
-from testbench.aircraft.strips.shapes import Shape
+from testbench.aircraft.strips.loads import Shape, elastic_toml
 from testbench.core.constants import DEG_RAD
 from testbench.core.paths import AIRCRAFT_MODELS, SCENARIOS
 from testbench.flight import FlightCondition, linearise, load_aircraft, trim

@@ -13,9 +13,9 @@ from testbench.core.errors import ModelError
 from testbench.flight import FlightCondition, linearise, load_aircraft, trim
 from testbench.flight.executive import Executive
 from testbench.questions.campaign.ask import fly_campaign
+from testbench.questions.campaign.draws import change_aircraft, change_suites, check_target, set_keys
 from testbench.questions.campaign.load import load_campaign
 from testbench.questions.campaign.store import Store
-from testbench.questions.campaign.targets import change_aircraft, change_suites, check_target, set_keys
 from testbench.sensors import load_suite
 
 CONDITION = FlightCondition(13.0, 100.0)

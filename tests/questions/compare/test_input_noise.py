@@ -16,9 +16,18 @@ from testbench.estimators.parametric.response import Sampling, respond
 from testbench.estimators.prepare import prepare
 from testbench.information.fisher import Accuracy
 from testbench.questions.compare.ask import _known, model_errors
-from testbench.questions.compare.prediction import best_estimate, lagged_structure, predict, second_order_share
+from testbench.questions.compare.prediction import (
+    best_estimate,
+    experiment_of,
+    input_of,
+    lagged_structure,
+    predict,
+    second_order_share,
+    sensors_of,
+    structure_seen,
+    targets_of,
+)
 from testbench.questions.compare.scenario import CompareScenario
-from testbench.questions.compare.seen import experiment_of, input_of, sensors_of, structure_seen, targets_of
 from testbench.sensors import load_suite
 
 RATE_HZ = 500.0

@@ -11,8 +11,8 @@ from testbench.core.errors import ModelError
 from testbench.information.fisher import cost
 from testbench.questions.compare.ask import _known, _place
 from testbench.questions.compare.placement import best_set, brute_force, candidate_stations, informations, templates
+from testbench.questions.compare.prediction import experiment_of, sensors_of, unknowns, wanted_modes
 from testbench.questions.compare.scenario import CompareScenario
-from testbench.questions.compare.seen import experiment_of, sensors_of, unknowns, wanted_modes
 from testbench.sensors import load_suite
 
 

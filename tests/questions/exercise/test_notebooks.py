@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from testbench.questions.exercise.ask import start
-from testbench.questions.exercise.notebook import notebook
 from testbench.questions.exercise.seal import CATALOGUE, NAMES, PUBLIC_KEY, VARIABLE, load_exercise
+from testbench.questions.exercise.show import notebook
 
 nbformat = pytest.importorskip("nbformat", reason="the notebooks are run with nbformat: install the extra 'teaching'")
 nbclient = pytest.importorskip("nbclient", reason="the notebooks are run with nbclient: install the extra 'teaching'")

@@ -20,7 +20,7 @@ from testbench.core.record import FlightAborted
 from testbench.core.store import ResultFolder
 from testbench.effects import EFFECTS
 from testbench.flight import FlightCondition
-from testbench.page.write import record_keeper
+from testbench.page.page import record_keeper
 from testbench.questions.gap.ask import run_flights, run_gap
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import quiet_samples

@@ -23,8 +23,7 @@ from testbench.questions.reproduce import paper_checks, printed
 from testbench.questions.reproduce.ask import CHAPTERS, reproduce
 from testbench.questions.reproduce.page import PAGE, groups, summary, write_reproduction
 from testbench.questions.reproduce.printed import polynomial
-from testbench.questions.reproduce.section import VERDICTS, Chapter, Section, line, plate
-from testbench.questions.reproduce.verdict import Why, claim_row, number_row
+from testbench.questions.reproduce.section import VERDICTS, Chapter, Section, Why, claim_row, line, number_row, plate
 
 pytestmark = pytest.mark.drawn
 

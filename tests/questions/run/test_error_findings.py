@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 from testbench.evaluation.derivatives import ParameterEstimate
 from testbench.page.words import MOST_WORDS
-from testbench.questions.run.findings import error_findings
+from testbench.questions.run.result import error_findings
 
 
 def case(name: str, off: list[float]) -> SimpleNamespace:

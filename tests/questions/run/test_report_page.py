@@ -23,9 +23,8 @@ from testbench.core.files import write_file
 from testbench.core.record import load_record
 from testbench.core.store import OWN, ResultFolder
 from testbench.page.html import first_screen, render, svg_uri
-from testbench.page.page import source_of
+from testbench.page.page import record_keeper, source_of
 from testbench.page.shown import write_results
-from testbench.page.write import record_keeper
 from testbench.questions.run.page import run_page
 
 pytestmark = pytest.mark.drawn

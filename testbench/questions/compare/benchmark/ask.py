@@ -23,9 +23,8 @@ from testbench.estimators.continuous import ContinuousTransferModel
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.state_space import StateSpaceModel
-from testbench.questions.compare.benchmark.entries import Entry, entries
 from testbench.questions.compare.benchmark.flights import INPUTS, OUTPUTS
-from testbench.questions.compare.benchmark.result import Benchmark, Cell
+from testbench.questions.compare.benchmark.result import Benchmark, Cell, Entry, entries
 from testbench.questions.compare.benchmark.sets import FIRST_SEED, SETS, Flown, definition, flown, sha256
 
 KEPT = "cells.jsonl"

@@ -9,8 +9,8 @@ from pathlib import Path
 from testbench.core.errors import ScenarioError
 from testbench.core.store import ResultFolder, folder_in
 from testbench.page.labels import file_stem
+from testbench.page.page import record_keeper
 from testbench.page.terminal import console, stages
-from testbench.page.write import record_keeper
 from testbench.questions.identify.page import identify_page
 from testbench.questions.identify.pool.ask import agreed, identify_and_pool, parts_of
 from testbench.questions.identify.pool.page import pool_page
