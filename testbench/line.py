@@ -16,10 +16,9 @@ from testbench.aircraft import Aircraft
 from testbench.core.bring import short
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import EstimationError, Refusal, located
-from testbench.core.named import Named, obtain, obtain_all
+from testbench.core.named import Named, obtain_all
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.base import Condition, FlownAt, FlownInAir, Preparation, Simulation
-from testbench.core.scenario.inputs import Input
 from testbench.estimators import estimate
 from testbench.estimators.cells import FailedCell, aside_for, contained, need_numbers
 from testbench.estimators.identification import Estimator, Identification, estimator_name
@@ -27,11 +26,10 @@ from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepared
 from testbench.evaluation import Evaluation, evaluate
 from testbench.evaluation.truth import Truth, told_of
-from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, linearise, trim
-from testbench.flight.air import Air, air_of
+from testbench.flight import FlightCondition, TrimmedFlight, linearise, trim
+from testbench.flight.air import air_of
 from testbench.flight.batch.jobs import Job
 from testbench.flight.simulate import aborted
-from testbench.inputs import InputSignal, build
 from testbench.sensors import SensorSuite
 
 _DOUBLED = 100.0  # growth of a motion beyond which its own instability, not the input, ends a flight
@@ -100,71 +98,20 @@ def log_rate(simulation: Simulation, suites: Sequence[SensorSuite]) -> float:
 
 
 def fly_and_measure(
-    aircraft: Named[Aircraft],
-    trimmed: TrimmedFlight,
-    name: str,
-    inputs: Sequence[Input] | InputSignal,
-    duration_s: float = 0.0,
-    *,
-    log_rate_hz: float,
-    settle_s: float = 0.0,
+    job: Job,
     suites: Sequence[Named[SensorSuite]] = (),
     seed: int = 0,
-    air: Air | None = None,
-    channels: Sequence[str] | None = None,
-) -> Flight:
-    """Fly one manoeuvre from trim and measure it through every suite.
-
-    Args:
-        aircraft: what flies.
-        trimmed: where it starts; gives the simulation rate.
-        name: of the manoeuvre.
-        inputs: entries of a scenario, or a signal at the simulation rate as changes from trim.
-        duration_s: of entries of a scenario, s; a signal has its own.
-        log_rate_hz: of the truth, Hz; divides the simulation rate.
-        settle_s: undisturbed flight before the inputs, s.
-        suites: each makes one measured record; none if the truth alone is wanted.
-        seed: of the noise of every suite: sensors that two suites share have the same noise.
-        air: turbulence and gust; as trimmed if not given.
-        channels: of the truth to log; all if not given.
-
-    Raises:
-        LimitError: a rate, a command or the air breaks its law.
-        FlightAborted: the flight left the aircraft's limits; the error carries the record.
-
-    Example:
-        >>> import testbench as tb
-        >>> scenario = tb.load_scenario("taurus_doublet")
-        >>> aircraft = tb.load_aircraft("taurus")
-        >>> trimmed = tb.trim(aircraft, tb.FlightCondition(12.0, 100.0))
-        >>> spec = scenario.manoeuvre[0]
-        >>> suite = tb.load_suite("taurus_8hz")
-        >>> flight = tb.fly_and_measure(
-        ...     aircraft, trimmed, spec.name, spec.input, spec.duration_s, log_rate_hz=40.0, suites=[suite], seed=1
-        ... )
-        >>> flight.measured["taurus_8hz"].channels
-        ('theta', 'q', 'u', 'h', 'de_cmd')
-    """
-    manoeuvre = manoeuvre_of(name, inputs, duration_s, settle_s, trimmed.rate_hz)
-    logged = None if channels is None else tuple(channels)
-    return measured(Job(obtain(Aircraft, aircraft), trimmed, manoeuvre, log_rate_hz, logged, air), suites, seed)
-
-
-def measured(
-    job: Job,
-    suites: Sequence[Named[SensorSuite]],
-    seed: int,
     use: str = "identification",
     settled: bool = False,
     keep: Keep | None = None,
     flown: FlightRecord | None = None,
 ) -> Flight:
-    """Fly what is wanted, if it has not been flown already, and measure it through every suite.
+    """Fly one manoeuvre from trim, if it has not been flown already, and measure it through every suite.
 
     Args:
-        job: what is wanted.
-        suites: as of :func:`fly_and_measure`.
-        seed: likewise.
+        job: what is wanted: aircraft, trim, manoeuvre, rate of the log, channels and air.
+        suites: each makes one measured record; none if the truth alone is wanted.
+        seed: of the noise of every suite: sensors that two suites share have the same noise.
         use: what the record is for.
         settled: measured records begin where the inputs do.
         keep: gets the truth as NAME_truth (NAME_aborted if the flight ends early) and records as NAME_SUITE.
@@ -173,6 +120,16 @@ def measured(
     Raises:
         LimitError: a rate, a command or the air breaks its law.
         FlightAborted: the flight left the aircraft's limits; the error carries the record.
+
+    Example:
+        >>> import testbench as tb
+        >>> spec = tb.load_scenario("taurus_doublet").manoeuvre[0]
+        >>> aircraft = tb.load_aircraft("taurus")
+        >>> trimmed = tb.trim(aircraft, tb.FlightCondition(12.0, 100.0))
+        >>> doublet = tb.Manoeuvre.of(spec.name, spec.input, spec.duration_s, trimmed.rate_hz)
+        >>> flight = tb.fly_and_measure(tb.Job(aircraft, trimmed, doublet, log_rate_hz=40.0), ["taurus_8hz"], seed=1)
+        >>> flight.measured["taurus_8hz"].channels
+        ('theta', 'q', 'u', 'h', 'de_cmd')
     """
     name, settle_s = job.manoeuvre.name, job.manoeuvre.settle_s
     try:
@@ -222,18 +179,6 @@ def flown_already(
     if flown.outcome == "aborted":
         raise _with_instability(aborted(flown, aircraft.name, name, log_rate_hz), aircraft, trimmed, name)
     return flown
-
-
-def manoeuvre_of(
-    name: str, inputs: Sequence[Input] | InputSignal, duration_s: float, settle_s: float, rate_hz: float
-) -> Manoeuvre:
-    """Return a manoeuvre from entries of a scenario, or from a signal at the simulation rate.
-
-    Raises:
-        LimitError: an entry breaks its law.
-    """
-    signal = inputs if isinstance(inputs, InputSignal) else build(inputs, duration_s, rate_hz)
-    return Manoeuvre(name, signal, settle_s)
 
 
 def _with_instability(error: FlightAborted, aircraft: Aircraft, trimmed: TrimmedFlight, name: str) -> FlightAborted:

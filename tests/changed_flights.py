@@ -48,7 +48,7 @@ def flown(aircraft: Aircraft, V: float, h: float, signals: Mapping[str, object],
     trimmed = tb.trim(aircraft, tb.FlightCondition(V, h), FLOWN_HZ)
     t = np.arange(round(seconds * FLOWN_HZ)) / FLOWN_HZ
     signal = InputSignal(t, np.column_stack([f(t) for f in signals.values()]), tuple(signals))
-    return fly_and_measure(aircraft, trimmed, "flight", signal, log_rate_hz=RATE_HZ).flown
+    return fly_and_measure(tb.Job(aircraft, trimmed, tb.Manoeuvre("flight", signal, 0.0), RATE_HZ)).flown
 
 
 def described(

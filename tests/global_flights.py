@@ -106,10 +106,8 @@ def truths(name: str, count: int = 10, duration_s: float = 60.0) -> tuple[Flight
             )
             for k, (c, size) in enumerate(zip(("de", "da", "dr"), envelope.sizes_deg, strict=True))
         ]  # fmt: skip
-        flight = tb.fly_and_measure(
-            flown, trimmed, f"log{i + 1}", inputs, duration_s, log_rate_hz=_LOG_HZ, settle_s=0.0
-        )
-        out.append(flight.flown)
+        manoeuvre = tb.Manoeuvre.of(f"log{i + 1}", inputs, duration_s, trimmed.rate_hz)
+        out.append(tb.fly_and_measure(tb.Job(flown, trimmed, manoeuvre, _LOG_HZ)).flown)
     return tuple(out)
 
 

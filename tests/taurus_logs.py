@@ -77,9 +77,8 @@ def write_log(
         StandardMultistep(signal="3211", control="de", start_s=start, step_s=0.12, amplitude_deg=0.6 * sign)
         for start, sign in ((2.0, 1.0), (6.0, -1.0), (10.0, 1.0), (14.0, -1.0), (32.0, 1.0), (36.0, -1.0))
     ]
-    flight = tb.fly_and_measure(
-        aircraft, trimmed, name, inputs, 58.0, log_rate_hz=60.0, settle_s=2.0, channels=tuple(NOISE)
-    )
+    manoeuvre = tb.Manoeuvre.of(name, inputs, 58.0, trimmed.rate_hz, settle_s=2.0)
+    flight = tb.fly_and_measure(tb.Job(aircraft, trimmed, manoeuvre, 60.0, tuple(NOISE)))
     rng = np.random.default_rng(seed)
     record = flight.flown.select(tuple(NOISE))
     data = record.data + rng.standard_normal(record.data.shape) * np.array(list(NOISE.values()))

@@ -30,7 +30,7 @@ from testbench.evaluation.modes import roots_of
 from testbench.flight import LinearModel, TrimmedFlight
 from testbench.flight.air import Air
 from testbench.flight.batch.jobs import Job, Simulator, Tally
-from testbench.line import manoeuvre_of
+from testbench.flight.simulate import Manoeuvre
 
 FACTORS = (0.7, 1.3)
 """Static stability, or natural frequency, over the believed one. These are two standard deviations of the 15 % by which
@@ -130,7 +130,7 @@ class Flier:
         for (member, design, air), envelope in zip(flights, envelopes, strict=True):
             rate = member.trimmed.rate_hz
             names = [*envelope.channels, *design.controls, *(f"{c}_cmd" for c in design.controls), *SHOWN]
-            manoeuvre = manoeuvre_of(design.family, design.specs, design.duration_s, 0.0, rate)
+            manoeuvre = Manoeuvre.of(design.family, design.specs, design.duration_s, rate)
             log = rate / max(1, int(rate // _LOG_HZ))
             jobs.append(Job(member.aircraft, member.trimmed, manoeuvre, log, tuple(dict.fromkeys(names)), air))
         out: list[Flight | Refusal] = []

@@ -29,8 +29,8 @@ from testbench.design.problem import Design, misled, rescaled, seen_in
 from testbench.estimators.prepare import prepared
 from testbench.flight.air import Air, air_of
 from testbench.flight.batch.jobs import Job
+from testbench.flight.simulate import Manoeuvre
 from testbench.information.fisher import accuracy
-from testbench.line import manoeuvre_of
 from testbench.sensors import Sensor, SensorSuite
 
 FALSE_ALARM = 0.01
@@ -230,7 +230,7 @@ class Range:
         member = self.member
         rate = member.trimmed.rate_hz
         wanted = tuple(dict.fromkeys([*(name for s in self.suite.sensors for name in s.needs), *more]))
-        flown = [manoeuvre_of(d.family, d.specs, d.duration_s, 0.0, rate) for d in designs]
+        flown = [Manoeuvre.of(d.family, d.specs, d.duration_s, rate) for d in designs]
         head = member.aircraft, member.trimmed
         jobs = [Job(*head, m, member.problem.rate_hz, wanted, air) for m in flown for air in airs]
         out: list[FlightRecord | str] = []

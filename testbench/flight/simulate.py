@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -18,12 +18,14 @@ from testbench.core.door import NUMBER, require_room
 from testbench.core.errors import ChannelError, LimitError, nearest
 from testbench.core.named import Named, obtain
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
+from testbench.core.scenario.inputs import Input
 from testbench.flight.air import Air
 from testbench.flight.condition import Start, TrimmedFlight
 from testbench.flight.executive import Executive
 from testbench.flight.recorder import Recorder
 from testbench.flight.start import Beginning
 from testbench.flight.trim import steady_wind
+from testbench.inputs import build
 from testbench.inputs.signal import InputSignal
 
 _JSBSIM = version("jsbsim")  # asked once: the answer takes as long as a flight of some seconds
@@ -43,6 +45,15 @@ class Manoeuvre:
     name: str
     signal: InputSignal
     settle_s: float = 2.0
+
+    @classmethod
+    def of(cls, name: str, inputs: Sequence[Input], duration_s: float, rate_hz: float, settle_s: float = 0.0) -> Self:
+        """Return a manoeuvre from entries of a scenario, at the simulation rate.
+
+        Raises:
+            LimitError: an entry breaks its law.
+        """
+        return cls(name, build(inputs, duration_s, rate_hz), settle_s)
 
     @property
     def duration_s(self) -> float:

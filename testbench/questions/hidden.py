@@ -19,11 +19,14 @@ from testbench.aircraft import Aircraft
 from testbench.core import bring
 from testbench.core.errors import ModelError, Refusal, ScenarioError, nearest
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.core.scenario.base import AircraftName, FlownAt, Manoeuvre
+from testbench.core.scenario.base import AircraftName, FlownAt
+from testbench.core.scenario.base import Manoeuvre as Entry
 from testbench.core.schema import Positive, Strict
 from testbench.effects import Effect, catalogue
 from testbench.flight import FlightCondition, TrimmedFlight, load_aircraft, trim
 from testbench.flight.air import Air, Gust
+from testbench.flight.batch.jobs import Job
+from testbench.flight.simulate import Manoeuvre
 from testbench.inputs import build
 from testbench.inputs.signal import InputSignal
 from testbench.line import fly_and_measure
@@ -310,17 +313,10 @@ def fly_hidden(
         u = np.repeat(commands.u, round(trimmed.rate_hz / suite.rate_hz), axis=0)
         gust, send = real.gust_in(commands.name, not out), real.truth.send
         sent = u if send is None else send(commands.controls, u, 1.0 / trimmed.rate_hz, commands.start.at_s or 0.0)
-        flight = fly_and_measure(
-            aircraft,
-            trimmed,
-            commands.name,
-            InputSignal(np.arange(len(u)) / trimmed.rate_hz, sent, commands.controls),
-            log_rate_hz=suite.rate_hz,
-            settle_s=commands.settle_s,
-            suites=[sensors],
-            seed=commands.seed,
-            air=commands.air if gust is None else Air(gust=gust, seed=commands.seed),
-        )
+        signal = InputSignal(np.arange(len(u)) / trimmed.rate_hz, sent, commands.controls)
+        manoeuvre = Manoeuvre(commands.name, signal, commands.settle_s)
+        air = commands.air if gust is None else Air(gust=gust, seed=commands.seed)
+        flight = fly_and_measure(Job(aircraft, trimmed, manoeuvre, suite.rate_hz, air=air), [sensors], commands.seed)
         measured = replace(flight.measured[sensors.name], provenance={"manoeuvre": commands.name})
         if send is not None:
             measured = as_issued(measured, u, commands.controls, trimmed, commands.settle_s)
@@ -349,7 +345,7 @@ def measure_hidden(
     real: Real,
     suite: SensorSuite,
     condition: FlightCondition,
-    manoeuvres: Sequence[Manoeuvre],
+    manoeuvres: Sequence[Entry],
     seed: int,
     rate_hz: float | None = None,
     progress: Callable[[str], None] | None = None,

@@ -12,7 +12,9 @@ from testbench.core.paths import stock_root
 from testbench.core.record import FlightAborted
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.flight import FlightCondition, linearise, load_aircraft, trim
+from testbench.flight.batch.jobs import Job
 from testbench.flight.load import adopted_at
+from testbench.flight.simulate import Manoeuvre
 from testbench.inputs import InputSignal
 from testbench.line import fly_and_measure
 from testbench.questions.aircraft.adopt import write_adopted
@@ -37,7 +39,7 @@ def step(aircraft, size_rad, seconds):
     u = np.zeros((n, 1))
     u[: round(0.5 * trimmed.rate_hz)] = size_rad
     signal = InputSignal(np.arange(n) / trimmed.rate_hz, u, ("de",))
-    return fly_and_measure(aircraft, trimmed, "pulse", signal, log_rate_hz=100.0).flown
+    return fly_and_measure(Job(aircraft, trimmed, Manoeuvre("pulse", signal, 0.0), 100.0)).flown
 
 
 def test_an_unstable_aircraft_that_leaves_its_limits_is_told_with_its_time_to_double(folders):

@@ -13,7 +13,9 @@ from testbench.core.contract import Law
 from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
 from testbench.flight import FlightCondition, TrimmedFlight, linearise, trim
+from testbench.flight.batch.jobs import Job
 from testbench.flight.load import DEPARTED
+from testbench.flight.simulate import Manoeuvre
 from testbench.inputs import InputSignal
 from testbench.line import fly_and_measure
 
@@ -61,7 +63,7 @@ def _flight(aircraft: Aircraft, trimmed: TrimmedFlight, control: str | None = No
     u = np.full((n, 1), 0.0 if control is None else _THROTTLE if control == "thr" else _SURFACE_RAD)
     signal = InputSignal(np.arange(n) / trimmed.rate_hz, u, (control or next(iter(aircraft.controls)),))
     log = trimmed.rate_hz / max(1, int(trimmed.rate_hz // _RATE_HZ))
-    return fly_and_measure(aircraft, trimmed, control or "nothing", signal, log_rate_hz=log).flown
+    return fly_and_measure(Job(aircraft, trimmed, Manoeuvre(control or "nothing", signal, 0.0), log)).flown
 
 
 def _rests(still: FlightRecord) -> bool:

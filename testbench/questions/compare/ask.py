@@ -14,7 +14,7 @@ from testbench.core.blas import on_one_thread
 from testbench.core.errors import EstimationError, Refusal, located
 from testbench.core.named import Named, obtain
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.core.scenario.base import Manoeuvre
+from testbench.core.scenario.base import Manoeuvre as Entry
 from testbench.estimators import estimate
 from testbench.estimators.cells import contained, need_numbers
 from testbench.estimators.model import IdentifiedModel
@@ -26,9 +26,10 @@ from testbench.evaluation.modes import match_poles
 from testbench.flight import linearise, load_aircraft
 from testbench.flight.air import air_of
 from testbench.flight.batch.jobs import Job, Simulator, Tally
+from testbench.flight.simulate import Manoeuvre
 from testbench.information.modes import modes_of
 from testbench.information.targets import needed_parameters
-from testbench.line import Report, log_rate, manoeuvre_of, trim_for, truth_of
+from testbench.line import Report, log_rate, trim_for, truth_of
 from testbench.questions.compare.placement import Placed, place, templates
 from testbench.questions.compare.prediction import (
     Known,
@@ -171,7 +172,7 @@ class Experiment:
     tally: Tally = field(default_factory=Tally)
 
     @property
-    def inputs(self) -> list[Manoeuvre]:
+    def inputs(self) -> list[Entry]:
         """The manoeuvres that models are identified from."""
         return [spec for spec in self.scenario.manoeuvre if spec.use == "identification"]
 
@@ -205,7 +206,7 @@ class Experiment:
         for k in repetitions:
             for i, spec in enumerate(scenario.manoeuvre):
                 with located(scenario.file, f"manoeuvre[{i}]"):
-                    manoeuvre = manoeuvre_of(spec.name, spec.input, spec.duration_s, spec.settle_s, trimmed.rate_hz)
+                    manoeuvre = Manoeuvre.of(spec.name, spec.input, spec.duration_s, trimmed.rate_hz, spec.settle_s)
                     air = air_of(scenario.air, scenario.condition.h_m, derived_seed(self.seed, k, i))
                     jobs.append(Job(aircraft, trimmed, manoeuvre, rate, needed, air))
         out: list[dict[str, FlightRecord]] = []
@@ -216,7 +217,7 @@ class Experiment:
                 out[-1][job.manoeuvre.name] = truth_of(job, flown)
         return out
 
-    def _shown(self, suite: SensorSuite, spec: Manoeuvre, truth: FlightRecord, seed: int) -> FlightRecord:
+    def _shown(self, suite: SensorSuite, spec: Entry, truth: FlightRecord, seed: int) -> FlightRecord:
         return prepared(suite.measure(truth, seed), spec.settle_s, self.scenario.preparation)
 
     def errors(

@@ -25,8 +25,9 @@ from testbench.evaluation.operational import TrueMode, match_modes, true_modes
 from testbench.flight import TrimmedFlight, linearise, load_aircraft
 from testbench.flight.air import air_of, scale_lengths
 from testbench.flight.batch.jobs import Job
+from testbench.flight.simulate import Manoeuvre
 from testbench.inputs import InputSignal, build
-from testbench.line import log_rate, manoeuvre_of, measured, trim_for
+from testbench.line import fly_and_measure, log_rate, trim_for
 from testbench.questions.modes.result import ModesResult
 from testbench.questions.modes.scenario import ModeSearch, ModesScenario, TurbulentFlight
 from testbench.sensors import load_suite
@@ -231,10 +232,10 @@ def fly_modes(
         trimmed = trims[spec.V_m_s or scenario.condition.V_m_s]
         say(f"fly {spec.name}")
         with located(where, f"flight[{i}]"):
-            manoeuvre = manoeuvre_of(spec.name, signal_of(spec, trimmed.rate_hz), 0.0, spec.settle_s, trimmed.rate_hz)
+            manoeuvre = Manoeuvre(spec.name, signal_of(spec, trimmed.rate_hz), spec.settle_s)
             air = air_of(scenario.air, scenario.condition.h_m, seed + i)
             job = Job(aircraft, trimmed, manoeuvre, log_rate(scenario.simulation, [suite]), None, air)
-            flight = measured(job, [suite], seed + i, settled=True, keep=keep)
+            flight = fly_and_measure(job, [suite], seed + i, settled=True, keep=keep)
         records[spec.name] = flight.measured[suite.name]
     say("find modes")
     with located(where, "modes"):

@@ -17,6 +17,8 @@ from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.air import LOWEST_M, AirSpec
 from testbench.flight import FlightCondition, trim
 from testbench.flight.air import air_of
+from testbench.flight.batch.jobs import Job
+from testbench.flight.simulate import Manoeuvre
 from testbench.inputs import InputSignal
 from testbench.line import Flight, fly_and_measure
 from testbench.questions.plan.response import scaled
@@ -68,17 +70,9 @@ def _measured(plan: Plan, card: Card, other: Aircraft | None, seed: int) -> Flig
     def flown(after_s: float) -> Flight:
         still = np.zeros((round(after_s * rate), given.u.shape[1]))
         u = np.vstack([given.u, still])
-        return fly_and_measure(
-            aircraft,
-            trimmed,
-            spec.name,
-            InputSignal(np.arange(len(u)) / rate, u, given.channels),
-            log_rate_hz=rate,
-            settle_s=spec.settle_s + QUIET_S,
-            suites=[suite],
-            seed=seed,
-            air=air,
-        )
+        signal = InputSignal(np.arange(len(u)) / rate, u, given.channels)
+        manoeuvre = Manoeuvre(spec.name, signal, spec.settle_s + QUIET_S)
+        return fly_and_measure(Job(aircraft, trimmed, manoeuvre, rate, air=air), [suite], seed)
 
     after_s = AFTER_S
     try:

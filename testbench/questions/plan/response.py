@@ -20,10 +20,9 @@ from testbench.design.limits import Limits, breaches
 from testbench.estimators.parametric.response import Sampling, respond
 from testbench.flight.air import Air, turbulence_rms
 from testbench.flight.batch.jobs import Job
-from testbench.flight.simulate import aborted
+from testbench.flight.simulate import Manoeuvre, aborted
 from testbench.information.aircraft_structure import aircraft_structure, parameter_names
 from testbench.inputs import InputSignal
-from testbench.line import manoeuvre_of
 from testbench.questions.plan.repeats import command_names
 from testbench.questions.plan.result import Point
 from testbench.questions.plan.scenario import PlanLimits, PlannedManoeuvre, PlanScenario, commanded
@@ -122,7 +121,7 @@ class Together:
             LimitError: the signal breaks a law.
         """
         trimmed = task.point.trimmed
-        manoeuvre = manoeuvre_of(task.spec.name, signal, 0.0, task.spec.settle_s, trimmed.rate_hz)
+        manoeuvre = Manoeuvre(task.spec.name, signal, task.spec.settle_s)
         logged = tuple(c for c in channels if c in trimmed.state)  # a glider has no throttle
         return Job(self.aircraft, trimmed, manoeuvre, log_rate_of(trimmed.rate_hz), logged, air)
 

@@ -22,6 +22,8 @@ from testbench.evaluation.metrics import mrse_percent
 from testbench.evaluation.truth import Truth, true_model
 from testbench.flight import TrimmedFlight, load_aircraft
 from testbench.flight.air import Air, turbulence_rms
+from testbench.flight.batch.jobs import Job
+from testbench.flight.simulate import Manoeuvre
 from testbench.line import fly_and_measure, trim_for
 from testbench.questions.run.scenario import Scenario
 
@@ -54,16 +56,8 @@ class Bench:
         if turbulence_m_s:
             rms = turbulence_rms(turbulence_m_s, self.scenario.condition.h_m)
             air = Air(0.0, 0.0, 0.0, rms, None, None, seed)
-        return fly_and_measure(
-            self.aircraft,
-            self.trimmed,
-            name,
-            tuple(inputs),
-            duration_s,
-            log_rate_hz=log_hz,
-            settle_s=settle_s,
-            air=air,
-        ).flown
+        manoeuvre = Manoeuvre.of(name, tuple(inputs), duration_s, self.trimmed.rate_hz, settle_s)
+        return fly_and_measure(Job(self.aircraft, self.trimmed, manoeuvre, log_hz, air=air)).flown
 
 
 def bench(name: str, *amendments: Amendment) -> Bench:

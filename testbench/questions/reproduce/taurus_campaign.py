@@ -16,6 +16,8 @@ from testbench.evaluation.metrics import fit_percent
 from testbench.evaluation.truth import true_model
 from testbench.flight import FlightCondition, TrimmedFlight, load_aircraft, trim
 from testbench.flight.air import Air, turbulence_rms
+from testbench.flight.batch.jobs import Job
+from testbench.flight.simulate import Manoeuvre
 from testbench.line import fly_and_measure
 from testbench.page.figure import Panel, Plate
 from testbench.page.labels import symbol
@@ -96,18 +98,9 @@ def fly_campaign(say: Say, controls: Sequence[str] = ("de", "thr", "da", "dr")) 
                 pilot = signal.pilot.model_copy(update={"jitter_s": 0.1, "seed": number})  # type: ignore[union-attr]
                 inputs = (signal.model_copy(update={"pilot": pilot}),)
                 suite = _suite_for(longitudinal, control)
-                flight = fly_and_measure(
-                    aircraft,
-                    trims[V],
-                    entry.name,
-                    inputs,
-                    entry.duration_s,
-                    log_rate_hz=40.0,
-                    settle_s=2.0,
-                    suites=[suite],
-                    seed=number,
-                    air=Air(0.0, 0.0, 0.0, rms, None, None, number),
-                )
+                manoeuvre = Manoeuvre.of(entry.name, inputs, entry.duration_s, trims[V].rate_hz, settle_s=2.0)
+                air = Air(0.0, 0.0, 0.0, rms, None, None, number)
+                flight = fly_and_measure(Job(aircraft, trims[V], manoeuvre, 40.0, air=air), [suite], number)
                 runs.append(Run(control, V, flight.measured[suite.name]))
     return runs
 

@@ -16,7 +16,8 @@ from testbench.evaluation.truth import Truth, excited, true_model
 from testbench.flight import TrimmedFlight, load_aircraft
 from testbench.flight.air import air_of
 from testbench.flight.batch.jobs import Job
-from testbench.line import Flight, Keep, Report, identify_and_judge, log_rate, manoeuvre_of, measured, trim_for
+from testbench.flight.simulate import Manoeuvre
+from testbench.line import Flight, Keep, Report, fly_and_measure, identify_and_judge, log_rate, trim_for
 from testbench.questions.run.result import RunResult
 from testbench.questions.run.scenario import Scenario
 from testbench.questions.run.seeds import repeat
@@ -134,7 +135,7 @@ def fly_all(scenario: Scenario, ready: Prepared, seed: int, keep: Keep | None, s
         say(f"fly {spec.name}")
         with located(scenario.file, f"manoeuvre[{i}]"):
             flown = ready.flown[i] if ready.flown else None
-            flights.append(measured(job, ready.suites, seed + i, spec.use, keep=keep, flown=flown))
+            flights.append(fly_and_measure(job, ready.suites, seed + i, spec.use, keep=keep, flown=flown))
     return tuple(flights)
 
 
@@ -147,7 +148,7 @@ def wanted_flights(scenario: Scenario, ready: Prepared, seed: int) -> list[Job]:
     rate, out = log_rate(scenario.simulation, ready.suites), []
     for i, spec in enumerate(scenario.manoeuvre):
         with located(scenario.file, f"manoeuvre[{i}]"):
-            manoeuvre = manoeuvre_of(spec.name, spec.input, spec.duration_s, spec.settle_s, ready.trimmed.rate_hz)
+            manoeuvre = Manoeuvre.of(spec.name, spec.input, spec.duration_s, ready.trimmed.rate_hz, spec.settle_s)
             air = air_of(scenario.air, scenario.condition.h_m, seed + i)
         out.append(Job(ready.aircraft, ready.trimmed, manoeuvre, rate, ready.channels, air))
     return out

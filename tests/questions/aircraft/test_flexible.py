@@ -22,7 +22,9 @@ from testbench.aircraft.strips.loads import Shape, elastic_toml
 from testbench.core.constants import DEG_RAD
 from testbench.core.paths import AIRCRAFT_MODELS, SCENARIOS
 from testbench.flight import FlightCondition, linearise, load_aircraft, trim
+from testbench.flight.batch.jobs import Job
 from testbench.flight.executive import Executive
+from testbench.flight.simulate import Manoeuvre
 from testbench.inputs import InputSignal
 from testbench.line import fly_and_measure
 from testbench.questions.aircraft.contract import aircraft_laws
@@ -255,7 +257,7 @@ def test_the_flexible_aircraft_keeps_the_laws_of_aircraft_and_flutters_where_its
         t = np.arange(round(2.0 * loaded.rate_hz)) / loaded.rate_hz
         u = np.where((t > 0.1) & (t < 0.13), 1.0 * DEG_RAD, 0.0)[:, None]
         signal = InputSignal(t, u, ("de",))
-        flown = fly_and_measure(loaded, trimmed, "pulse", signal, log_rate_hz=loaded.rate_hz).flown
+        flown = fly_and_measure(Job(loaded, trimmed, Manoeuvre("pulse", signal, 0.0), loaded.rate_hz)).flown
         eta = np.abs(np.diff(flown["eta_2"]))
         late, early = (eta[round(a * 400.0) : round((a + 0.4) * 400.0)].max() for a in (1.5, 0.5))
         assert (late > early) == grows
@@ -266,7 +268,8 @@ def test_wings_have_accelerometers_and_strain_gauges_that_feel_the_modes(soft):
     trimmed = trim(loaded, FlightCondition(12.0, 100.0))
     t = np.arange(400) / 400.0
     u = np.where(t > 0.2, 1.0 * DEG_RAD, 0.0)[:, None]
-    flown = fly_and_measure(loaded, trimmed, "step", InputSignal(t, u, ("de",)), log_rate_hz=400.0).flown
+    step = Manoeuvre("step", InputSignal(t, u, ("de",)), 0.0)
+    flown = fly_and_measure(Job(loaded, trimmed, step, 400.0)).flown
     tip, root = flown["az_wing_11"], flown["az_wing_6"]
     assert np.std(tip - flown["az"]) > 3.0 * np.std(root - flown["az"]) > 0.0
     assert np.ptp(flown["strain_wing_6"]) > np.ptp(flown["strain_wing_11"])

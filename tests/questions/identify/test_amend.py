@@ -383,7 +383,9 @@ def test_a_delay_is_not_written_but_said_and_what_is_said_delays_the_amended_air
     t = np.arange(round(3.0 * made.new.rate_hz)) / made.new.rate_hz
     signal = tb.InputSignal(t, steps(1.0, 0.24, 0.5)(t)[:, None], ("de",))
     at_once, after = (
-        tb.fly_and_measure(a, tb.trim(a, CONDITION), "step", signal, log_rate_hz=made.new.rate_hz).flown["de"]
+        tb.fly_and_measure(tb.Job(a, tb.trim(a, CONDITION), tb.Manoeuvre("step", signal, 0.0), made.new.rate_hz)).flown[
+            "de"
+        ]
         for a in (made.new, delayed)
     )
     later = round(0.1 * made.new.rate_hz)

@@ -330,7 +330,8 @@ def _at_speed(k: int) -> str:
         Multisine(**shared, control=c, periods=1, stride=3, first=i)  # type: ignore[arg-type]
         for i, c in enumerate(("de", "da", "dr"))
     ]
-    flown = tb.fly_and_measure(aircraft, trimmed, "all", inputs, 5.0, log_rate_hz=48.0, settle_s=0.0).flown
+    manoeuvre = tb.Manoeuvre.of("all", inputs, 5.0, trimmed.rate_hz)
+    flown = tb.fly_and_measure(tb.Job(aircraft, trimmed, manoeuvre, 48.0)).flown
     units = {
         "V": "m/s",
         "h": "m",

@@ -14,6 +14,8 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.record import load_record
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.flight import FlightCondition, TrimmedFlight, linearise, load_aircraft, trim
+from testbench.flight.batch.jobs import Job
+from testbench.flight.simulate import Manoeuvre
 from testbench.inputs.signal import InputSignal
 from testbench.line import fly_and_measure
 from testbench.questions.exercise.answers import description
@@ -61,16 +63,8 @@ def hand_out(case: Case) -> Handout:
     for k, (name, step_s, size_deg) in enumerate((("doublet", 0.25, 3.0), ("held_out", 0.4, -2.0))):
         u = doublet(n, 1.0 / _RATE, 0.0, step_s, size_deg * DEG_RAD)
         signal = InputSignal(np.arange(n) / _RATE, u[:, None], ("de",))
-        flight = fly_and_measure(
-            aircraft,
-            trimmed,
-            name,
-            signal,
-            log_rate_hz=_SUITE.rate_hz,
-            settle_s=_TRIM_S,
-            suites=[_SUITE],
-            seed=case.seed + k,
-        )
+        job = Job(aircraft, trimmed, Manoeuvre(name, signal, _TRIM_S), _SUITE.rate_hz)
+        flight = fly_and_measure(job, [_SUITE], case.seed + k)
         records[name] = flight.measured[_SUITE.name]
     channels = ["de", "alpha", "q"]
     text = description(

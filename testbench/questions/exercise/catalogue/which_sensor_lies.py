@@ -12,6 +12,8 @@ from numpy.random import Generator
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import load_record
 from testbench.flight import FlightCondition, load_aircraft, trim
+from testbench.flight.batch.jobs import Job
+from testbench.flight.simulate import Manoeuvre
 from testbench.inputs.signal import InputSignal
 from testbench.line import fly_and_measure
 from testbench.questions.exercise.answers import description
@@ -71,16 +73,8 @@ def hand_out(case: Case) -> Handout:
         scale = 1.0 + case["size"] if wrong and case["kind"] == "scale" else 1.0
         sensors.append(Sensor(channel, noise_std=noise, bias=bias, scale=scale))
     suite = SensorSuite("exercise", "six instruments", 50.0, tuple(sensors))
-    flight = fly_and_measure(
-        aircraft,
-        trimmed,
-        "compatibility",
-        signal,
-        log_rate_hz=50.0,
-        settle_s=1.0,
-        suites=[suite],
-        seed=case.seed,
-    )
+    job = Job(aircraft, trimmed, Manoeuvre("compatibility", signal, 1.0), suite.rate_hz)
+    flight = fly_and_measure(job, [suite], case.seed)
     record = flight.measured[suite.name]
     text = description(EXERCISE.title, ["flight"], record.channels, ["ax"], ["q"], _ESTIMATOR, trim_s=1.0)
     return Handout({"flight": record}, {"g_m_s2": _GRAVITY}, {"which_sensor_lies.toml": text})
