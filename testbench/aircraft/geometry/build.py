@@ -99,18 +99,17 @@ def model_from_plan(plan: Plan, name: str) -> Made:
         "m/s (SOURCES.md); "
         "not validated against any flight."
     )
-    reference = (plane.S_m2, plane.b_m, plane.cbar_m)
-    xml = model_xml(name, plan.title, note, reference, plan.balance, plan.servos, values, polar, said.motor, thrust)
-    files = {f"{name}.xml": xml}
+    files = {f"{name}.xml": model_xml(name, note, plan, values, polar, thrust)}
     if thrust is not None:
         files |= {f"Engines/{file}": text for file, text in engine_files(thrust).items()}
-    files["SOURCES.md"] = sources_md(name, plan, found, values, polar, thrust, limits, remarks)
-    files["aircraft.toml"] = aircraft_toml(name, plan, centred, found, values, limits)
     copies = {
         (at if not Path(at).is_absolute() and ".." not in Path(at).parts else Path(at).name): path
         for at, path in plan.sources.items()
     }
-    return Made(name, plan, found, values, polar, thrust, files, copies, remarks)
+    made = Made(name, plan, found, values, polar, thrust, files, copies, remarks)
+    files["SOURCES.md"] = sources_md(made, limits)
+    files["aircraft.toml"] = aircraft_toml(name, plan, centred, found, values, limits)
+    return replace(made, files=files)
 
 
 def _remarks(
@@ -265,21 +264,13 @@ def aircraft_toml(
     return "\n".join([*out, f"body_m = [{rows}]", ""])
 
 
-def sources_md(
-    name: str,
-    plan: Plan,
-    found: Aerodynamics,
-    values: Mapping[str, Coefficient],
-    polar: Polar,
-    thrust: Thrust | None,
-    limits: FlownLimits,
-    remarks: tuple[str, ...],
-) -> str:
+def sources_md(made: Made, limits: FlownLimits) -> str:
     """Return the text of SOURCES.md: every number with where it comes from."""
-    plane, b = plan.plane, plan.balance
+    plan, found, thrust = made.plan, made.found, made.thrust
+    plane, b, polar = plan.plane, plan.balance, made.polar
     files = ", ".join(f"`{markdown_cell(n)}`" for n in plan.sources)
     out = [
-        f"# {markdown_cell(name)}: where every number comes from",
+        f"# {markdown_cell(made.name)}: where every number comes from",
         "",
         f"Made by `testbench aircraft new` from {files}. **given** = stands there; **computed**, **estimated** "
         "and **judged** as they",
@@ -332,7 +323,7 @@ def sources_md(
         "| coefficient | build-up | lattice | used | deviation | whose value, and why |",
         "|---|---|---|---|---|---|",
     ]
-    for c in values.values():
+    for c in made.coefficients.values():
         lattice = "" if c.lattice is None else f"{c.lattice:.4g}"
         build = "" if c.buildup is None else f"{c.buildup:.4g}"
         out.append(
@@ -340,15 +331,15 @@ def sources_md(
         )
     out.append("")
     out.append("CD is the drag coefficient at the trimmed alpha; the model carries the polar.")
-    absent = [n for n in ROWS if n not in values]
+    absent = [n for n in ROWS if n not in made.coefficients]
     if absent:
         out.append(f"Zero by symmetry, or for want of a surface: {', '.join(absent)}.")
     if {"de", "da"} <= set(plan.servos) and _shared(plan, "de", "da"):
         out.append("Elevons: elevator and aileron have servos of their own in the model; each may use its whole throw.")
     if {"de", "dr"} <= set(plan.servos) and _shared(plan, "de", "dr"):
         out.append("V-tail: elevator and rudder have servos of their own in the model; each may use its whole throw.")
-    if remarks:
-        out += ["", "## Remarks", "", *(f"- {r[0].upper()}{r[1:]}." for r in remarks)]
+    if made.remarks:
+        out += ["", "## Remarks", "", *(f"- {r[0].upper()}{r[1:]}." for r in made.remarks)]
     return "\n".join([*out, ""])
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from testbench.aircraft.geometry.coefficients import ROWS, Coefficient
 from testbench.aircraft.geometry.masses import Balance
 from testbench.aircraft.geometry.propulsion import Thrust
+from testbench.aircraft.geometry.read import Plan
 from testbench.aircraft.geometry.schema import Motor, Servo
 from testbench.aircraft.geometry.shape import Moved
 from testbench.core.constants import DEG_RAD, FT_M, LBF_N
@@ -44,46 +45,33 @@ class Polar:
 
 
 def model_xml(
-    name: str,
-    title: str,
-    note: str,
-    reference: tuple[float, float, float],
-    balance: Balance,
-    servos: Mapping[Moved, Servo],
-    found: Mapping[str, Coefficient],
-    polar: Polar,
-    motor: Motor | None,
-    thrust: Thrust | None,
+    name: str, note: str, plan: Plan, found: Mapping[str, Coefficient], polar: Polar, thrust: Thrust | None
 ) -> str:
     """Return the text of NAME.xml.
 
     Args:
         name: of the model.
-        title: one line for people.
         note: what the numbers are.
-        reference: S (m2), b, cbar (m).
-        balance: mass and inertias; the structural frame begins at the centre of gravity.
-        servos: control -> what moves it.
+        plan: title, reference, mass, servos and motor; the structural frame begins at the centre of gravity.
         found: the coefficients.
         polar: of the drag.
-        motor: or None for a glider.
-        thrust: its law.
+        thrust: law of the motor, or None for a glider.
     """
-    S, b, cbar = reference
+    plane, balance, servos, motor = plan.plane, plan.balance, plan.servos, plan.said.motor
     parts = [
         '<?xml version="1.0"?>',
         f'<fdm_config name={xml_attribute(name)} version="2.0" release="BETA">',
         "  <fileheader>",
         "    <author>flight-testbench</author>",
         "    <version>1</version>",
-        f"    <description>{xml_text(title)}</description>",
+        f"    <description>{xml_text(plan.title)}</description>",
         f"    <note>{xml_text(note)}</note>",
         "  </fileheader>",
         "",
         "  <metrics>",
-        f'    <wingarea unit="M2">{_n(S)}</wingarea>',
-        f'    <wingspan unit="M">{_n(b)}</wingspan>',
-        f'    <chord unit="M">{_n(cbar)}</chord>',
+        f'    <wingarea unit="M2">{_n(plane.S_m2)}</wingarea>',
+        f'    <wingspan unit="M">{_n(plane.b_m)}</wingspan>',
+        f'    <chord unit="M">{_n(plane.cbar_m)}</chord>',
         *(
             f'    <location name="{point}" unit="M"> <x>0</x> <y>0</y> <z>0</z> </location>'
             for point in ("AERORP", "EYEPOINT", "VRP")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import jsbsim
 import pytest
 
@@ -36,7 +38,9 @@ def test_jsbsim_sums_the_same_point_masses_to_the_same_inertias(tmp_path):
         item(1.0, (-0.8, 0.0, -0.3)), item(0.7, (1.1, 0.0, 0.5)), item(0.5, (0.2, 1.5, 0.1), mirrored=True)
     ]  # fmt: skip
     b = of_items(items)
-    ours = model_xml("ours", "t", "n", (1.0, 1.0, 1.0), b, {}, {}, Polar(0.0, 0.0, 0.0), None, None)
+    reference = SimpleNamespace(S_m2=1.0, b_m=1.0, cbar_m=1.0)
+    plan = SimpleNamespace(title="t", plane=reference, balance=b, servos={}, said=SimpleNamespace(motor=None))
+    ours = model_xml("ours", "n", plan, {}, Polar(0.0, 0.0, 0.0), None)
     points = "".join(
         f'<pointmass name="p{i}{s}"><weight unit="KG">{x.mass_kg}</weight><location name="POINTMASS" unit="M">'
         f"<x>{x.at_m[0]}</x><y>{s * x.at_m[1]}</y><z>{x.at_m[2]}</z></location></pointmass>"

@@ -6,6 +6,7 @@ import math
 import shutil
 import tomllib
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -199,11 +200,8 @@ def test_a_glider_loads_without_engine_and_throttle(made, tmp_path):
     from testbench.flight.executive import Executive
 
     found, folder = made["vtail"]
-    plane = found.plan.plane
-    xml = model_xml(
-        "vtail", "A glider", "", (plane.S_m2, plane.b_m, plane.cbar_m), found.plan.balance, found.plan.servos,
-        found.coefficients, found.polar, None, None,
-    )  # fmt: skip
+    plan = replace(found.plan, title="A glider", said=found.plan.said.model_copy(update={"motor": None}))
+    xml = model_xml("vtail", "", plan, found.coefficients, found.polar, None)
     (tmp_path / "vtail.xml").write_text(xml, encoding="utf-8")
     text = (folder / "aircraft.toml").read_text(encoding="utf-8")
     throttle = '[controls.thr]\ncommand = "fcs/throttle-cmd-norm"\n'
