@@ -23,11 +23,10 @@ from testbench.design.limits import Limits, Prediction
 from testbench.design.problem import Problem, judge
 from testbench.design.refine import Steps, Switching, designed_switching, worst_cost
 from testbench.design.search import screen
-from testbench.evaluation.modes import roots_of
+from testbench.evaluation.modes import elastic_modes, modes_of, roots_of
 from testbench.flight import FlightCondition, linearise, load_aircraft, trim
 from testbench.information.aircraft_structure import aircraft_structure
 from testbench.information.fisher import Experiment, accuracy, cost
-from testbench.information.modes import elastic_modes, modes_of
 from testbench.information.targets import needed_parameters, targets
 from testbench.sensors import load_suite
 

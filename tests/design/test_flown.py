@@ -15,8 +15,8 @@ from testbench.design.ensemble import Member, Placed
 from testbench.design.limits import Limits, limit_words
 from testbench.design.problem import Screened, design_of
 from testbench.design.realise import Range
+from testbench.evaluation.modes import modes_of
 from testbench.flight import linearise
-from testbench.information.modes import modes_of
 from testbench.questions.design.pose import problem_of
 from testbench.questions.design.scenario import DesignScenario
 from testbench.sensors import load_suite

@@ -6,9 +6,9 @@ import pytest
 from testbench.core.scenario.inputs import Doublet, Pilot, StandardMultistep, Step, Sweep
 from testbench.design.problem import ModeBands
 from testbench.evaluation.excitation import excitation
+from testbench.evaluation.modes import modes_of
 from testbench.flight import linearise
 from testbench.flight.linear_model import half_power_band
-from testbench.information.modes import modes_of
 from testbench.inputs import build, energy_spectrum, frequency_below
 
 DT = 0.01

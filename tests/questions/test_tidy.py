@@ -21,7 +21,7 @@ from testbench.questions.campaign.load import load_campaign
 from testbench.questions.campaign.page import campaign_page
 from testbench.questions.campaign.result import contests, ranked_contests, read_campaign
 from testbench.questions.campaign.store import Store
-from testbench.questions.compare import methods as compared
+from testbench.questions.compare import page
 from testbench.questions.compare.result import CaseKey, Quantity
 from testbench.questions.run.page import run_page
 from testbench.questions.side_by_side import Contest, calibration_panel, pair_table, rank_plates, rank_table
@@ -223,8 +223,8 @@ def test_a_comparison_ranks_over_repetitions_of_every_input() -> None:
         suites=[SimpleNamespace(name="s")],
         scenario=SimpleNamespace(identification=labels),
     )
-    assert [c.where for c in compared.contests(result)] == ["s, one", "s, two"]
-    (ranked,) = compared.ranked_contests(result)
+    assert [c.where for c in page.contests(result)] == ["s, one", "s, two"]
+    (ranked,) = page.ranked_contests(result)
     assert ranked.errors.shape == (8, 2)
     assert ranked.ranked is not None
     assert ranked.ranked.mean.tolist() == [1.0, 2.0]

@@ -22,12 +22,11 @@ from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.prepare import prepared
 from testbench.evaluation.derivatives import dimensional_derivatives, true_parameters
 from testbench.evaluation.metrics import mrse_percent
-from testbench.evaluation.modes import match_poles
+from testbench.evaluation.modes import match_poles, modes_of
 from testbench.flight import linearise, load_aircraft
 from testbench.flight.air import air_of
 from testbench.flight.batch.jobs import Job, Simulator, Tally
 from testbench.flight.simulate import Manoeuvre
-from testbench.information.modes import modes_of
 from testbench.information.targets import needed_parameters
 from testbench.line import Report, log_rate, trim_for, truth_of
 from testbench.questions.compare.placement import Placed, place, templates

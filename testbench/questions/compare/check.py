@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from testbench.aircraft import Aircraft
 from testbench.core.errors import Refusal, nearest
+from testbench.evaluation.modes import RIGID_MODES, elastic_modes
 from testbench.flight import load_aircraft
 from testbench.information.aircraft_structure import parameter_names
-from testbench.information.modes import RIGID_MODES, elastic_modes
 from testbench.questions.compare.placement import templates
 from testbench.questions.compare.prediction import sensors_of
 from testbench.questions.compare.scenario import CompareScenario

@@ -31,11 +31,10 @@ from testbench.estimators.parametric.input_noise import Whitening
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.response import Sampling, respond
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices
-from testbench.evaluation.modes import roots_of
+from testbench.evaluation.modes import elastic_modes, roots_of
 from testbench.flight import LinearModel, TrimmedFlight
 from testbench.information.aircraft_structure import AircraftStructure, Plane, aircraft_structure, held_accelerations
 from testbench.information.fisher import Accuracy, Experiment, accuracy
-from testbench.information.modes import elastic_modes
 from testbench.information.targets import Targets, needed_parameters, targets
 from testbench.inputs import build
 from testbench.sensors import Sensor, SensorSuite

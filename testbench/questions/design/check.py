@@ -6,10 +6,10 @@ from testbench.aircraft import Aircraft
 from testbench.aircraft.believed import stated_deviations, with_priors
 from testbench.core.constants import DEG_RAD, PERCENT
 from testbench.core.errors import Faults, Refusal, ScenarioError, nearest
+from testbench.evaluation.modes import RIGID_MODES, elastic_modes
 from testbench.flight import load_aircraft
 from testbench.flight.simulate import stride
 from testbench.information.aircraft_structure import parameter_names
-from testbench.information.modes import RIGID_MODES, elastic_modes
 from testbench.questions.design.pose import outputs_of
 from testbench.questions.design.scenario import DesignScenario
 from testbench.sensors import load_suite

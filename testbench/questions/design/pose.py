@@ -20,11 +20,10 @@ from testbench.design.limits import Limits, Prediction
 from testbench.design.problem import ModeBands, Problem
 from testbench.design.realise import Range
 from testbench.evaluation.envelope import Onset, fly_envelope
-from testbench.evaluation.modes import roots_of
+from testbench.evaluation.modes import elastic_modes, modes_of, roots_of
 from testbench.flight import LinearModel, TrimmedFlight, linearise
 from testbench.information.aircraft_structure import AircraftStructure, aircraft_structure, held_accelerations
 from testbench.information.fisher import Experiment
-from testbench.information.modes import elastic_modes, modes_of
 from testbench.information.targets import needed_parameters, targets
 from testbench.information.turbulence import Turbulence
 from testbench.line import trim_for

@@ -15,7 +15,7 @@ from testbench.core.constants import FT_M, G0_M_S2, KT_M_S
 from testbench.evaluation.derivatives import dimensional_derivatives, static_margin
 from testbench.page.labels import file_stem, number, shown_unit, symbol
 from testbench.page.words import listed, some
-from testbench.questions.plan.injection.lua import WATCHED, heap_bytes, injectable, lua_script
+from testbench.questions.plan.injection.scripts import WATCHED, heap_bytes, injectable, lua_script
 from testbench.questions.plan.resources import leg_of
 from testbench.questions.plan.scenario import HEAVY_KG, Fuel, Tow
 

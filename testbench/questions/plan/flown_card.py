@@ -26,10 +26,10 @@ from testbench.estimators import estimate
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.prepare import prepared
 from testbench.evaluation.derivatives import dimensional_derivatives
+from testbench.evaluation.modes import modes_of
 from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, linearise, trim
 from testbench.inference.form import FORM_STD
 from testbench.inference.instruments import sound
-from testbench.information.modes import modes_of
 from testbench.information.targets import Targets, needed_parameters
 from testbench.line import Case
 from testbench.questions.design.ready import Promise, read_promise

@@ -35,7 +35,7 @@ from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.card_figures import card_page, card_plate, kneeboard_page
 from testbench.questions.plan.card_text import card_stem, card_text, card_title, short_name, standing
 from testbench.questions.plan.injection import injected_signal, lua_script, px4_script, signal_csv
-from testbench.questions.plan.injection.lua import injectable
+from testbench.questions.plan.injection.scripts import injectable
 from testbench.questions.plan.scenario import Tow
 
 if TYPE_CHECKING:

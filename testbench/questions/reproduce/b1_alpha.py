@@ -16,8 +16,7 @@ from testbench.page.figure import Panel, Plate
 from testbench.page.labels import shown_unit, symbol
 from testbench.page.tables import Column, Table, Value
 from testbench.page.words import listed
-from testbench.questions.reproduce.bench import attempt, bench, dsr_e, scores, subspace
-from testbench.questions.reproduce.printed import B1_FUTURE, B1_PAST, TABLE_4
+from testbench.questions.reproduce.bench import B1_FUTURE, B1_PAST, TABLE_4, attempt, bench, dsr_e, scores, subspace
 from testbench.questions.reproduce.section import (
     Comparison,
     Say,

@@ -19,8 +19,16 @@ from testbench.page.figure import DOTTED, Panel, Plate, Rule
 from testbench.page.labels import number
 from testbench.page.tables import Column, Table
 from testbench.page.words import listed
-from testbench.questions.reproduce.bench import Bench, bench, dsr_e, lost_poles, subspace
-from testbench.questions.reproduce.printed import EOLO_FUTURE, EOLO_PAST, STATED_Z3
+from testbench.questions.reproduce.bench import (
+    EOLO_FUTURE,
+    EOLO_PAST,
+    STATED_Z3,
+    Bench,
+    bench,
+    dsr_e,
+    lost_poles,
+    subspace,
+)
 from testbench.questions.reproduce.section import Comparison, Say, Section, Why, claim_row, line, plate, span
 from testbench.sensors import SensorSuite, load_suite
 

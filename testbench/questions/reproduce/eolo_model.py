@@ -14,8 +14,7 @@ from testbench.page.figure import DOTTED, Panel, Plate, Rule
 from testbench.page.labels import number, shown_unit, symbol
 from testbench.page.tables import Column, Table, Value
 from testbench.page.words import listed
-from testbench.questions.reproduce.bench import from_rest, scores
-from testbench.questions.reproduce.printed import (
+from testbench.questions.reproduce.bench import (
     EOLO_FUTURE,
     EOLO_PAST,
     IDENTIFICATION,
@@ -28,6 +27,8 @@ from testbench.questions.reproduce.printed import (
     TABLE_3,
     VALIDATION,
     A,
+    from_rest,
+    scores,
 )
 from testbench.questions.reproduce.section import (
     SAME,

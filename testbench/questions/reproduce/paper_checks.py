@@ -11,7 +11,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.flight import load_aircraft
 from testbench.page.labels import symbol
 from testbench.page.tables import Column, Table
-from testbench.questions.reproduce.printed import (
+from testbench.questions.reproduce.bench import (
     BAND_RAD_S,
     DOUBLET_S,
     ELEVATOR_DEG,

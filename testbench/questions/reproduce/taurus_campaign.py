@@ -23,8 +23,7 @@ from testbench.page.figure import Panel, Plate
 from testbench.page.labels import symbol
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.plan.scenario import PlanScenario
-from testbench.questions.reproduce.bench import attempt
-from testbench.questions.reproduce.printed import (
+from testbench.questions.reproduce.bench import (
     DOUBLET_S,
     LATERAL,
     LOG_HZ,
@@ -32,6 +31,7 @@ from testbench.questions.reproduce.printed import (
     RUNS,
     SHARE_PERCENT,
     TRANSFER_FUNCTIONS,
+    attempt,
 )
 from testbench.questions.reproduce.section import (
     Comparison,

@@ -12,7 +12,7 @@ from testbench.inputs import build
 from testbench.page.figure import DOTTED, Panel, Plate, Rule
 from testbench.page.labels import number, shown_unit, symbol
 from testbench.page.tables import Column, Table
-from testbench.questions.reproduce.printed import DOUBLET_S, LOG_HZ, TRANSFER_FUNCTIONS, polynomial
+from testbench.questions.reproduce.bench import DOUBLET_S, LOG_HZ, TRANSFER_FUNCTIONS, polynomial
 from testbench.questions.reproduce.section import (
     Comparison,
     Say,

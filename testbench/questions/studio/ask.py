@@ -24,10 +24,9 @@ from testbench.core.record import FloatArray
 from testbench.design.ensemble import Placed
 from testbench.design.problem import Problem
 from testbench.estimators.parametric.structure import STEP
-from testbench.evaluation.modes import roots_of
+from testbench.evaluation.modes import RIGID_MODES, elastic_modes, modes_of, roots_of
 from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, linearise, load_aircraft, trim
 from testbench.information.aircraft_structure import AircraftStructure, Plane, aircraft_structure
-from testbench.information.modes import RIGID_MODES, elastic_modes, modes_of
 from testbench.information.targets import targets
 from testbench.inputs.multisine import phases
 from testbench.questions.design.pose import limits_of, problem_of

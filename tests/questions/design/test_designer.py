@@ -15,9 +15,9 @@ from testbench.design.candidates import sampled
 from testbench.design.problem import ModeBands
 from testbench.estimators.parametric import output_error
 from testbench.estimators.settings import OutputError
+from testbench.evaluation.modes import elastic_modes, modes_of
 from testbench.flight import Manoeuvre, fly, linearise
 from testbench.information.aircraft_structure import aircraft_structure, held_accelerations
-from testbench.information.modes import elastic_modes, modes_of
 from testbench.inputs import build
 from testbench.questions.design.ask import run_design
 from testbench.questions.design.pose import limits_of, outputs_of, with_positions

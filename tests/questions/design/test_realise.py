@@ -16,8 +16,8 @@ from testbench.design.identified import STRUCTURE, identified_by
 from testbench.design.problem import rescaled
 from testbench.design.realise import FALSE_ALARM, TRUST, Errors, Realised, without_noise
 from testbench.estimators.parametric.structures.written import written
+from testbench.evaluation.modes import modes_of
 from testbench.flight import load_aircraft
-from testbench.information.modes import modes_of
 from testbench.questions.design.answer import design_sentences
 from testbench.questions.design.ask import run_design
 from testbench.questions.design.page import design_page, elsewhere_table, realised_table

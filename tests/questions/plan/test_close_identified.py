@@ -13,7 +13,7 @@ from writers import dataflash_of, ulog_of
 
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.design.realise import Errors, Realised
-from testbench.information.modes import modes_of
+from testbench.evaluation.modes import modes_of
 from testbench.questions.design.ready import promise_text, read_promise
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.scenario import RecordDescription

@@ -14,7 +14,7 @@ from lupa.lua53 import LuaError, LuaRuntime
 from testbench.core.errors import LimitError
 from testbench.flight import linearise
 from testbench.questions.plan.injection import injected_signal, lua_script, signal_csv
-from testbench.questions.plan.injection.lua import heap_bytes
+from testbench.questions.plan.injection.scripts import heap_bytes
 from testbench.questions.plan.result import Card, Limit, Point
 from testbench.questions.plan.scenario import Autopilot, PlannedManoeuvre
 

@@ -13,7 +13,7 @@ from testbench.aircraft.model import Control
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.flight import linearise
 from testbench.questions.plan.injection import lua_script
-from testbench.questions.plan.injection.lua import lift_curve, watched_limits
+from testbench.questions.plan.injection.scripts import lift_curve, watched_limits
 from testbench.questions.plan.result import Limit, Point
 from testbench.questions.plan.scenario import Autopilot
 

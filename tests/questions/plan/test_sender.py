@@ -23,7 +23,7 @@ from testbench.core.constants import G0_M_S2
 from testbench.core.errors import LimitError, ScenarioError
 from testbench.flight import linearise
 from testbench.questions.plan.injection import px4_script
-from testbench.questions.plan.injection.px4 import sender_settings
+from testbench.questions.plan.injection.scripts import sender_settings
 from testbench.questions.plan.injection.sender import OFFBOARD, STREAMS, Card, refusal
 from testbench.questions.plan.result import Point
 from testbench.questions.plan.scenario import Autopilot

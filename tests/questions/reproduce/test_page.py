@@ -19,10 +19,10 @@ import pytest
 from testbench.core.errors import ScenarioError, WriteError
 from testbench.core.store import LOCK, ResultFolder
 from testbench.page.figure import Panel, Rule
-from testbench.questions.reproduce import paper_checks, printed
+from testbench.questions.reproduce import bench, paper_checks
 from testbench.questions.reproduce.ask import CHAPTERS, reproduce
+from testbench.questions.reproduce.bench import polynomial
 from testbench.questions.reproduce.page import PAGE, groups, summary, write_reproduction
-from testbench.questions.reproduce.printed import polynomial
 from testbench.questions.reproduce.section import VERDICTS, Chapter, Section, Why, claim_row, line, number_row, plate
 
 pytestmark = pytest.mark.drawn
@@ -45,26 +45,26 @@ class Printed(NamedTuple):
 
 def printed_numbers() -> Iterator[Printed]:
     """Yield every number of results that the papers print, as the page writes it."""
-    for where, above, below in printed.TRANSFER_FUNCTIONS.values():
-        yield from (Printed("Taurus", where, printed.shown(v)) for v in (*above, *below[1:]))
-    for name, matrix in printed.MATRICES.items():
+    for where, above, below in bench.TRANSFER_FUNCTIONS.values():
+        yield from (Printed("Taurus", where, bench.shown(v)) for v in (*above, *below[1:]))
+    for name, matrix in bench.MATRICES.items():
         yield from (Printed("EOLO", f"section 3.2, {name}", f"{v:.4f}".replace("-", "−")) for v in matrix.ravel())
-    for z in (printed.STATED_PAIR.real, printed.STATED_PAIR.imag, printed.STATED_Z3, printed.STATED_Z4):
+    for z in (bench.STATED_PAIR.real, bench.STATED_PAIR.imag, bench.STATED_Z3, bench.STATED_Z4):
         yield Printed("EOLO", "section 3.2", f"{z:.4f}".replace("-", "−"))
-    for order, rows in printed.TABLE_3.items():
+    for order, rows in bench.TABLE_3.items():
         yield from (Printed("EOLO", f"Table 3, n = {order}", f"{v:.2f}") for row in rows.values() for v in row)
-    for which, column in printed.TABLE_4.items():
+    for which, column in bench.TABLE_4.items():
         yield from (Printed("EOLO", f"Table 4, {which} α", f"{v:.2f}") for v in column.values())
-    for value in (*printed.EOLO_TABLE_1.values(), printed.EOLO_ASPECT_RATIO):
-        yield Printed("EOLO", "Table 1", printed.shown(value))
-    for pair in printed.EOLO_TABLE_2.values():
-        yield from (Printed("EOLO", "Table 2", printed.shown(v)) for v in pair)
-    shapes = (printed.TAURUS_ASPECT_RATIO, printed.ELEVATOR_DEG, printed.RUDDER_DEG)
-    for value in (*printed.TAURUS_TABLE_1_IN.values(), *shapes):
-        yield Printed("Taurus", "Table I", printed.shown(value))
-    for count in (printed.RUNS, printed.LONGITUDINAL, printed.LATERAL, *printed.SHARE_PERCENT):
+    for value in (*bench.EOLO_TABLE_1.values(), bench.EOLO_ASPECT_RATIO):
+        yield Printed("EOLO", "Table 1", bench.shown(value))
+    for pair in bench.EOLO_TABLE_2.values():
+        yield from (Printed("EOLO", "Table 2", bench.shown(v)) for v in pair)
+    shapes = (bench.TAURUS_ASPECT_RATIO, bench.ELEVATOR_DEG, bench.RUDDER_DEG)
+    for value in (*bench.TAURUS_TABLE_1_IN.values(), *shapes):
+        yield Printed("Taurus", "Table I", bench.shown(value))
+    for count in (bench.RUNS, bench.LONGITUDINAL, bench.LATERAL, *bench.SHARE_PERCENT):
         yield Printed("Taurus", "sections V and VII", str(count))
-    for count in (printed.IDENTIFICATION, printed.VALIDATION, printed.EOLO_PAST, printed.B1_PAST):
+    for count in (bench.IDENTIFICATION, bench.VALIDATION, bench.EOLO_PAST, bench.B1_PAST):
         yield Printed("EOLO", "section 3.2, Tables 3 and 4", str(count))
 
 

@@ -14,7 +14,7 @@ from testbench.questions.reproduce import (
     taurus_causes,
     taurus_model,
 )
-from testbench.questions.reproduce.printed import TABLE_3, TABLE_4, A
+from testbench.questions.reproduce.bench import TABLE_3, TABLE_4, A
 from testbench.questions.reproduce.section import Why, claim_row, judge_number, number_row, tally
 
 WHY = Why("same", "similar", "other")

@@ -12,9 +12,9 @@ import pytest
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import LimitError, ScenarioError
+from testbench.evaluation.modes import modes_of
 from testbench.flight import FlightCondition, linearise, load_aircraft, trim
 from testbench.information.fisher import accuracy
-from testbench.information.modes import modes_of
 from testbench.information.targets import needed_parameters
 from testbench.inputs import build
 from testbench.page.words import MOST_WORDS

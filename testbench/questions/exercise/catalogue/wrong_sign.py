@@ -16,9 +16,8 @@ from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD
 from testbench.core.door import read_text
 from testbench.core.record import FlightRecord
-from testbench.evaluation.modes import frequency_of
+from testbench.evaluation.modes import frequency_of, modes_of
 from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
-from testbench.information.modes import modes_of
 from testbench.inputs import InputSignal
 from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
 from testbench.questions.exercise.motion import multistep

@@ -1,28 +1,38 @@
-"""A planned input as a Lua script for ArduPilot Plane: elevator, aileron and rudder sequences on a start switch.
+"""A planned input as what flies it: a Lua script for ArduPilot Plane, a MAVLink sender for PX4, a table for any other.
 
-The script is the settings of one card followed by ``sequence.lua``, which is the same for all. It uses the scripting
-interface of Plane 4.1 and later, as its generated documentation (libraries/AP_Scripting/docs/docs.lua) gives it, and
-the functions of servos and the reckoning of pulses of SRV_Channel and of ArduPlane's mixer (servos.cpp). Scripting
-reaches some 30 to 50 Hz.
+The Lua script plays sequences of elevator, aileron and rudder on a start switch. It is the settings of one card followed
+by ``sequence.lua``, which is the same for all. It uses the scripting interface of Plane 4.1 and later, as its generated
+documentation (libraries/AP_Scripting/docs/docs.lua) gives it, and the functions of servos and the reckoning of pulses of
+SRV_Channel and of ArduPlane's mixer (servos.cpp). Scripting reaches some 30 to 50 Hz.
 """
 
 from __future__ import annotations
 
+import csv
+import io
+import json
+import math
 from pathlib import Path
 
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.core.constants import DEG_RAD, G0_M_S2
+from testbench.core.atmosphere import air_density
+from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
 from testbench.core.errors import LimitError
-from testbench.core.escape import lua_comment
+from testbench.core.escape import lua_comment, one_line
 from testbench.core.record import FloatArray
 from testbench.evaluation.derivatives import lift_per_rad
-from testbench.questions.plan.injection.signal_table import SURFACES, injected_signal
+from testbench.inputs import InputSignal, build
+from testbench.questions.plan.response import scaled
 from testbench.questions.plan.result import Card
 from testbench.questions.plan.scenario import Autopilot
 
-_BODY = Path(__file__).with_name("sequence.lua")
+_SENDER = Path(__file__).with_name("sender.py")
+_PLACE = "SETTINGS: dict[str, Any] = {}"
+_AXES = ("da", "de", "dr")  # roll, pitch, yaw
+SURFACES = ("de", "da", "dr")
+_SEQUENCE = Path(__file__).with_name("sequence.lua")
 # ArduPilot counts nose up, right wing down and nose right as positive.
 SURFACE_NAMES = {"de": ("elevator", -1), "da": ("aileron", 1), "dr": ("rudder", -1)}
 """Surface -> its name, and the sign from the testbench's deflection to the autopilot's demand."""
@@ -86,7 +96,7 @@ def lua_script(card: Card, aircraft: Aircraft, autopilot: Autopilot) -> str:
         "}",
         "",
     ]
-    return "\n".join(lines) + _BODY.read_text(encoding="utf-8")
+    return "\n".join(lines) + _SEQUENCE.read_text(encoding="utf-8")
 
 
 def heap_bytes(script: str) -> int:
@@ -143,3 +153,112 @@ def lift_curve(card: Card) -> tuple[float, float, float]:
     trimmed = card.point.trimmed
     slope = lift_per_rad(card.point.model, card.point.V_m_s) * DEG_RAD
     return trimmed.alpha / DEG_RAD, -trimmed.state["az"] / G0_M_S2, slope
+
+
+# --- a signal as a table ----------------------------------------------------------------------------------------------
+
+
+def injected_signal(card: Card, period_ms: int) -> InputSignal:
+    """Return what a card commands, sampled every ``period_ms`` and held; deviations from trim, SI.
+
+    Raises:
+        ScenarioError: the input cannot be sampled so slowly.
+    """
+    factor = card.factor if card.factor > 0.0 else 1.0
+    return build(scaled(card.spec.input, factor), card.spec.duration_s, 1e3 / period_ms)
+
+
+def signal_csv(signal: InputSignal, aircraft: Aircraft) -> str:
+    """Return a signal as CSV: time in s, deviations from trim in deg (throttle in %) and over full deflection, -1 to 1.
+
+    Signs are those of the testbench: elevator trailing edge down, aileron right wing down, rudder trailing edge left.
+    Each row holds until the next one. All three surfaces have columns; one that does not move is zero.
+    """
+    names = (*SURFACES, *(("thr",) if "thr" in signal.channels else ()))
+    columns = []
+    for name in names:
+        moved = name in signal.channels
+        columns.append(signal.u[:, signal.channels.index(name)] if moved else np.zeros(len(signal.t_s)))
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    shown = [f"{n}_percent" if n == "thr" else f"{n}_deg" for n in names]
+    writer.writerow(["time_s", *shown, *(f"{n}_norm" for n in names)])
+    units = [PERCENT if n == "thr" else DEG_RAD for n in names]
+    ends = [
+        (aircraft.controls[n].low, aircraft.controls[n].full) if n in aircraft.controls else (-1.0, 1.0) for n in names
+    ]
+    for k, t in enumerate(signal.t_s):
+        row = [column[k] for column in columns]
+        writer.writerow(
+            [
+                f"{t:.4f}",
+                *(f"{v / unit + 0.0:.5f}" for v, unit in zip(row, units, strict=True)),
+                *(f"{_share(v, *end) + 0.0:.6f}" for v, end in zip(row, ends, strict=True)),
+            ]
+        )
+    return out.getvalue()
+
+
+def _share(value: float, low: float, high: float) -> float:
+    """Return a deflection as a share of the throw to its side, -1 to 1."""
+    return value / high if value >= 0.0 or low >= 0.0 else -value / low
+
+
+# --- PX4 --------------------------------------------------------------------------------------------------------------
+
+
+def sender_settings(card: Card, aircraft: Aircraft, autopilot: Autopilot) -> dict[str, object]:
+    """Return the settings of a card as the sender takes them: SI, angles in deg, demands of whole throws.
+
+    Raises:
+        LimitError: the card moves the throttle, which stays with the pilot, or it is refused.
+        ScenarioError: the input cannot be sampled at the period of the autopilot.
+    """
+    if not injectable(card):
+        raise LimitError(
+            f"a script flies elevator, aileron and rudder of a card that is not refused, got {card.title} "
+            f"({', '.join(card.spec.controls)}, {card.status})"
+        )
+    times_ms, rows = rows_of(card, autopilot.period_ms)
+    demands = [[_demand(n, row[SURFACES.index(n)], aircraft) for n in _AXES] for row in rows]
+    return {
+        "card": card.number,
+        "title": one_line(card.title),
+        "interface": autopilot.interface,
+        "switch_channel": autopilot.switch_channel,
+        "period_ms": autopilot.period_ms,
+        "settle_s": card.spec.settle_s,
+        "duration_s": card.spec.duration_s,
+        "speed_m_s": card.point.V_m_s,
+        "window_m_s": autopilot.speed_window_m_s,
+        "bank_deg": autopilot.bank_at_start_deg,
+        "stick_us": autopilot.stick_us,
+        "eas2tas": round(math.sqrt(air_density(0.0) / air_density(card.point.h_m)), 5),
+        "lift_curve": [round(x, 5) for x in lift_curve(card)],
+        "limits": {name: [round(x, 4) for x in limit] for name, limit in watched_limits(card).items()},
+        "times_s": [t / 1000.0 for t in times_ms],
+        "demands": demands,
+    }
+
+
+def _demand(name: str, degrees: float, aircraft: Aircraft) -> float:
+    """Return a deflection as PX4 counts it: 1 is full throw, rolling right, nose up, nose right."""
+    if name not in aircraft.controls or degrees == 0.0:
+        return 0.0
+    control = aircraft.controls[name]
+    full = control.full if degrees > 0.0 else -control.low
+    return round(float(SURFACE_NAMES[name][1] * degrees * DEG_RAD / full), 6)
+
+
+def px4_script(card: Card, aircraft: Aircraft, autopilot: Autopilot) -> str:
+    """Return the script that flies a card.
+
+    Raises:
+        LimitError, ScenarioError: as :func:`sender_settings`.
+    """
+    text = json.dumps(sender_settings(card, aircraft, autopilot), allow_nan=False)
+    body = _SENDER.read_text(encoding="utf-8")
+    assert body.count(_PLACE) == 1
+    return body.replace(_PLACE, f"SETTINGS: dict[str, Any] = json.loads(\n    {text!r}\n)").replace(
+        "import argparse\n", "import argparse\nimport json\n", 1
+    )
