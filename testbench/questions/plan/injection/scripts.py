@@ -1,9 +1,9 @@
 """A planned input as what flies it: a Lua script for ArduPilot Plane, a MAVLink sender for PX4, a table for any other.
 
-The Lua script plays sequences of elevator, aileron and rudder on a start switch. It is the settings of one card followed
-by ``sequence.lua``, which is the same for all. It uses the scripting interface of Plane 4.1 and later, as its generated
-documentation (libraries/AP_Scripting/docs/docs.lua) gives it, and the functions of servos and the reckoning of pulses of
-SRV_Channel and of ArduPlane's mixer (servos.cpp). Scripting reaches some 30 to 50 Hz.
+The Lua script plays sequences of elevator, aileron and rudder on a start switch. It is the settings of one card, then
+``sequence.lua``, which is the same for all. It uses the scripting interface of Plane 4.1 and later, as its generated
+documentation (libraries/AP_Scripting/docs/docs.lua) gives it, and the functions of servos and the reckoning of pulses
+of SRV_Channel and of ArduPlane's mixer (servos.cpp). Scripting reaches some 30 to 50 Hz.
 """
 
 from __future__ import annotations
