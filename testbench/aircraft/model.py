@@ -25,7 +25,7 @@ from testbench.core.channels import channel as channel_of
 from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, JSBSIM_AREA_M2, JSBSIM_LENGTH_M, LBF_N, SLUG_KG
 from testbench.core.door import read_toml
 from testbench.core.errors import Faults, ModelError, ScenarioError, nearest
-from testbench.core.schema import NonNegative, Positive, Strict, parse
+from testbench.core.schema import NonNegative, Pair, Positive, Strict, parse
 
 _MOST = 1e9  # m2, m, kg, kg m2: of a geometry or a mass
 _KEPT = 8
@@ -299,8 +299,7 @@ def _property(name: str) -> str:
 
 
 _Property = Annotated[str, AfterValidator(_property)]
-_Point = Annotated[tuple[float, float], Field(strict=False)]
-_Points = dict[_Property, Annotated[tuple[_Point, ...], Field(strict=False)]]
+_Points = dict[_Property, Annotated[tuple[Pair, ...], Field(strict=False)]]
 
 
 class _Law(Strict):

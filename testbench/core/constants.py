@@ -17,3 +17,6 @@ RPM_RAD_S = 2.0 * math.pi / 60.0  # turn per minute, rad/s
 JSBSIM_LENGTH_M = {"M": 1.0, "FT": FT_M, "IN": FT_M / 12.0}  # units of length in JSBSim's files, m
 JSBSIM_AREA_M2 = {"M2": 1.0, "FT2": FT_M**2}  # and of area, m2
 WHITE = 1e-3  # probability under whiteness from which residuals count as white: a false alarm in a thousand outputs
+
+COEFFICIENTS = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
+"""Forces in wind axes and moments in body axes, as coefficients."""

@@ -18,11 +18,10 @@ from testbench.core.door import read_text, read_toml
 from testbench.core.errors import ScenarioError
 from testbench.core.escape import table_lines
 from testbench.core.files import write_file
-from testbench.core.schema import Positive, Strict, parse
+from testbench.core.schema import Positive, Strict, Text, parse
 
 FILE = "project.toml"
 _OWN = {"aircraft", "suite", "speeds_m_s"}  # keys by which a file of this name is told to be of the testbench
-Text = Annotated[str, Field(min_length=1)]
 
 
 class Found(Strict):

@@ -17,6 +17,9 @@ from testbench.core.errors import nearest
 
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
+Text = Annotated[str, Field(min_length=1)]
+Names = Annotated[tuple[str, ...], Field(strict=False)]  # TOML has lists
+Pair = Annotated[tuple[float, float], Field(strict=False)]
 Model = TypeVar("Model", bound="Strict")
 
 

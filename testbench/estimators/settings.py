@@ -13,12 +13,11 @@ from pydantic import Field, ValidationError, model_validator
 
 from testbench.core.bring import short
 from testbench.core.errors import EstimationError
-from testbench.core.schema import NonNegative, Positive, Strict, parse
+from testbench.core.schema import Names, NonNegative, Positive, Strict, parse
 from testbench.estimators.structured import Fitted, Structured
 
 Count = Annotated[int, Field(ge=1)]
 Horizon = Annotated[int, Field(ge=2)]
-Names = Annotated[tuple[str, ...], Field(strict=False)]
 Offset = Literal["none", "offset", "trend"]
 Hold = Literal["zoh", "foh"]
 

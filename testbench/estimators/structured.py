@@ -8,12 +8,9 @@ from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from testbench.core.bring import is_brought
 from testbench.core.errors import nearest
-from testbench.core.schema import NonNegative, Positive, Strict
+from testbench.core.schema import Names, NonNegative, Pair, Positive, Strict
 from testbench.estimators import brought
 from testbench.estimators.equations import Equations
-
-Names = Annotated[tuple[str, ...], Field(strict=False)]
-Pair = Annotated[tuple[float, float], Field(strict=False)]
 
 
 class AirframeConstants(Strict):

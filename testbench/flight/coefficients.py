@@ -19,14 +19,13 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.aircraft.reactions import reacts
-from testbench.core.constants import FT_M
+from testbench.core.constants import COEFFICIENTS, FT_M
 from testbench.core.errors import TrimError
 from testbench.core.record import FloatArray
 from testbench.flight.condition import FlightCondition, TrimmedFlight
 from testbench.flight.executive import Executive
 from testbench.flight.trim import horizon_rates, place_at_trim, trim
 
-COEFFICIENTS = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
 _FORCES = ("forces/fwz-aero-lbs", "forces/fwx-aero-lbs", "forces/fwy-aero-lbs")
 _MOMENTS = ("moments/l-aero-lbsft", "moments/m-aero-lbsft", "moments/n-aero-lbsft")
 _ADDED_FORCES = ("forces/fbx-external-lbs", "forces/fby-external-lbs", "forces/fbz-external-lbs")

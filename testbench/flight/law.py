@@ -22,11 +22,9 @@ from testbench.aircraft.adapter import BIAS
 from testbench.core.record import FloatArray
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import Executive
-from testbench.flight.linear_model import LAW, SERVO, LinearModel
+from testbench.flight.linear_model import LAW, PLANE_CONTROLS, PLANE_STATES, SERVO, LinearModel
 from testbench.flight.trim import place_at_trim
 
-_FELT = {"longitudinal": ("u", "w", "q", "theta", "h"), "lateral": ("v", "p", "r", "phi")}
-_STICKS = {"longitudinal": ("de",), "lateral": ("da", "dr")}
 _STEP = {"u": 1e-3, "v": 1e-3, "w": 1e-3, "h": 1.0}
 """Size of a step: of the airspeed for velocities, m; 1e-3 rad and rad/s otherwise."""
 _FRAMES, _EVERY, _STILL = 600, 2, 40  # of a response; frames of a sample; after which it has come to rest
@@ -63,8 +61,8 @@ class Law:
         surfaces = fdm.aircraft.under_law
         bench = _Bench(fdm, trimmed)
         parts = []
-        for motion, felt in _FELT.items():
-            names = (*felt, *(c for c in _STICKS[motion] if c in surfaces))
+        for motion, felt in PLANE_STATES.items():
+            names = (*felt, *(c for c in PLANE_CONTROLS[motion] if c in surfaces))
             parts.append((motion, names, *_realised([bench.response(n) for n in names], trimmed.rate_hz)))
         states = tuple(f"{LAW}{motion}_{i + 1}" for motion, _, A, *_ in parts for i in range(len(A)))
         felt = tuple(n if n not in surfaces else f"{n}_cmd" for _, names, *_ in parts for n in names)

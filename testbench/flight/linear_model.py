@@ -20,6 +20,9 @@ LAW = "law_"
 """Before the name of a motion and a number: a state of the model's own control law."""
 ENGINE = ("motor_speed", "manifold_pressure")
 """States of propellers and piston engines, where an aircraft has them: rad/s, and Pa in the first engine."""
+PLANE_STATES = {"longitudinal": ("u", "w", "q", "theta", "h"), "lateral": ("v", "p", "r", "phi")}
+PLANE_CONTROLS = {"longitudinal": ("de",), "lateral": ("da", "dr")}
+"""Plane -> rigid states of its motion, and the surfaces that move it."""
 
 
 @dataclass(frozen=True, eq=False)

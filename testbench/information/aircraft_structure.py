@@ -19,20 +19,19 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.channels import CONTROLS
 from testbench.core.errors import ChannelError, EstimationError, nearest
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices, Parameter
-from testbench.flight.linear_model import LAW, LinearModel
+from testbench.flight.linear_model import LAW, PLANE_STATES, LinearModel
 
 Plane = Literal["longitudinal", "lateral"]
-_STATES = {"longitudinal": ("u", "w", "q", "theta", "h"), "lateral": ("v", "p", "r", "phi")}
 _AXES = {"longitudinal": "XZM", "lateral": "YLN"}
 _VARIABLES = {
     "longitudinal": ("V", "alpha", "q", "de", "thr"),
     "lateral": ("beta", "p", "r", "da", "dr"),
 }
 _ACCELERATIONS = {"ax": "u", "ay": "v", "az": "w", "pdot": "p", "qdot": "q", "rdot": "r"}
-_CONTROLS = ("de", "da", "dr", "thr")
 _MOVED = 1e-9  # of an output's unit per unit of a state or input: less is rounding
 
 
@@ -143,7 +142,7 @@ def aircraft_structure(
     servos = [f"servo_{c}" for c in _VARIABLES[plane][3:] if f"servo_{c}" in model.states and f"{c}_cmd" in inputs]
     modal = [f"{kind}_{i}" for kind in ("eta", "etadot") for i in modes]
     law = [s for s in model.states if s.startswith(f"{LAW}{plane}")] if servos else []
-    states = [*_STATES[plane], *modal, *law, *servos]
+    states = [*PLANE_STATES[plane], *modal, *law, *servos]
     at = [model.states.index(s) for s in states]
     columns = [model.inputs.index(i) for i in inputs]
     rows = [model.outputs.index(o) for o in outputs]
@@ -201,7 +200,7 @@ def held_accelerations(model: LinearModel, output: str) -> dict[str, float]:
     moving = [s for s in model.states if s in {"u", "v", "w", "p", "q", "r"} or s.startswith("etadot_")]
     rows = [model.states.index(s) for s in moving]
     columns = [i for i, s in enumerate(model.states) if s.startswith(("eta", "servo"))]
-    inputs = [i for i, name in enumerate(model.inputs) if name in _CONTROLS]
+    inputs = [i for i, name in enumerate(model.inputs) if name in CONTROLS]
     forces = np.hstack([model.A[np.ix_(rows, columns)], model.B[np.ix_(rows, inputs)]])
     k = model.outputs.index(output)
     felt = np.hstack([model.C[k, columns], model.D[k, inputs]])

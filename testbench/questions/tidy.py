@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 from testbench.core.door import checked
 from testbench.core.errors import RecordError
 from testbench.core.store import settle
+from testbench.questions.campaign.result import UNIT
+from testbench.questions.campaign.summary import OUTPUTS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,8 +33,6 @@ COLUMNS = (
 )
 """Columns of a tidy table. A row without a figure says in ``reason`` why a run, or a suite and an estimator, failed."""
 CSV, PARQUET = "results.csv", "results.parquet"
-_UNIT = re.compile(r", (%|rad/s)$")
-_OUTPUTS = re.compile(r" \([^()]*\)(?= (?:wn|zeta))")  # whose poles: the truth is that of the aircraft
 _STD, _TRUE = ", std", ", true"
 _WORDS = ("scenario", "aircraft", "input", "suite", "estimator", "figure", "unit", "reason")
 
@@ -58,7 +57,7 @@ def tidy(long: pd.DataFrame, true: pd.DataFrame, **same: str) -> pd.DataFrame:
         long = long[~own]
     out = long.merge(beside[_STD][[*key, "value"]].rename(columns={"value": "standard_error"}), how="left", on=key)
     out = out.merge(beside[_TRUE][[*key, "value"]].rename(columns={"value": "truth"}), how="left", on=key)
-    out["mode"] = out["figure"].str.replace(_OUTPUTS, "", regex=True)
+    out["mode"] = out["figure"].str.replace(OUTPUTS, "", regex=True)
     modes = true.rename(columns={"name": "mode", "value": "of_mode"})
     out = out.merge(modes[["run", "mode", "of_mode"]], how="left", on=["run", "mode"])
     number = {name: pd.to_numeric(out[name]) for name in ("value", "standard_error", "truth", "of_mode")}
@@ -68,10 +67,10 @@ def tidy(long: pd.DataFrame, true: pd.DataFrame, **same: str) -> pd.DataFrame:
         **number,
         suite=cells[0],
         estimator=cells[2],
-        unit=out["figure"].str.extract(_UNIT, expand=False).fillna(""),
+        unit=out["figure"].str.extract(UNIT, expand=False).fillna(""),
     )
     out["truth"] = out["truth"].fillna(out["of_mode"])
-    out["figure"] = out["figure"].str.replace(_UNIT, "", regex=True)
+    out["figure"] = out["figure"].str.replace(UNIT, "", regex=True)
     return out[list(COLUMNS)].astype(dict.fromkeys(_WORDS, "category"))
 
 

@@ -18,11 +18,9 @@ from testbench.core.door import read_toml
 from testbench.core.errors import ChannelError, RecordError, ScenarioError, nearest
 from testbench.core.paths import SENSOR_SUITES, SUITES, resolve, suite_names
 from testbench.core.record import FlightRecord
-from testbench.core.schema import NonNegative, Positive, Strict, parse
+from testbench.core.schema import NonNegative, Positive, Strict, Text, parse
 from testbench.sensors.kinds import KINDS
 from testbench.sensors.sensor import Sensor, responses, whole_ratio
-
-Text = Annotated[str, Field(min_length=1)]
 
 _IN_UNIT = ("bias", "quantum", "bias_walk", "drift_std", "bias_rate")  # figures in the unit that the file names
 _AS_IS = (

@@ -44,11 +44,10 @@ import numpy as np
 
 from testbench.aircraft.geometry.lattice import FLAP, Lattice, body, cuts, moved_by, share, sidewash
 from testbench.aircraft.geometry.shape import Airfoil, LiftingSurface, Moved, Plane
-from testbench.core.constants import DEG_RAD, G0_M_S2
+from testbench.core.constants import COEFFICIENTS, DEG_RAD, G0_M_S2
 from testbench.core.errors import MissingPackage, ModelError
 from testbench.core.record import FloatArray
 
-COEFFICIENTS = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
 _LINEAR = ("CL", "CY", "Cl", "Cm", "Cn")
 STATES = ("alpha", "beta", "p", "q", "r")
 NEEDS = (

@@ -10,10 +10,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from testbench.core.schema import NonNegative, Positive, Strict
+from testbench.core.schema import NonNegative, Pair, Positive, Strict
 
 Place = Annotated[tuple[float, float, float], Field(strict=False)]
-Range = Annotated[tuple[float, float], Field(strict=False)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Angle = Annotated[float, Field(gt=-80.0, lt=80.0)]
 
@@ -241,12 +240,12 @@ class Reference(Strict):
 class Limits(Strict):
     """Limits of flights; what is not given is derived."""
 
-    V_m_s: Range | None = None
-    alpha_deg: Range | None = None
-    beta_deg: Range | None = None
-    theta_deg: Range | None = None
-    phi_deg: Range | None = None
-    h_m: Range | None = None
+    V_m_s: Pair | None = None
+    alpha_deg: Pair | None = None
+    beta_deg: Pair | None = None
+    theta_deg: Pair | None = None
+    phi_deg: Pair | None = None
+    h_m: Pair | None = None
 
     @model_validator(mode="after")
     def _low_below_high(self) -> Limits:

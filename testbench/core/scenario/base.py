@@ -15,7 +15,7 @@ from testbench.core.paths import AIRCRAFT, SENSOR_SUITES, Family, find_scenario,
 from testbench.core.project import completed
 from testbench.core.scenario.air import LOWEST_M, AirSpec
 from testbench.core.scenario.inputs import Control, Input
-from testbench.core.schema import NonNegative, Positive, Strict, parse
+from testbench.core.schema import NonNegative, Pair, Positive, Strict, parse
 
 
 def _resolved(family: Family) -> AfterValidator:
@@ -33,7 +33,6 @@ def _resolved(family: Family) -> AfterValidator:
 
 AircraftName = Annotated[str, _resolved(AIRCRAFT)]
 SuiteName = Annotated[str, _resolved(SENSOR_SUITES)]
-Band = Annotated[tuple[float, float], Field(strict=False)]
 
 
 class Asked(Strict):
@@ -203,8 +202,8 @@ class ManoeuvreLimits(Strict):
 
     deflection_deg: dict[Control, Positive] = {}
     rate_deg_s: dict[Control, Positive] = {}
-    load_factor: Band | None = None
-    alpha_deg: Band | None = None
+    load_factor: Pair | None = None
+    alpha_deg: Pair | None = None
     beta_deg: Positive | None = None
     speed_change_m_s: Positive | None = None
     height_change_m: Positive | None = None

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 _PREDICTION = re.compile(r"validation MRSE of .*, %")
-_UNIT = re.compile(r", (%|rad/s)$")
+UNIT = re.compile(r", (%|rad/s)$")
 _LEAST_POINTS = 5
 """Points of a grid from which on estimators are ranked over them; with fewer they are ranked over the runs."""
 
@@ -91,9 +91,9 @@ def contests(result: CampaignResult) -> list[Contest]:
                 by_figure.setdefault(figure, {})[estimator] = values[summary.done]
         for figure, found in by_figure.items():
             if len(found) > 1:
-                unit = _UNIT.search(figure)
+                unit = UNIT.search(figure)
                 table = np.column_stack(list(found.values()))
-                out.append(Contest(suite, _UNIT.sub("", figure), unit[1] if unit else "", tuple(found), table))
+                out.append(Contest(suite, UNIT.sub("", figure), unit[1] if unit else "", tuple(found), table))
     return out
 
 

@@ -23,7 +23,7 @@ _GROW = 4096
 TRUE = "true"
 TOGETHER, ALONE = "batch", "jsbsim"
 """What a finished run says has flown it; behind the second stands why, if a batch was wanted."""
-_OUTPUTS = re.compile(r" \([^()]*\)(?= (?:wn|zeta))")  # whose poles: the truth is that of the aircraft
+OUTPUTS = re.compile(r" \([^()]*\)(?= (?:wn|zeta))")  # whose poles: the truth is that of the aircraft
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
@@ -247,7 +247,7 @@ def truth_of(name: str, columns: Mapping[str, FloatArray]) -> str:
     if f"{name}, true" in columns:
         return f"{name}, true"
     group, _, figure = name.partition(": ")
-    mode = f"{TRUE}: {_OUTPUTS.sub('', figure)}"
+    mode = f"{TRUE}: {OUTPUTS.sub('', figure)}"
     return mode if group != TRUE and mode in columns else ""
 
 

@@ -7,11 +7,10 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from testbench.core.scenario.base import SuiteName
-from testbench.core.schema import Positive, Strict
+from testbench.core.schema import Names, Positive, Strict
 from testbench.estimators.identification import Estimator, Identification, estimator_name
 from testbench.questions.run.scenario import Experiment
 
-Names = Annotated[tuple[str, ...], Field(strict=False)]
 BEST_CASE = "best case"
 """Label of maximum likelihood with the linearised aircraft's own equations and the noise of its instruments."""
 

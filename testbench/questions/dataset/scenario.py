@@ -9,10 +9,9 @@ from pydantic import Field, model_validator
 
 from testbench.core.scenario.base import AircraftName, Asked, Simulation, SuiteName
 from testbench.core.scenario.inputs import Input
-from testbench.core.schema import NonNegative, Positive, Strict
+from testbench.core.schema import NonNegative, Pair, Positive, Strict
 from testbench.questions.campaign.scenario import Distribution
 
-Between = Annotated[tuple[float, float], Field(strict=False)]
 SPLITS = ("train", "validation", "test")
 
 
@@ -60,11 +59,11 @@ class Level(Strict):
     share: Positive = 1.0
     aircraft: Annotated[tuple[AircraftName, ...], Field(min_length=1, strict=False)]
     wings: Literal["flexible", "rigid"] = "rigid"
-    speed_ratio: Between = (1.0, 1.0)
-    h_m: Between
-    scale: Between = (1.0, 1.0)
+    speed_ratio: Pair = (1.0, 1.0)
+    h_m: Pair
+    scale: Pair = (1.0, 1.0)
     noise: NonNegative = 1.0
-    turbulence_rms_m_s: Between = (0.0, 0.0)
+    turbulence_rms_m_s: Pair = (0.0, 0.0)
     vary: dict[str, Distribution] = {}
     hidden: Annotated[tuple[str, ...], Field(strict=False)] = ()
 

@@ -8,10 +8,9 @@ from pydantic import Field, model_validator
 
 from testbench.core.scenario.base import FlownInAir, ManoeuvreLimits, SuiteName
 from testbench.core.scenario.inputs import Control
-from testbench.core.schema import NonNegative, Positive, Strict
+from testbench.core.schema import Names, NonNegative, Positive, Strict
 
 _LONGITUDINAL, _LATERAL = {"de", "thr"}, {"da", "dr"}
-Names = Annotated[tuple[str, ...], Field(strict=False)]
 
 FEWEST = 5
 """Flights from which errors are counted."""

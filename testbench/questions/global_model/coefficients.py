@@ -20,13 +20,13 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.aircraft.seams import changed, control_path, with_servo
 from testbench.core.channels import SURFACES
-from testbench.core.constants import G0_M_S2
+from testbench.core.constants import COEFFICIENTS, G0_M_S2
 from testbench.core.errors import ChannelError, EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.regression.smoothing import SineSeries, bridge
 from testbench.flight import FlightCondition, trim
 from testbench.flight.batch.along import ForcesAlong, GivenMotion, Lane, forces_along
-from testbench.flight.coefficients import COEFFICIENTS, in_air
+from testbench.flight.coefficients import in_air
 
 NEEDED = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "h", "ax", "ay", "az")
 MOTIONS = ("alpha", "beta", "p_hat", "q_hat", "r_hat", "V_rel")

@@ -9,6 +9,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.aircraft.model import Geometry, MassProperties
+from testbench.aircraft.seams import INERTIAS
 from testbench.core.atmosphere import air_density
 from testbench.core.record import FlightRecord
 from testbench.logs.layout import RecordCondition
@@ -17,7 +18,6 @@ from testbench.questions.identify.scenario import RecordDescription
 _ZERO_C_K = 273.15
 _FAR = 0.1  # share by which a given airspeed may differ from the recorded one before that is said; judged
 _SPREAD = 1.1  # ratio of dynamic pressures up to which records are of one condition; judged
-_INERTIAS = ("Ixx", "Iyy", "Izz", "Ixz")
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def flown_condition(
             "one model was fitted to records of different mass or inertia, and the mean is taken for coefficients; "
             "identify and pool them each by itself (each = true under [pool], or --each)"
         )
-    mean = PartialMass(**{n: _mean(getattr(m, n) for m in masses) for n in ("mass_kg", *_INERTIAS)})
+    mean = PartialMass(**{n: _mean(getattr(m, n) for m in masses) for n in ("mass_kg", *INERTIAS)})
     mass, said = _completed(mean, aircraft)
     geometry = aircraft.geometry if aircraft is not None else None
     if description.geometry is not None:
@@ -138,7 +138,7 @@ def _completed(given: PartialMass, aircraft: Aircraft | None) -> tuple[PartialMa
     if aircraft is None:
         return given, []
     own: MassProperties = aircraft.mass
-    values = {n: getattr(own, n) if getattr(given, n) is None else getattr(given, n) for n in ("mass_kg", *_INERTIAS)}
+    values = {n: getattr(own, n) if getattr(given, n) is None else getattr(given, n) for n in ("mass_kg", *INERTIAS)}
     notes = []
     if given.mass_kg is not None and given.mass_kg != own.mass_kg and given.Ixx is given.Iyy is given.Izz is None:
         notes.append(

@@ -9,9 +9,8 @@ from pydantic import Field, model_validator
 from testbench.core.scenario.air import AirSpec
 from testbench.core.scenario.base import FlownInAir, SuiteName
 from testbench.core.scenario.inputs import Input
-from testbench.core.schema import NonNegative, Positive, Strict
+from testbench.core.schema import Names, NonNegative, Positive, Strict
 
-Names = Annotated[tuple[str, ...], Field(strict=False)]
 Band = Annotated[tuple[Positive, Positive], Field(strict=False)]
 
 

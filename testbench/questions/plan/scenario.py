@@ -10,11 +10,10 @@ from pydantic import Field, model_validator
 
 from testbench.core.scenario.base import Flown, ManoeuvreLimits, SuiteName
 from testbench.core.scenario.inputs import Control, Input
-from testbench.core.schema import NonNegative, Positive, Strict
+from testbench.core.schema import NonNegative, Positive, Strict, Text
 from testbench.inputs import InputSignal, build
 
 _NOT_BY_HAND = ("multisine", "prbs", "gbn")
-Name = Annotated[str, Field(min_length=1)]
 HEAVY_KG = 150.0
 """Aircraft above it burn fuel, and are flown in knots and feet, where a plan does not say otherwise."""
 Share = Annotated[float, Field(gt=0.0, le=100.0)]
@@ -30,7 +29,7 @@ class PlannedManoeuvre(Strict):
     a manoeuvre that nothing is identified from: it judges what the others of its design gave.
     """
 
-    name: Name
+    name: Text
     duration_s: Annotated[float, Field(gt=0.0, le=600.0)]
     settle_s: Annotated[float, Field(ge=0.0, le=60.0)] = 2.0
     repeats: Annotated[int, Field(ge=1, le=1000)] | None = None
@@ -39,7 +38,7 @@ class PlannedManoeuvre(Strict):
     most_repeats: Annotated[int, Field(ge=1, le=1000)] = 20
     speeds_m_s: Annotated[tuple[Positive, ...], Field(strict=False)] = ()
     heights_m: Annotated[tuple[float, ...], Field(strict=False)] = ()
-    design: Name | None = None
+    design: Text | None = None
     use: Literal["identification", "validation"] = "identification"
     input: Annotated[tuple[Input, ...], Field(min_length=1, strict=False)]
 
@@ -133,7 +132,7 @@ class Battery(Strict):
     usable_percent: Share = 80.0
     efficiency_percent: Share
     avionics_W: NonNegative = 0.0
-    source: Name
+    source: Text
 
     @property
     def usable_J(self) -> float:
@@ -154,7 +153,7 @@ class Fuel(Strict):
     heating_MJ_kg: Positive = 43.0
     density_kg_l: Positive = 0.72
     avionics_W: NonNegative = 0.0
-    source: Name
+    source: Text
 
     @property
     def usable_J(self) -> float:
@@ -185,9 +184,9 @@ class OnTheCard(Strict):
     """
 
     units: Literal["metric", "aviation"] | None = None
-    configuration: Name | None = None
-    hazards: Annotated[tuple[Name, ...], Field(strict=False)] = ()
-    emergency: Annotated[tuple[Name, ...], Field(strict=False)] = ()
+    configuration: Text | None = None
+    hazards: Annotated[tuple[Text, ...], Field(strict=False)] = ()
+    emergency: Annotated[tuple[Text, ...], Field(strict=False)] = ()
 
 
 _FASTEST_MS = {"ardupilot": 20, "px4": 20, "own": 1}  # scripting reaches 30 to 50 Hz, a companion's messages as well

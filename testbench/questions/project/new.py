@@ -14,6 +14,7 @@ from testbench.core.files import write_new
 from testbench.core.paths import AIRCRAFT, SENSOR_SUITES, STOCK, resolve
 from testbench.core.project import FILE
 from testbench.flight import load_aircraft
+from testbench.flight.linear_model import PLANE_CONTROLS
 from testbench.sensors import SensorSuite, load_suite
 from testbench.sensors.suite import needed
 
@@ -22,7 +23,6 @@ WANTED: Mapping[str, Mapping[str, float]] = {
     "lateral": {"L_beta": 10.0, "L_p": 5.0, "L_da": 5.0, "N_beta": 5.0, "N_r": 10.0, "N_dr": 5.0},
 }
 """Motion -> derivative -> standard error that is wanted, percent."""
-_CONTROLS = {"longitudinal": ("de",), "lateral": ("da", "dr")}
 
 
 def new_project(name: Path | str, aircraft: str, sensors: str, speeds_m_s: Sequence[float] = ()) -> list[Path]:
@@ -68,7 +68,7 @@ def new_project(name: Path | str, aircraft: str, sensors: str, speeds_m_s: Seque
 
 def _targets(motion: str, aircraft: Aircraft, suite: SensorSuite) -> dict[str, float]:
     """Return the derivatives that the sensors can tell -> wanted error."""
-    moved = [c for c in _CONTROLS[motion] if c in aircraft.controls]
+    moved = [c for c in PLANE_CONTROLS[motion] if c in aircraft.controls]
     if not moved or not suite.sees(motion):
         return {}
     felt = bool({"alpha", "az"} & set(suite.channels))
@@ -105,7 +105,7 @@ load_factor = [0.3, 1.7]
 
 
 def _design(motion: str, aircraft: Aircraft) -> str:
-    controls = ", ".join(quoted(c) for c in _CONTROLS[motion] if c in aircraft.controls)
+    controls = ", ".join(quoted(c) for c in PLANE_CONTROLS[motion] if c in aircraft.controls)
     return f"""# What is left out here stands in {FILE}: the targets are the accuracies of this motion.
 title = {quoted(f"Which input tells the {motion} motion?")}
 controls = [{controls}]

@@ -14,11 +14,17 @@ from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.door import read_toml
 from testbench.core.record import FloatArray
 from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
-from testbench.questions.exercise.motion import doublet, draw_short_period, measured, respond, short_period_matrices
+from testbench.questions.exercise.motion import (
+    PARAMETERS,
+    doublet,
+    draw_short_period,
+    measured,
+    respond,
+    short_period_matrices,
+)
 
 _DT, _SECONDS, _START_S = 0.01, 12.0, 1.0
 _V_M_S = 25.0
-_GIVEN = ("Z_alpha", "M_alpha", "M_q", "M_de")
 _LIMITS = ("n_max", "n_min", "alpha_max_deg")
 
 
@@ -26,7 +32,7 @@ def draw(rng: Generator) -> Mapping[str, Any]:
     """Draw aircraft, trim, limits and a planned doublet that breaks one of the limits, and only one."""
     while True:
         drawn = draw_short_period(rng, (3.5, 5.5), (0.3, 0.5), (-30.0, -20.0))
-        believed = {name: round(drawn[name], 3) for name in _GIVEN}
+        believed = {name: round(drawn[name], 3) for name in PARAMETERS}
         plan = {
             "amplitude_deg": round(float(rng.uniform(3.0, 6.0)), 2),
             "step_s": round(float(rng.uniform(0.35, 0.6)), 2),
