@@ -13,7 +13,8 @@ import pytest
 from testbench.core.errors import ScenarioError, TestbenchError
 from testbench.core.paths import SCENARIOS
 from testbench.questions import QUESTIONS
-from testbench.questions.exercise.answers import read_answers, verdict
+from testbench.questions.exercise.answers import read_answers
+from testbench.questions.exercise.check import verdict
 from testbench.questions.exercise.exercise import Answer
 from testbench.questions.exercise.seal import load_exercise
 
