@@ -16,7 +16,7 @@ import numpy as np
 
 import testbench as tb
 from testbench.aircraft import Aircraft
-from testbench.aircraft.stabiliser import stabilised
+from testbench.aircraft.seams import stabilised
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.inputs import Multisine
 from testbench.estimators.regression.global_model import FlownDomain

@@ -1,4 +1,4 @@
-"""The seams through which any aircraft can be changed: commands, surfaces, mass and thrust.
+"""The seams that every JSBSim model has, properties given other readers, and a stabiliser that is stated.
 
 A model in the testbench's own form is changed in its XML. A foreign one is changed beside it: its controls have a way
 of their own (:mod:`testbench.aircraft.adapter`), its mass and inertia as flown include fuel and point masses and are
@@ -19,6 +19,19 @@ from testbench.aircraft.paths import ControlPath, path_of
 from testbench.core.constants import FT_M, G0_M_S2, JSBSIM_LENGTH_M, LBF_N
 from testbench.core.errors import ModelError
 
+FED_BACK = {
+    "alpha": "aero/alpha-rad",
+    "beta": "aero/beta-rad",
+    "p": "velocities/p-rad_sec",
+    "q": "velocities/q-rad_sec",
+    "r": "velocities/r-rad_sec",
+    "phi": "attitude/phi-rad",
+    "theta": "attitude/theta-rad",
+}
+"""What can be fed back -> its JSBSim property, rad or rad/s."""
+SERVO_RAD_S = 100.0
+"""Corner frequency of the servo that a stabiliser works through in an aircraft that has none."""
+_UPSTREAM = 4  # between the recorded command and the servo
 _SHORTEST_S = 0.005  # lag that a linear model still tells from none
 _STANDS_STILL = "<gt> <property>simulation/dt</property> <value>0</value> </gt>"
 INERTIAS = ("Ixx", "Iyy", "Izz", "Ixz")
@@ -356,3 +369,27 @@ def product(*terms: str) -> str:
 def moving(term: str, still: str) -> str:
     """Return the XML of ``term`` while time runs, and of ``still`` while it stands (trim, initial conditions)."""
     return f"<ifthen> {_STANDS_STILL} {term} {still} </ifthen>"
+
+
+# --- a stabiliser that is stated --------------------------------------------------------------------------------------
+
+
+def stabilised(aircraft: Aircraft) -> Aircraft:
+    """Return the aircraft with its stabiliser, one amendment per control: command + sum of gain times motion.
+
+    It acts behind the recorded command and through the servo, so that a record of the surface shows it and the linear
+    model has it in the states of its servos; derivatives stay those of the aircraft alone.
+
+    Raises:
+        ModelError: it moves a control that the aircraft does not have.
+    """
+    for control, gains in aircraft.stabiliser.items():
+        if control_path(aircraft, control).lag is None or not aircraft.has_servo(control):
+            aircraft, _ = with_servo(aircraft, control, SERVO_RAD_S)
+        aircraft, path = opened(aircraft, control)
+        terms = " ".join(product(value(gain), prop(FED_BACK[motion])) for motion, gain in gains.items())
+        edit = reroute(path.command, f"stabiliser-{control}", f"<sum> {prop(path.command)} {terms} </sum>")
+        said = ", ".join(f"{gain:+.3g} {motion}" for motion, gain in gains.items())
+        amendment = Amendment(f"stabiliser_{control}", f"{control} is fed back {said}", (edit,), upstream=_UPSTREAM)
+        aircraft = aircraft.amended(amendment)
+    return aircraft

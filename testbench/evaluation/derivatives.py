@@ -1,4 +1,4 @@
-"""Dimensional stability and control derivatives, read off a linear model at trim."""
+"""Dimensional derivatives of a linear model at trim, and the true values of parameters that mean them."""
 
 from __future__ import annotations
 

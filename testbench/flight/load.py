@@ -14,8 +14,8 @@ import numpy as np
 from testbench.aircraft import Aircraft, Control, read_aircraft
 from testbench.aircraft.adapter import CHANNEL, CommandedAt
 from testbench.aircraft.model import MassProperties
+from testbench.aircraft.seams import stabilised
 from testbench.aircraft.source import Source, find_model, read_source
-from testbench.aircraft.stabiliser import stabilised
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ModelError, TrimError
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, resolve, stock_root

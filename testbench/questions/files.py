@@ -211,7 +211,7 @@ def _of_folder(path: Path) -> Any:
 def _of_file(path: Path) -> Any:
     """Return the record, the model or the log that a file holds."""
     from testbench.core.record import load_record
-    from testbench.questions.export.matrices import load_matrices
+    from testbench.questions.export.ask import load_matrices
     from testbench.questions.importing.ask import import_log
 
     if path.suffix == ".json":

@@ -38,8 +38,7 @@ from testbench.page.publish import data_of, latex_text
 from testbench.page.tables import Column, Table
 from testbench.questions.exercise.answers import template
 from testbench.questions.exercise.seal import load_exercise
-from testbench.questions.export.ask import control_text, jsbsim_text
-from testbench.questions.export.matrices import Matrices
+from testbench.questions.export.ask import Matrices, control_text, jsbsim_text
 
 LINES = ("a\nb", "a\r\nb", "a\x0bb", "a\x1bb", "a\u2028b", "a\x85b", "a\x00b")
 

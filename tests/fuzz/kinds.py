@@ -30,7 +30,7 @@ from testbench.questions.design.ready import promise_of_file
 from testbench.questions.exercise.answers import read_answers, template
 from testbench.questions.exercise.roster import TABLE, exercises_of, students_of
 from testbench.questions.exercise.seal import load_exercise, read_key
-from testbench.questions.export.matrices import load_matrices
+from testbench.questions.export.ask import load_matrices
 from testbench.questions.files import load
 from testbench.questions.identify.pool.prior import prior_of_file
 from testbench.questions.importing.ask import import_log

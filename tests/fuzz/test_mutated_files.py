@@ -22,8 +22,7 @@ from fuzz.survive import broken
 
 from testbench.core.door import KINDS
 from testbench.core.errors import TestbenchError
-from testbench.questions.export.ask import export_model, export_record
-from testbench.questions.export.matrices import load_matrices
+from testbench.questions.export.ask import export_model, export_record, load_matrices
 from testbench.questions.importing.ask import import_log, write_import
 
 SEEDS = int(os.environ.get("FUZZ_SEEDS", "0"))

@@ -1,4 +1,4 @@
-"""What the file of a ground vibration test may say: frequencies, damping, masses, shapes, plan form."""
+"""The file of a ground vibration test: what it may say, how it is read, and the laws that it is checked by."""
 
 from __future__ import annotations
 

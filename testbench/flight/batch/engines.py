@@ -20,11 +20,10 @@ from collections.abc import Mapping
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.air import SEA_LEVEL_RHO
 from testbench.flight.batch.functions import Functions
-from testbench.flight.batch.mount import Mount
+from testbench.flight.batch.mount import Mount, Term
 from testbench.flight.batch.piston import Piston
 from testbench.flight.batch.program import Builder, Op, Untranslated
 from testbench.flight.batch.properties import Properties
-from testbench.flight.batch.terms import Term
 from testbench.flight.batch.units import convert
 
 _NAMES = {"C_THRUST", "C_POWER", "CT_MACH", "CP_MACH"}

@@ -11,9 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from testbench.flight.batch import registers as r
-from testbench.flight.batch.mount import Mount
+from testbench.flight.batch.mount import Mount, Term
 from testbench.flight.batch.program import Untranslated
-from testbench.flight.batch.terms import Term
 from testbench.flight.batch.units import convert
 
 # FGJSBBase and FGPiston: conversions and constants, to the last digit that JSBSim has

@@ -1,4 +1,4 @@
-"""The page on an aircraft."""
+"""The page on an aircraft: tables and figures of trim, modes over speed, shapes and responses."""
 
 from __future__ import annotations
 

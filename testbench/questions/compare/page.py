@@ -1,4 +1,4 @@
-"""The page of a comparison of sensor suites."""
+"""The page of a comparison of sensor suites: its tables and figures."""
 
 from __future__ import annotations
 

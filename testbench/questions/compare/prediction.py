@@ -1,4 +1,4 @@
-"""What a manoeuvre tells through a suite, before anything is flown: noise of outputs and of measured inputs.
+"""What a manoeuvre tells through a suite, before anything is flown: the linear aircraft, noise of all instruments.
 
 Can a bound be believed that takes the model as linear in its parameters over the errors that it predicts?
 

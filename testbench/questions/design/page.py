@@ -1,4 +1,4 @@
-"""The page of a designed input; scenarios and signals ready to fly lie beside it."""
+"""The page of a designed input, its tables and figures; scenarios and signals ready to fly lie beside it."""
 
 from __future__ import annotations
 

@@ -57,8 +57,7 @@ def export_file(
     """
     if file.suffix.lower() == ".json":
         from testbench.core.store import write_beside
-        from testbench.questions.export.ask import SUFFIXES, export_model
-        from testbench.questions.export.matrices import load_matrices
+        from testbench.questions.export.ask import SUFFIXES, export_model, load_matrices
 
         model = load_matrices(file)
         where = out or file.with_name(file.stem + SUFFIXES[to.value])

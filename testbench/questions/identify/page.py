@@ -62,8 +62,7 @@ def _errors(found: Identified, index: int) -> dict[str, dict[str, float]]:
 def _with_amendment(page: Page, amended: Amended) -> Page:
     """Return the page with the amended aircraft: its answer first, its tables and the flight against both."""
     from testbench.questions.identify.amend.answer import amended_answer
-    from testbench.questions.identify.amend.figures import amended_plates
-    from testbench.questions.identify.amend.tables import amended_tables
+    from testbench.questions.identify.amend.page import amended_plates, amended_tables
 
     tables = amended_tables(amended)
     first, *more = amended_answer(amended)

@@ -20,8 +20,7 @@ from testbench.flight import load_aircraft
 from testbench.flight.batch.jobs import Simulator
 from testbench.page.words import counted
 from testbench.questions.plan.bounds import GIVEN, bounds_at
-from testbench.questions.plan.repeats import plane_modes, reach
-from testbench.questions.plan.resources import fits, level_power_W, schedule
+from testbench.questions.plan.repeats import fits, level_power_W, plane_modes, reach, schedule
 from testbench.questions.plan.response import (
     Task,
     Together,

@@ -16,7 +16,7 @@ from testbench.evaluation.derivatives import dimensional_derivatives, static_mar
 from testbench.page.labels import file_stem, number, shown_unit, symbol
 from testbench.page.words import listed, some
 from testbench.questions.plan.injection.scripts import WATCHED, heap_bytes, injectable, lua_script
-from testbench.questions.plan.resources import leg_of
+from testbench.questions.plan.repeats import leg_of
 from testbench.questions.plan.scenario import HEAVY_KG, Fuel, Tow
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, linear
 from testbench.page.labels import number
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.plan.bounds import stall_speed_m_s
-from testbench.questions.plan.resources import turn_back
+from testbench.questions.plan.repeats import turn_back
 from testbench.questions.plan.result import Point
 from testbench.questions.plan.scenario import HEAVY_KG, Airspace, PlanLimits, PlannedManoeuvre
 from testbench.questions.run.scenario import Scenario

@@ -1,4 +1,4 @@
-"""The page of a flight plan; the cards to print, signals and scripts lie beside it."""
+"""The page of a flight plan, its tables and figures; the cards to print, signals and scripts lie beside it."""
 
 from __future__ import annotations
 

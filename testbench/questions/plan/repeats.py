@@ -1,22 +1,24 @@
-"""How many runs give a wanted accuracy, from the Fisher information of one: repeats = ceil((std / wanted)^2)."""
+"""How many runs give a wanted accuracy: repeats = ceil((std / wanted)^2); and their times, energy and room."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.core.errors import EstimationError
+from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
+from testbench.core.errors import EstimationError, ScenarioError
 from testbench.core.record import FloatArray
 from testbench.core.scenario.inputs import Input
-from testbench.flight import LinearModel
+from testbench.flight import LinearModel, TrimmedFlight
 from testbench.information.aircraft_structure import Plane, aircraft_structure, parameter_names
 from testbench.information.fisher import Experiment, accuracy
 from testbench.information.targets import needed_parameters
-from testbench.questions.plan.result import Point, Reached
-from testbench.questions.plan.scenario import PlannedManoeuvre, commanded
+from testbench.questions.plan.result import Card, FlightLeg, Point, Reached, Run
+from testbench.questions.plan.scenario import Airspace, PlannedManoeuvre, PlanScenario, Tow, commanded
 from testbench.sensors import SensorSuite
 
 _USABLE = {
@@ -131,3 +133,164 @@ def _sampled(
     for j, name in enumerate(spec.controls):
         u[start : start + rows, j] = signal.u[:rows, signal.channels.index(name)]
     return u
+
+
+# --- times, energy and room -------------------------------------------------------------------------------------------
+
+
+def level_power_W(scenario: PlanScenario, trimmed: TrimmedFlight, mass_kg: float) -> float:
+    """Return the power drawn in steady flight, W.
+
+    In level flight it is P = T V / efficiency + avionics with the thrust T of the trim; a glider pays with height,
+    P = m g V sin(-gamma).
+    """
+    energy, condition = scenario.energy, trimmed.condition
+    if isinstance(energy, Tow):
+        return max(-mass_kg * G0_M_S2 * condition.V_m_s * math.sin(condition.gamma_rad), 0.0)
+    efficiency = energy.efficiency_percent * PERCENT
+    return max(trimmed.state.get("thrust", 0.0), 0.0) * trimmed.condition.V_m_s / efficiency + energy.avionics_W
+
+
+def usable_J(scenario: PlanScenario, mass_kg: float) -> float:
+    """Return the energy that a flight may use, J; of a glider, m g times the height from release to the lowest."""
+    energy = scenario.energy
+    if isinstance(energy, Tow):
+        return mass_kg * G0_M_S2 * (energy.release_m - energy.lowest_m)
+    return energy.usable_J
+
+
+def schedule(
+    scenario: PlanScenario, cards: Sequence[Card], mass_kg: float
+) -> tuple[tuple[Run, ...], tuple[FlightLeg, ...]]:
+    """Return the runs in order and the flights that they take.
+
+    A flight begins with ``timing.overhead_s`` at the level power of its first point and the climb from the field,
+    m g dh / efficiency (a glider is towed); a run takes its length and ``timing.turn_s``. The next flight begins when
+    a run would take more than the usable energy.
+
+    Raises:
+        ScenarioError: a flight of one run takes more than the usable energy.
+    """
+    timing, energy, usable = scenario.timing, scenario.energy, usable_J(scenario, mass_kg)
+    towed = isinstance(energy, Tow)
+    efficiency = 1.0 if isinstance(energy, Tow) else energy.efficiency_percent * PERCENT
+    runs: list[Run] = []
+    flights: list[FlightLeg] = []
+    faults: list[str] = []
+    time = used = 0.0
+    height, first = timing.field_m, 1
+
+    def climb_J(to_m: float) -> float:
+        """Return the energy of the climb from the present height."""
+        return 0.0 if towed else mass_kg * G0_M_S2 * max(to_m - height, 0.0) / efficiency
+
+    for card in cards:
+        power = card.point.power_W
+        for repeat in range(1, card.repeats + 1):
+            length = card.length_s + timing.turn_s
+            step = power * length + climb_J(card.point.h_m)
+            if not runs or used + step > usable:
+                if runs:
+                    flights.append(FlightLeg(len(flights) + 1, first, len(runs), time, used, usable))
+                height, first, time = timing.field_m, len(runs) + 1, timing.overhead_s
+                used = 0.0 if towed else power * timing.overhead_s
+                step = power * length + climb_J(card.point.h_m)
+                if used + step > usable and repeat == 1:
+                    faults.append(
+                        f"{scenario.file}, energy: usable energy >= {(used + step) / 3600.0:.3g} Wh must hold for one "
+                        f"flight with one run of {card.title}, got {usable / 3600.0:.3g} Wh; give more "
+                        "capacity or shorten overhead and turns"
+                    )
+            start = time
+            used, time, height = used + step, time + length, card.point.h_m
+            runs.append(Run(len(runs) + 1, card, repeat, len(flights) + 1, start, used))
+    if faults:
+        raise ScenarioError(faults)
+    if runs:
+        flights.append(FlightLeg(len(flights) + 1, first, len(runs), time, used, usable))
+    return tuple(runs), tuple(flights)
+
+
+# --- the box in which a campaign stays --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Leg:
+    """How the runs of a card lie in the box.
+
+    Attributes:
+        run_m: way of one run over ground, the strongest wind from behind.
+        radius_m: radius of the turn back through the air, V^2 / (g tan bank).
+        runs: that fit between the turns at both ends.
+        turns: back, for all repeats of the card.
+        turn_s: time of one turn of 180 degrees.
+    """
+
+    run_m: float
+    radius_m: float
+    runs: int
+    turns: int
+    turn_s: float
+
+
+def turn_back(V_m_s: float, space: Airspace) -> tuple[float, float]:
+    """Return radius (m) and time (s) of a turn of 180 degrees: V^2 / (g tan bank), pi radius / V."""
+    radius = V_m_s**2 / (G0_M_S2 * math.tan(space.bank_deg * DEG_RAD))
+    return radius, math.pi * radius / V_m_s
+
+
+def leg_of(card: Card, space: Airspace) -> Leg:
+    """Return how the runs of a card lie in the box.
+
+    The turn at the end of a leg takes its radius of the length, and the drift of the wind during half of it; two radii
+    of the width.
+    """
+    V = card.point.V_m_s
+    radius, turn_s = turn_back(V, space)
+    run = (V + space.wind_m_s) * card.length_s
+    free = space.length_m - 2.0 * (radius + 0.5 * space.wind_m_s * turn_s)
+    fit = max(math.floor(free / run), 0)
+    return Leg(run, radius, fit, math.ceil(card.repeats / fit) - 1 if fit and card.repeats else 0, turn_s)
+
+
+def box_faults(scenario: PlanScenario, cards: Sequence[Card]) -> list[str]:
+    """Return in words what does not fit into the box: a run, a turn, or the heights that a card's limits allow."""
+    space = scenario.airspace
+    if space is None:
+        return []
+    out = []
+    for card in cards:
+        if card.status == "refused":
+            continue
+        leg = leg_of(card, space)
+        ends = 2.0 * (leg.radius_m + 0.5 * space.wind_m_s * leg.turn_s)
+        if leg.runs < 1:
+            out.append(
+                f"{scenario.file}, airspace.length_m: length_m >= {math.ceil(leg.run_m + ends)} must hold for one run "
+                f"of {card.title} ({leg.run_m:.0f} m over ground in {space.wind_m_s:g} m/s of wind, {ends:.0f} m for "
+                f"the turns), got {space.length_m:g}; shorten the manoeuvre or its settling, or enlarge the box"
+            )
+        if 2.0 * leg.radius_m > space.width_m:
+            out.append(
+                f"{scenario.file}, airspace.width_m: width_m >= {math.ceil(2.0 * leg.radius_m)} must hold for a turn "
+                f"at {card.point.V_m_s:g} m/s and {space.bank_deg:g} deg of bank, got {space.width_m:g}"
+            )
+        for limit in card.limits:
+            if limit.channel == "h" and not (space.lowest_m <= limit.low and limit.high <= space.highest_m):
+                out.append(
+                    f"{scenario.file}, airspace: lowest_m <= {limit.low:g} and highest_m >= {limit.high:g} must hold "
+                    f"for the heights that the limits of {card.title} allow, got {space.lowest_m:g} and "
+                    f"{space.highest_m:g}; set limits.height_change_m, or enlarge the box"
+                )
+    return list(dict.fromkeys(out))
+
+
+def fits(scenario: PlanScenario, cards: Sequence[Card]) -> None:
+    """Refuse cards that do not fit into the box.
+
+    Raises:
+        ScenarioError: every run, turn and height that does not fit.
+    """
+    faults = box_faults(scenario, cards)
+    if faults:
+        raise ScenarioError(faults)

@@ -13,8 +13,7 @@ from testbench.core.record import FlightRecord
 from testbench.estimators.continuous import ContinuousTransferModel
 from testbench.estimators.state_space import StateSpaceModel
 from testbench.estimators.transfer_function import TransferFunctionModel
-from testbench.questions.export.ask import SUFFIXES, export_model, export_record
-from testbench.questions.export.matrices import Matrices, load_matrices
+from testbench.questions.export.ask import SUFFIXES, Matrices, export_model, export_record, load_matrices
 
 pytestmark = pytest.mark.drawn
 

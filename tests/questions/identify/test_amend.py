@@ -21,7 +21,7 @@ from testbench.questions.aircraft.contract import aircraft_laws
 from testbench.questions.identify.amend.answer import amended_answer
 from testbench.questions.identify.amend.ask import amend
 from testbench.questions.identify.amend.choose import aims_of, chosen_case, derivatives_of, servo_aims
-from testbench.questions.identify.amend.figures import amended_plates
+from testbench.questions.identify.amend.page import amended_plates
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.page import identify_page
 from testbench.questions.identify.scenario import RecordDescription

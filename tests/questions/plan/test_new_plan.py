@@ -25,7 +25,7 @@ from testbench.questions.plan.ask import make_plan
 from testbench.questions.plan.card_text import before_lines
 from testbench.questions.plan.check import check
 from testbench.questions.plan.new import limits_of_designs, plan_text, take
-from testbench.questions.plan.resources import box_faults, leg_of
+from testbench.questions.plan.repeats import box_faults, leg_of
 from testbench.questions.plan.scenario import Airspace, PlanScenario, Tow
 
 

@@ -31,8 +31,7 @@ from testbench.questions.plan.card_text import card_text
 from testbench.questions.plan.check import check
 from testbench.questions.plan.injection.scripts import rows_of
 from testbench.questions.plan.page import plan_page, plan_tables
-from testbench.questions.plan.repeats import reach, repeats_for
-from testbench.questions.plan.resources import level_power_W, schedule, usable_J
+from testbench.questions.plan.repeats import level_power_W, reach, repeats_for, schedule, usable_J
 from testbench.questions.plan.response import (
     SHOWN,
     Task,

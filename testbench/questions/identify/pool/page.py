@@ -1,4 +1,4 @@
-"""The page of a pooling."""
+"""The page of a pooling: its tables, and every log's coefficients with the pooled ones."""
 
 from __future__ import annotations
 
