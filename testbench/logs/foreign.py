@@ -13,6 +13,7 @@ _MAGIC = {"netcdf": (b"CDF\x01", b"CDF\x02", b"CDF\x05"), "parquet": (b"PAR1",),
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _SUFFIX = {"netcdf": ".nc", "parquet": ".parquet", "mat": ".mat"}
 _NAMES = {"netcdf": "a NetCDF file", "parquet": "a Parquet file", "mat": "a MAT file of MATLAB"}
+_POSITIONS = "they hold positions and speeds, no rates or controls: give the flight log"
 _OTHERS = (
     (b"\xd0\xcf\x11\xe0", "an old Excel workbook (.xls)", "save the sheet as CSV"),
     (b"\x1f\x8b", "compressed by gzip", "unpack it (gunzip) and give what is in it"),
@@ -28,7 +29,14 @@ _OTHERS = (
     (b"ULog", "a ULog of PX4, which needs no description", "name it .ulg and give it to `testbench import`"),
     (b"\xa3\x95", "an ArduPilot log, which needs no description", "name it .bin and give it to `testbench import`"),
     (b"\x93NUMPY", "an array of NumPy", "save it as CSV with a header, or with scipy.io.savemat"),
-    (b"#ROSBAG", "a bag of ROS", "export the topics as CSV"),
+    (
+        b"#ROSBAG",
+        "a bag of ROS",
+        "export its topics as CSV, one file each (rostopic echo -b BAG -p TOPIC), into a folder",
+    ),
+    (b"\x89MCAP", "a recording in MCAP, as of ROS 2", "export its topics as CSV, one file each, into a folder"),
+    (b"H Product:Blackbox", "a blackbox of Betaflight or iNav", "make a table of it: blackbox_decode FILE"),
+    (b"\xb5b", "messages of a u-blox receiver (UBX)", _POSITIONS),
     (b"MDF     ", "an MDF measurement (.mf4)", "export its channels as CSV or MAT"),
     (b"ARROW1", "a Feather (Arrow) file", "save it as Parquet: pandas.read_feather(f).to_parquet(g)"),
 )
@@ -79,6 +87,8 @@ def _foreign(head: bytes, kind: str) -> tuple[str, str] | None:
     for magic, what, fix in _OTHERS:
         if head.startswith(magic):
             return what, fix
+    if head[8:12] == b".FIT":
+        return "a recording of a watch (FIT)", _POSITIONS
     if _TELEMETRY.match(head):
         return "a telemetry log of MAVLink (.tlog)", _INSTEAD
     return _foreign_text(head, kind)
@@ -98,8 +108,10 @@ def _foreign_text(head: bytes, kind: str) -> tuple[str, str] | None:
     if re.match(r"\$(g[nplabq]|pubx)\w{3},", lower):
         return (
             "sentences of a receiver (NMEA)",
-            "they hold positions and speeds, no rates or controls: give the flight log",
+            _POSITIONS,
         )
+    if re.match(r"a[a-z0-9]{3}.*\r?\nh[fopc]dte", lower):
+        return "the log of a glider (IGC)", _POSITIONS
     if lower.startswith("<?xml") or (re.match(r"<[a-z_][\w:.-]*[\s>]", lower) and re.search(r"</|/>|<!", text)):
         if "<configuration" in lower or "paparazzi" in lower:
             return "the message definitions of a Paparazzi log", "give the .data file that lies beside it"

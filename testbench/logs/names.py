@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from testbench.core.channels import CHANNELS, SURFACES, UNITS, channel, unit_factor
 from testbench.core.constants import PERCENT
+from testbench.core.record import FloatArray
 
 LARGEST = 1e100
 """No sample of any flight is larger in its unit; the squares of much larger numbers are infinite."""
@@ -36,6 +37,7 @@ _CLOCKS = {
     "lcl_time", "local_time", "time_stamp", "zeit", "temps", "tiempo", "tempo", "simulation/sim_time",
     "sim/time/elapsed", "real,time", "totl,time",
 }  # fmt: skip
+_SINCE = re.compile(r"(?:(\w+?)_)?since_\w+|elapsed_(\w+)")  # seconds_since_launch
 _FUSED = {"timeus": ("time", "us"), "timems": ("time", "ms"), "timens": ("time", "ns"), "times": ("time", "")}
 
 _NAMES = {
@@ -50,7 +52,8 @@ _NAMES = {
     "roll_attitude": "phi", "bank_attitude": "phi", "pitch_attitude": "theta",
     "yaw": "psi", "yaw_angle": "psi", "heading": "psi", "true_heading": "psi", "heading_true": "psi",
     "altitude": "h", "altitude_asl": "h", "altitude_msl": "h", "alt": "h", "alt_msl": "h", "alt_asl": "h",
-    "pressure_altitude": "h", "baro_altitude": "h", "baro_alt": "h", "barometric_altitude": "h",
+    "pressure_altitude": "h", "altitude_amsl": "h", "alt_amsl": "h", "baro_altitude": "h", "baro_alt": "h",
+    "barometric_altitude": "h",
     "hdg": "psi", "altmsl": "h", "gndspd": "Vg", "vspd": "hdot",
     "xaccel": "ax", "yaccel": "ay", "zaccel": "az", "vnorth": "v_north", "veast": "v_east",
     "groundspeed": "Vg", "ground_speed": "Vg", "gps_speed": "Vg", "gspeed": "Vg",
@@ -67,20 +70,11 @@ _NAMES = {
     "tascg": "V", "alfcg": "alpha", "betcg": "beta", "the": "theta", "delv": "de", "dail": "da", "drud": "dr",
     "pdyn": "qbar", "axcg": "ax", "aycg": "ay", "azcg": "az",
 }  # fmt: skip
-# What a writer gives in a unit, or a sign, of its own. X-Plane's yokes, pedals and surfaces are parts of full throw,
-# positive nose up, right wing down, nose right; its load factor is that of the lift. FlightGear's pedal is positive
-# nose right, its elevator trailing edge down, as JSBSim's.
-_OF_WRITERS = {
-    "hding,true": ("psi", "deg", 1.0), "gload,norml": ("az", "g", -1.0), "thro1,part": ("thr", "1", 1.0),
-    **{f"{word},{where}": (name + end, "norm", sign) for where, end in (("surf", ""), ("yoke1", "_cmd"))
-       for word, name, sign in (("elev", "de", -1.0), ("ailrn", "da", 1.0), ("ruddr", "dr", -1.0))},
-    "controls/flight/elevator": ("de_cmd", "norm", 1.0), "controls/flight/aileron": ("da_cmd", "norm", 1.0),
-    "controls/flight/rudder": ("dr_cmd", "norm", -1.0), "surface-positions/elevator-pos-norm": ("de", "norm", 1.0),
-    "surface-positions/left-aileron-pos-norm": ("da", "norm", 1.0),
-    "surface-positions/rudder-pos-norm": ("dr", "norm", -1.0),
-    **{f"accelerations/pilot/{axis}-accel-fps_sec": (f"a{axis}", "ft/s2", 1.0) for axis in "xyz"},
-    "vdown": ("hdot", "", -1.0), "v_down": ("hdot", "", -1.0), "velocity_down": ("hdot", "", -1.0),
-}  # fmt: skip
+INDICATED = "true airspeed is the airspeed logged, which is indicated: right at sea level, 5 % too low at 1000 m"
+"""What is assumed of an airspeed that a pitot tube indicates."""
+_INDICATED = ("ias", "kias", "indicated_airspeed", "airspeed_indicated", "cas", "kcas", "calibrated_airspeed")
+_DOWN = ("vdown", "v_down", "velocity_down")
+"""Names of velocities that count downwards."""
 # Only with a unit of theirs: without one, commands are numbers of a transmitter or of JSBSim, from -1 to 1, and an
 # abbreviation may be another word.
 _COMMAND_WORDS = ("command", "cmd", "commanded", "demand", "setpoint", "sp")
@@ -139,17 +133,31 @@ _BRACKETS = re.compile(r"(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))\s*", re.DOTALL)
 class Meaning(NamedTuple):
     """The channel that a column is called by, its unit as the channel table writes it, or one of :data:`THROWS`.
 
-    The unit is "" if none is stated; ``sign`` is -1 where the writer counts the other way.
+    The unit is "" if none is stated. A value in it is scale * column + offset; the scale is -1 where the writer counts
+    the other way. ``assumed`` says what the file does not.
     """
 
     channel: str
     unit: str
-    sign: float = 1.0
+    scale: float = 1.0
+    offset: float = 0.0
+    assumed: str = ""
 
     @property
     def factor(self) -> float:
-        """What turns a value into SI units, or into a part of full throw."""
-        return self.sign * (THROWS[self.unit] if self.of_throw else unit_factor(self.channel, self.unit))
+        """What turns a value in the unit into SI units, or into a part of full throw."""
+        return THROWS[self.unit] if self.of_throw else unit_factor(self.channel, self.unit)
+
+    def convert(self, column: FloatArray) -> FloatArray:
+        """Return a column in SI units, or in parts of full throw."""
+        return self.factor * (self.scale * column + self.offset)
+
+    @property
+    def said(self) -> str:
+        """The conversion in words."""
+        value = {1.0: "", -1.0: "minus "}.get(self.scale, f"{self.scale:g} times ")
+        more = f"{self.offset:+g} " if self.offset else ""
+        return f"{value}{more}{self.unit}{' times full throw' if self.of_throw else ''}"
 
     @property
     def of_throw(self) -> bool:
@@ -198,9 +206,12 @@ def clock_called(name: str, stated: str = "") -> tuple[bool, str]:
     A ``clock`` is one only in a unit of time, which the file may have ``stated``. ``TimeUS``, ``time_us``,
     ``t_ms``, ``timestamp (ms)``, ``sim-time-sec`` and the like are times; ``t_alpha`` is not.
     """
-    label, inside = _label(name), time_unit(split_unit(name)[1])
+    label, inside = label_of(name), time_unit(split_unit(name)[1])
     if label == "clock":
         return bool(inside or time_unit(stated)), inside
+    if (since := _SINCE.fullmatch(label)) is not None:
+        unit = time_unit(since[1] or since[2] or "")
+        return bool(unit) or since[1] in _CLOCKS, unit or inside
     for short in (label, label.rsplit(".", 1)[-1]):
         if short in _FUSED:
             return True, inside or _FUSED[short][1]
@@ -231,7 +242,7 @@ def meaning(name: str, stated: str = "") -> Meaning | None:
 
 
 def _with_unit(name: str, stated: str) -> Meaning | None:
-    for label in dict.fromkeys((_label(name), _label(_CAPITALS.sub("_", name)))):
+    for label in dict.fromkeys((label_of(name), label_of(_CAPITALS.sub("_", name)))):
         ends = [len(label)] if stated else [m.start() for m in re.finditer(r"[/_,]", label)]
         for end in ends:
             found = _WITH_UNIT.get(label[:end], "")
@@ -245,14 +256,16 @@ def _named(name: str) -> Meaning | None:
     if name in CHANNELS:
         return Meaning(name, "")
     path = re.sub(r"\[0\]", "", name.strip().lower()).removeprefix("/fdm/jsbsim").lstrip("/")
-    label = _label(name)
-    if (own := _OF_WRITERS.get(label) or _OF_WRITERS.get(path)) is not None:
-        return Meaning(*own)
+    label = label_of(name)
+    if label in _INDICATED:
+        return Meaning("V", "kt" if label.startswith("k") else "", assumed=INDICATED)
+    if label in _DOWN:
+        return Meaning("hdot", "", -1.0)
     base, _, suffix = path.rpartition("-")
     for key in (base, path) if "/" in path else ():
         if key in _PROPERTIES:
             return Meaning(_PROPERTIES[key], _fitting(_PROPERTIES[key], suffix if key == base else ""))
-    known = _NAMES.get(label) or _ANY_CASE.get(label) or _NAMES.get(_label(_CAPITALS.sub("_", name)))
+    known = _NAMES.get(label) or _ANY_CASE.get(label) or _NAMES.get(label_of(_CAPITALS.sub("_", name)))
     if known:
         return Meaning(known, "")
     for cut in (m.start() for m in re.finditer(r"[/_,]", label)):  # alpha_deg, alpha/deg, q_rad_s, q,rad/s
@@ -264,7 +277,7 @@ def _named(name: str) -> Meaning | None:
     return None
 
 
-def _label(name: str) -> str:
+def label_of(name: str) -> str:
     """Return a name in lower case, its words joined by _: ``V_{Total}`` is v_total, ``__Q,rad/s`` is q,rad/s."""
     plain = re.sub(r"[{}<>]", "", split_unit(name)[0].strip().strip("\"'").lower()).translate(_GREEK)
     plain = re.sub(r"[\s\-]+", "_", plain).removeprefix("/fdm/jsbsim").strip("_/")

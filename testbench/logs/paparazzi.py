@@ -67,8 +67,11 @@ def read_paparazzi(path: Path) -> tuple[Log, tuple[Rule, ...]]:
         )
     definitions = read_xml(beside, "definitions", bare=True)  # flight plans in it hold &&
     fields = _fields(definitions)
-    commands = [str(axis.get("name", "")).upper() for axis in definitions.iterfind(".//commands/axis")]
-    topics, unread, warnings = _topics(path, fields)
+    topics, unread, warnings, number = _topics(path, fields)
+    every = list(definitions.iterfind(".//aircraft"))  # a ground station lists all that it knows
+    aircraft = next((each for each in every if _said(each, "ac_id") == number), every[0] if every else None)
+    own = aircraft if aircraft is not None and aircraft.find(".//commands/axis") is not None else definitions
+    commands = [_said(axis, "name").upper() for axis in own.iterfind(".//commands/axis")]
     if not topics:
         raise RecordError(f"'{beside}' must define the messages of '{path.name}', but it defines none of them")
     rules = tuple(
@@ -78,35 +81,40 @@ def read_paparazzi(path: Path) -> tuple[Log, tuple[Rule, ...]]:
         if known.name == column and (unit := stated_unit(name, known.unit) or ("" if known.unit else usual))
     )
     facts = {"commands": " ".join(commands).lower()} if commands else {}
-    aircraft = definitions.find(".//aircraft")
-    facts |= {"aircraft": aircraft.get("name", "")} if aircraft is not None else {}
+    facts |= {"aircraft": _said(aircraft, "name")} if aircraft is not None else {}
+    vehicle = "rotorcraft" if any(_said(each, "name") == "rotorcraft" for each in own.iter("firmware")) else ""
     modes = modes_of(topics.pop("PPRZ_MODE", None), "ap_mode", _MODES, _FLOWN)
-    log = Log(path, "Paparazzi messages", topics, facts, warnings=tuple(warnings), unread=unread, modes=modes)
+    log = Log(path, "Paparazzi messages", topics, facts, {}, tuple(warnings), unread, modes=modes, vehicle=vehicle)
     return log, (*rules, *_command_rules(commands))
 
 
 def _fields(definitions: ElementTree.Element) -> dict[str, list[_Field]]:
     """Return message -> its fields, from the class of telemetry before any other."""
     groups = [*definitions.iter("msg_class"), *definitions.iter("class"), definitions]
-    groups.sort(key=lambda group: str(group.get("name", group.get("NAME", ""))).lower() != "telemetry")
+    groups.sort(key=lambda group: _said(group, "name").lower() != "telemetry")
     out: dict[str, list[_Field]] = {}
     for group in groups:
         for message in group.iter("message"):
-            name = str(message.get("name", message.get("NAME", ""))).upper()
+            name = _said(message, "name").upper()
             out.setdefault(name, [_field(field) for field in message.iter("field")])
     return out
 
 
 def _field(field: ElementTree.Element) -> _Field:
-    name, unit = str(field.get("name", field.get("NAME", ""))), field.get("unit", "")
+    name, unit = _said(field, "name"), _said(field, "unit")
     try:
-        return _Field(name, str(field.get("alt_unit") or unit), float(field.attrib["alt_unit_coef"]))
-    except (KeyError, ValueError):
-        return _Field(name, str(unit), 1.0)
+        return _Field(name, _said(field, "alt_unit") or unit, float(_said(field, "alt_unit_coef")))
+    except ValueError:
+        return _Field(name, unit, 1.0)
 
 
-def _topics(path: Path, fields: dict[str, list[_Field]]) -> tuple[dict[str, Topic], dict[str, int], list[str]]:
-    """Return the messages that a rule may use, the number of the others, and what was left out."""
+def _said(element: ElementTree.Element, attribute: str) -> str:
+    """Return an attribute, "" if it is not there; some versions write their names in capitals."""
+    return str(element.get(attribute, element.get(attribute.upper(), "")))
+
+
+def _topics(path: Path, fields: dict[str, list[_Field]]) -> tuple[dict[str, Topic], dict[str, int], list[str], str]:
+    """Return the messages that a rule may use, the number of the others, what was left out, and whose they are."""
     used = {source[1] for source in _SOURCES} | {"COMMANDS", "PPRZ_MODE"}
     lines = [line.split() for line in read_text(path, "log", errors="replace").splitlines()]
     lines = [words for words in lines if len(words) > 2]
@@ -135,7 +143,7 @@ def _topics(path: Path, fields: dict[str, list[_Field]]) -> tuple[dict[str, Topi
         damaged = len(table) - len(values)
         dropped.append(lost)
         warnings += [f"{name}: {damaged} messages are damaged and were left out"] if damaged else []
-    return topics, dict(unread), [*warnings, *dropped_in_words(dropped)]
+    return topics, dict(unread), [*warnings, *dropped_in_words(dropped)], craft[0][0] if craft else ""
 
 
 def _numbers(words: list[str]) -> list[float]:

@@ -6,6 +6,7 @@ SIDPAC (V. Klein, E. A. Morelli, Aircraft System Identification, AIAA 2006, soft
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,20 +14,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from testbench.core.channels import CHANNELS, UNITS, channel, unit_factor
+from testbench.core.channels import CHANNELS, SURFACES, UNITS, channel, unit_factor
 from testbench.core.constants import DEG_RAD, LBF_N
 from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
+from testbench.logs.catalogue import writer_of
 from testbench.logs.layout import SUFFIXES
 from testbench.logs.mat import read_mat
-from testbench.logs.names import LARGEST, TIME_UNITS, Meaning, meaning
-from testbench.logs.plausible import angles_against_rates
-from testbench.logs.question import CRITERIA
+from testbench.logs.names import INDICATED, TIME_UNITS, Meaning, meaning
 from testbench.logs.signals import UNSTATED, Log, Rule, Topic, dropped_in_words, make_topic, scaled
 from testbench.logs.tables import Table, read_table
-from testbench.logs.times import clock_unit, find_clock, read_times
+from testbench.logs.times import clock_unit, find_clock, holds_stamps, read_times
+from testbench.logs.topics import log_of_folder, log_of_matrices, log_of_table
 from testbench.logs.vectors import vectors_of
-from testbench.logs.writers import log_of_matrices, log_of_table
 
 
 class Told(NamedTuple):
@@ -38,9 +38,8 @@ class Told(NamedTuple):
 
 NOTHING = Told()
 COLUMNS = 90
-_ATTITUDE = {"theta": (0.51 * np.pi, 90.5), "phi": (4.0 * np.pi, 180.5), "psi": (8.0 * np.pi, 360.5)}
-"""Angle -> the largest that it may be in rad, turns counted on, and in deg."""
-_RATES = frozenset("pqr")
+_MOTOR = re.compile(r"(?i)motors?[\[_ ]?\d\]?")
+_ROTORS = 3  # motors that are logged of what has no surfaces: it is carried by them
 _TITLES = 3  # that are quoted
 _TITLE = 60  # letters of one
 _CG = "columns 11 to 13 are reduced to the centre of gravity, as SIDPAC has it"
@@ -96,6 +95,68 @@ def read_columns(path: Path | str, told: Told = NOTHING) -> tuple[Log, tuple[Rul
     return (None if warnings else log_of_table(path, table)) or _plain(path, table, warnings, told)
 
 
+def read_folder(folder: Path, told: Told = NOTHING) -> tuple[Log, tuple[Rule, ...]]:
+    """Read a folder of tables (CSV) as one log, each table a topic with a clock of its own; return it and its rules.
+
+    Files of PX4's and ArduPilot's topics are told by their names and columns. Of others every table is read as one is
+    alone; a column ``measured``, ``data`` or ``value`` is what the file's own name ends in (``nav_info-pitch.csv``).
+
+    Raises:
+        RecordError: no table holds a channel, or their clocks share no time.
+    """
+    found = log_of_folder(folder)
+    if found is not None:
+        return found
+    files, logs = sorted(folder.glob("*.csv")), {}
+    refused: dict[str, RecordError] = {}
+    for path in files:
+        try:
+            table = read_table(path, "csv")
+            logs[path.stem] = _plain(path, _after_its_file(table), [], told)
+        except RecordError as error:
+            refused[path.name] = error
+    if not logs:
+        raise RecordError(
+            f"a folder must hold the topics of one log as CSV (NAME_vehicle_attitude_0.csv, IMU.csv, "
+            f"NAME-imu-data.csv), got {len(files)} others in '{folder}': {next(iter(refused.values())).message}"
+        )
+    spans = {name: log.topics[""].t_s[[0, -1]] for name, (log, _) in logs.items()}
+    start, end = max(a for a, _ in spans.values()), min(b for _, b in spans.values())
+    if start >= end:
+        late = max(spans, key=lambda name: spans[name][0])
+        raise RecordError(
+            f"the tables in '{folder}' must share a time, but '{late}.csv' begins after others have ended"
+        )
+    main = max(logs, key=lambda name: logs[name][0].topics[""].t_s.size)
+    first = logs[main][0]
+    whole = Log(
+        folder,
+        f"a folder of {len(logs)} tables",
+        {name: replace(log.topics[""], name=name) for name, (log, _) in logs.items()},
+        warnings=tuple(text for log, _ in logs.values() for text in log.warnings),
+        unread={f"{name}.{key}": n for name, (log, _) in logs.items() for key, n in log.unread.items()}
+        | dict.fromkeys(refused, 1),
+        reasons={name: error.message for name, error in refused.items()},
+        assumed=tuple(dict.fromkeys(text for log, _ in logs.values() for text in log.assumed)),
+        notes=tuple(dict.fromkeys(text for log, _ in logs.values() for text in log.notes)),
+        vehicle=first.vehicle,
+    )
+    by_rate = sorted(logs, key=lambda name: -logs[name][0].topics[""].t_s.size)  # of two sources the denser one
+    return whole, tuple(replace(rule, topic=name) for name in by_rate for rule in logs[name][1] if not rule.topic)
+
+
+_OF_ITS_FILE = ("measured", "data", "value")
+
+
+def _after_its_file(table: Table) -> Table:
+    """Return a table whose column ``measured`` is called as the file's own name ends, if that is a channel's name."""
+    own = re.split(r"[-_.]", table.file.stem)[-1]
+    if meaning(own) is None:
+        return table
+    names = tuple(own if name.rpartition(".")[2] in _OF_ITS_FILE else name for name in table.names)
+    return replace(table, names=names) if names.count(own) == 1 else table
+
+
 def _sidpac(path: Path) -> Log | None:
     content = read_mat(path)
     shapes = {k: v.shape for k, v in content.items() if isinstance(v, np.ndarray) and v.ndim == 2}
@@ -131,25 +192,43 @@ def _plain(path: Path, table: Table, warnings: list[str], told: Told) -> tuple[L
             f"'{path}' must hold times and at least one channel, but it has one column only{named}; if it has "
             f"more, their separator was not recognised: give delimiter in a description; {_to_describe(path)}"
         )
-    clock = find_clock(table)
+    writer = writer_of(table)
+    clock = writer.clock(table) if writer is not None else None
+    clock = find_clock(table) if clock is None else clock
     if clock is None:
         raise RecordError(
             f"a column of '{path}' must be called t or time, or hold dates, got "
             f"{_listed(table.names) or ', '.join(('columns without names', *table.said))}; {_to_describe(path)}"
         )
     unit, assumed = clock_unit(table, clock)
+    if writer is not None and writer.time is not None and not holds_stamps(table.cells[clock]):
+        unit, assumed = writer.time.unit, ""
     inputs = _inputs(table)
     vectors = vectors_of(table, told.axes)
     rules = list(vectors.rules)
     columns = {name: table.numbers(name) for name in table.names if name in vectors.columns}
+    meant = writer.meanings(table) if writer is not None else {}
+    reasons: dict[str, str] = {}
+    of_writer = {found.channel for found in meant.values() if found is not None}
+    late: list[Rule] = []  # a true airspeed, and what the writer calls a channel, come first
     for i, called in enumerate(table.names):
-        found = None if i == clock or i in inputs or called in vectors.columns else meaning(called, table.units[i])
+        if i == clock or i in inputs or called in vectors.columns:
+            continue
+        found = meant[i] if i in meant else meaning(called, table.units[i])
         if found is None:
+            continue
+        if why := _foreign_unit(found, table.units[i]):
+            reasons[called] = why
             continue
         key = called if called not in columns else f"{called} (column {i + 1})"
         columns[key] = table.numbers(i + 1)
-        rules.append(_rule(path, found, key, table.units[i], told.units))
+        after = INDICATED in found.assumed or (i not in meant and found.channel in of_writer)
+        (late if after else rules).append(_rule(found, key, told.units))
+    rules += late
     own = _own_clocks(path, table, TIME_UNITS[unit], warnings, told.units)
+    if not rules and reasons:
+        name, why = next(iter(reasons.items()))
+        raise RecordError(f"the unit of column '{name}' in '{path}' {why.removeprefix('its unit ')}")
     if not rules:
         raise RecordError(
             f"columns of '{path}' must carry names of channels ({', '.join(list(CHANNELS)[:12])}, ...), got "
@@ -159,8 +238,6 @@ def _plain(path: Path, table: Table, warnings: list[str], told: Told) -> tuple[L
     for name in told.units:
         if name not in held:
             raise RecordError(f"--unit is for channels that '{path}' holds ({_listed(held)}), got {name}")
-    if told.axes is not None and not vectors.rules:
-        raise RecordError(f"--axes is for vectors (orientation.w, angular_velocity.x), '{path}' holds none")
     t = read_times(table, clock + 1, unit)
     if not np.isfinite(t).any():
         raise RecordError(
@@ -168,19 +245,22 @@ def _plain(path: Path, table: Table, warnings: list[str], told: Told) -> tuple[L
             f"'{table.names[clock]}' of '{path}'; write them in one of these ways, or describe the table with rate_hz"
         )
     topic, lost = make_topic("", t, columns)
-    rules, settled = _settled(rules, topic)
     unread = {name: len(table) for i, name in enumerate(table.names) if name and name not in columns and i != clock}
     unread |= {name: values.size for name, values in table.others.items() if name not in own.read}
+    written = [f"as {writer.title} writes it"] if writer is not None else []
+    motors = len({name for name in table.names if _MOTOR.fullmatch(name.strip())})
+    vehicle = "rotorcraft" if motors >= _ROTORS and not any(r.channel in SURFACES for r in rules) else ""
     return (
         Log(
             path,
-            ", ".join([f"table ({SUFFIXES[path.suffix.lower()]})", *table.said]),
+            ", ".join([f"table ({SUFFIXES[path.suffix.lower()]})", *written, *table.said]),
             {"": topic, **own.topics},
             warnings=(*warnings, *dropped_in_words([lost])),
             unread=unread,
-            reasons=own.reasons,
+            reasons={**own.reasons, **reasons},
             assumed=tuple(filter(None, (assumed, vectors.assumed))),
-            notes=(*_notes(table), *vectors.notes, *settled),
+            notes=(*_notes(table), *vectors.notes),
+            vehicle=(writer.vehicle if writer is not None else "") or vehicle,
         ),
         (*rules, *own.rules),
     )
@@ -214,6 +294,9 @@ def _own_clocks(path: Path, table: Table, factor: float, warnings: list[str], un
         found = meaning(label, stated)
         if found is None:
             continue
+        if why := _foreign_unit(found, stated):
+            own.reasons[label] = why
+            continue
         names = [f"{a}_{b}" for t in ("t", "time") for a, b in ((t, label.lower()), (label.lower(), t))]
         clock = next((labels[key] for key in names if key in labels), None)
         times = table.others[clock] if clock else None
@@ -226,7 +309,7 @@ def _own_clocks(path: Path, table: Table, factor: float, warnings: list[str], un
             continue
         own.topics[label], lost = make_topic(label, factor * times, {label: values})
         own.read.update((label, clock))
-        own.rules.append(replace(_rule(path, found, label, stated, units), topic=label))
+        own.rules.append(_rule(found, label, units, label))
         warnings += dropped_in_words([lost])
     return own
 
@@ -239,57 +322,23 @@ def _inputs(table: Table) -> list[int]:
     return [i for i, name in enumerate(plain) if name == "u" and not table.units[i].strip()]
 
 
-def _rule(path: Path, found: Meaning, column: str, stated: str, units: Mapping[str, str]) -> Rule:
+def _rule(found: Meaning, column: str, units: Mapping[str, str], topic: str = "") -> Rule:
     si = channel(found.channel).unit
     if found.channel in units:
         factor = unit_factor(found.channel, units[found.channel])
-        return Rule(found.channel, "", (column,), scaled(factor), f"{units[found.channel]}, as told", in_si=True)
+        return Rule(found.channel, topic, (column,), scaled(factor), f"{units[found.channel]}, as told", in_si=True)
     if found.unit:
-        said = f"{'minus ' if found.sign < 0.0 else ''}{found.unit}{' times full throw' if found.of_throw else ''}"
-        return Rule(found.channel, "", (column,), scaled(found.factor), said, in_si=not found.of_throw)
-    if stated.strip() and stated.strip() != "-":
-        raise RecordError(
-            f"the unit of column '{column}' in '{path}' must be one of {', '.join(UNITS.get(si, {si: 1.0}))}, "
-            f"got '{stated}'"
-        )
-    assumed = f"{UNSTATED}: {si}"
-    return Rule(found.channel, "", (column,), scaled(found.sign), f"{si}, as in the file", assumed, in_si=True)
+        return Rule(found.channel, topic, (column,), found.convert, found.said, found.assumed, in_si=not found.of_throw)
+    assumed = "; ".join(filter(None, [f"{UNSTATED}: {si}", found.assumed]))
+    return Rule(found.channel, topic, (column,), scaled(found.scale), f"{si}, as in the file", assumed, in_si=True)
 
 
-def _settled(rules: list[Rule], topic: Topic) -> tuple[list[Rule], list[str]]:
-    """Return the rules with the units that nobody stated and that the values leave no doubt of, and what told them.
-
-    An angle of attitude that is larger than one in rad may be is in degrees. A rate is in the unit in which it is the
-    slope of its angle; the rates of one table are in one unit.
-    """
-    said: list[str] = []
-    first = {rule.channel: rule for rule in reversed(rules)}
-    open_ = {name for name, rule in first.items() if rule.assumed.startswith(UNSTATED)}
-    units: dict[str, str] = {}
-    for name in open_ & _ATTITUDE.keys():
-        x = topic.columns[first[name].fields[0]]
-        x, (rad, deg) = x[np.isfinite(x)], _ATTITUDE[name]
-        if x.size and rad < np.max(np.abs(x)) <= deg:
-            units[name] = "deg"
-            said.append(f"{name} is taken in deg, which no unit says: it reaches from {x.min():.4g} to {x.max():.4g}")
-    signals = {}
-    for name in {*_RATES, "theta", "phi"} & first.keys():
-        rule = first[name]
-        x = rule.convert(*(topic.columns[field] for field in rule.fields)) * (DEG_RAD if name in units else 1.0)
-        ok = np.isfinite(x) & (np.abs(x) <= LARGEST)
-        signals[name] = topic.t_s[ok], x[ok]
-    for question in angles_against_rates({k: s for k, s in signals.items() if s[0].size > 1}, CRITERIA):
-        if question.channel in open_ and question.channel not in units:
-            alike = open_ & (_RATES if question.channel in _RATES else _ATTITUDE.keys())
-            units |= dict.fromkeys(sorted(alike - units.keys()), question.unit)
-            said.append(f"{', '.join(sorted(alike))}: taken in {question.unit}, which no unit says: {question.got}")
-    out = []
-    for rule in rules:
-        if rule.channel in units and rule.assumed.startswith(UNSTATED):
-            factor = unit_factor(rule.channel, units[rule.channel])
-            rule = replace(rule, convert=scaled(factor), said=units[rule.channel], assumed="")
-        out.append(rule)
-    return out, said
+def _foreign_unit(found: Meaning, stated: str) -> str:
+    """Say that a stated unit is none of the channel's, "" if it is one, or none is stated."""
+    if found.unit or not stated.strip().strip("-"):
+        return ""
+    si = channel(found.channel).unit
+    return f"its unit must be one of {', '.join(UNITS.get(si, {si: 1.0}))}, got '{stated}'"
 
 
 def _listed(names: Sequence[str], most: int = 12) -> str:

@@ -37,7 +37,8 @@ UNSTATED = "the file states no unit"
 FULL_COMMAND = "full command is"
 """Stands in what is assumed of a control that was logged as a part of full throw."""
 _SURFACES = (*SURFACES, "de_cmd", "da_cmd", "dr_cmd")
-_TURNING = ("phi", "psi")  # angles that jump by a turn where they pass half of one
+TURNING = ("phi", "psi")
+"""Angles that jump by a turn where they pass half of one."""
 DEFAULT_THROW_RAD = 25.0 * DEG_RAD
 """Deflection at full command where a log holds commands without a unit: a usual value for models, nothing known."""
 
@@ -370,7 +371,7 @@ def _mapped(log: Log, rule: Rule, topic: Topic, source: str, throws: Mapping[str
     values = values[finite]
     if values.size < MIN_SAMPLES:
         return f"{values.size} of {ok.size} samples can be converted, at least {MIN_SAMPLES} are needed"
-    if rule.channel in _TURNING and np.max(np.abs(values)) <= ONE_TURN:
+    if rule.channel in TURNING and np.max(np.abs(values)) <= ONE_TURN:
         values = np.unwrap(values)
     t_s = topic.t_s[ok][finite]
     cut_hz = log.filtered_hz.get((topic.name.partition("#")[0], rule.channel))

@@ -16,9 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from testbench.core.channels import unit_factor
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
+from testbench.logs.names import stated_unit
 from testbench.logs.signals import AT_IMU, Rule, scaled
 from testbench.logs.tables import Table
 
@@ -26,6 +28,14 @@ AXES = {"frd": "forward, right, down", "flu": "forward, left, up"}
 """Axes of the body, and what they are called."""
 _PART = re.compile(r"(.+?)[._/ ]*\[?([wxyz]|[0-4])\]?")
 _RATES, _FORCES, _EULER = ("p", "q", "r"), ("ax", "ay", "az"), ("phi", "theta", "psi")
+_IN_WORDS = (
+    (r"(?:angular|body|gyro)?(?:angular|body)?(?:rates?|velocity)|gyro", _RATES),
+    (r"(?:linear|body)?accel(?:eration)?s?|specificforce", _FORCES),
+    (r"orientation|attitude|euler(?:angles)?|rpy", _EULER),
+    (r"pos(?:ition)?ned", ("north", "east", "h")), (r"vel(?:ocity)?ned", ("v_north", "v_east", "hdot")),
+)  # fmt: skip
+"""Words that a vector is called by, and its channels, where its name ends in their unit: ``accel_body_mps2[0]``."""
+_FRAMES = ("body", "b", "frd", "imu")
 _VECTORS = {
     "angularvelocity": (_RATES, "xyz", 1.0, "rad/s"), "linearacceleration": (_FORCES, "xyz", 1.0, "m/s2"),
     "gyroadc": (_RATES, "012", DEG_RAD, "deg/s"),
@@ -66,6 +76,7 @@ def vectors_of(table: Table, axes: str | None = None) -> Vectors:
     turned = {base: parts for base, held in groups.items() if (parts := _quaternion(table, held))}
     known = [_Known([held[part] for part in of[1]], *of[::2], of[3]) for base, held in groups.items()
              for word, of in _VECTORS.items() if _plain(base).endswith(word) and set(of[1]) <= held.keys()]  # fmt: skip
+    known += [vector for base, held in groups.items() if (vector := _stated(base, held)) is not None]
     if not turned and not known:
         return Vectors((), frozenset(), "")
     up, known = _upright(table, known)
@@ -91,6 +102,19 @@ class _Known(NamedTuple):
     channels: tuple[str, str, str]
     factor: float
     unit: str
+
+
+def _stated(base: str, held: Mapping[str, str]) -> _Known | None:
+    """Return the vector whose name ends in the unit of its channels; None if it is none."""
+    index = next((parts for parts in ("012", "xyz") if set(parts) <= held.keys() and len(held) == len(parts)), "")
+    words = re.sub(r"[^a-z0-9]+", "_", base.lower()).strip("_").split("_")
+    for n in (1, 2) if index else ():
+        plain = "".join(word for word in words[:-n] if word not in _FRAMES)
+        for pattern, channels in _IN_WORDS:
+            unit = stated_unit(channels[0], "_".join(words[-n:]))
+            if unit and re.fullmatch(pattern, plain):
+                return _Known([held[part] for part in index], channels, unit_factor(channels[0], unit), unit)
+    return None
 
 
 def _upright(table: Table, known: list[_Known]) -> tuple[float, list[_Known]]:
@@ -149,7 +173,7 @@ def euler(i: int, axes: str, w: FloatArray, x: FloatArray, y: FloatArray, z: Flo
 def _components(vector: _Known, axes: str, said: str) -> Iterator[Rule]:
     force = vector.channels == _FORCES
     for column, name in zip(vector.columns, vector.channels, strict=True):
-        minus = axes == "flu" and name in ("q", "r", "ay", "az", "theta")
+        minus = name in ("h", "hdot") or (axes == "flu" and name in ("q", "r", "ay", "az", "theta"))
         words = f"{'minus ' if minus else ''}{vector.unit}; {said}"
         factor = -vector.factor if minus else vector.factor
         yield Rule(name, "", (column,), scaled(factor), words, AT_IMU if force else "", in_si=True)

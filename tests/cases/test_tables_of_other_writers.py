@@ -53,7 +53,7 @@ def test_parts_of_full_throw_by_their_unit(name, sign, tmp_path):
 def test_a_surface_without_unit_is_a_part_of_full_throw_where_a_throw_is_given(tmp_path):
     path = text(tmp_path / "f.csv", {"time": T, "elevator": 8.0 * PULSE, "q": RATE})
     found = import_log(path)
-    assert "--unit de=deg reads 'elevator' so, --throw de=25" in " ".join(found.asked)
+    assert "--throw de=25 reads 'elevator' as parts of a full throw of 25 deg" in " ".join(found.asked)
     told = import_log(path, throw_rad={"de": 25.0 * DEG_RAD})
     np.testing.assert_allclose(told.record["de"], 25.0 * DEG_RAD * 8.0 * PULSE, atol=1e-8)
     assert not told.asked
@@ -94,7 +94,8 @@ def test_a_heading_to_359_and_the_slope_of_pitch_leave_no_doubt_of_degrees(tmp_p
     np.testing.assert_allclose(np.diff(found.record["psi"]), 0.06 * DEG_RAD, atol=1e-6)
     said = " ".join(found.log.notes)
     assert "psi is taken in deg" in said
-    assert "p, q: taken in deg/s" in said
+    assert "p is taken in deg/s" in said
+    assert "q is taken in deg/s" in said
     assert not found.asked
     radians = import_log(text(tmp_path / "g.csv", {"time": T, "heading": DEG_RAD * HEADING, "pitch": PITCH, "q": RATE}))
     np.testing.assert_allclose(radians.record["q"], RATE, atol=1e-7)

@@ -260,6 +260,29 @@ def test_damaged_messages_are_left_out_and_said(tmp_path):
     assert any("IMU_GYRO_SCALED: 1 messages are damaged" in text for text in found.log.warnings)
 
 
+def test_of_all_aircraft_of_a_ground_station_the_one_that_flew_counts(tmp_path):
+    """As older versions write them: every aircraft with its airframe, and attributes in capitals."""
+    own = '<aircraft NAME="Flown" AC_ID="7"><airframe><firmware NAME="fixedwing"/><commands><axis NAME="THROTTLE"/>'
+    own += '<axis NAME="ROLL"/><axis NAME="PITCH"/></commands></airframe></aircraft>'
+    other = (
+        own.replace("Flown", "Quad").replace('"7"', '"3"').replace("fixedwing", "rotorcraft").replace("THROTTLE", "YAW")
+    )
+    gps = '<message NAME="GPS" ID="8"><field NAME="alt" UNIT="mm" ALT_UNIT="m"/>'
+    gps += '<field NAME="speed" UNIT="cm/s"/></message>'
+    definitions = DEFINITIONS.replace('<aircraft name="Glider" ac_id="7"/>', other + own)
+    definitions = definitions.replace('<message name="ALIVE"', gps + '<message name="ALIVE"')
+    definitions = definitions[: definitions.index(" <airframe>")] + definitions[definitions.index(" <protocol>") :]
+    rows = [f"{t:.4f} 7 GPS 200000 1500" for t in T[::10]]
+    found = import_log(write(tmp_path, sorted([*lines(), *rows], key=lambda row: float(row.split()[0])), definitions))
+    assert found.log.facts == {"commands": "throttle roll pitch", "aircraft": "Flown"}
+    assert found.log.vehicle == ""
+    np.testing.assert_allclose(found.record["de_cmd"], DEG_RAD * DE, atol=1e-12)
+    assert found.record["Vg"].max() == pytest.approx(15.0)
+    assert found.asked == ()
+    flown = definitions.replace('NAME="fixedwing"', 'NAME="rotorcraft"')
+    assert import_log(write(tmp_path, lines(), flown)).log.vehicle == "rotorcraft"
+
+
 @pytest.mark.parametrize(
     ("definitions", "law"),
     [("", r"is a log of Paparazzi, .* put 'f\.log' beside it"), ("<a", "must be a file of message definitions"),

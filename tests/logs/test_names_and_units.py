@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 
 from testbench.core.channels import CHANNELS, UNITS
+from testbench.core.errors import ScenarioError
+from testbench.logs.catalogue import writer_of
 from testbench.logs.names import clock_called, meaning, plain_unit, split_unit, time_unit
+from testbench.logs.tables import Table
+from testbench.questions.importing.ask import import_log
 
 
 @pytest.mark.parametrize(
@@ -54,21 +61,13 @@ from testbench.logs.names import clock_called, meaning, plain_unit, split_unit, 
     ],
 )  # fmt: skip
 def test_headings_of_many_writers(heading, stated, channel, unit):
-    assert meaning(heading, stated) == (channel, unit, 1.0)
+    assert meaning(heading, stated)[:3] == (channel, unit, 1.0)
 
 
 @pytest.mark.parametrize(
     ("heading", "stated", "channel", "unit", "sign"),
     [
-        ("hding,_true", "", "psi", "deg", 1.0),
-        ("Gload,norml", "", "az", "g", -1.0),
         ("__alt,ftmsl", "", "h", "ft", 1.0),
-        ("_elev,yoke1", "", "de_cmd", "norm", -1.0),
-        ("ailrn,_surf", "", "da", "norm", 1.0),
-        ("ruddr,yoke1", "", "dr_cmd", "norm", -1.0),
-        ("/controls/flight/rudder", "", "dr_cmd", "norm", -1.0),
-        ("/surface-positions/rudder-pos-norm", "", "dr", "norm", -1.0),
-        ("/accelerations/pilot/z-accel-fps_sec", "", "az", "ft/s2", 1.0),
         ("/velocities/vertical-speed-fps", "", "hdot", "ft/s", 1.0),
         ("fcs/elevator-cmd-norm", "", "de_cmd", "norm", 1.0),
         ("fcs/elevator-pos-norm", "", "de", "norm", 1.0),
@@ -79,7 +78,57 @@ def test_headings_of_many_writers(heading, stated, channel, unit):
     ],
 )
 def test_what_a_writer_gives_in_its_own_unit_and_sign(heading, stated, channel, unit, sign):
-    assert meaning(heading, stated) == (channel, unit, sign)
+    assert meaning(heading, stated)[:3] == (channel, unit, sign)
+
+
+@pytest.mark.parametrize(
+    ("writer", "heading", "channel", "unit", "scale", "offset"),
+    [
+        ("X-Plane", "hding,_true", "psi", "deg", 1.0, 0.0),
+        ("X-Plane", "Gload,norml", "az", "g", -1.0, 0.0),
+        ("X-Plane", "_elev,yoke1", "de_cmd", "norm", -1.0, 0.0),
+        ("X-Plane", "ailrn,_surf", "da", "norm", 1.0, 0.0),
+        ("X-Plane", "ruddr,yoke1", "dr_cmd", "norm", -1.0, 0.0),
+        ("FlightGear", "/controls/flight/rudder", "dr_cmd", "norm", -1.0, 0.0),
+        ("FlightGear", "/surface-positions/rudder-pos-norm", "dr", "norm", -1.0, 0.0),
+        ("FlightGear", "/accelerations/pilot/z-accel-fps_sec", "az", "ft/s2", 1.0, 0.0),
+        ("Garmin", "NormAc", "az", "g", -1.0, -1.0),
+    ],
+)
+def test_what_a_writer_of_the_catalogue_means_by_a_column(writer, heading, channel, unit, scale, offset):
+    by = {"X-Plane": "_real,_time", "FlightGear": "/orientation/roll-deg", "Garmin": "Lcl Time"}[writer]
+    names = (by, heading, "AltMSL")
+    table = Table(Path("a.csv"), names, ("",) * 3, (np.arange(3.0),) * 3)
+    found = writer_of(table)
+    assert found.title.startswith(writer)
+    assert found.meanings(table)[1][:4] == (channel, unit, scale, offset)
+
+
+def test_a_writer_of_ones_own_lies_beside_the_log_and_a_wrong_one_is_said(tmp_path):
+    (tmp_path / "writers").mkdir()
+    own = tmp_path / "writers" / "mine.toml"
+    own.write_text(
+        'title = "my logger"\nsource = "me"\ncolumns = ["A0", "G1"]\nignore = ["q"]\n'
+        '[time]\ncolumn = "ticks"\nunit = "ms"\n'
+        '[[channel]]\nname = "q"\ncolumn = "G1"\nunit = "deg/s"\nscale = -0.1\n', encoding="utf-8"
+    )  # fmt: skip
+    t = np.arange(200)
+    rows = np.column_stack([20 * t, 9.0 + 0 * t, 30.0 * np.sin(0.1 * t), 7.0 + t])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, rows, "%.6f", ",", header="ticks,A0,G1,q", comments="")
+    found = import_log(path)
+    assert "as my logger writes it" in found.log.kind
+    assert found.record.channels == ("q",)
+    np.testing.assert_allclose(found.record["q"], np.radians(-3.0 * np.sin(0.1 * t)), atol=1e-6)
+    assert found.record.duration_s == pytest.approx(3.98)
+    other = tmp_path / "other"
+    (other / "writers").mkdir(parents=True)
+    (other / "writers" / "mine.toml").write_text(
+        own.read_text(encoding="utf-8").replace("deg/s", "m"), encoding="utf-8"
+    )
+    (other / "log.csv").write_bytes(path.read_bytes())
+    with pytest.raises(ScenarioError, match=r"channel\[0\].*measured in rad/s or deg/s or rpm, got unit 'm'"):
+        import_log(other / "log.csv")
 
 
 @pytest.mark.parametrize(
@@ -107,8 +156,8 @@ def test_symbols_in_greek_letters(heading, channel):
 def test_every_channel_is_found_under_its_own_name_in_each_of_its_units():
     for name, channel in CHANNELS.items():
         for unit in UNITS.get(channel.unit, {channel.unit: 1.0}):
-            assert meaning(f"{name} [{unit}]") == (name, unit, 1.0)
-            assert meaning(name, unit) == (name, unit, 1.0)
+            assert meaning(f"{name} [{unit}]")[:3] == (name, unit, 1.0)
+            assert meaning(name, unit)[:3] == (name, unit, 1.0)
 
 
 @pytest.mark.parametrize(

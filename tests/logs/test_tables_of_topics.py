@@ -84,8 +84,40 @@ def test_ulog2csv_s_file_and_folder_are_px4_s(tmp_path):
 
 
 def test_a_folder_without_topics_is_refused_with_what_it_must_hold(tmp_path):
-    (tmp_path / "some.csv").write_text("time,q\n0,1\n1,2\n")
+    (tmp_path / "some.csv").write_text("a,b\n0,1\n1,2\n")
     with pytest.raises(RecordError, match="the topics of one log as CSV"):
+        import_log(tmp_path)
+
+
+def test_a_folder_of_topics_of_ros_is_one_log_with_a_clock_each(tmp_path):
+    """As rostopic echo -p writes them: nanoseconds, axes forward, left, up; one topic says in its name what it is."""
+    start, slow = 1.6e18, T[::5]
+    stamp = [f"{start + 1e9 * t:.0f}" for t in T]
+    imu = {"field.angular_velocity.x": 0.01 * T, "field.angular_velocity.y": -Q, "field.angular_velocity.z": 0.0 * T,
+           "field.linear_acceleration.x": 0.0 * T, "field.linear_acceleration.y": 0.0 * T,
+           "field.linear_acceleration.z": 9.81 + 0.0 * T}  # fmt: skip
+    rows = [
+        ",".join(["%time", *imu]),
+        *(",".join(r) for r in zip(stamp, *(map("{:.6f}".format, x) for x in imu.values()), strict=True)),
+    ]
+    (tmp_path / "f-mavros-imu-data.csv").write_text("\n".join(rows))
+    rows = [f"{start + 1e9 * t:.0f},9.0,{x / DEG_RAD:.6f}" for t, x in zip(slow, PITCH[::5], strict=True)]
+    (tmp_path / "f-mavros-nav_info-pitch.csv").write_text("\n".join(["%time,field.commanded,field.measured", *rows]))
+    (tmp_path / "f-notes.csv").write_text("a,b\n1,2\n")
+    found = import_log(tmp_path)
+    assert {"p", "q", "r", "az", "theta"} >= set(found.record.channels) >= {"q", "az", "theta"}
+    np.testing.assert_allclose(found.record["q"], Q, atol=2e-6)
+    taken = found.record.valid[:, found.record.channels.index("theta")]
+    assert np.count_nonzero(taken) == slow.size
+    np.testing.assert_allclose(found.record["theta"][taken], PITCH[::5], atol=2e-6)
+    assert "theta is taken in deg" in " ".join(found.log.notes)
+    assert "f-notes.csv" in found.log.reasons
+
+
+def test_tables_of_a_folder_that_share_no_time_are_refused(tmp_path):
+    table(tmp_path / "a.csv", {"t": T, "q": Q})
+    table(tmp_path / "b.csv", {"t": T + 100.0, "theta": PITCH})
+    with pytest.raises(RecordError, match=r"must share a time, but 'b\.csv' begins after others have"):
         import_log(tmp_path)
 
 

@@ -78,8 +78,10 @@ def test_four_columns_that_are_no_quaternion_keep_their_meaning(tmp_path):
 def test_what_is_told_must_fit_the_table(tmp_path):
     path = table(tmp_path / "plain.csv", {"time": T, "q": Q, "theta": PITCH})
     assert import_log(path, units={"q": "deg/s"}).record["q"].max() == pytest.approx(np.deg2rad(Q.max()))
-    with pytest.raises(RecordError, match=r"--axes is for vectors"):
-        import_log(path, axes="flu")
+    turned = import_log(path, axes="flu").record  # of vectors or not
+    np.testing.assert_allclose(turned["q"], -import_log(path).record["q"])
+    with pytest.raises(RecordError, match="axes must be one of frd, flu, got 'up'"):
+        import_log(path, axes="up")
     with pytest.raises(RecordError, match=r"--unit is for channels that .* got alpha"):
         import_log(path, units={"alpha": "deg"})
     with pytest.raises(ChannelError, match="measured in rad or deg, got unit 'm'"):

@@ -24,7 +24,6 @@ from testbench.core.paths import not_found
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.base import Preparation
 from testbench.core.store import ResultFolder
-from testbench.logs.answers import against_answer
 from testbench.logs.ardupilot import ardupilot_rules
 from testbench.logs.dataflash import HEAD, read_dataflash
 from testbench.logs.foreign import looks_like_text, refuse_foreign
@@ -35,14 +34,14 @@ from testbench.logs.noise import Noise, jump_of, noise_of, true_rate
 from testbench.logs.paparazzi import is_paparazzi, read_paparazzi
 from testbench.logs.plausible import implausible, refusal, to_set
 from testbench.logs.px4 import px4_rules
-from testbench.logs.question import CRITERIA, Question
+from testbench.logs.question import Question
 from testbench.logs.read import read_records
+from testbench.logs.readings import readings, settled, turned
 from testbench.logs.resampling import common_rate, resample
-from testbench.logs.sidpac import NOTHING, Told, read_columns
+from testbench.logs.sidpac import NOTHING, Told, read_columns, read_folder
 from testbench.logs.signals import FULL_COMMAND, UNSTATED, Log, Mapped, Rule, Topic, find_channels, scaled
 from testbench.logs.stretches import Stretch, beyond_ground, flown_parts, not_flown, stretches_of
 from testbench.logs.ulog import MAGIC, read_ulog
-from testbench.logs.writers import log_of_folder
 from testbench.page.shown import Shown
 from testbench.page.words import listed, some
 from testbench.questions.identify.scenario import RecordDescription
@@ -63,7 +62,6 @@ from testbench.questions.importing.recipe import (
 LEAD_S, TAIL_S = 2.0, 5.0
 """Quiet flight before each manoeuvre and response after it that are cut out with it."""
 _HALF_S = 0.5  # over which a control that is used to fly moves by more than a dead band, more often than not
-_FULL = 1.01  # full throw, as it is written
 _REPEATS = 0.8  # of the rate at which it was logged: below it samples repeat those before
 _LONG_S = 60.0  # of flight: beyond it windows are taken
 WINDOW_S, MOST_WINDOWS = 15.0, 8
@@ -263,10 +261,12 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
             )
         if mapped is None:
             return f"write the unit in the header, '{column} [{unit}]', or describe the file with unit = \"{unit}\""
-        surface = name.removesuffix("_cmd")
-        part = surface in SURFACES and np.max(np.abs(mapped.values)) <= _FULL
-        throw = f", --throw {surface}=25 as parts of a full throw of 25 deg" if part else ""
-        return f"--unit {name}={unit} reads '{column}' so{throw}"
+        if unit == "norm":
+            return (
+                f"--throw {name.removesuffix('_cmd')}=25 reads '{column}' as parts of a full throw of 25 deg, --unit "
+                f"{name}=deg in degrees"
+            )
+        return f"--unit {name}={unit} reads '{column}' so"
 
 
 NOT_FLOWN = "not_flown"
@@ -282,10 +282,10 @@ def read_log(path: Path | str, part: str | None = None, told: Told = NOTHING) ->
         RecordError: the file is missing, empty, of no known format, or damaged beyond use.
     """
     path = Path(path)
-    if told != NOTHING and path.suffix.lower() not in SUFFIXES:
+    if told != NOTHING and path.suffix.lower() not in SUFFIXES and not path.is_dir():
         raise RecordError(f"--unit and --axes are for tables ({', '.join(SUFFIXES)}), which '{path}' is not")
     if path.is_dir() and any(path.glob("*.csv")):
-        return log_of_folder(path)
+        return read_folder(path, told)
     if not path.is_file():
         raise RecordError(f"a log must be a file that exists, got {not_found(path)}")
     with open_file(path, "log") as file:
@@ -385,12 +385,25 @@ def import_log(
     """
     log, rules = read_log(path, part, Told(axes, units or {}))
     found = find_channels(log, rules, throw_rad, sensors)
-    channels = found.channels
-    if not channels:
+    if not found.channels:
         raise RecordError(
             f"'{path}' must hold signals of the channel table, but none of its topics is known as one, or they hold "
             f"fewer than 4 samples or nothing but zeros: {', '.join(name or 'the table' for name in log.topics)}"
         )
+    plain = log.kind.startswith(("table", "a folder"))
+    described = Path(path) if Path(path).suffix.lower() == ".toml" else None
+    unstated = [c.name for c in found.channels if c.assumed.startswith(UNSTATED)]
+    stated = [] if described else [c.name for c in found.channels if c.name not in unstated]
+    doubtful = [c.name for c in found.channels if plain and FULL_COMMAND in c.assumed]
+    vectors = any("axes forward" in c.said for c in found.channels)  # whose axes were told or seen as they were read
+    loose = plain and axes is None and not vectors
+    open_ = {*unstated, *(name for name in doubtful if name.removesuffix("_cmd") not in (throw_rad or {})), "axes"}
+    channels = turned(found.channels) if axes == "flu" and plain and not vectors else found.channels
+    signals = {c.name: (c.t_s, c.values) for c in channels}
+    likelier = readings(signals, unstated, doubtful, loose, stated)
+    sure = [reading for reading in likelier if reading.certain and reading.channel in open_]
+    channels, told = settled(channels, sure)
+    found, log = replace(found, channels=channels), replace(log, notes=(*log.notes, *told))
     rate = common_rate(channels) if rate_hz is None else rate_hz
     provenance: dict[str, Any] = {
         "file": log.file.name,
@@ -410,13 +423,12 @@ def import_log(
     record = replace(record, provenance={**record.provenance, **said})
     noise, search, stretches = _flown(record, log, lead_s, tail_s)
     noise |= {c.name: replace(noise[c.name], rate_hz=true_rate(c.values, c.rate_hz)) for c in channels}
-    unstated = [c.name for c in channels if c.assumed.startswith(UNSTATED)]
-    described = Path(path) if Path(path).suffix.lower() == ".toml" else None
-    stated = [] if described else [c.name for c in channels if c.name not in unstated]
-    signals = {c.name: (c.t_s, c.values) for c in channels}
-    doubtful = [c.name for c in channels if FULL_COMMAND in c.assumed] if log.kind.startswith("table") else []
-    questions = implausible(signals, unstated=unstated, stated=stated)
-    questions = (*questions, *against_answer(signals, doubtful, CRITERIA))
+    questions = implausible(
+        {c.name: (c.t_s, c.values) for c in channels},
+        unstated=[c.name for c in channels if c.assumed.startswith(UNSTATED)],
+        stated=stated,
+        found=[reading for reading in likelier if reading not in sure],
+    )
     rest = "" if log.vehicle in _WITHOUT_SURFACES else not_flown(stretches)
     record = replace(record, provenance={**record.provenance, **({NOT_FLOWN: rest} if rest else {})})
     imported = Imported(
@@ -444,7 +456,9 @@ def _flown(
     """
     taken = {name: record.valid[:, i] for i, name in enumerate(record.channels)}
     noise = {name: noise_of(record.t_s[ok], record[name][ok]) for name, ok in taken.items()}
-    controls = () if log.vehicle in _WITHOUT_SURFACES else controls_of(record)
+    seen = {name: np.count_nonzero(ok) / max(record.duration_s, record.dt_s) for name, ok in taken.items()}
+    every = () if log.vehicle in _WITHOUT_SURFACES else controls_of(record)
+    controls = tuple(name for name in every if seen[name] * _HALF_S >= 1.0)  # a slower one shows no manoeuvre
     search = find_manoeuvres(record, controls, lead_s, tail_s) if controls else Search((), ())
     stretches = stretches_of(record, log, search.manoeuvres, noise)
     found = beyond_ground(search.manoeuvres, stretches, record, noise)

@@ -146,7 +146,7 @@ def _proposed(table: Table, columns: Sequence[FloatArray], clock: _Clock | None)
         called = None if clock is not None and i == clock.number - 1 else meaning(table.names[i], table.units[i])
         if called is None or called.of_throw or called.channel in held or not np.all(np.isfinite(values)):
             continue
-        held[called.channel] = values * (called.factor if called.unit else called.sign)
+        held[called.channel] = called.convert(values) if called.unit else called.scale * values
         sure = sure and bool(called.unit)
     if clock is None or not held or clock.t_s.size != len(columns[0]) or clock.t_s.size < FEWEST:
         return _TAIL
@@ -234,7 +234,7 @@ def _column_lines(table: Table, i: int, values: FloatArray) -> list[str]:
     extent = f"{taken.min():.5g} to {taken.max():.5g}" if taken.min() < taken.max() else f"{taken[0]:.5g} throughout"
     head += f": {extent}" + (f", {values.size - taken.size} missing" if taken.size < values.size else "")
     called = meaning(name, stated)
-    found, unit, sign = called or ("", "", 1.0)
+    found, unit, sign = called[:3] if called is not None else ("", "", 1.0)
     scale = [f"scale = {sign}"] if sign != 1.0 else []
     if called is not None and called.of_throw:  # the deflection in deg at full command is for the user to give
         unit, scale = "", [f"scale = {sign * DEFAULT_THROW_RAD / DEG_RAD:g}  # deg at full throw"]

@@ -217,7 +217,8 @@ def test_the_command_prints_the_balance_questions_and_refuses_when_strict(tmp_pa
     assert "1 signal that could be a channel is left out" in out
     assert "Q (column 6)" in out
     said = " ".join(out.split())
-    assert "read as -4 rad)? --unit de=deg reads 'elevator' so" in said
+    assert "de is taken in deg, which no heading says: -229 deg in 275 of 1750 samples" in said
+    path.write_text(path.read_text(encoding="utf-8").replace("elevator", "elevator [rad]"), encoding="utf-8")
     done = command("import", path, "--strict", "--out", tmp_path / "out")
     assert done.returncode == 2
     assert "must be plausible (strict)" in done.stderr

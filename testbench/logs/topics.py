@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.channels import CONTROLS
-from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
 from testbench.logs import ardupilot, px4
 from testbench.logs.mat import CellArray
@@ -52,11 +51,13 @@ def log_of_table(path: Path, table: Table) -> tuple[Log, tuple[Rule, ...]] | Non
     return _log(path, topics, {}, notes)
 
 
-def log_of_folder(folder: Path) -> tuple[Log, tuple[Rule, ...]]:
+def log_of_folder(folder: Path) -> tuple[Log, tuple[Rule, ...]] | None:
     """Return a folder of tables, a topic of one log each, as that log, and its rules.
 
+    None if no table in it is a topic of PX4 or a message of ArduPilot.
+
     Raises:
-        RecordError: no table in the folder is a topic of PX4 or a message of ArduPilot, or one is damaged.
+        RecordError: a table is damaged.
     """
     topics: dict[str, tuple[FloatArray, _Columns]] = {}
     unread: dict[str, int] = {}
@@ -68,10 +69,7 @@ def log_of_folder(folder: Path) -> tuple[Log, tuple[Rule, ...]]:
         topics |= found
         unread |= {} if found else {path.name: len(table)}
     if not topics:
-        raise RecordError(
-            "a folder must hold the topics of one log as CSV, as ulog2csv and mavlogdump write them "
-            f"(NAME_vehicle_attitude_0.csv, IMU.csv), got {len(files)} other CSV files in '{folder}'; give one file"
-        )
+        return None
     unread |= dict.fromkeys((path.name for path in files if of_px4 and path not in of_px4), 1)
     return _log(folder, topics, {}, [], unread)
 
