@@ -18,7 +18,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
 # work alone, written to FOLDER. ARGS: what the script is told besides, such as make mutants ARGS="--count 60".
 ARGS ?=
 STUDIES = advice-study anybody-test autopilot-log-study believed-study benchmarks blind-test campaign-cost clearance-study coloured-errors-study corpus-study \
-  dataset-study design-study env-study estimator-study filter-error-study gap-in-batches global-study mutants \
+  dataset-study design-study env-study estimator-study filter-error-study gap-in-batches global-study log-input-study mutants \
   pages-held promise-study reliability same-bytes sequential-study static-margin-study stock surroundings third-party
 
 .PHONY: demo quick lint test test-slow fuzz docs clean reproduction $(STUDIES)
@@ -128,6 +128,11 @@ advice-study: $(VENV)/installed-dev
 # From simulated PX4 and ArduPilot logs to derivatives, 100 seeds: hours on one core; it goes on where it stopped.
 autopilot-log-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/autopilot_logs.py
+
+# Writes results/logs/inputs.csv: logs of many writers, and what import says of each; make log-input-study ARGS=FOLDER
+# takes public logs, fetched into FOLDER. Half a minute.
+log-input-study: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/log_inputs.py $(ARGS)
 
 # Writes results/instruments/kinds.csv and results/estimators/believed.csv; a quarter of an hour.
 believed-study: $(VENV)/installed-dev

@@ -193,7 +193,8 @@ class _Reader:
 
     def attitude(self, times: Sequence[np.ndarray]) -> np.ndarray:
         own = self.own
-        clean = self.read(lambda x, dt: [_lagged(x[n], dt, own.attitude_lag_s) for n in ("phi", "theta", "psi")], times)
+        names = ("phi", "theta", "psi")
+        clean = self.read(lambda x, dt: [_lagged(np.unwrap(x[n]), dt, own.attitude_lag_s) for n in names], times)
         t = np.concatenate(times)
         wander = np.empty(clean.shape)
         value = own.attitude_wander * self.rng.standard_normal(3)

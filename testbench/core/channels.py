@@ -102,7 +102,7 @@ UNITS: dict[str, dict[str, float]] = {
     "rad/s2": {"rad/s2": 1.0, "deg/s2": DEG_RAD},
     "m": {"m": 1.0, "cm": 0.01, "ft": FT_M, "km": 1000.0},
     "m/s": {"m/s": 1.0, "cm/s": 0.01, "ft/s": FT_M, "ft/min": FT_M / 60.0, "kt": KT_M_S, "km/h": 1.0 / 3.6},
-    "m/s2": {"m/s2": 1.0, "ft/s2": FT_M, "g": G0_M_S2},
+    "m/s2": {"m/s2": 1.0, "cm/s2": 0.01, "ft/s2": FT_M, "g": G0_M_S2},
     "N": {"N": 1.0, "lbf": LBF_N, "kN": 1000.0},
     "Pa": {"Pa": 1.0, "hPa": 100.0, "psf": PSF_PA},
     "1": {"1": 1.0, "%": PERCENT},

@@ -40,6 +40,7 @@ RULES = (
     Rule("qbar", "ARSP", ("DiffPress",), _ONE, "Pa", "incompressible: qbar is the differential pressure", takes="Pa"),
     Rule("h", "POS", ("Alt",), _ONE, "m above sea level", takes="m"),
     Rule("h", "BARO", ("Alt",), _ONE, "m, barometric", "the height counts from where the autopilot started", takes="m"),
+    Rule("h", "GPS", ("Alt",), _ONE, "m above sea level, by the receiver", takes="m"),
     *(Rule("hdot", k, ("VD",), _MINUS, "m/s, minus the velocity downwards", takes="m/s")
       for k in ("XKF1", "NKF1", "EKF1")),
     Rule("hdot", "GPS", ("VZ",), _MINUS, "m/s, minus the velocity downwards", takes="m/s"),

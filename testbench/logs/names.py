@@ -66,6 +66,11 @@ _NAMES = {
     "dynamic_pressure": "qbar", "q_bar": "qbar",
     "aero_v_x_body": "u", "aero_v_y_body": "v", "aero_v_z_body": "w", "v_north": "v_north", "v_east": "v_east",
     "wind_v_north": "wind_north", "wind_v_east": "wind_east", "wind_v_down": "wind_down",
+    "rollspeed": "p", "pitchspeed": "q", "yawspeed": "r", "roll_speed": "p", "pitch_speed": "q", "yaw_speed": "r",
+    **{name: channels[i] for words, channels in (
+           ("acc accel acceleration accelerometer", ("ax", "ay", "az")),
+           ("gyro gyr gyroscope angular_rate omega", ("p", "q", "r")),
+       ) for word in words.split() for i, axis in enumerate("xyz") for name in (f"{word}_{axis}", f"{axis}_{word}")},
     # as DLR's records and the book of R. V. Jategaonkar name them
     "tascg": "V", "alfcg": "alpha", "betcg": "beta", "the": "theta", "delv": "de", "dail": "da", "drud": "dr",
     "pdyn": "qbar", "axcg": "ax", "aycg": "ay", "azcg": "az",
@@ -106,7 +111,7 @@ _PROPERTIES = {
 }  # fmt: skip
 
 _WORDS = {
-    "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad",
+    "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "rads": "rad",
     "dps": "deg/s", "degps": "deg/s", "deg_s": "deg/s", "rad_s": "rad/s", "radps": "rad/s",
     "deg_s2": "deg/s2", "rad_s2": "rad/s2",
     "metre": "m", "metres": "m", "meter": "m", "meters": "m", "feet": "ft", "foot": "ft", "mps": "m/s", "m_s": "m/s",
@@ -265,6 +270,7 @@ def _named(name: str) -> Meaning | None:
     for key in (base, path) if "/" in path else ():
         if key in _PROPERTIES:
             return Meaning(_PROPERTIES[key], _fitting(_PROPERTIES[key], suffix if key == base else ""))
+    label = label.removeprefix("imu_").removesuffix("_measured")
     known = _NAMES.get(label) or _ANY_CASE.get(label) or _NAMES.get(label_of(_CAPITALS.sub("_", name)))
     if known:
         return Meaning(known, "")

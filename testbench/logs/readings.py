@@ -49,7 +49,7 @@ _GROUPS = (
 _SYSTEM = {"kt": "ft", "km": "m"}  # who flies in knots climbs in feet
 _ANSWERS = {"de": ("q", "alpha", -1.0, "nose up"), "da": ("p", "beta", 1.0, "left"), "dr": ("r", "beta", -1.0, "right")}
 """Surface -> the rate that answers, the flow angle that acts, the sign of the answer, what the other sign is called."""
-_SELDOM_USED = ("rpm", "km", "cm", "cm/s", "kN")  # units that nobody forgets to state
+_SELDOM_USED = ("rpm", "km", "cm", "cm/s", "cm/s2", "kN")  # units that nobody forgets to state
 _MOVES = 0.5 * DEG_RAD  # of a control that tells something
 
 

@@ -134,6 +134,7 @@ class _Labels:
         self.h, over_ground = self.mean("h"), self.mean("Vg")
         if not np.isfinite(over_ground).any():
             over_ground = np.hypot(self.mean("v_north"), self.mean("v_east"))
+        over_ground = np.hypot(over_ground, np.nan_to_num(self.mean("hdot")))  # straight up is no rest
         self.speeds = (("airspeed", self.mean("V")), ("ground speed", over_ground))
         self.logged = np.add.reduceat(record.valid.any(axis=1), np.arange(0, len(record), self.m)) > 0
         self.why = np.full(self.n, "", dtype=object)

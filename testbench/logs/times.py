@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from datetime import date
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -119,14 +120,18 @@ def _offset_s(zone: str | None) -> int:
 def find_clock(table: Table) -> int | None:
     """Return the index, from 0, of the column of times: one that is called so, else one that holds dates; else None.
 
-    Of several columns that are called times the first that holds numbers or times counts.
+    Of several columns that are called times the first that holds numbers or times, and tells rows apart, counts.
     """
     called = [i for i, name in enumerate(table.names) if clock_called(name, table.units[i])[0]]
-    for i in called:
-        if holds_stamps(table.cells[i]) or np.isfinite(table.numbers(i + 1)).any():
-            return i
-    unnamed = (i for i, cells in enumerate(table.cells) if i not in called and _is_time(table, i, cells))
-    return next(unnamed, called[0] if called else None)
+    held = [i for i in called if holds_stamps(table.cells[i]) or np.isfinite(table.numbers(i + 1)).any()]
+    held += [i for i, cells in enumerate(table.cells) if i not in called and _is_time(table, i, cells)]
+    return next((i for i in held if not _repeats(table.cells[i])), next(iter(held or called), None))
+
+
+def _repeats(cells: Sequence[str] | NDArray[np.generic]) -> bool:
+    """Say whether more cells repeat the one before than not, as times to the second do."""
+    some = list(cells[:200])
+    return len(some) > 1 and 2 * sum(a == b for a, b in pairwise(some)) > len(some)
 
 
 def _is_time(table: Table, i: int, cells: Sequence[str] | NDArray[np.generic]) -> bool:

@@ -1,10 +1,11 @@
 """Vectors and quaternions in the columns of a table: attitude, rates and specific forces as ROS and others write them.
 
-Four columns of one name, with w, x, y, z or 0 to 3 behind, are a quaternion if the sum of their squares is 1 in every
-row: an attitude, whatever its parts are called. ROS (REP 103, sensor_msgs/Imu) counts forward, left, up in the body and
-east, north, up over ground; the specific force tells which axes a table has, because level flight has 1 g upwards.
-So do the logs of Betaflight and iNav that blackbox_decode writes: rates in deg/s, counts of the accelerometer, of which
-the usual size is 1 g, attitude in tenths of a degree, pitch positive nose down (their MAVLink telemetry turns it).
+Four columns of one name, with w, x, y, z or 0 to 3 behind, are a quaternion if the sum of their squares is 1 in nearly
+every row: an attitude, whatever its parts are called. ROS (REP 103, sensor_msgs/Imu) counts forward, left, up in the
+body and east, north, up over ground; the specific force tells which axes a table has, because level flight has 1 g
+upwards. So do the logs of Betaflight and iNav that blackbox_decode writes: rates in deg/s, counts of the accelerometer,
+of which the usual size is 1 g, attitude in tenths of a degree, pitch positive nose down (their MAVLink telemetry turns
+it).
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ _VECTORS = {
 _BLACKBOX = ("loopIteration", "attitude", 0.1 * DEG_RAD, "tenths of a degree")
 """The column that every blackbox has, its attitude, the factor to rad, and the unit."""
 _UNIT = 0.02  # of the sum of squares of a quaternion's parts, which are written with few digits
+_WHOLE = 0.9  # of the rows: others lie between two signs of it, as of a table that was interpolated
 _UPRIGHT = 0.5  # of the usual size of the specific force: beyond it, level flight tells what is up
 
 
@@ -144,7 +146,7 @@ def _quaternion(table: Table, held: Mapping[str, str]) -> tuple[str, ...]:
         if not set(parts) <= held.keys():
             continue
         size = np.sum([table.numbers(held[part]) ** 2 for part in parts], axis=0)
-        if np.isfinite(size).any() and np.all(np.abs(size[np.isfinite(size)] - 1.0) < _UNIT):
+        if np.isfinite(size).any() and np.mean(np.abs(size[np.isfinite(size)] - 1.0) < _UNIT) > _WHOLE:
             return tuple(held[part] for part in parts)
     return ()
 
@@ -163,11 +165,13 @@ def euler(i: int, axes: str, w: FloatArray, x: FloatArray, y: FloatArray, z: Flo
     down ("frd"), or forward, left, up to east, north, up ("flu").
     """
     if i == 0:
-        return np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    if i == 1:
-        return (1.0 if axes == "frd" else -1.0) * np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    turned = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return turned if axes == "frd" else 0.5 * np.pi - turned
+        angle = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    elif i == 1:
+        angle = (1.0 if axes == "frd" else -1.0) * np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    else:
+        turned = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        angle = turned if axes == "frd" else 0.5 * np.pi - turned
+    return np.where(np.abs(w * w + x * x + y * y + z * z - 1.0) < _UNIT, angle, np.nan)
 
 
 def _components(vector: _Known, axes: str, said: str) -> Iterator[Rule]:

@@ -41,7 +41,7 @@ def command(
         list[str] | None, typer.Option(help="Unit of a table's column, by its channel, e.g. alpha=deg.")
     ] = None,
     axes: Annotated[
-        str | None, typer.Option(help="Axes of a table's vectors: frd or flu. Default: told by the specific force.")
+        str | None, typer.Option(help="Axes of a table: frd or flu. Default: told by gravity and the motion.")
     ] = None,
     lead: Annotated[float, typer.Option(help="Quiet flight to keep before each manoeuvre, s.")] = 2.0,
     tail: Annotated[float, typer.Option(help="Response to keep after each manoeuvre, s.")] = 5.0,

@@ -1,0 +1,35 @@
+"""The committed table of inputs: it has every input of the study, and nine in ten are right."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+
+from tests.studies import log_inputs
+
+
+def test_the_table_has_every_input_and_nine_in_ten_are_right():
+    with log_inputs.TABLE.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert set(rows[0]) == set(log_inputs.COLUMNS)
+    kinds = Counter(row["kind"] for row in rows)
+    assert kinds["written"] == len(log_inputs.WRITERS) + len(log_inputs.OTHERS)
+    assert kinds["foreign"] == len(log_inputs.FOREIGN)
+    assert kinds["case"] == len(log_inputs.CASES)
+    with log_inputs.PUBLIC.open(encoding="utf-8", newline="") as file:
+        public = {row["file"]: row["wanted"] for row in csv.DictReader(file)}
+    assert {row["input"]: row["wanted"] for row in rows if row["kind"] == "public"} == public
+    for kind, count in kinds.items():
+        assert sum(row["kind"] == kind and row["right"] == "yes" for row in rows) >= 0.9 * count, kind
+
+
+def test_what_is_wanted_of_a_log_is_judged(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("time,q\n" + "\n".join(f"{0.02 * i},{0.01 * (i % 7)}" for i in range(300)))
+    _, wrong = log_inputs.judged("channels q; not w; flies; quiet; no recipe", lambda: log_inputs.import_log(path))
+    assert wrong == []
+    _, wrong = log_inputs.judged("channels p; vehicle rotorcraft; cuts 1", lambda: log_inputs.import_log(path))
+    assert wrong == ["channels p", "vehicle rotorcraft", "cuts 1"]
+    came, wrong = log_inputs.judged("refused exists", lambda: log_inputs.import_log(tmp_path / "b.csv"))
+    assert came.startswith("refused: ")
+    assert wrong == []
