@@ -31,7 +31,7 @@ CERTAIN = 0.99
 """Probability from which on a reading that nobody stated is taken, and said."""
 FULL_THROW_RAD = 25.0 * DEG_RAD
 _STEP_S, _CLIMB_S = 0.5, 2.0
-_MOST_ROWS, _MOST, _FEWEST = 20_000, 40.0, 8
+_MOST_SAMPLES, _MOST_ROWS, _MOST, _FEWEST = 200_000, 20_000, 40.0, 8
 _LEAST_D = 0.003  # relations leave out some percent
 _LOOSE, _CLOSE, _CHANCE = 0.5, 0.8, 3.0  # correlation below which a relation says nothing; of noise, in 1 / sqrt(n)
 _BEYOND, _SOONER = -30.0, -10.0  # ln p of values that no flight has, and that few have
@@ -123,7 +123,7 @@ def readings(
         stated: those whose unit the writer of the file stated.
         c: the criteria.
     """
-    held = {name: (t, x) for name, (t, x) in signals.items() if x.size > 1 and np.isfinite(x).all()}
+    held = {name: _thinned(t, x) for name, (t, x) in signals.items() if x.size > 1 and np.isfinite(x).all()}
     return tuple(_Weighed(held, unstated, doubtful, axes, stated, c).found()) if held else ()
 
 
@@ -147,6 +147,15 @@ def settled(channels: Sequence[Mapped], sure: Sequence[Reading]) -> tuple[tuple[
             taken = f"{reading.channel} is taken {reading.taken}"
         said.append(f"{taken}, which no heading says: {reading.got}")
     return tuple(channels), said
+
+
+def _thinned(t: FloatArray, x: FloatArray) -> Signal:
+    """Return a signal of at most twice MOST_SAMPLES: means of so many samples that follow each other."""
+    n = x.size // _MOST_SAMPLES
+    if n < 2:
+        return t, x
+    m = x.size // n * n
+    return t[:m].reshape(-1, n).mean(axis=1), x[:m].reshape(-1, n).mean(axis=1)
 
 
 # --- channels over intervals ------------------------------------------------------------------------------------------

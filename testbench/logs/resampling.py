@@ -20,6 +20,7 @@ _PASS, _STOP = 0.4, 0.6  # of the new rate: what lies between folds down to abov
 _SLOW = 0.8  # a channel below this part of the new rate is sampled where it was sampled
 _SMOOTH = 4.0  # longest over shortest step: beyond it a cubic through noise overshoots between the samples
 _SHORTEST_S = 1e-9  # no logger counts finer
+_BLOCK, _LAP = 1 << 18, 64  # samples of a spline at once, and beyond: the end of one is felt as 0.27^n n samples away
 _EVEN = 0.01  # of a step: the steps of an even clock differ by less; a straight line does between its samples
 _LONG = 500_000  # samples from which on a log that shares one clock is put to the default rate too
 
@@ -163,7 +164,13 @@ def _between(t: FloatArray, x: FloatArray, at: FloatArray, stepped: bool) -> Flo
         return np.interp(at, t, x)
     from scipy.interpolate import CubicSpline
 
-    return np.asarray(CubicSpline(t, x)(np.clip(at, t[0], t[-1])))
+    at, out = np.clip(at, t[0], t[-1]), np.empty(at.size)
+    for first in range(0, t.size - 1, _BLOCK):  # a spline of all samples takes forty numbers a sample
+        last = min(first + _BLOCK, t.size - 1)
+        part = slice(max(0, first - _LAP), last + _LAP + 1)
+        own = slice(*np.searchsorted(at, [t[first] if first else -np.inf, t[last] if last < t.size - 1 else np.inf]))
+        out[own] = CubicSpline(t[part], x[part])(at[own])
+    return out
 
 
 def _lowpass(

@@ -368,12 +368,13 @@ def _mapped(log: Log, rule: Rule, topic: Topic, source: str, throws: Mapping[str
         known = "as given" if surface in throws else "assumed, the log does not hold it"
         assumed = "; ".join(filter(None, [assumed, f"{FULL_COMMAND} {throw / DEG_RAD:g} deg ({known})"]))
     finite = np.abs(values) <= LARGEST
-    values = values[finite]
+    every = bool(ok.all() and finite.all())  # then its channels share the times of a topic
+    values = values if every else values[finite]
     if values.size < MIN_SAMPLES:
         return f"{values.size} of {ok.size} samples can be converted, at least {MIN_SAMPLES} are needed"
     if rule.channel in TURNING and np.max(np.abs(values)) <= ONE_TURN:
         values = np.unwrap(values)
-    t_s = topic.t_s[ok][finite]
+    t_s = topic.t_s if every else topic.t_s[ok][finite]
     cut_hz = log.filtered_hz.get((topic.name.partition("#")[0], rule.channel))
     if cut_hz is not None:
         late_s = filter_delay_s(cut_hz)

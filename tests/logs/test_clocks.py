@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from testbench.core.errors import RecordError, SizeError
+from testbench.logs import resampling
 from testbench.logs.clocks import gaps, usual_step
 from testbench.logs.resampling import common_rate, resample
 from testbench.logs.signals import Mapped, increasing
@@ -198,3 +199,12 @@ def test_a_time_is_far_off_beyond_twice_the_span_from_its_middle(times_the_span,
     far = 0.5 * (low + high) + sign * times_the_span * (high - low)
     whole = np.append(t, far) if sign > 0 else np.insert(t, 0, far)
     assert (increasing(whole).size == 1002) == kept
+
+
+def test_a_spline_of_blocks_is_that_of_the_whole(monkeypatch):
+    rng = np.random.default_rng(0)
+    t = np.cumsum(rng.uniform(0.9, 1.1, 3000))
+    x, at = np.sin(0.01 * t) + 0.1 * rng.standard_normal(t.size), np.linspace(t[0] - 1.0, t[-1] + 1.0, 5001)
+    whole = resampling._between(t, x, at, False)
+    monkeypatch.setattr(resampling, "_BLOCK", 700)
+    np.testing.assert_allclose(resampling._between(t, x, at, False), whole, atol=1e-14)
