@@ -52,8 +52,8 @@ class Autoregression(NamedTuple):
 
     def whitener(self, size: int) -> NDArray[np.complex128]:
         """Return 1 - sum A z^-j (f, p, p) at the frequencies of a real transform over ``size`` samples."""
-        shift = np.exp(-2j * np.pi * np.arange(size // 2 + 1)[:, None] * np.arange(1, len(self.A) + 1) / size)
-        return np.asarray(np.eye(len(self.S)) - np.einsum("fj,jab->fab", shift, self.A))
+        one = np.eye(len(self.S))[None]
+        return np.asarray(rfft(np.concatenate([one, -self.A]), size, axis=0))
 
     def shaped(self, F: NDArray[np.complex128], size: int) -> NDArray[np.complex128]:
         """Return a spectrum F (f, p, k) over ``size`` samples through the conjugate transpose of 1 / whitener.
@@ -68,24 +68,37 @@ def autoregression(residuals: Sequence[FloatArray], largest: int = LARGEST_ORDER
 
     The order has the least E. J. Hannan and B. G. Quinn criterion, Journal of the Royal Statistical Society B 41, 1979.
     """
-    total, p = sum(len(v) for v in residuals), residuals[0].shape[1]
-    largest = max(0, min(largest, min(len(v) for v in residuals) // 4, total // (10 * p)))
-    size = np.sqrt(np.sum([np.sum(v**2, axis=0) for v in residuals], axis=0) / total)
-    size = np.where(size > 0.0, size, 1.0)
-    gram = np.zeros(((largest + 1) * p, (largest + 1) * p))
-    for v in residuals:
-        past = np.hstack([v[largest - j : len(v) - j] / size for j in range(largest + 1)])  # the present one first
-        gram += past.T @ past
-    rows = total - largest * len(residuals)
-    present, link, lags = gram[:p, :p], gram[p:, :p], gram[p:, p:] + _RIDGE * rows * np.eye(largest * p)
-    best, least = Autoregression(np.zeros((0, p, p)), present / rows), np.inf
-    for order in range(largest + 1):
-        B = np.linalg.solve(lags[: order * p, : order * p], link[: order * p])
-        S = (present - B.T @ link[: order * p]) / rows
-        criterion = rows * np.linalg.slogdet(S + _RIDGE * np.eye(p))[1] + 2.0 * np.log(np.log(rows)) * order * p * p
-        if criterion < least:
-            best, least = Autoregression(np.asarray(B.T.reshape(p, order, p).transpose(1, 0, 2)), S), criterion
-    return Autoregression(np.asarray(best.A * size[:, None] / size), best.S * np.outer(size, size))
+    return autoregressions([residuals], largest)[0]
+
+
+def autoregressions(drawn: Sequence[Sequence[FloatArray]], largest: int = LARGEST_ORDER) -> list[Autoregression]:
+    """Return the autoregression of each of several sets of residuals, whose records are equally long in all sets."""
+    lengths, p = [len(v) for v in drawn[0]], drawn[0][0].shape[1]
+    total = sum(lengths)
+    largest = max(0, min(largest, min(lengths) // 4, total // (10 * p)))
+    rows = total - largest * len(lengths)
+    sizes = np.sqrt([np.sum([np.sum(v**2, axis=0) for v in residuals], axis=0) / total for residuals in drawn])
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    gram = np.zeros((len(drawn), (largest + 1) * p, (largest + 1) * p))
+    for sums, residuals, size in zip(gram, drawn, sizes, strict=True):
+        for v in residuals:
+            past = np.hstack([v[largest - j : len(v) - j] / size for j in range(largest + 1)])  # the present one first
+            sums += past.T @ past
+    present, link, lags = gram[:, :p, :p], gram[:, p:, :p], gram[:, p:, p:] + _RIDGE * rows * np.eye(largest * p)
+    # Orders are nested: one factor of all lags says what each lag takes away beyond those before it.
+    known = np.linalg.cholesky(lags) if np.isfinite(gram).all() else np.full(lags.shape, np.nan)
+    each = np.linalg.solve(known, link).reshape(len(drawn), largest, p, p)
+    S = np.repeat(present[:, None], largest + 1, axis=1)
+    S[:, 1:] -= np.cumsum(each.transpose(0, 1, 3, 2) @ each, axis=1)
+    determinant = np.linalg.slogdet(S / rows + _RIDGE * np.eye(p))[1]
+    criteria = rows * determinant + 2.0 * np.log(np.log(rows)) * p * p * np.arange(largest + 1)
+    out = []
+    for i, order in enumerate(np.argmin(np.where(np.isnan(criteria), np.inf, criteria), axis=1)):
+        B = np.linalg.solve(lags[i, : order * p, : order * p], link[i, : order * p])
+        A = B.T.reshape(p, order, p).transpose(1, 0, 2) * sizes[i, :, None] / sizes[i]
+        covariance = (present[i] - B.T @ link[i, : order * p]) / rows * np.outer(sizes[i], sizes[i])
+        out.append(Autoregression(np.asarray(A), np.asarray(covariance)))
+    return out
 
 
 class Colour(NamedTuple):

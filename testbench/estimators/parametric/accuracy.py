@@ -32,7 +32,7 @@ from testbench.estimators.residuals import (
     LAG_SHARE,
     Autoregression,
     Colour,
-    autoregression,
+    autoregressions,
     corrected_covariance,
     ljung_box,
     sides,
@@ -81,8 +81,7 @@ def shortfall(
     off = plain @ sum(f.score(x, k) for f, x in zip(felt, drawn, strict=True))
     total = np.zeros(moved.size)
     left = [x - f.s.values @ off[f.s.columns] for f, x in zip(felt, drawn, strict=True)]
-    for b in range(DRAWS):
-        again = autoregression([x[:, :, b] for x in left])
+    for again in autoregressions([[x[:, :, b] for x in left] for b in range(DRAWS)]):
         total += 1.0 / sum(f.variances(again) for f in felt)
     out = np.ones(k)
     out[moved] = np.maximum(sum(f.variances(model) for f in felt) * total / DRAWS, 1.0)
@@ -115,7 +114,7 @@ class _Felt(NamedTuple):
     def variances(self, model: Autoregression) -> FloatArray:
         """Return this record's share (m,) of the variances of the estimates for residuals of the colour ``model``."""
         G = model.shaped(self.gain, self.size)
-        power = np.einsum("fak,ab,fbk->fk", np.conj(G), model.S, G, optimize=True).real
+        power = np.sum((np.conj(G) * (model.S @ G)).real, axis=1)
         return np.asarray(sides(self.size) @ power / self.size)
 
 
