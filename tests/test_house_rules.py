@@ -481,10 +481,11 @@ def test_no_two_test_modules_share_a_name():
 READS_ITSELF = {
     "core/door.py": "it is the door",
     "core/store.py": "hashes of what it lists, and the system's table of locks",
+    "core/files.py": "sources of the package",
     "core/lazily.py": "the stub of the package",
     "page/html.py": "templates",
     "page/terminal.py": "the null device in the place of a stream that is closed",
-    "flight/batch/machine.py": "sources of the package, and code that it has made of them",
+    "flight/batch/machine.py": "code that it has made",
     "questions/studio/page/__init__.py": "parts of its page",
     "questions/export/aircraft.py": "the functions of FMI, and the library that it has just compiled",
     "questions/plan/injection/scripts.py": "the body of the script",

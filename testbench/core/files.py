@@ -8,6 +8,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import errno
+import hashlib
 import io
 import os
 import shutil
@@ -198,6 +199,31 @@ def netcdf_bytes(fill: Callable[[Any], object]) -> bytes:
     with h5netcdf.File(buffer, "w") as file:
         fill(file)
     return buffer.getvalue()
+
+
+def kept_in(kind: str) -> Path | None:
+    """Return the user's folder of what is kept so that it need not be found again; None if there is no home."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    with contextlib.suppress(RuntimeError):
+        return Path(base or Path.home() / ".cache") / "flight-testbench" / kind
+    return None
+
+
+@lru_cache
+def sources(*rooms: str) -> str:
+    """Return a hash of the code in rooms of the package, such as "flight/batch": it tells what other code has made."""
+    package = Path(__file__).parents[1]
+    files = [p for room in rooms for p in sorted((package / room).rglob("*.py"))]
+    return hashlib.sha256(b"".join(p.read_bytes() for p in files)).hexdigest()[:12]
+
+
+def keep(file: Path, content: bytes) -> None:
+    """Write a file that others may read or write at the same time; if it cannot be, it is not kept."""
+    with contextlib.suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        new = file.with_suffix(f".{os.getpid()}")
+        new.write_bytes(content)
+        new.replace(file)
 
 
 @contextlib.contextmanager

@@ -6,11 +6,16 @@ model as it flies, the range of speeds from trims. What was found and what was a
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 import re
+import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from importlib.metadata import version
 
 from testbench.aircraft import Aircraft, Control
 from testbench.aircraft.adapter import THROTTLE, Adapter
@@ -19,7 +24,9 @@ from testbench.aircraft.outline import sketch
 from testbench.aircraft.source import Source
 from testbench.core.atmosphere import air_density
 from testbench.core.constants import FT_M, G0_M_S2, JSBSIM_LENGTH_M, LBF_N
-from testbench.core.errors import ModelError, TrimError
+from testbench.core.door import read_json
+from testbench.core.errors import ModelError, Refusal, TrimError
+from testbench.core.files import keep, kept_in, sources
 from testbench.flight.condition import FlightCondition, TrimmedFlight
 from testbench.flight.executive import Executive
 from testbench.flight.limits import limits_of
@@ -464,6 +471,21 @@ def _first_trim(aircraft: Aircraft, speeds: Sequence[float], heights: Sequence[f
 
 
 def _range(aircraft: Aircraft, first: TrimmedFlight) -> tuple[float, float, tuple[str, str]]:
+    """Return what :func:`_sought` finds, from disk if it was found before: a piston engine takes seconds."""
+    parts = (aircraft, first.condition, sources("aircraft", "flight"), version("jsbsim"), sys.platform)
+    place = kept_in("adopted")
+    file = None if place is None else place / f"{hashlib.sha256(repr(parts).encode()).hexdigest()[:32]}.json"
+    if file is not None and file.is_file():
+        with suppress(Refusal, ValueError, KeyError, TypeError):
+            known = read_json(file, "model")
+            return float(known["slowest"]), float(known["fastest"]), (str(known["below"]), str(known["above"]))
+    slowest, fastest, ends = _sought(aircraft, first)
+    if file is not None:
+        keep(file, json.dumps({"slowest": slowest, "fastest": fastest, "below": ends[0], "above": ends[1]}).encode())
+    return slowest, fastest, ends
+
+
+def _sought(aircraft: Aircraft, first: TrimmedFlight) -> tuple[float, float, tuple[str, str]]:
     """Return the slowest speed that trims, to 0.2 %, the fastest, in steps of 8 %, and why those beyond do not.
 
     A search may fail where speeds on either side of it trim (JSBSim's PC-7 at 60 m/s): one such step is passed over.

@@ -232,9 +232,27 @@ def test_one_speed_at_which_the_search_for_a_trim_fails_ends_no_range(monkeypatc
         return first
 
     monkeypatch.setattr(adopt_module, "trim", trimmed)
-    found, _, (why, _) = adopt_module._range(SimpleNamespace(), first)
+    found, _, (why, _) = adopt_module._sought(SimpleNamespace(), first)
     assert found == pytest.approx(slowest, rel=0.005)
     assert why == ("step 3 must trim" if len(lost) == 2 else "no trim was sought beyond")
+
+
+def test_the_range_of_a_model_is_sought_once_and_again_where_what_was_kept_is_damaged(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    sought = []
+
+    def found(aircraft, first):
+        sought.append(aircraft.name)
+        return 20.0 / 3.0, 60.0, ("stall of à model", "no trim was sought beyond")
+
+    monkeypatch.setattr(adopt_module, "_sought", found)
+    first = SimpleNamespace(condition=FlightCondition(30.0, 1000.0))
+    ranges = [adopt_module._range(SimpleNamespace(name=name), first) for name in ("one", "one", "two")]
+    assert (sought, len(set(ranges))) == (["one", "two"], 1)
+    for file in tmp_path.rglob("*.json"):
+        file.write_text('{"slowest": 1.0}', encoding="utf-8")
+    assert adopt_module._range(SimpleNamespace(name="one"), first) == ranges[0]
+    assert sought == ["one", "two", "one"]
 
 
 def test_the_angles_above_a_table_are_no_sideslips_in_any_of_its_planes():

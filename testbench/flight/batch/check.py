@@ -27,9 +27,10 @@ from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
 from testbench.core.door import read_json
 from testbench.core.errors import Refusal
+from testbench.core.files import keep, kept_in
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.batch.jobs import BATCH, Job, Tally
-from testbench.flight.batch.machine import SOURCES, folder, keep
+from testbench.flight.batch.machine import SOURCES
 from testbench.flight.batch.model import BatchModel, attributes, batch_model, variant
 from testbench.flight.batch.program import Untranslated
 from testbench.flight.condition import FlightCondition, TrimmedFlight
@@ -200,7 +201,7 @@ def _of(model: BatchModel, worst: float, name: str) -> Judged:
 
 def _place(model: BatchModel) -> Path | None:
     """Return the file of a verdict, or None if there is no place for it."""
-    place = folder()
+    place = kept_in("batch")
     if place is None:
         return None
     p = model.program

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-import os
 from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, partial
-from pathlib import Path
 from typing import Any
 
 import llvmlite
@@ -17,12 +15,13 @@ import llvmlite.binding as llvm
 import numpy as np
 import numpy.typing as npt
 
+from testbench.core.files import keep, kept_in, sources
 from testbench.core.record import FloatArray
 from testbench.flight.batch.emit import RUN, ground, module_of
 from testbench.flight.batch.program import Program
 from testbench.flight.batch.vector import LANES
 
-SOURCES = hashlib.sha256(b"".join(p.read_bytes() for p in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
+SOURCES = sources("flight/batch")
 """Hash of the code of the batch."""
 _READY = 256  # programs that are ready to run
 _KEPT = 1024  # on disk, 70 MB: a library of effects on a few aircraft has some hundreds
@@ -149,28 +148,11 @@ def on_ground() -> Ground:
     return Ground(_kept("ground", ground))
 
 
-def folder() -> Path | None:
-    """Return the folder in which the batch keeps what it has made; None if there is none."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    with suppress(RuntimeError):
-        return Path(base or Path.home() / ".cache") / "flight-testbench" / "batch"
-    return None
-
-
-def keep(file: Path, content: bytes) -> None:
-    """Write a file that others may read or write at the same time; if it cannot be, it is not kept."""
-    with suppress(OSError):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        new = file.with_suffix(f".{os.getpid()}")
-        new.write_bytes(content)
-        new.replace(file)
-
-
 def _kept(of: str, text: Callable[[], str]) -> bytes:
     """Return the code of what is known by ``of``, from disk if it is there."""
     cpu = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
     key = hashlib.sha256(repr((of, SOURCES, llvmlite.__version__, llvm.get_process_triple(), cpu)).encode())
-    place = folder()
+    place = kept_in("batch")
     file = None if place is None else place / f"{key.hexdigest()[:32]}.o"
     with suppress(OSError):
         kept = b"" if file is None else file.read_bytes()
