@@ -219,10 +219,14 @@ class _Buildup:
         first, second = self.sections[id(a)], self.sections[id(b)]
         return first if a is b or t == 0.0 else first.blend_with_another_airfoil(second, t)
 
+    def moved(self, control: Moved | None) -> list[LiftingSurface]:
+        """Return the surfaces that a control moves; all if none is given."""
+        return [s for s in self.plane.surfaces if control is None or any(f.moves == control for f in s.flaps)]
+
     def wings(self, control: Moved | None = None, deflection_deg: float = 0.0) -> list[Any]:
-        """Return AeroSandbox's wings with one control deflected."""
+        """Return AeroSandbox's wings of the surfaces that a control moves, deflected."""
         out = []
-        for surface in self.plane.surfaces:
+        for surface in self.moved(control):
             places = cuts(surface)
             sections = []
             for i, cut in enumerate(places):
@@ -250,14 +254,19 @@ class _Buildup:
         return out
 
     def run(self, at: Mapping[str, Any], control: Moved | None = None, deflection_deg: float = 0.0) -> dict[str, Any]:
-        """Return coefficients (n,) and, as "parts", all but CD of every surface by itself."""
+        """Return coefficients (n,) and, as "parts", all but CD of every surface by itself.
+
+        With a control: of the surfaces that it moves alone, as what it does not move does not change.
+        """
         op = _operating_point(self.asb, self.plane, self.air, self.V_m_s, at)
         wings = self.wings(control, deflection_deg)
-        found = self.asb.AeroBuildup(_airplane(self.asb, self.plane, wings, self.fuselages), op).run()
+        found = self.asb.AeroBuildup(
+            _airplane(self.asb, self.plane, wings, [] if control else self.fuselages), op
+        ).run()
         qS = float(op.dynamic_pressure()) * self.plane.S_m2
         b, cbar = self.plane.b_m, self.plane.cbar_m
         parts = []
-        for surface, part in zip(self.plane.surfaces, found["wing_aero_components"], strict=True):
+        for surface, part in zip(self.moved(control), found["wing_aero_components"], strict=True):
             size = qS / share(self.plane, surface)
             own = (part.L, part.Y, part.l_b / b, part.m_b / cbar, part.n_b / b)
             parts.append({c: np.ravel(v) / size for c, v in zip(_LINEAR, own, strict=True)})
@@ -266,7 +275,7 @@ class _Buildup:
 
     def finite(self, control: Moved) -> float:
         """Return the lift slope of the surfaces that a control moves over that of their sections, by area."""
-        moved = [s for s in self.plane.surfaces if any(f.moves == control for f in s.flaps)]
+        moved = self.moved(control)
         share = 0.5 if control == "da" else 1.0
         return float(np.average([finite_slope(s, share) for s in moved], weights=[s.area_m2 for s in moved]))
 
@@ -339,7 +348,7 @@ def _buildup_method(
     for control in plane.controls:
         up, down = (buildup.run({"alpha": alpha}, control, s * _DEFLECTION_DEG) for s in (1.0, -1.0))
         finite = FLAP * buildup.finite(control)
-        for c in COEFFICIENTS:
+        for c in _LINEAR:
             values[f"{c}_{control}"] = finite * float((up[c][0] - down[c][0]) / (2.0 * _DEFLECTION_DEG * DEG_RAD))
     polar = _polar(sweep, found["CL"][n + 1 :], found["CD"][n + 1 :], alpha)
     return Method(values, polar[0], gradient), polar
