@@ -3,6 +3,7 @@ from __future__ import annotations
 import gc
 import os
 import signal
+from collections import Counter
 
 # Before numpy is imported: several test processes with several BLAS threads each stand in each other's way.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -25,8 +26,21 @@ def pytest_collection():
     gc.disable()
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Begin with mypy, the longest: meanwhile the other worker compiles the kernels, which both did."""
+    """Leave most cases of a test that is marked ``sampled(every)`` to the slow suite, and begin with the longest test.
+
+    Of every so many cases one stays, each time the next of them, so that of tests over two things each meets each.
+    Meanwhile to mypy the other worker compiles the kernels, which both did.
+    """
+    seen = Counter()
+    for item in items:
+        mark = None if item.get_closest_marker("slow") else item.get_closest_marker("sampled")
+        if mark is not None:
+            group, place = divmod(seen[test := (item.path, item.originalname)], *mark.args)
+            seen[test] += 1
+            if place != group % mark.args[0]:
+                item.add_marker(pytest.mark.slow)
     items.sort(key=lambda item: not item.name.endswith("[mypy]"))
 
 

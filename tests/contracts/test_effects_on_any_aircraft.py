@@ -20,6 +20,7 @@ from testbench.inputs.signal import InputSignal
 from testbench.sensors import load_suite
 
 AIRCRAFT = ("taurus", "jsbsim:c172p", "jsbsim:f16")
+ONE_EACH = pytest.mark.sampled(len(AIRCRAFT))  # an effect on one of them, the next effect on the next
 SUITE = load_suite("eolo_full")
 SECONDS = 2.0
 SENSED = tuple(n for n in EFFECTS if EFFECTS[n].place.endswith(" sensor"))
@@ -75,6 +76,7 @@ def usual(effect: Effect) -> dict[str, float]:
     return {p.name: p.starts[0] for p in effect.parameters} | SIZES.get(effect.name, {})
 
 
+@ONE_EACH
 @pytest.mark.parametrize("aircraft", AIRCRAFT)
 @pytest.mark.parametrize("name", OF_AIRCRAFT)
 def test_an_effect_flies_and_shows_where_it_should(name, aircraft):
@@ -106,6 +108,7 @@ def near_the_ground(effect: Effect, here: Case) -> tuple[Aircraft, Case]:
     return effect.amend(here.aircraft, SUITE, usual(effect))[0], low
 
 
+@ONE_EACH
 @pytest.mark.parametrize("aircraft", AIRCRAFT)
 @pytest.mark.parametrize("name", [n for n, e in OF_AIRCRAFT.items() if any(p.none is not None for p in e.parameters)])
 def test_an_effect_without_size_changes_nothing(name, aircraft):

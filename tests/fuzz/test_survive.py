@@ -9,16 +9,18 @@ import time
 
 import numpy as np
 import pytest
+from commands import in_warm_process
 from fuzz import survive
 from fuzz.mutations import damaged, garbled, mistyped
 
 from testbench.core.errors import RecordError
 
 
-def test_what_is_noticed(monkeypatch):
-    monkeypatch.setattr(survive, "LONGEST_S", 2)
+def noticed(told):
+    """Write what is noticed of some cases, from a process that is small: one of its size is told by a larger one."""
+    survive.LONGEST_S = 1
     peak_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # of which a child begins with any part
-    monkeypatch.setattr(survive, "MOST_KB", peak_kb + 100_000)
+    survive.MOST_KB = peak_kb + 100_000
 
     def refused(folder):
         raise RecordError("as it should be")
@@ -32,8 +34,14 @@ def test_what_is_noticed(monkeypatch):
         "after the end": lambda folder: 1 / 0,
     }
     lines = [*survive.broken(cases)]
-    monkeypatch.setattr(survive, "LONGEST_S", 60)  # memory as large as that of a worker with many tests takes seconds
+    survive.LONGEST_S = 60
     lines += survive.broken({"large": lambda folder: np.ones((peak_kb + 200_000) * 128).sum()})
+    told.write_text("\n".join(lines), encoding="utf-8")
+
+
+def test_what_is_noticed(tmp_path):
+    assert in_warm_process(noticed, tmp_path / "told") == 0
+    lines = (tmp_path / "told").read_text(encoding="utf-8").splitlines()
     found = {line.partition(": ")[0]: line for line in lines}
     assert sorted(found) == ["after the end", "ends", "large", "raises", "sleeps"]
     assert "KeyError" in found["raises"]

@@ -59,6 +59,7 @@ def record(seed: int, fault: str = "", size: float = 0.0, level: float = 1.0, ch
     return FlightRecord(true["t"][::STEP], tuple(channels), np.column_stack(columns), "measured")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("fault", "size"),
     [

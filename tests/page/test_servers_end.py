@@ -21,6 +21,7 @@ from testbench.core.store import PAGE, ResultFolder
 SERVERS = {"studio": ("studio", "eolo", "--port", "0"), "results": ("results", "out", "--serve", "--port", "0")}
 
 
+@pytest.mark.sampled(3)  # each is a process that loads everything
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 0), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 @pytest.mark.parametrize("words", SERVERS.values(), ids=SERVERS)
 def test_a_signal_ends_it_at_once(tmp_path, words, number, status):

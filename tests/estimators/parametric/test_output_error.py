@@ -35,8 +35,9 @@ def off(model, true: dict[str, float]) -> float:
     return max(abs(model.values[n] - v) / max(abs(v), 1e-3 * largest) for n, v in true.items())
 
 
-@pytest.mark.parametrize("name", list(CASES))
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize("name", list(CASES))
 def test_exact_data_are_recovered_from_two_records_of_different_length(name, held):
     case = CASES[name]
     lengths = (300, 200)

@@ -126,12 +126,14 @@ def compare(taurus, functions, inputs):
     return truth
 
 
+@pytest.mark.sampled(5)  # LLVM takes a second to compile sixty functions
 @pytest.mark.parametrize("seed", range(30))
 def test_nested_functions(taurus, seed):
     draw = Draw(seed)
     compare(taurus, [draw.function(4) for _ in range(60)], spread(seed))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", range(4))
 def test_tables(taurus, seed):
     draw = Draw(100 + seed)

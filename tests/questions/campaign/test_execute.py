@@ -18,6 +18,7 @@ from short_campaigns import SHORT
 
 from testbench.core.errors import CampaignError, EstimationError
 from testbench.core.record import load_record
+from testbench.questions.campaign import ask as execute
 from testbench.questions.campaign.ask import DIED, fly_campaign
 from testbench.questions.campaign.flying import Job, Outcome, fly_batch
 from testbench.questions.campaign.load import load_campaign
@@ -135,6 +136,7 @@ def fatal(marks: Path):
 
 def test_a_run_that_kills_its_process_is_recorded_and_the_campaign_goes_on(short, tmp_path, monkeypatch):
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    monkeypatch.setattr(execute, "_RESTART_S", 6.0)  # where dask gives a worker up, which it does now and then
     ending = fly_campaign(short("runs = 16"), tmp_path / "s", workers=2, task=fatal(tmp_path))
     assert ending.counts.done == 15
     assert ending.counts.failed == 1
@@ -182,8 +184,6 @@ class Deadly:
 @pytest.mark.parametrize(("times", "deaths"), [(1, 5), (4, 8)])
 def test_the_fatal_run_of_a_batch_is_found_with_few_deaths(short, tmp_path, monkeypatch, times, deaths):
     """A batch of four, its half of two, and three times alone; or the batch and the run, four times each."""
-    from testbench.questions.campaign import ask as execute
-
     deadly = Deadly(times)
     monkeypatch.setattr(execute, "local_workers", lambda count: contextlib.nullcontext(deadly))
     monkeypatch.setattr(execute, "_PER_WORKER", 1)

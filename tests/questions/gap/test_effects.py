@@ -133,6 +133,7 @@ def test_effects_that_break_a_law_are_told_which(believed):
         contract.it_goes_from_process_to_process(contract.Trial(replace(good, amend=lambda a, s, v: (a, s))))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=pytest.mark.slow) if n in OF_OTHER_SENSORS | LONG | GENERAL else n for n in SHOWN]
 )

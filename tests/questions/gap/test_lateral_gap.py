@@ -165,6 +165,7 @@ def test_lateral_records_screen_out_what_they_cannot_show(base):
     }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("name", "true"),
     [

@@ -56,6 +56,7 @@ def commands(suite_hz: float = 50.0) -> tuple[FlightRecord, ...]:
     )
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("aircraft", STOCK)
 @pytest.mark.parametrize("name", [n for n, e in LATERAL.items() if e.shape is not None])
 def test_a_shape_stands_for_the_flight(name, aircraft):

@@ -28,6 +28,7 @@ TRUE = {
 OF_PITOT = {"V_sideslip", "V_position"}
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", TRUE)
 def test_an_error_is_found_again_at_its_size_in_data_that_it_made(name):
     b = believe()

@@ -137,6 +137,7 @@ def test_a_shape_stands_for_the_flight(name):
     assert np.max(np.abs(changed - linear)) < 0.2 * np.max(np.abs(changed))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=pytest.mark.slow) if n == "throttle_asymmetric_rate_limit" else n for n in TRUE]
 )
