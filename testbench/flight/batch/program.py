@@ -336,34 +336,20 @@ class _Assembly:
 
     def _live(self) -> None:
         """Leave out operations whose results nothing reads; keep the properties that something reads."""
-        needed: set[Value] = set()
-        states: set[int] = set()
-        b = self._b
-
-        def want(values: Iterable[Value]) -> None:
-            for value in values:
-                if value.kind == _TEMP:
-                    needed.add(value)
-                elif value.kind == _STATE:
-                    states.add(value.key)
-
-        kept_log: list[_Instruction] = []
-        want(b._logged.values())
-        for item in reversed(self._log):
-            if item.result is None or item.result in needed:
-                want(item.arguments)
-                kept_log.append(item)
-        while True:
-            before = len(needed), len(states)
-            want(v for s, v in self._commit.items() if s in states)
-            kept: list[_Instruction] = []
-            for item in reversed(self._frame):
-                if item.result is None or item.result in needed:
-                    want(item.arguments)
-                    kept.append(item)
-            if (len(needed), len(states)) == before:
-                break
-        self._frame, self._log = kept[::-1], kept_log[::-1]
+        b, needed, states = self._b, set[Value](), set[int]()
+        makes = {item.result: item for item in (*self._frame, *self._log) if item.result is not None}
+        wanted = [*b._logged.values()]
+        wanted += [v for item in (*self._frame, *self._log) if item.result is None for v in item.arguments]
+        while wanted:
+            value = wanted.pop()
+            if value.kind == _TEMP and value not in needed:
+                needed.add(value)
+                wanted += makes[value].arguments
+            elif value.kind == _STATE and value.key not in states:
+                states.add(value.key)
+                wanted += [self._commit[value.key]] if value.key in self._commit else []
+        kept = [[i for i in items if i.result is None or i.result in needed] for items in (self._frame, self._log)]
+        self._frame, self._log = kept
         unknown = [i for i in (*self._frame, *self._log) if i.op is Op.UNKNOWN]
         if unknown:
             raise Untranslated(b._reasons[unknown[0].extra])
