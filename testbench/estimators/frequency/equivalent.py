@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -57,24 +58,37 @@ def sampled_response(
 
     A response that has no digits left, as of a pole that grows beyond all numbers in a sample, is NaN.
     """
-    n = a.size - 1
-    scale = unit ** -np.arange(n + 1.0)
+    scale = unit ** -np.arange(a.size + 0.0)
     a, b = a * scale, b * scale
+    x, later, whole = _held(a.tobytes(), s.tobytes(), dt_s, delay_s, unit)
+    return np.asarray((x @ (b[1:] - b[0] * a[1:]) + b[0] * later) * whole, np.complex128)
+
+
+@lru_cache(maxsize=64)
+def _held(
+    a: bytes, s: bytes, dt_s: float, delay_s: float, unit: float
+) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Return what a sampled response has of its denominator and delay, which all numerators share: its states (k, n).
+
+    With them what the input's passing through is later by (k,), and the delay in whole samples (k,).
+    """
+    below, omega = np.frombuffer(a), np.frombuffer(s, np.complex128)
+    n = below.size - 1
     A = np.zeros((n + 1, n + 1))  # companion form, then the input that stays
-    A[0, :n], A[0, n] = -a[1:], 1.0
+    A[0, :n], A[0, n] = -below[1:], 1.0
     A[1:n, : n - 1] = np.eye(n - 1)
     whole = int(np.floor(delay_s / dt_s + _WHOLE))
     late = min(max(delay_s / dt_s - whole, 0.0), 1.0)
     with np.errstate(all="ignore"):
         early, rest = (expm(A * (unit * dt_s * part)) for part in (1.0 - late, late))
-    z = np.exp(s * dt_s)
+    z = np.exp(omega * dt_s)
     drive = early[:n, n] + (early[:n, :n] @ rest[:n, n]) / z[:, None]
     try:
         x = np.linalg.solve(z[:, None, None] * np.eye(n) - early[:n, :n] @ rest[:n, :n], drive[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:  # a pole far outside: the exponential has no digits left, and a search turns away
-        return np.full(s.shape, np.nan, np.complex128)
-    direct = b[0] * (1.0 if late <= _WHOLE else 1.0 / z)
-    return np.asarray((x @ (b[1:] - b[0] * a[1:]) + direct) * z**-whole, np.complex128)
+        x = np.full((z.size, n), np.nan, np.complex128)
+    later = np.ones(z.size) if late <= _WHOLE else 1.0 / z
+    return np.asarray(x, np.complex128), np.asarray(later, np.complex128), np.asarray(z**-whole, np.complex128)
 
 
 # --- the low-order equivalent -----------------------------------------------------------------------------------------
