@@ -54,3 +54,10 @@ def rendering() -> Iterator[None]:
         mock.patch.object(Quick, "on", False),
     ):
         yield
+
+
+@contextmanager
+def on_paper() -> Iterator[None]:
+    """Render pages of PDF within the block, but no pictures."""
+    with mock.patch.object(draw, "pdf_pages", _PDF):
+        yield

@@ -8,6 +8,7 @@ from studies.instruments_study import KINDS, measured, row_of
 from testbench.inference.instruments import agreement
 
 
+@pytest.mark.sampled(3)  # of each channel: tests/inference/test_instruments.py
 @pytest.mark.parametrize(("kind", "seed"), [("q x 0.85", 2), ("alpha lag 0.1 s", 1), ("theta lag 0.1 s", 4)])
 def test_a_drawn_aircraft_shows_its_instrument(kind, seed):
     channel, what, size = KINDS[kind]
@@ -16,7 +17,7 @@ def test_a_drawn_aircraft_shows_its_instrument(kind, seed):
     assert (fault.channel, abs(fault.estimate - size) < 0.3 * abs(size)) == (channel, True), what
 
 
-@pytest.mark.parametrize("kind", ["clean", "clean in gusts"])
+@pytest.mark.parametrize("kind", [pytest.param("clean", marks=pytest.mark.slow), "clean in gusts"])
 def test_a_drawn_aircraft_with_sound_instruments_is_not_accused(kind):
     for seed in (0, 3):
         assert not agreement([measured(kind, seed)]).contradicted

@@ -34,6 +34,7 @@ def flown(at=TIMES_S, records=None):
     return tuple(marked(c, Start(AT, at_s=t)) for c, t in zip(records, at, strict=True))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("name", "values", "others"),
     [

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from commands import command
-from quick_drawing import rendering
+from quick_drawing import on_paper
 from typer.testing import CliRunner
 
 from testbench.cli import app
@@ -44,7 +44,7 @@ def eolo_plan():
 def written(taurus_plan, tmp_path_factory):
     """What the command line makes of the Taurus campaign, which is made once: (how it ended, folder)."""
     out = tmp_path_factory.mktemp("plan")
-    with rendering(), pytest.MonkeyPatch.context() as patch:
+    with on_paper(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(ask, "make_plan", lambda scenario, *more, **named: taurus_plan)
         patch.setenv("COLUMNS", "200")
         return CliRunner().invoke(app, ["plan", "taurus_63", "-o", str(out)]), out / "plan_taurus_63"
