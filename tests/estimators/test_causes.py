@@ -69,8 +69,9 @@ def test_too_few_samples_are_said_before_anything_else():
     assert model.advice[0].code == "few_data"
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("case", ["clean", "colour"])
+@pytest.mark.parametrize("method", METHODS)
 def test_noise_alone_is_no_fault_of_the_aircraft(case, method, seed):
     # All regressors at once err once in 1000 records; the test of feedback is not made on inputs that are held.
     named = {c["code"] for c in serious(case, method, seed)[1]}

@@ -124,6 +124,7 @@ SINGLE = {
 }  # fmt: skip
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", SINGLE)
 def test_a_single_error_in_exact_data_is_recovered(short_flight, name):
     result = estimate([read(short_flight, {name: SINGLE[name]})], only=[name])

@@ -188,6 +188,7 @@ def test_each_kind(taurus, kind):
     assert np.any(np.ptp(truth, axis=0) > 0.0)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", range(12))
 def test_chains_of_all_kinds(taurus, seed):
     chain = Chain(1000 + seed)

@@ -57,6 +57,7 @@ def test_a_truth_with_nothing_hidden_is_what_is_believed(aircraft):
     assert energy == pytest.approx(np.ones(5), abs=5 * np.sqrt(2 / len(record)))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", KINDS)
 def test_every_kind_of_truth_flies_and_leaves_the_commands_as_issued(name):
     aircraft = "eolo" if name == "flexible wings" else "taurus"

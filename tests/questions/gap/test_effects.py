@@ -96,6 +96,7 @@ def test_every_effect_keeps_the_laws_of_words(name, law, believed):
     assert law(trial(name, believed)) is None
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("law", contract.OF_AIRCRAFT, ids=lambda law: law.__name__)
 @pytest.mark.parametrize("name", [n for n in EFFECTS if n not in OF_ONE_RECORD])
 def test_every_effect_keeps_the_laws_of_aircraft(name, law, believed):

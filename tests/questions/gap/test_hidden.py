@@ -73,6 +73,7 @@ def plain():
     return flown(GapScenario.load("gap/nothing").hidden.real(GapScenario.load("gap/nothing"), SUITE))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", [*EFFECTS, *PATHS])
 def test_an_effect_flies_and_shows_in_the_readings_but_not_in_the_commands(name, plain):
     effect = {**EFFECTS, **PATHS}[name]
