@@ -475,8 +475,8 @@ def _range(aircraft: Aircraft, first: TrimmedFlight) -> tuple[float, float, tupl
     parts = (aircraft, first.condition, sources("aircraft", "flight"), version("jsbsim"), sys.platform)
     place = kept_in("adopted")
     file = None if place is None else place / f"{hashlib.sha256(repr(parts).encode()).hexdigest()[:32]}.json"
-    if file is not None and file.is_file():
-        with suppress(Refusal, ValueError, KeyError, TypeError):
+    if file is not None:
+        with suppress(Refusal, OSError, ValueError, KeyError, TypeError):  # not there, not ours to read, or damaged
             known = read_json(file, "model")
             return float(known["slowest"]), float(known["fastest"]), (str(known["below"]), str(known["above"]))
     slowest, fastest, ends = _sought(aircraft, first)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -241,6 +242,9 @@ def test_the_range_of_a_model_is_sought_once_and_again_where_what_was_kept_is_da
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     sought = []
 
+    def locked(*given, **more):
+        raise PermissionError(13, "a folder of somebody else")
+
     def found(aircraft, first):
         sought.append(aircraft.name)
         return 20.0 / 3.0, 60.0, ("stall of à model", "no trim was sought beyond")
@@ -253,6 +257,11 @@ def test_the_range_of_a_model_is_sought_once_and_again_where_what_was_kept_is_da
         file.write_text('{"slowest": 1.0}', encoding="utf-8")
     assert adopt_module._range(SimpleNamespace(name="one"), first) == ranges[0]
     assert sought == ["one", "two", "one"]
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "open", locked)
+        patch.setattr(Path, "stat", locked)
+        assert adopt_module._range(SimpleNamespace(name="one"), first) == ranges[0]
+    assert len(sought) == 4
 
 
 def test_the_angles_above_a_table_are_no_sideslips_in_any_of_its_planes():

@@ -180,8 +180,8 @@ def _keep(key: object, found: Judged) -> None:
 def _verdict(model: BatchModel, trimmed: Callable[[], TrimmedFlight]) -> Judged:
     """Return the verdict on a model, from disk if there is one."""
     kept = _place(model)
-    if kept is not None and kept.is_file():
-        with suppress(Refusal, ValueError, KeyError, TypeError):
+    if kept is not None:
+        with suppress(Refusal, OSError, ValueError, KeyError, TypeError):  # not there, not ours to read, or damaged
             known = read_json(kept, "model")
             worst, name = float(known["worst"]), str(known["channel"])
             return _of(model, worst, name)
