@@ -19,7 +19,7 @@ from typer.core import TyperGroup
 from testbench.core.door import READ
 from testbench.core.errors import RecordError, Refusal, ScenarioError, TestbenchError, brief, given
 from testbench.core.interrupts import ended_by_signals
-from testbench.page.terminal import console, in_manner, open_streams, print_rows
+from testbench.page.terminal import console, in_manner, manner, open_streams, print_rows
 from testbench.questions import BY_COMMAND, QUESTIONS, Question
 from testbench.questions.options import UsageError
 
@@ -43,6 +43,7 @@ NAMED = {
 }  # fmt: skip
 """Parameter of a command -> families whose names a shell completes for it."""
 _UNKNOWN = re.compile("No such command '([^']*)'")
+_FITS = 30  # letters of an example beside which its words stand in 80 columns
 _INTERRUPTED = 130
 _PIPE_CLOSED = 141
 """What a shell says of a process that wrote to a pipe that nobody reads: 128 and the number of SIGPIPE."""
@@ -51,6 +52,14 @@ _PIPE_CLOSED = 141
 def _speak(context: typer.Context, parameter: typer.CallbackParam, given: bool) -> None:
     if given:
         context.with_resource(in_manner((parameter.name or "").removeprefix("as_")))
+
+
+def _say_version(wanted: bool) -> None:
+    if wanted:
+        from testbench import __version__
+
+        console().print(f"testbench {__version__}", highlight=False)
+        raise typer.Exit
 
 
 def _manners(
@@ -66,8 +75,12 @@ def _manners(
         bool,
         typer.Option("--json", callback=_speak, expose_value=False, help="Print the result as the Python API has it."),
     ] = False,
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_say_version, is_eager=True, expose_value=False, help="Say the version."),
+    ] = False,
 ) -> None:
-    """Hold the options that every command takes: how it answers."""
+    """Hold the options that every command takes: how it answers, and the version."""
 
 
 class Everywhere(TyperGroup):
@@ -107,8 +120,9 @@ def _names(context: Any, parameter: Any, begun: str) -> list[str]:
         "aircraft": lambda: (
             *(*paths.aircraft_names(), *paths.AIRCRAFT.own(Path())),
             *(f"{paths.STOCK}{name}" for name in paths.stock_names()),
+            *paths.installed("aircraft"),
         ),
-        "suite": lambda: (*paths.suite_names(), *paths.SENSOR_SUITES.own(Path())),
+        "suite": lambda: (*paths.suite_names(), *paths.SENSOR_SUITES.own(Path()), *paths.installed("suites")),
     }
     names = {name for kind in NAMED[parameter.name] for name in known[kind]()}
     beside = (f"{p}/" if p.is_dir() else str(p) for p in Path().glob(f"{begun}*")) if not begun.startswith("/") else ()
@@ -121,13 +135,13 @@ def application(questions: Sequence[Question] = QUESTIONS) -> typer.Typer:
     asked = [(f"{q.command} {q.example}".strip(), q.words) for q in questions]
     first = [("list scenarios", "what there is to start from"), *asked]
     first.append(("check my_scenario.toml", "every fault of a file at once"))
-    wide = max(len(example) for example, _ in first)
+    examples = (f"{example:<{_FITS}} # {words}" if len(example) <= _FITS else example for example, words in first)
     out = typer.Typer(
         cls=Everywhere,
         context_settings={"help_option_names": ["-h", "--help"]},
         pretty_exceptions_enable=False,
         rich_markup_mode="markdown",
-        help=_HELP.format(examples="\n".join(f"    testbench {example:<{wide}} # {words}" for example, words in first)),
+        help=_HELP.format(examples="\n".join(f"    testbench {example}" for example in examples)),
     )
     out.callback(invoke_without_command=True)(start)
     for question in questions:
@@ -138,24 +152,11 @@ def application(questions: Sequence[Question] = QUESTIONS) -> typer.Typer:
             out.command(question.command)(command)
     out.command()(check)
     out.command("list")(list_)
+    out.command()(schema)
     return out
 
 
-def _say_version(wanted: bool) -> None:
-    if wanted:
-        from testbench import __version__
-
-        console().print(f"testbench {__version__}", highlight=False)
-        raise typer.Exit
-
-
-def start(
-    context: typer.Context,
-    version: Annotated[
-        bool,
-        typer.Option("--version", callback=_say_version, is_eager=True, help="Say which version this is, and end."),
-    ] = False,
-) -> None:
+def start(context: typer.Context) -> None:
     """Take the options that stand before a command; without a command, say what may be wanted."""
     if context.invoked_subcommand is None:
         from testbench.questions.project.command import show_standing
@@ -234,6 +235,36 @@ def list_(kind: Annotated[Kind, typer.Argument(help="What to list.", show_defaul
 
     heads, *rows = FAMILIES[kind.value]()
     print_rows(console(), heads, rows)
+
+
+def schema(
+    kind: Annotated[str, typer.Argument(help="Kind of file, or the command that takes it; all if none.")] = "",
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder to write KIND.json to.", show_default=False)
+    ] = None,
+) -> None:
+    """Print the JSON schema of a kind of TOML file: its keys with unit and range, for editors.
+
+    What `testbench new` and `testbench plan new` write names its schema in the first line already. Examples:
+    `testbench schema design`, `testbench schema -o schemas`.
+    """
+    from testbench.core.errors import nearest
+    from testbench.questions.files import WITH_FILES, json_schemas, write_schemas
+
+    schemas = json_schemas()
+    by_command = {q.command: q.kind for q in WITH_FILES}
+    kind = by_command.get(kind, kind.replace("_", " "))
+    if kind and kind not in schemas:
+        names = [*schemas, *by_command]
+        raise UsageError(f"a schema must be of a kind of file, got '{kind}'{nearest(kind, names)}")
+    if out is not None:
+        for file in write_schemas(out, [kind] if kind else schemas):
+            print(f"Written: {file}")
+    elif kind:
+        with contextlib.nullcontext() if manner().how == "json" else in_manner("json"):
+            manner().content.update(schemas[kind])
+    else:
+        print_rows(console(), ["kind", "keys"], [[k, ", ".join(s.get("properties", ()))] for k, s in schemas.items()])
 
 
 app = application()

@@ -16,6 +16,7 @@ import testbench as tb
 from testbench.cli import _below, app
 from testbench.core.paths import SCENARIOS, aircraft_names
 from testbench.questions import QUESTIONS
+from testbench.questions.files import json_schemas
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -319,6 +320,21 @@ def test_the_studio_is_written_and_bad_names_are_refused(tmp_path):
     assert_fails(
         command("studio", "taurus", "--write", "page", cwd=tmp_path), 2, "got the folder 'page'; name a file in it"
     )
+
+
+def test_every_command_says_the_version_and_a_schema_is_that_of_the_api(tmp_path):
+    for words in ((), ("run",), ("plan", "new")):
+        done = command(*words, "--version")
+        assert (done.returncode, done.stdout) == (0, f"testbench {tb.__version__}\n")
+    shown = command("schema", "design")
+    assert json.loads(shown.stdout) == json_schemas()["design scenario"]
+    assert command("schema", "design_scenario", "--json").stdout == shown.stdout
+    assert_fails(command("schema", "desing"), 2, "did you mean 'design'?")
+    assert command("new", "mine", "--aircraft", "taurus", "--sensors", "eolo_alpha", cwd=tmp_path).returncode == 0
+    for file in (tmp_path / "mine").glob("*.toml"):
+        mark, _, name = file.read_text(encoding="utf-8").partition("\n")[0].partition(" ")
+        assert mark == "#:schema"
+        assert "title" in json.loads((tmp_path / "mine" / name).read_text(encoding="utf-8"))["properties"]
 
 
 def test_testbench_alone_says_in_twelve_lines_what_may_be_wanted():

@@ -52,6 +52,7 @@ ASKS = {
     "reproduce": {"run", "plan"},
     "exercise": set(),
     "results": set(),
+    "app": {"results"},  # it serves the files and the index of a folder of results
     "dataset": {"campaign", "gap"},
     "project": set(),
 }
@@ -317,7 +318,10 @@ WRITERS = {
         "envs/baselines.py", "envs/train.py", "questions/export/ask.py", "questions/gap/command.py",
         "questions/studio/command.py", "questions/exercise/command.py", "questions/dataset/command.py",
     },
-    "a file of the user's own, as they asked for": {"questions/exercise/answers.py", "questions/plan/verdicts.py"},
+    "a file of the user's own, as they asked for": {
+        "questions/exercise/answers.py", "questions/plan/verdicts.py", "questions/files.py",
+        "questions/app/ask.py",
+    },
     "handed the folder that a page or a result is made in": {
         "questions/plan/page.py", "questions/plan/flown_card.py", "questions/reproduce/page.py",
         "questions/campaign/tidy.py", "questions/exercise/ask.py", "questions/exercise/roster.py",

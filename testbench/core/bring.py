@@ -22,6 +22,8 @@ from typing import Any, NoReturn
 from testbench.core.door import read_text, sha256
 from testbench.core.errors import EstimationError, RecordError, ScenarioError, TestbenchError, nearest
 from testbench.core.interrupts import TimeUp, handled
+from testbench.core.plugins import is_plugin
+from testbench.core.plugins import place as plugin
 
 MARK = ".py:"
 """The sign in the name of a user's file that packaged names do not have."""
@@ -90,8 +92,8 @@ def ends_in_brought(error: BaseException) -> bool:
 
 
 def is_brought(name: object) -> bool:
-    """Say whether a name means something in a Python file: ``FILE.py:NAME``."""
-    return isinstance(name, str) and MARK in name
+    """Say whether a name means something in a Python file: ``FILE.py:NAME``, or ``PACKAGE:NAME`` if it is installed."""
+    return isinstance(name, str) and (MARK in name or is_plugin(name))
 
 
 def short(name: str) -> str:
@@ -121,7 +123,7 @@ def find_file(name: str | Path, beside: Path | str | None, folder: str) -> Path 
 
 
 def find(name: str, beside: Path | str | None, folder: str) -> tuple[Path, str]:
-    """Return the file and the attribute that ``FILE.py:NAME`` means.
+    """Return the file and the attribute that ``FILE.py:NAME`` or ``PACKAGE:NAME`` means.
 
     Args:
         name: as in the scenario; the file's part may be absolute.
@@ -131,6 +133,8 @@ def find(name: str, beside: Path | str | None, folder: str) -> tuple[Path, str]:
     Raises:
         ScenarioError: the name has another form, or no such file lies in any of :func:`places`.
     """
+    if is_plugin(name):
+        return plugin(name, folder)
     given, _, attribute = name.rpartition(":")
     if not given.endswith(".py") or not attribute.isidentifier():
         raise ScenarioError(f"what is brought must be named as FILE.py:NAME, got '{name}'")

@@ -113,17 +113,17 @@ _OF_THE_DISK = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 _LONGEST = 200  # letters of a reason
 
 
-_LAW, _FIX = "results must go to a folder that can be written to", "give another folder or free space"
+LAW, _FIX = "results must go to a folder that can be written to", "give another folder or free space"
 
 
-def not_written(path: Path, error: OSError, law: str = _LAW, fix: str = _FIX) -> WriteError:
+def not_written(path: Path, error: OSError, law: str = LAW, fix: str = _FIX) -> WriteError:
     """Return what to raise where a file or folder cannot be written; a :class:`DiskError` if for want of space."""
     if error.errno in _OF_THE_DISK:
         return DiskError(f"the disk must have room for '{path}', got: {error.strerror or error}; {fix}")
     return WriteError(f"{law}, got '{path}': {error.strerror or error}; {fix}")
 
 
-def write_file(path: Path, content: str | bytes | Callable[[Path], object], law: str = _LAW, fix: str = _FIX) -> Path:
+def write_file(path: Path, content: str | bytes | Callable[[Path], object], law: str = LAW, fix: str = _FIX) -> Path:
     """Write a file under another name, rename it to ``path`` and return ``path``; its folder is made if it is missing.
 
     A process that is killed while it writes leaves the file that was there before, or none. If writing fails, what was
@@ -158,7 +158,7 @@ def write_file(path: Path, content: str | bytes | Callable[[Path], object], law:
     return path
 
 
-def write_new(path: Path, content: str, what: str, law: str = _LAW) -> Path:
+def write_new(path: Path, content: str, what: str, law: str = LAW) -> Path:
     """Write a file as :func:`write_file` does, but never in the place of one that is there, and return ``path``.
 
     Args:

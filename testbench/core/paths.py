@@ -1,7 +1,7 @@
 """Where things lie: packaged aircraft, scenarios and suites, and what users bring themselves.
 
-What a scenario names is a packaged name, a path, or a name in the project folder of the user: ``aircraft/NAME`` and
-``suites/NAME.toml`` beside the scenario, then in the working directory.
+What a scenario names is a packaged name, a path, ``PACKAGE:NAME`` that an installed package brings, or a name in the
+project folder of the user: ``aircraft/NAME`` and ``suites/NAME.toml`` beside the scenario, then in the working folder.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from pathlib import Path
 
 from testbench.core.door import open_file
 from testbench.core.errors import RecordError, ScenarioError, nearest
+from testbench.core.plugins import installed, is_plugin, place
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -127,9 +128,11 @@ class Family:
     stock: Callable[[], Sequence[str]] = tuple
 
     def at(self, path: Path) -> Path | None:
-        """Return the member that lies at a path, or None."""
+        """Return the member that lies at a path, or that an installed package brings by that name, or None."""
         from testbench.core.store import settle
 
+        if is_plugin(path.name) and path.name in installed(self.folder):
+            path = place(path.name, self.folder)[0]
         if self.inside:
             path = settle(path.parent if path.name == self.inside else path)
             return path if (path / self.inside).is_file() or self.others(path) else None
@@ -197,7 +200,7 @@ def resolve(name: str, family: Family, beside: Path | None = None) -> str:
     if found is None and name in family.stock():
         return f"{STOCK}{name}"
     if found is None:
-        own = [*family.packaged(), *(n for p in places for n in family.own(p))]
+        own = [*family.packaged(), *(n for p in places for n in family.own(p)), *installed(family.folder)]
         hint = nearest(name, [*own, *family.stock()])
         if not hint.startswith("; did"):  # the names that come with another program are too many to list
             hint = nearest("", own)

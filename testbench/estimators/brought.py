@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationInfo, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, model_validator
 
 from testbench.core import bring
 from testbench.core.advice import ranked, status_of
@@ -167,7 +167,7 @@ class OwnMethod(Settings):
 
     model_config = ConfigDict(extra="allow")
 
-    method: Annotated[str, AfterValidator(located)]
+    method: Annotated[str, Field(json_schema_extra={"pattern": ":"}), AfterValidator(located)]
 
     @property
     def given(self) -> dict[str, Any]:

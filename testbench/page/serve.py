@@ -2,8 +2,8 @@
 
 It listens on 127.0.0.1. That alone keeps nobody out: any page in the browser of this machine may send requests here,
 and a name that its owner lets point to 127.0.0.1 makes it one origin with us (DNS rebinding). Therefore the Host must
-be ours, and the Origin, where there is one. Connections, the size of a request and its time are limited. One
-connection carries one request, GET or HEAD, without a body.
+be ours, and the Origin, where there is one; whoever sends a body must state it. Connections, the size of a request and
+its time are limited. One connection carries one request: GET or HEAD, or POST where a server takes something.
 """
 
 from __future__ import annotations
@@ -28,11 +28,12 @@ LINE = 4096  # bytes of the request line
 HEAD = 16_384  # bytes of it and all headers; browsers send one or two thousand
 READ_S = 5.0  # for the whole request
 WRITE_S = 30.0  # for the whole answer
+MOST = 4_000_000_000  # bytes of a body
 ENDING_S = 1.0  # for threads to end once their connections are closed
 _HEADERS = (
     ("Cache-Control", "no-store"),
     ("X-Content-Type-Options", "nosniff"),
-    ("X-Frame-Options", "DENY"),
+    ("X-Frame-Options", "SAMEORIGIN"),
     ("Referrer-Policy", "no-referrer"),
     ("Cross-Origin-Resource-Policy", "same-origin"),
 )
@@ -40,10 +41,15 @@ _HEADERS = (
 
 @dataclass(frozen=True)
 class Answer:
-    """What is sent for a path: a body with its media type."""
+    """What is sent for a path: a body with its media type. A body in parts is sent as they come, until they end."""
 
-    body: bytes
+    body: bytes | Iterator[bytes]
     kind: str = "text/html; charset=utf-8"
+    status: HTTPStatus = HTTPStatus.OK
+
+
+Take = Callable[[str, Iterator[bytes]], Answer | None]
+"""What is done with a path and the parts of a body that is sent to it; None: 404."""
 
 
 class Server(ThreadingHTTPServer):
@@ -52,6 +58,7 @@ class Server(ThreadingHTTPServer):
     Args:
         port: on 127.0.0.1; 0 lets the system choose (``server_port``).
         answer: gives what is sent for a path, such as "/" or "/runs.csv", unquoted and without its query; None: 404.
+        take: the same of POST, of a path and a body of at most :data:`MOST` bytes; nothing is taken if not given.
 
     Raises:
         LimitError: the port is taken or not allowed.
@@ -60,8 +67,8 @@ class Server(ThreadingHTTPServer):
     daemon_threads = True
     request_queue_size = CONNECTIONS
 
-    def __init__(self, port: int, answer: Callable[[str], Answer | None]) -> None:
-        self.answer = answer
+    def __init__(self, port: int, answer: Callable[[str], Answer | None], take: Take | None = None) -> None:
+        self.answer, self.take = answer, take
         self._room = BoundedSemaphore(CONNECTIONS)
         self._open: set[Any] = set()
         try:
@@ -76,9 +83,9 @@ class Server(ThreadingHTTPServer):
         names = (HOST, "localhost", "[::1]")
         return tuple(f"{n}:{self.server_port}" for n in names) + (names if self.server_port == 80 else ())
 
-    def until_ended(self) -> None:
+    def until_ended(self, path: str = "/") -> None:
         """Say where it is to be found, and serve until Ctrl-C or a signal of the system."""
-        print(f"Open http://{HOST}:{self.server_port}/ in a browser; Ctrl-C ends.", flush=True)
+        print(f"Open http://{HOST}:{self.server_port}{path} in a browser; Ctrl-C ends.", flush=True)
         try:
             self.serve_forever()
         except KeyboardInterrupt:
@@ -122,13 +129,13 @@ class Server(ThreadingHTTPServer):
 
 
 @contextmanager
-def serving(answer: Callable[[str], Answer | None], port: int) -> Iterator[Server]:
+def serving(answer: Callable[[str], Answer | None], port: int, take: Take | None = None) -> Iterator[Server]:
     """Hold a :class:`Server`; ``serve_forever`` serves, and the block's end closes it.
 
     Raises:
         LimitError: the port is taken or not allowed.
     """
-    server = Server(port, answer)
+    server = Server(port, answer, take)
     try:
         yield server
     finally:
@@ -187,22 +194,51 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer with what the path holds."""
-        fault = self._fault()
-        if fault is not None:
-            self.send_error(fault)
-            return
-        found = self.server.answer(unquote(urlsplit(self.path).path))
-        if found is None:
-            self.send_error(HTTPStatus.NOT_FOUND)
-            return
-        self._send(HTTPStatus.OK, found)
+        self._answer(self._fault(0), self.server.answer)
 
     do_HEAD = do_GET
 
-    def _fault(self) -> HTTPStatus | None:
-        """Return why the request is refused: it has a body, calls us by another name, or comes from another page."""
+    def do_POST(self) -> None:
+        """Take what is sent to a path, and answer."""
+        take = self.server.take
+        if take is None:
+            self.send_error(HTTPStatus.NOT_IMPLEMENTED)
+        else:
+            fault = self._fault(MOST) or (None if self.headers.get("Origin") else HTTPStatus.FORBIDDEN)
+            self._answer(fault, lambda path: take(path, self._body()))
+
+    def _answer(self, fault: HTTPStatus | None, answer: Callable[[str], Answer | None]) -> None:
+        if fault is not None:
+            self.send_error(fault)
+            return
+        found = answer(unquote(urlsplit(self.path).path))
+        if found is None:
+            self.send_error(HTTPStatus.NOT_FOUND)
+            return
+        self._send(found.status, found)
+
+    def _body(self) -> Iterator[bytes]:
+        """Yield the body as it comes; a client that says nothing for long ends its connection."""
+        left = int(self.headers.get("Content-Length", "0"))
+        while left:
+            self.connection.settimeout(WRITE_S)
+            got = self.rfile.read(left) or self.connection.recv(min(left, 1 << 16))  # what came with the head is first
+            if not got:
+                raise ConnectionError
+            left -= len(got)
+            yield got
+        self.connection.settimeout(WRITE_S)
+
+    def _fault(self, most: int) -> HTTPStatus | None:
+        """Return why the request is refused: its body is too large, it calls us by another name, or is another page's.
+
+        Args:
+            most: bytes that its body may have.
+        """
         get = self.headers.get_all
-        if get("Transfer-Encoding") or any(n.strip() not in ("", "0") for n in get("Content-Length", [])):
+        lengths = [n.strip() or "0" for n in get("Content-Length", [])]
+        known = len(lengths) < 2 and all(n.isdecimal() and len(n) < 20 and int(n) <= most for n in lengths)
+        if get("Transfer-Encoding") or not known:
             return HTTPStatus.REQUEST_ENTITY_TOO_LARGE
         hosts = get("Host", [])
         if len(hosts) > 1 or not self.path.startswith("/"):
@@ -222,12 +258,15 @@ class _Handler(BaseHTTPRequestHandler):
     def _send(self, status: HTTPStatus, answer: Answer) -> None:
         self.request_version = "HTTP/1.0"  # what is no request gets a status line too
         self.send_response(status.value, status.phrase)
-        for name, value in (*_HEADERS, ("Content-Type", answer.kind), ("Content-Length", str(len(answer.body)))):
+        parts = iter([answer.body]) if isinstance(answer.body, bytes) else answer.body
+        size = [("Content-Length", str(len(answer.body)))] if isinstance(answer.body, bytes) else []
+        for name, value in (*_HEADERS, ("Content-Type", answer.kind), *size):
             self.send_header(name, value)
         self.send_header("Connection", "close")
         self.end_headers()
         if self.command != "HEAD":
-            self.wfile.write(answer.body)
+            for part in parts:
+                self.wfile.write(part)
         self.close_connection = True
 
     def log_message(self, format: str, *args: object) -> None:

@@ -8,8 +8,10 @@ from typing import NamedTuple
 
 from testbench.core.advice import ranked
 from testbench.core.channels import CHANNELS
+from testbench.page.labels import superscript
 
-_BEFORE_UNIT = re.compile(r"(\d) (%|rad/s|Hz|dB|s\b)")
+_BEFORE_UNIT = re.compile(r"([\d⁰¹²³⁴⁵⁶⁷⁸⁹]) (%|rad/s|Hz|dB|s\b)")
+_POWER = re.compile(r"(?<![\w.=])(?<!= )(\d+(?:\.\d+)?)e([+-]?\d+)\b")  # not of a key, to be copied to a file
 _SQUARED = re.compile(r"\b(m|deg|rad)/s2\b")
 _SHORTENED = ("imu", "gps", "ekf")  # are in capitals where a sentence begins with them
 _WORDS_TOO = ("thrust", "north", "east")  # channels whose names are words of the language
@@ -64,7 +66,8 @@ def sentence(text: str) -> str:
 
 
 def typeset(text: str) -> str:
-    """Return ``text`` with ± for +-, s² for s2, and each number beside its unit (by a space that does not break)."""
+    """Return ``text`` with ± for +-, s² for s2, 7·10⁻⁶ for 7e-06, and no break between a number and its unit."""
+    text = _POWER.sub(lambda found: f"{found[1]}·10{superscript(int(found[2]))}", text)
     text = _SQUARED.sub("\\1/s²", text.replace("+- ", "±\u00a0"))
     return _BEFORE_UNIT.sub("\\1\u00a0\\2", text)
 

@@ -178,6 +178,7 @@ QUESTIONS = (
     ),
     Question("aircraft", "eolo", "trims, modes, derivatives", "ask:survey", want="know an aircraft"),
     Question("studio", "", "drag an input in a browser", "ask:studio_models"),
+    Question("app", "", "drop a log in a browser", "ask:Workbench"),
     Question("results", "results", "what was found so far", "ask:list_results"),
     Question("reproduce", "all", "the papers' figures and ours", "ask:reproduce"),
     Question("exercise", "list", "exercises for students", "ask:start"),

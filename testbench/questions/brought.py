@@ -11,7 +11,7 @@ from testbench.core.bring import find, is_brought, load, short
 from testbench.core.contract import Law
 from testbench.core.door import read_toml
 from testbench.core.errors import ScenarioError
-from testbench.core.paths import AIRCRAFT, find_scenario
+from testbench.core.paths import AIRCRAFT, SENSOR_SUITES, find_scenario
 from testbench.core.processes import apart
 
 LIMIT_S = 600.0
@@ -27,9 +27,9 @@ def laws_of(what: Path) -> tuple[str, list[Law]] | None:
     Raises:
         TestbenchError: it cannot be read.
     """
-    if is_brought(str(what)):
-        return _in_python(str(what))
     found = found_at(what)
+    if found is None and is_brought(str(what)):
+        return _in_python(str(what))
     return None if found is None else (found.kind, found.laws())
 
 
@@ -50,11 +50,12 @@ def found_at(what: Path) -> Found | None:
         from testbench.questions.aircraft.contract import aircraft_laws
 
         return Found("aircraft", lambda: load_aircraft(folder), lambda: aircraft_laws(load_aircraft(folder)))
-    if what.suffix == ".toml" and what.is_file() and "sensor" in read_toml(what):
+    suite = SENSOR_SUITES.at(what)
+    if suite is not None and "sensor" in read_toml(suite):
         from testbench.sensors import load_suite
         from testbench.sensors.contract import suite_laws
 
-        return Found("sensor suite", lambda: load_suite(what), lambda: suite_laws(load_suite(what)))
+        return Found("sensor suite", lambda: load_suite(suite), lambda: suite_laws(load_suite(suite)))
     test = find_scenario(what)
     keys = set(read_toml(test)) if test.suffix == ".toml" and test.is_file() else set()
     if {"states", "equations"} & keys:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 from collections.abc import Callable, Collection
 from difflib import get_close_matches
 from importlib import import_module
@@ -11,6 +12,7 @@ from typing import Any, TypeVar
 
 from testbench.core.door import read_toml
 from testbench.core.errors import RecordError, ScenarioError
+from testbench.core.files import LAW, write_file, write_new
 from testbench.core.paths import (
     AIRCRAFT,
     AIRCRAFT_MODELS,
@@ -22,6 +24,7 @@ from testbench.core.paths import (
     not_found,
     suite_names,
 )
+from testbench.core.plugins import installed
 from testbench.core.scenario.base import Asked
 from testbench.core.schema import Strict
 from testbench.questions import BY_COMMAND, QUESTIONS, Question
@@ -103,6 +106,7 @@ def file_classes() -> dict[str, type[Strict]]:
     from testbench.aircraft.geometry.schema import BesideAvl, GeometryFile
     from testbench.aircraft.model import AircraftFile
     from testbench.aircraft.strips.ground_test import GroundTestFile
+    from testbench.core.project import Project
     from testbench.estimators.equations import Equations
     from testbench.questions.identify.pool.prior import PriorFile
     from testbench.sensors.suite import SensorEntry, SuiteFile
@@ -114,17 +118,52 @@ def file_classes() -> dict[str, type[Strict]]:
         "geometry": GeometryFile,
     }
     brought |= {"masses beside AVL": BesideAvl, "ground test": GroundTestFile, "structure": Equations}
-    return {q.kind: q.file_class for q in WITH_FILES} | brought | {"prior": PriorFile}
+    return {q.kind: q.file_class for q in WITH_FILES} | brought | {"prior": PriorFile, "project": Project}
 
 
 def json_schemas() -> dict[str, dict[str, Any]]:
     """Return kind of file -> JSON schema of its keys; numbers have "unit", "minimum" and "maximum".
 
+    No key of the file itself is required: a project may state it for all files of its folder.
+
     Example:
-        >>> json_schemas()["design"]["properties"]["duration_s"]["maximum"]
+        >>> json_schemas()["design scenario"]["properties"]["duration_s"]["maximum"]
         36000.0
     """
-    return {kind: file_class.model_json_schema() for kind, file_class in file_classes().items()}
+    return {
+        kind: {name: part for name, part in file_class.model_json_schema().items() if name != "required"}
+        for kind, file_class in file_classes().items()
+    }
+
+
+def write_schemas(folder: Path, kinds: Collection[str]) -> list[Path]:
+    """Write the JSON schemas of some kinds of file as ``KIND.json``, with "_" for spaces; return the files."""
+    schemas = json_schemas()
+    return [
+        write_file(folder / f"{kind.replace(' ', '_')}.json", json.dumps(schemas[kind], indent=1) + "\n")
+        for kind in kinds
+    ]
+
+
+def write_to_edit(path: Path, text: str, kind: str, what: str, law: str = LAW) -> Path:
+    """Write a new TOML file for the user to edit, and the schema that its first line names to editors; return it.
+
+    The line ``#:schema`` is taplo's, which editors use for TOML: it completes keys and marks what breaks their ranges.
+
+    Args:
+        path: the file, which must not be there.
+        text: of the file.
+        kind: a key of :func:`file_classes`.
+        what: it is, as the error says it: "a new plan".
+        law: what must hold, as the error says it where it cannot be written.
+
+    Raises:
+        RecordError: the file is there.
+        WriteError: it cannot be written.
+    """
+    made = write_new(path, f"#:schema schemas/{kind.replace(' ', '_')}.json\n{text}", what, law)
+    write_schemas(path.parent / "schemas", [kind])
+    return made
 
 
 def _packaged() -> list[str]:
@@ -172,11 +211,11 @@ def load(what: Any) -> Any:
     if not isinstance(what, (str, Path)):
         return what
     name, path = str(what), Path(what)
-    if bring.is_brought(name):
-        return bring.load(*place_of(name))
     found = found_at(path)
     if found is not None:
         return found.read()
+    if bring.is_brought(name):
+        return bring.load(*place_of(name))
     file = find_scenario(path)
     if file.is_file() and file.suffix.lower() == ".toml":
         return _checked(path)[1]
@@ -278,9 +317,14 @@ def _checked(path: Path) -> tuple[Question, Asked]:
 # --- what there is ----------------------------------------------------------------------------------------------------
 
 
+def _plugged(kind: str) -> Rows:
+    """Return the names that installed packages bring, with the version of each package and where it keeps them."""
+    return [(n, f"of {e.dist.name} {e.dist.version}: {e.value}") for n, e in installed(kind).items() if e.dist]
+
+
 def aircraft() -> Rows:
     """Return the packaged aircraft; the first row holds the heads, as in all tables here."""
-    return [("aircraft", "what it is"), *((n, _title(n)) for n in aircraft_names())]
+    return [("aircraft", "what it is"), *((n, _title(n)) for n in aircraft_names()), *_plugged("aircraft")]
 
 
 def _title(name: str) -> str:
@@ -298,10 +342,10 @@ def sensors() -> Rows:
     """Return the packaged sensor suites."""
     from testbench.sensors import load_suite
 
-    suites = [load_suite(n) for n in suite_names()]
+    suites = {n: load_suite(n) for n in (*suite_names(), *installed("suites"))}
     return [
         ("suite", "rate", "channels", "what it is"),
-        *((s.name, f"{s.rate_hz:g} Hz", ", ".join(s.channels), s.title) for s in suites),
+        *((n, f"{s.rate_hz:g} Hz", ", ".join(s.channels), s.title) for n, s in suites.items()),
     ]
 
 
@@ -313,7 +357,11 @@ def estimators() -> Rows:
         needs = f"; needs: {', '.join(method.needs)}" if method.needs else ""
         return f"{method.words}{needs}; gives: {', '.join(method.gives)}"
 
-    return [("method", "what it is, what it needs, what it gives"), *((n, words(m)) for n, m in METHODS.items())]
+    return [
+        ("method", "what it is, what it needs, what it gives"),
+        *((n, words(m)) for n, m in METHODS.items()),
+        *_plugged("estimators"),
+    ]
 
 
 def structures() -> Rows:
@@ -345,7 +393,7 @@ def effects() -> Rows:
 
     beside = "weighed where an effect in its path comes near, or by name"
     further = ((n, f"({beside}) {e.physics}") for n, e in OTHER_SERVOS.items())
-    return [("effect", "physics"), *((n, e.physics) for n, e in EFFECTS.items()), *further]
+    return [("effect", "physics"), *((n, e.physics) for n, e in EFFECTS.items()), *further, *_plugged("effects")]
 
 
 FAMILIES: dict[str, Callable[[], Rows]] = {

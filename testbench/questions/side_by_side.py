@@ -62,18 +62,23 @@ def best_words(contests: Sequence[Contest], over: str) -> list[str]:
         contests: of methods on the same data.
         over: what they are ranked over, in words.
     """
-    out = []
+    said: dict[str, list[tuple[str, str]]] = {}
     for c in contests:
         if (ranked := c.ranked) is None:
             continue
         best, *others = np.argsort(ranked.mean, kind="stable").tolist()
         near = [c.methods[k] for k in others if ranked.mean[k] - ranked.mean[best] < ranked.critical]
         beyond = f", within chance of {listed(near)}" if near else ", beyond chance"
-        out.append(
-            f"{c.methods[best]} did best{f' with {c.where}' if c.where else ''}: mean rank {ranked.mean[best]:.2g} of "
-            f"{len(c.methods)} methods in {c.figure} over {ranked.blocks} {over.removeprefix('the ')}{beyond}"
+        rank = (
+            f"mean rank {ranked.mean[best]:.2g} of {len(c.methods)} methods in {c.figure} over {ranked.blocks} "
+            f"{over.removeprefix('the ')}{beyond}"
         )
-    return out
+        said.setdefault(c.methods[best], []).append((c.where, rank))
+    return [
+        f"the method {best} did best{f' with {listed(where)}' if (where := [w for w, _ in won if w]) else ''}: "
+        + "; ".join(rank for _, rank in won)
+        for best, won in said.items()
+    ]
 
 
 def pair_table(contests: Sequence[Contest]) -> Table:

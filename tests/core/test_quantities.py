@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterator
 from importlib import import_module
 from pkgutil import walk_packages
@@ -9,8 +10,9 @@ from pkgutil import walk_packages
 import pytest
 
 import testbench
+from testbench.core.paths import SCENARIOS
 from testbench.core.schema import QUANTITIES, Strict, parse, quantity
-from testbench.questions.files import file_classes, json_schemas
+from testbench.questions.files import WITH_FILES, file_classes, json_schemas
 from testbench.sensors.sensor import Sensor
 from testbench.sensors.suite import load_suite
 
@@ -75,6 +77,19 @@ def test_schemas_of_all_kinds_carry_units():
     assert (V["unit"], V["minimum"], V["maximum"]) == ("m/s", 0.1, 1000.0)
     optional = schemas["scenario"]["$defs"]["Simulation"]["properties"]["rate_hz"]
     assert optional["unit"] == "Hz"
+
+
+@pytest.mark.parametrize("question", WITH_FILES, ids=lambda q: q.command)
+def test_schemas_take_the_packaged_files_and_refuse_what_the_testbench_refuses(question):
+    """The second implementation is a validator of JSON schemas, as editors have one."""
+    jsonschema = pytest.importorskip("jsonschema", reason="schemas need jsonschema to be tried")
+    validator = jsonschema.Draft202012Validator(json_schemas()[question.kind])
+    content = {}
+    for file in sorted((SCENARIOS / question.folder).glob("*.toml"))[:4]:
+        content = tomllib.loads(file.read_text(encoding="utf-8"))
+        assert [f"{file.name}: {error.message}" for error in validator.iter_errors(content)] == []
+    (refused,) = validator.iter_errors(content | {"not_a_key": 1})
+    assert "not_a_key" in refused.message
 
 
 class Both(Strict):

@@ -18,7 +18,7 @@ from killed import whole
 from testbench.core.files import write_file
 from testbench.core.store import PAGE, ResultFolder
 
-SERVERS = {"studio": ("studio", "eolo", "--port", "0"), "results": ("results", "out", "--serve", "--port", "0")}
+SERVERS = {"studio": ("studio", "eolo", "--port", "0"), "app": ("app", "out", "--port", "0")}
 
 
 @pytest.mark.sampled(3)  # each is a process that loads everything
@@ -40,10 +40,10 @@ def test_a_signal_ends_it_at_once(tmp_path, words, number, status):
         contextlib.ExitStack() as after,
     ):
         after.callback(server.kill)  # whatever fails below
-        port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
-        with urlopen(f"http://127.0.0.1:{port}/", timeout=20) as answer:
+        address, port = re.search(r"(http://127.0.0.1:(\d+)/\S*)", server.stdout.readline()).groups()
+        with urlopen(address, timeout=20) as answer:
             assert answer.status == 200
-        with socket.create_connection(("127.0.0.1", port)) as waiting:  # a client that asks for nothing
+        with socket.create_connection(("127.0.0.1", int(port))) as waiting:  # a client that asks for nothing
             waiting.sendall(b"GET")
             began = time.monotonic()
             server.send_signal(number)

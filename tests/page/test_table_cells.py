@@ -36,6 +36,7 @@ def test_a_long_name_breaks_and_what_is_short_does_not():
 
 
 def test_signs_are_those_of_print():
+    assert typeset("7.7e-06 % of 3e+12, though past = 1e-5") == "7.7·10⁻⁶\u00a0% of 3·10¹², though past = 1e-5"
     assert typeset("0.08 +- 0.01 m/s2 at 5 Hz") == "0.08 ±\u00a00.01 m/s² at 5\u00a0Hz"
     assert sentence("ekf: it is") == "EKF: it is."
     assert sentence("thrust is late") == "Thrust is late."

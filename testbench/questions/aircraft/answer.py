@@ -24,20 +24,20 @@ _NOISE = 1e-6  # what perturbing a model leaves of a coefficient that it does no
 
 
 def aircraft_answer(survey: Survey) -> list[str]:
-    """Return the findings as sentences: speed range, onset of instability, modes at the design speed."""
+    """Return the findings as sentences: speed range, static margin, instability, then all else."""
     envelope, found = survey.envelope, survey.range
     ends = [u.reason for u in found.beyond]
     out = [
-        thrust_words(envelope.aircraft, envelope.trims[envelope.design]),
         f"the aircraft trims from {found.slowest:g} to {found.fastest:g} m/s at {envelope.h_m:g} m"
         + ("" if ends else ", the whole range that its limits allow"),
     ]
-    out += _law_words(survey)
     margin, *remarks = _pitch_remarks(envelope)
     out.append(margin)
     if envelope.elastic:
         out += onset_sentences(envelope)
     out += [sentence for name in envelope.motion if (sentence := _rigid_instability(survey, name))]
+    out += _law_words(survey)
+    out.append(thrust_words(envelope.aircraft, envelope.trims[envelope.design]))
     out += [f"outside that range: {reason}" for reason in ends]
     if "de" in envelope.aircraft.controls:
         out.append(_elevator_words(survey))

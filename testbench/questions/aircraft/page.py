@@ -214,16 +214,20 @@ _MODE_COLUMNS = (
 )
 
 
+def _of_pole(pole: complex) -> tuple[Value, ...]:
+    """Return the values of :data:`_MODE_COLUMNS`: a real root alone has no damping ratio."""
+    wn, zeta = frequency_and_damping(pole)
+    return pole.real, pole.imag, wn / (2.0 * math.pi), zeta if pole.imag else None
+
+
 def mode_table(survey: Survey) -> Table:
     """Return all poles at the design speed, by name."""
     envelope = survey.envelope
     rows: list[tuple[Value, ...]] = []
     for name, motion in envelope.motion.items():
         for root, pole in _roots(name, envelope.poles[envelope.design][name]):
-            wn, zeta = frequency_and_damping(pole)
-            real = pole.real
-            half = math.log(2.0) / -real if real else None
-            rows.append((root, motion, real, pole.imag, wn / (2.0 * math.pi), zeta, half))
+            half = math.log(2.0) / -pole.real if pole.real else None
+            rows.append((root, motion, *_of_pole(pole), half))
     caption = (
         "Poles of the linearised aircraft without servo lags; longitudinal and lateral-directional motion are taken "
         "separately. T½: time to half amplitude; negative: to double amplitude."
@@ -240,8 +244,7 @@ def law_table(survey: Survey) -> Table:
     for name, motion in (envelope.motion if survey.by_law else {}).items():
         for way, found in (("without", envelope.poles[envelope.design]), ("with", survey.by_law)):
             for root, pole in _roots(name, found[name]):
-                wn, zeta = frequency_and_damping(pole)
-                rows.append((root, motion, way, pole.real, pole.imag, wn / (2.0 * math.pi), zeta))
+                rows.append((root, motion, way, *_of_pole(pole)))
     columns = (Column("mode", "mode"), Column("motion", "motion"), Column("law", "control law"), *_MODE_COLUMNS)
     caption = (
         "Poles of the linearised aircraft with its surfaces held, and with the model's own control law, followed by "
@@ -266,8 +269,7 @@ def modes_over_speed(survey: Survey) -> Table:
     for V, found in zip(envelope.speeds, envelope.poles, strict=True):
         for name, motion in envelope.motion.items():
             for root, pole in _roots(name, found[name]):
-                wn, zeta = frequency_and_damping(pole)
-                rows.append((V, root, motion, pole.real, pole.imag, wn / (2.0 * math.pi), zeta))
+                rows.append((V, root, motion, *_of_pole(pole)))
     columns = (Column("V", "V", "m/s"), Column("mode", "mode"), Column("motion", "motion"), *_MODE_COLUMNS)
     return Table("modes_over_speed", "Modes over speed", "Each mode at each speed.", columns, tuple(rows))
 

@@ -422,10 +422,11 @@ def _flight_plate(result: DesignResult) -> Plate:
     lateral = result.scenario.plane == "lateral"
     extra = [n for n in (("p", "r") if lateral else ("q",)) if n in record]
     panels = [_channel(result, name) for name in (*design.controls, *extra, *limited)]
+    near = any(isinstance(drawn, Rule) for panel in panels for drawn in panel.draws)
     caption = (
         "The recommended input as the nonlinear simulator flies it at its largest admissible amplitude: command, "
-        "motion of the surface, and the channels that come nearest to their limits (dashed). The dot marks where a "
-        "limit is used up most."
+        f"motion of the surface, and the channels that come nearest to their limits{' (dashed)' if near else ''}. The "
+        "dot marks where a limit is used up most."
     )
     title = f"The recommended input in flight: {family_label(design.family)}"
     return Plate("flight", title, caption, grid(panels, 2, share_x=True))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from math import factorial
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core import bring
 from testbench.core.advice import Advised, as_json, from_json, ranked
 from testbench.core.channels import channel
 from testbench.core.door import read_json
@@ -23,6 +25,7 @@ from testbench.core.errors import RecordError, located
 from testbench.core.escape import one_line, xml_attribute, xml_comment
 from testbench.core.files import mat_bytes, netcdf_bytes, parsed, write_file
 from testbench.core.paths import not_found
+from testbench.core.plugins import is_plugin
 from testbench.core.record import NEEDS_PYARROW, FloatArray, load_record
 from testbench.core.store import write_beside
 
@@ -38,7 +41,9 @@ SUFFIXES = {
 
 
 def export_record(path: Path, to: str, out: Path | None = None) -> Path:
-    """Write a record (NetCDF) as "csv", "mat", "netcdf" or "parquet" and return the path.
+    """Write a record (NetCDF) as "csv", "mat", "netcdf", "parquet", or by ``PACKAGE:NAME``; return the path.
+
+    The last is a writer that an installed package brings: a function of the record and the path to write to.
 
     Args:
         path: the record.
@@ -46,18 +51,24 @@ def export_record(path: Path, to: str, out: Path | None = None) -> Path:
         out: the file; beside the record if not given.
 
     Raises:
-        RecordError: the record is missing or damaged, the format is one of models, or the file is the record
+        RecordError: the record is missing or damaged, there is no such format of records, or the file is the record
             itself.
+        ScenarioError: no installed package brings the writer.
+        BroughtCodeError: it fails.
         WriteError: the file cannot be written, or is there and was not written by the testbench.
     """
-    if to not in ("csv", "mat", "netcdf", "parquet"):
+    writer = bring.find(to, None, "writers") if is_plugin(to) else None
+    if writer is None and to not in ("csv", "mat", "netcdf", "parquet"):
         raise RecordError(
             f"'{path}' is not a model (models/*.json), and records go to csv, mat, netcdf or parquet, got {to}"
         )
     record = load_record(path)
-    out = out or path.with_suffix(".nc" if to == "netcdf" else f".{to}")
+    out = out or path.with_suffix(".nc" if to == "netcdf" else f".{to.rpartition(':')[2]}")
     if out.exists() and out.samefile(path):
         raise RecordError(f"a record must not be written over itself, got '{out}'; it is NetCDF already, or give -o")
+    if writer is not None:
+        with bring.running(writer[0], f"the writer {to} must write"):
+            return write_beside(out, partial(bring.load(*writer), record))
     save = {"csv": record.save_csv, "mat": record.save_mat, "netcdf": record.save, "parquet": record.save_parquet}[to]
     return write_beside(out, save)
 

@@ -8,25 +8,13 @@ from typing import Annotated
 
 import typer
 
-from testbench.questions.options import ByDefault, Wings
+from testbench.questions.options import ByDefault, UsageError, Wings
 
 command = typer.Typer(
     cls=ByDefault.first("file"),
     no_args_is_help=True,
     help="Write a record, an identified model or an aircraft for other programs.",
 )
-
-
-class Export(str, Enum):
-    """Formats that records and models are exported to."""
-
-    control = "control"
-    csv = "csv"
-    json = "json"
-    jsbsim = "jsbsim"
-    mat = "mat"
-    netcdf = "netcdf"
-    parquet = "parquet"
 
 
 class Target(str, Enum):
@@ -43,7 +31,14 @@ def export_file(
     file: Annotated[
         Path, typer.Argument(help="Record (NetCDF) or model (models/*.json of a run).", show_default=False)
     ],
-    to: Annotated[Export, typer.Option(help="Format.")],
+    to: Annotated[
+        str,
+        typer.Option(
+            help="csv, mat, netcdf, parquet; of a model also control, json, jsbsim; of a record also PACKAGE:NAME, "
+            "a writer that an installed package brings.",
+            show_default=False,
+        ),
+    ],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="File to write. Default: beside the one exported.")
     ] = None,
@@ -56,16 +51,19 @@ def export_file(
     `testbench export results/eolo_alpha/models/x.json --to jsbsim`.
     """
     if file.suffix.lower() == ".json":
+        from testbench.core.errors import nearest
         from testbench.core.store import write_beside
         from testbench.questions.export.ask import SUFFIXES, export_model, load_matrices
 
+        if to not in SUFFIXES:
+            raise UsageError(f"--to must be a format of models, got '{to}'{nearest(to, SUFFIXES)}")
         model = load_matrices(file)
-        where = out or file.with_name(file.stem + SUFFIXES[to.value])
-        print(f"Written: {write_beside(where, lambda path: export_model(model, to.value, path))}")
+        where = out or file.with_name(file.stem + SUFFIXES[to])
+        print(f"Written: {write_beside(where, lambda path: export_model(model, to, path))}")
         return
     from testbench.questions.export.ask import export_record
 
-    print(f"Written: {export_record(file, to.value, out)}")
+    print(f"Written: {export_record(file, to, out)}")
 
 
 @command.command("aircraft")

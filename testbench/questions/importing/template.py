@@ -19,7 +19,6 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.door import open_file
 from testbench.core.errors import RecordError
 from testbench.core.escape import one_line
-from testbench.core.files import write_new
 from testbench.core.paths import not_found
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.logs.foreign import HEAD, refuse_foreign
@@ -30,6 +29,7 @@ from testbench.logs.signals import DEFAULT_THROW_RAD
 from testbench.logs.structures import candidates
 from testbench.logs.tables import Table, read_table
 from testbench.logs.times import clock_unit, find_clock, holds_stamps, read_times
+from testbench.questions.files import write_to_edit
 from testbench.questions.importing.recipe import FEWEST, moving, propose
 from testbench.questions.importing.recipe import lines as recipe_lines
 
@@ -60,7 +60,8 @@ def write_template(path: Path | str, out: Path | str) -> Path:
         raise RecordError(f"a description must be a .toml file, got '{out}'")
     folder = os.path.relpath(path.resolve().parent, out.resolve().parent)
     law = "a description must be written where that is possible"
-    return write_new(out, description_template(path, folder), "a description to fill in", law)
+    kind = "description of recorded flights"
+    return write_to_edit(out, description_template(path, folder), kind, "a description to fill in", law)
 
 
 def description_template(path: Path | str, folder: str = ".") -> str:

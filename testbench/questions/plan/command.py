@@ -118,8 +118,8 @@ def _write(
     file: Path, aircraft: str | None, designs: list[Path], autopilot: FlownWith | None, suite: str | None
 ) -> Path:
     """Write a new plan file and return its path."""
-    from testbench.core.files import write_new
     from testbench.flight import load_aircraft
+    from testbench.questions.files import write_to_edit
     from testbench.questions.plan.new import plan_text, take
     from testbench.sensors import load_suite
 
@@ -131,7 +131,8 @@ def _write(
     if autopilot is None:
         by_hand = any(t.asked is not None and t.asked.by == "pilot" for t in taken)
         autopilot = FlownWith.pilot if by_hand else FlownWith.ardupilot
-    return write_new(file, plan_text(load_aircraft(name, wings), name, autopilot.value, suite, taken), "a new plan")
+    text = plan_text(load_aircraft(name, wings), name, autopilot.value, suite, taken)
+    return write_to_edit(file, text, "flight plan", "a new plan")
 
 
 @command.command()

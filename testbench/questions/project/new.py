@@ -10,11 +10,11 @@ from pathlib import Path
 from testbench.aircraft import Aircraft
 from testbench.core.errors import RecordError
 from testbench.core.escape import quoted, real
-from testbench.core.files import write_new
 from testbench.core.paths import AIRCRAFT, SENSOR_SUITES, STOCK, resolve
 from testbench.core.project import FILE
 from testbench.flight import load_aircraft
 from testbench.flight.linear_model import PLANE_CONTROLS
+from testbench.questions.files import write_to_edit
 from testbench.sensors import SensorSuite, load_suite
 from testbench.sensors.suite import needed
 
@@ -59,10 +59,12 @@ def new_project(name: Path | str, aircraft: str, sensors: str, speeds_m_s: Seque
     text += "".join(f"{n} = {real(x)}\n" for wanted in designs.values() for n, x in wanted.items())
     text += "".join(f"# Nothing of the {m} motion: that needs {needed(m)} among the sensors.\n" for m in unseen)
     folder.mkdir(parents=True)
-    files = [write_new(folder / FILE, text, "a new project")]
+    files = [write_to_edit(folder / FILE, text, "project", "a new project")]
     for motion, wanted in designs.items():
         if wanted:
-            files.append(write_new(folder / f"{motion}.toml", _design(motion, flown), "a new design"))
+            files.append(
+                write_to_edit(folder / f"{motion}.toml", _design(motion, flown), "design scenario", "a new design")
+            )
     return files
 
 

@@ -22,8 +22,6 @@ def command(
         Path | None,
         typer.Option("--out", "-o", help="Folder for the page of two results. Default: FIRST_and_SECOND."),
     ] = None,
-    serve: Annotated[bool, typer.Option("--serve", help="Serve the index on 127.0.0.1 until Ctrl-C.")] = False,
-    port: Annotated[int, typer.Option(help="Port on this machine; 0 for any that is free.")] = 8701,
     verify: Annotated[
         bool, typer.Option("--verify", help="Say of one result whether every file still is what was written.")
     ] = False,
@@ -32,29 +30,25 @@ def command(
 
     Of one result the command says what it was made from: command, versions, inputs, files. With --verify it says which
     files have changed, what would change if it were made again, and ends with 1 if the result is no longer what was
-    written. Examples: `testbench results` writes results/index.html; `testbench results --serve` serves it; `testbench
+    written. Examples: `testbench results` writes results/index.html, which `testbench app` serves; `testbench
     results results/a --verify`; `testbench results results/a results/b` compares two.
     """
     from testbench.core.files import write_file
     from testbench.core.store import INDEX, ResultFolder, manifest_of
-    from testbench.page.serve import serving
     from testbench.page.terminal import print_rows
     from testbench.page.words import sentence
     from testbench.questions.results.ask import compare_results, list_results, verify_results
-    from testbench.questions.results.page import compared_page, files_of, index_html, made_from, states, verdict
+    from testbench.questions.results.page import compared_page, index_html, made_from, states, verdict
 
     if other is not None:
-        refuse(context, "where two results are compared", "serve", "port", "verify")
+        refuse(context, "where two results are compared", "verify")
         page = compared_page(compare_results(folder, other))
         target = out or folder.resolve().parent / f"{folder.resolve().name}_and_{other.resolve().name}"
         page.write(target)
         page.show(console(), target)
         return
     refuse(context, "without a second result", "out")
-    if not serve:
-        refuse(context, "without --serve", "port")
     if verify:
-        refuse(context, "with --verify", "serve")
         verified = verify_results(folder)
         print_rows(console(), ("file", "state"), states(verified))
         for text in verdict(verified):
@@ -62,15 +56,11 @@ def command(
         if verified.manifest.command:
             print(f"The same command again: {shlex.join(verified.manifest.command)}")
         raise typer.Exit(0 if verified.whole else 1)
-    made = manifest_of(folder) if folder.is_dir() and not serve else None
+    made = manifest_of(folder) if folder.is_dir() else None
     if made is not None and made.files.keys() != {INDEX}:
         print_rows(console(), ("what", "name", "bytes", "SHA-256"), made_from(made), (False, False, True, False))
         return
     found = list_results(folder)
-    if serve:
-        with serving(files_of(folder, lambda: index_html(list_results(folder), folder)), port) as server:
-            server.until_ended()
-        return
     with ResultFolder(folder, adds=True) as place:  # first: who reads what is printed may stop
         place.check(INDEX)
         write_file(place.new / INDEX, index_html(found, folder))

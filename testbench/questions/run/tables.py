@@ -11,6 +11,7 @@ import numpy as np
 
 from testbench.core.constants import DEG_RAD
 from testbench.estimators.identification import estimator_name
+from testbench.evaluation.modes import frequency_and_damping
 from testbench.page.labels import axis_label, number, shown_unit, superscript, symbol
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.run.labels import case_names, failed_table, outputs_of
@@ -285,10 +286,10 @@ def bode_table(result: RunResult) -> Table | None:
 # --- poles ------------------------------------------------------------------------------------------------------------
 
 
-def frequency_and_damping(pole: complex) -> tuple[float, float]:
-    """Return |s| in rad/s and -Re(s)/|s|; the damping ratio of a pole at the origin is called 0."""
-    wn = abs(pole)
-    return wn, -pole.real / wn if wn else 0.0
+def _of_pole(pole: complex) -> tuple[Value, Value]:
+    """Return |s| in rad/s and the damping ratio, which a real root alone has not."""
+    wn, zeta = frequency_and_damping(pole)
+    return wn, zeta if pole.imag else None
 
 
 def mode_table(result: RunResult) -> Table | None:
@@ -316,13 +317,13 @@ def mode_table(result: RunResult) -> Table | None:
             found.setdefault((match.name, source), {})[k] = match
     rows: list[tuple[Value, ...]] = []
     for (mode, outputs), matches in sorted(found.items(), key=lambda item: abs(next(iter(item[1].values())).true)):
-        row: list[Value] = [mode, outputs, *frequency_and_damping(next(iter(matches.values())).true)]
+        row: list[Value] = [mode, outputs, *_of_pole(next(iter(matches.values())).true)]
         for k in range(len(names)):
             own = matches.get(k)
             if own is None or own.found is None:
                 row += [None, None, None]
             else:
-                row += [*frequency_and_damping(own.found), own.wn_error_percent]
+                row += [*_of_pole(own.found), own.wn_error_percent]
         rows.append(tuple(row))
     known = {row[0] for row in rows if any(v is not None for v in row[4:])}
     empty = {row[0]: row for row in reversed(rows) if row[0] not in known}  # one row for a mode that nothing found
@@ -355,8 +356,8 @@ def pole_table(result: RunResult) -> Table:
     for name, case in zip(case_names(result.cases), result.cases, strict=True):
         for outputs, poles in case.model.poles().items():
             for pole in sorted((complex(p) for p in poles if p.imag >= -1e-12), key=abs):
-                wn, zeta = frequency_and_damping(pole)
-                rows.append((name, _symbols(outputs), pole.real, abs(pole.imag), wn, zeta, wn / (2.0 * math.pi)))
+                f = abs(pole) / (2.0 * math.pi)
+                rows.append((name, _symbols(outputs), pole.real, abs(pole.imag), *_of_pole(pole), f))
     caption = (
         "Continuous-time poles, ln(z) over the sample time, in rad/s; Im s stands for both poles of a pair. A positive "
         "Re s is unstable."

@@ -254,12 +254,12 @@ def test_unreachable_targets_are_said_with_what_stands_in_the_way(tmp_path):
     result = run_design(DesignScenario.load(file).changed(realise=0))
     assert result.best.design.cost > 1.0
     assert result.shortest is None
-    verdict, fly, *_ = design_sentences(result)
+    fly, verdict, *_ = design_sentences(result)
     text = " ".join(design_sentences(result))
     first = brief(verdict)[0].replace("\u00a0", " ")
     assert first == "No admissible input found in 10 s reaches every wanted accuracy."  # on every first screen
     assert re.search("the best leaves M_q with a standard error of .* where 0.10 % is wanted", verdict)
-    assert re.match(r"Fly the .*, peak .* deg", fly)
+    assert re.match(r"Fly the .*, peak .* deg: it comes nearest", fly)
     assert f"Flown {result.obstacles.flights} times it would reach them" in text
     assert "Without the noise of q" in text
     assert result.obstacles.flights == int(np.ceil(result.best.design.cost**2))

@@ -43,7 +43,7 @@ for:
 - surroundings: other PYTHONHASHSEED, LC_ALL (C without UTF-8; tr_TR, which is C where it is not installed) and TZ.
 
 Not sampled: Windows and macOS, a machine that loses power, network file systems, the servers of `studio` and
-`results --serve`, campaigns on a cluster, options that no case gives.
+`app`, campaigns on a cluster, options that no case gives.
 
 {commands}
 {found}

@@ -232,6 +232,7 @@ CASES = {
     "aircraft flexible": Case("aircraft flexible taurus {at}taurus.toml -o {at}out",
                               ("taurus.toml", "taurus_shapes.csv"), prepare=few_speeds),
     "studio": Case("studio taurus --write {at}out/studio.html"),
+    "app": Case("app {at}nowhere", status=2),
     "results": Case("results {at}found", ("found",)),
     "results, two side by side": Case("results {at}found/one/run {at}found/two/run -o {at}out", ("found",)),
     "reproduce": Case("reproduce b1 -o {at}out", prepare=few_sections),
@@ -245,6 +246,7 @@ CASES = {
     "exercise check": Case("exercise check {at}handed", ("handed",), status=1),
     "check": Case("check {at}run.toml {at}plan.toml", ("run.toml", "plan.toml")),
     "list": Case("list scenarios"),
+    "schema": Case("schema design -o {at}out"),
 }  # fmt: skip
 """Name -> case."""
 
