@@ -5,12 +5,14 @@ from __future__ import annotations
 import base64
 import hashlib
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
+from testbench.page.terminal import PLAIN
 from testbench.page.words import Answer, Line, advice_lines, answer_lines, brief, sentence, typeset
 
 if TYPE_CHECKING:
@@ -162,10 +164,38 @@ def render(template: str, live: bool = False, **context: Any) -> str:
     return _environment().get_template(template).render(live=live, **context)
 
 
+_SYMBOL = re.compile(r"([A-Za-z]+?)(dot)?(?:_(\w+|\([^)]*\)))?(?:\^(-?\w+|\([^)]*\)))?(?![A-Za-z_])")
+
+
+def _equation(text: str) -> str:
+    """Return equations that were written in letters as on paper: ω_n for wn, α with its dot, sub- and superscripts."""
+    greek = {word: sign for sign, word in PLAIN.items() if len(word) > 1 and word.isalpha()}
+    names = {word: f"<i>{sign}</i>" for word, sign in greek.items()}
+    names |= {"wn": "<i>ω</i><sub>n</sub>", "wd": "<i>ω</i><sub>d</sub>", "sqrt": "√"}
+
+    def shown(found: re.Match[str]) -> str:
+        word, dot, below, above = found.groups()
+        out = names.get(word, f"<i>{word}</i>" if len(word) == 1 or below else word)
+        out = out.replace("</i>", "\u0307</i>") if dot else out
+        out += f"<sub>{greek.get(below, below)}</sub>" if below else ""
+        return out + (f"<sup>{above.replace('-', '−')}</sup>" if above else "")
+
+    safe = text.replace("<=", "≤").replace(">=", "≥").replace(" - ", " − ").replace("(-", "(−").replace("= -", "= −")
+    return "".join(
+        _SYMBOL.sub(shown, part) if k % 2 == 0 else {"<": "&lt;", ">": "&gt;", "&": "&amp;"}[part]
+        for k, part in enumerate(re.split("([<>&])", safe))
+    )
+
+
+def _indented(reader: Any, tokens: Sequence[Any], k: int, *rest: Any) -> str:
+    return f'<pre class="equation">{_equation(tokens[k].content)}</pre>'
+
+
 def text_page(kicker: str, text: str) -> str:
     """Return Markdown as one HTML file that fetches nothing; its first heading is the title.
 
-    HTML in the text is shown as it stands, and links that run code are no links.
+    Indented lines are equations, written as on paper; code stands between fences. HTML in the text is shown as it
+    stands, and links that run code are no links.
 
     Args:
         kicker: above the title: what it is.
@@ -175,7 +205,9 @@ def text_page(kicker: str, text: str) -> str:
     from markupsafe import Markup
 
     first, _, rest = text.lstrip().partition("\n")
-    body, *parts = MarkdownIt("commonmark", {"html": False}).enable("table").render(rest).split("<table>")
+    reader = MarkdownIt("commonmark", {"html": False}).enable("table")
+    reader.add_render_rule("code_block", _indented)
+    body, *parts = reader.render(rest).split("<table>")
     for k, part in enumerate(parts, start=1):
         body += f'<figure class="table"><div class="scroll" tabindex="0" role="region" aria-label="table {k}"><table>'
         body += part.replace("</table>", "</table></div></figure>")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from testbench.page.tables import Table
     from testbench.page.words import Answer
 
-_PLAIN = {
+PLAIN = {
     "°": " deg", "¹": "^1", "²": "^2", "³": "^3", "⁴": "^4", "⁰": "^0", "⁻": "^-", "±": "+/-", "×": "x", "·": ".",
     "–": "-", "—": "-", "−": "-", "…": "...", "’": "'", "‘": "'", "“": '"', "”": '"', "√": "sqrt ", "≤": "<=",
     "≥": ">=", "≈": "~", "α": "alpha", "β": "beta", "θ": "theta", "φ": "phi", "ψ": "psi", "ζ": "zeta", "ω": "omega",
@@ -121,7 +121,7 @@ def _in_ascii(error: UnicodeError) -> tuple[str, int]:
         raise error
     out = ""
     for sign in error.object[error.start : error.end]:
-        near = _PLAIN.get(sign) or unicodedata.normalize("NFKD", sign).encode("ascii", "ignore").decode()
+        near = PLAIN.get(sign) or unicodedata.normalize("NFKD", sign).encode("ascii", "ignore").decode()
         out += near or "?"
     return out, error.end
 

@@ -22,3 +22,12 @@ def test_nothing_of_a_text_becomes_code():
     page = text_page("k", TEXT)
     assert "<script>alert" not in page
     assert 'href="javascript' not in page
+
+
+def test_indented_lines_are_equations_and_fenced_ones_stay_code():
+    text = "# T\n\n    alphadot = -Z_alpha alpha + wn² <= <b>\n\n```python\nzeta = M_alpha\n```\n"
+    page = text_page("k", text)
+    (shown,) = (part.partition("</pre>")[0] for part in page.split('<pre class="equation">')[1:])
+    assert "<i>α\u0307</i> = −<i>Z</i><sub>α</sub> <i>α</i> + <i>ω</i><sub>n</sub>² ≤ &lt;" in shown
+    assert "<b>" not in shown
+    assert "zeta = M_alpha" in page

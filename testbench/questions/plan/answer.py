@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 def plan_answer(plan: Plan) -> list[tuple[str, str]]:
     """Return (kind, sentence) for each result: flights and time, onset, predicted damping, cards and accuracy."""
     out: list[tuple[str, str]] = []
-    planes = [sum(r.card.spec.plane == p for r in plan.runs) for p in ("longitudinal", "lateral")]
+    planes = Counter(r.card.spec.plane for r in plan.runs)
     if plan.runs:
         minutes = sum(f.time_s for f in plan.flights) / 60.0
         legs = len(plan.flights)
@@ -27,7 +28,7 @@ def plan_answer(plan: Plan) -> list[tuple[str, str]]:
         )
         on = counted(legs, one, many)
         head = (
-            f"{counted(len(plan.runs), 'run')} ({planes[0]} longitudinal, {planes[1]} lateral) at "
+            f"{counted(len(plan.runs), 'run')} ({', '.join(f'{n} {plane}' for plane, n in planes.most_common())}) at "
             f"{counted(len(plan.points), 'point')} take "
             f"{counted(legs, 'flight')} on {on} and {minutes:.0f} min in the air"
         )

@@ -351,7 +351,7 @@ def _build_up(plan: Plan) -> Plate:
     names = _weakest(plan)
     caption = "Points are numbered in the order of flying: a circle as given, a diamond scaled, a square refused. " + (
         "Damping ratio of the least damped elastic modes. Dashed: onset of instability and, where the plan keeps it, "
-        "the onset less the margin. Dotted: least admissible damping."
+        "the onset less the margin."
         if names
         else "The aircraft has no elastic modes: only its limits bound the build-up."
     )
