@@ -104,7 +104,7 @@ def scenarios_page() -> str:
         "",
         "Scenario files are TOML. A key that is not listed is refused with the nearest one that is; units are in the "
         "names. `testbench check FILE` says every fault of a file at once. Ranges refuse what cannot be, not what is "
-        "unusual; `testbench.questions.files.json_schemas()` returns all of this as JSON schemas.",
+        "unusual; `testbench schema` gives all of this as JSON schemas, for editors and programs.",
     ]
     seen: list[type[BaseModel]] = []
     for kind, file_class in file_classes().items():

@@ -26,9 +26,9 @@ def command(
     """
     from testbench.core.errors import RecordError
     from testbench.core.files import write_file
+    from testbench.page.serve import Answer, serving
     from testbench.questions.studio.ask import studio_models
     from testbench.questions.studio.page import studio_page
-    from testbench.questions.studio.serve import serving
 
     if write is not None and write.is_dir():
         raise RecordError(f"the page must be written to a file, got the folder '{write}'; name a file in it")
@@ -38,5 +38,5 @@ def command(
         write_file(write, page)
         print(f"Written: {write}")
         return
-    with serving(page, port) as server:
+    with serving({"/": Answer(page.encode())}.get, port) as server:
         server.until_ended()

@@ -17,12 +17,12 @@ from testbench.flight import FlightCondition, linearise, load_aircraft, trim
 from testbench.information.fisher import accuracy
 from testbench.information.targets import needed_parameters
 from testbench.inputs import build
+from testbench.page.serve import HOST, Answer, serving
 from testbench.page.words import MOST_WORDS
 from testbench.questions.plan.scenario import PlanScenario
 from testbench.questions.run.scenario import Scenario
 from testbench.questions.studio import ask as studio
 from testbench.questions.studio.page import studio_page
-from testbench.questions.studio.serve import HOST, serving
 from testbench.sensors import load_suite
 
 pytestmark = pytest.mark.drawn
@@ -106,7 +106,7 @@ def test_an_unknown_aircraft_is_refused():
 
 
 def test_it_answers_on_this_machine_only_and_with_one_page():
-    with serving("<p>page</p>", 0) as server:
+    with serving({"/": Answer(b"<p>page</p>")}.get, 0) as server:
         Thread(target=server.serve_forever, daemon=True).start()
         assert server.server_address[0] == HOST == "127.0.0.1"
         address = f"http://{HOST}:{server.server_port}"
@@ -121,9 +121,9 @@ def test_a_port_that_is_taken_is_said():
         taken.bind((HOST, 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with pytest.raises(LimitError, match=f"port {port} .*choose another with --port"), serving("", port):
+        with pytest.raises(LimitError, match=f"port {port} .*choose another with --port"), serving({}.get, port):
             pass
-    with pytest.raises(LimitError, match="port 70000"), serving("", 70000):
+    with pytest.raises(LimitError, match="port 70000"), serving({}.get, 70000):
         pass
 
 
