@@ -48,6 +48,7 @@ ASKS = {
     "design": {"run", "identify"},  # what was flown before, and the aircraft that has it
     "plan": {"design", "identify", "importing", "run"},
     "gap": {"compatibility", "identify", "run"},
+    "live": {"identify", "importing", "plan"},  # servos as identify has them, logs as import reads them, a plan's cards
     "studio": {"design", "plan"},
     "reproduce": {"run", "plan"},
     "exercise": set(),
@@ -329,7 +330,7 @@ WRITERS = {
     },
     "a live file of a ResultFolder": {
         "questions/campaign/ask.py", "questions/campaign/store.py", "questions/compare/benchmark/ask.py",
-        "questions/gap/again.py",
+        "questions/gap/again.py", "questions/live/command.py",
     },
     "a new folder that the user names": {"questions/project/new.py"},
     "a folder for temporary files": {"questions/exercise/catalogue/wrong_sign.py", "questions/export/aircraft.py"},

@@ -159,6 +159,13 @@ QUESTIONS = (
         want="plan flights",
     ),
     Question(
+        "live",
+        "flight.csv --aircraft taurus",
+        "identify while it flies",
+        "ask:fly_along",
+        want="follow a flight",
+    ),
+    Question(
         "campaign",
         "run taurus_scatter",
         "a scenario many times",

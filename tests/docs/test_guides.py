@@ -363,3 +363,18 @@ def test_the_guide_finds_a_coefficient_through_jax():
     *shape, damping = ran.stdout.split()[-3:]
     assert shape == ["64", "480"]
     assert float(damping) == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_the_guide_s_flight_is_followed_and_plays_again(tmp_path, monkeypatch):
+    from studies.reliability.small import made
+
+    monkeypatch.chdir(tmp_path)
+    made("g0.csv", tmp_path).rename("flight.csv")
+    first, *_ = blocks_of("live", "sh")[0].splitlines()
+    assert "link: " in said_by(first.partition("#")[0])
+    again = re.search(r"`(testbench live results/live_flight [^`]*)`", text_of("live"))
+    assert again is not None
+    said_by(again[1])
+    one, other = (Path("results") / name / "updates.jsonl" for name in ("live_flight", "live_flight_again"))
+    assert one.read_bytes() == other.read_bytes()

@@ -17,6 +17,7 @@ within the band biases them as it does any regression.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -245,30 +246,138 @@ def _updates(
     centre = params[free] - structure.values[free]
     for number, d in enumerate(data):
         (errors,), (slopes,) = equations(structure, [d], params, free)
-        N = len(errors)
-        t = d.dt_s * np.arange(N)
-        one = np.where(d.taken, 1.0, 0.0)
-        moved = np.where(d.taken[:, None], d.xdot, 0.0)
-        columns = np.column_stack([one, one * t, moved, moved - errors, -slopes.reshape(N, -1)])
-        F = np.zeros((lines.size, columns.shape[1]), np.complex128)
-        M, span, done = np.zeros((2, columns.shape[1])), 0.0, 0
-        turn = np.pi * np.minimum(lines * d.dt_s, 0.49)
-        between = (np.tan(turn) / turn)[:, None]  # changes over a sample are so much larger than means between samples
-        now, weight = F[:, 2:], 0.0
+        grown = Grown(lines, d.dt_s, forgetting)
+        N, done = len(errors), 0
+        now = grown.level(n, settings.step_hz)
         for end in np.arange(N, 0, -stride)[::-1]:
-            rows, ages = slice(done, int(end)), np.arange(int(end) - done)[::-1]
-            w, fade = forgetting**ages, forgetting ** (int(end) - done)
-            F = fade * F + (np.exp(-2j * np.pi * np.outer(lines, t[rows])) * w) @ columns[rows]
-            M = fade * M + (columns[rows, :2] * w[:, None]).T @ columns[rows]
-            span, done = fade * span + float(w @ one[rows]) * d.dt_s, int(end)
-            line = np.linalg.lstsq(M[:, :2], M[:, 2:], rcond=None)[0]
-            level = (F[:, 2:] - F[:, :2] @ line) * d.dt_s
-            changes, terms = level[:, :n], between * level[:, n:]
-            now, weight = np.hstack([changes - terms[:, :n], terms[:, n:]]), min(1.0, settings.step_hz * span)
-            if (found := _fit([*kept, (now, weight)], n, prior, centre)) is not None:
+            rows = slice(done, int(end))
+            grown.add(d.taken[rows], d.xdot[rows], errors[rows], slopes[rows])
+            done, now = int(end), grown.level(n, settings.step_hz)
+            if (found := _fit([*kept, now], n, prior, centre)) is not None:
                 out.append((number, float(d.dt_s * end), found))
-        kept.append((now, weight))
+        kept.append(now)
     return out
+
+
+class Grown:
+    """The transforms of one record at the lines (l,), Hz, which grow by blocks of its samples, and its running line.
+
+    All that is remembered: transforms of the samples, and the sums from which a straight line is taken out of them.
+    """
+
+    def __init__(self, lines: FloatArray, dt_s: float, forgetting: float = 1.0) -> None:
+        self.lines, self.dt_s, self.forgetting = lines, dt_s, forgetting
+        self.count, self.span_s = 0, 0.0
+        self._F: ComplexArray = np.zeros((lines.size, 1), np.complex128)
+        self._M: FloatArray = np.zeros((2, 1))
+
+    def add(self, taken: NDArray[np.bool_], xdot: FloatArray, errors: FloatArray, slopes: FloatArray) -> None:
+        """Add the next b samples: whether taken (b,), state changes (b, n), errors (b, n), their slopes (b, n, f)."""
+        b = len(errors)
+        t, one = self.dt_s * np.arange(self.count, self.count + b), np.where(taken, 1.0, 0.0)
+        moved = np.where(taken[:, None], xdot, 0.0)
+        columns = np.column_stack([one, one * t, moved, moved - errors, -slopes.reshape(b, -1)])
+        w, fade = self.forgetting ** np.arange(b)[::-1], self.forgetting**b
+        self._F = fade * self._F + (np.exp(-2j * np.pi * np.outer(self.lines, t)) * w) @ columns
+        self._M = fade * self._M + (columns[:, :2] * w[:, None]).T @ columns
+        self.span_s = fade * self.span_s + float(w @ one) * self.dt_s
+        self.count += b
+
+    def level(self, n: int, step_hz: float) -> tuple[ComplexArray, float]:
+        """Return errors and slopes (l, n + n f) of n states with the line taken out, and the independent lines' share.
+
+        Changes over a sample are larger than means between samples by tan(w dt/2) / (w dt/2).
+        """
+        turn = np.pi * np.minimum(self.lines * self.dt_s, 0.49)
+        between = (np.tan(turn) / turn)[:, None]
+        line = np.linalg.lstsq(self._M[:, :2], self._M[:, 2:], rcond=None)[0]
+        level = (self._F[:, 2:] - self._F[:, :2] @ line) * self.dt_s
+        changes, terms = level[:, :n], between * level[:, n:]
+        return np.hstack([changes - terms[:, :n], terms[:, n:]]), min(1.0, step_hz * self.span_s)
+
+
+class InFlight:
+    """A structure in flight: blocks of samples go in as they come, at any time the estimates come out.
+
+    The structure must be linear in its parameters, with all its states among the samples. Constants, which a straight
+    line takes out, are not estimated.
+
+    Args:
+        structure: the equations.
+        settings: band, distance of the lines, forgetting.
+        dt_s: of the samples.
+
+    Raises:
+        EstimationError: the band holds no line below the Nyquist frequency.
+    """
+
+    def __init__(self, structure: ModelStructure, settings: RecursiveFourier, dt_s: float) -> None:
+        self.structure, self.settings, self.dt_s = structure, settings, dt_s
+        self.lines = _lines(settings, dt_s)
+        named = [p.free and not p.name.endswith("_0") for p in structure.parameters]
+        self.free = np.flatnonzero(named)
+        self._kept: list[tuple[ComplexArray, float]] = []
+        self._before_s = 0.0
+        self._grown = Grown(self.lines, dt_s, settings.forgetting)
+        self._last: FlightRecord | None = None
+        self._known: FloatArray = np.zeros((1, len(structure.states)))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters (f,) that are estimated."""
+        return tuple(self.structure.parameter_names[i] for i in self.free)
+
+    @property
+    def spans_s(self) -> float:
+        """Time of all records so far, s."""
+        return self._before_s + self._grown.span_s
+
+    def begin(self) -> None:
+        """Begin another record of the same condition: what was flown before counts on."""
+        if self._grown.span_s > 0.0:
+            self._kept.append(self._grown.level(len(self.structure.states), self.settings.step_hz))
+            self._before_s += self._grown.span_s
+        self._grown = Grown(self.lines, self.dt_s, self.settings.forgetting)
+        self._last = None
+
+    def add(self, block: FlightRecord, scales: FloatArray | float = 1.0, known: FloatArray | float = 0.0) -> None:
+        """Add the samples that follow those before: states and inputs as measured, at the sample time.
+
+        Args:
+            block: of b samples.
+            scales: (b, n, f) factors on what each parameter does in each equation, where the condition changes: with
+                dynamic pressure, say.
+            known: (b, n) derivatives of the states beside those of the structure, as by the turning frame.
+        """
+        structure, last = self.structure, self._last
+        part = block.select((*structure.states, *structure.inputs))
+        if last is not None:
+            t = np.concatenate([last.t_s, part.t_s])
+            data, valid = np.vstack([last.data, part.data]), np.vstack([last.valid, part.valid])
+            part = FlightRecord(t, part.channels, data, "measured", valid)
+        self._last = (
+            part if len(part) < 2 else replace(part, t_s=part.t_s[-2:], data=part.data[-2:], valid=part.valid[-2:])
+        )
+        if len(part) < 3:
+            return
+        m = len(structure.inputs)
+        d = _between(part, structure, np.zeros(m), np.zeros(m, bool))
+        (errors,), (slopes,) = equations(structure, [d], np.zeros(len(structure.parameters)), self.free)
+        new = slice(0 if last is None else len(last) - 1, None)
+        count = len(errors[new])
+        scales, known = (np.broadcast_to(x, (len(block), *s.shape[1:])) for x, s in ((scales, slopes), (known, errors)))
+        before = known[:1] if last is None else self._known
+        middle = 0.5 * (known + np.vstack([before, known[:-1]]))
+        self._known = known[-1:]
+        self._grown.add(d.taken[new], d.xdot[new], errors[new] - middle[-count:], slopes[new] * scales[-count:])
+
+    def fit(self) -> Fit | None:
+        """Return least squares now, its step counted from zero; None if nothing is decided yet."""
+        if not self.spans_s > 0.0:
+            return None
+        n, none = len(self.structure.states), np.zeros(self.free.size)
+        now = [self._grown.level(n, self.settings.step_hz)] if self._grown.span_s > 0.0 else []
+        return _fit([*self._kept, *now], n, none, none)
 
 
 def _fit(parts: Sequence[tuple[ComplexArray, float]], n: int, prior: FloatArray, centre: FloatArray) -> Fit | None:

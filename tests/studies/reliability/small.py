@@ -216,6 +216,7 @@ CASES = {
     "plan rehearse": Case("plan rehearse {at}plan.toml -o {at}out", ("plan.toml",)),
     "plan close": Case("plan close {at}plan.toml {at}logs/plan_flight_1.csv -o {at}out", ("plan.toml", "logs"),
                        most=True),
+    "live": Case("live {at}g0.csv --aircraft taurus -o {at}out", ("g0.csv",)),
     "campaign run": Case(
         _CAMPAIGN.format("run"), ("short.toml",), (_CAMPAIGN.format("resume"), _CAMPAIGN.format("run")), most=True,
         workers=True,

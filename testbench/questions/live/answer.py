@@ -1,0 +1,110 @@
+"""Every sentence that is called out in flight, and the answer when it has ended."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+from testbench.core.channels import CHANNELS
+from testbench.core.constants import DEG_RAD
+from testbench.page.words import Answer, listed
+from testbench.questions.live.ask import LEAST_HZ
+from testbench.questions.live.stream import REQUESTS
+
+if TYPE_CHECKING:
+    from testbench.questions.live.ask import Call, Session
+    from testbench.questions.live.clock import Rate
+    from testbench.questions.live.track import Estimate
+
+_GOOD_HZ = 25.0
+"""Ten samples a period of a short period of 2.5 Hz: an aircraft that one holds in the hand has a slower one."""
+_NEEDED = ("p", "q", "r", "phi", "theta", "alpha", "beta", "az", "V", "de", "da", "dr", "de_cmd", "da_cmd", "dr_cmd")
+
+
+def sized(name: str, value: float) -> str:
+    """Return a value of a channel with its unit; angles in degrees, the load factor as it is."""
+    if name == "nz":
+        return f"{value:.2f} g"
+    unit = CHANNELS[name].unit
+    if unit.startswith("rad"):
+        return f"{value / DEG_RAD:.3g} {unit.replace('rad', 'deg')}"
+    return f"{value:.3g}" + ("" if unit == "1" else f" {unit}")
+
+
+def called(call: Call) -> str:
+    """Return what is called out, in one sentence."""
+    if call.kind == "limit":
+        return f"limit: {call.channel} is {sized(call.channel, call.value)}, beyond {sized(call.channel, call.other)}"
+    if call.kind == "stop":
+        if call.words == "shape":
+            return (
+                f"stop: {call.channel} does not follow the controls as expected ({100.0 * call.other:.0f} % of it is "
+                f"something else)"
+            )
+        return f"stop: {call.channel} is {call.value:.2g} of what was expected"
+    if call.kind == "instrument":
+        if call.words == "frozen":
+            return f"stop: {call.channel} stands still at {sized(call.channel, call.value)}: check its instrument"
+        return f"stop: the airspeed is {call.value:+.2g} m/s off what the forces make of it: check the pitot tube"
+    if call.kind == "enough":
+        after = f": next card {call.words}" if call.words else ": go on to the next card"
+        return f"you have it: the {call.channel} derivatives are as accurate as wanted{after}"
+    after = f"; next card {call.other:.0f}" if call.other else "; no card is left"
+    flown = "was flown as it says" if not call.words else f"must be flown again: {call.words}"
+    return f"card {call.channel} {flown}{after}"
+
+
+def estimate_line(e: Estimate) -> str:
+    """Return a derivative, its error, and what its wanted accuracy still takes, as said over the radio."""
+    text = f"{e.name} {e.value:.3g}, {100.0 * e.std / max(abs(e.value), 1e-12):.2g} %"
+    if e.believed is not None:
+        text += f" (believed {e.believed:.3g})"
+    if not e.wanted:
+        return text
+    aim = 100.0 * e.wanted / max(abs(e.believed or e.value), 1e-12)
+    if not e.more_s:
+        return f"{text}: as wanted"
+    return f"{text}: {aim:.2g} % in {e.more_s:.0f} s" if e.more_s < 600.0 else f"{text}: not by such an input"
+
+
+def link_lines(rates: Mapping[str, Rate], told: Mapping[str, str], radio: bool) -> Iterator[str]:
+    """Yield what the link gives, what can be told from it, and which message rates would do better."""
+    groups: dict[str, list[str]] = {}
+    for name, rate in rates.items():
+        groups.setdefault(f"{rate.hz:.3g} Hz, {100.0 * rate.lost:.1f} % lost", []).append(name)
+    yield "link: " + "; ".join(f"{listed(names)} at {what}" for what, names in groups.items())
+    for plane, why in told.items():
+        if why:
+            yield f"{plane} derivatives cannot be told: {why}; limits and instruments are watched"
+    used = [rates[n].hz for n in _NEEDED if n in rates and rates[n].hz >= LEAST_HZ]
+    if not all(told.values()) and min(used) < _GOOD_HZ:
+        yield (
+            f"at {min(used):.3g} Hz the estimates hold motions below {0.2 * min(used):.2g} Hz; for all of a short "
+            f"period {_GOOD_HZ:g} Hz or more are needed: record on board"
+        )
+    slow = any(told.values()) or (bool(used) and min(used) < _GOOD_HZ)
+    if radio and slow:
+        asks = ", ".join(f"{name} (SET_MESSAGE_INTERVAL {number} 20000)" for name, number in REQUESTS.items())
+        yield f"nothing is sent; to have 50 Hz, let the ground station request {asks}, on a link that carries it"
+
+
+def live_answer(session: Session) -> Answer:
+    """Return what the flight told, in sentences."""
+    stops = [c for c in session.calls if c.kind in ("stop", "instrument", "limit")]
+    found = [(plane, session.latest(plane)) for plane in ("longitudinal", "lateral")]
+    some = [(plane, [e for e in estimates if e.wanted]) for plane, estimates in found if estimates]
+    out = []
+    for plane, estimates in some:
+        have = [e for e in estimates if not e.more_s]
+        off = [e for e in estimates if e.believed is not None and abs(e.value - e.believed) > 1.5 * e.half]
+        out.append(
+            f"{plane}: {len(have)} of {len(estimates)} derivatives as accurate as wanted"
+            + (f"; not as believed: {listed([e.name for e in off])}" if off else "; as believed within their errors")
+        )
+    if not some:
+        out.append("no derivatives: " + ("no control moved" if not all(session.told.values()) else "see the link"))
+    out += [f"{c.t_s:.1f} s: {called(c)}" for c in stops[:6]]
+    if len(stops) > 6:
+        out.append(f"{len(stops) - 6} more calls are in the table")
+    out += link_lines(session.rates, session.told, False)
+    return [*out, *session.notes]

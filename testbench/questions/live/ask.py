@@ -1,0 +1,374 @@
+"""Follow a flight: what its channels tell, plane by plane, and what is to be called out. Nothing is sent."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from testbench.aircraft import Aircraft
+from testbench.aircraft.adapter import SURFACES
+from testbench.core.constants import G0_M_S2
+from testbench.core.errors import RecordError, Refusal
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.page.shown import Shown
+from testbench.questions.identify.derivatives import servos_of
+from testbench.questions.live.belief import CONTROLS, DRAWS, Believed
+from testbench.questions.live.clock import FASTEST_HZ, Clock, Rate
+from testbench.questions.live.stream import Sample, Source
+from testbench.questions.live.track import Estimate, Gain, Plane
+from testbench.questions.plan.close import FlownRun, close_plan
+from testbench.questions.plan.result import Card, Plan
+
+UPDATE_S = 0.5
+LISTEN_S = 3.0
+"""Before anything is said of the flight: what the link gives is measured first."""
+LEAST_HZ = 4.0
+WANTED = 0.1
+"""Standard error that is wanted relative to the value where no card says it."""
+_OTHER_SPEED = 0.25  # share by which the speed may differ from that at which derivatives are believed
+_ANGLE = {"longitudinal": ("alpha", ("q", "az")), "lateral": ("beta", ("p", "r", "phi", "ay"))}
+_REST = {"longitudinal": ("q",), "lateral": ("p", "r", "phi")}
+_KINEMATIC_S, _KINEMATIC, _LEAST_V = 2.0, 8.0, 0.12  # of airspeed against forces: over, deviations, share of V
+_FROZEN_S, _SAME = 1.0, 1e-9  # of samples that differ by less than this share of themselves
+
+
+@dataclass(frozen=True)
+class Call:
+    """What is called out.
+
+    Attributes:
+        t_s: when, on the clock of the source.
+        kind: "limit", "stop", "instrument", "enough", "run" or "link".
+        channel: that it is of; "" if of none.
+        value, other: what was found, and what it is set against.
+        words: what else the sentence needs.
+    """
+
+    t_s: float
+    kind: str
+    channel: str = ""
+    value: float = 0.0
+    other: float = 0.0
+    words: str = ""
+
+
+@dataclass(frozen=True)
+class Update:
+    """What is known at one time: plane -> derivatives so far, gains of the response, and what is called out."""
+
+    t_s: float
+    active: tuple[str, ...]
+    estimates: Mapping[str, tuple[Estimate, ...]]
+    gains: Mapping[str, tuple[Gain, ...]]
+    calls: tuple[Call, ...]
+
+    def line(self) -> str:
+        """Return it as a line of JSON; the same samples give the same line."""
+        return json.dumps(asdict(self), allow_nan=True) + "\n"
+
+
+@dataclass(eq=False)
+class Session(Shown, page="testbench.questions.live.page:live_page"):
+    """A flight that is followed.
+
+    Attributes:
+        source: its name.
+        aircraft: what is believed to fly.
+        plan: whose cards are flown; None without one.
+        rates: channel -> what the link gave while it was listened to.
+        told: plane -> why its derivatives cannot be told, "" if they can.
+        updates: every half second, without those that hold nothing.
+        calls: all that was called out.
+        flown: card -> its good runs.
+        notes: in sentences.
+        V_m_s, h_m: condition that the derivatives are given at, however the speed has changed.
+    """
+
+    source: str
+    aircraft: Aircraft
+    plan: Plan | None = None
+    rates: Mapping[str, Rate] = field(default_factory=dict)
+    told: dict[str, str] = field(default_factory=dict)
+    updates: list[Update] = field(default_factory=list)
+    calls: list[Call] = field(default_factory=list)
+    flown: dict[int, int] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    V_m_s: float = np.nan
+    h_m: float = np.nan
+
+    @property
+    def next_card(self) -> Card | None:
+        """The card to fly next; None without a plan, or if all are flown."""
+        cards = () if self.plan is None else self.plan.cards
+        return next((c for c in cards if c.repeats > self.flown.get(c.number, 0)), None)
+
+    def latest(self, plane: str) -> tuple[Estimate, ...]:
+        """Return the last derivatives of a plane."""
+        return next((u.estimates[plane] for u in reversed(self.updates) if u.estimates.get(plane)), ())
+
+
+def fly_along(
+    source: Source,
+    aircraft: Aircraft,
+    plan: Plan | None = None,
+    wanted: float = WANTED,
+    keep: Callable[[Sample], None] | None = None,
+    session: Session | None = None,
+    draws: int = DRAWS,
+) -> Iterator[Update]:
+    """Follow a flight from its samples; yield what is known, every half second of its clock.
+
+    Args:
+        source: of :func:`testbench.questions.live.stream.open_source`.
+        aircraft: believed to fly.
+        plan: whose cards are flown: wanted accuracies, and which card is next.
+        wanted: standard error of derivatives relative to their values, where no card says it.
+        keep: called with every sample as it arrives.
+        session: takes all that is found; its last state is the answer.
+        draws: aircraft drawn within the uncertainty of the believed one.
+
+    Raises:
+        RecordError: the stream ended before anything could be told of it.
+
+    Example:
+        >>> source = open_source("flight.ulg", {}, {}, None, True, 0.0)  # doctest: +SKIP
+        >>> for update in fly_along(source, tb.load_aircraft("taurus")):  # doctest: +SKIP
+        ...     print(update.t_s, update.calls)
+    """
+    session = Session(source.name, aircraft, plan) if session is None else session
+    clock, follower, due = Clock(), None, np.inf
+    for sample in source.samples:
+        if keep is not None:
+            keep(sample)
+        clock.add(sample)
+        if follower is None:
+            if clock.newest_s - clock.first_s < LISTEN_S:
+                continue
+            follower = _Follower(session, clock, wanted, draws)
+            due = clock.newest_s + UPDATE_S
+        if clock.newest_s >= due:
+            due += UPDATE_S * max(1.0, np.floor((clock.newest_s - due) / UPDATE_S) + 1.0)
+            update = follower.update()
+            if update is not None:
+                session.updates.append(update)
+                session.calls += update.calls
+                yield update
+    if follower is None:
+        raise RecordError(
+            f"'{source.name}' must give {LISTEN_S:g} s of samples before anything can be told, got "
+            f"{max(clock.newest_s - clock.first_s, 0.0):.3g} s"
+        )
+
+
+class _Follower:
+    """Everything that is remembered of a flight between updates."""
+
+    def __init__(self, session: Session, clock: Clock, wanted: float, draws: int) -> None:
+        self.session, self.clock, self.wanted, self.draws = session, clock, wanted, draws
+        self.plan, self.aircraft = session.plan, session.aircraft
+        session.rates = rates = clock.rates()
+        if not rates:
+            raise RecordError(f"'{session.source}' gave fewer than four samples of every channel in {LISTEN_S:g} s")
+        self.uses, angles = {}, {}
+        for plane in CONTROLS:
+            use, integrated, why = _usable(plane, rates, self.aircraft)
+            session.told[plane] = why
+            if not why:
+                self.uses[plane], angles[plane] = use, integrated
+        self.angles = angles
+        needed = {c for use in self.uses.values() for c in use} or set(rates)
+        self.rate_hz = float(min(FASTEST_HZ, *(rates[c].hz for c in needed)))
+        self.rate_hz = round(self.rate_hz) if self.rate_hz > 10.0 else self.rate_hz
+        clock.start(self.rate_hz)
+        self.names = tuple(sorted(rates))
+        self.planes: dict[str, Plane] = {}
+        self.V = self.h = np.nan
+        self.blocks: deque[FlightRecord] = deque()
+        self.outside: set[str] = set()
+        self.enough: set[str] = set()
+        self.speed = _Speed(1.0 / self.rate_hz)
+        self.frozen: dict[str, int] = {}
+        self.changes: dict[str, int] = {}
+        self.counted: set[tuple[int, float]] = set()
+
+    def update(self) -> Update | None:
+        block = self.clock.block(self.names)
+        if block is None:
+            return None
+        t_s = float(block.t_s[-1])
+        calls = [*self._limits(block, t_s), *self._instruments(block, t_s)]
+        self._believe(block)
+        self.blocks.append(block)
+        while self.blocks and self.blocks[0].t_s[0] < t_s - 180.0:
+            self.blocks.popleft()
+        estimates, gains, active = {}, {}, []
+        for name, plane in self.planes.items():
+            ended = plane.take(block)
+            if plane.active or ended:
+                active.append(name)
+                estimates[name] = plane.estimates()
+                gains[name] = plane.gains()
+                calls += [
+                    Call(t_s, "stop", g.channel, g.value, g.misfit, "" if not g.low <= g.value <= g.high else "shape")
+                    for g in plane.unexpected(gains[name])
+                ]
+            calls += self._enough(name, estimates.get(name, ()), t_s)
+            if ended:
+                calls += self._cards(t_s)
+        return Update(t_s, tuple(active), estimates, gains, tuple(calls))
+
+    def _believe(self, block: FlightRecord) -> None:
+        """Take the aircraft at the speed and height that are flown, at first and whenever both have changed."""
+        usual = {"V": self.aircraft.design_V_m_s, "h": self.aircraft.design_h_m}
+        if np.isnan(self.V):
+            V, h = (self.clock.mean(n, x) for n, x in usual.items())
+        else:
+            V, h = (float(np.mean(block[n])) if n in block else x for n, x in usual.items())
+        far = not abs(V - self.V) <= _OTHER_SPEED * self.V
+        if not far or any(p.active for p in self.planes.values()) or not self.uses:
+            return
+        self.V, self.h, self.planes = V, h, {}
+        self.session.V_m_s, self.session.h_m = V, h
+        try:
+            believed = Believed.of(self.aircraft, V, h, self.draws)
+        except Refusal as error:
+            self.session.notes.append(f"at {V:.3g} m/s nothing is believed: {error.message}")
+            return
+        for name, use in self.uses.items():
+            sources = {c: next(n for n in use if n in (c, f"{c}_cmd")) for c in CONTROLS[name] if
+                       any(n in (c, f"{c}_cmd") for n in use)}  # fmt: skip
+            servos = servos_of(self.aircraft, list(sources.values()))
+            lags = {c: s.lag_s for c, n in sources.items() if (s := servos.get(n)) and isinstance(s.lag_s, float)}
+            wanted = {"": self.wanted, **self._of_cards(name)}
+            how = (1.0 / self.rate_hz, self.angles[name], "V" in block)
+            self.planes[name] = Plane(name, sources, lags, believed, wanted, *how)
+        self.enough.clear()
+
+    def _of_cards(self, plane: str) -> dict[str, float]:
+        cards = () if self.plan is None else self.plan.cards
+        return {n: x / 100.0 for c in cards if c.spec.plane == plane for n, x in c.spec.accuracy_percent.items()}
+
+    def _limits(self, block: FlightRecord, t_s: float) -> Iterator[Call]:
+        """Yield the limits of the aircraft that are left, once each time."""
+        values = {n: block[n] for n in block.channels}
+        if "az" in block:
+            values["nz"] = -block["az"] / G0_M_S2
+        bands = dict(self.aircraft.limits)
+        if self.plan is not None:
+            bands |= {x.channel: (x.low, x.high) for c in self.plan.cards[:1] for x in c.limits}
+        for name, (low, high) in bands.items():
+            if name not in values:
+                continue
+            worst = max((float(values[name].min()), float(values[name].max())), key=lambda x: max(low - x, x - high))
+            if low <= worst <= high:
+                self.outside.discard(name)
+            elif name not in self.outside:
+                self.outside.add(name)
+                yield Call(t_s, "limit", name, worst, high if worst > high else low)
+
+    def _instruments(self, block: FlightRecord, t_s: float) -> Iterator[Call]:
+        """Yield instruments that stand still, and an airspeed that does not follow the forces."""
+        for name in block.channels:
+            if name.removesuffix("_cmd") in (*SURFACES, "thr"):
+                continue
+            x = block[name][block.valid[:, block.channels.index(name)]]
+            still = x.size > 0 and float(np.ptp(x)) <= _SAME * abs(float(x[0]))
+            self.frozen[name] = self.frozen.get(name, 0) + 1 if still else 0
+            self.changes[name] = self.changes.get(name, 0) + (not still)
+            lively = self.changes[name] > 5 and self.frozen[name] * UPDATE_S >= _FROZEN_S
+            if lively and self.frozen[name] == round(_FROZEN_S / UPDATE_S):
+                yield Call(t_s, "instrument", name, float(x[-1]), words="frozen")
+        off = self.speed.take(block)
+        if off is not None:
+            yield Call(t_s, "instrument", "V", off, words="forces")
+
+    def _enough(self, name: str, estimates: tuple[Estimate, ...], t_s: float) -> Iterator[Call]:
+        targets = [e for e in estimates if e.wanted > 0.0]
+        if not targets or name in self.enough or any(e.more_s > 0.0 for e in targets):
+            return
+        self.enough.add(name)
+        card = self.session.next_card
+        yield Call(t_s, "enough", name, words="" if card is None else str(card.number))
+
+    def _cards(self, t_s: float) -> Iterator[Call]:
+        """Yield the runs of cards that the last minutes hold and that have not been told yet."""
+        if self.plan is None:
+            return
+        names = self.blocks[0].channels
+        data, valid = (np.vstack([getattr(b, part) for b in self.blocks]) for part in ("data", "valid"))
+        t = np.concatenate([b.t_s for b in self.blocks])
+        record = FlightRecord(t, names, data, "measured", valid)
+        try:
+            runs: tuple[FlownRun, ...] = close_plan(self.plan, [("live", record)]).runs
+        except Refusal:
+            return
+        for run in runs:
+            key = run.card.number, round(run.start_s, 0)
+            if any(
+                number == key[0] and abs(start - key[1]) < run.card.spec.duration_s for number, start in self.counted
+            ):
+                continue
+            self.counted.add(key)
+            if not run.faults:
+                self.session.flown[run.card.number] = self.session.flown.get(run.card.number, 0) + 1
+            after = self.session.next_card
+            yield Call(t_s, "run", str(run.card.number), run.likeness, after.number if after else 0,
+                       "; ".join((*run.faults, *run.anomalies)))  # fmt: skip
+
+
+class _Speed:
+    """Airspeed against what forces and gravity make of it over two seconds: dV = integral of ax - g sin(theta)."""
+
+    def __init__(self, dt_s: float) -> None:
+        self.dt_s = dt_s
+        self._rows: deque[tuple[float, float]] = deque(maxlen=max(2, round(_KINEMATIC_S / dt_s) + 1))
+        self._seen: deque[float] = deque(maxlen=200)
+        self._sum, self._odd = 0.0, 0
+
+    def take(self, block: FlightRecord) -> float | None:
+        """Take samples; return by how much the airspeed has left the forces, m/s, if it has, in two blocks in a row."""
+        if any(name not in block for name in ("V", "ax", "theta")):
+            return None
+        rate: FloatArray = block["ax"] - G0_M_S2 * np.sin(block["theta"])
+        for V, dV in zip(block["V"].tolist(), rate.tolist(), strict=True):
+            self._sum += self.dt_s * dV
+            self._rows.append((V, self._sum))
+        if len(self._rows) < (self._rows.maxlen or 0):
+            return None
+        if not all(block.valid[:, block.channels.index(n)].all() for n in ("V", "ax", "theta")):
+            self._rows.clear()
+            self._odd = 0
+            return None
+        (V0, s0), (V1, s1) = self._rows[0], self._rows[-1]
+        off = (V1 - V0) - (s1 - s0)
+        usual = float(np.median(self._seen)) if self._seen else 0.0
+        spread = 1.5 * float(np.median(np.abs(np.array(self._seen) - usual))) if len(self._seen) > 9 else np.inf
+        odd = abs(off - usual) > max(_KINEMATIC * spread, _LEAST_V * V0)
+        if not odd:
+            self._seen.append(off)
+        self._odd = self._odd + 1 if odd else 0
+        return off - usual if self._odd == 2 else None
+
+
+def _usable(plane: str, rates: Mapping[str, Rate], aircraft: Aircraft) -> tuple[tuple[str, ...], bool, str]:
+    """Return the channels of a plane of motion, whether its flow angle is integrated, and why it cannot be told."""
+    angle, integral = _ANGLE[plane]
+    have = {n for n, r in rates.items() if r.hz >= LEAST_HZ}
+    named = [next((n for n in (c, f"{c}_cmd") if n in have), None) for c in CONTROLS[plane] if c in aircraft.controls]
+    controls = tuple(n for n in named if n is not None)
+    slow = [n for n in (*_REST[plane], angle, *integral) if n in rates and n not in have]
+    if not controls:
+        return (), False, f"no {' or '.join(f'{c} or {c}_cmd' for c in CONTROLS[plane])} at {LEAST_HZ:g} Hz or more"
+    missing = [n for n in _REST[plane] if n not in have]
+    if missing:
+        why = "comes too slowly" if set(missing) <= set(slow) else "does not come"
+        return (), False, f"{', '.join(missing)} {why}: {LEAST_HZ:g} Hz at least"
+    if angle in have:
+        return (*_REST[plane], angle, *controls), False, ""
+    if set(integral) <= have:
+        return (*dict.fromkeys((*_REST[plane], *integral)), *controls), True, ""
+    return (), False, f"neither {angle} nor {' and '.join(integral)} come at {LEAST_HZ:g} Hz or more"

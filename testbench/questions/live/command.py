@@ -1,0 +1,130 @@
+"""The command ``testbench live``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from testbench.page.terminal import console, manner
+from testbench.questions.options import OutOption, UsageError, with_figures
+
+if TYPE_CHECKING:
+    from testbench.questions.live.ask import Session, Update
+    from testbench.questions.live.stream import Sample
+
+
+@with_figures
+def command(
+    source: Annotated[
+        str,
+        typer.Argument(help="A log, udp:PORT with MAVLink, or a folder that this command wrote.", show_default=False),
+    ],
+    aircraft: Annotated[str | None, typer.Option(help="What is believed to fly.", show_default=False)] = None,
+    plan: Annotated[
+        Path | None, typer.Option(help="Plan file or name whose cards are flown.", show_default=False)
+    ] = None,
+    replay: Annotated[bool, typer.Option("--replay", help="Play a whole log, not one that grows.")] = False,
+    speed: Annotated[
+        float | None, typer.Option(min=0.01, help="Of a replay, over that of the flight; else at once.")
+    ] = None,
+    wanted: Annotated[
+        float, typer.Option(min=0.1, max=100.0, help="Standard error of derivatives that is wanted, %.")
+    ] = 10.0,
+    throw: Annotated[
+        list[str] | None, typer.Option(help="Deflection at full command, deg, e.g. de=20; the aircraft's if left out.")
+    ] = None,
+    servo: Annotated[
+        list[str] | None, typer.Option(help="Servo output of a control of a MAVLink vehicle, e.g. de=2.")
+    ] = None,
+    idle: Annotated[float, typer.Option(min=0.0, help="A source that is silent for so long has ended, s.")] = 30.0,
+    out: OutOption = Path("results"),
+) -> None:  # fmt: skip
+    """Follow a flight while it flies: derivatives with errors, what they still take, and what is not as believed.
+
+    Calls "you have it, next card 4", "stop: q is 0.6 of what was expected", limits and instruments that fail. Listens
+    only: nothing is ever sent to the aircraft. All samples are recorded, and the folder can be followed again.
+    Examples: `testbench live flight.csv --aircraft taurus`, `testbench live udp:14550 --plan mine.toml --servo de=2`.
+    """
+    import json
+
+    from testbench.core.named import obtain
+    from testbench.core.store import ResultFolder, folder_in
+    from testbench.flight import load_aircraft
+    from testbench.questions.importing.ask import parse_throws
+    from testbench.questions.live.ask import Session, fly_along
+    from testbench.questions.live.page import live_page
+    from testbench.questions.live.stream import RECORDING, open_source
+    from testbench.questions.plan.ask import make_plan
+    from testbench.questions.plan.scenario import PlanScenario
+
+    if (aircraft is None) == (plan is None):
+        raise UsageError("give either --aircraft or --plan, which names one")
+    made = None if plan is None else make_plan(obtain(PlanScenario, plan))
+    flown = made.aircraft if made is not None else load_aircraft(aircraft or "")
+    full = {c: control.full for c, control in flown.controls.items() if c != "thr"}
+    opened = open_source(source, {**full, **parse_throws(throw or [])}, _servos(servo or []), speed, replay, idle)
+    session = Session(opened.name.replace(":", "_"), flown, made)
+    with ResultFolder(folder_in(out, f"live_{session.source}")) as place:
+        view = _View(session, opened.radio)
+        with place.live(RECORDING).open("w", encoding="utf-8") as file:
+
+            def keep(sample: Sample) -> None:
+                file.write(json.dumps([sample.t_s, sample.arrived_s, dict(sample.values)]) + "\n")
+
+            try:
+                for update in fly_along(opened, flown, made, wanted / 100.0, keep, session):
+                    file.flush()
+                    view.show(update)
+            except KeyboardInterrupt:
+                session.notes.append("ended by hand")
+        page = live_page(session)
+        page.write(place)
+    page.show(console(), place.path)
+
+
+def _servos(given: list[str]) -> dict[str, int]:
+    """Return control -> servo output from texts such as "de=2"."""
+    from testbench.core.channels import CONTROLS
+
+    out = {}
+    for text in given:
+        name, _, number = text.partition("=")
+        if name not in CONTROLS or not number.isdecimal() or not 1 <= int(number) <= 16:
+            raise UsageError(f"a servo must be {', '.join(CONTROLS)} = an output from 1 to 16, as de=2, got '{text}'")
+        out[name] = int(number)
+    return out
+
+
+class _View:
+    """The terminal while it flies: calls as they come, and the derivatives twice a second, or where a run ends."""
+
+    def __init__(self, session: Session, radio: bool) -> None:
+        self.session, self.radio, self.begun = session, radio, False
+        self.quiet = manner().how in ("quiet", "json")
+        self.active: tuple[str, ...] = ()
+        self.screen = console()
+
+    def show(self, update: Update) -> None:
+        from testbench.questions.live.answer import called, estimate_line, link_lines
+
+        if self.quiet:
+            return
+        if not self.begun:
+            self.begun = True
+            for line in link_lines(self.session.rates, self.session.told, self.radio):
+                self._say(line)
+        for call in update.calls:
+            self._say(
+                f"{update.t_s:8.1f} s  {called(call)}", "bold red" if call.kind not in ("enough", "run") else "bold"
+            )
+        for plane in self.active if not self.screen.is_terminal else update.active:
+            if self.screen.is_terminal or plane not in update.active:
+                for e in self.session.latest(plane):
+                    if e.wanted:
+                        self._say(f"{update.t_s:8.1f} s  {estimate_line(e)}")
+        self.active = update.active
+
+    def _say(self, text: str, style: str = "") -> None:
+        self.screen.print(text, style=style, highlight=False, soft_wrap=True)

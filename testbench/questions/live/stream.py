@@ -1,0 +1,250 @@
+"""Where samples come from while an aircraft flies: a log played back, a log that grows, a MAVLink port, a recording.
+
+Every source is an iterator of :class:`Sample`, in the order of arrival. A source only listens.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from testbench.core.constants import DEG_RAD, G0_M_S2
+from testbench.core.door import read_text
+from testbench.core.errors import MissingPackage, RecordError
+from testbench.core.store import OWN
+from testbench.logs.signals import Mapped, find_channels
+from testbench.questions.importing.ask import read_log
+
+RECORDING = "stream.jsonl"
+"""Name of the samples of a session in its folder: a line each, in the order of arrival."""
+_POLL_S = 0.2  # how often a file is looked at
+_SHARE = 5.0  # times as long as reading a file took, it is left alone: a file that grows is read whole
+_PWM_MID_US, _PWM_HALF_US = 1500.0, 500.0
+
+
+class Sample(NamedTuple):
+    """Channels (SI) that were taken at one time of the source's clock, s, and when they arrived, s."""
+
+    t_s: float
+    values: Mapping[str, float]
+    arrived_s: float
+
+
+class Source(NamedTuple):
+    """A stream with its name, and whether it can be asked for other message rates."""
+
+    name: str
+    samples: Iterator[Sample]
+    radio: bool = False
+
+
+def open_source(
+    place: str,
+    throw_rad: Mapping[str, float],
+    servos: Mapping[str, int],
+    speed: float | None,
+    replay: bool,
+    idle_s: float,
+) -> Source:
+    """Return the source that a place names.
+
+    Args:
+        place: "udp:14550"; a folder that `testbench live` wrote; a log.
+        throw_rad: control -> deflection at full command, rad; negative where full command moves it the other way.
+        servos: control -> number of its servo output, of a MAVLink stream.
+        speed: of a replay, over that of the flight; None: as fast as it can be read.
+        replay: play a log that is whole; one of an autopilot is else followed as it grows.
+        idle_s: a file that has not grown for so long has ended; so has a port that has been silent for so long.
+
+    Raises:
+        RecordError: there is no such log, or it cannot be read.
+        MissingPackage: a port is to be read and pymavlink is not installed.
+    """
+    kind, _, rest = place.partition(":")
+    if kind == "udp":
+        if not rest.isdecimal() or not 0 < int(rest) < 65536:
+            raise RecordError(f"a port must be udp:NUMBER with a number from 1 to 65535, got '{place}'")
+        return Source(place, mavlink(f"udpin:0.0.0.0:{rest}", throw_rad, servos, idle_s), radio=True)
+    path = Path(place)
+    if (path / RECORDING).is_file() and (path / OWN).is_dir():
+        name = f"{path.resolve().name.removeprefix('live_')}_again"  # a folder of its own: this one is being read
+        return Source(name, _paced(recorded(path / RECORDING), speed))
+    if replay or path.suffix.lower() not in (".ulg", ".bin", ".log"):
+        return Source(path.stem, _paced(_merged(_channels(path, throw_rad)), speed))
+    return Source(path.stem, followed(path, throw_rad, idle_s))
+
+
+def _channels(path: Path, throw_rad: Mapping[str, float]) -> Sequence[Mapped]:
+    log, rules = read_log(path)
+    found = find_channels(log, rules, throw_rad).channels
+    if not found:
+        raise RecordError(f"'{path}' must hold signals of the channel table, got none")
+    return found
+
+
+def _merged(channels: Sequence[Mapped], after_s: Mapping[str, float] | None = None) -> Iterator[Sample]:
+    """Yield the samples of channels in the order of their times; of each only those after a time, if it is given."""
+    after = after_s or {}
+    kept = [(c.name, c.t_s, c.values, c.t_s > after.get(c.name, -np.inf)) for c in channels]
+    t = np.concatenate([times[new] for _, times, _, new in kept])
+    x = np.concatenate([values[new] for _, _, values, new in kept])
+    of = np.repeat(np.arange(len(kept)), [int(new.sum()) for *_, new in kept])
+    order = np.argsort(t, kind="stable")
+    t, x, of = t[order], x[order], of[order]
+    for part in np.split(np.arange(t.size), np.flatnonzero(np.diff(t) > 0.0) + 1):
+        at = float(t[part[0]]) if part.size else 0.0
+        values = {kept[of[i]][0]: float(x[i]) for i in part if np.isfinite(x[i])}
+        if values:
+            yield Sample(at, values, at)
+
+
+def _paced(samples: Iterator[Sample], speed: float | None) -> Iterator[Sample]:
+    """Yield samples no sooner than a clock that runs ``speed`` times as fast as theirs allows."""
+    begun = first = None
+    for sample in samples:
+        if speed is not None:
+            if begun is None or first is None:
+                begun, first = time.monotonic(), sample.arrived_s
+            wait = begun + (sample.arrived_s - first) / speed - time.monotonic()
+            if wait > 0.0:
+                time.sleep(wait)
+        yield sample
+
+
+def recorded(file: Path) -> Iterator[Sample]:
+    """Yield what a session has recorded; a last line that was not finished is left out.
+
+    Raises:
+        RecordError: a line is no sample.
+    """
+    lines = read_text(file, "log").split("\n")
+    for number, line in enumerate(lines[:-1], 1):
+        try:
+            t_s, arrived_s, values = json.loads(line)
+            yield Sample(float(t_s), {str(k): float(v) for k, v in values.items()}, float(arrived_s))
+        except (ValueError, TypeError, AttributeError) as error:
+            raise RecordError(
+                f"line {number} of '{file}' must be [time, arrival, channels], got {line[:40]!r}"
+            ) from error
+
+
+def followed(path: Path, throw_rad: Mapping[str, float], idle_s: float) -> Iterator[Sample]:
+    """Yield the samples of a log of an autopilot as it grows, until it has not grown for ``idle_s``.
+
+    Raises:
+        RecordError: there is no such file, or it has ended and no samples were found in it.
+    """
+    last: dict[str, float] = {}
+    sources: dict[str, str] = {}
+    size, grown_at, failed = -1, time.monotonic(), None
+    while True:
+        now = path.stat().st_size if path.is_file() else -1
+        if now < 0 and not sources:
+            raise RecordError(f"a log must be a file that exists, got '{path}'")
+        if now == size:
+            if time.monotonic() - grown_at > idle_s:
+                if not sources and failed is not None:
+                    raise failed
+                return
+            time.sleep(_POLL_S)
+            continue
+        size, grown_at = now, time.monotonic()
+        try:
+            found = [c for c in _channels(path, throw_rad) if sources.setdefault(c.name, c.source) == c.source]
+        except RecordError as error:  # its head is not whole yet
+            failed, found = error, []
+        arrived = time.monotonic()
+        for sample in _merged(found, last) if found else ():
+            last.update(dict.fromkeys(sample.values, sample.t_s))
+            yield sample._replace(arrived_s=arrived)
+        time.sleep(_SHARE * (arrived - grown_at))
+
+
+def _attitude(m: Any) -> dict[str, float]:
+    return {"phi": m.roll, "theta": m.pitch, "psi": m.yaw, "p": m.rollspeed, "q": m.pitchspeed, "r": m.yawspeed}
+
+
+def _scaled_imu(m: Any) -> dict[str, float]:
+    milli = 1e-3 * G0_M_S2
+    forces = {"ax": milli * m.xacc, "ay": milli * m.yacc, "az": milli * m.zacc}
+    return {**forces, "p": 1e-3 * m.xgyro, "q": 1e-3 * m.ygyro, "r": 1e-3 * m.zgyro}
+
+
+def _highres_imu(m: Any) -> dict[str, float]:
+    return {"ax": m.xacc, "ay": m.yacc, "az": m.zacc, "p": m.xgyro, "q": m.ygyro, "r": m.zgyro}
+
+
+_MESSAGES: dict[str, Callable[[Any], dict[str, float]]] = {
+    "ATTITUDE": _attitude,
+    "HIGHRES_IMU": _highres_imu,
+    "SCALED_IMU": _scaled_imu,
+    "SCALED_IMU2": _scaled_imu,
+    "VFR_HUD": lambda m: {"V": m.airspeed, "h": m.alt},
+    "AOA_SSA": lambda m: {"alpha": m.AOA * DEG_RAD, "beta": m.SSA * DEG_RAD},
+}
+"""Message of MAVLink -> its channels, SI: https://mavlink.io/en/messages/common.html and ardupilotmega.html."""
+REQUESTS = {"ATTITUDE": 30, "SCALED_IMU": 26, "SERVO_OUTPUT_RAW": 36, "VFR_HUD": 74, "AOA_SSA": 11020}
+"""Message that identification lives on -> its number, for MAV_CMD_SET_MESSAGE_INTERVAL."""
+
+
+def mavlink(address: str, throw_rad: Mapping[str, float], servos: Mapping[str, int], idle_s: float) -> Iterator[Sample]:
+    """Return the samples that arrive on a MAVLink port; the first vehicle that is heard is the one.
+
+    The time is that since boot which a message holds; of one without, arrival less the shortest delay so far.
+
+    Raises:
+        MissingPackage: pymavlink is not installed.
+        RecordError: the port cannot be opened.
+    """
+    try:
+        from pymavlink import mavutil
+    except ImportError as error:
+        raise MissingPackage(
+            "a MAVLink port needs pymavlink, which is not installed; pip install 'flight-testbench[mavlink]'"
+        ) from error
+    try:
+        link = mavutil.mavlink_connection(address, dialect="ardupilotmega")
+    except OSError as error:
+        raise RecordError(f"port '{address}' cannot be opened: {error.strerror or error}; close what has it") from error
+    return _heard(link, throw_rad, servos, idle_s)
+
+
+def _heard(link: Any, throw_rad: Mapping[str, float], servos: Mapping[str, int], idle_s: float) -> Iterator[Sample]:
+    system, delay = None, np.inf
+    source: dict[str, str] = {}
+    try:
+        while (m := link.recv_match(blocking=True, timeout=idle_s)) is not None:
+            kind, arrived = m.get_type(), time.time()
+            system = m.get_srcSystem() if system is None and kind in _MESSAGES else system
+            if m.get_srcSystem() != system:
+                continue
+            values = _MESSAGES[kind](m) if kind in _MESSAGES else {}
+            if kind == "SERVO_OUTPUT_RAW":
+                values = _deflections(m, throw_rad, servos)
+            values = {n: float(x) for n, x in values.items() if source.setdefault(n, kind) == kind and np.isfinite(x)}
+            if not values:
+                continue
+            boot = getattr(m, "time_boot_ms", None)
+            taken = boot * 1e-3 if boot is not None else None
+            if taken is not None:
+                delay = min(delay, arrived - taken)
+            elif not np.isfinite(delay):
+                continue
+            yield Sample(taken if taken is not None else arrived - delay, values, arrived)
+    finally:
+        link.close()
+
+
+def _deflections(m: Any, throw_rad: Mapping[str, float], servos: Mapping[str, int]) -> dict[str, float]:
+    out = {}
+    for control, number in servos.items():
+        share = (getattr(m, f"servo{number}_raw", 0) - _PWM_MID_US) / _PWM_HALF_US
+        if abs(share) <= 1.5:  # 0: the output is not used
+            thr = control == "thr"
+            out[f"{control}_cmd"] = 0.5 * (share + 1.0) if thr else share * throw_rad.get(control, np.nan)
+    return out

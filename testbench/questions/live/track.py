@@ -1,0 +1,422 @@
+"""One plane of motion while it flies: its derivatives so far, and whether it answers as the believed aircraft would.
+
+A run begins where a control moves beyond its noise and ends some seconds after it has come to rest. Within runs the
+derivatives are those of recursive Fourier-transform regression
+(:class:`testbench.estimators.parametric.recursive_fourier.InFlight`), all runs of a condition together.
+
+The response y of a run is set against that of the believed aircraft to the same controls, h, both through one washout,
+which takes out what trim and gusts do slowly: gain k = h.y / h.h, and misfit rho = |y - k h| / |h|. Aircraft drawn
+within the uncertainty have k_i and rho_i. With the noise of y before the run, of variance s^2 and correlation time T,
+s_k^2 = s^2 T / (h.h dt); the response is not the one expected where (k - 1)^2 is beyond its share of var(k_i) + s_k^2 +
+form^2, or rho^2 beyond those of the draws and the noise.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+from scipy.stats import t as student
+
+from testbench.core.channels import channel
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.parametric.recursive_fourier import InFlight
+from testbench.estimators.settings import RecursiveFourier
+from testbench.inference.form import ALPHA_RAD, FORM_STD
+from testbench.information.targets import needed_parameters
+from testbench.logs.manoeuvres import FACTOR, NOISE_QUANTILE, SMALLEST, WINDOW_S
+from testbench.questions.live.belief import WATCHED, Believed, Expected, structure_of
+
+QUIET_S, LEAD_S, TAIL_S, LONGEST_S = 5.0, 1.0, 3.0, 40.0
+"""Undisturbed flight that trim and noise are taken from; what counts before and after a movement; the longest run."""
+WASHOUT_S = 2.0
+LOST_S = 1.0  # of samples, beyond which a run has ended
+_BEYOND = (
+    3.0  # standard deviations of a gain, in two updates in a row; most of them is what is not known of the aircraft
+)
+LEAST_FORM = 0.03
+"""Share of a derivative by which the regression is off on simulated records free of noise, at 25 to 100 Hz."""
+_FORM = 0.08  # standard deviation of a gain by what a linear aircraft lacks; judged
+_MISFIT = 0.2  # |y - k h| / |h| by the same
+_CLEAR = 0.15  # standard deviation of a gain by noise, beyond which nothing is said
+_EARLY_S = 0.7  # of response, before which nothing is said
+SPEED_LAG_S = 0.1
+_FRAME = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta")
+_LEAK_S = 20.0  # of a flow angle that is integrated
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One derivative so far.
+
+    Attributes:
+        name, value: of the structure, SI.
+        std: standard error; residuals may be coloured.
+        half: half width of the 95 % interval.
+        believed: value before the flight; None if nobody said.
+        wanted: standard error that is wanted.
+        more_s: of such a manoeuvre until it is reached; 0 if it is.
+    """
+
+    name: str
+    value: float
+    std: float
+    half: float
+    believed: float | None
+    wanted: float
+    more_s: float
+
+
+@dataclass(frozen=True)
+class Gain:
+    """How much of a response there was, of what was expected (1), what the draws allow, and what is left, both / h."""
+
+    channel: str
+    value: float
+    low: float
+    high: float
+    misfit: float
+    allowed: float
+
+    @property
+    def odd(self) -> bool:
+        """Whether it is not the expected response."""
+        return not self.low <= self.value <= self.high or self.misfit > self.allowed
+
+
+class Plane:
+    """A plane of motion that is followed.
+
+    Args:
+        name: "longitudinal" or "lateral".
+        sources: control -> channel that tells what it did, a deflection or a command.
+        lags_s: control -> lag of the servo behind a command, s.
+        believed: the aircraft where it flies.
+        wanted: derivative -> wanted standard error relative to its value; "" for all others.
+        dt_s: of the even clock.
+        integrated: whether the flow angle is integrated from rates and forces, as nobody measures it.
+        speed: whether the airspeed is measured.
+    """
+
+    def __init__(
+        self, name: str, sources: Mapping[str, str], lags_s: Mapping[str, float], believed: Believed,
+        wanted: Mapping[str, float], dt_s: float, integrated: bool, speed: bool,
+    ) -> None:  # fmt: skip
+        self.name, self.sources, self.lags_s, self.dt_s = name, dict(sources), lags_s, dt_s
+        self.believed, self.integrated, self.speed, self.wanted = believed, integrated, speed, wanted
+        controls = tuple(sources)
+        self.structure = structure_of(
+            name, believed.at, (*controls, "V") if name == "longitudinal" and speed else controls
+        )
+        values = believed.values(self.structure)
+        self.before = dict(zip(self.structure.parameter_names, values[0].tolist(), strict=True))
+        self.expected = Expected(self.structure, values, dt_s)
+        self.targets = needed_parameters(name, controls, False, ())
+        settings = RecursiveFourier(band_hz=(0.1, min(2.0, 0.2 / dt_s)), step_hz=0.04)
+        self.regression = InFlight(self.structure, settings, dt_s)
+        self._quiet: deque[FloatArray] = deque(maxlen=max(8, round(QUIET_S / dt_s)))
+        self._spreads: dict[str, list[float]] = {c: [] for c in controls}
+        self._recent: deque[FloatArray] = deque(maxlen=max(2, round(WINDOW_S / dt_s) + 1))
+        self._lead: deque[FloatArray] = deque(maxlen=self._quiet.maxlen)
+        self._run: list[FloatArray] = []
+        self._known: list[FloatArray] = []
+        self._valid: list[FloatArray] = []
+        self._trim: FloatArray | None = None
+        self._surface: FloatArray | None = None
+        self._angle = 0.0
+        self._still_s, self._odd = 0.0, dict.fromkeys(WATCHED[name], 0)
+        self._noise: FloatArray | None = None
+        self.active, self.run_s, self._lost_s = False, 0.0, 0.0
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that it needs."""
+        extra = {"longitudinal": ("az",), "lateral": ("ay",)}[self.name] if self.integrated else ()
+        angle = self.structure.states[0]
+        states = tuple(s for s in self.structure.states if not (self.integrated and s == angle))
+        return (*states, *extra, *(("V",) if self.speed else ()), *self.sources.values())
+
+    def take(self, block: FlightRecord) -> bool:
+        """Take the next samples; return whether a run has ended with them."""
+        part = block.select(self.channels)
+        m = len(self.sources)
+        rows = np.hstack([part.data[:, :-m], self._reached(part.data[:, -m:])])
+        known = kinematics(self.name, self.believed, block)
+        ended = False
+        for k, row in enumerate(rows):
+            self._lost_s = 0.0 if part.valid[k].all() else self._lost_s + self.dt_s
+            if self._lost_s > LOST_S:  # what comes then is another flight
+                for memory in (self._quiet, self._lead, self._recent):
+                    memory.clear()
+                ended |= self._end()
+                continue
+            self._recent.append(row)
+            moving = self._moves()
+            self._still_s = 0.0 if moving else self._still_s + self.dt_s
+            if moving and not self.active and len(self._quiet) >= (self._recent.maxlen or 0):
+                self._begin()
+            if self.active:
+                self._run.append(row)
+                self._known.append(known[k])
+                self._valid.append(part.valid[k])
+                if self._still_s > TAIL_S or len(self._run) * self.dt_s > LONGEST_S:
+                    ended |= self._end()
+            elif moving:
+                self._quiet.clear()
+                self._lead.clear()
+            else:
+                self._quiet.append(row)
+                self._lead.append(known[k])
+        if self.active:
+            self._feed()
+        return ended
+
+    def _end(self) -> bool:
+        """End the run, if there is one; return whether there was."""
+        if not self.active:
+            return False
+        self._feed()
+        self.active = False
+        self._quiet.clear()
+        self._lead.clear()
+        self._learn()
+        return True
+
+    def _learn(self) -> None:
+        """Let the next run be expected of what this one found, unless it was not the response expected.
+
+        The drawn aircraft are drawn again: about the mean of theirs and the estimates, each by its covariance.
+        """
+        fit = self.regression.fit()
+        if fit is None or min(self._odd.values()) < 0 or len(self.expected.params) < 3:
+            return
+        free, before = self.regression.free, self.expected.params
+        prior = np.cov(before[1:, free].T)
+        gain = prior @ np.linalg.pinv(prior + fit.corrected)
+        left = prior - gain @ prior
+        sizes, axes = np.linalg.eigh(0.5 * (left + left.T))
+        params = before.copy()
+        params[:, free] = before[0, free] + gain @ (fit.step - before[0, free])
+        draws = np.random.default_rng(1).standard_normal((len(before) - 1, free.size))
+        params[1:, free] += draws @ (axes * np.sqrt(np.maximum(sizes, 0.0))).T
+        self.expected = Expected(self.structure, params, self.dt_s)
+
+    def _reached(self, u: FloatArray) -> FloatArray:
+        """Return deflections (b, m) behind the servos."""
+        lags = np.array([self.lags_s.get(c, 0.0) for c in self.sources])
+        if not lags.any():
+            return u
+        x = u[0] if self._surface is None else self._surface
+        keep = np.where(lags > 0.0, np.exp(-self.dt_s / np.maximum(lags, 1e-9)), 0.0)
+        out = np.empty_like(u)
+        for k, command in enumerate(u):
+            x = keep * x + (1.0 - keep) * command
+            out[k] = x
+        self._surface = x
+        return out
+
+    def _moves(self) -> bool:
+        window = np.array(self._recent)[:, -len(self.sources) :]
+        moves = False
+        for i, c in enumerate(self.sources):
+            spread, seen = float(np.ptp(window[:, i])), self._spreads[c]
+            noise = float(np.quantile(seen[-2000:], NOISE_QUANTILE)) if len(seen) > 10 else 0.0
+            moves |= spread > max(FACTOR * noise, SMALLEST[channel(c).unit])
+            if len(self._recent) == self._recent.maxlen and len(seen) < 4000:
+                seen.append(spread)
+        return bool(moves)
+
+    def _begin(self) -> None:
+        quiet = np.array(self._quiet)
+        self._trim = quiet.mean(axis=0)
+        states = len(self.structure.states)
+        lead = quiet[-round(LEAD_S / self.dt_s) :]
+        self._angle, self._slow_V, self._done, self._ratio = 0.0, 0.0, 0, np.ones(0)
+        self._run = [*lead]
+        self._known = [*self._lead][-len(lead) :]
+        self._valid = [np.ones(quiet.shape[1], bool)] * len(lead)
+        self._noise = None if self.integrated else (quiet - self._trim)[:, :states]
+        self._u: FloatArray = np.zeros((0, len(self.structure.inputs)))
+        self._y: FloatArray = np.zeros((0, states))
+        self._t0 = 0.0
+        self._odd = dict.fromkeys(self._odd, 0)
+        self.regression.begin()
+        self.active, self._still_s = True, 0.0
+
+    def _feed(self) -> None:
+        """Give what is new in the run to the regression."""
+        new = np.array(self._run[self._done :])
+        if not len(new):
+            return
+        assert self._trim is not None
+        valid, m = np.array(self._valid[self._done :], bool), len(self.sources)
+        z = new - self._trim
+        first = z.shape[1] - m - self.speed
+        states, ok = z[:, :first], valid[:, :first]
+        if self.integrated:
+            states, ok = self._with_angle(states, ok)
+        speed = self._smooth_speed(z[:, first]) if self.speed else np.zeros(len(z))
+        inputs, sound = z[:, -m:], valid[:, -m:]
+        if "V" in self.structure.inputs:
+            inputs, sound = np.column_stack([inputs, speed]), np.column_stack([sound, valid[:, first]])
+        V0 = float(self._trim[first]) if self.speed else self.believed.at.V
+        ratio = np.maximum((V0 + speed) / self.believed.at.V, 0.2)
+        known = np.array(self._known[self._done :])
+        t: FloatArray = self.dt_s * (self._done + np.arange(len(new), dtype=np.float64))
+        names = (*self.structure.states, *self.structure.inputs)
+        block = FlightRecord(t, names, np.hstack([states, inputs]), "measured", np.hstack([ok, sound]))
+        self.regression.add(block, self._scales(ratio), known)
+        self._u, self._y = np.vstack([self._u, inputs]), np.vstack([self._y, states])
+        self._ratio = np.concatenate([self._ratio, ratio])
+        self._done += len(new)
+        self.run_s = self.regression.spans_s
+
+    def _smooth_speed(self, V: FloatArray) -> FloatArray:
+        """Return airspeed through a short lag: noise of it would stand for changes of dynamic pressure."""
+        keep, out, x = np.exp(-self.dt_s / SPEED_LAG_S), np.empty(len(V)), self._slow_V
+        for k, value in enumerate(V):
+            x = keep * x + (1.0 - keep) * value
+            out[k] = x
+        self._slow_V = x
+        return out
+
+    def _scales(self, ratio: FloatArray) -> FloatArray:
+        """Return the factors (b, n, f) by which airspeed over that of the trim, (b,), changes what derivatives do.
+
+        Forces and moments go with dynamic pressure, those by rates with airspeed; the flow angle turns by force over
+        airspeed. So the values are those at trim, however the speed has changed.
+        """
+        by = [n.partition("_")[2] for n in self.regression.names]
+        powers = np.array([{"V": 0.0, "p": 1.0, "q": 1.0, "r": 1.0}.get(variable, 2.0) for variable in by])[None]
+        turn = np.where(np.array(self.structure.states) == self.structure.states[0], 1.0, 0.0)[:, None]
+        out: FloatArray = ratio[:, None, None] ** (powers - turn)
+        return out
+
+    def _with_angle(self, z: FloatArray, valid: NDArray[np.bool_]) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return states with the flow angle integrated from rates and forces, z being deviations from trim."""
+        at = self.believed.at
+        if self.name == "longitudinal":
+            q, az = z.T
+            rate, others = q + az / at.V, z[:, :1]
+        else:
+            p, r, phi, ay = z.T
+            rate = (ay + at.g * np.cos(at.theta) * phi) / at.V + np.sin(at.alpha) * p - np.cos(at.alpha) * r
+            others = z[:, :3]
+        keep = np.exp(-self.dt_s / _LEAK_S)
+        angle, x = np.empty(len(rate)), self._angle
+        for k, value in enumerate(rate):
+            x = keep * x + self.dt_s * value
+            angle[k] = x
+        self._angle = x
+        return np.column_stack([angle, others]), np.column_stack([valid.all(axis=1), valid[:, : others.shape[1]]])
+
+    def estimates(self) -> tuple[Estimate, ...]:
+        """Return the derivatives so far; none if the data do not decide them yet."""
+        fit = self.regression.fit()
+        if fit is None:
+            return ()
+        std = np.sqrt(np.diag(fit.corrected))
+        away = self._y[:, 0].mean() / ALPHA_RAD if len(self._y) else 0.0
+        form = float(np.hypot(FORM_STD["alpha"] * away, LEAST_FORM))
+        freedom = max(2.0 * len(self.regression.lines) * float(np.mean(fit.weights)) - len(std) / 2.0, 1.0)
+        out = []
+        for name, value, error in zip(self.regression.names, fit.step.tolist(), std.tolist(), strict=True):
+            believed = self.before.get(name) or None
+            share = self.wanted.get(name, self.wanted.get("", 0.0)) if name in self.targets else 0.0
+            goal = share * abs(believed if believed else value)
+            more = self.run_s * max((error / goal) ** 2 - 1.0, 0.0) if goal > 0.0 else 0.0
+            error = float(np.hypot(error, form * abs(value)))
+            half = float(student.ppf(0.975, freedom)) * error
+            out.append(Estimate(name, value, error, half, believed, goal, more))
+        return tuple(out)
+
+    def gains(self) -> tuple[Gain, ...]:
+        """Return how the response of the run compares with the one expected, of what noise leaves clear."""
+        if not self.active or not self.expected.predicts or len(self._u) * self.dt_s < LEAD_S + _EARLY_S:
+            return ()
+        x = self.expected.respond(self._u)
+        out: list[Gain] = []
+        for name in WATCHED[self.name]:
+            i = self.structure.states.index(name)
+            if self.integrated and i == 0:
+                continue
+            h, y = self._washed(x[:, :, i]), self._washed(self._y[:, i])
+            power = h[:, 0] @ h[:, 0]
+            if not power > 0.0 or self._noise is None:
+                continue
+            noise = self._washed(self._noise[:, i])
+            variance, length = float(noise.var()), correlation_length(noise)
+            by_noise = np.sqrt(variance * length / power)
+            if by_noise > _CLEAR:
+                continue
+            k = h.T @ h[:, 0] / power
+            left = np.sqrt(np.sum((h - h[:, :1] * k) ** 2, axis=0) / power)
+            value = float(h[:, 0] @ y / power)
+            misfit = float(np.sqrt(np.sum((y - value * h[:, 0]) ** 2) / power))
+            drawn = float(np.var(k[1:])) if len(k) > 2 else 0.0
+            form = _FORM + 2.0 * float(np.sqrt(np.mean((self._ratio - 1.0) ** 2)))
+            wide = float(_BEYOND * np.sqrt(drawn + by_noise**2 + form**2))
+            n = len(y)
+            chance = variance * n / power * (1.0 + _BEYOND * np.sqrt(2.0 * length / n))
+            allowed = float(np.sqrt((1.5 * left.max()) ** 2 + chance + (2.0 * _MISFIT) ** 2))
+            out.append(Gain(name, value, 1.0 - wide, 1.0 + wide, misfit, allowed))
+        return tuple(out)
+
+    def unexpected(self, gains: Sequence[Gain]) -> tuple[Gain, ...]:
+        """Return the gains that have been odd in two updates in a row, once in a run."""
+        out = []
+        for g in gains:
+            self._odd[g.channel] = self._odd[g.channel] + 1 if g.odd else min(self._odd[g.channel], 0)
+            if self._odd[g.channel] == 2:
+                self._odd[g.channel] = -(10**6)
+                out.append(g)
+        return tuple(out)
+
+    def _washed(self, x: FloatArray) -> FloatArray:
+        a = np.exp(-self.dt_s / WASHOUT_S)
+        out: FloatArray = lfilter([1.0, -1.0], [1.0, -a], x - x[0], axis=0)
+        return out
+
+
+def kinematics(plane: str, believed: Believed, block: FlightRecord) -> FloatArray:
+    """Return what turns the states (b, n) beside the linear equations about the trim: frame, gravity and inertia.
+
+    alphadot: g (cos(alpha) cos(theta) cos(phi) + sin(alpha) sin(theta)) / V - tan(beta) (p cos(alpha) + r sin(alpha));
+    betadot: what p sin(alpha) - r cos(alpha) + g cos(theta) sin(phi) / V adds to its linear form;
+    moments: the gyroscopic ones, with J the product of inertia. What is not measured is taken as at the trim; constants
+    do not matter.
+    """
+    at, m = believed.at, believed.aircraft.mass
+    rest = {"V": at.V, "alpha": at.alpha, "theta": at.theta}
+    full = {n: block[n] if n in block else np.full(len(block), rest.get(n, 0.0)) for n in _FRAME}
+    V, alpha, beta, p, q, r, phi, theta = full.values()
+    V = np.maximum(V, 0.2 * at.V)
+    if plane == "longitudinal":
+        turn = -np.tan(beta) * (p * np.cos(alpha) + r * np.sin(alpha))
+        fall = at.g * (np.cos(alpha) * np.cos(theta) * np.cos(phi) + np.sin(alpha) * np.sin(theta)) / V
+        return np.column_stack([turn + fall, ((m.Izz - m.Ixx) * p * r - m.Ixz * (p**2 - r**2)) / m.Iyy])
+    turn = p * (np.sin(alpha) - np.sin(at.alpha)) - r * (np.cos(alpha) - np.cos(at.alpha))
+    fall = at.g * (np.cos(theta) * np.sin(phi) / V - np.cos(at.theta) * phi / at.V)
+    a = m.Ixz * p * q - (m.Izz - m.Iyy) * q * r
+    c = -(m.Iyy - m.Ixx) * p * q - m.Ixz * q * r
+    det = m.Ixx * m.Izz - m.Ixz**2
+    return np.column_stack(
+        [turn + fall, (m.Izz * a + m.Ixz * c) / det, (m.Ixz * a + m.Ixx * c) / det, np.zeros(len(p))]
+    )
+
+
+def correlation_length(x: FloatArray) -> float:
+    """Return over how many samples noise (n,) is one: 1 + 2 sum of its correlations up to the first below zero."""
+    z = x - x.mean()
+    power = float(z @ z)
+    total = 1.0
+    for lag in range(1, len(z) // 2):
+        r = float(z[lag:] @ z[:-lag]) / power if power > 0.0 else 0.0
+        if r <= 0.0:
+            break
+        total += 2.0 * r
+    return total

@@ -1,0 +1,190 @@
+"""A flight that is followed: what is told of it is right, what is wrong is called, and nothing is sent."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+import time
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from commands import ends
+
+import testbench as tb
+from testbench.core.errors import RecordError
+from testbench.core.record import FlightRecord
+from testbench.evaluation.derivatives import dimensional_derivatives
+from testbench.flight import linearise
+from testbench.inputs import InputSignal
+from testbench.questions.live.answer import called, link_lines
+from testbench.questions.live.ask import Session, fly_along
+from testbench.questions.live.clock import Clock, Rate
+from testbench.questions.live.stream import Sample, Source, followed, mavlink, open_source
+
+KNOWN = {"CL_alpha": 0.1, "Cm_alpha": 0.1, "Cm_q": 0.1, "Cm_de": 0.1}
+CHANNELS = ("V", "h", "alpha", "q", "theta", "az", "ax", "de", "p", "r", "phi")
+
+
+@cache
+def flown() -> FlightRecord:
+    """The Taurus, a 3-2-1-1 of its elevator."""
+    aircraft = tb.load_aircraft("taurus", "rigid")
+    trimmed = tb.trim(aircraft, tb.FlightCondition(13.0, 100.0))
+    t = np.arange(round(6.0 * aircraft.rate_hz)) / aircraft.rate_hz
+    u = np.zeros(t.size)
+    for begin, end, size in ((0.0, 0.9, 1.0), (0.9, 1.5, -1.0), (1.5, 1.8, 1.0), (1.8, 2.1, -1.0)):
+        u[(t >= begin) & (t < end)] = size * np.radians(2.0)
+    signal = InputSignal(t, u[:, None], ("de",))
+    return tb.fly_and_measure(aircraft, trimmed, "3211", signal, log_rate_hz=120.0, settle_s=6.0).flown
+
+
+def arriving(rate_hz=50.0, wrong=1.0, frozen="", seed=0):
+    """Samples of the flight on clocks of their own, 1 % lost, late by some ms; a control that is recorded wrongly."""
+    record, rng, out = flown(), np.random.default_rng(seed), []
+    for name in CHANNELS:
+        t = np.arange(rng.uniform(0.0, 1.0 / rate_hz), record.t_s[-1], 1.0 / rate_hz)
+        t = t[rng.random(t.size) > 0.01]
+        x = np.interp(t, record.t_s, record[name]) * (wrong if name == "de" else 1.0)
+        x = x + (0.0 if name == "de" else 0.002) * rng.standard_normal(t.size)
+        if name == frozen:
+            x[t > 7.0] = x[t > 7.0][0]
+        out += [(a + 0.01 * abs(rng.standard_normal()), a, name, b) for a, b in zip(t, x, strict=True)]
+    for arrived, taken, name, value in sorted(out):
+        yield Sample(float(taken), {name: float(value)}, float(arrived))
+
+
+def follow(samples, draws=8):
+    aircraft = replace(tb.load_aircraft("taurus", "rigid"), uncertainty=KNOWN)
+    session = Session("flight", aircraft)
+    for _ in fly_along(Source("flight", iter(samples)), aircraft, session=session, draws=draws):
+        pass
+    return session
+
+
+def test_derivatives_in_flight_are_those_of_the_aircraft_and_nothing_is_called():
+    session = follow(arriving())
+    aircraft = tb.load_aircraft("taurus", "rigid")
+    trimmed = tb.trim(aircraft, tb.FlightCondition(session.V_m_s, session.h_m))
+    truth = {d.name: d.held for d in dimensional_derivatives(linearise(aircraft, trimmed), trimmed)}
+    found = {e.name: e for e in session.latest("longitudinal") if e.wanted}
+    assert {"M_alpha", "M_q", "M_de", "Z_alpha"} <= set(found)
+    for name in ("M_alpha", "M_q", "M_de"):
+        assert abs(found[name].value - truth[name]) < 0.08 * abs(truth[name]), name
+        assert abs(found[name].value - truth[name]) < 2.0 * found[name].half, name
+    assert not [called(c) for c in session.calls if c.kind in ("stop", "instrument")]
+    early = next(u for u in session.updates if u.estimates.get("longitudinal"))
+    assert next(e for e in early.estimates["longitudinal"] if e.name == "M_q").half > 2.0 * found["M_q"].half
+
+
+@pytest.mark.parametrize(("wrong", "said"), [(-1.0, -1.0), (2.0, 0.5)])
+def test_a_control_that_does_something_else_is_called_within_three_seconds(wrong, said):
+    stops = [c for c in follow(arriving(wrong=wrong)).calls if c.kind == "stop" and c.channel == "q"]
+    assert stops
+    assert stops[0].t_s < 6.0 + 3.0
+    assert stops[0].value == pytest.approx(said, abs=0.15)
+    assert called(stops[0]).startswith("stop: q is ")
+
+
+def test_an_instrument_that_stands_still_is_called():
+    calls = [c for c in follow(arriving(frozen="V"), draws=0).calls if c.kind == "instrument" and c.words == "frozen"]
+    assert [c.channel for c in calls] == ["V"]
+    assert 8.0 < calls[0].t_s < 10.0
+
+
+def test_a_link_that_is_too_slow_is_said_and_nothing_is_made_of_it():
+    session = follow(arriving(rate_hz=2.0), draws=0)
+    assert all(session.told.values())
+    assert not session.latest("longitudinal")
+    said = list(link_lines(session.rates, session.told, radio=True))
+    assert any("cannot be told" in line for line in said)
+    assert "SET_MESSAGE_INTERVAL 30 20000" in said[-1]
+
+
+def test_a_short_stream_is_refused():
+    with pytest.raises(RecordError, match="must give 3 s of samples"):
+        follow(s for s in arriving() if s.t_s < 1.0)
+
+
+def test_the_clock_takes_samples_late_twice_and_out_of_order():
+    clock, rng = Clock(), np.random.default_rng(0)
+    t = np.arange(0.0, 4.0, 0.02)
+    for k in range(t.size):
+        clock.add(Sample(float(t[k]), {"q": float(np.sin(3.0 * t[k]))}, float(t[k] + rng.uniform(0.0, 0.1))))
+        clock.add(Sample(float(t[max(k - 2, 0)]), {"q": 99.0}, float(t[k])))
+        if k == 100:
+            clock.start(40.0)
+    block = clock.block(("q",))
+    assert block is not None
+    assert block["q"] == pytest.approx(np.sin(3.0 * block.t_s), abs=1e-4)
+    assert clock.rates()["q"] == Rate(pytest.approx(50.0), 0.0, pytest.approx(0.029, abs=0.01))
+
+
+def test_the_command_records_a_session_that_plays_again_the_same(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    record = flown().decimate(3)
+    record = replace(record.select([n for n in CHANNELS if n in record]), kind="measured")
+    record.save(tmp_path / "flight.nc")
+    assert ends(monkeypatch, capsys, "live", "flight.nc", "--aircraft", "taurus", "-o", "out")[0] == 0
+    said = (tmp_path / "out" / "live_flight" / "updates.jsonl").read_text()
+    source = open_source("out/live_flight", {}, {}, None, False, 0.0)
+    assert source.name == "flight_again"
+    again = fly_along(source, tb.load_aircraft("taurus"))
+    assert len(said.splitlines()) > 5
+    assert "".join(u.line() for u in again) == said
+    line = json.loads((tmp_path / "out" / "live_flight" / "stream.jsonl").read_text().splitlines()[0])
+    assert set(line[2]) <= set(CHANNELS)
+
+
+def test_a_file_that_grows_is_followed_to_its_end(tmp_path):
+    rows = [f"{0.05 * k:.2f},{np.sin(k):.6f},0.1" for k in range(60)]
+    file = tmp_path / "growing.csv"
+    file.write_text("\n".join(["t [s],q [rad/s],alpha [rad]", *rows[:30], ""]))
+    source, got = followed(file, {}, 0.5), []
+    for sample in source:
+        got.append(sample)
+        if len(got) == 10:
+            file.write_text("\n".join(["t [s],q [rad/s],alpha [rad]", *rows, ""]))
+    assert len(got) == 60
+    assert np.diff([s.t_s for s in got]).min() > 0.0
+
+
+def test_mavlink_is_heard_and_not_answered():
+    mavutil = pytest.importorskip("pymavlink.mavutil")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    samples = mavlink(f"udpin:127.0.0.1:{port}", {"de": 0.4}, {"de": 2}, 1.0)
+    vehicle = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=7, dialect="ardupilotmega")
+
+    def fly():
+        time.sleep(0.2)
+        for k in range(20):
+            vehicle.mav.attitude_send(1000 + 20 * k, 0.1, 0.2, 0.3, 0.0, 0.01 * k, 0.0)
+            vehicle.mav.servo_output_raw_send(1000, 0, 1500, 1750, 0, 0, 0, 0, 0, 0)
+            vehicle.mav.vfr_hud_send(18.0, 18.0, 0, 50, 120.0, 0.0)
+
+    flight = threading.Thread(target=fly)
+    flight.start()
+    got = list(samples)
+    flight.join()
+    q = [s for s in got if "q" in s.values]
+    assert [s.t_s for s in q] == pytest.approx(1.0 + 0.02 * np.arange(20))
+    assert q[-1].values["q"] == pytest.approx(0.19)
+    assert {s.values["de_cmd"] for s in got if "de_cmd" in s.values} == {0.2}
+    assert {s.values["V"] for s in got if "V" in s.values} == {18.0}
+    vehicle.port.setblocking(False)
+    with pytest.raises(BlockingIOError):  # nothing was sent to the vehicle
+        vehicle.port.recv(2048)
+    vehicle.close()
+
+
+@pytest.mark.parametrize("place", ["udp:x", "udp:0", "nowhere.csv"])
+def test_a_source_that_is_none_is_refused_in_one_line(monkeypatch, capsys, place):
+    status, said = ends(monkeypatch, capsys, "live", place, "--aircraft", "taurus")
+    assert status == 2
+    assert len(said) == 1
+    with pytest.raises(RecordError):
+        list(open_source(place, {}, {}, None, True, 0.1).samples)
