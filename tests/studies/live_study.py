@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -49,6 +50,7 @@ FAULTS = ("reversed", "half", "late", "icing", "pitot")
 KNOWN = 0.1
 """Stated standard deviation of the coefficients, of an aircraft that was identified before."""
 SEED, SETTLE_S, RUN_S, BETWEEN_S = 66, 7.0, 8.0, 10.0
+SERVO_S = 0.08
 NOISE = {"p": 0.003, "q": 0.003, "r": 0.003, "alpha": 0.003, "beta": 0.003, "phi": 0.003, "theta": 0.003, "V": 0.2,
          "ax": 0.05, "ay": 0.05, "az": 0.05, "h": 0.3, "de": 0.0005, "da": 0.0005, "dr": 0.0005}  # fmt: skip
 WANTED = 0.1
@@ -63,14 +65,15 @@ def believed(name: str) -> Aircraft:
 
 
 def inputs(control: str, step_s: float, size_rad: float, rate_hz: float) -> InputSignal:
-    """Return a 3-2-1-1 of the elevator, or a doublet and its opposite of another control."""
+    """Return a 3-2-1-1 of the elevator, or a doublet and its opposite of another control, as fast as a servo moves."""
     t = np.arange(round(RUN_S * rate_hz)) / rate_hz
     u, begin = np.zeros((t.size, 1)), 0.0
     for part in (3.0, -2.0, 1.0, -1.0) if control == "de" else (1.5, -3.0, 1.5):
         end = begin + abs(part) * step_s
         u[(t >= begin) & (t < end), 0] = np.sign(part) * size_rad
         begin = end
-    return InputSignal(t, u, (control,))
+    keep = np.exp(-1.0 / (SERVO_S * rate_hz))
+    return InputSignal(t, lfilter([1.0 - keep], [1.0, -keep], u, axis=0), (control,))
 
 
 def sent(

@@ -29,6 +29,7 @@ LISTEN_S = 3.0
 LEAST_HZ = 4.0
 WANTED = 0.1
 """Standard error that is wanted relative to the value where no card says it."""
+_SLOW = 0.8  # of the slowest speed of the aircraft, below which it does not fly
 _OTHER_SPEED = 0.25  # share by which the speed may differ from that at which derivatives are believed
 _ANGLE = {"longitudinal": ("alpha", ("q", "az")), "lateral": ("beta", ("p", "r", "phi", "ay"))}
 _REST = {"longitudinal": ("q",), "lateral": ("p", "r", "phi")}
@@ -187,6 +188,7 @@ class _Follower:
         self.names = tuple(sorted(rates))
         self.planes: dict[str, Plane] = {}
         self.V = self.h = np.nan
+        self.flies = False
         self.blocks: deque[FlightRecord] = deque()
         self.outside: set[str] = set()
         self.enough: set[str] = set()
@@ -200,7 +202,10 @@ class _Follower:
         if block is None:
             return None
         t_s = float(block.t_s[-1])
-        calls = [*self._limits(block, t_s), *self._instruments(block, t_s)]
+        low, high = self.aircraft.limits.get("V", (0.0, np.inf))
+        V = self.clock.mean("V", LISTEN_S, self.aircraft.design_V_m_s)
+        self.flies = _SLOW * low <= V <= high / _SLOW  # on the ground nothing is believed, nor out of limits
+        calls = [*self._limits(block, t_s), *self._instruments(block, t_s)] if self.flies else []
         self._believe(block)
         self.blocks.append(block)
         while self.blocks and self.blocks[0].t_s[0] < t_s - 180.0:
@@ -223,13 +228,11 @@ class _Follower:
 
     def _believe(self, block: FlightRecord) -> None:
         """Take the aircraft at the speed and height that are flown, at first and whenever both have changed."""
+        if not self.uses or not self.flies or any(p.active for p in self.planes.values()):
+            return
         usual = {"V": self.aircraft.design_V_m_s, "h": self.aircraft.design_h_m}
-        if np.isnan(self.V):
-            V, h = (self.clock.mean(n, x) for n, x in usual.items())
-        else:
-            V, h = (float(np.mean(block[n])) if n in block else x for n, x in usual.items())
-        far = not abs(V - self.V) <= _OTHER_SPEED * self.V
-        if not far or any(p.active for p in self.planes.values()) or not self.uses:
+        V, h = (self.clock.mean(n, LISTEN_S, x) for n, x in usual.items())
+        if abs(V - self.V) <= _OTHER_SPEED * self.V:
             return
         self.V, self.h, self.planes = V, h, {}
         self.session.V_m_s, self.session.h_m = V, h

@@ -71,9 +71,11 @@ class Clock:
                 out[name] = Rate(1.0 / usual, missing / (missing + len(c.t)), float(np.std(c.late)))
         return out
 
-    def mean(self, name: str, otherwise: float) -> float:
-        """Return the mean of a channel so far; another value if it has not come."""
-        return float(np.mean(self._channels[name].x)) if name in self._channels else otherwise
+    def mean(self, name: str, last_s: float, otherwise: float) -> float:
+        """Return the mean of a channel over the last seconds; another value if it has not come in them."""
+        c = self._channels.get(name, _Channel())
+        kept = [x for t, x in zip(c.t, c.x, strict=True) if t > self.newest_s - last_s]
+        return float(np.mean(kept)) if kept else otherwise
 
     def start(self, rate_hz: float) -> None:
         """Begin the even clock at what is newest."""
