@@ -26,6 +26,7 @@ from testbench.questions.plan.result import Card, Plan
 UPDATE_S = 0.5
 LISTEN_S = 3.0
 """Before anything is said of the flight: what the link gives is measured first."""
+_AT_ONCE = 2
 LEAST_HZ = 4.0
 WANTED = 0.1
 """Standard error that is wanted relative to the value where no card says it."""
@@ -188,7 +189,8 @@ class _Follower:
         self.names = tuple(sorted(rates))
         self.planes: dict[str, Plane] = {}
         self.V = self.h = np.nan
-        self.flies = False
+        self.flies, self.drawn = False, 0
+        self.believed: Believed | None = None
         self.blocks: deque[FlightRecord] = deque()
         self.outside: set[str] = set()
         self.enough: set[str] = set()
@@ -207,6 +209,7 @@ class _Follower:
         self.flies = _SLOW * low <= V <= high / _SLOW  # on the ground nothing is believed, nor out of limits
         calls = [*self._limits(block, t_s), *self._instruments(block, t_s)] if self.flies else []
         self._believe(block)
+        self._draw()
         self.blocks.append(block)
         while self.blocks and self.blocks[0].t_s[0] < t_s - 180.0:
             self.blocks.popleft()
@@ -237,7 +240,7 @@ class _Follower:
         self.V, self.h, self.planes = V, h, {}
         self.session.V_m_s, self.session.h_m = V, h
         try:
-            believed = Believed.of(self.aircraft, V, h, self.draws)
+            believed = Believed.of(self.aircraft, V, h)
         except Refusal as error:
             self.session.notes.append(f"at {V:.3g} m/s nothing is believed: {error.message}")
             return
@@ -250,6 +253,16 @@ class _Follower:
             how = (1.0 / self.rate_hz, self.angles[name], "V" in block)
             self.planes[name] = Plane(name, sources, lags, believed, wanted, *how)
         self.enough.clear()
+        self.believed, self.drawn = believed, 0
+
+    def _draw(self) -> None:
+        """Draw some more aircraft of the uncertainty: all at once would take longer than an update may."""
+        if self.believed is None or self.drawn >= self.draws:
+            return
+        more = range(self.drawn, min(self.drawn + _AT_ONCE, self.draws))
+        self.believed, self.drawn = self.believed.with_draws(more), more.stop
+        for plane in self.planes.values():
+            plane.expect(self.believed)
 
     def _of_cards(self, plane: str) -> dict[str, float]:
         cards = () if self.plan is None else self.plan.cards

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -44,31 +44,37 @@ class Believed:
         aircraft: itself.
         at: its trim there.
         members: derivatives of each.
+        condition: of the trims.
     """
 
     aircraft: Aircraft
     at: Trim
     members: tuple[tuple[Derivative, ...], ...]
+    condition: FlightCondition
 
     @classmethod
-    def of(cls, aircraft: Aircraft, V_m_s: float, h_m: float, draws: int = DRAWS) -> Believed:
-        """Trim and linearise the aircraft, and others of its uncertainty, seed 1.
+    def of(cls, aircraft: Aircraft, V_m_s: float, h_m: float) -> Believed:
+        """Trim and linearise the aircraft.
 
         Raises:
             TrimError: it does not fly there.
         """
         condition = FlightCondition(V_m_s, h_m)
         trimmed = trim(aircraft, condition)
-        members = [tuple(dimensional_derivatives(linearise(aircraft, trimmed), trimmed))]
-        known = with_priors(aircraft)
-        for k in range(draws if known.uncertainty else 0):
+        members = (tuple(dimensional_derivatives(linearise(aircraft, trimmed), trimmed)),)
+        return cls(aircraft, Trim(V_m_s, trimmed.alpha, trimmed.alpha), members, condition)
+
+    def with_draws(self, numbers: Iterable[int]) -> Believed:
+        """Return it with further aircraft of its uncertainty: seed 1, draws of these numbers."""
+        known, members = with_priors(self.aircraft), list(self.members)
+        for k in numbers if known.uncertainty else ():
             try:
                 one = drawn(known, 1, k)
-                there = trim(one, condition)
+                there = trim(one, self.condition)
                 members.append(tuple(dimensional_derivatives(linearise(one, there), there)))
             except Refusal:  # a draw that does not fly says nothing of one that does
                 continue
-        return cls(aircraft, Trim(V_m_s, trimmed.alpha, trimmed.alpha), tuple(members))
+        return replace(self, members=tuple(members))
 
     def values(self, structure: LinearStructure) -> FloatArray:
         """Return the parameters (1 + draws, k) of a structure; those that no aircraft has are zero."""

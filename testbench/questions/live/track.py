@@ -130,7 +130,7 @@ class Plane:
         self._angle = 0.0
         self._still_s, self._odd = 0.0, dict.fromkeys(WATCHED[name], 0)
         self._noise: FloatArray | None = None
-        self.active, self.run_s, self._lost_s = False, 0.0, 0.0
+        self.active, self.run_s, self._lost_s, self._learnt = False, 0.0, 0.0, False
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -186,6 +186,11 @@ class Plane:
         self._learn()
         return True
 
+    def expect(self, believed: Believed) -> None:
+        """Take more of the aircraft that may be flying, unless a run has told already which it is."""
+        if not self._learnt:
+            self.expected = Expected(self.structure, believed.values(self.structure), self.dt_s)
+
     def _learn(self) -> None:
         """Let the next run be expected of what this one found, unless it was not the response expected.
 
@@ -203,7 +208,7 @@ class Plane:
         params[:, free] = before[0, free] + gain @ (fit.step - before[0, free])
         draws = np.random.default_rng(1).standard_normal((len(before) - 1, free.size))
         params[1:, free] += draws @ (axes * np.sqrt(np.maximum(sizes, 0.0))).T
-        self.expected = Expected(self.structure, params, self.dt_s)
+        self.expected, self._learnt = Expected(self.structure, params, self.dt_s), True
 
     def _reached(self, u: FloatArray) -> FloatArray:
         """Return deflections (b, m) behind the servos."""
