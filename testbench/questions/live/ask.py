@@ -27,6 +27,7 @@ UPDATE_S = 0.5
 LISTEN_S = 3.0
 """Before anything is said of the flight: what the link gives is measured first."""
 _AT_ONCE = 2
+_CARDS_EVERY = 8  # updates: whole runs are looked for, which take longer
 LEAST_HZ = 4.0
 WANTED = 0.1
 """Standard error that is wanted relative to the value where no card says it."""
@@ -159,6 +160,10 @@ def fly_along(
                 session.updates.append(update)
                 session.calls += update.calls
                 yield update
+    if follower is not None and (update := follower.last()) is not None:
+        session.updates.append(update)
+        session.calls += update.calls
+        yield update
     if follower is None:
         raise RecordError(
             f"'{source.name}' must give {LISTEN_S:g} s of samples before anything can be told, got "
@@ -189,7 +194,7 @@ class _Follower:
         self.names = tuple(sorted(rates))
         self.planes: dict[str, Plane] = {}
         self.V = self.h = np.nan
-        self.flies, self.drawn = False, 0
+        self.flies, self.drawn, self.updates = False, 0, 0
         self.believed: Believed | None = None
         self.blocks: deque[FlightRecord] = deque()
         self.outside: set[str] = set()
@@ -225,9 +230,16 @@ class _Follower:
                     for g in plane.unexpected(gains[name])
                 ]
             calls += self._enough(name, estimates.get(name, ()), t_s)
-            if ended:
-                calls += self._cards(t_s)
+        self.updates += 1
+        if self.updates % _CARDS_EVERY == 0:
+            calls += self._cards(t_s)
         return Update(t_s, tuple(active), estimates, gains, tuple(calls))
+
+    def last(self) -> Update | None:
+        """Return the runs of cards that the end of the flight holds; None if there are none."""
+        t_s = float(self.blocks[-1].t_s[-1]) if self.blocks else 0.0
+        calls = tuple(self._cards(t_s, ended=True)) if self.blocks else ()
+        return Update(t_s, (), {}, {}, calls) if calls else None
 
     def _believe(self, block: FlightRecord) -> None:
         """Take the aircraft at the speed and height that are flown, at first and whenever both have changed."""
@@ -310,7 +322,7 @@ class _Follower:
         card = self.session.next_card
         yield Call(t_s, "enough", name, words="" if card is None else str(card.number))
 
-    def _cards(self, t_s: float) -> Iterator[Call]:
+    def _cards(self, t_s: float, ended: bool = False) -> Iterator[Call]:
         """Yield the runs of cards that the last minutes hold and that have not been told yet."""
         if self.plan is None:
             return
@@ -323,11 +335,12 @@ class _Follower:
         except Refusal:
             return
         for run in runs:
-            key = run.card.number, round(run.start_s, 0)
-            if any(
-                number == key[0] and abs(start - key[1]) < run.card.spec.duration_s for number, start in self.counted
-            ):
+            number, length_s = run.card.number, run.card.spec.duration_s
+            if not ended and t[-1] < run.start_s + length_s + 1.0:
+                continue  # it is still being flown
+            if any(of == number and abs(start - run.start_s) < length_s for of, start in self.counted):
                 continue
+            key = number, run.start_s
             self.counted.add(key)
             if not run.faults:
                 self.session.flown[run.card.number] = self.session.flown.get(run.card.number, 0) + 1

@@ -188,3 +188,15 @@ def test_a_source_that_is_none_is_refused_in_one_line(monkeypatch, capsys, place
     assert len(said) == 1
     with pytest.raises(RecordError):
         list(open_source(place, {}, {}, None, True, 0.1).samples)
+
+
+def test_runs_of_cards_are_recognised_and_the_next_one_is_named(tmp_path, monkeypatch, capsys):
+    from studies.reliability.small import PLAN, made
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "plan.toml").write_text(PLAN)
+    log = next(made("logs", tmp_path).glob("*.csv"))
+    assert ends(monkeypatch, capsys, "live", log, "--plan", "plan.toml", "-o", "out")[0] == 0
+    updates = [json.loads(line) for line in (tmp_path / "out" / f"live_{log.stem}" / "updates.jsonl").open()]
+    runs = [c for u in updates for c in u["calls"] if c["kind"] == "run"]
+    assert [(c["channel"], c["other"], c["words"]) for c in runs] == [("1", 1, ""), ("1", 0, "")]
