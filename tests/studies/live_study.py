@@ -44,7 +44,7 @@ from testbench.questions.live.stream import Sample, Source
 
 TABLE = results("live") / "flights.csv"
 COLUMNS = ("flight", "aircraft", "link_hz", "turbulence_m_s", "fault", "intervals", "held", "by_derivative",
-           "time_said_over_taken", "stop_after_s", "called", "load", "latency_s")  # fmt: skip
+           "stop_after_s", "called", "load", "latency_s")  # fmt: skip
 AIRCRAFT = ("taurus", "eolo", "b1", "jsbsim:c172p", "jsbsim:J3Cub", "jsbsim:T37", "jsbsim:SGS", "jsbsim:pa28")
 FAULTS = ("reversed", "half", "late", "icing", "pitot")
 KNOWN = 0.1
@@ -128,7 +128,8 @@ def fly(number: int) -> dict[str, Any]:
         for size_deg in (3.0, 1.5, 0.75, 0.4):
             signal = inputs(control, step_s, np.radians(size_deg), aircraft.rate_hz)
             try:
-                run = tb.fly_and_measure(true, trimmed, "live", signal, log_rate_hz=log_hz, settle_s=SETTLE_S, air=air)
+                manoeuvre = tb.Manoeuvre("live", signal, SETTLE_S)
+                run = tb.fly_and_measure(tb.Job(true, trimmed, manoeuvre, log_hz, air=air))
                 break
             except Refusal as refused:
                 error = refused
@@ -151,7 +152,7 @@ def fly(number: int) -> dict[str, Any]:
     after = [c.t_s - at_s for c in stops]
     return dict(zip(COLUMNS, (
         number, name, f"{link_hz:g}", f"{rms:g}", fault, len(held), sum(held.values()), json.dumps(held),
-        json.dumps([] if fault else times(session)), f"{min(after):.2f}" if after else "",
+        f"{min(after):.2f}" if after else "",
         "; ".join(f"{c.kind} {c.channel} {c.value:.2g} {c.words}" for c in stops[:3]), f"{load:.3f}", f"{longest:.3f}",
     ), strict=True))  # fmt: skip
 
@@ -162,25 +163,6 @@ def holds(session: Session, truth: Mapping[str, float]) -> dict[str, int]:
     return {
         e.name: int(abs(e.value - truth[e.name]) <= e.half) for e in found if e.wanted and e.std < 0.5 * abs(e.value)
     }
-
-
-def times(session: Session) -> list[float]:
-    """Return, of derivatives that became as accurate as wanted, the time said over the time taken, at half of it."""
-    out = []
-    for plane in ("longitudinal", "lateral"):
-        steps = [u for u in session.updates if u.estimates.get(plane)]
-        t = np.array([u.t_s for u in steps])
-        run = np.concatenate([[0.0], np.cumsum(np.where(np.diff(t) < 2.0, np.diff(t), 0.0))]) if len(t) else t
-        for name in [e.name for e in session.latest(plane) if e.wanted]:
-            more = np.array([next(e.more_s for e in u.estimates[plane] if e.name == name) for u in steps])
-            reached = np.flatnonzero(more > 0.0)
-            if not reached.size or reached[-1] + 1 >= len(more):
-                continue
-            k = int(np.searchsorted(run, 0.5 * run[reached[-1] + 1]))
-            left = run[reached[-1] + 1] - run[k]
-            if left >= 2.0 and more[k] > 0.0:
-                out.append(round(float(more[k] / left), 3))
-    return out
 
 
 def main() -> None:
@@ -202,12 +184,9 @@ def said(rows: list[dict[str, Any]]) -> None:
     """Print what the rows say."""
     sound, faulty = ([r for r in rows if bool(r["fault"]) == is_faulty] for is_faulty in (False, True))
     n, held = (sum(int(r[k]) for r in sound) for k in ("intervals", "held"))
-    ratios = np.array([x for r in sound for x in json.loads(r["time_said_over_taken"])])
     caught = [r for r in faulty if r["stop_after_s"] and -0.5 <= float(r["stop_after_s"]) <= 3.0]
     false = [r for r in sound if r["stop_after_s"]]
     print(f"95 % intervals hold in {100.0 * held / max(n, 1):.1f} % of {n}")
-    if ratios.size:
-        print(f"time: off by {100.0 * np.median(np.abs(ratios - 1.0)):.0f} % in the median of {ratios.size}")
     calls = f"faults called within 3 s: {len(caught)} of {len(faulty)}"
     print(f"{calls}; false stops in {len(false)} of {len(sound)} flights")
     load, latency = (max(float(r[k]) for r in rows) for k in ("load", "latency_s"))

@@ -55,16 +55,14 @@ def called(call: Call) -> str:
 
 
 def estimate_line(e: Estimate) -> str:
-    """Return a derivative, its error, and what its wanted accuracy still takes, as said over the radio."""
+    """Return a derivative, its error, and the one that is wanted, as said over the radio."""
     text = f"{e.name} {e.value:.3g}, {100.0 * e.std / max(abs(e.value), 1e-12):.2g} %"
     if e.believed is not None:
         text += f" (believed {e.believed:.3g})"
     if not e.wanted:
         return text
     aim = 100.0 * e.wanted / max(abs(e.believed or e.value), 1e-12)
-    if not e.more_s:
-        return f"{text}: as wanted"
-    return f"{text}: {aim:.2g} % in {e.more_s:.0f} s" if e.more_s < 600.0 else f"{text}: not by such an input"
+    return f"{text}: as wanted" if e.reached else f"{text}: {aim:.2g} % is wanted"
 
 
 def link_lines(rates: Mapping[str, Rate], told: Mapping[str, str], radio: bool) -> Iterator[str]:
@@ -95,7 +93,7 @@ def live_answer(session: Session) -> Answer:
     some = [(plane, [e for e in estimates if e.wanted]) for plane, estimates in found if estimates]
     out = []
     for plane, estimates in some:
-        have = [e for e in estimates if not e.more_s]
+        have = [e for e in estimates if e.reached]
         off = [e for e in estimates if e.believed is not None and abs(e.value - e.believed) > 1.5 * e.half]
         out.append(
             f"{plane}: {len(have)} of {len(estimates)} derivatives as accurate as wanted"

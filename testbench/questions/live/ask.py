@@ -316,7 +316,7 @@ class _Follower:
 
     def _enough(self, name: str, estimates: tuple[Estimate, ...], t_s: float) -> Iterator[Call]:
         targets = [e for e in estimates if e.wanted > 0.0]
-        if not targets or name in self.enough or any(e.more_s > 0.0 for e in targets):
+        if not targets or name in self.enough or not all(e.reached for e in targets):
             return
         self.enough.add(name)
         card = self.session.next_card

@@ -17,8 +17,7 @@ from testbench.estimators.parametric.structure import LinearStructure
 from testbench.estimators.parametric.structures.lateral import lateral_directional
 from testbench.estimators.parametric.structures.longitudinal import SHORT, longitudinal
 from testbench.estimators.parametric.structures.settings import Trim
-from testbench.evaluation.derivatives import Derivative, dimensional_derivatives
-from testbench.evaluation.parameters import true_parameters
+from testbench.evaluation.derivatives import Derivative, dimensional_derivatives, true_parameters
 from testbench.flight import FlightCondition, linearise, trim
 
 DRAWS = 16

@@ -41,7 +41,7 @@ def command(
     idle: Annotated[float, typer.Option(min=0.0, help="A source that is silent for so long has ended, s.")] = 30.0,
     out: OutOption = Path("results"),
 ) -> None:  # fmt: skip
-    """Follow a flight while it flies: derivatives with errors, what they still take, and what is not as believed.
+    """Follow a flight while it flies: derivatives with errors, and what is not as believed.
 
     Calls "you have it, next card 4", "stop: q is 0.6 of what was expected", limits and instruments that fail. Listens
     only: nothing is ever sent to the aircraft. All samples are recorded, and the folder can be followed again.

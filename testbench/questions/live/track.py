@@ -58,8 +58,8 @@ class Estimate:
         std: standard error; residuals may be coloured.
         half: half width of the 95 % interval.
         believed: value before the flight; None if nobody said.
-        wanted: standard error that is wanted.
-        more_s: of such a manoeuvre until it is reached; 0 if it is.
+        wanted: standard error that is wanted; 0 if none is.
+        reached: whether it is as small as that.
     """
 
     name: str
@@ -68,7 +68,7 @@ class Estimate:
     half: float
     believed: float | None
     wanted: float
-    more_s: float
+    reached: bool
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class Plane:
         self._angle = 0.0
         self._still_s, self._odd = 0.0, dict.fromkeys(WATCHED[name], 0)
         self._noise: FloatArray | None = None
-        self.active, self.run_s, self._lost_s, self._learnt = False, 0.0, 0.0, False
+        self.active, self._lost_s, self._learnt = False, 0.0, False
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -278,7 +278,6 @@ class Plane:
         self._u, self._y = np.vstack([self._u, inputs]), np.vstack([self._y, states])
         self._ratio = np.concatenate([self._ratio, ratio])
         self._done += len(new)
-        self.run_s = self.regression.spans_s
 
     def _smooth_speed(self, V: FloatArray) -> FloatArray:
         """Return airspeed through a short lag: noise of it would stand for changes of dynamic pressure."""
@@ -333,10 +332,10 @@ class Plane:
             believed = self.before.get(name) or None
             share = self.wanted.get(name, self.wanted.get("", 0.0)) if name in self.targets else 0.0
             goal = share * abs(believed if believed else value)
-            more = self.run_s * max((error / goal) ** 2 - 1.0, 0.0) if goal > 0.0 else 0.0
+            reached = error <= goal
             error = float(np.hypot(error, form * abs(value)))
             half = float(student.ppf(0.975, freedom)) * error
-            out.append(Estimate(name, value, error, half, believed, goal, more))
+            out.append(Estimate(name, value, error, half, believed, goal, reached))
         return tuple(out)
 
     def gains(self) -> tuple[Gain, ...]:

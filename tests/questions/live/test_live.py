@@ -38,7 +38,7 @@ def flown() -> FlightRecord:
     for begin, end, size in ((0.0, 0.9, 1.0), (0.9, 1.5, -1.0), (1.5, 1.8, 1.0), (1.8, 2.1, -1.0)):
         u[(t >= begin) & (t < end)] = size * np.radians(2.0)
     signal = InputSignal(t, u[:, None], ("de",))
-    return tb.fly_and_measure(aircraft, trimmed, "3211", signal, log_rate_hz=120.0, settle_s=6.0).flown
+    return tb.fly_and_measure(tb.Job(aircraft, trimmed, tb.Manoeuvre("3211", signal, 6.0), 120.0)).flown
 
 
 def arriving(rate_hz=50.0, wrong=1.0, frozen="", seed=0):

@@ -31,6 +31,7 @@ _DRIFT_S = 1.0  # between the knots of an instrument's drift: slower than any no
 _SURE = 3.0  # standard errors by which a scale differs from 1 before it is spoken of, a colour from 0 before it is one
 _COLOURED = 0.1  # of a sample's variance comes a hundredth from the one before: less is not spoken of
 _MOST = 0.95  # colour: beyond it noise is a drift
+_PRIORS = 2.0  # prior standard deviations of a scale: beyond, gusts count as noise, and the colour is theirs
 _ROUNDS = 6
 _AT_REST = 0.01  # of the colour
 
@@ -139,7 +140,8 @@ def find_noise(
         found = _most_probable(blocks, kappas, mean, point.prior_std, spread, found)
         kappas = (found.kappa,)
         before, colour = colour, np.clip(colour + (1.0 - colour**2) * found.correlation, -_MOST, _MOST)
-        colour = np.where(np.abs(colour) * np.sqrt(count) > _SURE, colour, 0.0)
+        likely = np.abs(np.log(found.scales)) <= _PRIORS * spread  # what is far more than the noise moves
+        colour = np.where(likely & (np.abs(colour) * np.sqrt(count) > _SURE), colour, 0.0)
         if np.max(np.abs(colour - before)) < _AT_REST:
             break
     assert found is not None
