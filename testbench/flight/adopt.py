@@ -15,6 +15,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib.metadata import version
 
 from testbench.aircraft import Aircraft, Control
@@ -470,9 +471,12 @@ def _first_trim(aircraft: Aircraft, speeds: Sequence[float], heights: Sequence[f
     )
 
 
+_version = cache(version)
+
+
 def _range(aircraft: Aircraft, first: TrimmedFlight) -> tuple[float, float, tuple[str, str]]:
     """Return what :func:`_sought` finds, from disk if it was found before: a piston engine takes seconds."""
-    parts = (aircraft, first.condition, sources("aircraft", "flight"), version("jsbsim"), sys.platform)
+    parts = (aircraft, first.condition, sources("aircraft", "flight"), _version("jsbsim"), sys.platform)
     place = kept_in("adopted")
     file = None if place is None else place / f"{hashlib.sha256(repr(parts).encode()).hexdigest()[:32]}.json"
     if file is not None:

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import log_ndtr
@@ -49,6 +49,7 @@ _GROUPS = (
 _SYSTEM = {"kt": "ft", "km": "m"}  # who flies in knots climbs in feet
 _ANSWERS = {"de": ("q", "alpha", -1.0, "nose up"), "da": ("p", "beta", 1.0, "left"), "dr": ("r", "beta", -1.0, "right")}
 """Surface -> the rate that answers, the flow angle that acts, the sign of the answer, what the other sign is called."""
+_ANOTHER = 0.7  # ln of a factor from which readings are of another size: twice, or half
 _SELDOM_USED = ("rpm", "km", "cm", "cm/s", "cm/s2", "kN")  # units that nobody forgets to state
 _MOVES = 0.5 * DEG_RAD  # of a control that tells something
 
@@ -466,7 +467,9 @@ class _Weighed:
             if at[name] and name != "axes":
                 ln_p = [self.ln_p(self.best({**at, name: i}, name)) for i in range(len(found))]
                 share = np.exp(np.array(ln_p) - max(ln_p))
-                yield self._reading(name, at, float(share[at[name]] / share.sum()))
+                reading = self._reading(name, at, float(share[at[name]] / share.sum()))
+                if reading is not None:
+                    yield reading
 
     def _turned(self, at: Mapping[str, int]) -> Reading:
         other = self.best({**at, "axes": 0}, "axes")
@@ -475,7 +478,11 @@ class _Weighed:
         got = f"{names} have the signs of axes forward, left, up"
         return Reading("axes", -1.0, "flu", probability, got, "are these its axes (--axes flu)")
 
-    def _reading(self, name: str, at: Mapping[str, int], probability: float) -> Reading:
+    def _reading(self, name: str, at: Mapping[str, int], probability: float) -> Reading | None:
+        """Return a reading; None where what speaks for it has the size that the channel was read by.
+
+        A channel of noise agrees better with all others the smaller it is taken.
+        """
         choice = self.choices[name][at[name]]
         factors = self.factors(at)
         before = {**factors, name: factors[name] / choice.factor}
@@ -486,6 +493,11 @@ class _Weighed:
             more = self._ln(k, relation, factors) - self._ln(k, relation, before)
             if more > gain:
                 spoke, gain = relation, more
+        sides = None if spoke is None or spoke.level else self.sides(spoke, before)
+        if sides is not None:
+            agree, other = abs(np.log(_ratio(np.std(sides[0]), np.std(sides[1])))), abs(np.log(abs(choice.factor)))
+            if other > _ANOTHER and agree < 0.5 * other:
+                return None
         if name in self.answers and spoke is None and choice.factor < 0.0:
             got, means = self._against_answer(name)
         else:
@@ -509,7 +521,7 @@ class _Weighed:
         else:
             says = spoke.says[name]
             size = np.median if spoke.level else np.std
-            times = abs(float(size(sides[0]) / size(sides[1])))
+            times = _ratio(size(sides[0]), size(sides[1]))
             times = times if name == spoke.needs[0] or spoke.level else 1.0 / times
             minus = "minus " if factor < 0.0 else ""
             got = f"up to {shown(name, largest)}, {minus}{times:.2g} times what {says} says"
@@ -583,6 +595,11 @@ def _evidence(relation: Relation, x: FloatArray, y: FloatArray) -> float:
         return 0.0
     apart = max(abs(float(np.log(sx / sy))) + float(np.log(abs(r))), 0.0)  # noise makes one of them larger by 1 / r
     return -0.25 * n * float(np.log(max(np.cosh(apart) - r, _LEAST_D)))
+
+
+def _ratio(a: Any, b: Any) -> float:
+    """Return the size of a over that of b, both kept above zero."""
+    return max(abs(float(a)), 1e-300) / max(abs(float(b)), 1e-300)
 
 
 def _answer(signals: Signals, name: str) -> tuple[float, float]:

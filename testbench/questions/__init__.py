@@ -163,7 +163,6 @@ QUESTIONS = (
         "flight.csv --aircraft taurus",
         "identify while it flies",
         "ask:fly_along",
-        want="follow a flight",
     ),
     Question(
         "campaign",

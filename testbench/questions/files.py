@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 from collections.abc import Callable, Collection
 from difflib import get_close_matches
 from importlib import import_module
@@ -136,11 +137,11 @@ def json_schemas() -> dict[str, dict[str, Any]]:
     }
 
 
-def write_schemas(folder: Path, kinds: Collection[str]) -> list[Path]:
+def write_schemas(folder: Path, kinds: Collection[str], law: str = LAW) -> list[Path]:
     """Write the JSON schemas of some kinds of file as ``KIND.json``, with "_" for spaces; return the files."""
     schemas = json_schemas()
     return [
-        write_file(folder / f"{kind.replace(' ', '_')}.json", json.dumps(schemas[kind], indent=1) + "\n")
+        write_file(folder / f"{kind.replace(' ', '_')}.json", json.dumps(schemas[kind], indent=1) + "\n", law)
         for kind in kinds
     ]
 
@@ -161,9 +162,9 @@ def write_to_edit(path: Path, text: str, kind: str, what: str, law: str = LAW) -
         RecordError: the file is there.
         WriteError: it cannot be written.
     """
-    made = write_new(path, f"#:schema schemas/{kind.replace(' ', '_')}.json\n{text}", what, law)
-    write_schemas(path.parent / "schemas", [kind])
-    return made
+    if not os.path.lexists(path):  # the file that stops another try is the last one
+        write_schemas(path.parent / "schemas", [kind], law)
+    return write_new(path, f"#:schema schemas/{kind.replace(' ', '_')}.json\n{text}", what, law)
 
 
 def _packaged() -> list[str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -258,8 +257,7 @@ def test_the_range_of_a_model_is_sought_once_and_again_where_what_was_kept_is_da
     assert adopt_module._range(SimpleNamespace(name="one"), first) == ranges[0]
     assert sought == ["one", "two", "one"]
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "open", locked)
-        patch.setattr(Path, "stat", locked)
+        patch.setattr(adopt_module, "read_json", locked)
         assert adopt_module._range(SimpleNamespace(name="one"), first) == ranges[0]
     assert len(sought) == 4
 

@@ -25,6 +25,7 @@ from scipy.signal import lfilter
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from clock import since
 from smallest import results, sized
 from studies.kept_rows import read_rows, write_rows
 
@@ -142,8 +143,8 @@ def fly(number: int) -> dict[str, Any]:
     session, begun = Session(name, aircraft), time.process_time()
     longest, last = 0.0, time.process_time()
     for _ in fly_along(Source(name, arriving), aircraft, wanted=WANTED, session=session):
-        longest, last = max(longest, time.process_time() - last), time.process_time()
-    load = (time.process_time() - begun) / (len(flown) * length)
+        longest, last = max(longest, since(last)), time.process_time()
+    load = since(begun) / (len(flown) * length)
     there = tb.trim(true, tb.FlightCondition(session.V_m_s, session.h_m))
     truth = {d.name: d.held if d.static is None else d.static
              for d in dimensional_derivatives(linearise(true, there), there)}  # fmt: skip

@@ -9,6 +9,7 @@ screenshots at 400, 800 and 1280 px, light, dark and for print if asked, and end
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -108,7 +109,8 @@ def main() -> int:
     files = files[: sized(None, 1)]
     axe, bad = given.axe.read_text(encoding="utf-8"), 0
     with sync_playwright() as p:
-        browser = p.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        short = {**os.environ, "TMPDIR": "/tmp"}  # Chromium's socket lies there, whose path has at most 107 letters
+        browser = p.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"], env=short)
         for file in files:
             context = browser.new_context(viewport={"width": WIDTHS[-1], "height": 900}, bypass_csp=True)
             page = context.new_page()

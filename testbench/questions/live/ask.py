@@ -362,15 +362,15 @@ class _Speed:
         """Take samples; return by how much the airspeed has left the forces, m/s, if it has, in two blocks in a row."""
         if any(name not in block for name in ("V", "ax", "theta")):
             return None
+        if not all(block.valid[:, block.channels.index(n)].all() for n in ("V", "ax", "theta")):
+            self._rows.clear()  # nothing is known of what was lost: two whole seconds are needed again
+            self._odd = 0
+            return None
         rate: FloatArray = block["ax"] - G0_M_S2 * np.sin(block["theta"])
         for V, dV in zip(block["V"].tolist(), rate.tolist(), strict=True):
             self._sum += self.dt_s * dV
             self._rows.append((V, self._sum))
         if len(self._rows) < (self._rows.maxlen or 0):
-            return None
-        if not all(block.valid[:, block.channels.index(n)].all() for n in ("V", "ax", "theta")):
-            self._rows.clear()
-            self._odd = 0
             return None
         (V0, s0), (V1, s1) = self._rows[0], self._rows[-1]
         off = (V1 - V0) - (s1 - s0)
