@@ -91,8 +91,11 @@ def prewhitened(values: FloatArray, colour: FloatArray, taken: NDArray[np.bool_]
         colour: (p,) correlation ``a`` of the noise from sample to sample, an autoregressive process of first order.
         taken: (n, p) whether a sample counts; the first one, and one after a gap, stays as it is.
     """
+    coloured = np.flatnonzero(colour)
+    if not coloured.size:
+        return values
     out = values.copy(order="K")
-    for c in np.flatnonzero(colour):
+    for c in coloured:
         a, follows = colour[c], taken[1:, c] & taken[:-1, c]
         y = values[:, c]
         white = (y[1:] - a * y[:-1]) / np.sqrt(1.0 - a**2)

@@ -318,9 +318,7 @@ class GustFilter:
         new = slice(known - model.renewed, known)
         renewed = np.concatenate([P0[None, new], Q[:-1, new]])
         alone = cls(K, W, H, log_det, renewed, band, np.zeros((n * p, 0)))
-        steady = [np.where(valid, row, 0.0) for row in np.eye(p)]
-        if model.colour.any():
-            steady = [prewhitened(x, model.colour, valid) for x in steady]
+        steady = (prewhitened(np.where(valid, row, 0.0), model.colour, valid) for row in np.eye(p))
         biases = (alone._innovations(x, np.zeros(size)) for x in steady)
         starts = (alone._innovations(np.zeros((n, p)), x0) for x0 in np.eye(size)[: model.moving])
         return cls(K, W, H, log_det, renewed, band, np.column_stack([c.ravel() for c in (*biases, *starts)]))
