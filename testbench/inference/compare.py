@@ -51,8 +51,8 @@ Unknown = Callable[[FlightRecord], FloatArray | Motion]
 """The same of an unknown motion; or its principal directions, in units of the noise."""
 Slopes = Callable[[FlightRecord], Mapping[str, FloatArray]]
 """record -> parameter -> change of the prediction by one unit of it, (n, channels), SI."""
-Points = Sequence[tuple[str, Mapping[str, float]]]
-"""(name of a hypothesis, its parameter -> value), of all that is predicted next, so that it can be flown together."""
+Points = Sequence[tuple["Hypothesis", Mapping[str, float]]]
+"""(hypothesis, its parameter -> value), of all that is predicted next, so that it can be flown together."""
 
 WHOLE = 1e-3
 """Size of the unknown motion up to which a hypothesis is the whole story; beyond it is a part."""
@@ -62,6 +62,8 @@ _ROUNDS = 20
 _REST = 4  # rounds of noise scales and point in turn
 _PATIENCE = 2  # rounds before a fit may be given up
 _HOPELESS = 30.0  # in ln p behind the best: a fit that promises less ends there, if
+_REACH = 100.0  # in ln p behind the best: what is nearer may come to lead once its flights begin where they suit it
+_BEGUN = 1.0  # in ln p: starts are found anew as long as that gains more
 _LITTLE = 0.5  # it also promises less than this share of what the best gains; neither decides anything
 _SAME = 0.01  # change of ln s below which they are at rest
 _SHARES = (1.0, 0.5, 0.25, 0.1, 0.02)  # of a step, tried in turn
@@ -89,6 +91,8 @@ class Hypothesis:
         slopes: see :data:`Slopes`, of those parameters whose tangents are known without differences.
         form: as ``predict``: how far what is true may depart from what the hypothesis says, as no law has quite the
             form of the real thing; its signature times the relative error of its form.
+        begun: parameter -> value becomes the same hypothesis whose flights begin where they suit that point, or None if
+            they begin there already; nuisances that are not among the parameters, as they belong to one record alone.
 
     Example:
         >>> import numpy as np
@@ -106,6 +110,7 @@ class Hypothesis:
     more: Sequence[Mapping[str, float]] = ()
     slopes: Slopes | None = None
     form: Predict | None = None
+    begun: Callable[[Mapping[str, float]], Hypothesis | None] | None = None
 
     @property
     def first(self) -> dict[str, float]:
@@ -393,14 +398,15 @@ class _Shared:
         return self.most - max(_HOPELESS, (1.0 - _LITTLE) * (self.most - self.first))
 
 
-_Run = Generator[tuple[str, Sequence[Mapping[str, float]]], None, "_Fit"]
-"""A fit on its way: gives (name, points) that it predicts next, and returns itself once it is at rest."""
+_Asks = tuple[Hypothesis, Sequence[Mapping[str, float]]]
+_Run = Generator[_Asks, None, "_Fit"]
+"""A fit on its way: gives (hypothesis, points) that it predicts next, and returns itself once it is at rest."""
 
 
 def _together(runs: Sequence[_Run], fly: Callable[[Points], None]) -> list[_Fit]:
     """Bring fits to rest side by side, so that all that they predict next is flown together."""
     ended: dict[int, _Fit] = {}
-    wanted: dict[int, tuple[str, Sequence[Mapping[str, float]]]] = {}
+    wanted: dict[int, _Asks] = {}
 
     def go_on(some: Iterable[int]) -> None:
         wanted.clear()
@@ -412,7 +418,7 @@ def _together(runs: Sequence[_Run], fly: Callable[[Points], None]) -> list[_Fit]
 
     go_on(range(len(runs)))
     while wanted:
-        fly([(name, x) for name, points in wanted.values() for x in points])
+        fly([(hypothesis, x) for hypothesis, points in wanted.values() for x in points])
         go_on(list(wanted))
     return [ended[i] for i in range(len(runs))]
 
@@ -465,11 +471,14 @@ class _Fit:
             here = replace(here, tangents=known)
         here = yield from here._linearised(begin)
         here = here._at_rest() if scales is None else replace(here, scales=scales, k=here._best_of(scales))
-        for _ in range(_REST):
+        last = -math.inf
+        for left in reversed(range(_REST)):
             here = yield from here._descended(shared)
             before, here = here.scales, here._at_rest()
-            if np.max(np.abs(np.log(here.scales / before)), initial=0.0) < _SAME:
+            there = (yield from here._begun(last)) if left else None
+            if there is None and np.max(np.abs(np.log(here.scales / before)), initial=0.0) < _SAME:
                 break
+            last, here = here.promised, there or here
         if hypothesis.form is not None:
             here = yield from here._linearised(here.theta, fresh=here.fresh)
         here = here._judged()
@@ -482,6 +491,16 @@ class _Fit:
                 there = yield from there._linearised(there.theta, fresh=there.fresh)
             here = max(here, there._judged(), key=lambda f: f.log_evidence)
         return here._bounded()
+
+    def _begun(self, last: float) -> Generator[_Asks, None, _Fit | None]:
+        """Return the fit whose flights begin where they suit its point; None if they do, or little was gained by it."""
+        near = self.promised > self.shared.most - _REACH and self.promised > last + _BEGUN
+        if self.hypothesis.begun is None or not near:
+            return None
+        there = self.hypothesis.begun(self.hypothesis.at(self.theta))
+        if there is None:
+            return None
+        return (yield from replace(self, hypothesis=there, flown={})._linearised(self.theta, form=False))
 
     def _judged(self) -> _Fit:
         """Return the fit with its evidence for every size of the unknown motion."""
@@ -564,9 +583,9 @@ class _Fit:
             here = replace(here, k=here._best_of(here.scales, near))
         return here
 
-    def _wanted(self, points: Sequence[FloatArray]) -> tuple[str, Sequence[Mapping[str, float]]]:
+    def _wanted(self, points: Sequence[FloatArray]) -> _Asks:
         """Return what is predicted next."""
-        return self.hypothesis.name, [self.hypothesis.at(x) for x in points]
+        return self.hypothesis, [self.hypothesis.at(x) for x in points]
 
     @cached_property
     def log_weights(self) -> dict[int, float]:

@@ -1,8 +1,8 @@
 """Does what is missing begin, or end, within the records, and when?
 
-An unknown motion (:mod:`.unknown`) is sought in every record from its beginning, in none, or in one of them from, or
-until, a time that is not known; the noise and all that is re-tuned are as uncertain as elsewhere
-(:mod:`.linear`). The pulses of a record are put in the order of time, so that one Cholesky factor holds the evidence of
+An unknown motion (:mod:`.unknown`) is sought in every record from its beginning, in some of them, or from, or until, a
+time that is not known: in all records that follow, or go before, if they were flown in the order in which they are
+given, or in those that show it. The noise and all that is re-tuned are as uncertain as elsewhere (:mod:`.linear`). The pulses of a record are put in the order of time, so that one Cholesky factor holds the evidence of
 every time: its leading blocks are the factors of fewer pulses.
 """
 
@@ -45,9 +45,9 @@ class Onset:
     step: FloatArray
 
     @property
-    def place(self) -> tuple[int, int, bool]:
-        """Record, sample and kind."""
-        return self.record, self.sample, self.ends
+    def place(self) -> tuple[int, int, bool, tuple[bool, ...]]:
+        """Record, sample, kind and the records that show it."""
+        return self.record, self.sample, self.ends, self.shows
 
 
 def find_onset(
@@ -61,7 +61,7 @@ def find_onset(
 ) -> tuple[Onset, ...]:
     """Return whether what is missing acts in some of the records alone, and where it begins or ends in one of them.
 
-    The most probable of each record, and of either kind, the best first.
+    The most probable of each record and kind, in the order of the records or not, the best first.
 
     Args:
         records: about the best point without it; their ``unknown`` is not used.
@@ -70,15 +70,18 @@ def find_onset(
         scales: (p,) of the noise.
         mean: (k,) prior mean of the re-tuned parameters, less the point.
         std: (k,) of their prior.
-        prior: probability that it does not act in all records; half of it is shared by all of their times.
+        prior: probability that it does not act in all records; a third of it is that it acts in some of them, another
+            that it begins or ends at some time in the order of the records, another that it does so in one alone.
 
     Example:
         >>> from testbench.inference.onset import find_onset
         >>> find_onset(records, pulses, begins, scales, mean, std, 0.1)[0].probability  # doctest: +SKIP
     """
     times = [sorted(set(b)) for b in begins]
-    count = 2 * sum(max(len(t) - 1, 0) for t in times)
-    of_some, of_time = math.log(0.5 * prior), math.log(0.5 * prior / max(count, 1))
+    n, every_time = len(records), 2 * sum(max(len(t) - 1, 0) for t in times)
+    count = every_time + 2 * (n - 1)
+    of_some, of_time = math.log(prior / 3.0), math.log(prior / 3.0 / max(every_time, 1))
+    of_order = math.log(prior / 3.0 / max(count, 1))
     always, cut = [], []
     summed = [
         _Summed.of(r, U, np.array(b), t, scales) for r, U, b, t in zip(records, pulses, begins, times, strict=True)
@@ -93,23 +96,32 @@ def find_onset(
         always.append(_sum(every).log_evidence(mean, std))
         if any(some) and not all(some):
             cut.append((of_some, _sum(chosen), -1, 0, False, some))
-        for i, f in enumerate(found):
-            rest = [c for j, c in enumerate(chosen) if j != i]
-            for ends, held in ((False, f.from_), (True, f.until)):
-                for sample, part in zip(times[i][1:], held[1:], strict=True):
-                    cut.append((of_time, _sum([part, *rest]), i, sample, ends, some))
+        for ends, inside in ((False, [f.from_ for f in found]), (True, [f.until for f in found])):
+            for i in range(n):
+                follows = tuple((j < i) if ends else (j > i) for j in range(n))
+                ordered = [every[j] if follows[j] else none[j] for j in range(n)]
+                if any(follows) and (i or not ends):  # between two records
+                    cut.append((of_order, _sum(ordered), -1, 0, ends, follows))
+                kinds = [(of_order, ordered, follows)]
+                if some[:i] + some[i + 1 :] != follows[:i] + follows[i + 1 :]:
+                    kinds.append((of_time, chosen, some))
+                for log_prior, rest, shown in kinds:
+                    others = [_sum(o)] if (o := [c for j, c in enumerate(rest) if j != i]) else []
+                    for sample, part in zip(times[i][1:], inside[i][1:], strict=True):
+                        cut.append((log_prior, _sum([part, *others]), i, sample, ends, shown))
     if not cut:
         return (Onset(0.0, -1, 0, False, tuple(True for _ in records), count + 1, np.zeros(len(mean))),)
     density = np.array([log_prior + held.log_evidence(mean, std) for log_prior, held, *_ in cut])
     whole = float(logsumexp(always)) + math.log(1.0 - prior)
     probability = 1.0 / (1.0 + math.exp(min(whole - float(logsumexp(density)), 700.0)))
-    out: dict[tuple[int, bool], Onset] = {}
+    out: dict[tuple[object, ...], Onset] = {}
     for k in np.argsort(-density, kind="stable"):
-        _, best, record, sample, ends, some = cut[k]
-        if (record, ends) not in out:
+        log_prior, best, record, sample, ends, some = cut[k]
+        kind = (some,) if record < 0 else (record, ends, log_prior)
+        if kind not in out:
             shows = tuple(s or i == record for i, s in enumerate(some))
             step = best.posterior(mean, std)[0]
-            out[record, ends] = Onset(probability, record, sample, ends, shows, count + 1, step)
+            out[kind] = Onset(probability, record, sample, ends, shows, count + 1, step)
     return tuple(out.values())
 
 

@@ -146,7 +146,7 @@ def test_tangents_that_are_known_and_flights_together_change_nothing():
     )
     assert np.allclose(plain.values, other.values, atol=0.1 * plain.errors)
     assert plain.log_evidence == pytest.approx(other.log_evidence, abs=0.1)
-    assert ("lag", 0.07) in [(name, values["lag_s"]) for some in ahead for name, values in some]
+    assert ("lag", 0.07) in [(asked.name, values["lag_s"]) for some in ahead for asked, values in some]
     assert all("M_alpha" in values for some in ahead for _, values in some)
 
 

@@ -64,6 +64,20 @@ def test_a_motion_of_some_records_alone_is_cut_out_of_none():
     assert (found.record, found.shows) == (-1, (False, True, False))
 
 
+@pytest.mark.parametrize("ends", [False, True])
+def test_a_motion_from_one_record_on_is_found_in_the_order_of_the_records(ends):
+    """Whatever re-tuned parameters do of it: they are those of the records that do not show it."""
+    rng = np.random.default_rng(5)
+    found = asked([record(rng, range(0, N) if (i < 2) == ends else ()) for i in range(4)])
+    assert (found.record, found.shows) == (-1, (ends, ends, not ends, not ends))
+
+
+def test_one_record_alone_may_begin_to_move():
+    rng = np.random.default_rng(6)
+    found = asked([record(rng, range(60, N))])
+    assert (found.record, found.ends) == (0, False)
+
+
 def test_a_motion_of_all_records_begins_in_none():
     """False alarms among 20 draws; with a prior of 0.1 one is expected to be called at even odds 0 or 1 times."""
     called = 0

@@ -334,6 +334,20 @@ class Believed:
         free = [r for r in records if starts_freely(r)]
         return {key_of_start(r): x for r in free if (x := self.begun(r)) is not None}
 
+    def better_starts(self, records: Sequence[FlightRecord]) -> Mapping[str, FloatArray]:
+        """Return starts, by their keys, one step on from where flights begin; empty if none is left that suits better.
+
+        A step that does not suit a record better is not taken there.
+        """
+        here = dict(self.begun_at(records))
+        free = {r: f for r in records if (f := self.free_start_of(r)) is not None}
+        aimed = {r: self.better_start(r, here[key_of_start(r)]) for r in free}
+        moved = {r: x for r, x in aimed.items() if _farthest(free[r], x, here[key_of_start(r)]) >= CLOSE}
+        flights([self.wanted_to_read(r, x) for r, x in moved.items()])
+        cost = self.cost_of_start
+        better = {key_of_start(r): x for r, x in moved.items() if cost(r, x) < cost(r, here[key_of_start(r)])}
+        return {**here, **better} if better else {}
+
     def beginning(self, starts: Mapping[str, FloatArray], there: bool = False) -> Believed:
         """Return the belief whose starts are sought from others, or lie there."""
         return replace(self, begins=starts, begins_there=there) if starts else self

@@ -165,7 +165,7 @@ def made(found: T | Refusal) -> T:
 
 
 class _Kept(Generic[K, T]):
-    """The latest results, by what they were made from."""
+    """The latest results, by what they were made from: ``most`` of them, or twice the largest request."""
 
     def __init__(self, most: int) -> None:
         self._most = most
@@ -174,6 +174,7 @@ class _Kept(Generic[K, T]):
     def of(self, keys: Sequence[K], make: Callable[[list[K]], Sequence[T]]) -> list[T]:
         """Return the result of each key; those that are missing are made together."""
         missing = [k for k in dict.fromkeys(keys) if k not in self._of]
+        self._most = max(self._most, 2 * len(missing))  # what was made together is asked for one by one
         new = dict(zip(missing, make(missing), strict=True)) if missing else {}
         out = []
         for key in keys:

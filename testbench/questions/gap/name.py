@@ -19,13 +19,12 @@ from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.effects import Effect, left_out, library
 from testbench.effects import Parameter as EffectParameter
 from testbench.effects.base import SIZE, together
-from testbench.inference.compare import Comparison, Hypothesis, Points, Row, compare_hypotheses
+from testbench.inference.compare import Comparison, Hypothesis, Points, Predict, Row, compare_hypotheses
 from testbench.inference.first_order import Columns, FirstOrder, sum_of
 from testbench.inference.linear import Motion, fewer
 from testbench.inference.parameters import Noise, Parameter, Source
 from testbench.inference.unknown import pulses
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.evidence.commanded import starts_freely
 from testbench.questions.gap.explain import Explanation, Naming, Weighed, share_of_excess, wrong_coefficient
 from testbench.questions.gap.open_set import OpenTerm, rank_terms
 from testbench.questions.gap.search.gust_search import sought
@@ -41,11 +40,8 @@ SHOWN = 12  # terms that are listed
 BEGINS = 2  # points from which an effect is fitted, the best first
 BESIDE = 4  # effects that are flown beside each of the best
 NEEDS = 0.1  # probability of something unknown from which another is sought beside the two best, not the best alone
-AT_REST = 1.0  # in ln p: starts are found anew as long as that gains more
 PARTNER = 8.0  # in ln p to first order: what another must gain beside an effect to be flown; neither decides anything
 ELSEWHERE = 0.5  # probability of something that the library lacks from which what begins in flight is tried first
-BEGUN = 4  # rounds in which starts and what flies from there are found in turn
-REACH = 100.0  # in ln p behind the best: what is nearer may come to lead once it begins where it did
 INVISIBLE = 1e-2  # chi-square of what an effect changes at its starts, below which it cannot be seen
 _NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
 
@@ -195,7 +191,7 @@ def _beside_the_best(
     known = [{e.name for e in effect.singles} for effect in found.effects.values()]
     for first in [e for e in leading if len(e.singles) == several]:
         say(f"seek another effect beside {first.title}")
-        near = [one for one in asker.beside(first, found.table[first.name], others) if one.gain > PARTNER]
+        near = [one for one in asker.beside(first, found.table, others) if one.gain > PARTNER]
         for one in near[:BESIDE]:
             names = {e.name for e in one.effect.singles}
             if names not in known and (hypothesis := asker.effect(one)) is not None:
@@ -239,9 +235,8 @@ class _Asker:
     source: Source
     rested: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     motions: dict[int, Motion] = field(default_factory=dict)  # unknown ones, of each record
-    models: dict[str, Callable[[Mapping[str, float]], Believed]] = field(default_factory=dict)  # of each hypothesis
+    models: dict[Predict, Callable[[Mapping[str, float]], Believed]] = field(default_factory=dict)  # by what predicts
     seen: dict[str, list[tuple[FloatArray, FloatArray]]] = field(default_factory=dict)  # of each effect
-    remade: dict[str, Callable[[Mapping[str, float]], Hypothesis]] = field(default_factory=dict)
 
     @cached_property
     def start(self) -> Point:
@@ -294,8 +289,9 @@ class _Asker:
                 best[name] = pair[0].with_(pair[-1]) if len(pair) > 1 else one
         return sorted(best.values(), key=lambda one: -one.log)
 
-    def beside(self, first: Effect, row: Row, effects: Sequence[Effect]) -> list[_Near]:
+    def beside(self, first: Effect, table: Comparison, effects: Sequence[Effect]) -> list[_Near]:
         """Return pairs of an effect that was fitted and another, the most probable first."""
+        row, asked = table[first.name], table.fits[first.name][1].hypothesis
         found = row.posterior
         at = found.by_name
         sizes = [p for p in found.parameters if p.block == "effect"]
@@ -304,8 +300,8 @@ class _Asker:
         if base is None:
             return []
         points = [at, *({**at, p.name: at[p.name] + _step(p, at[p.name])} for p in sizes)]
-        self.ahead([(first.name, x) for x in points])
-        models = [self.models[first.name](x) for x in points]
+        self.ahead([(asked, x) for x in points])
+        models = [self.models[asked.predict](x) for x in points]
         flown = [
             np.concatenate([(self._read(m, r) / self.believed.noise_std).ravel() for r in self.records]) for m in models
         ]
@@ -456,11 +452,11 @@ class _Asker:
 
     def ahead(self, points: Points) -> None:
         """Fly points of several hypotheses together; they are found when they are asked for."""
-        fly_together([self.models[name](values) for name, values in points], self.records)
+        fly_together([self.models[asked.predict](values) for asked, values in points], self.records)
 
     def _flies(self, hypothesis: Hypothesis) -> bool:
         first = hypothesis.first
-        self.ahead([(hypothesis.name, first)])
+        self.ahead([(hypothesis, first)])
         return all(np.any(np.isfinite(hypothesis.predict(record, first))) for record in self.records)
 
     def alone(self, hypothesis: Hypothesis, row: Row) -> Hypothesis:
@@ -486,27 +482,11 @@ class _Asker:
     def compared(
         self, asked: dict[str, Hypothesis], held_out: Sequence[FlightRecord], before: Comparison | None
     ) -> Comparison:
-        """Compare hypotheses; flights that start freely begin where those of the best points did.
-
-        A hypothesis flies from starts that suit the point that its fit begins with. Once that has come to rest
-        elsewhere, its starts are found anew there, and it is fitted again from there, as long as it gains.
-        """
-
-        def compare(before: Comparison | None) -> Comparison:
-            some = list(asked.values())
-            return compare_hypotheses(
-                self.records, some, self.noise, self.unknown, held_out, samples=0, ahead=self.ahead, before=before
-            )
-
-        table, near = compare(before), list(asked)
-        for _ in range(BEGUN if self.rested and any(map(starts_freely, self.records)) else 0):
-            near = [n for n in near if table[n].log_evidence > table.best.log_evidence - REACH]
-            asked |= {n: self.remade[n](table[n].posterior.by_name) for n in near}
-            last, table = table, compare(table)
-            near = [n for n in near if table[n].log_evidence > last[n].log_evidence + AT_REST]
-            if not near:
-                break
-        return table
+        """Compare hypotheses."""
+        some = list(asked.values())
+        return compare_hypotheses(
+            self.records, some, self.noise, self.unknown, held_out, samples=0, ahead=self.ahead, before=before
+        )
 
     def _asked(
         self,
@@ -515,17 +495,20 @@ class _Asker:
         begin: Mapping[str, float],
         flown: Callable[[Mapping[str, float]], Believed],
         form_error: float = 0.0,
+        starts: Mapping[str, FloatArray] | None = None,
     ) -> Hypothesis:
-        """Return a hypothesis whose flights begin, where starts are free, as they do at its first point."""
+        """Return a hypothesis whose flights begin, where starts are free, as given, or as suits its first point."""
         priors = self.tuned.priors
-        self.remade[name] = lambda at: self._asked(name, parameters, at, flown, form_error)
 
         def tuned(model: Believed, values: Mapping[str, float]) -> Believed:
             return model.with_nuisances({n: values[n] for n in priors})
 
         first = {p.name: begin.get(p.name, p.value) for p in parameters}
         tangents = self._tangents_at(first)
-        starts = tuned(flown(first), first).begun_at(self.records)
+        if starts is None:
+            there = tuned(flown(first), first)
+            fly_together([there], self.records)
+            starts = there.begun_at(self.records)
 
         def model(values: Mapping[str, float], with_effect: bool = True) -> Believed:
             there = flown(values) if with_effect else self.believed
@@ -537,14 +520,22 @@ class _Asker:
             change = self._read(model(values), record) - self._read(without, record)
             return np.asarray(form_error * np.nan_to_num(change))
 
-        self.models[name] = model
+        def begun(values: Mapping[str, float]) -> Hypothesis | None:
+            better = model(values).better_starts(self.records)
+            return self._asked(name, parameters, values, flown, form_error, better) if better else None
+
+        def predict(record: FlightRecord, values: Mapping[str, float]) -> FloatArray:
+            return self._read(model(values), record)
+
+        self.models[predict] = model
         return Hypothesis(
             name,
             parameters,
-            lambda record, values: self._read(model(values), record),
+            predict,
             begin=begin,
             slopes=lambda record: tangents[id(record)],
             form=signature if form_error else None,
+            begun=begun if starts else None,
         )
 
     def _read(self, model: Believed, record: FlightRecord) -> FloatArray:

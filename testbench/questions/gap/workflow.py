@@ -42,7 +42,7 @@ from testbench.questions.gap.result import GapFinding, Shrink
 from testbench.questions.gap.scenario import Drive
 from testbench.questions.gap.search.hypothesis import Hypothesis, retune
 from testbench.questions.gap.window_length import Windows
-from testbench.questions.gap.windows import as_they_start, begin_freely, in_windows
+from testbench.questions.gap.windows import as_they_start, in_windows
 
 SHOWN = 3  # records of which it is shown over time what the model lacks: those with the largest residuals
 NEAR = 20  # effects that are sought to begin in flight: those that come nearest in all of it
@@ -209,7 +209,6 @@ class _Given:
             {n: e for n, e in servos.items() if n not in unseen},
             open_terms=True,
             source="simulated" if self.noise is None else "measured",
-            pairs=not self.notes,  # where starts are fitted once more beside what comes nearest, two are sought after
             held_out=list(self.held_out.values()),
         )
 
@@ -256,7 +255,7 @@ class _Asked:
 
     def answer(self) -> _Found:
         """Return what is lacking."""
-        given, say = self.given, self.say
+        given = self.given
         believed, noise = given.believed, given.noise
         alone = replace(self.sought, elsewhere=lambda: bool(self.places))
         found = self._found(believed, noise, alone)
@@ -267,10 +266,6 @@ class _Asked:
                 noise, believed = beside_it, beside_it.corrects(given.stated)
                 found = self._found(believed, noise, alone, found)
                 near = _nearest(found.naming)
-        if near is not None and given.notes:  # tangents of a start are those of the model that it was fitted to
-            say("fit where windows start beside what comes nearest")
-            believed = begin_freely(believed, {**given.records, **given.held_out}, near.added_to(believed))
-            found = self._found(believed, noise, replace(alone, pairs=True), found)
         weighed = found.naming.weighed
         if not (weighed.unknown > ELSEWHERE or weighed.open) or not self.places:
             return found  # what acts in all records explains them
