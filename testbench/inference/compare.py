@@ -69,6 +69,7 @@ _SAME = 0.01  # change of ln s below which they are at rest
 _SHARES = (1.0, 0.5, 0.25, 0.1, 0.02)  # of a step, tried in turn
 _FORM_S = 2.0  # between the knots of what modulates a form error: slower than the motion, quicker than a record
 _AT_REST = 0.02  # in ln p: rounds end where another one promises less
+_NEARBY = 1.0  # in ln p: tangents made afresh hold beyond a step that promises less
 _SKEW = 0.2  # in ln p at one standard error: beyond it the posterior is sampled
 _FAR = 7.0  # in ln p behind the best: beyond it no correction would bring a hypothesis back
 _SEGMENT_S = 1.0  # of records, whose log-likelihoods tell how sure a difference is
@@ -493,14 +494,18 @@ class _Fit:
         return here._bounded()
 
     def _begun(self, last: float) -> Generator[_Asks, None, _Fit | None]:
-        """Return the fit whose flights begin where they suit its point; None if they do, or little was gained by it."""
+        """Return the fit whose flights begin where they suit its point; None where that gains nothing, or did so last.
+
+        Starts are fitted to all that is left, the unknown motion in it.
+        """
         near = self.promised > self.shared.most - _REACH and self.promised > last + _BEGUN
         if self.hypothesis.begun is None or not near:
             return None
         there = self.hypothesis.begun(self.hypothesis.at(self.theta))
         if there is None:
             return None
-        return (yield from replace(self, hypothesis=there, flown={})._linearised(self.theta, form=False))
+        moved = yield from replace(self, hypothesis=there, flown={})._linearised(self.theta, form=False)
+        return moved if moved.promised > self.promised + _AT_REST else None
 
     def _judged(self) -> _Fit:
         """Return the fit with its evidence for every size of the unknown motion."""
@@ -578,7 +583,8 @@ class _Fit:
                     break
                 here = yield from here._linearised(here.theta, form=False, fresh=True)
                 continue
-            here = yield from here._linearised(there, form=False)
+            kept = here.fresh and promised < _NEARBY
+            here = replace((yield from here._linearised(there, form=False)), fresh=kept or here.tangents is None)
             near = [here.k] if hold else [j for j in (here.k - 1, here.k, here.k + 1) if j in here._every]
             here = replace(here, k=here._best_of(here.scales, near))
         return here

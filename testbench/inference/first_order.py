@@ -27,17 +27,20 @@ class Sums:
     """What the evidence needs of columns, at every size of the unknown motion; those of several records add up.
 
     Attributes:
-        A: (kappas, K, K) inner products of the columns, pulses integrated.
+        A: (kappas, k, K) inner products of the first k columns, or of all, with all, pulses integrated.
+        squares: (kappas, K) of each with itself.
         log_det: (kappas,) of the covariance of the samples.
         samples: their number.
     """
 
     A: FloatArray
+    squares: FloatArray
     log_det: FloatArray
     samples: float
 
     def __add__(self, other: Sums) -> Sums:
-        return Sums(self.A + other.A, self.log_det + other.log_det, self.samples + other.samples)
+        both = self.log_det + other.log_det, self.samples + other.samples
+        return Sums(self.A + other.A, self.squares + other.squares, *both)
 
     def left_by(self, columns: Sequence[int]) -> Left:
         """Return the sums of residuals that are these columns themselves, without noise."""
@@ -103,9 +106,20 @@ class Columns:
     @cached_property
     def sums(self) -> Sums:
         """Their inner products."""
+        return self.beside(self.X.shape[1])
+
+    def beside(self, k: int) -> Sums:
+        """Return the inner products of the first k, which all hypotheses share, with all."""
         squares, along = self._own
-        A = (self.X.T @ self.X) - (along * self._share[:, None, :]) @ along.T
-        return Sums(A, np.sum(np.log1p(np.array(KAPPAS)[:, None] ** 2 * squares), axis=1), self.count)
+        A = (self.X[:, :k].T @ self.X) - (along[:k] * self._share[:, None, :]) @ along.T
+        own = np.sum(self.X**2, axis=0) - self._share @ (along**2).T
+        return Sums(A, own, np.sum(np.log1p(np.array(KAPPAS)[:, None] ** 2 * squares), axis=1), self.count)
+
+    def acting(self, rows: NDArray[np.bool_], k: int) -> Columns:
+        """Return the columns after the first k as they are in some of the samples alone, 0 in all others."""
+        X = self.X.copy()
+        X[~rows, k:] = 0.0
+        return Columns(X, self.U, self.count)
 
     def left(self, residuals: FloatArray) -> Left:
         """Return the sums of residuals (samples, r)."""
@@ -173,10 +187,10 @@ class FirstOrder:
             sizes: (h,) those of the own columns' multiples.
         """
         k, out = len(std), []
-        for A, log_det, b, c in zip(sums.A, sums.log_det, left.b, left.c, strict=True):
+        for A, squares, log_det, b, c in zip(sums.A, sums.squares, sums.log_det, left.b, left.c, strict=True):
             M = np.eye(k) + std[:, None] * A[:k, :k] * std
             factor = cho_factor(M, check_finite=False)
-            v = b - (A[:, :k] @ mean)[:, None]
+            v = b - (A[:k].T @ mean)[:, None]
             q = c - mean @ (b[:k] + v[:k])
             shared = std[:, None] * v[:k]
             q = q - np.sum(shared * cho_solve(factor, shared, check_finite=False), axis=0)
@@ -184,7 +198,7 @@ class FirstOrder:
             alone = -0.5 * (sums.samples * float(np.log(2.0 * np.pi)) + log_det + q)
             across = std[:, None] * A[:k, k:]
             solved = cho_solve(factor, across, check_finite=False)
-            precision = (np.diag(A)[k:] - np.sum(across * solved, axis=0) + sizes**-2.0)[:, None]
+            precision = (squares[k:] - np.sum(across * solved, axis=0) + sizes**-2.0)[:, None]
             a = (v[k:] - solved.T @ shared) / precision
             gain = 0.5 * a**2 * precision - 0.5 * np.log(sizes[:, None] ** 2 * precision)
             out.append((alone, alone + gain, a))

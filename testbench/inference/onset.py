@@ -2,8 +2,9 @@
 
 An unknown motion (:mod:`.unknown`) is sought in every record from its beginning, in some of them, or from, or until, a
 time that is not known: in all records that follow, or go before, if they were flown in the order in which they are
-given, or in those that show it. The noise and all that is re-tuned are as uncertain as elsewhere (:mod:`.linear`). The pulses of a record are put in the order of time, so that one Cholesky factor holds the evidence of
-every time: its leading blocks are the factors of fewer pulses.
+given, or in those that show it. The noise and all that is re-tuned are as uncertain as elsewhere (:mod:`.linear`). The
+pulses of a record are put in the order of time, so that one Cholesky factor holds the evidence of every time: its
+leading blocks are the factors of fewer pulses.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from testbench.aircraft import Aircraft
@@ -291,7 +292,8 @@ class Naming:
         samples: number of samples in those sums.
         rejected: effect that was not flown -> why.
         terms: of the open set that come nearest to first order, the most probable first.
-        near: effects in the order of their probability to first order.
+        acting: samples (n,) of each record, of several places -> of each, effect -> ln p to first order if it acts
+            there alone.
     """
 
     outcome: str
@@ -304,7 +306,7 @@ class Naming:
     samples: int
     rejected: Mapping[str, str] = field(default_factory=dict)
     terms: tuple[OpenTerm, ...] = ()
-    near: tuple[str, ...] = ()
+    acting: Callable[[Sequence[Sequence[NDArray[np.bool_]]]], list[dict[str, float]]] | None = None
 
     @property
     def best(self) -> Explanation | None:

@@ -113,7 +113,7 @@ class Foreseen:
     @cached_property
     def _squares(self) -> FloatArray:
         k = len(self.coefficients)
-        return np.asarray(np.diag(self.sums.A[0])[k:-k])
+        return self.sums.squares[0, k:-k]
 
     @cached_property
     def sums(self) -> Sums:
@@ -212,7 +212,7 @@ class Foreseen:
         Without noise, coefficients as they are believed: ln p is then what it is on average, to first order.
         """
         k = len(self.coefficients)
-        seen = np.diag(sums.A[0])[k:-k] > INVISIBLE
+        seen = sums.squares[0, k:-k] > INVISIBLE
         shown = [(k + i, e) for i, (e, _) in enumerate(self.points) if seen[i]]
         said = self.weighed(sums.left_by([i for i, _ in shown]), sums, {e.name: e for _, e in shown}) if shown else []
         return {e.name: w[e.name] for (_, e), w in zip(shown, said, strict=True)}

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from testbench.core.errors import LimitError, ModelError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
@@ -20,7 +21,7 @@ from testbench.effects import Effect, left_out, library
 from testbench.effects import Parameter as EffectParameter
 from testbench.effects.base import SIZE, together
 from testbench.inference.compare import Comparison, Hypothesis, Points, Predict, Row, compare_hypotheses
-from testbench.inference.first_order import Columns, FirstOrder, sum_of
+from testbench.inference.first_order import Columns, FirstOrder, Left, Sums, sum_of
 from testbench.inference.linear import Motion, fewer
 from testbench.inference.parameters import Noise, Parameter, Source
 from testbench.inference.unknown import pulses
@@ -57,9 +58,8 @@ class Sought:
         source: where the noise of the sensors comes from.
         pairs: where one effect does not explain all, two at once are tried, or three.
         held_out: measured records that judge.
-        elsewhere: whether what is missing may act in a part of the flights alone, so that no second effect is sought
-            where the library lacks something more probably than not (``ELSEWHERE``); asked there only, as it takes as
-            long as all the rest.
+        elsewhere: (believed, comparison) -> whether what is missing may act in a part of the flights alone, so that no
+            second effect is sought where the library lacks something more probably than not (``ELSEWHERE``).
         rested: hypothesis -> its parameters where an earlier search, in other air or from other starts, came to rest:
             its fit begins there.
     """
@@ -70,7 +70,7 @@ class Sought:
     source: Source = "simulated"
     pairs: bool = True
     held_out: Sequence[FlightRecord] = ()
-    elsewhere: Callable[[], bool] = lambda: False
+    elsewhere: Callable[[Believed, Comparison], bool] = lambda believed, table: False
     rested: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
@@ -137,7 +137,7 @@ def name_effect(
         ask([_Near(t.effect, (({"size": t.size}, base.by_name),), t.log, t.gain) for t in terms[:TERMS]])
         out = weighed(out)
     for several in (1, 2) if what.pairs else ():
-        if out.nothing > 0.5 or (several == 1 and out.unknown > ELSEWHERE and what.elsewhere()):
+        if out.nothing > 0.5 or (several == 1 and out.unknown > ELSEWHERE and what.elsewhere(believed, out.table)):
             break
         others = [e for e in known.values() if e.name not in rejected]
         more = _beside_the_best(asker, out, several, others, say)
@@ -159,7 +159,7 @@ def name_effect(
         n: f"ln p of its signature lies {behind[n]:.3g} behind the nearest"
         for n in behind.keys() - shown.keys() - rejected.keys()
     }
-    return replace(asker.named(out, rejected, terms), near=tuple(one.effect.name for one in near))
+    return replace(asker.named(out, rejected, terms), acting=partial(asker.acting, [one.effect for one in near]))
 
 
 def nearest(believed: Believed, records: Sequence[FlightRecord], effects: Sequence[Effect]) -> float:
@@ -380,7 +380,42 @@ class _Asker:
         """Weigh columns ``each`` (samples, h) about a point, beside those that all share, (samples, k)."""
         parts = columns_of(base, np.column_stack([shared, each]), [self.unknown(r) for r in self.records])
         left = [c.left(r.reshape(-1, 1)) for c, r in zip(parts, base.by_record(base.exact), strict=True)]
-        return FirstOrder.of(sum_of(c.sums for c in parts), sum_of(left), mean, std, sizes)
+        return FirstOrder.of(sum_of(c.beside(shared.shape[1]) for c in parts), sum_of(left), mean, std, sizes)
+
+    def acting(
+        self, effects: Sequence[Effect], places: Sequence[Sequence[NDArray[np.bool_]]]
+    ) -> list[dict[str, float]]:
+        """Return of each place effect -> ln p, to first order, if it acts there alone, the most probable first.
+
+        Args:
+            effects: that are seen.
+            places: samples (n,) of each record. What an effect did before it began, or does after it ended, is left
+                out: a servo or a motion that comes to rest.
+        """
+        base, known = self.tuned, self._signatures(effects)
+        seen = [(e.name, c) for e in effects for _, c in known[e.name]]
+        if not seen:
+            return [{} for _ in places]
+        k, columns = len(base.prior_std), -np.column_stack([base.tangents, *(c for _, c in seen)])
+        parts = columns_of(base, columns, [self.unknown(r) for r in self.records])
+        left = [r.reshape(-1, 1) for r in base.by_record(base.exact)]
+        made: dict[tuple[int, bytes], tuple[Sums, Left]] = {}
+
+        def sums(i: int, acts: NDArray[np.bool_]) -> tuple[Sums, Left]:
+            if (i, acts.tobytes()) not in made:
+                there = parts[i].acting(np.repeat(acts, len(self.believed.outputs)), k)
+                made[i, acts.tobytes()] = there.beside(k), there.left(left[i])
+            return made[i, acts.tobytes()]
+
+        mean, sizes, out = -base.deviations * base.prior_std, np.full(len(seen), SIZE), []
+        for place in places:
+            every, rest = zip(*(sums(i, acts) for i, acts in enumerate(place)), strict=True)
+            found = FirstOrder.of(sum_of(every), sum_of(rest), mean, base.prior_std, sizes)
+            logs: dict[str, float] = {}
+            for i in np.argsort(-np.max(found.logs[:, :, 0], axis=0), kind="stable"):
+                logs.setdefault(seen[i][0], float(np.max(found.logs[:, i, 0])))
+            out.append(logs)
+        return out
 
     def open_terms(self) -> tuple[tuple[OpenTerm, ...], int]:
         """Return the terms of the open set that the aircraft can have, the most probable first, and how many there are.

@@ -12,15 +12,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.effects import Effect
+from testbench.inference.compare import Comparison
 from testbench.inference.linear import Linearised, Motion
 from testbench.inference.onset import Onset, find_onset
 from testbench.inference.unknown import PULSE_S
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import starts_freely
-from testbench.questions.gap.explain import P_ONSET, Naming, percent
+from testbench.questions.gap.explain import P_ONSET, percent
 from testbench.questions.gap.name import unknown_motion
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.starts import Start, marked, start_of
@@ -28,7 +30,6 @@ from testbench.questions.gap.window_length import SHORTEST_S
 from testbench.questions.gap.windows import begin_freely, begin_from, part_of
 
 KNOWN = 0.1  # share of the priors of a start that remains where the flight before tells it
-MOST = 4  # places in which it is sought: to first order the right one need not be the most probable
 _ROUNDS = 4  # in which time and coefficients are found in turn
 LATER = "_later"
 """End of the name of an effect that acts in some records alone."""
@@ -69,23 +70,22 @@ class Begun:
         return f"what is missing acts {self.when}, probability {percent(self.probability)}"
 
 
-def seek(believed: Believed, records: Mapping[str, FlightRecord], naming: Naming) -> list[Begun]:
+def seek(believed: Believed, records: Mapping[str, FlightRecord], table: Comparison) -> list[Begun]:
     """Return what may begin or end in one of the records, the most probable first; nothing if all show the same.
 
     Args:
         believed: in the air that was found.
         records: by name.
-        naming: of what acts in all of them, whose noise is taken.
+        table: of what acts in all of them, whose noise is taken.
 
     Raises:
         FlightAborted, LimitError, TrimError: the believed aircraft cannot fly the commands.
     """
     names, flown = list(records), tuple(records.values())
     # Coefficients as they are where an unknown motion does what is missing: re-tuned without it, they would do it.
-    nuisances: Mapping[str, float] = naming.beside_unknown
+    nuisances: Mapping[str, float] = table["nothing"].posterior.by_name
     moved, begins = zip(*(_pulses(believed, r) for r in flown), strict=True)
-    noise = naming.weighed.table.noise
-    scales = np.array([noise[channel][0] for channel in believed.outputs])
+    scales = np.array([table.noise[channel][0] for channel in believed.outputs])
     found: Sequence[Onset] = ()
     for _ in range(_ROUNDS):
         point = Hypothesis.towards_unknown(believed, flown, nuisances)
@@ -98,7 +98,17 @@ def seek(believed: Believed, records: Mapping[str, FlightRecord], naming: Naming
         if before and before[0].place == found[0].place:
             break
         nuisances = point.named(point.towards(point.nuisances + found[0].step))
-    return [_begun(names, records, o) for o in found[:MOST]] if found[0].probability > 0.5 else []
+    return [_begun(names, records, o) for o in found] if found[0].probability > 0.5 else []
+
+
+def samples(records: Mapping[str, FlightRecord], begun: Begun) -> list[NDArray[np.bool_]]:
+    """Return the samples (n,) of each record in which what begins acts."""
+    out = []
+    for name, record in records.items():
+        later = record.t_s - record.t_s[0] >= begun.at_s - 1e-9
+        whole = np.full(len(record), name in begun.shown)
+        out.append(whole if name != begun.record else ~later if begun.ends else later)
+    return out
 
 
 def _begun(names: Sequence[str], records: Mapping[str, FlightRecord], found: Onset) -> Begun:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from testbench.core.processes import Ahead
 from testbench.core.record import FlightRecord
 from testbench.effects import OTHER_SERVOS, Effect, library
 from testbench.flight.batch.jobs import Tally
+from testbench.inference.compare import Comparison
 from testbench.inference.parameters import Source
 from testbench.questions.gap import onset
 from testbench.questions.gap.again import fly_again
@@ -45,7 +46,7 @@ from testbench.questions.gap.window_length import Windows
 from testbench.questions.gap.windows import as_they_start, in_windows
 
 SHOWN = 3  # records of which it is shown over time what the model lacks: those with the largest residuals
-NEAR = 20  # effects that are sought to begin in flight: those that come nearest in all of it
+PLACES, NEAR = 3, 20  # where effects come nearest if they begin there, and effects that are sought to: by first order
 SAME_AIR = 0.15  # share by which the rms of turbulence may change before the search is made again
 
 
@@ -252,12 +253,13 @@ class _Asked:
     sought: Sought
     source: Source
     say: Callable[[str], None]
+    places: list[onset.Begun] | None = None
 
     def answer(self) -> _Found:
         """Return what is lacking."""
         given = self.given
         believed, noise = given.believed, given.noise
-        alone = replace(self.sought, elsewhere=lambda: bool(self.places))
+        alone = replace(self.sought, elsewhere=lambda believed, table: bool(self._places(believed, table)))
         found = self._found(believed, noise, alone)
         near = _nearest(found.naming)
         if noise is not None and near is not None:  # what was missing may have been taken for noise
@@ -267,7 +269,7 @@ class _Asked:
                 found = self._found(believed, noise, alone, found)
                 near = _nearest(found.naming)
         weighed = found.naming.weighed
-        if not (weighed.unknown > ELSEWHERE or weighed.open) or not self.places:
+        if not (weighed.unknown > ELSEWHERE or weighed.open) or not self._places(found.believed, weighed.table):
             return found  # what acts in all records explains them
         begun = self._begun(found)
         if weighed.open:  # one of hundreds of terms may do what an effect does in a part of the flights
@@ -283,39 +285,36 @@ class _Asked:
             air, sought = after.air, replace(sought, rested=after.naming.rested)
         return _Found(*search(believed, list(records.values()), air, self.say, sought), records, believed, noise)
 
-    @cached_property
-    def places(self) -> list[onset.Begun]:
-        """Where what is lacking may begin or end in flight, by an unknown motion alone, the most probable first.
+    def _places(self, believed: Believed, table: Comparison) -> list[onset.Begun]:
+        """Return where what is lacking may begin or end in flight, by an unknown motion alone, the most probable first.
 
-        Sought where it is asked for: most flights are explained without it.
+        Sought once, where it is asked for: most flights are explained without it.
         """
-        self.say("seek what begins in flight")
-        records = self.given.records
-        flown_in, _ = in_measured_air(self.given.believed, list(records.values()), self.air)
-        nothing = replace(self.sought, effects={}, further={}, open_terms=False, pairs=False, held_out=())
-        naming = name_effect(flown_in, list(records.values()), nothing)
-        return [] if naming.weighed.nothing > 0.5 else onset.seek(flown_in, records, naming)
+        if self.places is None:
+            self.say("seek what begins in flight")
+            self.places = onset.seek(believed, self.given.records, table)
+        return self.places
 
     def _begun(self, found: _Found) -> _Found | None:
-        """Return what is found in records that are cut where effects come nearest, if they explain them there.
-
-        What acts in a part of the flights comes near in all of them, too, so that few effects are asked about.
-        """
+        """Return what is found in records that are cut where effects come nearest, if they explain them there."""
         records, believed, of = self.given.records, found.all_in, self.sought.effects or {}
+        places = self._places(found.believed, found.naming.weighed.table)
+        assert found.naming.acting is not None
+        acting = found.naming.acting([onset.samples(records, place) for place in places])
+        there = sorted(zip(places, acting, strict=True), key=lambda one: -max(one[1].values(), default=-np.inf))
         along = Hypothesis.towards_unknown(found.believed, tuple(records.values()), found.naming.beside_unknown)
         tuned = found.believed.with_nuisances(along.by_name)
-        near = {n: of[n] for n in found.naming.near if n in of}
-        effects = dict(list(near.items())[:NEAR])
         alone = replace(self.sought, further={}, open_terms=False, pairs=False, rested=found.naming.rested)
         best = -np.inf
-        for place in self.places:
+        for place, near in there[:PLACES]:
             cut, begins = onset.divided(believed, records, place), believed
             if place.record:
                 begins = onset.begin_there(believed, cut, place, records[place.record], tuned)
-            there, flown = onset.later(effects, place), list(cut.values())
-            log = nearest(in_air(begins, found.air), flown, [e for e in there.values() if e.later])
+            effects = onset.later({n: of[n] for n in list(near)[:NEAR] if n in of}, place)
+            flown = list(cut.values())
+            log = nearest(in_air(begins, found.air), flown, [e for e in effects.values() if e.later])
             if log > best:
-                best, at = log, (begins, flown, replace(alone, effects=there), cut, place)
+                best, at = log, (begins, flown, replace(alone, effects=effects), cut, place)
         if not np.isfinite(best):
             return None
         begins, flown, sought, cut, place = at
@@ -345,7 +344,7 @@ def _judged(given: _Given, found: _Found, say: Callable[[str], None]) -> GapFind
         believed=believed,
         amended=amended,
         maps=maps,
-        naming=naming,
+        naming=replace(naming, acting=None),
         shrink=tuple(_shrink(believed, amended, name, record) for name, record in held_out.items()),
         air=found.air,
         noise=found.noise,
