@@ -63,7 +63,7 @@ _REST = 4  # rounds of noise scales and point in turn
 _PATIENCE = 2  # rounds before a fit may be given up
 _HOPELESS = 30.0  # in ln p behind the best: a fit that promises less ends there, if
 _REACH = 100.0  # in ln p behind the best: what is nearer may come to lead once its flights begin where they suit it
-_BEGUN = 1.0  # in ln p: starts are found anew as long as that gains more
+_BEGUN = 0.5  # in ln p: starts are found anew as long as that gains more
 _LITTLE = 0.5  # it also promises less than this share of what the best gains; neither decides anything
 _SAME = 0.01  # change of ln s below which they are at rest
 _SHARES = (1.0, 0.5, 0.25, 0.1, 0.02)  # of a step, tried in turn
@@ -472,40 +472,41 @@ class _Fit:
             here = replace(here, tangents=known)
         here = yield from here._linearised(begin)
         here = here._at_rest() if scales is None else replace(here, scales=scales, k=here._best_of(scales))
-        last = -math.inf
-        for left in reversed(range(_REST)):
-            here = yield from here._descended(shared)
+        for _ in range(_REST):
+            here = yield from here._started(shared)
             before, here = here.scales, here._at_rest()
-            there = (yield from here._begun(last)) if left else None
-            if there is None and np.max(np.abs(np.log(here.scales / before)), initial=0.0) < _SAME:
+            if np.max(np.abs(np.log(here.scales / before)), initial=0.0) < _SAME:
                 break
-            last, here = here.promised, there or here
         if hypothesis.form is not None:
             here = yield from here._linearised(here.theta, fresh=here.fresh)
         here = here._judged()
         if KAPPAS[here.k] > WHOLE and here.promised > shared.most - _HOPELESS:
             # A large unknown motion does what the parameters have left undone: they go on where it is small.
             small = replace(here, k=max(j for j in here._every if KAPPAS[j] <= WHOLE), fresh=here.tangents is None)
-            there = yield from small._descended(shared, beyond=here.promised)
+            there = yield from small._started(shared, beyond=here.promised)
             there = there._at_rest()
             if hypothesis.form is not None:
                 there = yield from there._linearised(there.theta, fresh=there.fresh)
             here = max(here, there._judged(), key=lambda f: f.log_evidence)
         return here._bounded()
 
-    def _begun(self, last: float) -> Generator[_Asks, None, _Fit | None]:
-        """Return the fit whose flights begin where they suit its point; None where that gains nothing, or did so last.
+    def _started(self, shared: _Shared, beyond: float | None = None) -> _Run:
+        """Return the fit at the best point, see :meth:`_descended`, with flights that begin where they suit it.
 
-        Starts are fitted to all that is left, the unknown motion in it.
+        Starts are fitted to all that is left: a large unknown motion would be in it, and does what they leave undone.
         """
-        near = self.promised > self.shared.most - _REACH and self.promised > last + _BEGUN
-        if self.hypothesis.begun is None or not near:
-            return None
-        there = self.hypothesis.begun(self.hypothesis.at(self.theta))
-        if there is None:
-            return None
-        moved = yield from replace(self, hypothesis=there, flown={})._linearised(self.theta, form=False)
-        return moved if moved.promised > self.promised + _AT_REST else None
+        here = yield from self._descended(shared, beyond)
+        for _ in range(_REST):
+            if here.hypothesis.begun is None or KAPPAS[here.k] > WHOLE or here.promised < shared.most - _REACH:
+                break
+            begun = here.hypothesis.begun(here.hypothesis.at(here.theta))
+            if begun is None:
+                break
+            there = yield from replace(here, hypothesis=begun, flown={})._linearised(here.theta, form=False)
+            if there.promised < here.promised + _BEGUN:
+                break
+            here = yield from there._descended(shared, beyond)
+        return here
 
     def _judged(self) -> _Fit:
         """Return the fit with its evidence for every size of the unknown motion."""

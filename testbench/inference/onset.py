@@ -111,7 +111,7 @@ def find_onset(
                     for sample, part in zip(times[i][1:], inside[i][1:], strict=True):
                         cut.append((log_prior, _sum([part, *others]), i, sample, ends, shown))
     if not cut:
-        return (Onset(0.0, -1, 0, False, tuple(True for _ in records), count + 1, np.zeros(len(mean))),)
+        return (Onset(0.0, -1, 0, False, tuple(True for _ in records), 1, np.zeros(len(mean))),)
     density = np.array([log_prior + held.log_evidence(mean, std) for log_prior, held, *_ in cut])
     whole = float(logsumexp(always)) + math.log(1.0 - prior)
     probability = 1.0 / (1.0 + math.exp(min(whole - float(logsumexp(density)), 700.0)))

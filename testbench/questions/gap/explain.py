@@ -188,11 +188,6 @@ class Weights:
         return sum(p for (_, how), p in self._probability.items() if how == "imitated")
 
     @property
-    def lead(self) -> float:
-        """Ln of the odds of the most probable explanation against an unknown motion alone."""
-        return max(v for (n, how), v in self._log.items() if how == "whole") - self._log["nothing", "imitated"]
-
-    @property
     def open(self) -> bool:
         """Whether a term that no effect of the library holds is more probable than not."""
         return sum(self[name] for name in self.terms if name in self.logs) > 0.5

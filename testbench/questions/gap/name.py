@@ -60,6 +60,8 @@ class Sought:
         held_out: measured records that judge.
         elsewhere: (believed, comparison) -> whether what is missing may act in a part of the flights alone, so that no
             second effect is sought where the library lacks something more probably than not (``ELSEWHERE``).
+        terms: of the open set that an earlier search flew, and of how many they were chosen.
+        near: effects that an earlier search flew: they are flown again, and no others are looked for beside none.
         rested: hypothesis -> its parameters where an earlier search, in other air or from other starts, came to rest:
             its fit begins there.
     """
@@ -71,6 +73,8 @@ class Sought:
     pairs: bool = True
     held_out: Sequence[FlightRecord] = ()
     elsewhere: Callable[[Believed, Comparison], bool] = lambda believed, table: False
+    terms: tuple[tuple[OpenTerm, ...], int] = ((), 1)
+    near: Sequence[str] = ()
     rested: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
@@ -97,19 +101,22 @@ def name_effect(
     asker = _Asker(believed, tuple(records), what.source, what.rested)
     say("re-tune the believed model")
     base = asker.tuned
-    say("look through the library")
+    say("fly again what came nearest" if what.near else "look through the library")
     known = library(believed.suite, believed.aircraft) if what.effects is None else what.effects
     known = {n: sought(base, e) for n, e in known.items()}
     rejected = {n: why for n, e in known.items() if (why := not_sought(base, e))}
     known = {n: e for n, e in known.items() if n not in rejected}
-    near = asker.near(list(known.values()))
-    places = {one.effect.place for one in near[:MOST]}
-    new = {n: e for n, e in what.further.items() if e.place in places and n not in known}
-    new = {n: e for n, e in new.items() if not not_sought(base, e)}
-    known |= new
-    near = sorted([*near, *asker.near(list(new.values()))], key=lambda one: -one.log)
-    rejected |= dict.fromkeys(known.keys() - {one.effect.name for one in near}, "these records cannot show it")
-    flown, terms, tried = near[:MOST], tuple[OpenTerm, ...](), 1
+    if what.near:
+        near = asker.near([e for n, e in (known | dict(what.further)).items() if n in what.near])
+    else:
+        near = asker.near(list(known.values()))
+        places = {one.effect.place for one in near[:MOST]}
+        new = {n: e for n, e in what.further.items() if e.place in places and n not in known}
+        new = {n: e for n, e in new.items() if not not_sought(base, e)}
+        known |= new
+        near = sorted([*near, *asker.near(list(new.values()))], key=lambda one: -one.log)
+        rejected |= dict.fromkeys(known.keys() - {one.effect.name for one in near}, "these records cannot show it")
+    flown, (terms, tried) = near[:MOST], what.terms
     wrong = asker.wrong()[:COEFFICIENTS]
     say(f"fly {len(flown)} explanations that come nearest")
     asked = {"nothing": asker.nothing(), **{n: asker.coefficient(n) for n in wrong}}
@@ -122,7 +129,11 @@ def name_effect(
             else:
                 asked[one.effect.name], shown[one.effect.name] = hypothesis, one.effect
 
+    def ask_terms() -> None:
+        ask([_Near(t.effect, (({"size": t.size}, base.by_name),), t.log, t.gain) for t in terms[:TERMS]])
+
     ask(flown)
+    ask_terms()
     seen = max(1, len(known) - len(rejected.keys() & known.keys()))
 
     def weighed(before: Weighed | None = None) -> Weighed:
@@ -134,7 +145,7 @@ def name_effect(
     if what.open_terms and out.nothing <= 0.5 and out.unknown > NEEDS:
         say("look at terms that no effect holds")
         terms, tried = asker.open_terms()
-        ask([_Near(t.effect, (({"size": t.size}, base.by_name),), t.log, t.gain) for t in terms[:TERMS]])
+        ask_terms()
         out = weighed(out)
     for several in (1, 2) if what.pairs else ():
         if out.nothing > 0.5 or (several == 1 and out.unknown > ELSEWHERE and what.elsewhere(believed, out.table)):
@@ -159,17 +170,17 @@ def name_effect(
         n: f"ln p of its signature lies {behind[n]:.3g} behind the nearest"
         for n in behind.keys() - shown.keys() - rejected.keys()
     }
-    return replace(asker.named(out, rejected, terms), acting=partial(asker.acting, [one.effect for one in near]))
+    return replace(asker.named(out, rejected, terms), acting=partial(asker.acting, list(known.values())))
 
 
 def nearest(believed: Believed, records: Sequence[FlightRecord], effects: Sequence[Effect]) -> float:
-    """Return ln p, to first order, of the effect that comes nearest to records.
+    """Return what the effect that comes nearest to records gains in ln p, to first order.
 
     Raises:
         FlightAborted, TrimError, LimitError: the believed aircraft does not survive the measured commands.
     """
     near = _Asker(believed, tuple(records), "measured").near(effects)
-    return near[0].log if near else -np.inf
+    return near[0].gain if near else -np.inf
 
 
 def _beside_the_best(

@@ -71,7 +71,7 @@ class Begun:
 
 
 def seek(believed: Believed, records: Mapping[str, FlightRecord], table: Comparison) -> list[Begun]:
-    """Return what may begin or end in one of the records, the most probable first; nothing if all show the same.
+    """Return where what is missing may begin or end, by an unknown motion alone, the most probable first.
 
     Args:
         believed: in the air that was found.
@@ -98,7 +98,7 @@ def seek(believed: Believed, records: Mapping[str, FlightRecord], table: Compari
         if before and before[0].place == found[0].place:
             break
         nuisances = point.named(point.towards(point.nuisances + found[0].step))
-    return [_begun(names, records, o) for o in found] if found[0].probability > 0.5 else []
+    return [_begun(names, records, o) for o in found if o.places > 1]
 
 
 def samples(records: Mapping[str, FlightRecord], begun: Begun) -> list[NDArray[np.bool_]]:

@@ -23,6 +23,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.drive import driven
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen, listen_again, listen_in_flight, smoothed
 from testbench.questions.gap.evidence.check import check_instruments, check_signs
+from testbench.questions.gap.evidence.commanded import starts_freely
 from testbench.questions.gap.evidence.control_path import SurfacePath, paths_seen
 from testbench.questions.gap.evidence.gusts import called
 from testbench.questions.gap.evidence.held_out import differences
@@ -43,7 +44,7 @@ from testbench.questions.gap.result import GapFinding, Shrink
 from testbench.questions.gap.scenario import Drive
 from testbench.questions.gap.search.hypothesis import Hypothesis, retune
 from testbench.questions.gap.window_length import Windows
-from testbench.questions.gap.windows import as_they_start, in_windows
+from testbench.questions.gap.windows import as_they_start, begin_freely, in_windows
 
 SHOWN = 3  # records of which it is shown over time what the model lacks: those with the largest residuals
 PLACES, NEAR = 3, 20  # where effects come nearest if they begin there, and effects that are sought to: by first order
@@ -224,6 +225,7 @@ class _Found:
         air: found beside it.
         records: that it was found in.
         all_in: what is believed, before the air.
+        before: the same, with starts of windows before these were found beside what comes nearest.
         noise: found beside it.
         begun: what is lacking begins or ends there in flight, None if it acts in all of the records.
     """
@@ -233,6 +235,7 @@ class _Found:
     air: AirFound
     records: Mapping[str, FlightRecord]
     all_in: Believed
+    before: Believed
     noise: NoiseFound | None
     begun: onset.Begun | None = None
 
@@ -259,7 +262,7 @@ class _Asked:
         """Return what is lacking."""
         given = self.given
         believed, noise = given.believed, given.noise
-        alone = replace(self.sought, elsewhere=lambda believed, table: bool(self._places(believed, table)))
+        alone = replace(self.sought, elsewhere=self._elsewhere)
         found = self._found(believed, noise, alone)
         near = _nearest(found.naming)
         if noise is not None and near is not None:  # what was missing may have been taken for noise
@@ -269,12 +272,15 @@ class _Asked:
                 found = self._found(believed, noise, alone, found)
                 near = _nearest(found.naming)
         weighed = found.naming.weighed
-        if not (weighed.unknown > ELSEWHERE or weighed.open) or not self._places(found.believed, weighed.table):
+        if weighed.open:  # one of hundreds of terms may do what an effect does in a part of the flights
+            begun = self._begun(found)
+            return found if begun is None or begun.naming.weighed.open else begun
+        if weighed.unknown <= ELSEWHERE or not self._elsewhere(found.believed, weighed.table):
             return found  # what acts in all records explains them
         begun = self._begun(found)
-        if weighed.open:  # one of hundreds of terms may do what an effect does in a part of the flights
-            return begun if begun is not None and begun.naming.weighed.lead > weighed.lead else found
-        return begun or self._found(believed, noise, replace(self.sought, pairs=True), found)
+        if begun is not None and begun.naming.weighed.unknown < ELSEWHERE:
+            return begun
+        return self._found(believed, noise, self.sought, found)
 
     def _found(
         self, believed: Believed, noise: NoiseFound | None, sought: Sought, after: _Found | None = None
@@ -283,7 +289,37 @@ class _Asked:
         records, air = self.given.records, self.air
         if after is not None:
             air, sought = after.air, replace(sought, rested=after.naming.rested)
-        return _Found(*search(believed, list(records.values()), air, self.say, sought), records, believed, noise)
+        return self._searched(believed, noise, records, air, sought)
+
+    def _searched(
+        self,
+        believed: Believed,
+        noise: NoiseFound | None,
+        records: Mapping[str, FlightRecord],
+        air: AirFound,
+        sought: Sought,
+        begun: onset.Begun | None = None,
+    ) -> _Found:
+        """Return what is lacking; what was flown is flown again from starts found beside what comes nearest.
+
+        Tangents of a start are those of the model that it was fitted to.
+        """
+        free, flown = any(map(starts_freely, records.values())), list(records.values())
+        one = replace(sought, pairs=sought.pairs and not free)
+        found = _Found(*search(believed, flown, air, self.say, one), records, believed, believed, noise, begun)
+        near, first = _nearest(found.naming), found.naming
+        if not free or near is None or first.weighed.nothing > 0.5:
+            return found
+        self.say("fit where windows start beside what comes nearest")
+        begins = begin_freely(believed, {**records, **self.given.held_out}, near.added_to(believed))
+        effects = [e.name for e in first.weighed.effects.values() if e.parameters and e.name not in first.weighed.terms]
+        terms = tuple(t for t in first.terms if t.name in first.weighed.terms), first.weighed.tried
+        again = replace(sought, rested=first.rested, near=effects, terms=terms, open_terms=False)
+        flown_in, naming, air = search(begins, flown, found.air, self.say, again)
+        rejected = {n: why for n, why in first.rejected.items() if naming.weighed[n] == 0.0}
+        rejected = {**rejected, **naming.rejected}
+        naming = replace(naming, rejected=rejected, terms=first.terms, acting=first.acting)
+        return _Found(flown_in, naming, air, records, begins, believed, noise, begun)
 
     def _places(self, believed: Believed, table: Comparison) -> list[onset.Begun]:
         """Return where what is lacking may begin or end in flight, by an unknown motion alone, the most probable first.
@@ -295,31 +331,40 @@ class _Asked:
             self.places = onset.seek(believed, self.given.records, table)
         return self.places
 
+    def _elsewhere(self, believed: Believed, table: Comparison) -> bool:
+        """Return whether what is lacking does not act in all records, more probably than not."""
+        return any(place.probability > 0.5 for place in self._places(believed, table))
+
     def _begun(self, found: _Found) -> _Found | None:
-        """Return what is found in records that are cut where effects come nearest, if they explain them there."""
-        records, believed, of = self.given.records, found.all_in, self.sought.effects or {}
+        """Return what is found in records that are cut where effects come nearest, if any can be flown there."""
+        records, believed, of = self.given.records, found.before, self.sought.effects or {}
         places = self._places(found.believed, found.naming.weighed.table)
         assert found.naming.acting is not None
+        if not places:
+            return None
         acting = found.naming.acting([onset.samples(records, place) for place in places])
-        there = sorted(zip(places, acting, strict=True), key=lambda one: -max(one[1].values(), default=-np.inf))
+        logs = [max(near.values(), default=-np.inf) for near in acting]
+        of_all = zip(places, acting, logs, strict=True)  # of those that differ by nothing, first what needs no cut
+        there = sorted(of_all, key=lambda one: (-round(one[2], 1), bool(one[0].record)))
         along = Hypothesis.towards_unknown(found.believed, tuple(records.values()), found.naming.beside_unknown)
         tuned = found.believed.with_nuisances(along.by_name)
-        alone = replace(self.sought, further={}, open_terms=False, pairs=False, rested=found.naming.rested)
+        w = found.naming.weighed
+        terms = (tuple(t for t in found.naming.terms if t.name in w.terms), w.tried)
+        alone = replace(self.sought, further={}, open_terms=False, terms=terms, pairs=False, rested=found.naming.rested)
         best = -np.inf
-        for place, near in there[:PLACES]:
+        for place, near, _ in there[:PLACES]:
             cut, begins = onset.divided(believed, records, place), believed
             if place.record:
                 begins = onset.begin_there(believed, cut, place, records[place.record], tuned)
             effects = onset.later({n: of[n] for n in list(near)[:NEAR] if n in of}, place)
             flown = list(cut.values())
-            log = nearest(in_air(begins, found.air), flown, [e for e in effects.values() if e.later])
-            if log > best:
-                best, at = log, (begins, flown, replace(alone, effects=effects), cut, place)
+            gain = nearest(in_air(begins, found.air), flown, [e for e in effects.values() if e.later])
+            if gain > best:
+                best, at = gain, (begins, replace(alone, effects=effects), cut, place)
         if not np.isfinite(best):
             return None
-        begins, flown, sought, cut, place = at
-        named = search(begins, flown, found.air, self.say, sought)
-        return _Found(*named, cut, believed, found.noise, place) if named[1].weighed.unknown < ELSEWHERE else None
+        begins, sought, cut, place = at
+        return self._searched(begins, found.noise, cut, found.air, sought, place)
 
 
 def _judged(given: _Given, found: _Found, say: Callable[[str], None]) -> GapFinding:
