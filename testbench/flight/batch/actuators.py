@@ -29,34 +29,30 @@ def kinematic(c: Scope) -> Value:
     low, *_, high = numbers = [c.b.number(x) for x in (*detents, *times)][: len(detents)]
     x = c.input()
     if c.e.find("noscale") is None:
-        x = c.emit(Op.MUL, x, high)
-    x = c.emit(Op.CLIP, x, low, high)
+        x = x * high
+    x = x.do(Op.CLIP, low, high)
     return c.b.moved(x, c.p.read(c.outputs[0]), c.channel.dt, numbers, [c.b.number(t) for t in times])
 
 
 def deadband(c: Scope) -> Value:
     """Translate a band of no answer, with a gain outside of it."""
-    half = c.emit(Op.MUL, c.b.number(0.5), c.parameter("width"))
-    return _beside(c, c.input(), half, c.number("gain", 1.0))
+    return _beside(c.input(), 0.5 * c.parameter("width"), c.number("gain", 1.0))
 
 
-def _beside(c: Scope, x: Value, half: Value, gain: Value) -> Value:
+def _beside(x: Value, half: Value, gain: Value | float = 1.0) -> Value:
     """Return how far a value lies outside of a band of half a width, times a gain."""
-    below = c.emit(Op.MUL, c.emit(Op.ADD, x, half), gain)
-    above = c.emit(Op.MUL, c.emit(Op.SUB, x, half), gain)
-    inside = c.choose(c.emit(Op.GT, x, half), above, c.b.number(0.0))
-    return c.choose(c.emit(Op.LT, x, c.emit(Op.NEG, half)), below, inside)
+    return (x < -half).then((x + half) * gain, (x > half).then((x - half) * gain, 0.0))
 
 
 def actuator(c: Scope) -> Value:
     """Translate an actuator: lag, rate limit, dead band, hysteresis, bias, delay, in this order; and its failures."""
-    b, x = c.b, c.input()
+    x = c.input()
     zero, hardover, stuck = (c.fails(f"fail_{how}") for how in ("zero", "hardover", "stuck"))
     if zero is not None:
-        x = c.choose(zero, b.number(0.0), x)
+        x = zero.then(0.0, x)
     if hardover is not None:
-        low, high = c.clip_ends() or (b.number(0.0), b.number(0.0))
-        x = c.choose(hardover, c.choose(c.emit(Op.LT, x, b.number(0.0)), low, high), x)
+        low, high = c.clip_ends() or (0.0, 0.0)
+        x = hardover.then((x < 0.0).then(low, high), x)
     # A stuck one lives on as if it were not, but for what it remembers.
     kept: list[tuple[str, Value]] = []
     if c.e.find("lag") is not None:
@@ -68,57 +64,54 @@ def actuator(c: Scope) -> Value:
         x = c.once_started(_limited(c, x), x)
         kept.append(("limited", x))
     if c.e.find("deadband_width") is not None:
-        x = _beside(c, x, c.emit(Op.DIV, c.number("deadband_width"), b.number(2.0)), b.number(1.0))
+        x = _beside(x, c.number("deadband_width") / 2.0)
     if c.e.find("hysteresis_width") is not None:
         x = c.once_started(_hysteresis(c, x), x)
         kept.append(("hysteresis", x))
     if c.e.find("bias") is not None:
-        x = c.emit(Op.ADD, x, c.number("bias"))
+        x = x + c.number("bias")
     if c.e.find("delay") is not None and stuck is not None:
         raise Untranslated(f"the actuator {c.name} has a delay and can get stuck")
     x = c.delayed(x)
     for what, value in kept:
-        c.keep(what, value if stuck is None else c.choose(stuck, c.recall(what), value))
+        c.keep(what, value if stuck is None else stuck.then(c.recall(what), value))
     if stuck is not None:
-        x = c.choose(stuck, c.recall("output"), x)
+        x = stuck.then(c.recall("output"), x)
         c.keep("output", x)
     return x
 
 
 def saturated(c: Scope, output: Value) -> Value:
     """Return whether an actuator is at one of its limits; one of zero does not count."""
-    ends, b = c.clip_ends(), c.b
-    zero = b.number(0.0)
+    ends = c.clip_ends()
     if ends is None:
-        return zero
-    low, high = (c.emit(Op.AND, c.emit(Op.NE, end, zero), c.emit(op, output, end))
-                 for end, op in zip(ends, (Op.LE, Op.GE), strict=True))  # fmt: skip
-    return c.emit(Op.OR, high, low)
+        return c.b.constant(0.0)
+    low, high = ends
+    return high.differs(0.0) & (output >= high) | low.differs(0.0) & (output <= low)
 
 
 def _limited(c: Scope, x: Value) -> Value:
     """Return a value that goes no faster than the limits of rate, both of them or one per sense."""
     last = c.recall("limited")
-    change, out = c.emit(Op.SUB, x, last), x
+    change, out = x - last, x
     limits: dict[str, str] = {}
     for e in c.e.findall("rate_limit"):
         sense = e.get("sense")
         for way in ("incr", "decr") if sense is None else (sense[:4],):
             limits[way] = e.text or ""
-    for way, op in (("incr", Op.GT), ("decr", Op.LT)):
-        if way in limits:
-            rate = c.parameter_of(limits[way])
-            step = c.emit(Op.MUL, rate if way == "incr" else c.emit(Op.NEG, rate), c.channel.dt)
-            out = c.choose(c.emit(op, change, step), c.emit(Op.ADD, last, step), out)
+    if "incr" in limits:
+        step = c.parameter_of(limits["incr"]) * c.channel.dt
+        out = (change > step).then(last + step, out)
+    if "decr" in limits:
+        step = -c.parameter_of(limits["decr"]) * c.channel.dt
+        out = (change < step).then(last + step, out)
     return out
 
 
 def _hysteresis(c: Scope, x: Value) -> Value:
     last = c.recall("hysteresis")
-    half = c.emit(Op.MUL, c.b.number(0.5), c.number("hysteresis_width"))
-    up = c.emit(Op.MAX, last, c.emit(Op.SUB, x, half))
-    down = c.emit(Op.MIN, last, c.emit(Op.ADD, x, half))
-    return c.choose(c.emit(Op.GT, x, last), up, c.choose(c.emit(Op.LT, x, last), down, x))
+    half = 0.5 * c.number("hysteresis_width")
+    return (x > last).then(last.at_least(x - half), (x < last).then(last.at_most(x + half), x))
 
 
 def sensor(c: Scope) -> Value:
@@ -135,18 +128,16 @@ def accelerometer(c: Scope) -> Value:
     """Translate a sensor of the acceleration without gravity at its place."""
     b = c.b
     place = [b.number(x) for x in triplet(c.e.find("location"), "IN")]
-    cg, foot = [b.core(r.CG + i) for i in range(3)], b.number(1.0 / 12.0)
+    cg = [b.core(r.CG + i) for i in range(3)]
     arms = ((cg[0], place[0]), (place[1], cg[1]), (cg[2], place[2]))
-    arm = [c.emit(Op.MUL, foot, c.emit(Op.SUB, x, y)) for x, y in arms]
+    arm = [1.0 / 12.0 * (x - y) for x, y in arms]
     rate, turning = ([b.core(first + i) for i in range(3)] for first in (r.RATE, r.RATE_DOT))
-    parts = [b.core(r.BODY_ACCEL + i) for i in range(3)], _cross(c, turning, arm), _cross(c, rate, _cross(c, rate, arm))
-    whole = [c.emit(Op.ADD, c.emit(Op.ADD, x, y), z) for x, y, z in zip(*parts, strict=True)]
-    return _sensed(c, _along(c, whole))
+    parts = [b.core(r.BODY_ACCEL + i) for i in range(3)], _cross(turning, arm), _cross(rate, _cross(rate, arm))
+    return _sensed(c, _along(c, [x + y + z for x, y, z in zip(*parts, strict=True)]))
 
 
-def _cross(c: Scope, x: Sequence[Value], y: Sequence[Value]) -> list[Value]:
-    pairs = ((1, 2), (2, 0), (0, 1))
-    return [c.emit(Op.SUB, c.emit(Op.MUL, x[i], y[j]), c.emit(Op.MUL, x[j], y[i])) for i, j in pairs]
+def _cross(x: Sequence[Value], y: Sequence[Value]) -> list[Value]:
+    return [x[i] * y[j] - x[j] * y[i] for i, j in ((1, 2), (2, 0), (0, 1))]
 
 
 def _along(c: Scope, vector: Sequence[Value]) -> Value:
@@ -156,8 +147,8 @@ def _along(c: Scope, vector: Sequence[Value]) -> Value:
     if orient is not None:
         angles = [convert(orient.find(n), "RAD", 0.0, orient.get("unit")) for n in ("roll", "pitch", "yaw")]
         numbers = _turned(*angles)
-    parts = [c.emit(Op.MUL, c.b.number(k), v) for k, v in zip(numbers[max(axis, 0)], vector, strict=True)]
-    return c.emit(Op.ADD, c.emit(Op.ADD, parts[0], parts[1]), parts[2])
+    x, y, z = (c.b.number(k) * v for k, v in zip(numbers[max(axis, 0)], vector, strict=True))
+    return x + y + z
 
 
 def _turned(roll: float, pitch: float, yaw: float) -> FloatArray:
@@ -178,7 +169,6 @@ def _sensed(c: Scope, x: Value) -> Value:
     Raises:
         Untranslated: it has noise.
     """
-    b, zero = c.b, c.b.number(0.0)
     if c.constant("noise") != 0.0:
         raise Untranslated(f"the sensor {c.name} has noise")
     low, high, stuck = (c.fails(f"fail_{how}") for how in ("low", "high", "stuck"))
@@ -187,24 +177,24 @@ def _sensed(c: Scope, x: Value) -> Value:
     y = x
     if c.e.find("lag") is not None:
         rate = c.number("lag")
-        has = c.emit(Op.NE, rate, zero)
+        has = rate.differs(0.0)
         slow = lag(c, x, c.recall("input"), c.recall("lagged"), rate)
-        c.keep("input", c.choose(has, x, zero))
-        c.keep("lagged", c.choose(has, slow, zero))
-        y = c.choose(has, slow, x)
+        c.keep("input", has.then(x, 0.0))
+        c.keep("lagged", has.then(slow, 0.0))
+        y = has.then(slow, x)
     if c.e.find("drift_rate") is not None:
-        drift = c.emit(Op.ADD, c.recall("drift"), c.emit(Op.MUL, c.number("drift_rate"), c.channel.dt))
+        drift = c.recall("drift") + c.number("drift_rate") * c.channel.dt
         c.keep("drift", drift)
-        y = c.emit(Op.ADD, y, drift)
+        y = y + drift
     if c.e.find("gain") is not None:
         gain = c.number("gain")
-        y = c.choose(c.emit(Op.NE, gain, zero), c.emit(Op.MUL, y, gain), y)
+        y = gain.differs(0.0).then(y * gain, y)
     if c.e.find("bias") is not None:
-        y = c.emit(Op.ADD, y, c.number("bias"))
+        y = y + c.number("bias")
     y = c.delayed(y)
     for failed, end in ((low, -math.inf), (high, math.inf)):
         if failed is not None:
-            y = c.choose(failed, b.number(end), y)
+            y = failed.then(end, y)
     return _quantized(c, y) if c.e.find("quantization") is not None else y
 
 
@@ -212,28 +202,25 @@ def _quantized(c: Scope, y: Value) -> Value:
     b = c.b
     bits, least, most = (c.constant(f"quantization/{n}") for n in ("bits", "min", "max"))
     low, high, step = (b.number(x) for x in (least, most, (most - least) / 2.0 ** int(bits)))
-    within = c.choose(c.emit(Op.LT, y, low), low, y)
-    within = c.choose(c.emit(Op.GT, within, high), high, within)
-    count = c.emit(Op.INTEGER, c.emit(Op.DIV, c.emit(Op.SUB, within, low), step))
-    has = c.emit(Op.NE, b.number(int(bits)), b.number(0.0))
+    within = (y < low).then(low, y)
+    within = (within > high).then(high, within)
+    count = ((within - low) / step).do(Op.INTEGER)
+    has = b.number(int(bits)).differs(0.0)
     name = (c.e.find("quantization").get("name") or "").strip()  # type: ignore[union-attr]
     if name and "/" not in name:
-        c.write(property_name(name), c.choose(has, count, b.number(0.0)))
-    return c.choose(has, c.emit(Op.ADD, c.emit(Op.MUL, count, step), low), y)
+        c.write(property_name(name), has.then(count, 0.0))
+    return has.then(count * step + low, y)
 
 
 def angle(c: Scope) -> Value:
     """Translate the angle from one direction to another, the short way."""
-    b = c.b
     ends = []
     for name in ("source_angle", "target_angle"):
         e = c.e.find(name)
         if e is None:
             raise Untranslated(f"the component {c.name} has no <{name}>")
-        ends.append(c.emit(Op.MUL, c.p.read(e.text or ""), b.number(_RAD if e.get("unit") == "DEG" else 1.0)))
-    (x1, y1), (x2, y2) = ((c.emit(Op.COS, end), c.emit(Op.SIN, end)) for end in ends)
-    product = c.emit(Op.ADD, c.emit(Op.MUL, x1, x2), c.emit(Op.MUL, y1, y2))
-    between = c.emit(Op.ACOS, c.emit(Op.CLIP, product, b.number(-1.0), b.number(1.0)))
-    between = c.emit(Op.MUL, between, b.number(180.0 / math.pi if c.e.get("unit") == "DEG" else 1.0))
-    ahead = c.emit(Op.GE, c.emit(Op.MUL, x1, y2), c.emit(Op.MUL, x2, y1))
-    return c.choose(ahead, between, c.emit(Op.NEG, between))
+        ends.append(c.p.read(e.text or "") * (_RAD if e.get("unit") == "DEG" else 1.0))
+    (x1, y1), (x2, y2) = ((end.do(Op.COS), end.do(Op.SIN)) for end in ends)
+    between = (x1 * x2 + y1 * y2).do(Op.CLIP, -1.0, 1.0).do(Op.ACOS)
+    between = between * (180.0 / math.pi if c.e.get("unit") == "DEG" else 1.0)
+    return (x1 * y2 >= x2 * y1).then(between, -between)

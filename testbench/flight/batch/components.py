@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
+from functools import reduce
+from operator import add
 
 from testbench.flight.batch import actuators, filters, logic
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.functions import Functions
-from testbench.flight.batch.program import Builder, Op, Untranslated, Value
+from testbench.flight.batch.program import Builder, Untranslated, Value
 from testbench.flight.batch.properties import Properties
 from testbench.flight.batch.scope import MEMORY, STARTED, Channel, Scope
 
@@ -49,12 +51,11 @@ class Components:
                 self._component(component, channel)
         if channel.runs is not None:
             started = f"{MEMORY}channel-{self._channels}/started"
-            one = self._b.number(1.0)
-            self._b.write(started, self._b.emit(Op.SELECT, channel.runs, one, channel.started))
+            self._b.write(started, channel.runs.then(1.0, channel.started))
 
     def end(self) -> None:
         """End the frame's part of the components: all that run in every frame have run."""
-        self._b.write(STARTED, self._b.number(1.0))
+        self._b.write(STARTED, self._b.constant(1.0))
 
     def _channel(self, e: ET.Element) -> Channel:
         """Return a channel; one that has a switch or a rate of its own does not run in every frame.
@@ -67,15 +68,13 @@ class Components:
         dt_s = self._dt * rate
         if not name and not e.get("execrate"):
             return Channel(b.number(dt_s), dt_s, None, b.read(STARTED))
-        key, zero = f"{MEMORY}channel-{self._channels}", b.number(0.0)
+        key = f"{MEMORY}channel-{self._channels}"
         left = b.read(f"{key}/frames-left")
-        counted = b.emit(Op.SELECT, b.emit(Op.LE, left, zero), b.number(rate), left)
-        counted = b.emit(Op.SUB, counted, b.number(1.0))
-        counted = b.emit(Op.SELECT, b.emit(Op.NE, b.core(r.DT), zero), counted, left)
-        runs = b.emit(Op.LE, counted, zero)
+        counted = b.core(r.DT).differs(0.0).then((left <= 0.0).then(rate, left) - 1.0, left)
+        runs = counted <= 0.0
         if name:
-            on = b.emit(Op.NE, self._p.read(name), zero)
-            runs, counted = b.emit(Op.AND, on, runs), b.emit(Op.SELECT, on, counted, left)
+            on = self._p.read(name).differs(0.0)
+            runs, counted = on & runs, on.then(counted, left)
         b.write(f"{key}/frames-left", counted)
         return Channel(b.number(dt_s), dt_s, runs, b.read(f"{key}/started"))
 
@@ -104,42 +103,35 @@ def _function(c: Scope) -> Value:
     if function is None:
         raise Untranslated(f"component {c.name} has no function")
     value, inputs = c.f.value(function), c.inputs()
-    return c.emit(Op.MUL, value, inputs[0]) if inputs else value
+    return value * inputs[0] if inputs else value
 
 
 def _gain(c: Scope) -> Value:
-    return c.emit(Op.MUL, c.parameter("gain", 1.0), c.input())
+    return c.parameter("gain", 1.0) * c.input()
 
 
 def _scheduled(c: Scope) -> Value:
     table = c.e.find("table")
     if table is None:
         raise Untranslated(f"component {c.name} has no table")
-    return c.emit(Op.MUL, c.emit(Op.MUL, c.parameter("gain", 1.0), c.f.table(table)), c.input())
+    return c.parameter("gain", 1.0) * c.f.table(table) * c.input()
 
 
 def _scale(c: Scope) -> Value:
-    b, x = c.b, c.input()
+    x = c.input()
     told = all(c.e.find(f"domain/{end}") is not None for end in ("min", "max"))
-    low, high = (c.number(f"domain/{end}", d) if told else b.number(d) for end, d in (("min", -1.0), ("max", 1.0)))
+    low, high = (c.number(f"domain/{end}", d) if told else c.b.number(d) for end, d in (("min", -1.0), ("max", 1.0)))
     least, most = (c.number(f"range/{end}") for end in ("min", "max"))
     if (c.e.findtext("zero_centered") or "").strip() in {"0", "false"}:
-        share = c.emit(Op.DIV, c.emit(Op.SUB, x, low), c.emit(Op.SUB, high, low))
-        out = c.emit(Op.ADD, least, c.emit(Op.MUL, share, c.emit(Op.SUB, most, least)))
+        out = least + (x - low) / (high - low) * (most - least)
     else:
-        zero = b.number(0.0)
-        up = c.emit(Op.MUL, c.emit(Op.DIV, x, high), most)
-        down = c.emit(Op.MUL, c.emit(Op.DIV, x, low), least)
-        out = c.choose(c.emit(Op.GT, x, zero), up, down)
-        out = c.choose(c.emit(Op.EQ, x, zero), zero, out)
-    return c.emit(Op.MUL, out, c.parameter("gain", 1.0))
+        out = x.equals(0.0).then(0.0, (x > 0.0).then(x / high * most, x / low * least))
+    return out * c.parameter("gain", 1.0)
 
 
 def _summer(c: Scope) -> Value:
-    total, *rest = c.inputs() or [c.b.number(0.0)]
-    for value in rest:
-        total = c.emit(Op.ADD, total, value)
-    return c.emit(Op.ADD, total, c.number("bias")) if c.e.find("bias") is not None else total
+    total = reduce(add, c.inputs() or [c.b.constant(0.0)])
+    return total + c.number("bias") if c.e.find("bias") is not None else total
 
 
 _KINDS: Mapping[str, Callable[[Scope], Value]] = {

@@ -20,9 +20,9 @@ from collections.abc import Mapping
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.air import SEA_LEVEL_RHO
 from testbench.flight.batch.functions import Functions
-from testbench.flight.batch.mount import Mount, Term
+from testbench.flight.batch.mount import Mount
 from testbench.flight.batch.piston import Piston
-from testbench.flight.batch.program import Builder, Op, Untranslated
+from testbench.flight.batch.program import Builder, Op, Untranslated, Value
 from testbench.flight.batch.properties import Properties
 from testbench.flight.batch.units import convert
 
@@ -54,27 +54,27 @@ class Turboprop:
         if "EnginePowerRPM_N1" not in self._tables:
             raise Untranslated("a turboprop has no table of its power")
 
-    def _number(self, name: str, default: float) -> Term:
+    def _number(self, name: str, default: float) -> Value:
         text = self._e.findtext(name)
-        return self._m.term(default if text is None else float(text))
+        return self._m.b.number(default if text is None else float(text))
 
-    def horsepower(self, rpm: Term) -> Term:
+    def horsepower(self, rpm: Value) -> Value:
         """Return the power of a frame, hp, at a speed of its shaft, rpm."""
         m = self._m
         functions = m.functions(self._e)
         if "EnginePowerVC" in functions:
             share = functions["EnginePowerVC"]
         elif "EnginePowerVC" in self._tables:
-            share = m.looked_up(self._tables["EnginePowerVC"])
+            share = m.f.table(self._tables["EnginePowerVC"])
         else:
             raise Untranslated("a turboprop has no table of its power over speed and height")
         throttle, running = self._limited(m.lever("throttle")), m.get("set-running")
         idle, lag = self._number("idlen1", 30.0), self._number("n1idle_max_delay", 1.0)
         n1 = m.get("n1")
         follows = self._nearer(n1, idle + throttle * (self._number("maxn1", 100.0) - idle), lag, lag * 2.4)
-        windmills = self._nearer(n1, m.core(r.QBAR) / 15.0, lag * 2.5, lag * 5.0)
+        windmills = self._nearer(n1, m.b.core(r.QBAR) / 15.0, lag * 2.5, lag * 5.0)
         n1 = (running > 0.5).then(follows, windmills)
-        power = m.table(self._tables["EnginePowerRPM_N1"], rpm, n1) * share
+        power = m.f.looked_up(self._tables["EnginePowerRPM_N1"], [rpm, n1]) * share
         most = self._number("maxpower", 0.0)
         power = (power > most).then(most, power)
         power = (running > 0.5).then(power, (rpm > _TURNING_RPM).then(_FRICTION_HP, 0.0))
@@ -82,14 +82,14 @@ class Turboprop:
             m.set(name, value)
         return power
 
-    def _limited(self, throttle: Term) -> Term:
+    def _limited(self, throttle: Value) -> Value:
         """Return the throttle as the limiter of torque leaves it."""
         m, limit = self._m, self._e.find("ielumaxtorque")
         if limit is None:
             return throttle
-        most, old = m.term(float(limit.text or 0.0)), m.hidden("throttle")
+        most, old = m.b.number(float(limit.text or 0.0)), m.hidden("throttle")
         wants, at_work = throttle >= old, m.get("ielu_intervent")
-        torque = m.get("propeller-torque-ftlb").apply(Op.ABS)
+        torque = abs(m.get("propeller-torque-ftlb"))
         back = wants & (torque > most) & (most > 0.0)
         again = wants & at_work
         out = back.then(old - _DOWN_1_S * m.dt, again.then(old + _UP_1_S * m.dt, throttle))
@@ -97,11 +97,11 @@ class Turboprop:
         m.hide("throttle", out)
         return out
 
-    def _nearer(self, value: Term, target: Term, up_s: Term, down_s: Term) -> Term:
+    def _nearer(self, value: Value, target: Value, up_s: Value, down_s: Value) -> Value:
         """Return a value that goes towards a target by the time constants of either way (FGTurboProp::ExpSeek)."""
         dt = self._m.dt
-        falls = (value - target) * (-dt / down_s).apply(Op.EXP) + target
-        rises = (target - value) * (1.0 - (-dt / up_s).apply(Op.EXP)) + value
+        falls = (value - target) * (-dt / down_s).do(Op.EXP) + target
+        rises = (target - value) * (1.0 - (-dt / up_s).do(Op.EXP)) + value
         return (value > target).then(falls, (value < target).then(rises, value))
 
 
@@ -129,7 +129,10 @@ class Turbine:
             "propulsion/cutoff_cmd", "propulsion/starter_cmd", "propulsion/engine[#]/set-running",
             "propulsion/engine[#]/stalled", "propulsion/engine[#]/seized",
         )  # fmt: skip
-        self._idle_1, self._idle_2 = mount.term(self._number("idlen1", 30.0)), mount.term(self._number("idlen2", 60.0))
+        self._idle_1, self._idle_2 = (
+            mount.b.number(self._number("idlen1", 30.0)),
+            mount.b.number(self._number("idlen2", 60.0)),
+        )
         self._most_1 = mount.given("MaxN1", self._number("maxn1", 100.0))
         self._most_2 = mount.given("MaxN2", self._number("maxn2", 100.0))
 
@@ -137,7 +140,7 @@ class Turbine:
         text = self._e.findtext(name)
         return default if text is None else float(text)
 
-    def thrust(self) -> Term:
+    def thrust(self) -> Value:
         """Return the thrust of a frame, lbf."""
         m = self._m
         functions = m.functions(self._e)
@@ -158,7 +161,7 @@ class Turbine:
         speed = still.then(want_2, n2)
         norm = (speed - self._idle_2) / span_2
         m.hide("n2-norm", still.then(m.hidden("n2-norm"), norm))
-        most = m.term(convert(self._e.find("milthrust"), "LBS", _MOST_LBS))
+        most = m.b.number(convert(self._e.find("milthrust"), "LBS", _MOST_LBS))
         idle = most * functions["IdleThrust"]
         rest = (most - idle) * functions["MilThrust"]
         dry = idle + rest * norm * norm
@@ -170,37 +173,50 @@ class Turbine:
         m.set("set-running", running)
         return force
 
-    def _spools(self, functions: Mapping[str, Term], want_1: Term, want_2: Term, was_still: Term) -> tuple[Term, Term]:
+    def _spools(
+        self, functions: Mapping[str, Value], want_1: Value, want_2: Value, was_still: Value
+    ) -> tuple[Value, Value]:
         """Return N1 and N2 of a running engine, %, after a frame."""
         m = self._m
         n = (m.hidden("n2-norm") + 0.1).at_most(1.0)
         left = 1.0 - n
-        thin = 1.0 - m.core(r.DENSITY) / SEA_LEVEL_RHO
+        thin = 1.0 - m.b.core(r.DENSITY) / SEA_LEVEL_RHO
         slow = 1.0 + 3.0 * left * left * left + thin
         bypass = self._number("bypassratio", 0.0)
 
-        def rate(name: str, factor: float) -> Term:
+        def rate(name: str, factor: float) -> Value:
             """Return by how much a spool may change, %/s."""
-            return functions[name] if name in functions else m.term(factor * 90.0 / (bypass + 3.0)) / slow
+            return functions[name] if name in functions else m.b.number(factor * 90.0 / (bypass + 3.0)) / slow
 
-        n1 = was_still.then(want_1, m.get("n1")).seek(want_1, rate("N1SpoolUp", 1.0), rate("N1SpoolDown", 2.4), m.dt)
-        n2 = was_still.then(want_2, m.get("n2")).seek(want_2, rate("N2SpoolUp", 1.0), rate("N2SpoolDown", 3.0), m.dt)
+        wanted = (("1", want_1, 2.4), ("2", want_2, 3.0))
+        n1, n2 = (
+            self._sought(
+                was_still.then(want, m.get(f"n{i}")), want, rate(f"N{i}SpoolUp", 1.0), rate(f"N{i}SpoolDown", fall)
+            )
+            for i, want, fall in wanted
+        )
         return n1, n2
 
-    def _windmill(self) -> tuple[Term, Term]:
+    def _sought(self, n: Value, target: Value, up: Value, down: Value) -> Value:
+        """Return a value moved towards a target, at no more than a rate each way (FGTurbine::Seek)."""
+        lower = (n - self._m.dt * down).at_least(target)
+        higher = (n + self._m.dt * up).at_most(target)
+        return (n > target).then(lower, (n < target).then(higher, n))
+
+    def _windmill(self) -> tuple[Value, Value]:
         """Return N1 and N2 of an engine that does not run, %, after a frame."""
         m, out = self._m, []
         if (self._e.findtext("disable-windmill") or "0").strip() not in {"0", "false"}:
             raise Untranslated("a turbine does not windmill")
         for name, over in (("n1", 10.0), ("n2", 15.0)):
             n = m.get(name)
-            down = n / m.term(self._number(f"{name}spindown", 2.0))
-            out.append(n.seek(m.core(r.QBAR) / over, n / 2.0 + 0.1, down, m.dt))
+            down = n / m.b.number(self._number(f"{name}spindown", 2.0))
+            out.append(self._sought(n, m.b.core(r.QBAR) / over, n / 2.0 + 0.1, down))
         return out[0], out[1]
 
     def _augmented(
-        self, functions: Mapping[str, Term], dry: Term, throttle: Term, augmenting: Term, n2: Term, still: Term
-    ) -> Term:
+        self, functions: Mapping[str, Value], dry: Value, throttle: Value, augmenting: Value, n2: Value, still: Value
+    ) -> Value:
         """Return the thrust with bleed air taken off and the afterburner lit, lbf."""
         m = self._m
         method, fitted = int(self._number("augmethod", 0.0)), int(self._number("augmented", 0.0)) == 1
@@ -209,7 +225,7 @@ class Turbine:
             if fitted or method == _BY_FCS:
                 raise Untranslated("an afterburner has no table of thrust")
             return bled
-        most = m.term(convert(self._e.find("maxthrust"), "LBS", _MOST_LBS)) * functions["AugThrust"]
+        most = m.b.number(convert(self._e.find("maxthrust"), "LBS", _MOST_LBS)) * functions["AugThrust"]
         lit = m.hidden("augmented")
         force = still.then(bled, (lit > 0.5).then(dry, bled))
         if method == _BY_LAST_PERCENT:
@@ -298,7 +314,7 @@ class Engines:
         if model.tag == "rocket_engine":
             if model.find("thrust_table") is not None:
                 raise Untranslated("it has a rocket with solid fuel")
-            mount.set("thrust-lbs", mount.constant(0.0))  # that of the fuel that flows, and none does
+            mount.set("thrust-lbs", mount.b.constant(0.0))  # that of the fuel that flows, and none does
             return
         if thruster.tag not in {"direct", "propeller"}:
             raise Untranslated(f"it has a <{thruster.tag}>")
@@ -310,7 +326,7 @@ class Engines:
             else:
                 propeller.turn(force)  # JSBSim hands on what an engine gives, whatever it is
         else:
-            rpm = propeller.engine_rpm if propeller is not None else mount.constant(0.0)
+            rpm = propeller.engine_rpm if propeller is not None else mount.b.constant(0.0)
             _drive(mount, propeller, _shaft_power(mount, model, rpm), rpm)
         mount.functions(model, "post")
 
@@ -325,7 +341,7 @@ class Engines:
         return inside[0]
 
 
-def _shaft_power(mount: Mount, model: ET.Element, rpm: Term) -> Term:
+def _shaft_power(mount: Mount, model: ET.Element, rpm: Value) -> Value:
     """Return what an engine gives at a speed of its shaft, hp."""
     if model.tag == "piston_engine":
         return Piston(mount, model).horsepower(rpm)
@@ -334,7 +350,7 @@ def _shaft_power(mount: Mount, model: ET.Element, rpm: Term) -> Term:
     return _electric(mount, model)
 
 
-def _drive(mount: Mount, propeller: Propeller | None, horsepower: Term, rpm: Term) -> None:
+def _drive(mount: Mount, propeller: Propeller | None, horsepower: Value, rpm: Value) -> None:
     """Let an engine's shaft turn a propeller; a direct thruster takes the power for thrust, as JSBSim does."""
     power = horsepower * FT_LBF_S
     power = (rpm <= 0.1).then(power.at_least(0.0), power)
@@ -344,17 +360,17 @@ def _drive(mount: Mount, propeller: Propeller | None, horsepower: Term, rpm: Ter
         propeller.turn(power)
 
 
-def thrust(mount: Mount, force: Term) -> None:
+def thrust(mount: Mount, force: Value) -> None:
     """Add the force (lbf) of a direct thruster, turned about by its reverser (FGThruster)."""
-    force = mount.given("reverser-angle-rad", 0.0).apply(Op.COS) * force
+    force = mount.given("reverser-angle-rad", 0.0).do(Op.COS) * force
     mount.set("thrust-lbs", force)
     mount.push(force)
 
 
-def _electric(mount: Mount, model: ET.Element) -> Term:
+def _electric(mount: Mount, model: ET.Element) -> Value:
     """Return the power of an electric motor, hp (FGElectric)."""
     mount.functions(model)
-    watts = mount.term(convert(model.find("power"), "WATTS", 745.7))
+    watts = mount.b.number(convert(model.find("power"), "WATTS", 745.7))
     horsepower = watts * mount.lever("throttle") / 745.7
     mount.set("power-hp", horsepower)
     return horsepower
@@ -381,9 +397,9 @@ class Propeller:
             raise Untranslated("a propeller has no tables of thrust and power")
         self._low, self._high = self._number("minpitch"), self._number("maxpitch")
         self._diameter = max(convert(e.find("diameter"), "FT", math.nan), 0.001)
-        self._inertia = mount.term(max(convert(e.find("ixx"), "SLUG*FT2", math.nan), 1e-6))
+        self._inertia = mount.b.number(max(convert(e.find("ixx"), "SLUG*FT2", math.nan), 1e-6))
         gear = e.find("gearratio")
-        self._gear = mount.term(1.0 if gear is None else max(self._number("gearratio"), 0.001))
+        self._gear = mount.b.number(1.0 if gear is None else max(self._number("gearratio"), 0.001))
         sense = mount.place.find("sense")
         self._sense = mount.given("propeller-sense", 1.0 if sense is None or float(sense.text or 0.0) >= 0.0 else -1.0)
         self._rpm = mount.get("propeller-rpm")
@@ -393,35 +409,35 @@ class Propeller:
         return default if text is None else float(text)
 
     @property
-    def engine_rpm(self) -> Term:
+    def engine_rpm(self) -> Value:
         """Speed of the engine's shaft before this frame, rpm."""
         return self._rpm * self._gear
 
-    def turn(self, power: Term) -> None:
+    def turn(self, power: Value) -> None:
         """Add what the propeller does in a frame.
 
         Args:
             power: of the engine, ft lbf/s.
         """
-        m, D = self._m, self._m.term(self._diameter)
+        m, D = self._m, self._m.b.number(self._diameter)
         axes = m.axes()
         along, *across = self._air(axes)
-        rho, rps = m.core(r.DENSITY), self._rpm / 60.0
+        rho, rps = m.b.core(r.DENSITY), self._rpm / 60.0
         tip = rps * D * math.pi
-        mach = (tip * tip + along * along).apply(Op.SQRT) / m.core(r.SOUND_SPEED)
+        mach = (tip * tip + along * along).do(Op.SQRT) / m.b.core(r.SOUND_SPEED)
         J = (rps > 0.01).then(along / (D * rps), along / D)
         pitch = self._blade_angle()
         needed = self._power(J, pitch, mach, rho)
         excess = power - needed
-        coefficient = self._coefficient("C_THRUST", J, pitch) * m.term(self._number("ct_factor", 1.0))
+        coefficient = self._coefficient("C_THRUST", J, pitch) * m.b.number(self._number("ct_factor", 1.0))
         if "CT_MACH" in self._tables:
-            coefficient = coefficient * m.table(self._tables["CT_MACH"], mach)
-        thrust = coefficient * rps * rps * m.term(self._diameter**4) * rho
+            coefficient = coefficient * m.f.looked_up(self._tables["CT_MACH"], [mach])
+        thrust = coefficient * rps * rps * m.b.number(self._diameter**4) * rho
         induced = self._induced(thrust, along, rho)
         omega = rps * 2.0 * math.pi
         torque = -self._sense * power / omega.at_least(0.01)
         version = float(self._e.get("version") or 1.0)
-        momentum = self._inertia * omega * self._sense * m.term(-1.0 if version > 1.0 else 1.0)
+        momentum = self._inertia * omega * self._sense * m.b.number(-1.0 if version > 1.0 else 1.0)
         accelerating = (omega > 0.01).then(excess / omega, excess)
         turned = (rps + accelerating / self._inertia / (2.0 * math.pi) * m.dt) * 60.0
         rpm = (turned < 0.0).then(0.0, turned)
@@ -434,66 +450,67 @@ class Propeller:
             m.set(name, value)
         m.push(thrust, torque, momentum, at, axes)
 
-    def _air(self, axes: list[list[Term]]) -> list[Term]:
+    def _air(self, axes: list[list[Value]]) -> list[Value]:
         """Return the velocity (3,) through the air at the hub, axes of the propeller, ft/s."""
         m = self._m
         x, y, z = m.location
-        dx, dy, dz = (m.core(r.CG) - x) / 12.0, (y - m.core(r.CG + 1)) / 12.0, (m.core(r.CG + 2) - z) / 12.0
-        p, q, s = (m.core(r.P_AERO + i) for i in range(3))
-        u = m.core(r.U_AERO) + (q * dz - s * dy)
-        v = m.core(r.V_AERO) + (s * dx - p * dz)
-        w = m.core(r.W_AERO) + (p * dy - q * dx)
+        dx, dy, dz = (m.b.core(r.CG) - x) / 12.0, (y - m.b.core(r.CG + 1)) / 12.0, (m.b.core(r.CG + 2) - z) / 12.0
+        p, q, s = (m.b.core(r.P_AERO + i) for i in range(3))
+        u = m.b.core(r.U_AERO) + (q * dz - s * dy)
+        v = m.b.core(r.V_AERO) + (s * dx - p * dz)
+        w = m.b.core(r.W_AERO) + (p * dy - q * dx)
         return [axes[0][k] * u + axes[1][k] * v + axes[2][k] * w for k in range(3)]
 
-    def _blade_angle(self) -> Term:
+    def _blade_angle(self) -> Value:
         """Turn the blades, deg; a governor turns them by the speed that is missing times the frame."""
         m = self._m
         pitch = m.get("blade-angle")
         if self._low == self._high:
             return pitch
-        low, high = m.term(self._low), m.term(self._high)
-        least, most = m.term(self._number("minrpm")), m.term(self._number("maxrpm"))
+        low, high = m.b.number(self._low), m.b.number(self._high)
+        least, most = m.b.number(self._number("minrpm")), m.b.number(self._number("maxrpm"))
         missing = least + (most - least) * m.lever("advance") - self._rpm
-        governed = (self._rpm > _SLOW_RPM).then(pitch - missing * m.dt, pitch).bounded(low, high)
+        turned = (self._rpm > _SLOW_RPM).then(pitch - missing * m.dt, pitch)
+        governed = (turned < low).then(low, (turned > high).then(high, turned))
         feathered = pitch + (high - pitch) / _FEATHERING_FRAMES
         moved = m.lever("feather").equals(0.0).then(governed, feathered)
         out = m.get("constant-speed-mode").equals(0.0).then(pitch, moved)
         m.set("blade-angle", out)
         return out
 
-    def _coefficient(self, name: str, J: Term, pitch: Term) -> Term:
+    def _coefficient(self, name: str, J: Value, pitch: Value) -> Value:
         table = self._tables[name]
         if dimensions(table) == 1:
-            return self._m.table(table, J)
+            return self._m.f.looked_up(table, [J])
         if self._low == self._high:
             raise Untranslated("a propeller of fixed pitch has a table over blade angles")
-        return self._m.table(table, J, pitch)
+        return self._m.f.looked_up(table, [J, pitch])
 
-    def _power(self, J: Term, pitch: Term, mach: Term, rho: Term) -> Term:
+    def _power(self, J: Value, pitch: Value, mach: Value, rho: Value) -> Value:
         """Return the power that the propeller takes, ft lbf/s."""
         m = self._m
-        coefficient = self._coefficient("C_POWER", J, pitch) * m.term(self._number("cp_factor", 1.0))
+        coefficient = self._coefficient("C_POWER", J, pitch) * m.b.number(self._number("cp_factor", 1.0))
         if "CP_MACH" in self._tables:
-            coefficient = coefficient * m.table(self._tables["CP_MACH"], mach)
+            coefficient = coefficient * m.f.looked_up(self._tables["CP_MACH"], [mach])
         rps = self._rpm / 60.0
         rps = (rps < 0.01).then(0.01, rps)
-        return coefficient * rps * rps * rps * m.term(self._diameter**5) * rho
+        return coefficient * rps * rps * rps * m.b.number(self._diameter**5) * rho
 
-    def _induced(self, thrust: Term, along: Term, rho: Term) -> Term:
+    def _induced(self, thrust: Value, along: Value, rho: Value) -> Value:
         """Return the velocity that the propeller adds at its disk, ft/s."""
-        area = self._m.term(0.25 * self._diameter * self._diameter * math.pi)
-        squared = along * along.apply(Op.ABS) + 2.0 * thrust / (rho * area)
-        root = squared.apply(Op.ABS).apply(Op.SQRT)
+        area = self._m.b.number(0.25 * self._diameter * self._diameter * math.pi)
+        squared = along * abs(along) + 2.0 * thrust / (rho * area)
+        root = abs(squared).do(Op.SQRT)
         return 0.5 * (squared > 0.0).then(-along + root, -along - root)
 
-    def _acting(self, along: Term, induced: Term, v: Term, w: Term) -> list[Term] | None:
+    def _acting(self, along: Value, induced: Value, v: Value, w: Value) -> list[Value] | None:
         """Return where the thrust acts (3,), in: beside the hub where the air comes in aslant (P-factor)."""
         m, e = self._m, self._m.place.find("p_factor")
         if e is None:
             return None
-        shift = m.term(float(e.text or 0.0))
-        aslant = (v * v + w * w).apply(Op.SQRT)
-        angle = Term(along.builder, along.builder.emit(Op.ATAN2, aslant.value, (along + induced).value))
+        shift = m.b.number(float(e.text or 0.0))
+        aslant = (v * v + w * w).do(Op.SQRT)
+        angle = aslant.do(Op.ATAN2, along + induced)
         factor = self._sense * shift * angle / aslant
         acts = (shift > 0.0001) & (aslant > 0.0001)
         x, y, z = m.location

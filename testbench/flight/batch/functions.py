@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from functools import reduce
 
 import numpy as np
 
@@ -86,16 +87,16 @@ class Functions:
         if tag in _MANY:
             return self._many(_MANY[tag], inside)
         if tag == "avg":
-            return b.emit(Op.DIV, self._many(Op.ADD, inside), b.number(len(inside)))
+            return self._many(Op.ADD, inside) / len(inside)
         if tag in {"toradians", "todegrees"}:
             first, second = (math.pi, 180.0) if tag == "toradians" else (180.0, math.pi)
-            return b.emit(Op.DIV, b.emit(Op.MUL, inside[0], b.number(first)), b.number(second))
+            return inside[0] * first / second
         if tag == "roundmultiple":
             if len(inside) == 1:
-                return b.emit(Op.ROUND, inside[0])
-            return b.emit(Op.MUL, b.emit(Op.ROUND, b.emit(Op.DIV, inside[0], inside[1])), inside[1])
+                return inside[0].do(Op.ROUND)
+            return (inside[0] / inside[1]).do(Op.ROUND) * inside[1]
         if tag == "ifthen":
-            return b.emit(Op.SELECT, *inside)
+            return inside[0].then(inside[1], inside[2])
         if tag == "switch":
             return self._switch(inside)
         if tag == "interpolate1d":
@@ -107,30 +108,25 @@ class Functions:
 
         Its sums begin with zero: one of nothing but negative zeros is positive there, and negative here.
         """
-        total = values[0]
-        for value in values[1:]:
-            total = self._b.emit(op, total, value)
-        return total
+        return reduce(lambda total, value: total.do(op, value), values)
 
     def _switch(self, values: Sequence[Value]) -> Value:
         """Return the value that the first one, rounded, counts off; NaN out of range, where JSBSim stops."""
-        b, nothing = self._b, self._b.number(math.nan)
-        index, out = b.emit(Op.ADD, values[0], b.number(0.5)), nothing
+        out = nothing = self._b.constant(math.nan)
         for i in range(len(values) - 2, -1, -1):
-            out = b.emit(Op.SELECT, b.emit(Op.LT, index, b.number(i + 1.0)), values[i + 1], out)
-        return b.emit(Op.SELECT, b.emit(Op.LT, values[0], b.number(0.0)), nothing, out)
+            out = (values[0] + 0.5 < i + 1.0).then(values[i + 1], out)
+        return (values[0] < 0.0).then(nothing, out)
 
     def _interpolate(self, values: Sequence[Value]) -> Value:
         """Return the linear interpolation between points that are values themselves."""
-        b, x = self._b, values[0]
+        x = values[0]
         points = [(values[i], values[i + 1]) for i in range(1, len(values) - 1, 2)]
         out = points[-1][1]
         for (x0, y0), (x1, y1) in reversed(list(itertools.pairwise(points))):
-            slope = b.emit(Op.MUL, b.emit(Op.SUB, x, x0), b.emit(Op.SUB, y1, y0))
-            between = b.emit(Op.ADD, y0, b.emit(Op.DIV, slope, b.emit(Op.SUB, x1, x0)))
-            above = b.emit(Op.SELECT, b.emit(Op.EQ, x, x1), y1, out)  # its end has not to be finite
-            out = b.emit(Op.SELECT, b.emit(Op.LT, x, x1), between, above)
-        return b.emit(Op.SELECT, b.emit(Op.LE, x, points[0][0]), points[0][1], out)
+            between = y0 + (x - x0) * (y1 - y0) / (x1 - x0)
+            above = x.equals(x1).then(y1, out)  # its end has not to be finite
+            out = (x < x1).then(between, above)
+        return (x <= points[0][0]).then(points[0][1], out)
 
     def table(self, e: ET.Element) -> Value:
         """Return what a table gives at the properties that it is looked up by.
@@ -164,8 +160,12 @@ class Functions:
         numbers = np.array((data[0].text or "").split(), float)
         if numbers.size % 2:
             raise Untranslated("a table of one dimension has an odd number of numbers")
-        pairs = numbers.reshape(-1, 2)
-        return b.emit(Op.TABLE_1, *keys, extra=b.table([float(len(pairs)), *pairs[:, 0], *pairs[:, 1]]))
+        return self.interpolated(numbers.reshape(-1, 2), keys[0])
+
+    def interpolated(self, points: Iterable[Iterable[float]], key: Value) -> Value:
+        """Return what a table of pairs gives."""
+        xs, ys = zip(*points, strict=True)
+        return self._b.emit(Op.TABLE_1, key, extra=self._b.table([float(len(xs)), *xs, *ys]))
 
 
 _AXES = {"row": 0, "axis1": 0, "column": 1, "axis2": 1, "table": 2, "axis3": 2}

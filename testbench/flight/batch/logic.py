@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from functools import reduce
 
 from testbench.flight.batch.program import Op, Untranslated, Value
 from testbench.flight.batch.scope import Scope
@@ -26,7 +27,7 @@ def switch(c: Scope) -> Value:
             tests.append((condition(c, test), c.parameter_of(text)))
     out = c.parameter_of(value, 0.0)
     for passes, chosen in reversed(tests):
-        out = c.choose(passes, chosen, out)
+        out = passes.then(chosen, out)
     return c.delayed(out)
 
 
@@ -35,16 +36,16 @@ def distribute(c: Scope) -> None:
 
     What one case has set is what the test of the next one reads.
     """
-    b, exclusive = c.b, (c.e.get("type") or "") == "exclusive"
-    done = b.number(0.0)
+    exclusive = (c.e.get("type") or "") == "exclusive"
+    done = c.b.constant(0.0)
     for case in c.e.findall("case"):
         test = case.find("test")
         passes = condition(c, test) if test is not None else None
         if passes is not None and exclusive:
-            passes, done = c.emit(Op.AND, passes, c.emit(Op.NOT, done)), c.emit(Op.OR, done, passes)
+            passes, done = passes & done.do(Op.NOT), done | passes
         for pair in case.findall("property"):
             name, value = (pair.text or "").strip(), c.parameter_of(pair.get("value") or "")
-            c.write(name, value if passes is None else c.choose(passes, value, c.p.read(name)))
+            c.write(name, value if passes is None else passes.then(value, c.p.read(name)))
 
 
 def distributed(e: ET.Element) -> list[str]:
@@ -68,10 +69,7 @@ def condition(c: Scope, e: ET.Element) -> Value:
     parts += [condition(c, inside) for inside in e]
     if not parts:
         raise Untranslated(f"a test of {c.name} is empty")
-    out = parts[0]
-    for part in parts[1:]:
-        out = c.emit(logic, out, part)
-    return out
+    return reduce(lambda out, part: out.do(logic, part), parts)
 
 
 def _comparison(c: Scope, line: str) -> Value:
@@ -79,4 +77,4 @@ def _comparison(c: Scope, line: str) -> Value:
     comparison = _COMPARISONS.get(words[1]) if len(words) == 3 else None
     if comparison is None:
         raise Untranslated(f"a test of {c.name} says {line.strip()}")
-    return c.emit(comparison, c.p.read(words[0]), c.parameter_of(words[2]))
+    return c.p.read(words[0]).do(comparison, c.parameter_of(words[2]))

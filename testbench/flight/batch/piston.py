@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from testbench.flight.batch import registers as r
-from testbench.flight.batch.mount import Mount, Term
-from testbench.flight.batch.program import Untranslated
+from testbench.flight.batch.mount import Mount
+from testbench.flight.batch.program import Untranslated, Value
 from testbench.flight.batch.units import convert
 
 # FGJSBBase and FGPiston: conversions and constants, to the last digit that JSBSim has
@@ -87,20 +87,20 @@ class Piston:
         fuel = 1.1 * n["displacement"] * n["maxrpm"] * efficiency * (n["maxmp"] / 29.92)
         return fuel / (9411.0 * (n["maxhp"] + lost - n["static-friction"]))
 
-    def horsepower(self, rpm: Term) -> Term:
+    def horsepower(self, rpm: Value) -> Value:
         """Return the power of a frame, hp, at a speed of its shaft, rpm."""
         m, n = self._m, self._n
         m.functions(self._e)
         efficiency = m.given("volumetric-efficiency", n["volumetric-efficiency"])
-        displacement = m.term(self._displacement)
-        ambient = m.core(r.PRESSURE) * _PSF_PA
-        kelvin = m.core(r.TEMPERATURE) / 1.8
-        speed = rpm * m.term(n["stroke"]) / 360.0
+        displacement = m.b.number(self._displacement)
+        ambient = m.b.core(r.PRESSURE) * _PSF_PA
+        kelvin = m.b.core(r.TEMPERATURE) / 1.8
+        speed = rpm * m.b.number(n["stroke"]) / 360.0
         running = self._fired(rpm)
         throttled, pressure, loss = self._manifold(ambient, speed, rpm)
         pumping = (throttled - ambient) * efficiency
         # air
-        most = m.term(n["compression-ratio"])
+        most = m.b.number(n["compression-ratio"])
         ratio = (pressure < 1.0).then(most, ambient / pressure).at_most(most)
         filled = (_GAMMA - 1.0) / _GAMMA + (most - ratio) / (_GAMMA * (most - 1.0))
         volume = displacement * (rpm / 60.0) / 2.0 * (efficiency * filled)
@@ -113,10 +113,10 @@ class Piston:
         # power
         static = m.given("friction-hp", n["static-friction"])
         burnt = flow * 3600.0 / m.given("bsfc-lbs_hphr", n["bsfc"]) * self._mixture(fuel / air) - static
-        rubbing = -m.term(n["dynamic-fmep"]) * speed * _FT_M - m.term(n["static-fmep"])
+        rubbing = -m.b.number(n["dynamic-fmep"]) * speed * _FT_M - m.b.number(n["static-fmep"])
         indicated = (running > 0.5).then(burnt, -static)
         friction = (running > 0.5).then(rubbing, 0.0)
-        power = indicated + (pumping + friction) * displacement * rpm / (m.term(n["cycles"]) * _CYCLE_HP) - loss
+        power = indicated + (pumping + friction) * displacement * rpm / (m.b.number(n["cycles"]) * _CYCLE_HP) - loss
         m.hide("starved", starved)
         m.hide("air-volume", volume)
         for name, value in (
@@ -126,31 +126,31 @@ class Piston:
             m.set(name, value)
         return power
 
-    def _fired(self, rpm: Term) -> Term:
+    def _fired(self, rpm: Value) -> Value:
         """Return 1 if the engine runs: fuel flowed in the last frame, and the shaft turns fast enough."""
         m = self._m
-        least = m.term(self._n["idlerpm"]) * _STALLED
+        least = m.b.number(self._n["idlerpm"]) * _STALLED
         fuel = m.get("fuel-flow-rate-pps") > 0.0
         return fuel & (m.get("set-running") > 0.5).then(rpm >= least, rpm > least)
 
-    def _mixture(self, fuel_per_air: Term) -> Term:
+    def _mixture(self, fuel_per_air: Value) -> Value:
         table = next((t for t in self._e.findall("table") if t.get("name") == "MIXTURE"), None)
         if table is not None:
-            return self._m.table(table, fuel_per_air)
-        return self._m.interpolated(_MIXTURE, fuel_per_air)
+            return self._m.f.looked_up(table, [fuel_per_air])
+        return self._m.f.interpolated(_MIXTURE, fuel_per_air)
 
-    def _manifold(self, ambient: Term, speed: Term, rpm: Term) -> tuple[Term, Term, Term]:
+    def _manifold(self, ambient: Value, speed: Value, rpm: Value) -> tuple[Value, Value, Value]:
         """Return the pressure behind the throttle and in the manifold, Pa, and the power that boosting takes, hp."""
         m, n = self._m, self._n
         ram = m.given("ram-air-factor", n["ram-air-factor"])
-        rammed = (m.core(r.TOTAL_PRESSURE) * _PSF_PA - ambient) * ram + ambient
+        rammed = (m.b.core(r.TOTAL_PRESSURE) * _PSF_PA - ambient) * ram + ambient
         shut = 1.0 - m.lever("throttle")
-        throttle = shut * shut * m.term(self._throttle_impedance)
-        engine = (speed > 0.0).then(m.term(n["peak-piston-speed"]) / speed, _NO_IMPEDANCE_SPEED)
+        throttle = shut * shut * m.b.number(self._throttle_impedance)
+        engine = (speed > 0.0).then(m.b.number(n["peak-piston-speed"]) / speed, _NO_IMPEDANCE_SPEED)
         box = m.given("air-intake-impedance-factor", n["air-intake-impedance-factor"])
         before = m.hidden("throttled") if self._boosts else m.get("map-pa")
         away = before - rammed * (engine / (engine + box + throttle))
-        lag = m.term(n["man-press-lag"])
+        lag = m.b.number(n["man-press-lag"])
         throttled = before - (lag > m.dt).then(away * (m.dt / lag), away)
         pressure = throttled
         if self._boosts:
@@ -163,7 +163,7 @@ class Piston:
             m.hide("throttled", throttled)
             pressure = (throttled * raised).at_most(most)
         if self._e.find("numboostspeeds") is None or self._e.find("boost-loss-factor") is None:
-            return throttled, pressure, m.constant(0.0)
+            return throttled, pressure, m.b.constant(0.0)
         g = _GAMMA_BOOST
         work = throttled * m.hidden("air-volume") * g / (g - 1.0)
         factor = m.given("boostloss-factor", n["boost-loss-factor"])
@@ -172,7 +172,7 @@ class Piston:
         m.set("boostloss-hp", loss)
         return throttled, pressure, loss
 
-    def _boosting(self, rpm: Term, ambient: Term) -> tuple[Term, Term]:
+    def _boosting(self, rpm: Value, ambient: Value) -> tuple[Value, Value]:
         """Return by how much the supercharger raises the pressure, and up to what, Pa; its gear changes with the
         pressure outside."""
         m, n, boosts = self._m, self._n, self._boosts
@@ -181,16 +181,16 @@ class Piston:
             gear = (gear > last).then(last, gear)
             gear = (gear < 0.0).then(0.0, gear)
         elif last > 0:
-            up = [m.term(b.switch_Pa - _HYSTERESIS_PA) for b in boosts[:-1]]
-            down = [m.term(b.switch_Pa + _HYSTERESIS_PA) for b in boosts[:-1]]
+            up = [m.b.number(b.switch_Pa - _HYSTERESIS_PA) for b in boosts[:-1]]
+            down = [m.b.number(b.switch_Pa + _HYSTERESIS_PA) for b in boosts[:-1]]
             gear = ((gear < last) & (ambient < _chosen(gear, up))).then(gear + 1.0, gear)
             gear = ((gear > 0.0) & (ambient > _chosen(gear - 1.0, down))).then(gear - 1.0, gear)
         m.set("boost-speed", gear)
-        raised = _chosen(gear, [(m.term(b.ratio) - 1.0) / m.term(b.rpm) for b in boosts])
+        raised = _chosen(gear, [(m.b.number(b.ratio) - 1.0) / m.b.number(b.rpm) for b in boosts])
         if n["boostoverride"] == 1.0:
-            return raised * rpm + 1.0, m.constant(math.inf)
-        most = _chosen(gear, [m.term(b.rated_Pa) for b in boosts])
-        takeoff = _chosen(gear, [m.term(b.takeoff_Pa) for b in boosts])
+            return raised * rpm + 1.0, m.b.constant(math.inf)
+        most = _chosen(gear, [m.b.number(b.rated_Pa) for b in boosts])
+        takeoff = _chosen(gear, [m.b.number(b.takeoff_Pa) for b in boosts])
         return raised * rpm + 1.0, (m.lever("throttle") > _OPEN).then(takeoff, most)
 
 
@@ -227,7 +227,7 @@ def _standard_psf(height_ft: float) -> float:
     return sum(c * min(height_ft, 100000.0) ** i for i, c in enumerate(_STANDARD))
 
 
-def _chosen(gear: Term, values: list[Term]) -> Term:
+def _chosen(gear: Value, values: list[Value]) -> Value:
     """Return the value of a gear, counted from 0."""
     out = values[-1]
     for i in range(len(values) - 2, -1, -1):

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -125,12 +125,63 @@ WRITES: Mapping[Op, tuple[int, ...]] = {
 """Stage -> registers of the rigid body that it writes."""
 
 
-class Value(NamedTuple):
-    """Something that an operation can read: a number of the model, a property, a register of the body, or a result."""
+@dataclass(frozen=True, eq=False, slots=True)
+class Value:
+    """Something that an operation can read: a number of the model, a property, a register of the body, or a result.
 
+    Formulas are written with values; a number beside one is the same in every model. A condition is 1 or 0.
+    """
+
+    builder: Builder
     kind: str
     key: int
-    version: int = 0
+
+    def do(self, op: Op, *others: Value | float) -> Value:
+        """Return the result of an operation of which this is the first operand."""
+        return self.builder.emit(op, self, *others)
+
+    def _after(self, op: Op, first: float) -> Value:
+        return self.builder.emit(op, first, self)
+
+    # fmt: off
+    def __add__(self, x: Value | float) -> Value: return self.do(Op.ADD, x)
+    def __radd__(self, x: float) -> Value: return self._after(Op.ADD, x)
+    def __sub__(self, x: Value | float) -> Value: return self.do(Op.SUB, x)
+    def __rsub__(self, x: float) -> Value: return self._after(Op.SUB, x)
+    def __mul__(self, x: Value | float) -> Value: return self.do(Op.MUL, x)
+    def __rmul__(self, x: float) -> Value: return self._after(Op.MUL, x)
+    def __truediv__(self, x: Value | float) -> Value: return self.do(Op.DIV, x)
+    def __rtruediv__(self, x: float) -> Value: return self._after(Op.DIV, x)
+    def __pow__(self, x: Value | float) -> Value: return self.do(Op.POW, x)
+    def __lt__(self, x: Value | float) -> Value: return self.do(Op.LT, x)
+    def __le__(self, x: Value | float) -> Value: return self.do(Op.LE, x)
+    def __gt__(self, x: Value | float) -> Value: return self.do(Op.GT, x)
+    def __ge__(self, x: Value | float) -> Value: return self.do(Op.GE, x)
+    def __and__(self, x: Value) -> Value: return self.do(Op.AND, x)
+    def __or__(self, x: Value) -> Value: return self.do(Op.OR, x)
+    def __neg__(self) -> Value: return self.do(Op.NEG)
+    def __abs__(self) -> Value: return self.do(Op.ABS)
+    # fmt: on
+
+    def equals(self, x: Value | float) -> Value:
+        """Return whether both are equal."""
+        return self.do(Op.EQ, x)
+
+    def differs(self, x: Value | float) -> Value:
+        """Return whether they are not equal."""
+        return self.do(Op.NE, x)
+
+    def at_most(self, x: Value | float) -> Value:
+        """Return the lesser of both."""
+        return self.do(Op.MIN, x)
+
+    def at_least(self, x: Value | float) -> Value:
+        """Return the greater of both."""
+        return self.do(Op.MAX, x)
+
+    def then(self, yes: Value | float, no: Value | float) -> Value:
+        """Return ``yes`` where this condition holds, else ``no``."""
+        return self.do(Op.SELECT, yes, no)
 
 
 @dataclass
@@ -176,7 +227,7 @@ class Program:
         return machine_of(self)
 
 
-@dataclass
+@dataclass(eq=False)
 class Builder:
     """Collects a program.
 
@@ -196,8 +247,8 @@ class Builder:
     _logging: bool = False
     _known: dict[tuple[object, ...], Value] = field(default_factory=dict)
     _current: dict[str, Value] = field(default_factory=dict)
-    _states: dict[str, int] = field(default_factory=dict)
-    _versions: dict[int, int] = field(default_factory=dict)
+    _states: dict[str, Value] = field(default_factory=dict)
+    _cores: dict[int, Value] = field(default_factory=dict)
     _temps: int = 0
     _blocks: list[int] = field(default_factory=list)
     _logged: dict[str, Value] = field(default_factory=dict)
@@ -216,7 +267,7 @@ class Builder:
         self.numbers.append(float(x))
         if at is not None:
             self.places.append((len(self.numbers) - 1, at, factor))
-        return Value(_NUMBER, len(self.numbers) - 1)
+        return Value(self, _NUMBER, len(self.numbers) - 1)
 
     def constant(self, x: float) -> Value:
         """Return the value of a number that is the same in every model; it has one register however often it stands."""
@@ -226,11 +277,13 @@ class Builder:
 
     def core(self, register: int) -> Value:
         """Return the value that a register of the body has at this place of the frame."""
-        return Value(_CORE, register, self._versions.get(register, 0))
+        if register not in self._cores:
+            self._cores[register] = Value(self, _CORE, register)
+        return self._cores[register]
 
     def read(self, name: str) -> Value:
         """Return the value that a property has at this place of the frame."""
-        return self._current.get(name, Value(_STATE, self._state(name)))
+        return self._current[name] if name in self._current else self._state(name)
 
     @property
     def present(self) -> Mapping[str, Value]:
@@ -242,20 +295,23 @@ class Builder:
         self._reasons.append(reason)
         return self.emit(Op.UNKNOWN, extra=len(self._reasons) - 1)
 
-    def _state(self, name: str) -> int:
-        return self._states.setdefault(name, len(self._states))
+    def _state(self, name: str) -> Value:
+        if name not in self._states:
+            self._states[name] = Value(self, _STATE, len(self._states))
+        return self._states[name]
 
     def write(self, name: str, value: Value) -> None:
         """Give a property a value, from this place of the frame on."""
         self._state(name)
         self._current[name] = value if value.kind == _TEMP else self.emit(Op.COPY, value)
 
-    def emit(self, op: Op, *arguments: Value, extra: int = 0) -> Value:
+    def emit(self, op: Op, *operands: Value | float, extra: int = 0) -> Value:
         """Return the result of an operation, the former one if it has been done already."""
+        arguments = tuple(x if isinstance(x, Value) else self.constant(x) for x in operands)
         key = (op, arguments, extra)
         if key not in self._known:
             self._temps += 1
-            result = Value(_TEMP, self._temps)
+            result = Value(self, _TEMP, self._temps)
             self._known[key] = result
             self._list.append(_Instruction(op, arguments, extra, result))
         return self._known[key]
@@ -297,7 +353,7 @@ class Builder:
 
     def _bump(self, registers: Iterable[int]) -> None:
         for register in registers:
-            self._versions[register] = self._versions.get(register, 0) + 1
+            self._cores.pop(register, None)
 
     def table(self, numbers: Sequence[float]) -> int:
         """Keep a table; return where it begins."""
@@ -330,8 +386,8 @@ class _Assembly:
     def __init__(self, b: Builder) -> None:
         self._b = b
         self._frame, self._log = list(b._frame), list(b._log)
-        self._names = {number: name for name, number in b._states.items()}
-        self._commit = {b._states[name]: value for name, value in b._ended.items()}
+        self._names = {state.key: name for name, state in b._states.items()}
+        self._commit = {b._states[name].key: value for name, value in b._ended.items()}
         self._live()
 
     def _live(self) -> None:
@@ -360,7 +416,7 @@ class _Assembly:
         """Return what can be done before the first frame, and what cannot."""
         b = self._b
         changing = set(range(r.TIME, r.WING_AREA)) | set(range(r.NATIVE, r.COUNT)) | b._stored
-        moving = {b._states[n] for n in b.inputs if n in b._states} | set(self._commit)
+        moving = {b._states[n].key for n in b.inputs if n in b._states} | set(self._commit)
         fixed: set[Value] = set()
 
         def still(value: Value) -> bool:

@@ -6,7 +6,7 @@ import math
 import re
 
 from testbench.flight.batch import registers as r
-from testbench.flight.batch.program import Builder, Op, Untranslated, Value
+from testbench.flight.batch.program import Builder, Untranslated, Value
 
 _DEG = 180.0 / math.pi
 _SLUG_LB = 32.174049
@@ -224,7 +224,7 @@ class Properties:
         """
         name = name.strip()
         if name.startswith("-"):
-            return self._b.emit(Op.NEG, self.read(name[1:]))
+            return -self.read(name[1:])
         name = plain(name)
         b = self._b
         if name in self._own:
@@ -232,21 +232,20 @@ class Properties:
         if _GROUND.fullmatch(name):
             return b.number(0.0)  # flights that come down to the ground are flown by JSBSim
         if name == "forces/load-factor":  # lift of the last frame over the weight (FGAuxiliary::GetNlf)
-            weight = b.emit(Op.MUL, b.core(r.MASS), b.constant(_SLUG_LB))
-            return b.emit(Op.DIV, b.core(r.WIND_FORCE + 2), weight)
+            return b.core(r.WIND_FORCE + 2) / (b.core(r.MASS) * _SLUG_LB)
         if name in ABSOLUTE:
-            return b.emit(Op.ABS, self.read(ABSOLUTE[name]))
+            return abs(self.read(ABSOLUTE[name]))
         if name in _SEA_LEVEL:
             register, over = _SEA_LEVEL[name]
-            return b.emit(Op.DIV, b.core(register), b.number(over))
+            return b.core(register) / over
         if name == "atmosphere/sigma":
             from testbench.flight.batch.air import SEA_LEVEL_RHO
 
-            return b.emit(Op.DIV, b.core(r.DENSITY), b.number(SEA_LEVEL_RHO))
+            return b.core(r.DENSITY) / SEA_LEVEL_RHO
         if name in CORE or name in ON_DEMAND:
             register, factor = CORE.get(name) or ON_DEMAND[name]
             value = b.core(register)
-            return value if factor == 1.0 else b.emit(Op.MUL, value, b.number(factor))
+            return value if factor == 1.0 else value * factor
         linked = _LINKED.fullmatch(name)
         if linked is not None:
             return self._surface(*linked.groups())
@@ -256,10 +255,10 @@ class Properties:
 
     def _surface(self, magnitude: str | None, surface: str, unit: str) -> Value:
         """Return a deflection; JSBSim keeps radians, degrees and magnitude of one in step."""
-        b, base = self._b, f"fcs/{surface}-pos-rad"
+        angle = self._b.read(f"fcs/{surface}-pos-rad")
         if magnitude:
-            return b.emit(Op.ABS, b.read(base))
-        return b.read(base) if unit == "rad" else b.emit(Op.MUL, b.read(base), b.number(_DEG))
+            return abs(angle)
+        return angle if unit == "rad" else angle * _DEG
 
     def write(self, name: str, value: Value) -> None:
         """Write a property.
@@ -273,7 +272,7 @@ class Properties:
             return
         linked = _LINKED.fullmatch(name)
         if linked is not None and linked.group(3) == "deg":
-            b.write(f"fcs/{linked.group(2)}-pos-rad", b.emit(Op.MUL, value, b.number(1.0 / _DEG)))
+            b.write(f"fcs/{linked.group(2)}-pos-rad", value * (1.0 / _DEG))
             return
         if name.endswith("/initial-integrator-value"):
             raise Untranslated(f"it writes {name}")

@@ -59,10 +59,6 @@ class Scope:
     f: Functions
     switchable: frozenset[str] = frozenset()
 
-    def emit(self, op: Op, *values: Value) -> Value:
-        """Return the result of an operation."""
-        return self.b.emit(op, *values)
-
     def number(self, tag: str, default: float = 0.0) -> Value:
         """Return the number that an element inside holds."""
         return self.b.number(self.constant(tag, default))
@@ -134,15 +130,11 @@ class Scope:
 
     def _if_it_runs(self, value: Value, last: Value) -> Value:
         runs = self.channel.runs
-        return value if runs is None else self.choose(runs, value, last)
+        return value if runs is None else runs.then(value, last)
 
-    def choose(self, condition: Value, value: Value, other: Value) -> Value:
-        """Return one of two values."""
-        return self.b.emit(Op.SELECT, condition, value, other)
-
-    def once_started(self, value: Value, first: Value) -> Value:
+    def once_started(self, value: Value, first: Value | float = 0.0) -> Value:
         """Return a value, another one when the component runs for the first time."""
-        return self.choose(self.channel.started, value, first)
+        return self.channel.started.then(value, first)
 
     def fails(self, how: str) -> Value | None:
         """Return whether a failure is switched on, None if nothing in the model switches it."""
@@ -150,7 +142,7 @@ class Scope:
         if name not in self.switchable:
             return None
         self.p.declare(name)
-        return self.b.emit(Op.NE, self.p.read(name), self.b.number(0.0))
+        return self.p.read(name).differs(0.0)
 
     def clip_ends(self) -> tuple[Value, Value] | None:
         """Return the limits of <clipto>, None if it has not got both."""
@@ -161,17 +153,17 @@ class Scope:
 
     def clipped(self, value: Value) -> Value:
         """Return an output within its limits, or wrapped into them (FGFCSComponent::Clip)."""
-        ends, b = self.clip_ends(), self.b
+        ends = self.clip_ends()
         if ends is None:
             return value
         low, high = ends
-        within = b.emit(Op.CLIP, value, low, high)
+        within = value.do(Op.CLIP, low, high)
         if self.e.find("clipto[@type='cyclic']") is None:
             return within
-        cycle = b.emit(Op.SUB, high, low)
-        wrapped = b.emit(Op.ADD, b.emit(Op.FMOD, b.emit(Op.SUB, value, low), cycle), low)
-        wrapped = self.choose(b.emit(Op.LT, wrapped, low), b.emit(Op.ADD, wrapped, cycle), wrapped)
-        return self.choose(b.emit(Op.GT, cycle, b.number(0.0)), wrapped, within)
+        cycle = high - low
+        wrapped = (value - low).do(Op.FMOD, cycle) + low
+        wrapped = (wrapped < low).then(wrapped + cycle, wrapped)
+        return (cycle > 0.0).then(wrapped, within)
 
     def delayed(self, value: Value) -> Value:
         """Return what the output was some frames ago; a <delay> of n frames is one of n - 1 (FGFCSComponent::Delay).

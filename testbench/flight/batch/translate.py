@@ -11,6 +11,8 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 
 import numpy as np
 
@@ -210,7 +212,7 @@ class _Model:
             self._sum(register, sums.get(register, []))
             self._sum(r.NATIVE_AT_CG + i, sums.get(r.NATIVE_AT_CG + i, []))
         shift = self._tree.find("aerodynamics/aero_ref_pt_shift_x/function")
-        b.store(r.REFERENCE_SHIFT, self._f.value(shift) if shift is not None else b.number(0.0))
+        b.store(r.REFERENCE_SHIFT, self._f.value(shift) if shift is not None else b.constant(0.0))
         for register in order[1]:
             self._sum(register, sums.get(register, []))
         b.stage(Op.AERODYNAMICS, forces, moments)
@@ -222,19 +224,14 @@ class _Model:
             return
         b, name, unit = self._b, "aero/stall-hyst-norm", limits.get("unit")
         low, high = (b.number(convert(limits.find(end), "RAD", 0.0, unit)) for end in ("min", "max"))
-        alpha, zero = b.core(r.ALPHA), b.constant(0.0)
-        below = b.emit(Op.SELECT, b.emit(Op.LT, alpha, low), zero, b.read(name))
-        stalled = b.emit(Op.SELECT, b.emit(Op.GT, alpha, high), b.constant(1.0), below)
-        given = b.emit(Op.AND, b.emit(Op.NE, low, zero), b.emit(Op.NE, high, zero))
-        b.write(name, b.emit(Op.SELECT, given, stalled, zero))
+        alpha = b.core(r.ALPHA)
+        stalled = (alpha > high).then(1.0, (alpha < low).then(0.0, b.read(name)))
+        b.write(name, (low.differs(0.0) & high.differs(0.0)).then(stalled, 0.0))
 
     def _sum(self, register: int, functions: Sequence[ET.Element]) -> None:
         """Store the sum of the functions of an axis, and give each its property."""
-        b, total = self._b, None
-        for e in functions:
-            value = self._f.evaluate(e)
-            total = value if total is None else b.emit(Op.ADD, total, value)
-        b.store(register, b.number(0.0) if total is None else total)
+        values = [self._f.evaluate(e) for e in functions]
+        self._b.store(register, reduce(add, values) if values else self._b.constant(0.0))
 
     def _reactions(self) -> None:
         b = self._b
