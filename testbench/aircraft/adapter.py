@@ -25,6 +25,8 @@ from typing import Literal
 
 import numpy as np
 
+from testbench.aircraft.reactions import before_aerodynamics, element, number
+
 SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
 """Control -> the word that its properties are named by."""
 PREFIX = "testbench/"
@@ -165,7 +167,7 @@ class Adapter:
         control = tree.find("flight_control")
         if control is None:
             control = ET.Element("flight_control", {"name": "FCS"})
-            tree.insert(_place(tree), control)
+            tree.insert(before_aerodynamics(tree), control)
         declared: dict[str, float] = {}
         if self.throttles:
             declared[THROTTLE] = 0.0
@@ -222,9 +224,7 @@ class Adapter:
                 channel.append(_drive(names["LATE"], moved))
             channel.extend(_components(_MOVED_BY_LAW, names))
         if len(sticks):
-            system = ET.Element("system", {"name": "testbench stick"})
-            system.append(sticks)
-            tree.insert(_first_system(tree), system)
+            tree.insert(_first_system(tree), element("system", sticks, name="testbench stick"))
         declare(tree, declared)
         control.append(channel)
 
@@ -236,12 +236,6 @@ def _components(template: str, names: Mapping[str, str]) -> list[ET.Element]:
     return list(ET.fromstring(f"<channel>{template}</channel>"))
 
 
-def _place(tree: ET.Element) -> int:
-    """Return where an element goes that must stand before the aerodynamics."""
-    tags = [e.tag for e in tree]
-    return tags.index("aerodynamics") if "aerodynamics" in tags else len(tags)
-
-
 def _first_system(tree: ET.Element) -> int:
     tags = [e.tag for e in tree]
     return min([i for i, t in enumerate(tags) if t in {"system", "autopilot", "flight_control"}], default=len(tags))
@@ -251,12 +245,9 @@ def declare(tree: ET.Element, properties: Mapping[str, float]) -> None:
     """Declare properties before anything that reads them, but for those that are declared already."""
     known = {(e.text or "").strip() for e in tree.iter("property") if "value" in e.attrib}
     missing = {name: value for name, value in properties.items() if name not in known}
-    if not missing:
-        return
-    system = ET.Element("system", {"name": "testbench properties"})
-    for name, value in missing.items():
-        ET.SubElement(system, "property", {"value": repr(float(value))}).text = name
-    tree.insert(_first_system(tree), system)
+    if missing:
+        rows = (element("property", text=name, value=repr(float(value))) for name, value in missing.items())
+        tree.insert(_first_system(tree), element("system", *rows, name="testbench properties"))
 
 
 def _outputs(tree: ET.Element) -> set[str]:
@@ -269,13 +260,12 @@ def _throttle_system(throttles: Sequence[str], outputs: set[str]) -> ET.Element:
     JSBSim copies throttle commands to positions before the systems run, so that a command written by a system would be
     one frame late: the position is written as well, unless the model's own control system does.
     """
-    system = ET.Element("system", {"name": "testbench throttle"})
-    channel = ET.SubElement(system, "channel", {"name": "testbench throttle"})
+    channel = element("channel", name="testbench throttle")
     for name in throttles:
         position = name.replace("-cmd-norm", "-pos-norm")
         alone = position == name or position in outputs or position.replace("[0]", "") in outputs
         channel.append(_throttle_gain(name, [name] if alone else [name, position]))
-    return system
+    return element("system", channel, name="testbench throttle")
 
 
 def _is_position(name: str) -> bool:
@@ -285,20 +275,22 @@ def _is_position(name: str) -> bool:
 
 def _throttle_gain(name: str, targets: Sequence[str]) -> ET.Element:
     own = name.strip("/").replace("/", "-").replace("[", "-").replace("]", "")
-    gain = ET.Element("pure_gain", {"name": f"{PREFIX}{own}"})
-    ET.SubElement(gain, "input").text = THROTTLE
-    ET.SubElement(gain, "gain").text = "1.0"
-    for target in targets:
-        ET.SubElement(gain, "output").text = target
-    return gain
+    return _component("pure_gain", f"{PREFIX}{own}", THROTTLE, [element("gain", text="1.0")], *targets)
+
+
+def _component(tag: str, name: str, source: str, parts: Sequence[ET.Element], *targets: str) -> ET.Element:
+    """Return a component of an input, what it is told, and its outputs."""
+    return element(
+        tag, element("input", text=source), *parts, *(element("output", text=target) for target in targets), name=name
+    )
 
 
 def _own_names(tree: ET.Element) -> set[str]:
     """Return the properties that JSBSim ties to components and functions, which nobody else can write."""
     names = set()
-    for element in tree.iter():
-        name = element.get("name")
-        if name and element.tag not in {"channel", "system", "autopilot", "flight_control", "axis"}:
+    for e in tree.iter():
+        name = e.get("name")
+        if name and e.tag not in {"channel", "system", "autopilot", "flight_control", "axis"}:
             name = name.strip().replace(" ", "-")
             names.add(name if "/" in name else f"fcs/{name.lower()}")
     return names
@@ -307,9 +299,9 @@ def _own_names(tree: ET.Element) -> set[str]:
 def _read_instead(tree: ET.Element, name: str, target: str) -> None:
     """Let the aerodynamics and external reactions read ``target`` for ``name``."""
     for section in (*tree.findall("aerodynamics"), *tree.findall("external_reactions")):
-        for element in section.iter():
-            if element.tag in {"property", "independentVar", "p"} and (element.text or "").strip() == name:
-                element.text = target
+        for e in section.iter():
+            if e.tag in {"property", "independentVar", "p"} and (e.text or "").strip() == name:
+                e.text = target
 
 
 def _by_property(links: Sequence[Link]) -> dict[str, list[tuple[Link, Drive]]]:
@@ -328,34 +320,24 @@ def _drive(target: str, terms: Sequence[tuple[str, Drive]]) -> ET.Element:
         (low, at_low), (high, at_high) = drive.points[0], drive.points[-1]
         gain = at_high / high if high else 0.0
         if len(drive.points) == 2 and abs(at_low - gain * low) <= 1e-9 * abs(at_high - at_low):
-            out = ET.Element("pure_gain", {"name": name})
-            ET.SubElement(out, "input").text = deflection
-            ET.SubElement(out, "gain").text = repr(gain)
-            ET.SubElement(out, "output").text = target
-            return out
+            return _component("pure_gain", name, deflection, [element("gain", text=repr(gain))], target)
         if len(drive.points) == 3 and drive.points[1] == (0.0, 0.0):
-            out = ET.Element("aerosurface_scale", {"name": name})
-            ET.SubElement(out, "input").text = deflection
-            for tag, ends in (("domain", (low, high)), ("range", (at_low, at_high))):
-                element = ET.SubElement(out, tag)
-                for end, value in zip(("min", "max"), ends, strict=True):
-                    ET.SubElement(element, end).text = repr(float(value))
-            ET.SubElement(out, "output").text = target
-            return out
-    out = ET.Element("fcs_function", {"name": name})
-    total = ET.SubElement(ET.SubElement(out, "function"), "sum")
+            ends = {"domain": (low, high), "range": (at_low, at_high)}
+            parts = [
+                element(tag, *(element(end, text=repr(float(x))) for end, x in zip(("min", "max"), pair, strict=True)))
+                for tag, pair in ends.items()
+            ]
+            return _component("aerosurface_scale", name, deflection, parts, target)
+    total = element("sum")
     for i, (deflection, drive) in enumerate(terms):
-        table = ET.SubElement(total, "table")
-        ET.SubElement(table, "independentVar", {"lookup": "row"}).text = deflection
-        offset = (
-            0.0 if i == 0 else float(np.interp(0.0, *np.array(drive.points).T))
-        )  # what the property is without any deflection counts once
+        # what the property is without any deflection counts once
+        offset = float(np.interp(0.0, *np.array(drive.points).T)) if i else 0.0
         rows = "\n".join(f"{d!r} {v - offset!r}" for d, v in drive.points)
-        ET.SubElement(table, "tableData").text = f"\n{rows}\n"
+        by = element("independentVar", text=deflection, lookup="row")
+        total.append(element("table", by, element("tableData", text=f"\n{rows}\n")))
     if len(terms) == 1:
-        ET.SubElement(total, "value").text = "0.0"
-    ET.SubElement(out, "output").text = target
-    return out
+        total.append(number(0.0))
+    return element("fcs_function", element("function", total), element("output", text=target), name=name)
 
 
 _STILL = "<gt> <property>simulation/dt</property> <value>0</value> </gt>"

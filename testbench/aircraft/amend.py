@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from testbench.aircraft.elastic import ElasticMode, ElasticModel
 from testbench.aircraft.paths import path_of, read_by_aerodynamics
-from testbench.aircraft.reactions import COEFFICIENTS, MOTIONS, THRUST, WHOLE, number, quantity, react, whole
+from testbench.aircraft.reactions import COEFFICIENTS, MOTIONS, THRUST, WHOLE, element, number, quantity, react, whole
 from testbench.core.constants import FT_M, SLUG_KG
 from testbench.core.errors import ModelError
 
@@ -48,10 +48,10 @@ class SetText:
 
     def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
         """Change ``tree`` in place; ModelError if no such element exists."""
-        element = tree.find(self.path)
-        if element is None:
+        found = tree.find(self.path)
+        if found is None:
             raise ModelError(f"an amended element must exist in the model, got '{self.path}'")
-        element.text = repr(float(self.value))
+        found.text = repr(float(self.value))
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,7 @@ class Insert:
         parent = tree if self.parent == "." else tree.find(self.parent)
         if parent is None:
             raise ModelError(f"an amendment must go into an element of the model, got '{self.parent}'")
-        element = ET.fromstring(self.xml)
-        parent.insert(len(parent) if self.position is None else self.position, element)
+        parent.insert(len(parent) if self.position is None else self.position, ET.fromstring(self.xml))
 
 
 @dataclass(frozen=True)
@@ -95,9 +94,9 @@ class Increment:
         parent = tree.find(f"aerodynamics/axis[@name='{axis}']")
         if parent is None:
             raise ModelError(f"an increment of {self.coefficient} needs <axis name='{axis}'>, {aircraft.name} has none")
-        product = ET.SubElement(ET.SubElement(parent, "function", {"name": self.name}), "product")
-        lengths = [] if length is None else [quantity(length)]
-        product.extend([quantity("aero/qbar-psf"), quantity("metrics/Sw-sqft"), *lengths, *terms])
+        lengths = [] if length is None else [length]
+        product = element("product", "aero/qbar-psf", "metrics/Sw-sqft", *lengths, *terms)
+        parent.append(element("function", product, name=self.name))
 
 
 @dataclass(frozen=True)
@@ -121,7 +120,7 @@ class ScaleCoefficient:
         for function in tree.iter("function"):
             product = function.find("product")
             if function.get("name") == f"aero/coefficient/{self.name}" and product is not None:
-                ET.SubElement(product, "value").text = repr(float(self.factor))
+                product.append(number(self.factor))
                 return
         raise ModelError(f"an amended coefficient must exist in the model, got '{self.name}'")
 
@@ -160,8 +159,7 @@ class ReplaceCoefficient:
 
     def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
         """Change ``tree`` in place."""
-        change = ET.Element("difference")
-        change.extend([quantity(self.function), whole(self.coefficient)])
+        change = element("difference", self.function, whole(self.coefficient))
         react(tree, self.coefficient, [quantity(self.share), change], self.at_in)
 
 
@@ -264,15 +262,14 @@ class AddInertia:
         balance = tree.find("mass_balance")
         if balance is None:
             raise ModelError(f"{aircraft.name} must hold <mass_balance>, it does not")
-        element = balance.find(self.axis.lower())
-        if element is None:
-            element = ET.Element(self.axis.lower(), {"unit": "KG*M2"})
-            element.text = "0.0"
-            balance.insert(0, element)
-        unit = (element.get("unit") or "SLUG*FT2").upper()
+        inertia = balance.find(self.axis.lower())
+        if inertia is None:
+            inertia = element(self.axis.lower(), text="0.0", unit="KG*M2")
+            balance.insert(0, inertia)
+        unit = (inertia.get("unit") or "SLUG*FT2").upper()
         if unit not in _UNITS_KG_M2:
             raise ModelError(f"{self.axis} of {aircraft.name} must be in KG*M2 or SLUG*FT2, got {unit}")
-        element.text = repr(float(element.text or "nan") + self.kg_m2 / _UNITS_KG_M2[unit])
+        inertia.text = repr(float(inertia.text or "nan") + self.kg_m2 / _UNITS_KG_M2[unit])
 
 
 Change = (

@@ -33,7 +33,7 @@ from scipy.linalg import block_diag, expm
 
 from testbench.aircraft.adapter import SURFACES, Adapter
 from testbench.aircraft.paths import path_of, read_by_aerodynamics
-from testbench.aircraft.reactions import COEFFICIENTS, MOTIONS, react
+from testbench.aircraft.reactions import COEFFICIENTS, MOTIONS, element, number, quantity, react
 from testbench.core.constants import PSF_PA
 from testbench.core.record import FloatArray
 
@@ -142,28 +142,14 @@ def first_order_hold(A: FloatArray, B: FloatArray, dt_s: float) -> tuple[FloatAr
     return E[:n, :n], E[:n, n : n + m] - B1, B1
 
 
-def _element(tag: str, *children: ET.Element, text: str | None = None, **attributes: str) -> ET.Element:
-    out = ET.Element(tag, attributes)
-    out.text = text
-    out.extend(children)
-    return out
-
-
-def _value(x: float) -> ET.Element:
-    return _element("value", text=repr(float(x)))
-
-
-def _property(name: str) -> ET.Element:
-    return _element("property", text=name)
-
-
 def _product(*factors: ET.Element | float | str) -> ET.Element:
-    parts = [f if isinstance(f, ET.Element) else _property(f) if isinstance(f, str) else _value(f) for f in factors]
-    return parts[0] if len(parts) == 1 else _element("product", *parts)
+    whole = element("product", *factors)
+    return whole[0] if len(whole) == 1 else whole
 
 
-def _sum(terms: Sequence[ET.Element]) -> ET.Element:
-    return _element("sum", *terms) if len(terms) > 1 else terms[0] if terms else _value(0.0)
+def _sum(*terms: ET.Element | str) -> ET.Element:
+    whole = element("sum", *terms)
+    return whole if len(whole) > 1 else whole[0] if len(whole) else number(0.0)
 
 
 def _weighted(weights: FloatArray, names: Sequence[str]) -> list[ET.Element]:
@@ -171,7 +157,12 @@ def _weighted(weights: FloatArray, names: Sequence[str]) -> list[ET.Element]:
 
 
 def _function(name: str, body: ET.Element, copyto: str | None = None) -> ET.Element:
-    return _element("function", body, name=name, **({"copyto": copyto} if copyto else {}))
+    return element("function", body, name=name, **({"copyto": copyto} if copyto else {}))
+
+
+def _kept(what: str, value: str, where: str) -> ET.Element:
+    """Return the function that keeps a value for what comes after."""
+    return _function(f"modal/commit-{what}", quantity(f"modal/{value}"), f"modal/{where}")
 
 
 def add_modes(
@@ -193,37 +184,29 @@ def add_modes(
     for i in numbers:
         for name in ("eta", "etadot", "extra", "extra-previous", "input-previous", "input-before"):
             declared[f"modal/{name}-{i}"] = "0.0"
-    system = _element("system", name="elastic modes")
-    system.extend(_element("property", text=name, value=value) for name, value in declared.items())
+    properties = (element("property", text=name, value=value) for name, value in declared.items())
     aerodynamics = tree.find("aerodynamics")
     assert aerodynamics is not None
-    tree.insert(list(tree).index(aerodynamics), system)
+    tree.insert(list(tree).index(aerodynamics), element("system", *properties, name="elastic modes"))
 
     paths = [path for path in (path_of(adapter, control) for control in SURFACES) if path is not None]
     motions = MOTIONS | {path.control: (read_by_aerodynamics(tree, path),) for path in paths}
     functions: list[ET.Element] = [_rigid_force(elastic, i, motions) for i in numbers]
     functions += [
-        _function(f"modal/input-{i}", _element("sum", _property(f"modal/force-{i}"), _product(2.0, f"modal/extra-{i}"),
-                                               _product(-1.0, f"modal/extra-previous-{i}")))
+        _function(f"modal/input-{i}", _sum(f"modal/force-{i}", _product(2.0, f"modal/extra-{i}"),
+                                           _product(-1.0, f"modal/extra-previous-{i}")))
         for i in numbers
     ]  # fmt: skip
     functions += [f for i in numbers for f in _held(i)]
     for block in elastic.blocks():
         functions += _block_step(K[np.ix_(block, block)], D[np.ix_(block, block)], [i + 1 for i in block], dt_s)
     for i in numbers:  # commits come after all new values, so that every row used the old states
-        functions.append(_function(f"modal/commit-eta-{i}", _sum([_property(f"modal/new-eta-{i}")]), f"modal/eta-{i}"))
-        functions.append(
-            _function(f"modal/commit-etadot-{i}", _sum([_property(f"modal/new-etadot-{i}")]), f"modal/etadot-{i}")
-        )
-    for i in numbers:
-        functions.append(
-            _function(f"modal/commit-extra-{i}", _sum([_property(f"modal/extra-{i}")]), f"modal/extra-previous-{i}")
-        )
+        functions += [_kept(f"{state}-{i}", f"new-{state}-{i}", f"{state}-{i}") for state in ("eta", "etadot")]
+    functions += [_kept(f"extra-{i}", f"extra-{i}", f"extra-previous-{i}") for i in numbers]
     functions += [_extra_force(elastic, i, qbar_Pa, V_m_s) for i in numbers]
     for i in numbers:
-        older = _sum([_property(f"modal/input-previous-{i}")])
-        functions.append(_function(f"modal/commit-before-{i}", older, f"modal/input-before-{i}"))
-        both = _sum([_property(f"modal/force-{i}"), _property(f"modal/extra-{i}")])
+        functions.append(_kept(f"before-{i}", f"input-previous-{i}", f"input-before-{i}"))
+        both = _sum(f"modal/force-{i}", f"modal/extra-{i}")
         functions.append(_function(f"modal/commit-input-{i}", both, f"modal/input-previous-{i}"))
         functions.append(_acceleration(elastic, K, D, i))
     for position, function in enumerate(functions):
@@ -235,15 +218,15 @@ def _rigid_force(elastic: ElasticModel, i: int, motions: Mapping[str, tuple[str,
     mode = elastic.modes[i - 1]
     gain = elastic.S_m2 * elastic.cbar_m * PSF_PA / mode.mass_kg_m2
     terms = [_product(c, *motions[motion]) for motion, c in mode.force.items() if c != 0.0]
-    return _function(f"modal/force-{i}", _element("product", _property("aero/qbar-psf"), _value(gain), _sum(terms)))
+    return _function(f"modal/force-{i}", element("product", "aero/qbar-psf", gain, _sum(*terms)))
 
 
 def _held(i: int) -> list[ET.Element]:
     """Return the functions of the force that the hold takes at the end and at the beginning of a frame."""
     now, previous, before = f"modal/input-{i}", f"modal/input-previous-{i}", f"modal/input-before-{i}"
     weighted = _weighted(np.array([11.0, 2.0, -1.0]) / 12.0, [now, previous, before])
-    begin = _element("difference", _sum([_property(f"modal/held-{i}"), _property(previous)]), _property(now))
-    return [_function(f"modal/held-{i}", _sum(weighted)), _function(f"modal/held-previous-{i}", begin)]
+    begin = element("difference", _sum(f"modal/held-{i}", previous), now)
+    return [_function(f"modal/held-{i}", _sum(*weighted)), _function(f"modal/held-previous-{i}", begin)]
 
 
 def _block_step(K: FloatArray, D: FloatArray, numbers: list[int], dt_s: float) -> list[ET.Element]:
@@ -258,10 +241,10 @@ def _block_step(K: FloatArray, D: FloatArray, numbers: list[int], dt_s: float) -
     at_rest = [f"modal/input-{i}" for i in numbers]
     out = []
     for row, state in enumerate(states):
-        step = _sum(_weighted(Ad[row], states) + _weighted(B0[row], old) + _weighted(B1[row], new))
-        rest = _element("ifthen", _property("modal/static-ic"), _sum(_weighted(static[row], at_rest)), _property(state))
-        moving = _element("gt", _property("simulation/dt"), _value(0.0))
-        out.append(_function(state.replace("modal/", "modal/new-"), _element("ifthen", moving, step, rest)))
+        step = _sum(*_weighted(Ad[row], states), *_weighted(B0[row], old), *_weighted(B1[row], new))
+        rest = element("ifthen", "modal/static-ic", _sum(*_weighted(static[row], at_rest)), state)
+        body = element("ifthen", element("gt", "simulation/dt", 0.0), step, rest)
+        out.append(_function(state.replace("modal/", "modal/new-"), body))
     return out
 
 
@@ -269,25 +252,23 @@ def _extra_force(elastic: ElasticModel, i: int, qbar_Pa: float, V_m_s: float) ->
     """Return the aerodynamic stiffness and damping beyond those of the condition that the exact step is made for."""
     mode = elastic.modes[i - 1]
     gain = elastic.S_m2 * elastic.cbar_m / mode.mass_kg_m2
+    now, then = "aero/qbar-psf", qbar_Pa / PSF_PA
     parts: list[ET.Element] = []
-    if mode.force_eta:
-        terms = [_product(gain * PSF_PA * c, f"modal/eta-{j}") for j, c in mode.force_eta.items()]
-        change = _element("difference", _property("aero/qbar-psf"), _value(qbar_Pa / PSF_PA))
-        parts.append(_element("product", change, _sum(terms)))
-    if mode.force_etadot:
-        terms = [_product(gain * PSF_PA * c, f"modal/etadot-{j}") for j, c in mode.force_etadot.items()]
-        scaled = _product("aero/qbar-psf", "aero/ci2vel")
-        change = _element("difference", scaled, _value(qbar_Pa / PSF_PA * elastic.cbar_m / (2.0 * V_m_s)))
-        parts.append(_element("product", change, _sum(terms)))
-    return _function(f"modal/compute-extra-{i}", _sum(parts), f"modal/extra-{i}")
+    for state, table, here, there in (
+        ("eta", mode.force_eta, quantity(now), then),
+        ("etadot", mode.force_etadot, _product(now, "aero/ci2vel"), then * elastic.cbar_m / (2.0 * V_m_s)),
+    ):
+        if table:
+            terms = [_product(gain * PSF_PA * c, f"modal/{state}-{j}") for j, c in table.items()]
+            parts.append(element("product", element("difference", here, there), _sum(*terms)))
+    return _function(f"modal/compute-extra-{i}", _sum(*parts), f"modal/extra-{i}")
 
 
 def _acceleration(elastic: ElasticModel, K: FloatArray, D: FloatArray, i: int) -> ET.Element:
     numbers = range(1, len(elastic) + 1)
-    terms = [_property(f"modal/force-{i}"), _property(f"modal/extra-{i}")]
-    terms += _weighted(-K[i - 1], [f"modal/eta-{j}" for j in numbers])
+    terms = _weighted(-K[i - 1], [f"modal/eta-{j}" for j in numbers])
     terms += _weighted(-D[i - 1], [f"modal/etadot-{j}" for j in numbers])
-    return _function(f"modal/etaddot-{i}", _sum(terms))
+    return _function(f"modal/etaddot-{i}", _sum(f"modal/force-{i}", f"modal/extra-{i}", *terms))
 
 
 def _add_effects(tree: ET.Element, aerodynamics: ET.Element, elastic: ElasticModel, adapter: Adapter | None) -> None:
@@ -300,14 +281,13 @@ def _add_effects(tree: ET.Element, aerodynamics: ET.Element, elastic: ElasticMod
                 terms.append(_product(mode.effect_etadot[coefficient], f"modal/etadot-{i}", "aero/ci2vel"))
         if adapter is not None and adapter.cg_in is not None:
             if terms:
-                react(tree, coefficient, [_sum(terms)], adapter.cg_in)
+                react(tree, coefficient, [_sum(*terms)], adapter.cg_in)
             continue
         axis = next((a for a in aerodynamics.findall("axis") if a.get("name") == axis_name), None)
         if not terms or axis is None:
             continue
-        factors = [_property("aero/qbar-psf"), _property("metrics/Sw-sqft")]
-        factors += [_property(length)] if length else []
-        axis.append(_function(f"modal/effect-{coefficient}", _element("product", *factors, _sum(terms))))
+        factors = ("aero/qbar-psf", "metrics/Sw-sqft", *([length] if length else []))
+        axis.append(_function(f"modal/effect-{coefficient}", element("product", *factors, _sum(*terms))))
 
 
 # --- air that lags ----------------------------------------------------------------------------------------------------

@@ -102,48 +102,52 @@ def react(tree: ET.Element, name: str, terms: Sequence[ET.Element], at_in: tuple
     reactions = tree.find("external_reactions")
     if reactions is None:
         reactions = ET.Element("external_reactions")
-        tags = [e.tag for e in tree]
-        tree.insert(tags.index("aerodynamics") if "aerodynamics" in tags else len(tags), reactions)
+        tree.insert(before_aerodynamics(tree), reactions)
     label = f"{_LABEL}{name}"
-    element = next((e for e in reactions if e.get("name") == label), None)
-    if element is None:
-        element = ET.SubElement(reactions, reaction.tag, {"name": label, "frame": reaction.frame})
-        product = ET.SubElement(ET.SubElement(element, "function"), "product")
-        for factor in reaction.factors:
-            ET.SubElement(product, "property").text = factor
-        ET.SubElement(ET.SubElement(product, "sum"), "value").text = "0.0"  # a sum has two terms
-        if reaction.tag == "force":
-            _vector(ET.SubElement(element, "location", {"unit": "IN"}), at_in)
-        _vector(ET.SubElement(element, "direction"), reaction.direction)
-    total = element.find("function/product/sum")
-    assert total is not None
-    ET.SubElement(total, "product").extend(terms if len(terms) > 1 else [*terms, number(1.0)])
+    found = next((e for e in reactions if e.get("name") == label), None)
+    if found is None:
+        total = element("product", *reaction.factors, element("sum", 0.0))  # a sum has two terms
+        place = [_vector("location", at_in, unit="IN")] if reaction.tag == "force" else []
+        parts = (element("function", total), *place, _vector("direction", reaction.direction))
+        found = element(reaction.tag, *parts, name=label, frame=reaction.frame)
+        reactions.append(found)
+    sums = found.find("function/product/sum")
+    assert sums is not None
+    sums.append(element("product", *terms, *([1.0] if len(terms) < 2 else [])))
 
 
-def _vector(element: ET.Element, values: Sequence[float]) -> None:
-    for axis, value in zip("xyz", values, strict=True):
-        ET.SubElement(element, axis).text = repr(float(value))
+def before_aerodynamics(tree: ET.Element) -> int:
+    """Return where an element goes that must stand before the aerodynamics."""
+    tags = [e.tag for e in tree]
+    return tags.index("aerodynamics") if "aerodynamics" in tags else len(tags)
+
+
+def _vector(tag: str, values: Sequence[float], **attributes: str) -> ET.Element:
+    parts = (element(axis, text=repr(float(value))) for axis, value in zip("xyz", values, strict=True))
+    return element(tag, *parts, **attributes)
+
+
+def element(tag: str, *inside: ET.Element | float | str, text: str | None = None, **attributes: str) -> ET.Element:
+    """Return an element and what stands in it: elements, numbers, and properties by their names."""
+    out = ET.Element(tag, attributes)
+    out.text = text
+    out.extend(x if isinstance(x, ET.Element) else quantity(x) if isinstance(x, str) else number(x) for x in inside)
+    return out
 
 
 def number(x: float) -> ET.Element:
     """Return the element of a number."""
-    out = ET.Element("value")
-    out.text = repr(float(x))
-    return out
+    return element("value", text=repr(float(x)))
 
 
 def quantity(name: str) -> ET.Element:
     """Return the element of a property."""
-    out = ET.Element("property")
-    out.text = name
-    return out
+    return element("property", text=name)
 
 
 def whole(coefficient: str) -> ET.Element:
     """Return the element of a whole aerodynamic coefficient as it is in flight."""
     _, length = COEFFICIENTS[coefficient]
-    over, below = ET.Element("quotient"), ET.Element("product")
-    ET.SubElement(below, "max").extend([quantity("aero/qbar-psf"), number(1e-6)])
-    below.extend([quantity(n) for n in ("metrics/Sw-sqft", *((length,) if length else ()))])
-    over.extend([quantity(WHOLE[coefficient]), below])
-    return over
+    pressure = element("max", "aero/qbar-psf", 1e-6)
+    below = element("product", pressure, "metrics/Sw-sqft", *([length] if length else []))
+    return element("quotient", WHOLE[coefficient], below)

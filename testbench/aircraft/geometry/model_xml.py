@@ -3,36 +3,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+from testbench.aircraft.adapter import SURFACES
 from testbench.aircraft.geometry.coefficients import ROWS, Coefficient
 from testbench.aircraft.geometry.masses import Balance
 from testbench.aircraft.geometry.propulsion import Thrust
 from testbench.aircraft.geometry.read import Plan
 from testbench.aircraft.geometry.schema import Motor, Servo
 from testbench.aircraft.geometry.shape import Moved
+from testbench.aircraft.reactions import COEFFICIENTS, MOTIONS
 from testbench.core.constants import DEG_RAD, FT_M, LBF_N
 from testbench.core.escape import xml_attribute, xml_text
 
-# Control -> name in JSBSim's properties, deflection that coefficients read, command that trims.
-_SURFACES: dict[str, tuple[str, str, str]] = {
-    "de": ("elevator", "fcs/elevator-pos-rad", "pitch"),
-    "da": ("aileron", "fcs/left-aileron-pos-rad", "roll"),
-    "dr": ("rudder", "fcs/rudder-pos-rad", "yaw"),
-}
-_AXES = (("DRAG", "CD"), ("SIDE", "CY"), ("LIFT", "CL"), ("ROLL", "Cl"), ("PITCH", "Cm"), ("YAW", "Cn"))
-_ARMS = {"Cl": "metrics/bw-ft", "Cm": "metrics/cbarw-ft", "Cn": "metrics/bw-ft"}
-_STATES = {
-    "alpha": ("aero/alpha-rad",),
-    "beta": ("aero/beta-rad",),
-    "p": ("velocities/p-aero-rad_sec", "aero/bi2vel"),
-    "q": ("velocities/q-aero-rad_sec", "aero/ci2vel"),
-    "r": ("velocities/r-aero-rad_sec", "aero/bi2vel"),
-    "alphadot": ("aero/alphadot-rad_sec", "aero/ci2vel"),
-    **{control: (position,) for control, (_, position, _) in _SURFACES.items()},
-}
-COMMANDS = {control: f"fcs/{name}-cmd-norm" for control, (name, _, _) in _SURFACES.items()}
+_TRIMS = {"de": "pitch", "da": "roll", "dr": "yaw"}
+"""Control -> what its trim command is called by."""
+COMMANDS = {control: f"fcs/{name}-cmd-norm" for control, name in SURFACES.items()}
 
 
 @dataclass(frozen=True)
@@ -96,15 +83,15 @@ def model_xml(
         '  <flight_control name="FCS">',
         *(line for control, servo in servos.items() for line in _constants(control, servo)),
         "",
-        *(line for control in servos for line in _servo_functions(control)),
+        *(_SERVO_FUNCTIONS.replace("NAME", SURFACES[control]) for control in servos),
         *(line for control, servo in servos.items() for line in _channel(control, servo)),
         *(_thrust_channel(thrust) if thrust is not None else []),
         "  </flight_control>",
         "",
         "  <aerodynamics>",
     ]
-    for axis, force in _AXES:
-        parts.append(f'    <axis name="{axis}">')
+    for force in ("CD", "CY", "CL", "Cl", "Cm", "Cn"):
+        parts.append(f'    <axis name="{COEFFICIENTS[force][0]}">')
         for c in found.values():
             if c.name == "CD" and force == "CD":
                 parts += _drag(polar, found)
@@ -151,7 +138,7 @@ def engine_files(thrust: Thrust) -> dict[str, str]:
 
 
 def _constants(control: Moved, servo: Servo) -> list[str]:
-    name = _SURFACES[control][0]
+    name = SURFACES[control]
     return [
         f'    <property value="{_n(servo.lag_rad_s)}">fcs/{name}-lag-rad_sec</property>',
         f'    <property value="{_n(servo.rate_limit_deg_s * DEG_RAD)}">fcs/{name}-rate-limit-rad_sec</property>',
@@ -219,14 +206,10 @@ _CHANNEL = """\
     </channel>"""
 
 
-def _servo_functions(control: Moved) -> list[str]:
-    return [_SERVO_FUNCTIONS.replace("NAME", _SURFACES[control][0])]
-
-
 def _channel(control: Moved, servo: Servo) -> list[str]:
-    name, position, trim = _SURFACES[control]
-    text = _CHANNEL.replace("NAME", name).replace("POSITION", position).replace("TRIM", trim)
-    return [text.replace("FULL", f"{servo.throw_deg * DEG_RAD:.7g}")]
+    (position,), full = MOTIONS[control], f"{servo.throw_deg * DEG_RAD:.7g}"
+    text = _CHANNEL.replace("NAME", SURFACES[control]).replace("POSITION", position).replace("FULL", full)
+    return [text.replace("TRIM", _TRIMS[control])]
 
 
 def _thrust_channel(thrust: Thrust) -> list[str]:
@@ -279,10 +262,8 @@ def _six(value: float) -> str:
 
 
 def _coefficient(c: Coefficient, force: str) -> list[str]:
-    factors: Sequence[str] = ()
-    if "_" in c.name:
-        factors = _STATES[c.name.split("_")[1]]
-    properties = ["aero/qbar-psf", "metrics/Sw-sqft", *([_ARMS[force]] if force in _ARMS else []), *factors]
+    arm, factors = COEFFICIENTS[force][1], MOTIONS[c.name.split("_")[1]] if "_" in c.name else ()
+    properties = ["aero/qbar-psf", "metrics/Sw-sqft", *([arm] if arm else []), *factors]
     return [
         f'      <function name="aero/coefficient/{c.name}">',
         f"        <description>{ROWS[c.name].words}</description>",
