@@ -82,19 +82,32 @@ def with_law(model: LinearModel, law: Law) -> LinearModel:
         law: about the same trim.
     """
     n, k = len(model.states), len(law.states)
-    A, B = block_diag(model.A, law.A), np.vstack([model.B, np.zeros((k, len(model.inputs)))])
-    C, at = np.hstack([model.C, np.zeros((len(model.C), k))]), [i for i, x in enumerate(law.felt) if x in model.states]
-    moved = [i for i in range(len(law.felt)) if i not in at]
-    states, inputs = ([names.index(law.felt[i]) for i in chosen] for names, chosen in (
-        (model.states, at), (model.inputs, moved)))  # fmt: skip
-    A[n:, states], B[n:, inputs] = law.B[:, at], law.B[:, moved]
-    for control, c, d in zip(law.surfaces, law.C, law.D, strict=True):
+    A, B = _joined(model.A, model.states, law), np.vstack([model.B, np.zeros((k, len(model.inputs)))])
+    moved = [i for i, x in enumerate(law.felt) if x not in model.states]
+    inputs = [model.inputs.index(law.felt[i]) for i in moved]
+    B[n:, inputs] = law.B[:, moved]
+    for control, d in zip(law.surfaces, law.D, strict=True):
         row = model.states.index(f"{SERVO}{control}")
-        lag = -A[row, row]
-        A[row, states], A[row, n:] = lag * d[at], lag * c
         B[row] = 0.0
-        B[row, inputs] = lag * d[moved]
+        B[row, inputs] = -A[row, row] * d[moved]
+    C = np.hstack([model.C, np.zeros((len(model.C), k))])
     return replace(model, A=A, B=B, C=C, states=(*model.states, *law.states))
+
+
+def _joined(A: FloatArray, own: Sequence[str], law: Law) -> FloatArray:
+    """Return A (..., n, n) of ``own`` states with those of the law behind them; what it demands moves the servos."""
+    n, k = len(own), len(own) + len(law.states)
+    wide = np.zeros((*A.shape[:-2], k, k))
+    wide[..., :n, :n], wide[..., n:, n:] = A, law.A
+    at = [i for i, x in enumerate(law.felt) if x in own]
+    felt = [own.index(law.felt[i]) for i in at]
+    wide[..., n:, felt] = law.B[:, at]
+    for control, c, d in zip(law.surfaces, law.C, law.D, strict=True):
+        if f"{SERVO}{control}" in own:
+            row = own.index(f"{SERVO}{control}")
+            lag = -A[..., row, row, None]
+            wide[..., row, felt], wide[..., row, n:] = lag * d[at], lag * c
+    return wide
 
 
 def law_along(A: FloatArray, C: FloatArray, states: Sequence[str], law: Law) -> tuple[FloatArray, FloatArray]:
@@ -107,20 +120,9 @@ def law_along(A: FloatArray, C: FloatArray, states: Sequence[str], law: Law) -> 
         law: of the aircraft.
     """
     own = [s for s in states if not s.startswith(LAW)]
-    names = [*own, *law.states]
-    n, k = len(own), len(names)
-    wide, shown = np.zeros((len(A), k, k)), np.zeros((len(C), C.shape[1], k))
-    wide[:, :n, :n], shown[:, :, :n], wide[:, n:, n:] = A, C, law.A
-    at = [i for i, x in enumerate(law.felt) if x in own]
-    felt = [own.index(law.felt[i]) for i in at]
-    wide[:, n:, felt] = law.B[:, at]
-    for control, c, d in zip(law.surfaces, law.C, law.D, strict=True):
-        if f"{SERVO}{control}" in own:
-            row = own.index(f"{SERVO}{control}")
-            lag = -wide[0, row, row]
-            wide[:, row, felt], wide[:, row, n:] = lag * d[at], lag * c
-    place = [names.index(s) for s in states]
-    return wide[:, place][:, :, place], shown[:, :, place]
+    place = [[*own, *law.states].index(s) for s in states]
+    shown = np.concatenate([C, np.zeros((*C.shape[:2], len(law.states)))], axis=2)
+    return _joined(A, own, law)[:, place][:, :, place], shown[:, :, place]
 
 
 class _Bench:

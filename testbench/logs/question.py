@@ -42,14 +42,9 @@ class Criteria:
     pressure_pa: float = 2.5e5
     few: float = 0.01  # share of samples beyond: below it they are damaged, above it the unit is wrong
     flown: float = 0.5  # share of the samples before which all is flight, where what comes after may be a crash
-    one_g: tuple[float, float] = (0.7, 1.3)  # median of |a|, m/s2, that is one g in g
     moving_rad_s: float = 0.01  # spread of a rate of an aircraft that is not standing
-    unit_match: float = 1.5  # a unit is wrong if another one brings two channels within this ratio
-    speed_match: float = 1.35  # the same for speeds, whose units lie closer: knots 1.94, ft/s 3.28, km/h 3.6
-    felt_m_s2: float = 0.2  # spread of a lateral force that stands out of vibration
     follows: float = 0.9  # share of the variance that one channel must explain of another to tell its unit
     turned_rad: float = 0.75 * np.pi  # of heading, over which wind is no constant difference
-    thinnest: float = 0.05  # density over that at sea level; at 20 km a fourteenth
     frozen: int = 8  # samples
     chance: float = 1e-6  # that a stretch without change is chance
     jump: float = 5.0  # of the usual change between samples, into and out of a stretch without change

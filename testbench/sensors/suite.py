@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -16,6 +15,7 @@ from pydantic import Field, create_model
 from testbench.core.channels import CONTROLS, SURFACES, channel, require, unit_factor
 from testbench.core.door import read_toml
 from testbench.core.errors import ChannelError, RecordError, ScenarioError, nearest
+from testbench.core.escape import table_lines
 from testbench.core.paths import SENSOR_SUITES, SUITES, resolve, suite_names
 from testbench.core.record import FlightRecord
 from testbench.core.schema import NonNegative, Positive, Strict, Text, parse
@@ -328,29 +328,35 @@ def suite_table() -> list[SensorSuite]:
 
 def suite_toml(suite: SensorSuite) -> str:
     """Return a suite as the text of a .toml file that :func:`load_suite` reads back as it is; SI units."""
-    lines = [f"title = {json.dumps(suite.title)}", f"rate_hz = {suite.rate_hz!r}"]
     clocks = {s.recorder: s for s in suite.sensors if s.recorder}
-    for name, s in clocks.items():
-        lines += ["", f"[recorder.{json.dumps(name)}]", f"clock_offset_s = {float(s.clock_offset_s)!r}"]
-        lines.append(f"clock_ppm = {float(s.clock_ppm)!r}")
+    recorders = {
+        name: {"clock_offset_s": float(s.clock_offset_s), "clock_ppm": float(s.clock_ppm)} for name, s in clocks.items()
+    }
+    head = {"title": suite.title, "rate_hz": suite.rate_hz, "recorder": recorders}
+    return "\n".join(table_lines({**head, "sensor": [_table(sensor) for sensor in suite.sensors]})) + "\n"
+
+
+def _table(sensor: Sensor) -> dict[str, Any]:
+    """Return a sensor as a ``[[sensor]]``, SI units."""
     plain = {f.name: f.default for f in fields(Sensor)}
     # those that are written where they say something
     later = ("bias_walk", "bias_rate", "drift_std", "drift_time_s", "price_eur", "mass_g")
-    for sensor in suite.sensors:
-        lines += ["", "[[sensor]]", f'channel = "{sensor.channel}"', f'unit = "{channel(sensor.channel).unit}"']
-        if sensor.KIND:
-            lines.append(f'kind = "{sensor.KIND}"')
-        for key in ("noise_std", "bias", "scale", "lag_s", "delay_s", "quantum", "rate_hz", "dropout", *later):
-            value = getattr(sensor, key)
-            if value is not None and not (key in later and value == plain[key]):
-                lines.append(f"{key} = {float(value)!r}")
-        if any(sensor.position_m):
-            lines.append(f"position_m = {list(sensor.position_m)}")
-        lines += [f"{key} = {_toml(value)}" for key, value in _own(sensor).items()]
-        if sensor.recorder:
-            lines.append(f"recorder = {json.dumps(sensor.recorder)}")
-        lines += [f"{key} = {json.dumps(getattr(sensor, key), ensure_ascii=False)}" for key in ("part", "source")]
-    return "\n".join(lines) + "\n"
+    figures = {}
+    for key in ("noise_std", "bias", "scale", "lag_s", "delay_s", "quantum", "rate_hz", "dropout", *later):
+        value = getattr(sensor, key)
+        if value is not None and not (key in later and value == plain[key]):
+            figures[key] = float(value)
+    return {
+        "channel": sensor.channel,
+        "unit": channel(sensor.channel).unit,
+        "kind": sensor.KIND or None,
+        **figures,
+        "position_m": list(sensor.position_m) if any(sensor.position_m) else None,
+        **_own(sensor),
+        "recorder": sensor.recorder or None,
+        "part": sensor.part,
+        "source": sensor.source,
+    }
 
 
 def _own(sensor: Sensor) -> dict[str, Any]:
@@ -362,12 +368,8 @@ def _own(sensor: Sensor) -> dict[str, Any]:
         value = getattr(sensor, f.name)
         if f.name not in common and value != f.default:
             key, factor = names.get(f.name, (f.name, 1.0))
-            out[key] = [x / factor for x in value] if isinstance(value, tuple) else value / factor
+            out[key] = [float(x / factor) for x in value] if isinstance(value, tuple) else float(value / factor)
     return out
-
-
-def _toml(value: Any) -> str:
-    return f"[{', '.join(repr(float(x)) for x in value)}]" if isinstance(value, list) else repr(float(value))
 
 
 @cache

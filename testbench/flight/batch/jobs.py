@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Literal, Self
+from functools import cached_property, partial
+from typing import Literal, Self, TypeVar
 
 from testbench.aircraft import Aircraft
+from testbench.core.processes import spread
 from testbench.core.record import FlightRecord
 from testbench.flight.air import Air
 from testbench.flight.condition import Start, TrimmedFlight
@@ -20,6 +21,7 @@ batch where a model has been found equal to JSBSim, else JSBSim.
 """
 BATCH, JSBSIM = "batch, judged by JSBSim", "JSBSim, as "
 """What the provenance of a flight of many says of its simulator; behind the second stands why."""
+T = TypeVar("T")
 BOTH = 200
 """One flight of a batch in so many is flown by JSBSim as well."""
 
@@ -53,6 +55,18 @@ class Job:
     def beginning(self) -> Beginning:
         """Where it begins."""
         return beginning_of(self.trimmed, self.manoeuvre, self.start)
+
+
+def by_jsbsim(found: Sequence[T | None], make: Callable[[int], T]) -> list[T]:
+    """Return what a batch found; where it found nothing (None), what JSBSim makes, by all processes that may be used.
+
+    Args:
+        found: by the batch.
+        make: number -> what is wanted.
+    """
+    rest = [i for i, each in enumerate(found) if each is None]
+    made = dict(zip(rest, spread([partial(make, i) for i in rest]), strict=True))
+    return [made[i] if each is None else each for i, each in enumerate(found)]
 
 
 @dataclass

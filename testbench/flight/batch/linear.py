@@ -11,11 +11,10 @@ from testbench.aircraft import Aircraft
 from testbench.core.channels import CONTROLS
 from testbench.core.constants import FT_M
 from testbench.core.errors import Refusal
-from testbench.core.processes import spread
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import judged
-from testbench.flight.batch.jobs import Simulator
+from testbench.flight.batch.jobs import Simulator, by_jsbsim
 from testbench.flight.batch.model import BatchModel, filled, put, registers
 from testbench.flight.batch.properties import plain
 from testbench.flight.batch.vector import LANES
@@ -50,21 +49,18 @@ def linearise_many(
             out.append(None if found is None else _in_blocks(*found, at))
         except Refusal as error:
             out.append(error)
-    rest = [i for i, result in enumerate(out) if result is None]
-    by_jsbsim = spread([partial(_by_jsbsim, aircraft[i], trimmed[i]) for i in rest])
-    models = dict(zip(rest, by_jsbsim, strict=True))
-    return [models[i] if result is None else result for i, result in enumerate(out)]
+
+    def alone(i: int) -> LinearModel | Refusal:
+        try:
+            return linearise(aircraft[i], trimmed[i])
+        except Refusal as error:
+            return error
+
+    return by_jsbsim(out, alone)
 
 
 def _in_blocks(model: BatchModel, layout: Layout, trimmed: TrimmedFlight) -> LinearModel:
     return layout.model(_values(model, layout, layout.points(layout.trim_of(trimmed))))
-
-
-def _by_jsbsim(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel | Refusal:
-    try:
-        return linearise(aircraft, trimmed)
-    except Refusal as error:
-        return error
 
 
 def linearise_flight(

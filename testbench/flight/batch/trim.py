@@ -11,12 +11,11 @@ from testbench.aircraft import Aircraft
 from testbench.core.constants import FT_M
 from testbench.core.errors import Refusal
 from testbench.core.named import Named, obtain_all
-from testbench.core.processes import spread
 from testbench.core.record import FloatArray
 from testbench.flight.air import Air
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import judged_at
-from testbench.flight.batch.jobs import Simulator
+from testbench.flight.batch.jobs import Simulator, by_jsbsim
 from testbench.flight.batch.model import BatchModel, filled, put, read, registers
 from testbench.flight.batch.vector import LANES
 from testbench.flight.condition import FlightCondition, TrimmedFlight
@@ -95,21 +94,15 @@ def trim_many(
         found = _trimmed([m for _, m in group], *of, [None if near is None else near(i) for i in members])
         for i, result in zip(members, found, strict=True):
             out[i] = result
-    rest = [i for i, result in enumerate(out) if result is None]
-    known = {i: None if near is None else near(i) for i in rest}
-    by_jsbsim = spread([partial(_by_jsbsim, planes[i], conditions[i], rate_hz, blowing[i], known[i]) for i in rest])
-    trims = dict(zip(rest, by_jsbsim, strict=True))
-    return [trims[i] if result is None else result for i, result in enumerate(out)]
 
+    def alone(i: int) -> TrimmedFlight | Refusal:
+        begin, slopes = (near(i) if near is not None else None) or (None, None)
+        try:
+            return trim(planes[i], conditions[i], rate_hz, blowing[i], begin, slopes=slopes)
+        except Refusal as error:
+            return error
 
-def _by_jsbsim(
-    aircraft: Aircraft, condition: FlightCondition, rate_hz: float | None, air: Air | None, near: Near | None
-) -> TrimmedFlight | Refusal:
-    begin, slopes = near or (None, None)
-    try:
-        return trim(aircraft, condition, rate_hz, air, begin, slopes=slopes)
-    except Refusal as error:
-        return error
+    return by_jsbsim(out, alone)
 
 
 def _trimmed(
