@@ -284,7 +284,7 @@ def _with_inertia(aircraft: Aircraft, tree: ET.Element, condition: FlightConditi
         return aircraft, []
     fdm = Executive(aircraft, RATE_HZ, condition)
     fdm.command({"thr": 1.0})
-    fdm.place(condition.h_m, 0.0, 0.0, (condition.V_m_s, 0.0, 0.0))
+    fdm.place_at(condition)
     fdm.evaluate()
     files, said = dict(aircraft.engine_files), []
     elements = tree.findall("propulsion/engine")
@@ -396,10 +396,9 @@ def _throttles(
         )
         fdm = Executive(tried, RATE_HZ, condition)
         follows, thrusts, before = True, [], [-1.0]
-        V = condition.V_m_s
         for throttle in (0.8, 1.0, 0.3):
             fdm.command({"thr": throttle})
-            fdm.place(condition.h_m, 0.05, 0.0, (V * math.cos(0.05), 0.0, V * math.sin(0.05)))
+            fdm.place_at(condition, 0.05)
             for _ in range(3):
                 fdm.fdm.run_ic()
             at = [fdm.get(n) for n in positions]
@@ -448,7 +447,7 @@ def _lever(aircraft: Aircraft, engines: int, condition: FlightCondition) -> floa
         for name in names:
             fdm.set(name, lever)
         fdm.command({"thr": 1.0})
-        fdm.place(condition.h_m, 0.0, 0.0, (condition.V_m_s, 0.0, 0.0))
+        fdm.place_at(condition)
         fdm.evaluate()
         thrusts[lever] = fdm.get("forces/fbx-prop-lbs") * LBF_N
         if lever == 1.0 and thrusts[lever] > _SHORT * aircraft.mass.mass_kg * G0_M_S2:

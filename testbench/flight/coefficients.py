@@ -23,7 +23,7 @@ from testbench.core.constants import COEFFICIENTS, FT_M
 from testbench.core.errors import TrimError
 from testbench.core.record import FloatArray
 from testbench.flight.condition import FlightCondition, TrimmedFlight
-from testbench.flight.executive import Executive
+from testbench.flight.executive import Executive, velocity_at
 from testbench.flight.trim import horizon_rates, place_at_trim, trim
 
 _FORCES = ("forces/fwz-aero-lbs", "forces/fwx-aero-lbs", "forces/fwy-aero-lbs")
@@ -87,9 +87,8 @@ class _Bench:
         t, fdm, g = self._trimmed, self._fdm, self._geometry
         V = t.condition.V_m_s
         alpha, beta = t.alpha + change.get("alpha", 0.0), t.beta + change.get("beta", 0.0)
-        uvw = V * np.array([np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)])
-        still = V * np.array([np.cos(t.alpha), 0.0, np.sin(t.alpha)])
-        rates = horizon_rates(t.condition.h_m, t.theta, t.phi, still, fdm.wind_m_s)
+        uvw = velocity_at(V, alpha, beta)
+        rates = horizon_rates(t.condition.h_m, t.theta, t.phi, velocity_at(V, t.alpha), fdm.wind_m_s)
         rates = rates + np.array([change.get(n, 0.0) for n in ("p", "q", "r")])
         fdm.command({n: v + change.get(n, 0.0) for n, v in t.controls.items()})
         fdm.place(t.condition.h_m, t.theta + change.get("theta", 0.0), t.phi, uvw, rates)

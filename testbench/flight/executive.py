@@ -13,7 +13,7 @@ import os
 import re
 import weakref
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
@@ -263,6 +263,14 @@ class Executive:
         for axis, value in zip("pqr", pqr, strict=True):
             self.set(f"ic/{axis}-rad_sec", value)
 
+    def place_at(self, condition: FlightCondition, alpha: float = 0.0) -> None:
+        """Place it on the flight path of a condition at an angle of attack, rad, wings level, nothing turning."""
+        self.place(condition.h_m, alpha + condition.gamma_rad, 0.0, velocity_at(condition.V_m_s, alpha))
+
+    def place_state(self, at: Mapping[str, float]) -> None:
+        """Place it where the states of a linear model have the body."""
+        self.place(at["h"], at["theta"], at["phi"], [at[n] for n in "uvw"], [at[n] for n in "pqr"])
+
     def evaluate(self, to_rest: bool = False, held: bool = False) -> None:
         """Evaluate all forces at the initial conditions, time standing still, propellers at their equilibrium.
 
@@ -327,6 +335,14 @@ class Executive:
         """Return every channel of the current state, SI."""
         values = (node.get_double_value() * f for node, f in zip(self.channel_nodes, self.factors, strict=True))
         return dict(zip(self.channels, values, strict=True))
+
+
+def velocity_at(V_m_s: float, alpha: float, beta: float = 0.0) -> FloatArray:
+    """Return the airspeed (3,) in body axes, m/s, at an angle of attack and of sideslip, rad."""
+    uvw = np.array([V_m_s * np.cos(alpha), 0.0, V_m_s * np.sin(alpha)])
+    if beta:
+        uvw = np.array([uvw[0] * np.cos(beta), V_m_s * np.sin(beta), uvw[2] * np.cos(beta)])
+    return uvw
 
 
 def body_from_earth(theta: float | FloatArray, phi: float | FloatArray) -> FloatArray:

@@ -156,7 +156,7 @@ class _Bench:
         held = [node.get_double_value() for node in self._biases]
         if name in at and name not in self._trimmed.controls:
             at[name] += self._size(name)
-            fdm.place(at["h"], at["theta"], at["phi"], [at[n] for n in "uvw"], [at[n] for n in "pqr"])
+            fdm.place_state(at)
             fdm.fdm.run_ic()
             for node, value in zip(self._biases, held, strict=True):
                 node.set_double_value(value)

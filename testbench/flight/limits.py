@@ -64,15 +64,14 @@ def _lifting(aircraft: Aircraft, at: TrimmedFlight, way: float) -> tuple[float, 
     it comes from."""
     fdm = Executive(aircraft, at.rate_hz, at.condition)
     fdm.command(dict(at.controls))
-    V, h_m, most = at.condition.V_m_s, at.condition.h_m, -math.inf
-    last = _ALPHA_DEG[way > 0.0] * DEG_RAD
+    most, last = -math.inf, _ALPHA_DEG[way > 0.0] * DEG_RAD
     for alpha in np.arange(at.alpha, last, way * _ALPHA_STEP):
-        fdm.place(h_m, alpha + at.condition.gamma_rad, 0.0, (V * math.cos(alpha), 0.0, V * math.sin(alpha)))
+        fdm.place_at(at.condition, alpha)
         fdm.evaluate(held=True)
         lift = way * fdm.get("forces/fwz-aero-lbs")
         if lift < most:
             most_or_least = "greatest" if way > 0.0 else "least"
-            return float(alpha - way * _ALPHA_STEP), f"lift is {most_or_least} there at {V:g} m/s"
+            return float(alpha - way * _ALPHA_STEP), f"lift is {most_or_least} there at {at.condition.V_m_s:g} m/s"
         most = lift
     return last, ASSUMED
 

@@ -305,7 +305,7 @@ class _Point:
         """Return the state derivatives, all channels and what the memories follow at one point."""
         fdm = self.fdm
         fdm.command({n: at[n] for n in CONTROLS if n in fdm.command_nodes})
-        fdm.place(at["h"], at["theta"], at["phi"], (at["u"], at["v"], at["w"]), (at["p"], at["q"], at["r"]))
+        fdm.place_state(at)
         modes = range(1, fdm.mode_count + 1)
         for i in modes:
             fdm.set(f"modal/eta-{i}", at[f"eta_{i}"])
@@ -369,7 +369,7 @@ class _Engine:
         at = {**self._at, **{n: self._at[n] + d for n, d in (change or {}).items()}}
         fdm = self._fdm
         fdm.command({n: at[n] for n in fdm.command_nodes})
-        fdm.place(at["h"], at["theta"], at["phi"], (at["u"], at["v"], at["w"]), (at["p"], at["q"], at["r"]))
+        fdm.place_state(at)
         fdm.evaluate(held=True)
 
     def _state(self, k: int) -> FloatArray:

@@ -292,10 +292,8 @@ def departs(aircraft: Aircraft, condition: FlightCondition) -> list[str]:
 
 
 def _placed(fdm: Executive, condition: FlightCondition, commands: Mapping[str, float]) -> None:
-    alpha = 0.03
-    uvw = (condition.V_m_s * math.cos(alpha), 0.0, condition.V_m_s * math.sin(alpha))
     fdm.command(dict(commands))
-    fdm.place(condition.h_m, alpha, 0.0, uvw)
+    fdm.place_at(condition, 0.03)
     fdm.evaluate(held=True)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
 from testbench.flight.condition import FlightCondition
-from testbench.flight.executive import Executive, UndefinedProperties
+from testbench.flight.executive import Executive, UndefinedProperties, velocity_at
 
 COMMANDS = {"de": "fcs/elevator-cmd-norm", "da": "fcs/aileron-cmd-norm", "dr": "fcs/rudder-cmd-norm"}
 """Control -> the pilot's command of every JSBSim model."""
@@ -189,7 +189,7 @@ def _turned_right(
     The sign of a command over half of its range is not that of a small one where tables bend, and a surface that is
     commanded directly was not moved before.
     """
-    V, out, said = condition.V_m_s, [], []
+    out, said = [], []
     for link in links:
         fdm = Executive(
             replace(aircraft, adapter=replace(aircraft.adapter or Adapter(), links=(link,))),
@@ -200,7 +200,7 @@ def _turned_right(
         size, moments = _SMALL * min(abs(d) for d in (_ends(link))), []
         for way in (-1.0, 1.0):
             fdm.set(link.command, way * size)
-            fdm.place(condition.h_m, alpha, 0.0, (V * np.cos(alpha), 0.0, V * np.sin(alpha)))
+            fdm.place_at(condition, alpha)
             fdm.evaluate(held=True)
             moments.append(fdm.get(f"moments/{axis}-aero-lbsft"))
         if wanted * (moments[1] - moments[0]) < 0.0:
@@ -249,8 +249,6 @@ class _Bench:
     ) -> None:
         self._fdm = Executive(aircraft, rate_hz, condition)
         self._condition, self._alpha = condition, alpha
-        V = condition.V_m_s
-        self._state = {"uvw": (V * np.cos(alpha), 0.0, V * np.sin(alpha)), "pqr": (0.0, 0.0, 0.0)}
         self.names = [n for n in names if self._fdm.has(n)]
         self._nodes = [self._fdm.node(n) for n in self.names]
         self._hold()
@@ -261,9 +259,10 @@ class _Bench:
         usual = (f"fcs/{word}-pos-rad", f"fcs/left-{word}-pos-rad")
         return next((n for n in usual if n in self.names), None)
 
-    def _hold(self, uvw: Sequence[float] | None = None, pqr: Sequence[float] | None = None) -> None:
-        state = self._state
-        self._fdm.place(self._condition.h_m, self._alpha, 0.0, uvw or state["uvw"], pqr or state["pqr"])
+    def _hold(self, alpha: float = 0.0, beta: float = 0.0, pqr: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+        """Hold it in its attitude, with angle of attack, sideslip and rates changed."""
+        at = self._condition
+        self._fdm.place(at.h_m, self._alpha, 0.0, velocity_at(at.V_m_s, self._alpha + alpha, beta), pqr)
         self._fdm.evaluate(held=True)
 
     def _read(self) -> FloatArray:
@@ -298,7 +297,7 @@ class _Bench:
         if not all(self._fdm.has(name) for name, _ in command):
             return []
         commands = np.linspace(-1.0, 1.0, _GRID)
-        table = self._table(command, commands)
+        table = self._over(command, commands, self._read)
         crossings = set()
         for column in table.T:
             for i in np.flatnonzero(column[:-1] * column[1:] < 0.0):
@@ -306,16 +305,17 @@ class _Bench:
                 crossings.add(round(float(commands[i] + share * (commands[i + 1] - commands[i])), 9))
         if crossings:
             commands = np.union1d(commands, sorted(crossings))
-            table = self._table(command, commands)
+            table = self._over(command, commands, self._read)
         moved = np.ptp(table, axis=0) > _MOVED
         return [Moved(n, commands, table[:, i]) for i, n in enumerate(self.names) if moved[i]]
 
-    def _table(self, command: Command, commands: FloatArray) -> FloatArray:
-        """Return what is watched (n, names) for commands (n,)."""
+    def _over(self, command: Command, commands: Iterable[float], read: Callable[[], Any]) -> FloatArray:
+        """Return what is read where everything rests at each command; it is left at zero."""
         rows = []
         for value in commands:
             self._put(command, value)
-            rows.append(self._rest())
+            self._rest()
+            rows.append(read())
         self._put(command, 0.0)
         self._rest()
         return np.array(rows)
@@ -324,38 +324,24 @@ class _Bench:
         """Return the values of a property over commands (n,), or None if the model has none of that name."""
         if not self._fdm.has(name):
             return None
-        node, values = self._fdm.node(name), []
-        for value in commands:
-            self._put(command, value)
-            self._rest()
-            values.append(node.get_double_value())
-        self._put(command, 0.0)
-        self._rest()
-        return np.array(values)
+        return self._over(command, commands, self._fdm.node(name).get_double_value)
 
     def sign(self, control: str, command: Command) -> float:
         """Return 1 if a positive command gives the moment of a positive deflection, else -1: see the signal table."""
         axis, wanted = TURNS[control]
-        moments = []
-        for value in (-0.5, 0.5):
-            self._put(command, value)
-            self._rest()
-            moments.append(self._fdm.get(f"moments/{axis}-aero-lbsft"))
-        self._put(command, 0.0)
-        self._rest()
+        moments = self._over(command, (-0.5, 0.5), self._fdm.node(f"moments/{axis}-aero-lbsft").get_double_value)
         return 1.0 if wanted * (moments[1] - moments[0]) >= 0.0 else -1.0
 
     def feedback(self, reference: Moved) -> list[str]:
         """Return the motions of the aircraft that move a surface although its command stands still."""
         node = self._fdm.node(reference.name)
         least = 1e-4 * float(np.ptp(reference.values))
-        V, a = self._condition.V_m_s, self._alpha
         self._hold()
         self._rest()
         rest = node.get_double_value()
-        tried = {
-            "angle of attack": {"uvw": (V * np.cos(a + 0.03), 0.0, V * np.sin(a + 0.03))},
-            "sideslip": {"uvw": (V * np.cos(a), 0.03 * V, V * np.sin(a))},
+        tried: dict[str, dict[str, Any]] = {
+            "angle of attack": {"alpha": 0.03},
+            "sideslip": {"beta": 0.03},
             "roll rate": {"pqr": (0.1, 0.0, 0.0)},
             "pitch rate": {"pqr": (0.0, 0.1, 0.0)},
             "yaw rate": {"pqr": (0.0, 0.0, 0.1)},

@@ -11,8 +11,8 @@ import numpy as np
 from testbench.core.errors import LimitError
 from testbench.core.record import FloatArray
 from testbench.flight.condition import Start, TrimmedFlight
-from testbench.flight.executive import Executive
-from testbench.flight.trim import horizon_rates, place_at_trim, steady_wind, velocity_at
+from testbench.flight.executive import Executive, velocity_at
+from testbench.flight.trim import horizon_rates, place_at_trim, steady_wind
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from testbench.core.named import Named, obtain
 from testbench.core.record import FloatArray
 from testbench.flight.air import AXES, Air
 from testbench.flight.condition import FlightCondition, TrimmedFlight
-from testbench.flight.executive import ACCELERATIONS, Executive, body_from_earth
+from testbench.flight.executive import ACCELERATIONS, Executive, body_from_earth, velocity_at
 
 UNKNOWN_STEP = {"thr": 1e-3}
 """Step of the differences of a Jacobian, by unknown; 1e-4 rad otherwise."""
@@ -414,14 +414,6 @@ class _Problem:
         fdm.place(condition.h_m, theta, phi, uvw, horizon_rates(condition.h_m, theta, phi, uvw, fdm.wind_m_s))
         fdm.evaluate(to_rest)
         return np.array([fdm.get(name) * factor for name, factor in ACCELERATIONS])
-
-
-def velocity_at(V_m_s: float, alpha: float, beta: float) -> FloatArray:
-    """Return the airspeed (3,) in body axes, m/s, at an angle of attack and of sideslip, rad."""
-    uvw = np.array([V_m_s * np.cos(alpha), 0.0, V_m_s * np.sin(alpha)])
-    if beta:
-        uvw = np.array([uvw[0] * np.cos(beta), V_m_s * np.sin(beta), uvw[2] * np.cos(beta)])
-    return uvw
 
 
 def _shown(name: str, value: float) -> str:

@@ -204,7 +204,7 @@ def test_propellers_are_taken_back_from_full_speed_only_where_thrust_is_short(mo
         propellers, at = SimpleNamespace(governed=True), 1.0
 
         def __init__(self, *_):
-            self.command = self.place = self.evaluate = self.has = lambda *_: True
+            self.command = self.place_at = self.evaluate = self.has = lambda *_: True
 
         def set(self, name, value):
             self.at = value

@@ -231,7 +231,7 @@ def _components(
     for name, register in found.items():
         if register in outputs:
             start[register] = _value(fdm, name)
-    fdm.place(condition.h_m, 0.0, 0.0, (condition.V_m_s, 0.0, 0.0))
+    fdm.place_at(condition)
     fdm.evaluate()
     for name, register in program.properties.items():
         if ON_GROUND.fullmatch(name):

@@ -20,9 +20,9 @@ from testbench.flight.batch.program import Untranslated
 from testbench.flight.batch.translate import translate
 from testbench.flight.batch.vector import LANES
 from testbench.flight.condition import TrimmedFlight
-from testbench.flight.executive import Executive
+from testbench.flight.executive import Executive, velocity_at
 from testbench.flight.start import Beginning
-from testbench.flight.trim import place_at_trim, velocity_at
+from testbench.flight.trim import place_at_trim
 
 MOTOR = '<electric_engine name="motor"><power unit="WATTS">60000</power></electric_engine>'
 TURBOPROP = """
