@@ -385,12 +385,10 @@ def downwash_gradient(plane: Plane, tail: LiftingSurface) -> float:
     xt, _, zt = tail.quarter_chord_m
     if xt - x <= 0.5 * wing.mean_chord_m:
         return 0.0
-    b = wing.span_m
-    A = b**2 / wing.projected_m2
-    taper = min(wing.stations[-1].chord_m / wing.stations[0].chord_m, 1.0)
+    A, b = wing.aspect_ratio, wing.span_m
     first, last = wing.stations[0], wing.stations[-1]
-    aft = last.x_m + 0.25 * last.chord_m - first.x_m - 0.25 * first.chord_m
-    sweep = math.atan2(aft, abs(last.y_m - first.y_m))
+    taper = min(last.chord_m / first.chord_m, 1.0)
+    sweep = math.atan2(wing.swept_m, abs(last.y_m - first.y_m))
     K_A = 1.0 / A - 1.0 / (1.0 + A**1.7)
     K_l = (10.0 - 3.0 * taper) / 7.0
     K_h = (1.0 - abs((zt - z) / b)) / (2.0 * (xt - x) / b) ** (1.0 / 3.0)

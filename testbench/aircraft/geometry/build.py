@@ -418,8 +418,7 @@ def _trapezoid(surface: LiftingSurface) -> Surface:
     chords = (root.chord_m, tip.chord_m)
     if len(surface.stations) > 2:
         chords = _chords(area / span, surface.mean_chord_m, root.chord_m < tip.chord_m)
-    aft = tip.x_m + 0.25 * tip.chord_m - root.x_m - 0.25 * root.chord_m
-    sweep = math.atan2(aft, side)
+    sweep = math.atan2(surface.swept_m, side)
     # The mean chord's quarter chord of the drawing lies where that of the surface does.
     taper = chords[1] / chords[0]
     share = (1.0 + 2.0 * taper) / (3.0 * (1.0 + taper))

@@ -258,12 +258,10 @@ def sidewash(plane: Plane, surface: LiftingSurface) -> float:
     """Return the sideslip at a surface over that of the aircraft."""
     if not _on_body(plane, surface):
         return 1.0
-    a, b = surface.stations[0], surface.stations[-1]
-    aft = b.x_m + 0.25 * b.chord_m - a.x_m - 0.25 * a.chord_m
-    cos = math.cos(math.atan2(aft, surface.length_m))
+    cos = math.cos(math.atan2(surface.swept_m, surface.length_m))
     height, below = _at_wing(plane)
-    A = plane.wing.span_m**2 / plane.wing.projected_m2
-    return 0.724 + 3.06 * surface.area_m2 / plane.S_m2 / (1.0 + cos) + 0.4 * below / height + 0.009 * A
+    size = surface.area_m2 / plane.S_m2
+    return 0.724 + 3.06 * size / (1.0 + cos) + 0.4 * below / height + 0.009 * plane.wing.aspect_ratio
 
 
 def body(plane: Plane, wing_slope: float, downwash: float) -> dict[str, float]:
@@ -295,7 +293,7 @@ def body(plane: Plane, wing_slope: float, downwash: float) -> dict[str, float]:
     wing_height, below = _at_wing(plane)
     K = 1.0 + (0.85 if below > 0.0 else 0.5) * min(abs(below) / (0.5 * wing_height), 1.0)
     turning = float(np.trapezoid(-x[attached] * taper[attached], x[attached]))
-    A, b = wing.span_m**2 / wing.projected_m2, wing.span_m
+    A, b = wing.aspect_ratio, wing.span_m
     return {
         "Cm_alpha": pitch,
         "CY_beta": -inertia * K * float(area[attached][-1]) / plane.S_m2,

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 from testbench.aircraft.geometry.avl import read_avl
 from testbench.aircraft.geometry.masses import Balance, balance
 from testbench.aircraft.geometry.schema import BesideAvl, Common, Fin, GeometryFile, Servo, Trapezoid
-from testbench.aircraft.geometry.shape import Airfoil, Flap, Hull, LiftingSurface, Moved, Plane, Role, Station, airfoil
+from testbench.aircraft.geometry.shape import Airfoil, Flap, LiftingSurface, Moved, Plane, Role, Station, airfoil
 from testbench.core.door import read_toml, read_xml
 from testbench.core.errors import Faults, ScenarioError
 from testbench.core.schema import parse
@@ -111,15 +110,10 @@ def _from_avl(path: Path, beside: Path) -> Plan:
             f"moments are about the centre of gravity, x = {cg[0]:g} m, not about Xref = {avl.reference_m[0]:g} m"
         )
     r = said.reference
-    plane = Plane(avl.surfaces, _body(said), r.S_m2 or avl.S_m2, r.b_m or avl.b_m, r.cbar_m or avl.cbar_m, tuple(notes))
+    plane = Plane(avl.surfaces, said.body, r.S_m2 or avl.S_m2, r.b_m or avl.b_m, r.cbar_m or avl.cbar_m, tuple(notes))
     files = {s.airfoil.name: s.airfoil.file for x in plane.surfaces for s in x.stations if s.airfoil.file is not None}
     sources = {path.name: path, beside.name: beside, **files}
     return _plan(said, plane, said.control, beside, sources, said.title or avl.title)
-
-
-def _body(said: Common) -> tuple[Hull, ...]:
-    rows = said.fuselage.section if said.fuselage else ()
-    return tuple(Hull(s.x_m, s.z_m, s.width_m, s.height_m) for s in rows)
 
 
 def _plane(said: GeometryFile, faults: Faults) -> Plane | None:
@@ -140,7 +134,7 @@ def _plane(said: GeometryFile, faults: Faults) -> Plane | None:
             faults.note("control.de.surface", "an elevator must be on the wing or the tail, got 'fin'")
         if moved == "dr" and c.surface == "wing":
             faults.note("control.dr.surface", "a rudder must be on a fin or a V-tail, got 'wing'")
-        if moved == "dr" and c.surface == "tail" and said.tail is not None and _flat(said.tail):
+        if moved == "dr" and c.surface == "tail" and said.tail is not None and said.tail.flat:
             faults.note("control.dr.surface", "a rudder must be on a fin or a V-tail, got a tail without dihedral")
     surfaces: list[LiftingSurface | None] = [_surface(said.wing, "wing", "wing", flaps["wing"], faults)]
     if said.tail is not None:
@@ -155,97 +149,56 @@ def _plane(said: GeometryFile, faults: Faults) -> Plane | None:
     r = said.reference
     b = r.b_m or wing.span_m
     S = r.S_m2 or wing.projected_m2
-    return Plane(tuple(built), _body(said), S, b, r.cbar_m or wing.mean_chord_m)
-
-
-def _flat(tail: Trapezoid) -> bool:
-    if tail.section:
-        return tail.section[0].z_m == tail.section[-1].z_m
-    return tail.dihedral_deg == 0.0
+    return Plane(tuple(built), said.body, S, b, r.cbar_m or wing.mean_chord_m)
 
 
 def _surface(given: Trapezoid, role: Role, name: str, flaps: list[Flap], faults: Faults) -> LiftingSurface | None:
     folder = Path(str(faults.file)).parent
-    key = name if role != "fin" else (name if "[" in name else "fin[0]")
-    if given.section:
-        return _by_sections(given, role, name, key, flaps, faults, folder)
-    assert given.span_m is not None  # the schema has seen to it
-    assert given.root_chord_m is not None
-    if given.airfoil is None:
-        faults.note(f"{key}.airfoil", _no_coordinates("the surface"))
-        return None
-    shape = faults.attempt(f"{key}.airfoil", airfoil, given.airfoil, folder)
-    if shape is None:
-        return None
-    fin = isinstance(given, Fin)
-    mirrored = given.twin if isinstance(given, Fin) else True
-    if given.y_m and not mirrored:
-        faults.note(
-            f"{key}.y_m", f"a single fin must stand in the plane of symmetry, got {given.y_m:g}: set twin = true"
-        )
-    if role != "fin" and given.y_m:
-        faults.note(f"{key}.y_m", "a wing or tail must begin in the plane of symmetry; give sections for a gap")
-    if mirrored and fin and not given.y_m:
-        faults.note(f"{key}.y_m", "twin fins must stand apart, got 0")
-    tip = given.tip_chord_m or given.root_chord_m
-    side = given.span_m if role == "fin" else 0.5 * given.span_m
-    aft = side * math.tan(math.radians(given.sweep_deg)) + 0.25 * (given.root_chord_m - tip)
-    tilt = math.radians(given.dihedral_deg)
-    if role == "fin":
-        down = -1.0 if isinstance(given, Fin) and given.downwards else 1.0
-        across, up = side * math.sin(tilt), down * side * math.cos(tilt)
-    else:
-        across, up = side, side * math.tan(tilt)
-    twist = given.incidence_deg
-    return LiftingSurface(
-        name,
-        role,
-        mirrored,
-        (
-            Station(given.x_m, given.y_m, given.z_m, given.root_chord_m, twist, shape),
-            Station(given.x_m + aft, given.y_m + across, given.z_m + up, tip, twist + given.twist_deg, shape),
-        ),
-        tuple(flaps),
-    )
-
-
-def _no_coordinates(what: str) -> str:
-    return f'{what} must have coordinates: give airfoil = "naca2412" or a file of coordinates'
-
-
-def _by_sections(
-    given: Trapezoid, role: Role, name: str, key: str, flaps: list[Flap], faults: Faults, folder: Path
-) -> LiftingSurface | None:
-    stations: list[Station] = []
-    known: dict[str, Airfoil] = {}
-    for i, s in enumerate(given.section):
+    key = "fin[0]" if name == "fin" else name
+    shapes: dict[str, Airfoil | None] = {}
+    for i, s in enumerate(given.sections):
+        what, at = ("section", f"{key}.section[{i}].airfoil") if given.section else ("surface", f"{key}.airfoil")
         wanted = s.airfoil or given.airfoil
-        if wanted is None:
-            faults.note(f"{key}.section[{i}].airfoil", _no_coordinates("the section"))
-            continue
-        if wanted not in known:
-            shape = faults.attempt(f"{key}.section[{i}].airfoil", airfoil, wanted, folder)
-            if shape is None:
-                continue
-            known[wanted] = shape
-        stations.append(Station(s.x_m, s.y_m, s.z_m, s.chord_m, s.twist_deg + given.incidence_deg, known[wanted]))
-    if len(stations) < len(given.section):
+        if wanted is None and at not in shapes:
+            faults.note(at, f'the {what} must have coordinates: give airfoil = "naca2412" or a file of coordinates')
+        if (wanted or at) not in shapes:
+            shapes[wanted or at] = None if wanted is None else faults.attempt(at, airfoil, wanted, folder)
+    stations = [
+        Station(s.x_m, s.y_m, s.z_m, s.chord_m, s.twist_deg + given.incidence_deg, shape)
+        for s in given.sections
+        if (shape := shapes.get(s.airfoil or given.airfoil or "")) is not None
+    ]
+    if len(stations) < len(given.sections):
         return None
     mirrored = given.twin if isinstance(given, Fin) else True
     surface = LiftingSurface(name, role, mirrored, tuple(stations), tuple(flaps))
-    gaps = [math.hypot(b.y_m - a.y_m, b.z_m - a.z_m) for a, b in itertools.pairwise(stations)]
-    if min(gaps) <= 0.0:
-        faults.note(f"{key}.section", "sections must lie apart in y or z, got two at one place")
-        return None
-    if mirrored and min(s.y_m for s in stations) < 0.0:
-        faults.note(
-            f"{key}.section", "sections must be those of the right side (y_m >= 0); the left one is its mirror image"
-        )
-    if role != "fin" and not surface.projected_m2 > 0.0:
-        faults.note(f"{key}.section", "a wing or tail must have span along y")
-    if role == "fin" and not mirrored and any(s.y_m for s in stations):
-        faults.note(f"{key}.section", "a single fin must stand in the plane of symmetry: set twin = true")
+    for at, fault in _misplaced_sections(surface) if given.section else _misplaced_root(given.y_m, role, mirrored):
+        faults.note(f"{key}.{at}", fault)
     return surface
+
+
+def _misplaced_root(y_m: float, role: Role, mirrored: bool) -> Iterator[tuple[str, str]]:
+    """Yield key and fault of a trapezoid that does not stand where it may."""
+    if role != "fin" and y_m:
+        yield "y_m", "a wing or tail must begin in the plane of symmetry; give sections for a gap"
+    if y_m and not mirrored:
+        yield "y_m", f"a single fin must stand in the plane of symmetry, got {y_m:g}: set twin = true"
+    if role == "fin" and mirrored and not y_m:
+        yield "y_m", "twin fins must stand apart, got 0"
+
+
+def _misplaced_sections(surface: LiftingSurface) -> Iterator[tuple[str, str]]:
+    """Yield key and fault of sections that do not stand where they may."""
+    across = [s.y_m for s in surface.stations]
+    if not surface.shortest_m > 0.0:
+        yield "section", "sections must lie apart in y or z, got two at one place"
+        return
+    if surface.mirrored and min(across) < 0.0:
+        yield "section", "sections must be those of the right side (y_m >= 0); the left one is its mirror image"
+    if surface.role != "fin" and not surface.projected_m2 > 0.0:
+        yield "section", "a wing or tail must have span along y"
+    if surface.role == "fin" and not surface.mirrored and any(across):
+        yield "section", "a single fin must stand in the plane of symmetry: set twin = true"
 
 
 # --- planes that xflr5 exported ---------------------------------------------------------------------------------------

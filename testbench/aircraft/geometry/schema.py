@@ -5,6 +5,7 @@ Places are x aft, y along the right wing, z up, from any origin that the whole f
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from typing import Annotated, Literal
 
@@ -131,12 +132,36 @@ class Trapezoid(Strict):
                 )
         return self
 
+    @property
+    def sections(self) -> tuple[Section, ...]:
+        """Sections from the root outwards: those given, or root and tip of the trapezoid."""
+        if self.section or self.root_chord_m is None:
+            return self.section
+        tip = self.tip_chord_m or self.root_chord_m
+        side, across, up = self._to_tip(self.span_m or 0.0, math.radians(self.dihedral_deg))
+        aft = side * math.tan(math.radians(self.sweep_deg)) + 0.25 * (self.root_chord_m - tip)
+        x, y, z = self.x_m, self.y_m, self.z_m
+        ends = ((x, y, z, self.root_chord_m, 0.0), (x + aft, y + across, z + up, tip, self.twist_deg))
+        return tuple(Section(x_m=x, y_m=y, z_m=z, chord_m=c, twist_deg=twist) for x, y, z, c, twist in ends)
+
+    @property
+    def flat(self) -> bool:
+        """Whether the tip stands as high as the root."""
+        return self.sections[0].z_m == self.sections[-1].z_m
+
+    def _to_tip(self, span_m: float, tilt: float) -> tuple[float, float, float]:
+        """Return the span of one side along which it is swept, and how far the tip lies to the right and up, m."""
+        return 0.5 * span_m, 0.5 * span_m, 0.5 * span_m * math.tan(tilt)
+
 
 class Fin(Trapezoid):
     """A fin; ``twin`` puts a second one at -y. ``downwards`` hangs it below its root."""
 
     twin: bool = False
     downwards: bool = False
+
+    def _to_tip(self, span_m: float, tilt: float) -> tuple[float, float, float]:
+        return span_m, span_m * math.sin(tilt), (-span_m if self.downwards else span_m) * math.cos(tilt)
 
 
 class Servo(Strict):
@@ -200,7 +225,7 @@ class Motor(Strict):
 
 
 class Cross(Strict):
-    """A cross-section of the fuselage: its middle, width and height."""
+    """A cross-section of the fuselage: x aft, height of its middle z up, width and height."""
 
     x_m: float
     z_m: float = 0.0
@@ -269,6 +294,11 @@ class Common(Strict):
     drag: Drag = Drag()
     reference: Reference = Reference()
     limits: Limits = Limits()
+
+    @property
+    def body(self) -> tuple[Cross, ...]:
+        """Cross-sections of the fuselage from nose to end; none without one."""
+        return self.fuselage.section if self.fuselage else ()
 
 
 class GeometryFile(Common):

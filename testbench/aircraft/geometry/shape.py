@@ -6,11 +6,13 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from testbench.aircraft.geometry.schema import Cross
 from testbench.core.door import read_text
 from testbench.core.errors import ScenarioError
 from testbench.core.record import FloatArray
@@ -207,30 +209,48 @@ class LiftingSurface:
     @property
     def along(self) -> tuple[float, ...]:
         """Place of every station along the surface from 0 to 1, measured in the plane across the flight."""
-        steps = [math.hypot(b.y_m - a.y_m, b.z_m - a.z_m) for a, b in self._panels]
+        steps = self._steps_m
         total = sum(steps)
         return tuple(float(s) / total for s in np.cumsum([0.0, *steps]))
 
     @property
     def length_m(self) -> float:
         """Length of one side in the plane across the flight."""
-        return sum(math.hypot(b.y_m - a.y_m, b.z_m - a.z_m) for a, b in self._panels)
+        return sum(self._steps_m)
 
     @property
-    def _panels(self) -> list[tuple[Station, Station]]:
-        return list(zip(self.stations[:-1], self.stations[1:], strict=True))
+    def shortest_m(self) -> float:
+        """Distance of the two stations that are nearest to each other, in that plane."""
+        return min(self._steps_m)
+
+    @property
+    def _steps_m(self) -> list[float]:
+        return [math.hypot(b.y_m - a.y_m, b.z_m - a.z_m) for a, b in pairwise(self.stations)]
 
     @property
     def area_m2(self) -> float:
         """Area of both sides, measured in the surface itself."""
-        one = sum(0.5 * (a.chord_m + b.chord_m) * math.hypot(b.y_m - a.y_m, b.z_m - a.z_m) for a, b in self._panels)
-        return (2.0 if self.mirrored else 1.0) * one
+        return self._area(self._steps_m)
 
     @property
     def projected_m2(self) -> float:
         """Area of both sides as seen from above."""
-        one = sum(0.5 * (a.chord_m + b.chord_m) * abs(b.y_m - a.y_m) for a, b in self._panels)
-        return (2.0 if self.mirrored else 1.0) * one
+        return self._area([abs(b.y_m - a.y_m) for a, b in pairwise(self.stations)])
+
+    def _area(self, steps_m: Sequence[float]) -> float:
+        chords = [0.5 * (a.chord_m + b.chord_m) for a, b in pairwise(self.stations)]
+        return (2.0 if self.mirrored else 1.0) * sum(c * s for c, s in zip(chords, steps_m, strict=True))
+
+    @property
+    def aspect_ratio(self) -> float:
+        """Square of the span over the area, as seen from above."""
+        return self.span_m**2 / self.projected_m2
+
+    @property
+    def swept_m(self) -> float:
+        """How far the quarter chord of the tip lies behind that of the root."""
+        root, tip = self.stations[0], self.stations[-1]
+        return tip.x_m + 0.25 * tip.chord_m - root.x_m - 0.25 * root.chord_m
 
     @property
     def mean_chord_m(self) -> float:
@@ -271,16 +291,6 @@ class LiftingSurface:
 
 
 @dataclass(frozen=True)
-class Hull:
-    """A cross-section of the fuselage: x aft, height of its middle z up, width and height, m."""
-
-    x_m: float
-    z_m: float
-    width_m: float
-    height_m: float
-
-
-@dataclass(frozen=True)
 class Plane:
     """The outside of an aircraft.
 
@@ -292,7 +302,7 @@ class Plane:
     """
 
     surfaces: tuple[LiftingSurface, ...]
-    body: tuple[Hull, ...]
+    body: tuple[Cross, ...]
     S_m2: float
     b_m: float
     cbar_m: float
@@ -315,7 +325,7 @@ class Plane:
 
     def about(self, x_m: float, z_m: float) -> Plane:
         """Return the aircraft with its places counted from this one in the plane of symmetry."""
-        body = tuple(replace(h, x_m=h.x_m - x_m, z_m=h.z_m - z_m) for h in self.body)
+        body = tuple(h.model_copy(update={"x_m": h.x_m - x_m, "z_m": h.z_m - z_m}) for h in self.body)
         return replace(self, surfaces=tuple(s.moved(-x_m, -z_m) for s in self.surfaces), body=body)
 
     @property

@@ -22,8 +22,8 @@ from testbench.aircraft.geometry.aerodynamics import (
 from testbench.aircraft.geometry.build import _remarks, limits_of
 from testbench.aircraft.geometry.lattice import Lattice, _inertia_factors, body, share, sidewash
 from testbench.aircraft.geometry.model_xml import Polar
-from testbench.aircraft.geometry.schema import Limits
-from testbench.aircraft.geometry.shape import Hull, LiftingSurface, Plane, Station, airfoil
+from testbench.aircraft.geometry.schema import Cross, Limits
+from testbench.aircraft.geometry.shape import LiftingSurface, Plane, Station, airfoil
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import ModelError
 
@@ -169,7 +169,7 @@ def trapezoid(role, x, z, half_m, root, tip, aft_m=0.0):
 WING = trapezoid("wing", -0.25, 0.0, 5.0, 1.0, 1.0)
 TAIL = trapezoid("tail", 4.0, 0.0, 1.5, 0.6, 0.6)
 FIN = trapezoid("fin", 4.0, 0.2, 1.0, 1.0, 1.0)
-TUBE = tuple(Hull(x, 0.0, w, 1.0 * w) for x, w in ((-3.0, 0.0), (-2.0, 1.0), (4.0, 1.0), (5.0, 0.0)))
+TUBE = tuple(Cross(x_m=x, width_m=w, height_m=w) for x, w in ((-3.0, 0.0), (-2.0, 1.0), (4.0, 1.0), (5.0, 0.0)))
 
 
 def test_tail_and_fin_bear_what_wake_and_body_leave_them():
@@ -196,13 +196,13 @@ def test_a_body_turns_the_aircraft_away_from_the_wind_and_a_low_wing_rolls_it_le
     found = body(p, 5.0, 0.4)
     assert found["Cm_alpha"] > 0.0 > found["Cn_beta"]
     # Behind the wing alone, with no downwash at all, strips along 3.25 m grow evenly from nothing to all of pi/2 w^2.
-    behind = tuple(Hull(x, 0.0, w, w) for x, w in ((0.75, 0.5), (4.15, 0.5)))
+    behind = tuple(Cross(x_m=x, width_m=w, height_m=w) for x, w in ((0.75, 0.5), (4.15, 0.5)))
     strips = 0.5 * math.pi * 0.25 * 0.5 * 3.4 / 10.0
     assert body(plane(WING, TAIL, hull=behind), 5.0, 0.0)["Cm_alpha"] == pytest.approx(strips, rel=0.01)
-    pod = tuple(Hull(x, 0.0, 0.5, 0.5) for x in (-0.25, 0.5))  # within the root chord, no tail
+    pod = tuple(Cross(x_m=x, width_m=0.5, height_m=0.5) for x in (-0.25, 0.5))  # within the root chord, no tail
     assert body(plane(WING, hull=pod), 5.0, 0.0)["Cm_alpha"] == 0.0
     # A cone ahead of its centre: the flow leaves at 90 % of it; slender-body theory, 2 A a third from the base.
-    cone = tuple(Hull(x, 0.0, w, w) for x, w in ((-3.0, 0.0), (0.0, 0.6)))
+    cone = tuple(Cross(x_m=x, width_m=w, height_m=w) for x, w in ((-3.0, 0.0), (0.0, 0.6)))
     expected = -2.0 * _inertia_factors(3.0 / 0.6) * 0.25 * math.pi * 0.36 * 1.0 / (10.0 * 10.0)
     assert body(plane(WING, hull=cone), 5.0, 0.0)["Cn_beta"] == pytest.approx(expected, rel=0.03)
     low = replace(WING, stations=tuple(replace(s, z_m=-0.4) for s in WING.stations))
