@@ -24,7 +24,18 @@ from testbench.core.atmosphere import air_density
 from testbench.core.channels import SURFACES, UNITS, channel
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.record import FloatArray
-from testbench.logs.question import CRITERIA, Criteria, Question, Signal, Signals, beyond, damaged, in_unit, shown
+from testbench.logs.question import (
+    FEW,
+    MOVING_RAD_S,
+    UNSTATED,
+    Question,
+    Signal,
+    Signals,
+    beyond,
+    damaged,
+    in_unit,
+    shown,
+)
 from testbench.logs.signals import ONE_TURN, TURNING, Mapped
 
 CERTAIN = 0.99
@@ -49,6 +60,7 @@ _GROUPS = (
 _SYSTEM = {"kt": "ft", "km": "m"}  # who flies in knots climbs in feet
 _ANSWERS = {"de": ("q", "alpha", -1.0, "nose up"), "da": ("p", "beta", 1.0, "left"), "dr": ("r", "beta", -1.0, "right")}
 """Surface -> the rate that answers, the flow angle that acts, the sign of the answer, what the other sign is called."""
+_TURNED = 0.75 * np.pi  # of heading, over which wind is no constant difference
 _ANOTHER = 0.7  # ln of a factor from which readings are of another size: twice, or half
 _SELDOM_USED = ("rpm", "km", "cm", "cm/s", "cm/s2", "kN")  # units that nobody forgets to state
 _MOVES = 0.5 * DEG_RAD  # of a control that tells something
@@ -112,7 +124,6 @@ def readings(
     doubtful: Collection[str] = (),
     axes: bool = False,
     stated: Collection[str] = (),
-    c: Criteria = CRITERIA,
 ) -> tuple[Reading, ...]:
     """Return the best reading of each channel of which another one is likelier than the one it was read by.
 
@@ -122,10 +133,9 @@ def readings(
         doubtful: controls whose sign only the custom of the writer tells.
         axes: whether the axes of the body may be those of ROS (forward, left, up), as nobody stated them.
         stated: those whose unit the writer of the file stated.
-        c: the criteria.
     """
     held = {name: _thinned(t, x) for name, (t, x) in signals.items() if x.size > 1 and np.isfinite(x).all()}
-    return tuple(_Weighed(held, unstated, doubtful, axes, stated, c).found()) if held else ()
+    return tuple(_Weighed(held, unstated, doubtful, axes, stated).found()) if held else ()
 
 
 def turned(channels: Sequence[Mapped]) -> tuple[Mapped, ...]:
@@ -311,7 +321,7 @@ def _going(v: _View) -> _Sides:
     """Airspeed and ground speed, where the heading turns so far that the wind is not from one side all the time."""
     speed, psi = _flying(v), v("psi")
     turned = float(np.nanmax(psi) - np.nanmin(psi)) if np.isfinite(psi).any() else 0.0
-    return (speed, v("Vg")) if turned > CRITERIA.turned_rad else (speed, np.full(speed.size, np.nan))
+    return (speed, v("Vg")) if turned > _TURNED else (speed, np.full(speed.size, np.nan))
 
 
 RELATIONS = (
@@ -347,9 +357,8 @@ class _Weighed:
         doubtful: Collection[str],
         axes: bool,
         stated: Collection[str],
-        c: Criteria,
     ) -> None:
-        self.c, self.unstated, self.stated = c, frozenset(unstated), frozenset(stated)
+        self.unstated, self.stated = frozenset(unstated), frozenset(stated)
         self.rows: dict[float, _Rows] = {}
         choices = {name: _choices(name, name in self.unstated, name in doubtful) for name in signals}
         self.signals = signals = {n: kept for n, s in signals.items() if (kept := self._within(n, s, choices[n]))}
@@ -370,10 +379,10 @@ class _Weighed:
     def _within(self, name: str, signal: Signal, found: list[Choice]) -> Signal | None:
         """Return a signal without damaged samples; None if none of its readings is one of a flight."""
         t, x = signal
-        out = beyond(name, t, x, self.c)
-        if damaged(out, self.c, name in self.stated)[0]:
+        out = beyond(name, t, x)
+        if damaged(out, name in self.stated)[0]:
             return (t[~out], x[~out]) if np.count_nonzero(~out) > 1 else None
-        fits = any(damaged(beyond(name, t, choice.factor * x, self.c), self.c, False)[0] for choice in found)
+        fits = any(damaged(beyond(name, t, choice.factor * x), False)[0] for choice in found)
         return signal if fits else None
 
     def _alone(self, name: str, choice: Choice) -> float:
@@ -381,11 +390,10 @@ class _Weighed:
         if name == "axes":
             return choice.prior
         t, x = self.signals[name][0], choice.factor * self.signals[name][1]
-        if not damaged(beyond(name, t, x, self.c), self.c, name in self.stated)[0]:
+        if not damaged(beyond(name, t, x), name in self.stated)[0]:
             return choice.prior + _BEYOND
-        sooner = {"alpha": self.c.unstated_flow_rad, "beta": self.c.unstated_flow_rad}
-        sooner |= dict.fromkeys((*SURFACES, *(f"{s}_cmd" for s in SURFACES)), self.c.unstated_surface_rad)
-        few = name in self.unstated and name in sooner and np.mean(np.abs(x) > sooner[name]) >= self.c.few
+        sooner = UNSTATED.get(name.removesuffix("_cmd"), np.inf)
+        few = name in self.unstated and np.mean(np.abs(x) > sooner) >= FEW
         usual = _USUAL.get(channel(name).unit) if name in self.unstated else None
         away = np.log(max(float(np.std(x)), 1e-9) / usual) / _USUAL_LN if usual else 0.0
         return choice.prior + (_SOONER if few else 0.0) - 0.5 * float(away) ** 2
@@ -395,8 +403,8 @@ class _Weighed:
         turned = out.pop("axes", 1.0)
         return out | {name: turned * out.get(name, 1.0) for name in _AXES if name in self.signals and turned < 0.0}
 
-    def ln_p(self, at: Mapping[str, int], only: str = "") -> float:
-        """Return ln p of a hypothesis: channel -> the number of its reading; with ``only`` all that hangs on it."""
+    def ln_p(self, at: Mapping[str, int]) -> float:
+        """Return ln p of a hypothesis: channel -> the number of its reading."""
         factors = self.factors(at)
         total = sum(self.alone[name][i] for name, i in at.items())
         for k, relation in enumerate(self.relations):
@@ -516,7 +524,7 @@ class _Weighed:
         unit, factor = choice.unit, choice.factor
         sides = self.sides(spoke, before) if spoke is not None else None
         if spoke is None or sides is None:
-            out = int(np.count_nonzero(beyond(name, t, x, self.c)))
+            out = int(np.count_nonzero(beyond(name, t, x)))
             got = f"{shown(name, largest)} in {out} of {x.size} samples" if out else f"up to {shown(name, largest)}"
         else:
             says = spoke.says[name]
@@ -609,7 +617,7 @@ def _answer(signals: Signals, name: str) -> tuple[float, float]:
     rolls right, trailing edge left yaws left. The acceleration is fitted by the rate, the flow angle and the control.
     """
     rate, flow, _, _ = _ANSWERS[name.removesuffix("_cmd")]
-    if rate not in signals or np.ptp(signals[name][1]) < _MOVES or np.ptp(signals[rate][1]) < CRITERIA.moving_rad_s:
+    if rate not in signals or np.ptp(signals[name][1]) < _MOVES or np.ptp(signals[rate][1]) < MOVING_RAD_S:
         return 0.0, 0.0
     names = (name, rate, *((flow,) if flow in signals else ()))
     rows = _Rows({n: signals[n] for n in names}, max(0.1, 2.0 * float(np.median(np.diff(signals[rate][0])))))

@@ -17,7 +17,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.logs.manoeuvres import Manoeuvre
 from testbench.logs.noise import Noise, moves
-from testbench.logs.question import CRITERIA, shown
+from testbench.logs.question import LIMITS, shown
 from testbench.logs.signals import Log
 
 SLOWEST_M_S = 3.0
@@ -268,10 +268,10 @@ class _Labels:
     def wild(self) -> int:
         """Return how many blocks at the end, and in most of them, do what no flight does: tumble, or fly backwards."""
         beyond = np.zeros(self.n, bool)
-        for name, limit in (*((rate, CRITERIA.rate_rad_s) for rate in "qr"), ("alpha", CRITERIA.flow_angle_rad)):
+        for name in ("q", "r", "alpha"):
             if name in self.record:
                 x = np.where(_taken(self.record, name), np.abs(self.record[name]), 0.0)
-                beyond |= np.maximum.reduceat(x, np.arange(0, x.size, self.m)) > limit
+                beyond |= np.maximum.reduceat(x, np.arange(0, x.size, self.m)) > LIMITS[name][1]
         if not beyond.any():
             return 0
         last = self.n - int(np.argmax(beyond))
