@@ -20,6 +20,11 @@ _SLENDER = 9.0  # length over diameter of the fuselage
 _PLAUSIBLE_ARM = 0.15  # of the span, at least
 
 
+def centroid(taper: float) -> float:
+    """Return how far from its root the centre of the area of a trapezoid lies, as a share of its length."""
+    return (1.0 + 2.0 * taper) / (3.0 * (1.0 + taper))
+
+
 class Surface(Strict):
     """A trapezoidal wing or tail over both sides, or a fin that stands on its root.
 
@@ -53,6 +58,20 @@ class Surface(Strict):
         """Mean aerodynamic chord of the trapezoid, (2/3) c (1 + t + t^2) / (1 + t) with taper t."""
         taper = self.tip_chord_m / self.root_chord_m
         return 2.0 / 3.0 * self.root_chord_m * (1.0 + taper + taper**2) / (1.0 + taper)
+
+    @property
+    def aspect_ratio(self) -> float:
+        """Square of the span over the area."""
+        return self.span_m**2 / self.area_m2
+
+    @property
+    def centroid(self) -> float:
+        """How far out the centre of the area of one side lies, as a share of the side."""
+        return centroid(self.tip_chord_m / self.root_chord_m)
+
+    def mean_quarter_m(self, side_m: float) -> float:
+        """Return x of the quarter chord of the mean aerodynamic chord of a side of this length."""
+        return self.point(self.centroid * side_m, side_m, 0.25)[0]
 
     def chord_m(self, s_m: float, half_m: float) -> float:
         """Return the chord ``s_m`` from the root of a side of length ``half_m``."""

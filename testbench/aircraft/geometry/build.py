@@ -13,7 +13,7 @@ from testbench.aircraft.geometry.model_xml import COMMANDS, Polar, engine_files,
 from testbench.aircraft.geometry.propulsion import Thrust, thrust_law
 from testbench.aircraft.geometry.read import Plan
 from testbench.aircraft.geometry.shape import LiftingSurface, Plane
-from testbench.aircraft.outline import Outline, Surface
+from testbench.aircraft.outline import Outline, Surface, centroid
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.door import read_bytes
 from testbench.core.errors import ScenarioError, located
@@ -420,9 +420,7 @@ def _trapezoid(surface: LiftingSurface) -> Surface:
         chords = _chords(area / span, surface.mean_chord_m, root.chord_m < tip.chord_m)
     sweep = math.atan2(surface.swept_m, side)
     # The mean chord's quarter chord of the drawing lies where that of the surface does.
-    taper = chords[1] / chords[0]
-    share = (1.0 + 2.0 * taper) / (3.0 * (1.0 + taper))
-    x = surface.quarter_chord_m[0] - share * side * math.tan(sweep)
+    x = surface.quarter_chord_m[0] - centroid(chords[1] / chords[0]) * side * math.tan(sweep)
     dihedral = 0.0 if fin else math.degrees(math.atan2(up, across))
     return Surface(
         span_m=_r(span),

@@ -98,8 +98,8 @@ def fit_strips(aircraft: Aircraft, test: GroundTestFile, own: Mapping[str, float
     fit = _Constants(aircraft.name, test.strips, own if test.strips.own_derivatives else {})
     wing, tail, fin = _surfaces(aircraft, test)
     first = _unfitted(fit, aircraft, test, wing, tail, fin)
-    symmetric = fit.lift_slope(first, "alpha", "CL", "symmetric", _aspect_ratio(wing))
-    asymmetric = fit.lift_slope(first, "p", "Cl", "asymmetric", _aspect_ratio(wing))
+    symmetric = fit.lift_slope(first, "alpha", "CL", "symmetric", wing.aspect_ratio)
+    asymmetric = fit.lift_slope(first, "p", "Cl", "asymmetric", wing.aspect_ratio)
     zero, dihedral = _wing_angles(fit, symmetric, asymmetric, wing)
     elevator, turned, rudder = _effectiveness(fit, symmetric, asymmetric)
     symmetric, asymmetric = (
@@ -187,7 +187,7 @@ def _unfitted(
     fit: _Constants, aircraft: Aircraft, test: GroundTestFile, wing: Surface, tail: Surface | None, fin: Surface | None
 ) -> StripModel:
     """Return the strips before any constant is fitted to a derivative: deflections act in full, angles are zero."""
-    outline, settings, ratio = drawn_of(aircraft), fit.settings, _aspect_ratio(wing)
+    outline, settings, ratio = drawn_of(aircraft), fit.settings, wing.aspect_ratio
     axis = fit.choose(
         "elastic axis",
         "chords",
@@ -300,8 +300,8 @@ def _tail(
     if surface is None:
         choose("area of the tail", "m2", (0.0, "assumed: nothing says that there is one"))
     else:
-        area, span, arm = surface.area_m2, surface.span_m, -_mean_quarter(surface, 0.5 * surface.span_m)
-        ratio = _aspect_ratio(surface)
+        area, span, arm = surface.area_m2, surface.span_m, -surface.mean_quarter_m(0.5 * surface.span_m)
+        ratio = surface.aspect_ratio
         a = choose(
             "lift slope of the tail",
             "1/rad",
@@ -318,8 +318,8 @@ def _tail(
     if fin is None:
         choose("area of the fin", "m2", (0.0, "assumed: nothing says that there is one"))
     else:
-        fin_area, fin_arm = fin.area_m2, -_mean_quarter(fin, fin.span_m)
-        ratio = _MIRRORED * fin.span_m**2 / fin_area
+        fin_area, fin_arm = fin.area_m2, -fin.mean_quarter_m(fin.span_m)
+        ratio = _MIRRORED * fin.aspect_ratio
         fin_slope = choose(
             "lift slope of the fin",
             "1/rad",
@@ -330,7 +330,7 @@ def _tail(
             "height of the fin",
             "m",
             (settings.fin_height_m, "given"),
-            (fin.z_m + fin.span_m * _centroid(fin), "centre of its area above the centre of gravity"),
+            (fin.z_m + fin.span_m * fin.centroid, "centre of its area above the centre of gravity"),
         )
     return Tail(
         arm_m=arm,
@@ -348,20 +348,6 @@ def _tail(
         mass_height_m=0.0 if mass is None else mass.tail_mass_height_m,
         fin_arm_m=fin_arm,
     )
-
-
-def _aspect_ratio(surface: Surface) -> float:
-    return surface.span_m**2 / surface.area_m2
-
-
-def _centroid(surface: Surface) -> float:
-    """Return how far out the centre of the area of one side lies, as a share of the side."""
-    taper = surface.tip_chord_m / surface.root_chord_m
-    return (1.0 + 2.0 * taper) / (3.0 * (1.0 + taper))
-
-
-def _mean_quarter(surface: Surface, side_m: float) -> float:
-    return surface.point(_centroid(surface) * side_m, side_m, 0.25)[0]
 
 
 def _with_slope(model: StripModel, slope: float) -> StripModel:

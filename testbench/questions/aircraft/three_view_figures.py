@@ -234,7 +234,8 @@ def _particulars(aircraft: Aircraft, outline: Outline) -> list[tuple[str, str]]:
         pair = 2.0 if outline.fin.y_m else 1.0
         out.append(("fin area, as drawn", f"{_length(pair * outline.fin.area_m2)} m²"))
     if _alike(aircraft, outline):
-        out.append(("CG, as drawn", f"{100.0 * (0.25 + _mean_quarter_chord(wing) / wing.mean_chord_m):.0f} % of c̄"))
+        cg = 0.25 + wing.mean_quarter_m(0.5 * wing.span_m) / wing.mean_chord_m
+        out.append(("CG, as drawn", f"{100.0 * cg:.0f} % of c̄"))
     return out
 
 
@@ -338,7 +339,7 @@ def _side_view(view: _View, outline: Outline, low: float) -> None:
     nose, end = outline.ends_m
     arm, at = outline.tail, low - 0.22 * view.m_in
     if arm is not None:
-        where = _mean_quarter_chord(arm)
+        where = arm.mean_quarter_m(0.5 * arm.span_m)
         view.extension((0.0, 0.0), (0.0, at))
         view.extension((-where, arm.z_m), (-where, at))
         view.dimension((0.0, at), (-where, at), "tail arm", abs(where))
@@ -347,13 +348,6 @@ def _side_view(view: _View, outline: Outline, low: float) -> None:
         view.extension((-place, 0.0), (-place, further))
     view.dimension((-nose, further), (-end, further), "length", nose - end)
     view.centre_of_gravity()
-
-
-def _mean_quarter_chord(surface: Surface) -> float:
-    """Return x of the quarter chord of the mean aerodynamic chord."""
-    taper = surface.tip_chord_m / surface.root_chord_m
-    half = 0.5 * surface.span_m
-    return surface.point(half * (1.0 + 2.0 * taper) / (3.0 * (1.0 + taper)), half, 0.25)[0]
 
 
 def _section(view: _View, surface: Surface) -> None:
