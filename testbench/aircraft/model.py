@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ET
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
@@ -158,6 +158,16 @@ class Aircraft:
     def amended(self, *amendments: Amendment) -> Aircraft:
         """Return the aircraft with further changes; they are applied when the model is written."""
         return replace(self, amendments=(*self.amendments, *amendments))
+
+    @cached_property
+    def engines(self) -> tuple[tuple[str, str], ...]:
+        """Name and text of every file of Engines/."""
+        return tuple(sorted(self.engine_files.items()))
+
+    @cached_property
+    def contents(self) -> tuple[object, ...]:
+        """All that its JSBSim model is made of, hashable."""
+        return self.xml, repr(self.adapter), repr(self.elastic), repr(self.amendments), self.engines
 
     @property
     def memories(self) -> tuple[Memory, ...]:

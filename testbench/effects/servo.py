@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache, partial
 
 import numpy as np
@@ -21,6 +21,7 @@ from testbench.aircraft.elastic import first_order_hold
 from testbench.aircraft.paths import ControlPath
 from testbench.aircraft.seams import control_path, moving, product, prop, reroute, value, with_servo
 from testbench.core.errors import ModelError
+from testbench.core.keyed import Keyed
 from testbench.core.record import FloatArray
 from testbench.effects.base import FORCES, LINK, SERVO, Effect, Parameter, Values, on_path
 from testbench.sensors import SensorSuite
@@ -142,28 +143,16 @@ def declared(aircraft: Aircraft, name: str) -> float:
     Raises:
         ModelError: it is not declared.
     """
-    known = _declared(_Model.of(aircraft))
+    known = _declared(Keyed(aircraft, aircraft.contents))
     if name not in known:
         raise ModelError(f"{aircraft.name} must declare {name}, it does not")
     return float(known[name])
 
 
-@dataclass(frozen=True)
-class _Model:
-    """A model as it is written."""
-
-    aircraft: Aircraft = field(compare=False)
-    contents: tuple[str, ...]
-
-    @classmethod
-    def of(cls, aircraft: Aircraft) -> _Model:
-        return cls(aircraft, (aircraft.xml, repr(aircraft.adapter), repr(aircraft.elastic), repr(aircraft.amendments)))
-
-
 @lru_cache(maxsize=64)
-def _declared(model: _Model) -> dict[str, str]:
+def _declared(model: Keyed[Aircraft]) -> dict[str, str]:
     """Return the properties that a model declares, and their values."""
-    aircraft, known = model.aircraft, dict[str, str]()
+    aircraft, known = model.it, dict[str, str]()
     for e in aircraft.model_tree(aircraft.rate_hz, 100.0, aircraft.design_V_m_s).iter("property"):
         if "value" in e.attrib:
             known.setdefault((e.text or "").strip(), e.attrib["value"])

@@ -15,7 +15,6 @@ import weakref
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
@@ -29,6 +28,7 @@ from testbench.core.constants import FT_M, LBF_N
 from testbench.core.errors import ModelError
 from testbench.core.files import Scratch, temporary, write_file
 from testbench.core.interrupts import held_back
+from testbench.core.keyed import Keyed
 from testbench.core.record import FloatArray
 from testbench.flight.condition import FlightCondition
 from testbench.flight.propellers import Propellers
@@ -105,7 +105,7 @@ class Executive:
     def __init__(self, aircraft: Aircraft, rate_hz: float, condition: FlightCondition) -> None:
         self.aircraft = aircraft
         self.rate_hz = rate_hz
-        written = _write(_Key.of(aircraft, rate_hz, condition))
+        written = _write(model_key(aircraft, rate_hz, condition))
         modes = aircraft.flown_modes()
         self.mode_count = len(modes) if modes else 0
         # See evaluate(). The gains of the loops that it closes are 2e-2 (alphadot) and some 1e-5 (static elasticity).
@@ -354,35 +354,21 @@ def body_from_earth(theta: float | FloatArray, phi: float | FloatArray) -> Float
     return np.array([[c, np.zeros_like(c), -s], [sp * s, cp, sp * c], [cp * s, -sp, cp * c]])
 
 
-@dataclass(frozen=True)
-class _Key:
-    """What a written model depends on, hashable although an aircraft holds mappings."""
+ModelKey = Keyed[tuple[Aircraft, float, FlightCondition]]
 
-    aircraft: Aircraft = field(compare=False)
-    condition: FlightCondition = field(compare=False)
-    rate_hz: float
-    engines: tuple[tuple[str, str], ...]
-    contents: tuple[object, ...]
 
-    @classmethod
-    def of(cls, aircraft: Aircraft, rate_hz: float, condition: FlightCondition) -> _Key:
-        """Return the key of the model that an executive with these arguments loads."""
-        design = (
-            (condition.qbar_Pa, condition.V_m_s) if aircraft.flown_modes() else None
-        )  # a rigid model fits every speed
-        return cls(
-            aircraft,
-            condition,
-            rate_hz,
-            tuple(sorted(aircraft.engine_files.items())),
-            (aircraft.xml, repr(aircraft.adapter), repr(aircraft.elastic), repr(aircraft.amendments), design),
-        )
+def model_key(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) -> ModelKey:
+    """Return the key of the model that an executive with these arguments loads."""
+    # a rigid model fits every speed
+    design = (condition.qbar_Pa, condition.V_m_s) if aircraft.flown_modes() else None
+    return Keyed((aircraft, rate_hz, condition), (*aircraft.contents, rate_hz, design))
 
 
 @lru_cache(maxsize=64)
-def _model(key: _Key) -> tuple[bytes, frozenset[str]]:
+def _model(key: ModelKey) -> tuple[bytes, frozenset[str]]:
     """Return the text of a model and the properties that its functions read."""
-    tree = key.aircraft.model_tree(key.rate_hz, key.condition.qbar_Pa, key.condition.V_m_s)
+    aircraft, rate_hz, condition = key.it
+    tree = aircraft.model_tree(rate_hz, condition.qbar_Pa, condition.V_m_s)
     read = {(e.text or "").strip().lstrip("-") for tag in ("property", "p") for e in tree.iter(tag)}
     # Text encoded as a whole: an encoding given to ElementTree is taken up anew for every word of it.
     text = '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(tree, encoding="unicode")
@@ -404,9 +390,9 @@ class _Written:
         properties: those that its functions read.
     """
 
-    def __init__(self, key: _Key) -> None:
+    def __init__(self, key: ModelKey) -> None:
         text, self.properties = _model(key)
-        self.root = _root(os.getpid(), temporary(), key.engines).name
+        self.root = _root(os.getpid(), temporary(), key.it[0].engines).name
         self.name = f"model-{next(_NUMBERS)}"
         path = Path(self.root) / "aircraft" / f"{self.name}.xml"
         write_file(path, text, _LAW, _FIX)
@@ -433,7 +419,7 @@ def _root(process: int, place: str, engines: tuple[tuple[str, str], ...]) -> Scr
 
 
 @lru_cache(maxsize=64)
-def _write(key: _Key) -> _Written:
+def _write(key: ModelKey) -> _Written:
     """Write a model; kept, as the same one is loaded for trim, flight and linearisation."""
     return _Written(key)
 

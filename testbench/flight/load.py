@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import astuple, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from testbench.aircraft.seams import stabilised
 from testbench.aircraft.source import Source, find_model, read_source
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ModelError, TrimError
+from testbench.core.keyed import Keyed
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, resolve, stock_root
 from testbench.core.record import FlightAborted
 from testbench.flight.adopt import Adopted, adopt
@@ -147,20 +148,12 @@ def adopted_at(path: Path, V_m_s: float | None = None, h_m: float | None = None,
             f"a model is adopted as its author wrote it, but '{main}' holds the channels that the testbench adds: "
             "load the model that it was made from, or fly this one in JSBSim by its testbench/...-command properties"
         )
-    return _adopted(_Read(source, (main, source.xml, tuple(source.engine_files.items()))), V_m_s, h_m)
-
-
-@dataclass(frozen=True)
-class _Read:
-    """A model as read now; another if any file of it has changed."""
-
-    source: Source = field(compare=False)
-    contents: tuple[object, ...]
+    return _adopted(Keyed(source, (main, source.xml, tuple(source.engine_files.items()))), V_m_s, h_m)
 
 
 @lru_cache(maxsize=64)
-def _adopted(read: _Read, V_m_s: float | None, h_m: float | None) -> Adopted:
-    return adopt(read.source, V_m_s, h_m)
+def _adopted(read: Keyed[Source], V_m_s: float | None, h_m: float | None) -> Adopted:
+    return adopt(read.it, V_m_s, h_m)
 
 
 def stock(name: str) -> Adopted:
@@ -179,13 +172,6 @@ def stock(name: str) -> Adopted:
 # --- checked as it is loaded ------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Key:
-    aircraft: Aircraft = field(compare=False)
-    file: Path
-    contents: tuple[object, ...]
-
-
 def checked(aircraft: Aircraft, file: Path) -> Aircraft:
     """Return the aircraft, its mass as flown, if every control moves as aircraft.toml says.
 
@@ -200,20 +186,14 @@ def checked(aircraft: Aircraft, file: Path) -> Aircraft:
         ModelError: a command moves no surface, moves it by another angle than is said, or turns the aircraft the wrong
             way; JSBSim refuses the model.
     """
-    contents = (
-        aircraft.xml,
-        repr(aircraft.adapter),
-        repr(aircraft.controls),
-        repr(aircraft.elastic),
-        repr(aircraft.stabiliser),
-    )
-    mass, notes = _check(_Key(aircraft, file, (*contents, tuple(sorted(aircraft.engine_files.items())))))
+    contents = (file, *aircraft.contents, repr(aircraft.controls), repr(aircraft.stabiliser))
+    mass, notes = _check(Keyed((aircraft, file), contents))
     return replace(aircraft, mass=mass, notes=notes)
 
 
 @lru_cache(maxsize=256)
-def _check(key: _Key) -> tuple[MassProperties, tuple[str, ...]]:
-    aircraft, file = key.aircraft, key.file
+def _check(key: Keyed[tuple[Aircraft, Path]]) -> tuple[MassProperties, tuple[str, ...]]:
+    aircraft, file = key.it
     condition = FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m)
     fdm = Executive(aircraft.with_rigid_wings(), aircraft.rate_hz, condition)
     mass = mass_flown(fdm, file)

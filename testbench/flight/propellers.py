@@ -223,8 +223,7 @@ class Propellers:
         names = [f"propulsion/engine[{i}]/propeller-rpm" for i in range(count)]
         self._numbers = [i for i, name in enumerate(names) if fdm.has(name)]
         self._nodes = [fdm.node(names[i]) for i in self._numbers]
-        engines = tuple(sorted(fdm.aircraft.engine_files.items()))
-        self._files = _files(fdm.aircraft.xml, engines) if self._numbers else ()
+        self._files = _files(fdm.aircraft.xml, fdm.aircraft.engines) if self._numbers else ()
         modes = [f"propulsion/engine[{i}]/constant-speed-mode" for i in self._numbers]
         turns = [self._file(i).high > self._file(i).low for i in self._numbers]
         adapted = fdm.aircraft.adapter is not None

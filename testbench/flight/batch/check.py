@@ -34,7 +34,7 @@ from testbench.flight.batch.machine import SOURCES
 from testbench.flight.batch.model import BatchModel, attributes, batch_model, variant
 from testbench.flight.batch.program import Untranslated
 from testbench.flight.condition import FlightCondition, TrimmedFlight
-from testbench.flight.executive import _Key
+from testbench.flight.executive import model_key
 from testbench.flight.simulate import Manoeuvre, fly
 from testbench.inputs.signal import InputSignal
 
@@ -149,7 +149,7 @@ def distrust(model: BatchModel, reason: str) -> None:
 
 
 def _key(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) -> object:
-    return _Key.of(aircraft, rate_hz, condition), tuple(aircraft.limits), aircraft.mass  # forces are read per mass
+    return model_key(aircraft, rate_hz, condition), tuple(aircraft.limits), aircraft.mass  # forces are read per mass
 
 
 def _family(aircraft: Aircraft, rate_hz: float, tree: ET.Element) -> object:

@@ -417,7 +417,7 @@ def _modes(aircraft: Aircraft, condition: FlightCondition) -> tuple[object, ...]
 def _fixed(aircraft: Aircraft) -> tuple[object, ...]:
     controls = tuple((n, c.command, c.scale) for n, c in aircraft.controls.items())
     return (
-        tuple(sorted(aircraft.engine_files.items())), controls,
+        aircraft.engines, controls,
         tuple(aircraft.limits), None if aircraft.adapter is None else tuple(sorted(aircraft.adapter.settings.items())),
     )  # fmt: skip
 
