@@ -10,7 +10,16 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, Tag, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    Tag,
+    ValidationError,
+)
 from pydantic_core import CoreSchema
 
 from testbench.core.errors import nearest
@@ -20,6 +29,16 @@ NonNegative = Annotated[float, Field(ge=0.0)]
 Text = Annotated[str, Field(min_length=1)]
 Names = Annotated[tuple[str, ...], Field(strict=False)]  # TOML has lists
 Pair = Annotated[tuple[float, float], Field(strict=False)]
+
+
+def _rising(pair: tuple[float, float]) -> tuple[float, float]:
+    if not pair[0] < pair[1]:
+        raise ValueError(f"low < high must hold, got {pair[0]:g} and {pair[1]:g}")
+    return pair
+
+
+Range = Annotated[Pair, AfterValidator(_rising)]
+Band = Annotated[tuple[Positive, Positive], Field(strict=False), AfterValidator(_rising)]
 Model = TypeVar("Model", bound="Strict")
 
 

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from testbench.core.schema import NonNegative, Pair, Positive, Strict
+from testbench.core.schema import NonNegative, Positive, Range, Strict
 
 Place = Annotated[tuple[float, float, float], Field(strict=False)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -265,20 +265,12 @@ class Reference(Strict):
 class Limits(Strict):
     """Limits of flights; what is not given is derived."""
 
-    V_m_s: Pair | None = None
-    alpha_deg: Pair | None = None
-    beta_deg: Pair | None = None
-    theta_deg: Pair | None = None
-    phi_deg: Pair | None = None
-    h_m: Pair | None = None
-
-    @model_validator(mode="after")
-    def _low_below_high(self) -> Limits:
-        for key in type(self).model_fields:
-            pair = getattr(self, key)
-            if pair is not None and not pair[0] < pair[1]:
-                raise ValueError(f"{key}: the first must be below the second, got {list(pair)}")
-        return self
+    V_m_s: Range | None = None
+    alpha_deg: Range | None = None
+    beta_deg: Range | None = None
+    theta_deg: Range | None = None
+    phi_deg: Range | None = None
+    h_m: Range | None = None
 
 
 class Common(Strict):

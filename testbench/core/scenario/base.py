@@ -15,7 +15,7 @@ from testbench.core.paths import AIRCRAFT, SENSOR_SUITES, Family, find_scenario,
 from testbench.core.project import completed
 from testbench.core.scenario.air import LOWEST_M, AirSpec
 from testbench.core.scenario.inputs import Control, Input
-from testbench.core.schema import NonNegative, Pair, Positive, Strict, parse
+from testbench.core.schema import NonNegative, Positive, Range, Strict, parse
 
 
 def _resolved(family: Family) -> AfterValidator:
@@ -202,18 +202,10 @@ class ManoeuvreLimits(Strict):
 
     deflection_deg: dict[Control, Positive] = {}
     rate_deg_s: dict[Control, Positive] = {}
-    load_factor: Pair | None = None
-    alpha_deg: Pair | None = None
+    load_factor: Range | None = None
+    alpha_deg: Range | None = None
     beta_deg: Positive | None = None
     speed_change_m_s: Positive | None = None
     height_change_m: Positive | None = None
     pitch_change_deg: Positive | None = None
     bank_deg: Positive | None = None
-
-    @model_validator(mode="after")
-    def _low_below_high(self) -> Self:
-        for name in ("load_factor", "alpha_deg"):
-            band = getattr(self, name)
-            if band is not None and not band[0] < band[1]:
-                raise ValueError(f"{name}: low < high must hold, got {band[0]:g} and {band[1]:g}")
-        return self

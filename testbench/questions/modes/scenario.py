@@ -9,9 +9,7 @@ from pydantic import Field, model_validator
 from testbench.core.scenario.air import AirSpec
 from testbench.core.scenario.base import FlownInAir, SuiteName
 from testbench.core.scenario.inputs import Input
-from testbench.core.schema import Names, NonNegative, Positive, Strict
-
-Band = Annotated[tuple[Positive, Positive], Field(strict=False)]
+from testbench.core.schema import Band, Names, NonNegative, Positive, Strict
 
 
 class TurbulentFlight(Strict):

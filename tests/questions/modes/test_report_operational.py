@@ -136,7 +136,8 @@ def test_wrong_words_are_answered_in_one_line(flown, record, tmp_path, monkeypat
         ((record, "--channels", "az_wing_99"), 2, "needs channel 'az_wing_99'"),
         ((record, "--order", 7), 3, "the order must be even"),
         ((record, "--order", 1), 2, "order"),
-        ((record, "--band", 40, 2), 3, "0 < lowest < highest"),
+        ((record, "--band", 40, 2), 2, "band_hz: low < high must hold"),
+        ((record, "--band", 2, 4000), 3, "0 < lowest < highest"),
         ((record, "--band", -1, 2), 2, "band_hz"),
         ((record, "--band", 0.1, 40), 3, "need 800 s of data"),
     ):
