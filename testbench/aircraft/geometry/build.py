@@ -23,7 +23,8 @@ from testbench.core.files import write_file
 _STEEPEST_DEG = 79.0  # dihedral of a drawing
 _BETA_DEG, _THETA_DEG, _PHI_DEG = 20.0, 60.0, 80.0
 _FASTEST, _CLIMB_M = 2.0, 1500.0
-Pair = tuple[float, float]
+FlownLimits = dict[str, tuple[tuple[float, float], str]]
+"""Key of ``[limits]`` in aircraft.toml -> the lowest and the highest value of a flight, and where they come from."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def model_from_plan(plan: Plan, name: str) -> Made:
     thrust = None
     if said.motor is not None:
         try:
-            thrust = thrust_law(said.motor, density, (limits.V_m_s[0], limits.V_m_s[1]))
+            thrust = thrust_law(said.motor, density, limits["V_m_s"][0])
         except ScenarioError as error:
             raise ScenarioError([f"{plan.file}, {fault}" for fault in error.faults]) from error
     remarks = _remarks(plan, found.CL, values, polar, thrust)
@@ -157,19 +158,6 @@ def _remarks(
 # --- the files beside a model -----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class FlownLimits:
-    """Limits of flights, in the units of aircraft.toml, and where each comes from."""
-
-    V_m_s: Pair
-    alpha_deg: Pair
-    beta_deg: Pair
-    theta_deg: Pair
-    phi_deg: Pair
-    h_m: Pair
-    sources: Mapping[str, str]
-
-
 def limits_of(plan: Plan, found: Aerodynamics, values: Mapping[str, Coefficient]) -> FlownLimits:
     """Return the limits that the plan gives, and those that follow for the others."""
     said, V, h = plan.said.limits, plan.said.design_V_m_s, plan.said.design_h_m
@@ -179,7 +167,7 @@ def limits_of(plan: Plan, found: Aerodynamics, values: Mapping[str, Coefficient]
     most = CL0 + values["CL_alpha"].used * top * DEG_RAD
     slowest = V * math.sqrt(found.CL / most) if most > 0.0 < found.CL else 0.5 * V
     slowest = math.ceil(10.0 * min(slowest, 0.9 * V)) / 10.0
-    derived: dict[str, tuple[Pair, str]] = {
+    derived: FlownLimits = {
         "V_m_s": (
             (slowest, _FASTEST * V),
             f"level flight at the highest alpha; {_FASTEST:g} times the design speed, judged",
@@ -193,12 +181,8 @@ def limits_of(plan: Plan, found: Aerodynamics, values: Mapping[str, Coefficient]
         "phi_deg": ((-_PHI_DEG, _PHI_DEG), "judged"),
         "h_m": ((min(10.0, h - 90.0), h + _CLIMB_M), "judged"),
     }
-    values_, sources = {}, {}
-    for key, (pair, words) in derived.items():
-        given = getattr(said, key)
-        values_[key] = given or pair
-        sources[key] = "given" if given else words
-    return FlownLimits(**values_, sources=sources)
+    given = said.model_dump(exclude_none=True)
+    return derived | {key: (pair, "given") for key, pair in given.items()}
 
 
 def aircraft_toml(
@@ -232,11 +216,9 @@ def aircraft_toml(
     if said.motor is not None:
         out += ["[controls.thr]", 'command = "fcs/throttle-cmd-norm"']
     out += ["", "# A flight that leaves these is aborted.", "[limits]"]
-    for key in limits.sources:
-        low, high = getattr(limits, key)
-        out.append(f"{key} = [{real(low)}, {real(high)}]")
+    out += [f"{key} = [{real(low)}, {real(high)}]" for key, ((low, high), _) in limits.items()]
     out += ["", "# Where those come from that nobody gave.", "[limit_sources]"]
-    out += [f"{k.split('_')[0]} = {quoted(one_line(words))}" for k, words in limits.sources.items() if words != "given"]
+    out += [f"{k.split('_')[0]} = {quoted(one_line(words))}" for k, (_, words) in limits.items() if words != "given"]
     out += [
         "",
         "# Relative standard deviation of every coefficient, by which the believed model may be off: how far computed "
@@ -251,17 +233,9 @@ def aircraft_toml(
         "# What the aircraft looks like, for the drawing of its report only; nothing here enters a flight. "
         "Places count from the",
         "# centre of gravity, x forward and z up.",
-        "[drawing]",
+        *outline(centred).toml(),
     ]
-    drawn = outline(centred)
-    out.append(f"note = {quoted(drawn.note)}")
-    for key in ("wing", "tail", "fin"):
-        surface = getattr(drawn, key)
-        if surface is not None:
-            items = {k: v for k, v in surface.model_dump().items() if v or k.endswith(("span_m", "chord_m", "x_m"))}
-            out.append(f"{key} = {{ {', '.join(f'{k} = {real(v)}' for k, v in items.items())} }}")
-    rows = ", ".join(f"[{', '.join(real(round(v, 5)) for v in row)}]" for row in drawn.body_m)
-    return "\n".join([*out, f"body_m = [{rows}]", ""])
+    return "\n".join([*out, ""])
 
 
 def sources_md(made: Made, limits: FlownLimits) -> str:
@@ -300,9 +274,10 @@ def sources_md(made: Made, limits: FlownLimits) -> str:
         f"where lift is straight ({found.polar_rms:.2g} rms of CD); CD0 includes {plan.said.drag.CD0_added:g} "
         "given as CD0_added |"
     )
-    for key, words in limits.sources.items():
-        low, high = getattr(limits, key)
-        out.append(f"| limit of {key} | {low:g} to {high:g} | {markdown_cell(words)} |")
+    out += [
+        f"| limit of {key} | {low:g} to {high:g} | {markdown_cell(words)} |"
+        for key, ((low, high), words) in limits.items()
+    ]
     out += [
         "",
         "## Coefficients",
@@ -389,20 +364,20 @@ def outline(plane: Plane) -> Outline:
     if left_out:
         notes.append(f"Not drawn: {', '.join(left_out)}.")
     if plane.body:
-        body = tuple((-h.x_m, 0.5 * h.width_m, h.z_m - 0.5 * h.height_m, h.z_m + 0.5 * h.height_m) for h in plane.body)
+        body = [(-h.x_m, 0.5 * h.width_m, h.z_m - 0.5 * h.height_m, h.z_m + 0.5 * h.height_m) for h in plane.body]
     else:
         notes.append("No fuselage was given; the line along the middle is none.")
         roots = [s.stations[0] for s in plane.surfaces]
         middle = [s for s in roots if abs(s.y_m) < 1e-6 * plane.b_m] or roots
         xs = [s.x_m + f * s.chord_m for s in middle for f in (0.0, 1.0)]
         thin = 2e-3 * plane.b_m
-        body = tuple((-x, thin, -thin, thin) for x in (min(xs), max(xs)))
+        body = [(-x, thin, -thin, thin) for x in (min(xs), max(xs))]
     return Outline(
         note=" ".join(notes),
         wing=_trapezoid(plane.wing),
         tail=_trapezoid(tails[0]) if tails else None,
         fin=_trapezoid(fins[0]) if fins else None,
-        body_m=body,
+        body_m=tuple((_r(x), _r(wide), _r(low), _r(high)) for x, wide, low, high in body),
     )
 
 

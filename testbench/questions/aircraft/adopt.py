@@ -123,7 +123,7 @@ def described(adopted: Adopted, model: str) -> str:
     lines += ["", "# Where they come from.", "[limit_sources]"]
     lines += [f"{channel} = {quoted(words)}" for channel, words in aircraft.limit_sources.items()]
     if aircraft.outline is not None:
-        lines += ["", *_drawing(aircraft)]
+        lines += ["", "# For the drawing only; nothing here enters a flight.", *aircraft.outline.toml(6)]
     return "\n".join(lines) + "\n"
 
 
@@ -144,19 +144,6 @@ def _control(link: Link, aircraft: Aircraft) -> list[str]:
         said = f"stick = {quoted(law.stick)}, own = {quoted(law.own)}, rad_per_unit = {law.factor!r}"
         out.append(f"law = {{ {said}{', turned = true' if law.sign < 0.0 else ''} }}")
     return [*out, ""]
-
-
-def _drawing(aircraft: Aircraft) -> list[str]:
-    outline = aircraft.outline
-    assert outline is not None
-    out = ["# For the drawing only; nothing here enters a flight.", "[drawing]", f"note = {quoted(outline.note)}"]
-    for name in ("wing", "tail", "fin"):
-        values = getattr(outline, name).model_dump(exclude_defaults=True)
-        out.append(f"{name} = {{ {', '.join(f'{k} = {real(v, 6)}' for k, v in values.items())} }}")
-    if outline.sketched:
-        out.append("sketched = true")
-    rows = ", ".join(f"[{', '.join(real(x, 6) for x in row)}]" for row in outline.body_m)
-    return [*out, f"body_m = [{rows}]"]
 
 
 def _held(name: str, value: float) -> str:
