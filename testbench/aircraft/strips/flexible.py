@@ -16,7 +16,7 @@ from testbench.aircraft.elastic import COEFFICIENTS, ElasticModel
 from testbench.aircraft.model import Aircraft
 from testbench.aircraft.strips.fit import FittedStrips, drawn_of, fit_strips
 from testbench.aircraft.strips.ground_test import GroundTest, check_span
-from testbench.aircraft.strips.loads import STRIPS, Shape, Tail, Vibration, Wing, coupled_modes, elastic_toml, scaled
+from testbench.aircraft.strips.loads import STRIPS, Shape, Tail, Vibration, Wing, coupled_modes, scaled
 from testbench.aircraft.strips.ritz import Inertia, asymmetric_inertia, heave_and_pitch, roll, symmetric_inertia
 from testbench.core.errors import Faults, ModelError, ScenarioError, located
 from testbench.core.escape import one_line, quoted
@@ -284,7 +284,7 @@ def _elastic(made: Flexible, test: GroundTest) -> str:
         )
         for origin in made.origins
     ]
-    return elastic_toml(elastic.modes, made.stations_m, comments)
+    return elastic.toml(lambda value: f"{value:.5g}", comments)
 
 
 def _sources(made: Flexible, test: GroundTest) -> str:

@@ -12,14 +12,13 @@ the tail due to elastic motion is left out. Coefficients are nondimensional as i
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from testbench.aircraft.elastic import ElasticMode, WingShape
-from testbench.core.escape import quoted
 from testbench.core.record import FloatArray
 
 STRIPS = 80  # per wing; 40 change no coefficient by more than 0.1 %
@@ -380,35 +379,3 @@ def at_stations(wing: Wing, values: FloatArray, stations_m: FloatArray) -> Float
 
     found = CubicSpline(wing.y, values)(stations_m)
     return np.where(np.abs(found) < 1e-12, 0.0, found)
-
-
-def elastic_toml(modes: Sequence[ElasticMode], stations_m: FloatArray, comments: Sequence[str] = ()) -> str:
-    """Return the [elastic] table of aircraft.toml, numbers with five digits.
-
-    Args:
-        modes: with shapes.
-        stations_m: (n,) of the shapes.
-        comments: one per mode, or none: lines that stand above it, each beginning with "#".
-    """
-    blocks = []
-    for i, mode in enumerate(modes):
-        tables: dict[str, Mapping[str, float] | Mapping[int, float]] = {
-            "force": mode.force,
-            "force_eta": mode.force_eta,
-            "force_etadot": mode.force_etadot,
-            "force_rotary": mode.force_rotary,
-            "effect_eta": mode.effect_eta,
-            "effect_etadot": mode.effect_etadot,
-        }
-        head = f"[[elastic.mode]]\nname = {quoted(mode.name)}\nf_hz = {mode.f_hz}\nzeta = {mode.zeta}\n"
-        head += f'mass_kg_m2 = {mode.mass_kg_m2:.5g}\nsymmetry = "{mode.symmetry}"\n'
-        rows = (f"{key} = {{ {', '.join(f'{k} = {v:.5g}' for k, v in t.items())} }}\n" for key, t in tables.items())
-        assert mode.shape is not None
-        form = ", ".join(
-            f"{key} = [{', '.join(f'{v:.5g}' for v in getattr(mode.shape, key))}]"
-            for key in ("bend_m", "twist_rad", "curvature_1_m")
-        )
-        said = comments[i] if comments else ""
-        blocks.append(said + head + "".join(rows) + f"shape = {{ {form} }}\n")
-    stations = ", ".join(f"{y:g}" for y in stations_m)
-    return f"[elastic]\nstations_m = [{stations}]\n\n" + "\n".join(blocks)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
 from dataclasses import replace
 from difflib import unified_diff
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from testbench.aircraft import Aircraft, ElasticMode
+from testbench.aircraft import Aircraft
 from testbench.core.door import read_text
 from testbench.core.escape import markdown_cell, one_line, real
 from testbench.core.files import write_file
@@ -191,22 +190,4 @@ def _description(text: str, aircraft: Aircraft, model: str, rate_hz: float) -> s
     modes = aircraft.flown_modes()
     if modes is None or not len(modes):
         return head + kept.rstrip() + "\n"
-    lines = ["", "[elastic]", f"stations_m = {list(modes.stations_m)}"]
-    for mode in modes.modes:
-        lines += ["", "[[elastic.mode]]", *_mode(mode)]
-    return head + kept.rstrip() + "\n" + "\n".join(lines) + "\n"
-
-
-def _mode(mode: ElasticMode) -> list[str]:
-    out = [f"name = {json.dumps(mode.name)}", f"symmetry = {json.dumps(mode.symmetry)}"]
-    out += [f"{key} = {float(getattr(mode, key))!r}" for key in ("f_hz", "zeta", "mass_kg_m2")]
-    for key in ("force", "force_eta", "force_etadot", "force_rotary", "effect_eta", "effect_etadot"):
-        values: Mapping[object, float] = getattr(mode, key)
-        if values:
-            out.append(f"{key} = {{ " + ", ".join(f'"{k}" = {float(v)!r}' for k, v in values.items()) + " }")
-    if mode.shape is not None:
-        parts = ", ".join(
-            f"{key} = {list(getattr(mode.shape, key))}" for key in ("bend_m", "twist_rad", "curvature_1_m")
-        )
-        out.append(f"shape = {{ {parts} }}")
-    return out
+    return f"{head}{kept.rstrip()}\n\n{modes.toml()}"

@@ -18,7 +18,7 @@ from testbench.aircraft.model import MassProperties
 from testbench.aircraft.strips.fit import fit_strips, helmbold
 from testbench.aircraft.strips.flexible import make_flexible
 from testbench.aircraft.strips.ground_test import read_ground_test
-from testbench.aircraft.strips.loads import Shape, elastic_toml
+from testbench.aircraft.strips.loads import Shape
 from testbench.core.constants import DEG_RAD
 from testbench.core.paths import AIRCRAFT_MODELS, SCENARIOS
 from testbench.flight import FlightCondition, linearise, load_aircraft, trim
@@ -153,7 +153,7 @@ def test_eolos_own_modes_give_back_the_coefficients_that_its_file_holds(derive, 
     """To the last digit: every force, effect, mass, shape and station of aircraft.toml."""
     test = read_ground_test(eolo_test(tmp_path, derive))
     made = make_flexible(load_aircraft(stiff), test, {})
-    text = elastic_toml(made.aircraft.elastic.modes, made.stations_m)
+    text = made.aircraft.elastic.toml(lambda value: f"{value:.5g}")
     held = (AIRCRAFT_MODELS / "eolo" / "aircraft.toml").read_text(encoding="utf-8")
     assert numbers(tomllib.loads(text)) == numbers({"elastic": tomllib.loads(held)["elastic"]})
 
