@@ -25,7 +25,7 @@ and ``modal/etadot-i`` when ``modal/static-ic`` is 0.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -35,7 +35,7 @@ from testbench.aircraft.adapter import SURFACES, Adapter
 from testbench.aircraft.paths import path_of, read_by_aerodynamics
 from testbench.aircraft.reactions import COEFFICIENTS, MOTIONS, element, number, quantity, react
 from testbench.core.constants import PSF_PA
-from testbench.core.escape import quoted
+from testbench.core.escape import quoted, toml_value
 from testbench.core.record import FloatArray
 
 LAGS = ((0.165, 0.0455), (0.335, 0.3))
@@ -107,21 +107,13 @@ class ElasticModel:
             number: writes what is computed; stations, frequency and damping are written whole.
             comments: one per mode, or none: lines that stand above it, each beginning with "#".
         """
-
-        def listed(values: Iterable[float]) -> str:
-            return f"[{', '.join(number(float(v)) for v in values)}]"
-
+        keys = ("force", "force_eta", "force_etadot", "force_rotary", "effect_eta", "effect_etadot")
         out = [f"[elastic]\nstations_m = [{', '.join(f'{y:.10g}' for y in self.stations_m)}]\n"]
         for mode, said in zip(self.modes, comments or ("",) * len(self), strict=True):
             block = f"{said}[[elastic.mode]]\nname = {quoted(mode.name)}\nf_hz = {mode.f_hz}\nzeta = {mode.zeta}\n"
             block += f'mass_kg_m2 = {number(float(mode.mass_kg_m2))}\nsymmetry = "{mode.symmetry}"\n'
-            for key in ("force", "force_eta", "force_etadot", "force_rotary", "effect_eta", "effect_etadot"):
-                if values := getattr(mode, key):
-                    block += f"{key} = {{ {', '.join(f'{k} = {number(float(v))}' for k, v in values.items())} }}\n"
-            if mode.shape is not None:
-                form = ", ".join(f"{key} = {listed(values)}" for key, values in vars(mode.shape).items())
-                block += f"shape = {{ {form} }}\n"
-            out.append(block)
+            tables = {key: getattr(mode, key) for key in keys} | {"shape": vars(mode.shape) if mode.shape else {}}
+            out.append(block + "".join(f"{key} = {toml_value(t, number)}\n" for key, t in tables.items() if t))
         return "\n".join(out)
 
     def matrices(self, qbar_Pa: float, V_m_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:

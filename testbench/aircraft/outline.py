@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from functools import partial
 from typing import Annotated
 
 from pydantic import Field
 
 from testbench.core.constants import JSBSIM_AREA_M2, JSBSIM_LENGTH_M
-from testbench.core.escape import quoted, real
+from testbench.core.escape import real, toml_value
 from testbench.core.schema import NonNegative, Positive, Strict
 
 _ASPECT_TAIL, _ASPECT_FIN, _TAPER = 4.0, 1.4, 0.6  # of a usual aircraft
@@ -108,15 +109,9 @@ class Outline(Strict):
 
     def toml(self, digits: int = 10) -> list[str]:
         """Return the table ``[drawing]`` of aircraft.toml as lines, numbers with as many digits at most."""
-        out = ["[drawing]", f"note = {quoted(self.note)}"]
-        for name in ("wing", "tail", "fin"):
-            if (surface := getattr(self, name)) is not None:
-                values = surface.model_dump(exclude_defaults=True)
-                out.append(f"{name} = {{ {', '.join(f'{k} = {real(v, digits)}' for k, v in values.items())} }}")
-        if self.sketched:
-            out.append("sketched = true")
-        rows = ", ".join(f"[{', '.join(real(x, digits) for x in row)}]" for row in self.body_m)
-        return [*out, f"body_m = [{rows}]"]
+        keys = ("note", "wing", "tail", "fin", "sketched", "body_m")
+        said = self.model_dump(exclude_defaults=True)
+        return ["[drawing]", *(f"{k} = {toml_value(said[k], partial(real, digits=digits))}" for k in keys if k in said)]
 
     @property
     def ends_m(self) -> tuple[float, float]:

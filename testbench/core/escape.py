@@ -14,7 +14,7 @@ import json
 import math
 import re
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
@@ -42,7 +42,8 @@ def table_lines(table: Mapping[str, Any], at: str = "") -> list[str]:
     """
     inner = {k: v for k, v in table.items() if isinstance(v, Mapping)}
     listed = {k: v for k, v in table.items() if isinstance(v, (list, tuple)) and v and isinstance(v[0], Mapping)}
-    out = [f"{_key(k)} = {_value(v)}" for k, v in table.items() if v is not None and k not in inner and k not in listed]
+    plain = {k: v for k, v in table.items() if v is not None and k not in inner and k not in listed}
+    out = [f"{_key(k)} = {toml_value(v)}" for k, v in plain.items()]
     for k, v in inner.items():
         name = f"{at}.{_key(k)}".lstrip(".")
         bare = v and all(isinstance(x, Mapping) for x in v.values())
@@ -58,14 +59,23 @@ def _key(name: str) -> str:
     return name if _BARE.fullmatch(name) else quoted(name)
 
 
-def _value(value: Any) -> str:
+def toml_value(value: Any, number: Callable[[float], str] = repr) -> str:
+    """Return a text, number or boolean, or a list or table of them on one line, as TOML; a table without its None.
+
+    Args:
+        value: what is written.
+        number: writes floats.
+    """
+    if isinstance(value, Mapping):
+        said = (f"{_key(str(k))} = {toml_value(v, number)}" for k, v in value.items() if v is not None)
+        return f"{{ {', '.join(said)} }}"
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
         return quoted(value)
     if isinstance(value, (list, tuple)):
-        return f"[{', '.join(map(_value, value))}]"
-    return repr(value)
+        return f"[{', '.join(toml_value(v, number) for v in value)}]"
+    return number(float(value)) if isinstance(value, float) else repr(value)
 
 
 _NOT_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -26,6 +26,7 @@ from testbench.core.escape import (
     quoted,
     shell_word,
     table_lines,
+    toml_value,
     xml_attribute,
     xml_comment,
     xml_text,
@@ -199,4 +200,5 @@ def test_a_table_is_read_back_as_it_was_written():
         "last": {"x": [[1.0, 2.0], [3.0, 4.0]]},
     }
     assert tomllib.loads("\n".join(table_lines(table))) == table
+    assert tomllib.loads(f"x = {toml_value(table)}") == {"x": table}
     assert tomllib.loads("\n".join(table_lines({"a": 1, "b": None}))) == {"a": 1}

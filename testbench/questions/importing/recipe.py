@@ -7,7 +7,6 @@ trim value is not known, and shifting it does what one of the constants does.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,7 +15,7 @@ import numpy as np
 
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD, G0_M_S2
-from testbench.core.escape import one_line
+from testbench.core.escape import one_line, toml_value
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.inference.form import FORM_STD
 from testbench.inference.instruments import sound
@@ -322,13 +321,12 @@ def _lateral_per_speed(measured: Sequence[str], speed: float | None, autopilot: 
 
 def lines(recipe: Recipe, inputs: Sequence[str]) -> list[str]:
     """Return the tables ``[identification]``, ``[[identification.estimators]]`` and ``[servo.NAME]`` as TOML lines."""
-    q = json.dumps
-    out = ["", "[identification]", f"inputs = {q(list(inputs))}", f"outputs = {q(list(recipe.outputs))}"]
+    out = ["", "[identification]", f"inputs = {toml_value(list(inputs))}", f"outputs = {toml_value(recipe.outputs)}"]
     if recipe.left_out:
         out.append(f"# measured, but used by nothing below: {one_line(', '.join(recipe.left_out))}")
     for remarks, entry in recipe.estimators:
         out += ["", *(f"# {one_line(text)}" for text in remarks), "[[identification.estimators]]"]
-        out += [f"{key} = {_toml(value)}" for key, value in entry.items()]
+        out += [f"{key} = {toml_value(value)}" for key, value in entry.items()]
         if entry["method"] == "output_error":
             out.append('# in turbulence: method = "filter_error"; quick and without start values: "equation_error"')
     if recipe.instrument_std:
@@ -354,13 +352,6 @@ def lines(recipe: Recipe, inputs: Sequence[str]) -> list[str]:
             *(['delay_s = "estimate"'] if recipe.delays else []),
         ]
     return out
-
-
-def _toml(value: Any) -> str:
-    """Return a value of an estimator's entry as TOML: what JSON has, and tables in one line."""
-    if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{key} = {_toml(v)}' for key, v in value.items())} }}"
-    return json.dumps(value)
 
 
 # --- whether records support a recipe ---------------------------------------------------------------------------------
