@@ -352,51 +352,37 @@ def _table(sensor: Sensor) -> dict[str, Any]:
         "kind": sensor.KIND or None,
         **figures,
         "position_m": list(sensor.position_m) if any(sensor.position_m) else None,
-        **_own(sensor),
+        **{
+            key: [float(x / factor) for x in value] if isinstance(value, tuple) else float(value / factor)
+            for f, key, factor in _figures(type(sensor))
+            if (value := getattr(sensor, f.name)) != f.default
+        },
         "recorder": sensor.recorder or None,
         "part": sensor.part,
         "source": sensor.source,
     }
 
 
-def _own(sensor: Sensor) -> dict[str, Any]:
-    """Return key -> value in files of the figures that a sensor's kind adds."""
-    names = {field: (key, factor) for key, (field, factor) in sensor.IN_FILES.items()}
+def _figures(kind: type[Sensor]) -> tuple[tuple[Any, str, float], ...]:
+    """Return field, key in files, and SI value of one there, of each figure that a kind of sensor adds."""
+    names = {field: (key, factor) for key, (field, factor) in kind.IN_FILES.items()}
     common = {f.name for f in fields(Sensor)}
-    out = {}
-    for f in fields(sensor):
-        value = getattr(sensor, f.name)
-        if f.name not in common and value != f.default:
-            key, factor = names.get(f.name, (f.name, 1.0))
-            out[key] = [float(x / factor) for x in value] if isinstance(value, tuple) else float(value / factor)
-    return out
+    return tuple((f, *names.get(f.name, (f.name, 1.0))) for f in fields(kind) if f.name not in common)
+
+
+def _times(value: Any, factor: float) -> Any:
+    return tuple(x * factor for x in value) if isinstance(value, tuple) else value * factor
 
 
 @cache
 def _schema(name: str) -> type[SensorEntry]:
     """Return the schema of a ``[[sensor]]`` of a kind: the common keys and those that it adds."""
     kind = KINDS.get(name, Sensor)
-    names = {field: key for key, (field, _) in kind.IN_FILES.items()}
-    hints, common = get_type_hints(kind), {f.name for f in fields(Sensor)}
+    hints = get_type_hints(kind)
     extra: dict[str, Any] = {
-        names.get(f.name, f.name): (Annotated[hints[f.name], Field(strict=False)], f.default)
-        for f in fields(kind)
-        if f.name not in common
+        key: (Annotated[hints[f.name], Field(strict=False)], f.default) for f, key, _ in _figures(kind)
     }
     return create_model(f"{kind.__name__}Entry", __base__=SensorEntry, **extra)
-
-
-def _own_values(kind: type[Sensor], entry: SensorEntry) -> dict[str, Any]:
-    """Return the figures that a kind adds, SI, out of an entry of its schema."""
-    names = {field: (key, factor) for key, (field, factor) in kind.IN_FILES.items()}
-    common = {f.name for f in fields(Sensor)}
-    out = {}
-    for f in fields(kind):
-        if f.name not in common:
-            key, factor = names.get(f.name, (f.name, 1.0))
-            value = getattr(entry, key)
-            out[f.name] = tuple(x * factor for x in value) if isinstance(value, tuple) else value * factor
-    return out
 
 
 def _read_sensor(
@@ -425,7 +411,8 @@ def _read_sensor(
         if key == "channel":
             return None, faults
     clock = recorders.get(entry.recorder, _Recorder())
-    values = {key: getattr(entry, key) for key in _AS_IS} | _own_values(kind, entry)
+    values = {key: getattr(entry, key) for key in _AS_IS}
+    values |= {f.name: _times(getattr(entry, key), factor) for f, key, factor in _figures(kind)}
     values |= {key: getattr(entry, key) * factor for key in _IN_UNIT}
     if entry.cutoff_hz is not None:
         values["lag_s"] = 1.0 / (2.0 * math.pi * entry.cutoff_hz)
