@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.program import Builder, Untranslated, Value
@@ -12,22 +13,30 @@ _DEG = 180.0 / math.pi
 _SLUG_LB = 32.174049
 _KT = 1.0 / (1852.0 / (3600.0 * 0.3048))
 
-CORE: dict[str, tuple[int, float]] = {
+_NED = ("north", "east", "down")
+Places = dict[str, tuple[int, float]]
+
+
+def _axes(name: str, axes: Iterable[str], first: int) -> Places:
+    """Return a vector's properties, one per axis, whose registers follow each other."""
+    return {name.format(a): (first + i, 1.0) for i, a in enumerate(axes)}
+
+
+def _and_degrees(places: Places) -> Places:
+    """Return angles with the same in degrees."""
+    return places | {n.replace("-rad", "-deg"): (at, _DEG) for n, (at, _) in places.items()}
+
+
+CORE: Places = {
     "simulation/dt": (r.DT, 1.0),
     "simulation/sim-time-sec": (r.TIME, 1.0),
-    "velocities/v-north-fps": (r.V_NORTH, 1.0),
-    "velocities/v-east-fps": (r.V_EAST, 1.0),
-    "velocities/v-down-fps": (r.V_DOWN, 1.0),
     "velocities/h-dot-fps": (r.V_DOWN, -1.0),
-    "velocities/u-fps": (r.U, 1.0),
-    "velocities/v-fps": (r.V, 1.0),
-    "velocities/w-fps": (r.W, 1.0),
-    "velocities/p-rad_sec": (r.P, 1.0),
-    "velocities/q-rad_sec": (r.Q, 1.0),
-    "velocities/r-rad_sec": (r.R, 1.0),
-    "velocities/pi-rad_sec": (r.RATE, 1.0),
-    "velocities/qi-rad_sec": (r.RATE + 1, 1.0),
-    "velocities/ri-rad_sec": (r.RATE + 2, 1.0),
+    **_axes("velocities/v-{}-fps", _NED, r.V_NORTH),
+    **_axes("velocities/{}-fps", "uvw", r.U),
+    **_axes("velocities/{}-rad_sec", "pqr", r.P),
+    **_axes("velocities/{}i-rad_sec", "pqr", r.RATE),
+    **_axes("velocities/{}-aero-fps", "uvw", r.U_AERO),
+    **_axes("velocities/{}-aero-rad_sec", "pqr", r.P_AERO),
     "position/h-sl-ft": (r.H_SL, 1.0),
     "position/h-sl-meters": (r.H_SL, 0.3048),
     "position/h-agl-ft": (r.H_AGL, 1.0),
@@ -35,25 +44,13 @@ CORE: dict[str, tuple[int, float]] = {
     "position/radius-to-vehicle-ft": (r.RADIUS, 1.0),
     "position/from-start-neu-n-ft": (r.LOCATION + 2, 1.0),  # flights start over the equator at longitude 0
     "position/from-start-neu-e-ft": (r.LOCATION + 1, 1.0),
-    "velocities/u-aero-fps": (r.U_AERO, 1.0),
-    "velocities/v-aero-fps": (r.V_AERO, 1.0),
-    "velocities/w-aero-fps": (r.W_AERO, 1.0),
-    "velocities/p-aero-rad_sec": (r.P_AERO, 1.0),
-    "velocities/q-aero-rad_sec": (r.Q_AERO, 1.0),
-    "velocities/r-aero-rad_sec": (r.R_AERO, 1.0),
     "velocities/vt-fps": (r.VT, 1.0),
     "velocities/vtrue-fps": (r.VT, 1.0),
     "velocities/vtrue-kts": (r.VT, _KT),
     "velocities/mach": (r.MACH, 1.0),
     "velocities/vg-fps": (r.V_GROUND, 1.0),
-    "aero/alpha-rad": (r.ALPHA, 1.0),
-    "aero/alpha-deg": (r.ALPHA, _DEG),
-    "aero/beta-rad": (r.BETA, 1.0),
-    "aero/beta-deg": (r.BETA, _DEG),
-    "aero/alphadot-rad_sec": (r.ALPHA_DOT, 1.0),
-    "aero/alphadot-deg_sec": (r.ALPHA_DOT, _DEG),
-    "aero/betadot-rad_sec": (r.BETA_DOT, 1.0),
-    "aero/betadot-deg_sec": (r.BETA_DOT, _DEG),
+    **_and_degrees(_axes("aero/{}-rad", ("alpha", "beta"), r.ALPHA)),
+    **_and_degrees(_axes("aero/{}dot-rad_sec", ("alpha", "beta"), r.ALPHA_DOT)),
     "aero/qbar-psf": (r.QBAR, 1.0),
     "aero/qbarUW-psf": (r.QBAR_UW, 1.0),
     "aero/qbarUV-psf": (r.QBAR_UV, 1.0),
@@ -72,67 +69,42 @@ CORE: dict[str, tuple[int, float]] = {
     "metrics/iw-rad": (r.INCIDENCE, 1.0),
     "inertia/mass-slugs": (r.MASS, 1.0),
     "inertia/weight-lbs": (r.WEIGHT, 1.0),
-    "inertia/ixx-slugs_ft2": (r.INERTIA, 1.0),
-    "inertia/iyy-slugs_ft2": (r.INERTIA + 1, 1.0),
-    "inertia/izz-slugs_ft2": (r.INERTIA + 2, 1.0),
-    **{f"metrics/aero-rp-{a}-in": (r.REFERENCE_POINT + i, 1.0) for i, a in enumerate("xyz")},
-    **{f"metrics/eyepoint-{a}-in": (r.EYE_POINT + i, 1.0) for i, a in enumerate("xyz")},
-    **{f"inertia/cg-{a}-in": (r.CG + i, 1.0) for i, a in enumerate("xyz")},
-    **{f"accelerations/{a}dot-ft_sec2": (r.U_DOT + i, 1.0) for i, a in enumerate("uvw")},
-    **{f"accelerations/{a}dot-rad_sec2": (r.P_DOT + i, 1.0) for i, a in enumerate("pqr")},
-    **{f"accelerations/{a}idot-rad_sec2": (r.RATE_DOT + i, 1.0) for i, a in enumerate("pqr")},
-    **{f"atmosphere/total-wind-{a}-fps": (r.WIND + i, 1.0) for i, a in enumerate(("north", "east", "down"))},
-    **{f"atmosphere/gust-{a}-fps": (r.GUST + i, 1.0) for i, a in enumerate(("north", "east", "down"))},
-    **{f"forces/fb{a}-aero-lbs": (r.AERO_FORCE + i, 1.0) for i, a in enumerate("xyz")},
-    **{f"forces/fw{a}-aero-lbs": (r.WIND_FORCE + i, 1.0) for i, a in enumerate("xyz")},
-    **{f"moments/{a}-aero-lbsft": (r.AERO_MOMENT + i, 1.0) for i, a in enumerate("lmn")},
-    **{f"forces/fb{a}-prop-lbs": (r.ENGINE_FORCE + i, 1.0) for i, a in enumerate("xyz")},
-    **{f"moments/{a}-prop-lbsft": (r.ENGINE_MOMENT + i, 1.0) for i, a in enumerate("lmn")},
-    **{f"forces/fb{a}-external-lbs": (r.ADDED_FORCE + i, 1.0) for i, a in enumerate("xyz")},
-    **{f"moments/{a}-external-lbsft": (r.ADDED_MOMENT + i, 1.0) for i, a in enumerate("lmn")},
-    **{f"forces/fb{a}-total-lbs": (r.FORCE + i, 1.0) for i, a in enumerate("xyz")},
-    **{f"moments/{a}-total-lbsft": (r.MOMENT + i, 1.0) for i, a in enumerate("lmn")},
+    **_axes("inertia/i{0}{0}-slugs_ft2", "xyz", r.INERTIA),
+    **_axes("metrics/aero-rp-{}-in", "xyz", r.REFERENCE_POINT),
+    **_axes("metrics/eyepoint-{}-in", "xyz", r.EYE_POINT),
+    **_axes("inertia/cg-{}-in", "xyz", r.CG),
+    **_axes("accelerations/{}dot-ft_sec2", "uvw", r.U_DOT),
+    **_axes("accelerations/{}dot-rad_sec2", "pqr", r.P_DOT),
+    **_axes("accelerations/{}idot-rad_sec2", "pqr", r.RATE_DOT),
+    **_axes("atmosphere/total-wind-{}-fps", _NED, r.WIND),
+    **_axes("atmosphere/gust-{}-fps", _NED, r.GUST),
+    **_axes("forces/fb{}-aero-lbs", "xyz", r.AERO_FORCE),
+    **_axes("forces/fw{}-aero-lbs", "xyz", r.WIND_FORCE),
+    **_axes("moments/{}-aero-lbsft", "lmn", r.AERO_MOMENT),
+    **_axes("forces/fb{}-prop-lbs", "xyz", r.ENGINE_FORCE),
+    **_axes("moments/{}-prop-lbsft", "lmn", r.ENGINE_MOMENT),
+    **_axes("forces/fb{}-external-lbs", "xyz", r.ADDED_FORCE),
+    **_axes("moments/{}-external-lbsft", "lmn", r.ADDED_MOMENT),
+    **_axes("forces/fb{}-total-lbs", "xyz", r.FORCE),
+    **_axes("moments/{}-total-lbsft", "lmn", r.MOMENT),
 }
 """Property -> the register that holds it, and the factor between them."""
 
-EULER: dict[str, tuple[int, float]] = {
-    "attitude/phi-rad": (r.PHI, 1.0),
-    "attitude/roll-rad": (r.PHI, 1.0),
-    "attitude/phi-deg": (r.PHI, _DEG),
-    "attitude/theta-rad": (r.THETA, 1.0),
-    "attitude/pitch-rad": (r.THETA, 1.0),
-    "attitude/theta-deg": (r.THETA, _DEG),
-    "attitude/psi-rad": (r.PSI, 1.0),
-    "attitude/heading-true-rad": (r.PSI, 1.0),
-    "attitude/psi-deg": (r.PSI, _DEG),
-}
-GEOGRAPHY: dict[str, tuple[int, float]] = {
-    "position/lat-gc-rad": (r.LATITUDE, 1.0),
-    "position/lat-gc-deg": (r.LATITUDE, _DEG),
-    "position/lat-geod-rad": (r.LATITUDE_GEODETIC, 1.0),
-    "position/lat-geod-deg": (r.LATITUDE_GEODETIC, _DEG),
-    "position/long-gc-rad": (r.LONGITUDE, 1.0),
-    "position/long-gc-deg": (r.LONGITUDE, _DEG),
-}
-EULER_RATES: dict[str, tuple[int, float]] = {
-    "velocities/phidot-rad_sec": (r.PHI_DOT, 1.0),
-    "velocities/thetadot-rad_sec": (r.THETA_DOT, 1.0),
-    "velocities/psidot-rad_sec": (r.PSI_DOT, 1.0),
-}
-AIR_DATA: dict[str, tuple[int, float]] = {
+EULER = _and_degrees(_axes("attitude/{}-rad", ("phi", "theta", "psi"), r.PHI))
+EULER |= _axes("attitude/{}-rad", ("roll", "pitch", "heading-true"), r.PHI)
+GEOGRAPHY = _and_degrees(_axes("position/{}-rad", ("lat-gc", "lat-geod", "long-gc"), r.LATITUDE))
+EULER_RATES = _axes("velocities/{}dot-rad_sec", ("phi", "theta", "psi"), r.PHI_DOT)
+AIR_DATA: Places = {
     "aero/Re": (r.REYNOLDS, 1.0),
-    "flight-path/gamma-rad": (r.GAMMA, 1.0),
-    "flight-path/gamma-deg": (r.GAMMA, _DEG),
+    **_and_degrees({"flight-path/gamma-rad": (r.GAMMA, 1.0)}),
     "flight-path/psi-gt-rad": (r.TRACK, 1.0),
-    "accelerations/Nx": (r.N_X, 1.0),
-    "accelerations/Ny": (r.N_Y, 1.0),
-    "accelerations/Nz": (r.N_Z, 1.0),
+    **_axes("accelerations/N{}", "xyz", r.N_X),
     "aero/h_b-cg-ft": (r.H_B_CG, 1.0),
     "aero/h_b-mac-ft": (r.H_B_MAC, 1.0),
-    **{f"accelerations/a-pilot-{a}-ft_sec2": (r.PILOT_ACCEL + i, 1.0) for i, a in enumerate("xyz")},
+    **_axes("accelerations/a-pilot-{}-ft_sec2", "xyz", r.PILOT_ACCEL),
     **{f"accelerations/n-pilot-{a}-norm": (r.PILOT_ACCEL + i, 0.3048 / 9.80665) for i, a in enumerate("xyz")},
 }
-PITOT: dict[str, tuple[int, float]] = {
+PITOT: Places = {
     "propulsion/tat-r": (r.TOTAL_TEMPERATURE, 1.0),
     "propulsion/pt-lbs_sqft": (r.TOTAL_PRESSURE, 1.0),
     "velocities/vc-fps": (r.VC, 1.0),
@@ -140,10 +112,7 @@ PITOT: dict[str, tuple[int, float]] = {
     "velocities/ve-fps": (r.VE, 1.0),
     "velocities/ve-kts": (r.VE, _KT),
 }
-ALTITUDES: dict[str, tuple[int, float]] = {
-    "atmosphere/density-altitude": (r.DENSITY_ALTITUDE, 1.0),
-    "atmosphere/pressure-altitude": (r.PRESSURE_ALTITUDE, 1.0),
-}
+ALTITUDES = _axes("atmosphere/{}-altitude", ("density", "pressure"), r.DENSITY_ALTITUDE)
 ON_DEMAND = ALTITUDES | EULER | GEOGRAPHY | EULER_RATES | AIR_DATA | PITOT
 """The same for what is computed only if a model or a channel reads it."""
 
