@@ -46,14 +46,17 @@ _TABLE = (
     Channel("phi", "φ", "rad", "bank angle", "attitude/phi-rad"),
     Channel("theta", "θ", "rad", "pitch angle", "attitude/theta-rad"),
     Channel("psi", "ψ", "rad", "heading", "attitude/psi-rad"),
-    Channel(
-        "ax", "ax", "m/s2", "specific force along body x at the centre of gravity", "forces/fbx-total-lbs", LBF_N, True
-    ),
-    Channel(
-        "ay", "ay", "m/s2", "specific force along body y at the centre of gravity", "forces/fby-total-lbs", LBF_N, True
-    ),
-    Channel(
-        "az", "az", "m/s2", "specific force along body z at the centre of gravity", "forces/fbz-total-lbs", LBF_N, True
+    *(
+        Channel(
+            f"a{x}",
+            f"a{x}",
+            "m/s2",
+            f"specific force along body {x} at the centre of gravity",
+            f"forces/fb{x}-total-lbs",
+            LBF_N,
+            True,
+        )
+        for x in "xyz"
     ),
     Channel("h", "h", "m", "altitude above sea level", "position/h-sl-ft", FT_M),
     Channel("hdot", "ḣ", "m/s", "climb rate", "velocities/h-dot-fps", FT_M),
@@ -79,17 +82,15 @@ _TABLE = (
 )
 CHANNELS = {channel.name: channel for channel in _TABLE}
 
-_MODAL = {
+_MODAL = ("eta", "etadot", "etaddot")
+_NUMBERED = {
     "eta": ("η", "1", "displacement of elastic mode"),
     "etadot": ("η̇", "1/s", "velocity of elastic mode"),
     "etaddot": ("η̈", "1/s2", "acceleration of elastic mode"),
-}
-_MODAL_NAME = re.compile(r"(eta|etadot|etaddot)_(\d+)")
-_STATION = {
     "az_wing": ("az,w", "m/s2", "specific force along body z at wing station"),
     "strain_wing": ("ε", "1", "bending strain of the upper skin at wing station"),
 }
-_STATION_NAME = re.compile(r"(az_wing|strain_wing)_(\d+)")
+_NUMBERED_NAME = re.compile(rf"({'|'.join(_NUMBERED)})_(\d+)")
 
 CONTROLS = ("de", "da", "dr", "thr")
 """The control channels, in the order used throughout."""
@@ -121,17 +122,13 @@ def channel(name: str) -> Channel:
     """
     if name in CHANNELS:
         return CHANNELS[name]
-    station = _STATION_NAME.fullmatch(name)
-    if station is not None:
-        kind, number = station.groups()
-        symbol, unit, description = _STATION[kind]
-        return Channel(name, f"{symbol}{number}", unit, f"{description} {number}")
-    match = _MODAL_NAME.fullmatch(name)
+    match = _NUMBERED_NAME.fullmatch(name)
     if match is None:
         raise ChannelError(f"a channel must be in the channel table, got '{name}'{nearest(name, CHANNELS)}")
     kind, number = match.groups()
-    symbol, unit, description = _MODAL[kind]
-    return Channel(name, f"{symbol}{number}", unit, f"{description} {number}", f"modal/{kind}-{number}")
+    symbol, unit, description = _NUMBERED[kind]
+    source = f"modal/{kind}-{number}" if kind in _MODAL else None
+    return Channel(name, f"{symbol}{number}", unit, f"{description} {number}", source)
 
 
 def modal_channels(count: int) -> tuple[str, ...]:

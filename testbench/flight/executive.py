@@ -72,12 +72,8 @@ _NONE = 0
 _LAW_RESTS_S = 3.0  # of frames in which a model's own control law comes to rest
 _INTEGRATORS = ("rate/rotational", "rate/translational", "position/rotational", "position/translational")
 ACCELERATIONS = (
-    ("accelerations/udot-ft_sec2", FT_M),
-    ("accelerations/vdot-ft_sec2", FT_M),
-    ("accelerations/wdot-ft_sec2", FT_M),
-    ("accelerations/pdot-rad_sec2", 1.0),
-    ("accelerations/qdot-rad_sec2", 1.0),
-    ("accelerations/rdot-rad_sec2", 1.0),
+    *((f"accelerations/{a}dot-ft_sec2", FT_M) for a in "uvw"),
+    *((f"accelerations/{a}dot-rad_sec2", 1.0) for a in "pqr"),
 )
 """Property and factor to SI of the six accelerations of the rigid body, m/s2 and rad/s2."""
 _NAME = r"(/?[\w-]+(?:/[\w\[\]-]+)+)"
