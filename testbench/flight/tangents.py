@@ -19,7 +19,7 @@ with their check 120 ms, trims and records included.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,7 +184,12 @@ def tangents(
         ((421, 1, 1), True)
     """
     aircraft = obtain(Aircraft, aircraft)
-    points = _Points.of(aircraft, start, parameters, log_rate_hz, channels, air, simulator)
+    wanted = tuple(_parameter(x, aircraft, start) for x in parameters)
+    if not wanted or len({x.name for x in wanted}) < len(wanted):
+        names = ", ".join(x.name for x in wanted)
+        raise LimitError(f"parameters must be one or more that differ, got {names or 'none'}")
+    logged = None if channels is None else tuple(channels)
+    points = _Points(aircraft, start, wanted, log_rate_hz, logged, air, simulator)
     if checked is not None and checked < 1:
         raise LimitError(f"checked >= 1 must hold, as steps are chosen on a flight that is checked, got {checked}")
     count = len(manoeuvres) if checked is None else min(checked, len(manoeuvres))
@@ -206,25 +211,7 @@ class _Points:
     channels: tuple[str, ...] | None
     air: Air | None
     simulator: Simulator
-    trims: dict[tuple[bytes, Simulator], tuple[Aircraft, TrimmedFlight | Refusal]]
-
-    @classmethod
-    def of(
-        cls,
-        aircraft: Aircraft,
-        start: FlightCondition | TrimmedFlight,
-        parameters: Sequence[str | FlightParameter],
-        log_rate_hz: float,
-        channels: Sequence[str] | None,
-        air: Air | None,
-        simulator: Simulator,
-    ) -> _Points:
-        found = tuple(_parameter(x, aircraft, start) for x in parameters)
-        names = [x.name for x in found]
-        if not found or len(set(names)) < len(names):
-            raise LimitError(f"parameters must be one or more that differ, got {', '.join(names) or 'none'}")
-        wanted = None if channels is None else tuple(channels)
-        return cls(aircraft, start, found, log_rate_hz, wanted, air, simulator, {})
+    trims: dict[tuple[bytes, Simulator], tuple[Aircraft, TrimmedFlight | Refusal]] = field(default_factory=dict)
 
     @property
     def at(self) -> FloatArray:
