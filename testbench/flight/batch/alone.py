@@ -78,8 +78,8 @@ class Alone:
 
     def at_trim(self) -> tuple[float, ...]:
         """Return height (m), phi, theta, psi, velocity over the ground (3, m/s) and rates (3, rad/s), body axes."""
-        h_m, theta, phi, uvw_m_s, pqr, _ = column(Beginning.at(self.trimmed))
-        return h_m, phi, theta, 0.0, *uvw_m_s.tolist(), *pqr.tolist()
+        h_m, theta, phi, *motion = column(Beginning.at(self.trimmed))[0].tolist()
+        return h_m, phi, theta, 0.0, *motion
 
 
 def alone(aircraft: Aircraft, trimmed: TrimmedFlight) -> Alone:

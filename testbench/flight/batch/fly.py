@@ -335,12 +335,11 @@ def placed(models: Sequence[BatchModel], beginnings: Sequence[Beginning]) -> Flo
     """Return the registers (registers, LANES) of flights of one program where they begin."""
     R = registers(models)
     columns = [column(x) for x in beginnings]
-    h, theta, phi = (np.array([c[k] for c in columns]) for k in range(3))
-    uvw, pqr, wind = (np.stack([c[k] for c in columns], axis=1) for k in range(3, 6))
+    places, wind = (np.stack([c[k] for c in columns], axis=1) for k in range(2))
     R[r.GUST : r.GUST + 3] = filled(wind) / FT_M
     controls = {n for x in beginnings for n in x.controls}
-    at = {n: np.array([x.controls[n] for x in beginnings]) for n in controls}
-    put(models[0], R, h, theta, phi, uvw, pqr, at, models[0].iterations, _engines(models, beginnings))
+    commands = {n: np.array([x.controls[n] for x in beginnings]) for n in controls}
+    put(models[0], R, places, commands, _engines(models, beginnings))
     return R
 
 
@@ -363,11 +362,11 @@ def _states(model: BatchModel, key: object, beginning: Beginning) -> dict[str, f
     return _HELD[model, key][1]
 
 
-def column(beginning: Beginning) -> tuple[float, float, float, FloatArray, FloatArray, FloatArray]:
-    """Return height, pitch, bank, velocity over the ground and rates in body axes, and the wind, of a beginning."""
+def column(beginning: Beginning) -> tuple[FloatArray, FloatArray]:
+    """Return height, pitch, bank, velocity over the ground and rates in body axes (9,), and the wind (3,); SI."""
     at, wind = beginning.placed, np.array(steady_wind(beginning.trimmed))
     uvw = at.uvw_m_s + body_from_earth(at.theta, at.phi) @ wind if wind.any() else at.uvw_m_s
-    return at.h_m, at.theta, at.phi, uvw, at.pqr, wind
+    return np.array([at.h_m, at.theta, at.phi, *uvw, *at.pqr]), wind
 
 
 def _inputs(lanes: Sequence[_Ready], controls: Sequence[str], blowing: bool, frames: int) -> FloatArray:

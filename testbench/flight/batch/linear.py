@@ -126,7 +126,7 @@ def _values(model: BatchModel, layout: Layout, points: Points) -> FloatArray:
     wanted = [*range(r.U_DOT, r.U_DOT + 6), r.V_DOWN, *(logged[n] for n in (*followed, *model.channels))]
     set_to = {known[name]: at[state] for name, state in _modal(layout).items()}
     set_to |= {known[plain(m.start)]: at[m.name] for m in layout.memories}
-    uvw, pqr = np.stack([at[n] for n in "uvw"]), np.stack([at[n] for n in "pqr"])
+    places = np.stack([at[n] for n in ("h", "theta", "phi", *"uvw", *"pqr")])
     commands = {n: at[n] for n in CONTROLS if n in model.commands}
     R, out = registers([model]), np.empty((len(wanted), size))
     if "modal/static-ic" in known:
@@ -137,8 +137,7 @@ def _values(model: BatchModel, layout: Layout, points: Points) -> FloatArray:
         R[:] = start
         for register, x in set_to.items():
             R[register] = filled(x[b])
-        own = {n: x[b] for n, x in commands.items()}
-        put(model, R, at["h"][b], at["theta"][b], at["phi"][b], uvw[:, b], pqr[:, b], own, model.iterations)
+        put(model, R, places[:, b], {n: x[b] for n, x in commands.items()})
         model.program.machine.log(R)
         out[:, b] = R[wanted, : min(LANES, size - k)]
     p, q, s, c = at["p"], at["q"], np.sin(at["phi"]), np.cos(at["phi"])

@@ -476,13 +476,8 @@ def filled(x: FloatArray) -> FloatArray:
 def put(
     model: BatchModel,
     R: FloatArray,
-    h_m: FloatArray,
-    theta: FloatArray,
-    phi: FloatArray,
-    uvw_m_s: FloatArray,
-    pqr: FloatArray,
+    at: FloatArray,
     commands: Mapping[str, FloatArray],
-    times: int,
     states: Sequence[Mapping[str, float]] = (),
 ) -> None:
     """Place flights, heading north, and evaluate their forces while time stands still.
@@ -490,13 +485,8 @@ def put(
     Args:
         model: what flies.
         R: registers, changed.
-        h_m: (flights,).
-        theta: (flights,), rad.
-        phi: (flights,), rad.
-        uvw_m_s: (3, flights) over the ground, body axes.
-        pqr: (3, flights), rad/s.
+        at: (9, flights) height, pitch and bank, velocity over the ground in body axes, rates; SI.
         commands: control -> (flights,), SI.
-        times: evaluations, each of which JSBSim makes as two frames.
         states: of every flight, see ``states_at``; none of them moves while time stands still.
     """
     R[r.DT] = 0.0
@@ -506,13 +496,14 @@ def put(
     for name, register in model.commands.items():
         if name in commands:
             R[register] = filled(np.asarray(commands[name])) / model.aircraft.controls[name].scale
-    at = filled(np.stack([np.asarray(h_m) / FT_M, phi, theta, np.zeros_like(phi), *(uvw_m_s / FT_M), *pqr]))
+    h_m, theta, phi = at[:3]
+    place = filled(np.stack([h_m / FT_M, phi, theta, np.zeros_like(phi), *(at[3:6] / FT_M), *at[6:]]))
     held = {n: filled(np.array([s[n] for s in states])) for n in (states[0] if states else ())}
     turned = held.pop(_EARTH_ANGLE, np.zeros(1))
     for name, values in held.items():
         R[model.program.properties[name]] = values
     machine.before(R)
-    ground.settle(R, at, machine.frame_at, times)
+    ground.settle(R, place, machine.frame_at, model.iterations)
     if turned.any():
         R[r.EARTH_ANGLE] = turned
         machine.frame(R)

@@ -220,7 +220,7 @@ class _Problem:
         north, east, _ = np.einsum("ijf,if->jf", C, uvw)
         turn = np.stack([east / (RADIUS_EAST_M + h), -north / (RADIUS_NORTH_M + h), zero])
         pqr = np.einsum("ijf,jf->if", C, turn)
-        put(models[0], R, h, theta, phi, uvw, pqr, at, models[0].iterations)
+        put(models[0], R, np.stack([h, theta, phi, *uvw, *pqr]), at)
         return R
 
     def at_rest(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -212,16 +212,17 @@ def test_air_that_comes_in_aslant_moves_the_thrust_sideways():
     at = trimmed(aircraft)
     model = batch_model(aircraft, at.rate_hz, at.condition)
     R, one, V = registers([model]), np.ones(1), at.condition.V_m_s
-    uvw = velocity_at(V, at.alpha, 0.1)[:, None]
+    uvw = velocity_at(V, at.alpha, 0.1)
+    place = np.array([at.condition.h_m, at.theta, at.phi, *uvw, 0.0, 0.0, 0.0])[:, None]
     controls = {n: v * one for n, v in at.controls.items()}
     states = states_at(model, Beginning.at(at))
-    put(model, R, at.condition.h_m * one, at.theta * one, at.phi * one, uvw, np.zeros((3, 1)), controls, 12, [states])
+    put(model, R, place, controls, [states])
     u, v, w = R[r.U_AERO : r.U_AERO + 3, 0]
     place = model.program.properties["propulsion/engine/y-position"]
     before = states["propulsion/engine/y-position"]
     fdm = Executive(aircraft, at.rate_hz, at.condition)
     place_at_trim(fdm, at)
-    fdm.place(at.condition.h_m, at.theta, at.phi, uvw[:, 0])
+    fdm.place(at.condition.h_m, at.theta, at.phi, uvw)
     fdm.evaluate(to_rest=True, held=True)
     induced = fdm.get("propulsion/engine/prop-induced-velocity_fps")
     angle = np.arctan2(np.hypot(v, w), u + induced)
