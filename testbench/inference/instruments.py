@@ -25,8 +25,8 @@ from scipy.stats import norm
 
 from testbench.core.blas import on_one_thread
 from testbench.core.constants import DEG_RAD, G0_M_S2
+from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.compatibility.take_out import taken_out
 from testbench.estimators.regression.smoothing import white_std
 from testbench.inference.kinematics import ANGLES, BESIDE, FLOW, FORCES, RATES, Kinematics
 from testbench.inference.linear import Grams, sized
@@ -48,15 +48,17 @@ _BIAS = dict.fromkeys(RATES, 0.02) | dict.fromkeys(FORCES, 0.3)  # rad/s, m/s2
 _WITHOUT_GRAVITY = (3.0, 20.0)  # m/s2: beyond this mean an accelerometer's zero is its own; its prior then
 _FILTER_S = 0.01  # mean and standard deviation of the lag of an attitude that a sound filter makes
 _PITCHED_RAD = 0.2  # of a trim whose pitch angle is not recorded
-_BAROMETER_S = 0.3  # that a height may be late by
+_BAROMETER_S = 0.3  # that a height, or a speed over ground, may be late by
 _WIND_M_S, _VANE_RAD = 3.0, 0.05
-_FINEST = {"V": 5e-3, "h": 1e-2}  # m/s, m; rad: 1e-4. Less noise is none: integration errs by as much
+_LEVEL_WIND_M_S = 20.0
+_FINEST = {"V": 5e-3, "h": 1e-2, "Vg": 5e-3}  # m/s, m; rad: 1e-4. Less noise is none: integration errs by as much
+_FALSE = 0.001  # probability that an error is told from none where there is none, if only noise were in the way
 _P_FAULTY = 0.25
 _P_UNKNOWN = 0.02
 _TIMES_S = (0.5, 2.0, 8.0)
 _SIZES = tuple(float(x) for x in np.geomspace(3e-3, 3.0, 10))
 """Of the process of first order: its correlation time, and its innovations over the white noise of one sample."""
-_SOUND = {"theta": 1.0 * DEG_RAD, "phi": 1.0 * DEG_RAD, "psi": 2.0 * DEG_RAD, "V": 1.5, "h": 1.5}
+_SOUND = {"theta": 1.0 * DEG_RAD, "phi": 1.0 * DEG_RAD, "psi": 2.0 * DEG_RAD, "V": 1.5, "h": 1.5, "Vg": 1.5}
 _MET = ("met", "metrise", "metforce", "metrate", "metturn")
 """What answers to gusts: a flow angle, its derivative, a force, a rate, and the angle turned. An aircraft turns into a
 gust and rises with it, so that its motion goes with the gust that a vane reads beside it, as if scale or timing of vane
@@ -172,45 +174,72 @@ def taken_for_sure(found: Agreement, errors: float = 2.0) -> dict[str, float]:
 
 
 def without_errors(record: FlightRecord, errors: Mapping[str, float]) -> FlightRecord:
-    """Return a record with errors of its instruments taken out.
+    """Return a record with errors of its instruments taken out, still of kind "measured".
+
+    Of y(t) = (1 + scale) x(t - late) + bias, lagged by tau, what is returned is
+
+        x(t) = (y(t + late) + tau ydot(t + late) - bias) / (1 + scale).
+
+    A lag is inverted with the derivative over one time constant, to first order: noise grows. Samples that lateness
+    leaves without a source at an end of the record are held and marked not valid. ``provenance`` holds what was done
+    under "corrected", a scale as the factor.
 
     Args:
         record: measured.
-        errors: CHANNEL_KIND -> size, see :data:`KINDS`. Those of channels that it lacks are left.
+        errors: CHANNEL_KIND -> size, see :data:`KINDS`, and CHANNEL_bias. Those of channels that it lacks are left.
 
     Raises:
         ChannelError: an accelerometer is to be moved without the rate, or an axis turned back without the force.
+        RecordError: the record is not sampled uniformly.
 
     Example:
         >>> import testbench as tb
         >>> tb.without_errors(record, {"q_scale": -0.15})  # doctest: +SKIP
     """
-    known: dict[str, float] = {}
     columns: dict[str, FloatArray] = {}
+    valid, done = record.valid.copy(), dict[str, float]()
     for name, size in errors.items():
         c, kind = name.rpartition("_")[::2]
         if c not in record:
             continue
-        if kind == "scale":
-            known[name] = 1.0 + size
-        elif kind in ("late", "lag"):
-            known[f"{c}_{'delay' if kind == 'late' else kind}"] = size
-        elif kind == "place":
+        if kind == "place":
             rate, way = ("q", 1.0) if c == "az" else ("r", -1.0)
             turning = np.gradient(gaussian_filter1d(record[rate], _SMOOTH_S / record.dt_s), record.dt_s)
-            columns[c] = record[c] + way * size * turning
+            columns[c] = columns.get(c, record[c]) + way * size * turning
+        elif kind == "turned":
+            columns[c] = columns.get(c, record[c]) - size * record[dict(BESIDE)[c]]
         else:
-            columns[c] = record[c] - size * record[dict(BESIDE)[c]]
-    return taken_out(record.with_columns(columns) if columns else record, known)
+            columns.setdefault(c, record[c])
+            done[f"{c}_delay" if kind == "late" else name] = 1.0 + size if kind == "scale" else size
+    for c in dict.fromkeys(n.rpartition("_")[0] for n in done):
+        y, at = columns[c].copy(), np.arange(len(record))
+        late, lag = done.get(f"{c}_delay", 0.0), done.get(f"{c}_lag", 0.0)
+        if lag > 0.0:
+            reach = max(1, round(0.5 * lag / record.dt_s))
+            before, after = np.maximum(at - reach, 0), np.minimum(at + reach, y.size - 1)
+            y = y + lag * (y[after] - y[before]) / ((after - before) * record.dt_s)
+        if late:
+            t, i = record.t_s - record.t_s[0], record.channels.index(c)
+            y = np.interp(t + late, t, y)
+            source = np.clip(np.rint((t + late) / record.dt_s).astype(int), 0, y.size - 1)
+            valid[:, i] = valid[source, i] & (t + late >= 0.0) & (t + late <= t[-1] + 1e-9)
+        columns[c] = (y - done.get(f"{c}_bias", 0.0)) / done.get(f"{c}_scale", 1.0)
+    if not columns:
+        return record
+    note = {"corrected": {"errors": done}} if done else {}
+    return replace(record.with_columns(columns), valid=valid, provenance={**record.provenance, **note})
 
 
 @on_one_thread
-def agreement(records: Sequence[FlightRecord], known_std: Mapping[str, float] | None = None) -> Agreement:
+def agreement(
+    records: Sequence[FlightRecord], known_std: Mapping[str, float] | None = None, gravity_m_s2: float = G0_M_S2
+) -> Agreement:
     """Compare the instruments of measured records with one another by rigid-body kinematics.
 
     Args:
         records: of one flight or of several by the same instruments, not as deviations from trim.
         known_std: CHANNEL_KIND -> standard deviation of that error of a sound instrument, where it is known.
+        gravity_m_s2: at the place of the flight.
 
     Returns:
         What is known of them; of records without any relation that nothing contradicts them.
@@ -219,15 +248,163 @@ def agreement(records: Sequence[FlightRecord], known_std: Mapping[str, float] | 
         >>> import testbench as tb
         >>> tb.agreement([record]).p_agree  # doctest: +SKIP
     """
+    return agreement_of(_bound(records, gravity_m_s2), known_std or {})
+
+
+def _bound(records: Sequence[FlightRecord], gravity_m_s2: float, ground: bool = False) -> list[Kinematics]:
+    """Return the records as far as kinematics bind them, with the channels that all have and that move in some."""
     parts, samples = [], 0
     for record in records:
-        part = Kinematics.of(record)
+        part = Kinematics.of(record, gravity_m_s2, ground)
         if part.compared and samples < _ENOUGH:
             parts.append(part)
             samples += len(part.x[part.compared[0]])
     common = [c for c in parts[0].compared if all(c in k.compared for k in parts)] if parts else []
     moved = [c for c in common if max(float(np.std(k.x[c])) for k in parts) > _MOVED * _white(parts, c)]
-    return agreement_of([replace(k, compared=tuple(moved)) for k in parts], known_std or {})
+    return [replace(k, compared=tuple(moved)) for k in parts]
+
+
+@dataclass(frozen=True, eq=False)
+class Foretold:
+    """What the others foretell of the channels of a record, with errors of the instruments and without.
+
+    Attributes:
+        t_s: (n,) from the first sample of the record.
+        measured: channel -> (n,), SI.
+        before, after: the same, foretold without an error and with those that are found; a constant of each is its own.
+    """
+
+    t_s: FloatArray
+    measured: Mapping[str, FloatArray]
+    before: Mapping[str, FloatArray]
+    after: Mapping[str, FloatArray]
+
+    @classmethod
+    def of(cls, part: Kinematics, errors: Mapping[str, float]) -> Foretold:
+        """Return what is foretold of one record with these errors."""
+        t = np.asarray(part.dt_s * (np.arange(len(part.x[part.compared[0]])) + 0.5))
+        told: list[dict[str, FloatArray]] = []
+        for at in ({}, errors):
+            read = part.readings(at)
+            told.append({c: y + float(np.mean(part.x[c] - y)) for c, y in zip(part.compared, read.T, strict=True)})
+        return cls(t, {c: part.x[c] for c in part.compared}, *told)
+
+
+@dataclass(frozen=True, eq=False)
+class EveryError:
+    """All errors of instruments at once, each perhaps as large as that of a faulty one.
+
+    Attributes:
+        found: those that the records tell from none, CHANNEL_KIND -> size and standard error if there are no others;
+            biases of rates and forces and the wind are among them.
+        told: those that the records decide, to a third of what they may be, -> the same if all of them are there.
+        lost: the others -> standard error beside all others, and what they may be.
+        foretold: of every record, with the errors found.
+    """
+
+    found: Mapping[str, tuple[float, float]]
+    told: Mapping[str, tuple[float, float]]
+    lost: Mapping[str, tuple[float, float]]
+    foretold: tuple[Foretold, ...]
+
+    @property
+    def sizes(self) -> dict[str, float]:
+        """Sizes of the errors that are found."""
+        return {name: size for name, (size, _) in self.found.items()}
+
+    def rms(self, channel: str) -> tuple[float, float]:
+        """Return root mean square of measured less foretold of a channel, without errors and with those found, SI."""
+        before, after = (
+            np.concatenate([f.measured[channel] - getattr(f, which)[channel] for f in self.foretold])
+            for which in ("before", "after")
+        )
+        return float(np.sqrt(np.mean(before**2))), float(np.sqrt(np.mean(after**2)))
+
+
+@on_one_thread
+def every_error(records: Sequence[FlightRecord], gravity_m_s2: float = G0_M_S2) -> EveryError | None:
+    """Return all errors of the instruments of measured records, estimated together; None without a relation.
+
+    Of the errors, in the order in which they are believed, those are asked for that the records can tell apart. Of them
+    the surest is added to those that are found until no other differs from none; whichever it explains is taken back.
+
+    Args:
+        records: of one flight or of several by the same instruments, not as deviations from trim.
+        gravity_m_s2: at the place of the flight; an error of it shows as a bias of the accelerometers.
+
+    Raises:
+        EstimationError: gravity is not a number above 0.
+    """
+    if not 0.0 < gravity_m_s2 < math.inf:
+        raise EstimationError(f"gravity must be > 0 m/s2 and finite, got {gravity_m_s2:g}")
+    parts = _bound(records, gravity_m_s2, ground=True)
+    if not parts or not parts[0].compared:
+        return None
+    asked = _Asked(parts, {}, _steady(parts))
+    row = asked.coloured(asked.origin, "", asked.beginning(), bounded=False)
+    for _ in range(_ROUNDS):
+        row = asked.coloured(asked.origin.about(row.at, "", every=True), "", row)
+    names, prior = tuple(row.at), np.array(list(asked.std.values()))
+    covariance = row.covariance + np.diag([_mean_noise(parts, n) ** 2 for n in names])
+    precision = np.linalg.inv(covariance)
+    right = precision @ np.array(list(row.at.values()))
+
+    def among(places: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        P = np.linalg.inv(precision[np.ix_(places, places)])
+        return P @ right[places], np.sqrt(np.diag(P))
+
+    def named(places: Sequence[int]) -> dict[str, tuple[float, float]]:
+        return {names[i]: (float(x), float(s)) for i, x, s in zip(places, *among(places), strict=True)}
+
+    told = list[int]()
+    for i in range(len(names)):
+        if np.all(among([*told, i])[1] <= prior[[*told, i]] / 3.0):
+            told.append(i)
+    left, sure = list[int](), float(norm.isf(0.5 * _FALSE / max(len(told), 1)))
+
+    def surety(places: Sequence[int]) -> FloatArray:
+        return np.abs(np.divide(*among(places)))
+
+    while new := {surety([*left, i])[-1]: i for i in told if i not in left}:
+        if max(new) < sure:
+            break
+        left.append(new[max(new)])
+        while (z := surety(left)).min() < sure:  # what was taken for it
+            left.pop(int(np.argmin(z)))
+    found, std = named(left), np.sqrt(np.diag(covariance))
+    lost = {n: (float(std[i]), float(prior[i])) for i, n in enumerate(names) if i not in told and prior[i] > 0.0}
+    sizes = {n: x for n, (x, _) in found.items()}
+    return EveryError(found, named(told), lost, tuple(Foretold.of(part, sizes) for part in parts))
+
+
+def _mean_noise(parts: Sequence[Kinematics], error: str) -> float:
+    """Return the mean of the noise of all that is integrated with a rate or force: it looks like its bias."""
+    c, kind = error.rpartition("_")[::2]
+    if kind != "bias" or c not in _BIAS:
+        return 0.0
+    V, g = (float(np.mean(parts[0].x["V"])) if "V" in parts[0].x else 0.0), parts[0].gravity_m_s2
+    beside = {"ax": {"theta": g, "alpha": g}, "ay": {"r": V, "phi": g}, "az": {"q": V}}.get(c, {})
+    noise = [factor * _white(parts, n) for n, factor in {c: 1.0, **beside}.items() if n in parts[0].x]
+    return math.hypot(*noise) / math.sqrt(sum(len(part.x[c]) for part in parts))
+
+
+def _steady(parts: Sequence[Kinematics]) -> dict[str, float]:
+    """Return error -> how large it may be, in the order in which errors are believed where records cannot tell them.
+
+    In steady air, by accelerometers that err by a constant.
+    """
+    first = parts[0]
+
+    def of(kind: str, size: float, names: Sequence[str]) -> dict[str, float]:
+        return {f"{c}_{kind}": size for c in names if c in first.instruments}
+
+    compared = [c for c in (*FLOW, "V") if c in first.compared]
+    out = of("bias", 3.0 * DEG_RAD, RATES) | of("bias", 1.0, FORCES)
+    out |= of("scale", 0.5, FLOW) | of("scale", 0.3, ("V",)) | of("late", 0.3, compared)
+    out |= {"wind_bias": 3.0} if "h" in first.compared else {}
+    out |= {"north_bias": 20.0, "east_bias": 20.0} if "Vg" in first.compared else {}
+    out |= of("scale", 0.2, ("theta", "phi")) | of("scale", 0.1, RATES)
+    return out | of("bias", 0.01, ("theta", "phi", *FLOW)) | of("bias", 0.5, ("V",))  # much like those of forces
 
 
 def agreement_of(parts: Sequence[Kinematics], known_std: Mapping[str, float]) -> Agreement:
@@ -252,10 +429,10 @@ def _priors(parts: Sequence[Kinematics]) -> dict[str, float]:
             std[f"{c}_bias"] = _BIAS[c]
         if c in FORCES and any(abs(float(np.mean(_beyond_gravity(part, c)))) > _WITHOUT_GRAVITY[0] for part in parts):
             std[f"{c}_bias"] = _WITHOUT_GRAVITY[1]
-        if c not in ("h", "psi"):
+        if c not in ("h", "psi", "Vg"):
             std[f"{c}_scale"] = _SCALES.get(c, KINDS["scale"][0])
             std[f"{c}_lag"] = _FILTER_S if c in ANGLES else KINDS["lag"][0]
-        std[f"{c}_late"] = _BAROMETER_S if c == "h" else math.hypot(KINDS["late"][0], 0.25 * first.dt_s)
+        std[f"{c}_late"] = _BAROMETER_S if c in ("h", "Vg") else math.hypot(KINDS["late"][0], 0.25 * first.dt_s)
         if c in ("az", "ay"):
             std[f"{c}_place"] = KINDS["place"][0]
     for c, source in BESIDE:
@@ -264,6 +441,8 @@ def _priors(parts: Sequence[Kinematics]) -> dict[str, float]:
     if "h" in first.compared:
         speed = max(float(np.mean(part.x["V"])) for part in parts)
         std["wind_bias"] = math.hypot(_WIND_M_S, _VANE_RAD * speed)  # zeros of vane and attitude look like it
+    if "Vg" in first.compared:
+        std |= {"north_bias": _LEVEL_WIND_M_S, "east_bias": _LEVEL_WIND_M_S}
     return std | {f"{c}_{how}": 0.0 for c in FLOW if c in first.compared for how in _MET}
 
 
@@ -275,7 +454,7 @@ def _judged(part: Kinematics, error: str) -> bool:
 def _beyond_gravity(part: Kinematics, c: str) -> FloatArray:
     theta, phi = (part.x.get(n, np.zeros(1)) for n in ("theta", "phi"))
     gravity = {"ax": -np.sin(theta), "ay": np.cos(theta) * np.sin(phi), "az": np.cos(theta) * np.cos(phi)}[c]
-    return np.asarray(part.x[c] + G0_M_S2 * gravity)
+    return np.asarray(part.x[c] + part.gravity_m_s2 * gravity)
 
 
 def _white(parts: Sequence[Kinematics], c: str) -> float:
@@ -360,17 +539,17 @@ class _Point:
         start = np.broadcast_to(_START * self.noise, base.shape)
         return np.stack([*columns, start, _left(part, base)], axis=2) / self.noise[:, None]
 
-    def about(self, at: Mapping[str, float], fault: str) -> _Point:
+    def about(self, at: Mapping[str, float], fault: str, every: bool = False) -> _Point:
         """Return the same about other errors.
 
-        Tangents are taken anew of the fault; of all errors if it moves motion in time, as another one that does so
+        Tangents are taken anew of the fault; of ``every`` error if it moves motion in time, as another one that does so
         would else look unlike it.
         """
         out = object.__new__(_Point)
         out.parts, out.noise, out.names, out.steps = self.parts, self.noise, self.names, self.steps
         out.at, out._whitened, out.tables = at, {}, []
-        timed = fault.endswith(("_late", "_lag"))
-        anew = [n for n in self.names if n == fault or (timed and "_met" not in n)]
+        every = every or fault.endswith(("_late", "_lag"))
+        anew = [n for n in self.names if n == fault or (every and "_met" not in n)]
         for part, table in zip(self.parts, self.tables, strict=True):
             base, new = part.readings(at), table.copy()
             new[:, :, -1] = _left(part, base) / self.noise
@@ -426,8 +605,10 @@ def _beside(time: int, size: int) -> Iterator[tuple[int, int]]:
 class _Asked:
     """Hypotheses about the instruments of some records."""
 
-    def __init__(self, parts: Sequence[Kinematics], known_std: Mapping[str, float]) -> None:
-        self.parts, self.known_std, self.std = parts, known_std, _priors(parts)
+    def __init__(
+        self, parts: Sequence[Kinematics], known_std: Mapping[str, float], std: dict[str, float] | None = None
+    ) -> None:
+        self.parts, self.known_std, self.std = parts, known_std, _priors(parts) if std is None else std
         self.std |= {n: s for n, s in known_std.items() if n in self.std}
         self.compared = parts[0].compared
         self.noise = np.array([_white(parts, c) for c in self.compared])
@@ -524,7 +705,7 @@ class _Asked:
                     moved.discard(c)
         return best
 
-    def _beginning(self) -> _Colour:
+    def beginning(self) -> _Colour:
         """Return a colour in the middle of the grids, or as near to it as sound instruments allow."""
         count = len(self.compared)
         colour = _Colour((1,) * count, (len(_SIZES) // 2,) * count)
@@ -537,7 +718,7 @@ class _Asked:
         """Return the probabilities of all hypotheses."""
         faults = [n for n in self.std if n.rpartition("_")[2] in KINDS and n.rpartition("_")[0] != "h"]
         faults = [n for n in faults if _judged(self.parts[0], n)]
-        none, point = self.coloured(self.origin, "", self._beginning()), self.origin
+        none, point = self.coloured(self.origin, "", self.beginning()), self.origin
         least = none.log_evidence
         rows = {f: self.weigh(self.origin, none.colour, f, True, none.scales) for f in faults}
         for _ in range(_AGAIN):

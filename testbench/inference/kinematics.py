@@ -1,12 +1,22 @@
 """What each instrument of a record should have read, by rigid-body kinematics from the others, whatever flies.
 
 Every relation integrates rates or specific forces as they were measured, with the measured attitude and flow angles as
-coefficients, and is compared with one channel (equations of :mod:`testbench.estimators.parametric.kinematics`):
+coefficients, and is compared with one channel. Over a flat earth, in air that moves steadily (u, v, w relative to the
+air; ax, ay, az specific forces at the centre of gravity; R. V. Jategaonkar, Flight Vehicle System Identification, 2nd
+ed., 2015, chapter 10; V. Klein and E. A. Morelli, Aircraft System Identification, 2006, chapter 10),
+
+    udot = ax - g sin theta            + r v - q w        phidot   = p + tan theta (q sin phi + r cos phi)
+    vdot = ay + g cos theta sin phi    + p w - r u        thetadot = q cos phi - r sin phi
+    wdot = az + g cos theta cos phi    + q u - p v        psidot   = (q sin phi + r cos phi) / cos theta
+    hdot = u sin theta - v cos theta sin phi - w cos theta cos phi - wind_down
+
+so that
 
     theta, phi, psi   from the gyros
     alpha, beta       from az or ay, the gyros, airspeed and attitude
     V                 from ax, the gyros, attitude and flow angles
     h                 from airspeed, attitude and angle of attack; without a vane from az
+    Vg                from airspeed, attitude, flow angles and a steady wind, where it is asked for
 
 One relation does not lean on what another predicts, so that noise adds up once. An instrument of the integral is put
 right, and that with which it is compared is read with its error: no noise is taken for motion.
@@ -29,7 +39,7 @@ from testbench.sensors.sensor import first_order_lag
 RATES, FORCES, ANGLES, FLOW = ("p", "q", "r"), ("ax", "ay", "az"), ("phi", "theta", "psi"), ("alpha", "beta")
 BESIDE = (("p", "r"), ("q", "p"), ("r", "p"), ("ax", "az"), ("ay", "az"), ("az", "ax"))
 """Instruments, and those whose axis they read a part of if they are turned."""
-COMPARED = ("theta", "phi", "psi", "alpha", "beta", "V", "h")
+COMPARED = ("theta", "phi", "psi", "alpha", "beta", "V", "h", "Vg")
 _NEEDED: Mapping[str, tuple[str, ...]] = {
     "theta": ("q",),
     "phi": ("p",),
@@ -38,6 +48,7 @@ _NEEDED: Mapping[str, tuple[str, ...]] = {
     "beta": ("r", "ay", "V", "phi"),
     "V": ("ax", "az", "theta", "alpha"),
     "h": ("V", "theta"),
+    "Vg": ("V", "theta", "psi"),
 }
 _IF_IT_TURNS: Mapping[str, tuple[str, ...]] = {
     "theta": ("phi", "r"),
@@ -46,6 +57,7 @@ _IF_IT_TURNS: Mapping[str, tuple[str, ...]] = {
     "beta": ("p", "alpha"),
     "V": ("phi", "ay", "beta"),
     "h": ("phi", "beta"),
+    "Vg": ("phi", "alpha", "beta"),
 }
 """Channels without which a relation holds only if the aircraft does not roll or yaw."""
 _LATERAL = ("p", "r", "phi", "beta")
@@ -66,19 +78,24 @@ class Kinematics:
         x: channel -> samples (n,), SI.
         dt_s: sample time.
         compared: channels (p,) with a relation.
+        gravity_m_s2: at the place of the flight.
     """
 
     x: Mapping[str, FloatArray]
     dt_s: float
     compared: tuple[str, ...]
+    gravity_m_s2: float = G0_M_S2
 
     @classmethod
-    def of(cls, record: FlightRecord) -> Kinematics:
-        """Return what binds the channels of a measured record; nothing is compared where too few are there."""
+    def of(cls, record: FlightRecord, gravity_m_s2: float = G0_M_S2, ground: bool = False) -> Kinematics:
+        """Return what binds the channels of a measured record; nothing is compared where too few are there.
+
+        ``ground`` compares the speed over ground, too.
+        """
         step = max(1, round(_FINEST_S / record.dt_s))
         n = len(record) // step * step
         x: dict[str, FloatArray] = {}
-        for name in (*RATES, *FORCES, *ANGLES, *FLOW, "V", "h"):
+        for name in (*RATES, *FORCES, *ANGLES, *FLOW, "V", "h", *(("Vg",) if ground else ())):
             if name not in record:
                 continue
             y, valid = record[name], record.valid[:, record.channels.index(name)] & np.isfinite(record[name])
@@ -101,7 +118,7 @@ class Kinematics:
             and not (turns and any(m not in x for m in _IF_IT_TURNS.get(c, ())))
             and (c != "h" or "alpha" in x or {"az", "q"} <= set(x))
         )
-        return cls(x, record.dt_s * step, compared)
+        return cls(x, record.dt_s * step, compared, gravity_m_s2)
 
     @property
     def instruments(self) -> tuple[str, ...]:
@@ -110,7 +127,7 @@ class Kinematics:
         for c in self.compared:
             used |= {m for m in (*_NEEDED[c], *_IF_IT_TURNS.get(c, ())) if m in self.x}
             used |= {"az", "q"} if c == "h" and "alpha" not in self.x else set()
-        return tuple(c for c in (*RATES, *FORCES, *ANGLES, *FLOW, "V", "h") if c in used)
+        return tuple(c for c in (*RATES, *FORCES, *ANGLES, *FLOW, "V", "h", "Vg") if c in used)
 
     def readings(self, errors: Mapping[str, float]) -> FloatArray:
         """Return what the channels compared would have read (n, p), SI, each from its first sample on.
@@ -118,7 +135,7 @@ class Kinematics:
         Args:
             errors: CHANNEL_KIND -> value, of ``bias``, ``scale`` (0 for none), ``late`` (s, of the clock), ``lag`` (s,
                 first order), ``place`` (m ahead of the centre of gravity) and ``turned`` (rad, into the axis beside
-                it); ``wind_bias`` (m/s, down).
+                it); ``wind_bias`` (m/s, down), ``north_bias`` and ``east_bias`` (m/s, where the air moves to).
         """
         m = {c: self._right(c, errors) for c in self.x}
         zero = np.zeros(len(next(iter(self.x.values()))))
@@ -128,9 +145,9 @@ class Kinematics:
                 got[to] = got[to] - errors[f"{to}_turned"] * m[source]
         p, q, r, ax, ay, az = (got[c] for c in (*RATES, *FORCES))
         phi, theta, alpha, beta = (got[c] for c in ("phi", "theta", "alpha", "beta"))
-        V = gaussian_filter1d(m["V"], _SMOOTH_S / self.dt_s, mode="nearest") if "V" in m else zero
+        V = self._smooth(m["V"]) if "V" in m else zero
         u, v, w = V * np.cos(alpha) * np.cos(beta), V * np.sin(beta), V * np.sin(alpha) * np.cos(beta)
-        g, out = G0_M_S2, []
+        g, out = self.gravity_m_s2, []
         if {"az", "V"} & set(self.x) == {"az", "V"}:
             sink = self._integral(az + g * np.cos(theta) * np.cos(phi) + q * u - p * v)
             sink = sink + errors.get("az_place", 0.0) * (q - q[0])
@@ -151,12 +168,22 @@ class Kinematics:
                     alpha
                 )
                 y = self._integral(along * np.cos(beta) + (ay + g * np.cos(theta) * np.sin(phi)) * np.sin(beta))
+            elif c == "Vg":
+                ahead = u * np.cos(theta) + np.sin(theta) * (v * np.sin(phi) + w * np.cos(phi))
+                right, psi = v * np.cos(phi) - w * np.sin(phi), got["psi"]
+                north = ahead * np.cos(psi) - right * np.sin(psi) + errors.get("north_bias", 0.0)
+                y = np.hypot(north, ahead * np.sin(psi) + right * np.cos(psi) + errors.get("east_bias", 0.0))
             else:
                 down = w if "alpha" in m else sink
                 climb = u * np.sin(theta) - np.cos(theta) * (v * np.sin(phi) + down * np.cos(phi))
                 y = self._integral(climb - errors.get("wind_bias", 0.0))
             out.append(self._read(c, y, errors))
         return np.stack(out, axis=1)
+
+    def _smooth(self, y: FloatArray) -> FloatArray:
+        """Return the smoothed samples, and what is smooth of what that took away: peaks keep their height."""
+        first = gaussian_filter1d(y, _SMOOTH_S / self.dt_s, mode="nearest")
+        return np.asarray(first + gaussian_filter1d(y - first, _SMOOTH_S / self.dt_s, mode="nearest"))
 
     def _integral(self, f: FloatArray) -> FloatArray:
         return np.asarray(cumulative_trapezoid(f, dx=self.dt_s, initial=0.0))

@@ -7,8 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
-from testbench.inference.instruments import KINDS, Agreement, agreement, without_errors
+from testbench.inference.instruments import KINDS, Agreement, agreement, every_error, without_errors
 from testbench.sensors.sensor import first_order_lag
 
 FINE_S, STEP = 0.004, 5
@@ -120,3 +121,56 @@ def test_something_that_is_no_single_error_is_unknown():
     found = agreement([whole.with_columns({"theta": drifting})])
     assert found.contradicted
     assert found.p_unknown > 0.5
+
+
+def biased(seed: int, errors: dict[str, float]) -> FlightRecord:
+    """What instruments with several biases and scales read of the motion."""
+    columns = dict(zip((r := record(seed, level=0.5)).channels, r.data.T, strict=True))
+    for name, size in errors.items():
+        c, kind = name.rsplit("_", 1)
+        columns[c] = columns[c] + size if kind == "bias" else (1.0 + size) * columns[c]
+    return r.with_columns(columns)
+
+
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize(
+    "errors",
+    [
+        {"q_bias": 0.01}, {"az_bias": -0.2}, {"alpha_scale": 0.2}, {"theta_scale": -0.1}, {"V_scale": 0.08},
+        {"q_bias": -0.02, "az_bias": 0.3, "alpha_scale": -0.15},
+    ],
+)  # fmt: skip
+def test_errors_are_found_together_and_none_beside_them(errors):
+    for seed in (1, 4):
+        every = every_error([biased(seed, errors)], G)
+        assert set(every.found) == set(errors)
+        for name, (size, std) in every.found.items():
+            assert abs(size - errors[name]) < max(4.0 * std, 0.05 * abs(errors[name]))
+        assert not set(every.told) & set(every.lost)
+        assert not every_error([without_errors(biased(seed, errors), every.sizes)], G).found
+
+
+def test_no_error_is_found_in_sound_instruments():
+    for seed in (0, 1, 2, 3):
+        assert not every_error([record(seed)], G).found, seed
+
+
+def test_a_speed_over_ground_tells_the_wind():
+    true, wind = record(1), (4.0, -3.0)
+    t = true.t_s
+    psi = 0.4 * t  # a circle without bank: the speed over ground is compared with nothing that turns
+    ahead = true["V"] * np.cos(true["theta"] - true["alpha"])
+    Vg = np.hypot(ahead * np.cos(psi) + wind[0], ahead * np.sin(psi) + wind[1])
+    rng = np.random.default_rng(5)
+    noise = 0.1 * rng.standard_normal((2, t.size)) * [[1.0], [0.02]]
+    told = true.with_columns({"psi": psi + noise[1], "r": np.full(t.size, 0.4), "Vg": Vg + noise[0]})
+    every = every_error([told], G)
+    for name, size in zip(("north_bias", "east_bias"), wind, strict=True):
+        assert every.found[name][0] == pytest.approx(size, abs=0.2)
+
+
+def test_what_kinematics_cannot_say_is_refused_or_nothing():
+    assert every_error([record(0, channels=("q", "V"))]) is None
+    for gravity in (0.0, -9.8, np.nan, np.inf):
+        with pytest.raises(EstimationError, match="gravity must be > 0"):
+            every_error([record(0)], gravity)

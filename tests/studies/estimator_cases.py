@@ -45,7 +45,7 @@ CONDITIONS = {"taurus": FlightCondition(12.0, 100.0), "eolo": FlightCondition(16
 _HOLD = {"taurus": 8, "eolo": 4}  # samples between the random steps: 0.2 s
 RESPONDING = ("alpha", "q")
 PERIOD_S, PERIODS, LINES = 10.0, 9, np.arange(1, 26)
-ERRORS = {"q_bias": 0.01, "az_bias": 0.2, "alpha_scale": 1.1, "theta_bias": 0.02}
+ERRORS = {"q_bias": 0.01, "az_bias": 0.2, "alpha_scale": 0.1, "theta_bias": 0.02}
 
 
 class Case(NamedTuple):
@@ -228,7 +228,7 @@ def prepare_instruments(name: str) -> Case:
         **dict(zip(("q", "ax", "az"), inputs.T, strict=True)),
     }
     channels = tuple(true)
-    read = [ERRORS.get(f"{c}_scale", 1.0) * true[c] + ERRORS.get(f"{c}_bias", 0.0) for c in channels]
+    read = [(1.0 + ERRORS.get(f"{c}_scale", 0.0)) * true[c] + ERRORS.get(f"{c}_bias", 0.0) for c in channels]
     noise = {s.channel: s.noise_std for s in load_suite("eolo_alpha").sensors}
     noise |= {"ax": 0.05, "az": 0.05, "h": 0.3}  # a small aircraft's inertial unit and static port, estimated
     std = np.array([noise[c] for c in channels])
@@ -238,7 +238,7 @@ def prepare_instruments(name: str) -> Case:
         e = np.random.default_rng(seed).standard_normal(data.shape)
         return [FlightRecord(t, channels, data + std * e, "measured")]
 
-    none = {"bias": 0.0, "lag": 0.0, "delay": 0.0, "scale": 1.0}
-    errors = {"wind_down": 0.0} | {f"{c}_{kind}": v for c in channels for kind, v in none.items()} | ERRORS
+    errors = dict.fromkeys(("wind_bias", *(f"{c}_{kind}" for c in channels for kind in ("bias", "late", "scale"))), 0.0)
+    errors |= ERRORS
     kinds = ("instrument errors", "tested instrument errors")
     return Case(name, {f"{kind}: {k}": v for kind in kinds for k, v in errors.items()}, draw)

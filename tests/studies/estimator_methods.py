@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from estimator_cases import DT, ERRORS, LINES, OUTPUTS, PERIOD_S, RESPONDING, Case, closest, gradient, modal_of
 
+from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
-from testbench.estimators import data_compatibility, srivc, transfer_function
+from testbench.estimators import srivc, transfer_function
 from testbench.estimators.frequency.equivalent import fit_equivalent
 from testbench.estimators.frequency.response import estimate_frequency_response
 from testbench.estimators.parametric import equation_error, filter_error, output_error
@@ -30,6 +31,7 @@ from testbench.estimators.settings import (
     UnscentedFilter,
 )
 from testbench.estimators.subspace import dsr_e, family
+from testbench.inference.instruments import every_error
 
 HORIZONS = {"past_horizon": 15, "future_horizon": 15, "order": 4}
 FAMILY = ("moesp", "n4sid", "cva", "dsr", "ssarx", "pbsid_opt")
@@ -173,13 +175,13 @@ def _equivalent(case: Case, records: list[FlightRecord]) -> Found:
 
 def compatibility(case: Case, records: list[FlightRecord]) -> Found:
     """Return the errors of instruments: those found, and all that the data tell, estimated together."""
-    found = data_compatibility.estimate(records)
-    values: dict[str, tuple[float, float | None]] = {
-        f"instrument errors: {e.name}": (e.estimate, e.standard_error) for e in found.errors if e.name in ERRORS
-    }
-    for e in found.tested:
-        values[f"tested instrument errors: {e.name}"] = (e.estimate, e.standard_error)
-    return Found(values, found.status != "good")
+    every = every_error(records)
+    if every is None:
+        raise EstimationError("kinematics bind no channel")
+    values: dict[str, tuple[float, float | None]] = {}
+    for name, of in every.found.items():
+        values |= {f"instrument errors: {name}": of} if name in ERRORS else {}
+    return Found(values | {f"tested instrument errors: {name}": of for name, of in every.told.items()}, False)
 
 
 LONGITUDINAL: dict[str, Method] = {

@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from testbench.page.words import Line, sentence, some
+from testbench.questions.compatibility.ask import Compared
+from testbench.questions.identify.instruments import agreement_in_words, error_in_words
 
-from testbench.core.advice import ranked
-from testbench.estimators.compatibility.take_out import INSTRUMENT_ERROR
-from testbench.page.words import Line, advice_lines, some
-
-if TYPE_CHECKING:
-    from testbench.estimators.data_compatibility import DataCompatibility
-
-_NAMED = 3  # errors in the first sentence; the advice has one sentence for each
+_NAMED = 5  # errors in a sentence; the table has one row for each
+_LOCAL_GRAVITY = 0.05  # m/s2: gravity at sea level lies between 9.780 and 9.832
 
 
-def compatibility_answer(result: DataCompatibility) -> list[Line]:
+def compatibility_answer(found: Compared) -> list[Line]:
     """Return what was found, in sentences."""
-    lead = "the instruments agree with each other: no error exceeds what noise alone would show"
-    if result.errors:
-        surest = sorted(result.errors, key=lambda e: -e.significance)
-        lead = "the instruments do not agree: " + some((e.words for e in surest), _NAMED)
-    advice = ranked(result.advice)
-    found = [Line("finding", a) for a in advice if a.code == INSTRUMENT_ERROR]  # what was asked for, not a doubt of it
-    return [Line("lead", lead), *found, *advice_lines(a for a in advice if a.code != INSTRUMENT_ERROR)]
+    agreed, every = found.agreed, found.every
+    texts, surest = list(agreement_in_words(agreed)), dict[str, tuple[float, float]]()
+    if every is not None and not (agreed.contradicted and agreed.fault):  # else all errors share a large one
+        surest = dict(sorted(every.found.items(), key=lambda item: -abs(item[1][0]) / item[1][1]))
+    if surest:
+        words = some((error_in_words(n, *size) for n, size in surest.items()), _NAMED)
+        texts.insert(0 if not agreed.contradicted else len(texts), f"with all errors sought at once, {words}")
+    lines = [Line("finding" if k else "lead", sentence(text)) for k, text in enumerate(texts)]
+    small = [n for n, (x, _) in surest.items() if n in ("ax_bias", "ay_bias", "az_bias") and abs(x) < _LOCAL_GRAVITY]
+    if small:
+        lines.append(
+            Line(
+                "note",
+                sentence(
+                    f"{', '.join(small)} may be gravity: {found.gravity_m_s2:g} m/s2 was assumed, and gravity varies "
+                    "by 0.05 m/s2 over the earth; give the local value"
+                ),
+            )
+        )
+    return lines

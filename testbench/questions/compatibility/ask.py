@@ -1,7 +1,44 @@
-"""Data compatibility of recorded flights: which instruments err, by how much; see :mod:`testbench.estimators`."""
+"""Data compatibility of recorded flights: which instrument to look at first, and what all of them may err by."""
 
 from __future__ import annotations
 
-from testbench.estimators.data_compatibility import estimate as compatibility
+from collections.abc import Sequence
+from dataclasses import dataclass
 
-__all__ = ["compatibility"]
+from testbench.core.constants import G0_M_S2
+from testbench.core.record import FlightRecord
+from testbench.inference.instruments import Agreement, EveryError, agreement, every_error, without_errors
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """What kinematics say of the instruments of records.
+
+    Attributes:
+        agreed: whether they agree, and which single error would explain that they do not.
+        every: all errors estimated together; None where no channel is foretold by others.
+        corrected: the records without the errors that were found.
+        gravity_m_s2: that was assumed.
+    """
+
+    agreed: Agreement
+    every: EveryError | None
+    corrected: tuple[FlightRecord, ...]
+    gravity_m_s2: float
+
+
+def compatibility(records: Sequence[FlightRecord], gravity_m_s2: float = G0_M_S2) -> Compared:
+    """Compare the instruments of measured records with one another by rigid-body kinematics, without aerodynamics.
+
+    Args:
+        records: of one flight or of several by the same instruments, not as deviations from trim.
+        gravity_m_s2: at the place of the flight; an error of it shows as a bias of the accelerometers.
+
+    Raises:
+        EstimationError: gravity is not a number above 0.
+        RecordError: a record is not sampled uniformly.
+    """
+    every = every_error(records, gravity_m_s2)
+    agreed = agreement(records, gravity_m_s2=gravity_m_s2)
+    found = {} if every is None else every.sizes
+    return Compared(agreed, every, tuple(without_errors(r, found) for r in records), gravity_m_s2)

@@ -26,16 +26,15 @@ def command(
     """Test whether the instruments of recorded flights agree with each other, and by how much each of them errs.
 
     The answer names the instrument to look at first, its error with a probability, and what would settle it.
-    The command integrates rates and accelerations and compares them with airspeed, flow angles, attitude and height.
-    It estimates bias, scale, lag or delay where the data tell them, and writes the corrected records. Example:
+    The command integrates rates and accelerations and compares them with airspeed, flow angles, attitude and height,
+    and with the speed over ground. It estimates biases, scales, clocks, lags, places and the wind where the data tell
+    them, and writes the corrected records. Example:
     `testbench compatibility records/attas_full`, `testbench compatibility flight.csv`.
     """
-    from testbench.core.errors import ChannelError, EstimationError
     from testbench.core.store import ResultFolder, folder_in
-    from testbench.estimators import data_compatibility
-    from testbench.inference.instruments import agreement
     from testbench.logs.plausible import questions_of
     from testbench.logs.read import read_records
+    from testbench.questions.compatibility.ask import compatibility
     from testbench.questions.compatibility.page import compatibility_page
     from testbench.questions.files import find
     from testbench.questions.identify.logs import descriptions_of
@@ -49,15 +48,7 @@ def command(
             records = {name: record for name, _, record in read_records(described, data)}
             questions = questions_of(records.items(), described.file, strict)
             say("compare the instruments with one another")
-            agreed = agreement(list(records.values()))
-            say("estimate the errors of the instruments")
-            try:
-                result = data_compatibility.estimate(list(records.values()), gravity_m_s2=gravity)
-            except (ChannelError, EstimationError):
-                if not agreed.compared:
-                    raise
-                result = None
+            page = compatibility_page(compatibility(list(records.values()), gravity), records, described, questions)
             say("write report")
-            page = compatibility_page(result, records, described, questions, agreed)
             page.write(place)
         page.show(console(), place.path)

@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from testbench.page.figure import COLOURS, MEASURED, Chart, Curve, Panel, Plate, rows_of, widths
+from testbench.page.figure import COLOURS, MEASURED, Chart, Curve, Panel, Plate, rows_of
 from testbench.page.labels import axis_label, file_stem, shown_unit, symbol
 from testbench.page.page import COMPUTED, Page, source_of
 from testbench.page.tables import Column, Table
-from testbench.page.words import Line, sentence
 from testbench.questions.compatibility.answer import compatibility_answer
-from testbench.questions.identify.instruments import agreement_in_words
+from testbench.questions.compatibility.ask import Compared
+from testbench.questions.identify.instruments import error_in_words
 
 if TYPE_CHECKING:
     from testbench.core.record import FlightRecord
-    from testbench.estimators.data_compatibility import DataCompatibility
-    from testbench.inference.instruments import Agreement
+    from testbench.inference.instruments import Agreement, EveryError, Foretold
     from testbench.questions.identify.scenario import RecordDescription
 
 Records = Mapping[str, "FlightRecord"]
@@ -26,40 +25,23 @@ _SHOWN = 0.01
 
 
 def compatibility_page(
-    result: DataCompatibility | None,
-    records: Records,
-    description: RecordDescription,
-    questions: Sequence[str] = (),
-    agreed: Agreement | None = None,
+    found: Compared, records: Records, description: RecordDescription, questions: Sequence[str] = ()
 ) -> Page:
     """Return the page of a check of the instruments, with records/NAME_corrected.nc.
 
-    ``result`` is None where the records hold too few channels for every error to be estimated. ``questions`` are values
-    of the records that are hardly meant, in words. ``agreed`` says which instrument to look at first.
+    ``questions`` are values of the records that are hardly meant, in words.
     """
-    from testbench.estimators.data_compatibility import correct
-
-    tables = [
-        *([] if agreed is None else [fault_table(agreed)]),
-        *([] if result is None else compatibility_tables(result)),
-    ]
-    lines = [] if result is None else compatibility_answer(result)
-    if agreed is not None:
-        first = [Line("finding" if k else "lead", sentence(text)) for k, text in enumerate(agreement_in_words(agreed))]
-        more = [line._replace(kind="finding") if line.kind == "lead" else line for line in lines]
-        lines = [*first, *([] if agreed.contradicted else more)]  # errors that are all sought at once share a large one
+    tables = [fault_table(found.agreed), *([] if found.every is None else error_tables(found.every))]
     return Page(
         kicker=f"Data compatibility: {description.name}",
         title=description.title,
-        answer=[*lines, *(("doubt", text) for text in questions)],
+        answer=[*compatibility_answer(found), *(("doubt", text) for text in questions)],
         tables=tables,
-        plates=[] if result is None else compatibility_plates(result, records),
-        files={}
-        if result is None
-        else {f"records/{file_stem(n)}_corrected.nc": correct(r, result).save for n, r in records.items()},
+        plates=[] if found.every is None else foretold_plates(found.every, list(records)),
+        files={f"records/{file_stem(n)}_corrected.nc": r.save for n, r in zip(records, found.corrected, strict=True)},
         packages=COMPUTED,
         source=source_of(description),
-        terminal=[t.without("words") for t in tables[:1]],
+        terminal=tables[:1],
     )
 
 
@@ -86,40 +68,41 @@ def fault_table(agreed: Agreement) -> Table:
     )
 
 
-def compatibility_tables(result: DataCompatibility) -> list[Table]:
-    """Return the errors that were tested, what the data do not tell, and the residuals before and after."""
-    found = {e.name for e in result.errors}
-    best = {e.name: e for e in (*result.tested, *result.errors)}
+def error_tables(every: EveryError) -> list[Table]:
+    """Return what each error is if all are sought at once, what the records do not tell, and what is left."""
     errors = Table(
         "instrument_errors",
-        "Errors of the instruments",
-        "Reading = scale times the true value, delay seconds late, plus bias. Wind: where the air moves to. "
-        "Significance: deviation from no error over its standard error. SI units and radians.",
+        "Errors of the instruments, all sought at once",
+        "Scale: share read too much; late in s, biases in SI units; wind, north and east: where the air moves to, down "
+        "first. Significance: size over its standard error. Those told from none are estimated without the others, and "
+        "taken out of the corrected records.",
         (
             Column("error", "error"),
             Column("estimate", "estimate", digits=4),
             Column("standard_error", "± std", digits=2),
             Column("significance", "significance", decimals=1),
-            Column("named", "significant"),
+            Column("named", "told from none"),
             Column("words", "in words"),
         ),
-        tuple((e.name, e.estimate, e.standard_error, e.significance, n in found, e.words) for n, e in best.items()),
+        tuple(
+            (n, x, s, abs(x) / s, n in every.found, error_in_words(n, x, s))
+            for n, (x, s) in {**every.told, **every.found}.items()
+        ),
         wide=True,
-    )
-    residuals = Table(
-        "residuals",
-        "Measured less rebuilt, root mean square",
-        "Before: without corrections. After: with the significant errors corrected. SI units and radians.",
-        (Column("output", "output"), Column("before", "before", digits=3), Column("after", "after", digits=3)),
-        tuple((symbol(o), result.residual_before[o], result.residual_after[o]) for o in result.structure.outputs),
     )
     lost = Table(
         "not_identifiable",
         "What these data do not tell",
-        "Errors that these data cannot decide; they were left out of the search.",
-        (Column("error", "error"), Column("reason", "reason")),
-        tuple(result.not_identifiable.items()),
-        wide=True,
+        "Errors that the records do not tell from others, or not to a third of what one may be.",
+        (Column("error", "error"), Column("standard_error", "± std", digits=2), Column("before", "before", digits=2)),
+        tuple((n, *size) for n, size in every.lost.items()),
+    )
+    residuals = Table(
+        "residuals",
+        "Measured less foretold, root mean square",
+        "Before: without corrections. After: with the errors that are told from none. SI units and radians.",
+        (Column("output", "output"), Column("before", "before", digits=3), Column("after", "after", digits=3)),
+        tuple((symbol(c), *every.rms(c)) for c in every.foretold[0].measured),
     )
     return [table for table in (errors, residuals, lost) if table.rows]
 
@@ -127,32 +110,29 @@ def compatibility_tables(result: DataCompatibility) -> list[Table]:
 # --- figures ----------------------------------------------------------------------------------------------------------
 
 
-def compatibility_plates(result: DataCompatibility, records: Records) -> list[Plate]:
-    """Return every channel of every record, measured and rebuilt; a few records to a figure."""
-    chunks = rows_of(list(zip(records, result.reconstructed, strict=True)), _PER_PLATE)
-    return [_plate(result, records, chunk, k if len(chunks) > 1 else 0) for k, chunk in enumerate(chunks, 1)]
-
-
-def _plate(result: DataCompatibility, records: Records, parts: list[tuple[str, FlightRecord]], number: int) -> Plate:
+def foretold_plates(every: EveryError, names: Sequence[str]) -> list[Plate]:
+    """Return every channel that others foretell, of every record; a few records to a figure."""
+    chunks = rows_of(list(zip(names, every.foretold, strict=False)), _PER_PLATE)
     caption = (
-        "Grey: measured. Blue: rebuilt from the corrected rates and accelerations by the kinematics alone, as a "
-        "perfect instrument would have read it. The difference is the instrument's error and noise."
+        "Grey: measured. Blue: foretold by the kinematics alone from the other instruments, with the errors that were "
+        "found, about the mean of what was measured. The difference is noise, gusts, and errors that were not found."
     )
-    rows = [
-        [
-            _panel(output, name, records[name], rebuilt, wide)
-            for (name, rebuilt), wide in zip(parts, widths([r for _, r in parts]), strict=True)
-        ]
-        for output in result.structure.outputs
-    ]
-    chart = Chart(rows, share_x=True, share_y=True)
-    return Plate(f"rebuilt_{number}" if number else "rebuilt", "Measured and rebuilt by the kinematics", caption, chart)
+    out = []
+    for k, parts in enumerate(chunks, 1):
+        rows = [[_panel(c, name, told) for name, told in parts] for c in every.foretold[0].measured]
+        name = f"rebuilt_{k}" if len(chunks) > 1 else "rebuilt"
+        out.append(
+            Plate(name, "Measured and foretold by the kinematics", caption, Chart(rows, share_x=True, share_y=True))
+        )
+    return out
 
 
-def _panel(output: str, name: str, measured: FlightRecord, rebuilt: FlightRecord, broad: float) -> Panel:
-    factor = shown_unit(output)[0]
+def _panel(channel: str, name: str, told: Foretold) -> Panel:
+    factor = shown_unit(channel)[0]
     draws = [
-        Curve(name="measured", x=measured.t_s, y=factor * measured[output], colour=MEASURED, width=1.2),
-        Curve(name="rebuilt", x=rebuilt.t_s, y=factor * rebuilt[output], colour=COLOURS[0], width=1.1),
+        Curve(name="measured", x=told.t_s, y=factor * told.measured[channel], colour=MEASURED, width=1.2),
+        Curve(name="foretold", x=told.t_s, y=factor * told.after[channel], colour=COLOURS[0], width=1.1),
     ]
-    return Panel(draws=draws, title=name, x="t, s", y=axis_label(output), tall_in=1.0, broad=broad)
+    return Panel(
+        draws=draws, title=name, x="t, s", y=axis_label(channel), tall_in=1.0, broad=max(float(told.t_s[-1]), 1.0)
+    )

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 from testbench.core.advice import Advice, doubt
 from testbench.core.constants import DEG_RAD
 from testbench.core.words import with_error
-from testbench.estimators.compatibility.fit import instrument
 from testbench.inference.instruments import InstrumentFault
-from testbench.page.labels import number
+from testbench.page.labels import number, shown_unit
 
 if TYPE_CHECKING:
     from testbench.inference.instruments import Agreement
@@ -20,6 +19,24 @@ if TYPE_CHECKING:
 
 CONTRADICTED = "instruments_contradicted"
 """The code of the advice that says so."""
+_INSTRUMENTS = {
+    "V": "airspeed sensor",
+    "alpha": "angle-of-attack vane",
+    "beta": "sideslip vane",
+    "p": "roll-rate gyro",
+    "q": "pitch-rate gyro",
+    "r": "yaw-rate gyro",
+    "ax": "forward accelerometer",
+    "ay": "lateral accelerometer",
+    "az": "vertical accelerometer",
+    "phi": "bank angle",
+    "theta": "pitch angle",
+}
+_WINDS = {
+    "wind": ("downwards", "upwards"),
+    "north": ("to the north", "to the south"),
+    "east": ("to the east", "to the west"),
+}
 _TIED = 0.05  # probability from which another error is named beside the first
 _NAMED = 3
 _SETTLED = {
@@ -31,9 +48,20 @@ _SETTLED = {
 }
 
 
+def error_in_words(name: str, size: float, std: float) -> str:
+    """Return what an error means, CHANNEL_KIND or CHANNEL_bias; see :func:`fault_in_words`."""
+    return fault_in_words(InstrumentFault(*name.rpartition("_")[::2], 0.0, size, std))
+
+
 def fault_in_words(fault: InstrumentFault) -> str:
     """Return what an error means, e.g. "the pitch-rate gyro reads 14.9 +- 1.2 % too little"."""
-    what, size = instrument(fault.channel), abs(fault.estimate)
+    what, size = _INSTRUMENTS.get(fault.channel, fault.channel), abs(fault.estimate)
+    if fault.channel in _WINDS:
+        return f"the air moves {with_error(size, fault.std)} m/s {_way(fault, *_WINDS[fault.channel])}"
+    if fault.kind == "bias":
+        factor, unit = shown_unit(fault.channel)
+        much = _way(fault, "much", "little")
+        return f"the {what} reads {with_error(factor * size, factor * fault.std)} {unit} too {much}"
     if fault.kind == "scale":
         return f"the {what} reads {with_error(100 * size, 100 * fault.std)} % too {_way(fault, 'much', 'little')}"
     if fault.kind == "late":
@@ -93,8 +121,7 @@ def taken_in_words(found: Agreement, taken: Mapping[str, float]) -> Iterator[str
     """Yield which small errors of sound instruments were taken out of the records before anything was identified."""
     for name, size in taken.items():
         std = math.sqrt(found.errors_covariance[(at := found.errors.index(name)), at])
-        fault = InstrumentFault(*name.rpartition("_")[::2], 0.0, size, std)
-        yield f"kinematics say that {fault_in_words(fault)}, within what sound ones do: that is taken out"
+        yield f"kinematics say that {error_in_words(name, size, std)}, within what sound ones do: that is taken out"
 
 
 def _probability(fault: InstrumentFault) -> str:

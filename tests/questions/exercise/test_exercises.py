@@ -191,7 +191,7 @@ def test_every_known_mistake_is_recognised():
 
 
 def test_description_files_go_into_the_commands_they_are_for(started):
-    from testbench.estimators import data_compatibility
+    from testbench.inference.kinematics import Kinematics
     from testbench.logs.read import read_records
     from testbench.questions.identify.ask import identify
     from testbench.questions.identify.scenario import RecordDescription
@@ -202,7 +202,7 @@ def test_description_files_go_into_the_commands_they_are_for(started):
         assert all(len(c.identification[0]) > 100 for c in result.cases)
     described = RecordDescription.load(started("which_sensor_lies", "anna").folder / "which_sensor_lies.toml")
     records = [record for _, _, record in read_records(described)]
-    assert data_compatibility.motion_of(records[0].channels) == "longitudinal"
+    assert Kinematics.of(records[0]).compared == ("theta", "alpha", "V")
 
 
 def _naive(name: str, folder: Path) -> dict[str, tuple[float | str, str]]:

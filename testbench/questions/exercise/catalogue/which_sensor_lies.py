@@ -115,14 +115,14 @@ def answer(case: Case) -> Mapping[str, Answer]:
 
 
 def solve(folder: Path) -> dict[str, float | str]:
-    """Let data compatibility find the most significant error."""
-    from testbench.estimators import data_compatibility
+    """Let data compatibility find the surest error."""
+    from testbench.inference.instruments import every_error
 
-    record = load_record(folder / "records" / "flight.nc")
-    found = data_compatibility.estimate([record], motion="longitudinal", gravity_m_s2=_GRAVITY)
-    worst = max(found.errors, key=lambda e: abs(e.significance))
-    channel, kind = worst.name.rsplit("_", 1)
-    return {"instrument": channel, "kind": kind, "size": worst.estimate - (1.0 if kind == "scale" else 0.0)}
+    every = every_error([load_record(folder / "records" / "flight.nc")], _GRAVITY)
+    assert every is not None
+    surest, (size, _) = max(every.found.items(), key=lambda item: abs(item[1][0]) / item[1][1])
+    channel, kind = surest.rsplit("_", 1)
+    return {"instrument": channel, "kind": kind, "size": size}
 
 
 EXERCISE = Exercise(

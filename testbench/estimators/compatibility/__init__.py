@@ -1,1 +1,0 @@
-"""Data compatibility: the search for errors of instruments, which of them the data can tell, and the words for them."""
