@@ -295,8 +295,8 @@ class EveryError:
     """All errors of instruments at once, each perhaps as large as that of a faulty one.
 
     Attributes:
-        found: those that the records tell from none, CHANNEL_KIND -> size and standard error if there are no others;
-            biases of rates and forces and the wind are among them.
+        found: those that the records tell from none, CHANNEL_KIND -> size and standard error if there are no others,
+            those that are lost included; biases and the wind are among them.
         told: those that the records decide, to a third of what they may be, -> the same if all of them are there.
         lost: the others -> standard error beside all others, and what they may be.
         foretold: of every record, with the errors found.

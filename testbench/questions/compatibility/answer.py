@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from testbench.page.words import Line, sentence, some
+from testbench.estimators.coverage import approximate
+from testbench.page.words import Line, advice_lines, sentence, some
 from testbench.questions.compatibility.ask import Compared
 from testbench.questions.identify.instruments import agreement_in_words, error_in_words
 
@@ -20,6 +21,7 @@ def compatibility_answer(found: Compared) -> list[Line]:
         words = some((error_in_words(n, *size) for n, size in surest.items()), _NAMED)
         texts.insert(0 if not agreed.contradicted else len(texts), f"with all errors sought at once, {words}")
     lines = [Line("finding" if k else "lead", sentence(text)) for k, text in enumerate(texts)]
+    lines += advice_lines(approximate("data compatibility", "the errors'")) if surest else []
     small = [n for n, (x, _) in surest.items() if n in ("ax_bias", "ay_bias", "az_bias") and abs(x) < _LOCAL_GRAVITY]
     if small:
         lines.append(

@@ -74,8 +74,8 @@ def error_tables(every: EveryError) -> list[Table]:
         "instrument_errors",
         "Errors of the instruments, all sought at once",
         "Scale: share read too much; late in s, biases in SI units; wind, north and east: where the air moves to, down "
-        "first. Significance: size over its standard error. Those told from none are estimated without the others, and "
-        "taken out of the corrected records.",
+        "first. Significance: size over its standard error. Those told from none are estimated as if all others "
+        "were none, those below included, and taken out of the corrected records.",
         (
             Column("error", "error"),
             Column("estimate", "estimate", digits=4),
