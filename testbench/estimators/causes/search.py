@@ -289,7 +289,6 @@ _SURE = 2.0  # standard deviations that a shift must stand above zero to count
 _LINEAR = {"delay", "lag", "order_too_low"}
 _TOLD_APART = 7.0  # 2 ln L by which inputs that are held must follow the records better than straight lines do
 _PREFERRED = 9.0  # 2 ln L that a delay, with its size and its slope, must explain beyond a hold: by chance once in 90
-_CHANCE_WHITE = 0.01  # of all outputs together, above which residuals count as white
 _AT_MOST = 1.5  # samples of delay or lag up to which a hold, which is half a sample late, may be what is meant
 
 
@@ -316,9 +315,9 @@ def search(model: IdentifiedModel, data: Data, found: Sequence[Direction]) -> li
     start = regress_from(data.parts, steady_parts, [s.v for s in data.parts])
     steady = joined(steady_parts, *[c.columns for c in drifts(model, data)])  # a slow pole would else follow a drift
     still = regress_from(data.parts, steady, [s.v for s in data.parts])
-    given = data
     loop = _loop(model, data)
-    best = _best_of_its_kind(model, _Best(model, list(found), data, still), steady)
+    given = _Best(model, list(found), data, still)
+    best = _best_of_its_kind(model, given, steady)
     data, linear = best.data, any_linear(model, best.data)
     crooked = {name_of(c): c for c in (*bends(best.model, data), *drifts(model, data))}
     base = joined(data.slopes, steady_parts)
@@ -371,13 +370,16 @@ def search(model: IdentifiedModel, data: Data, found: Sequence[Direction]) -> li
     causes = [c for name, c in columns.items() if name in also] + ([linear] if RESPONSE in also else [])
     fit = regress(data.parts, joined(data.slopes, steady_parts, *causes)) if chosen else best.fit
     out = [_measured(model, best, start, fit, t) for t in chosen]
-    held = _held(model, given, found, start, fit, out)
+    held = None
+    if all(c.code in _LINEAR - {"order_too_low"} and c.amount <= _AT_MOST * model.dt_s for c in out):
+        late = best.fit.criterion - regress(data.parts, joined(data.slopes, steady, *causes)).criterion if out else 0.0
+        held = _held(best, given, steady, start, late)
     if held is not None:
         out = [held, *[c for c in out if c.code not in _LINEAR]]
     elif not chosen:  # what a cause leaves moves the best of the kind as well
         out += [c for c in (_far_from_best(model, best, still), _coloured(model, best)) if c is not None]
     if loop is not None and any(t.candidate.code == "bend" for t in chosen):
-        loop = _loop(model, given, steps=False)
+        loop = _loop(model, given.data, steps=False)
     if loop is not None:  # what else is found presumes inputs that know nothing of the outputs
         errors, moved_most, relative = _shift(model, best, fit)
         out.insert(0, loop._replace(errors=errors, moved=moved_most, relative=relative))
@@ -539,21 +541,16 @@ def _loop(model: IdentifiedModel, data: Data, steps: bool = True) -> Found | Non
     return Found("closed_loop", model.inputs[f.at], 0.0, f.share, np.nan, "", np.nan, f.statistic, f.degrees)
 
 
+def _explained(start: Regression, fit: Regression) -> float:
+    """Return the share of the squared residuals of all outputs that a regression explains of those of another."""
+    before, after = (np.sum(np.hstack(r.left) ** 2, axis=1) for r in (start, fit))
+    return 1.0 - float(np.mean(after / np.where(before > 0.0, before, 1.0)))
+
+
 def _measured(model: IdentifiedModel, best: _Best, start: Regression, fit: Regression, t: Tried) -> Found:
-    before = np.sum(np.hstack(start.left) ** 2, axis=1)
-    share = 1.0 - float(np.mean(np.sum(np.hstack(fit.left) ** 2, axis=1) / np.where(before > 0.0, before, 1.0)))
-    errors, moved, relative = (np.nan, "", np.nan) if t.candidate.code == "order_too_low" else _shift(model, best, fit)
-    return Found(
-        t.candidate.code,
-        t.candidate.subject,
-        t.candidate.amount,
-        share,
-        errors,
-        moved,
-        relative,
-        t.statistic,
-        t.degrees,
-    )
+    c = t.candidate
+    shift = (np.nan, "", np.nan) if c.code == "order_too_low" else _shift(model, best, fit)
+    return Found(c.code, c.subject, c.amount, _explained(start, fit), *shift, t.statistic, t.degrees)
 
 
 def _coloured(model: IdentifiedModel, best: _Best) -> Found | None:
@@ -581,86 +578,38 @@ def _coloured(model: IdentifiedModel, best: _Best) -> Found | None:
     return Found("coloured_residuals", ", ".join(coloured), 0.0, 0.0, np.nan, "", np.nan, np.nan, lags)
 
 
-def _held(
-    model: IdentifiedModel, data: Data, found: Sequence[Direction], start: Regression, fit: Regression, out: list[Found]
-) -> Found | None:
+def _held(best: _Best, first: _Best, nuisances: list[FloatArray], start: Regression, late: float) -> Found | None:
     """Return that inputs which the model takes as straight lines are held, if the records are followed better so.
 
     A smooth input that is held at every sample does not show its steps; what it moves is half a sample late. Only where
-    a model with held inputs leaves white residuals can this be told, by their likelihood. A delay or lag that was found
-    counts instead if it is longer, or explains more.
+    a model with held inputs leaves white residuals can this be told.
+
+    Args:
+        best: of straight lines, after steps towards the best of its kind.
+        first: the same before them.
+        nuisances: what both estimate along.
+        start: the residuals that are explained.
+        late: what delay or lag explain of 2 ln L, which count instead if they explain more.
     """
-    late = [c for c in out if c.code in _LINEAR]
-    if not isinstance(model, ParametricModel) or all(model.held) or len(late) < len(out):
+    model = first.model
+    if not isinstance(model, ParametricModel) or all(model.held):
         return None
-    if any(c.code == "order_too_low" or c.amount > _AT_MOST * model.dt_s for c in late):
+    flown = _tried(replace(model, held=(True,) * len(model.held)), first, nuisances)
+    if flown is None:
         return None
-    first = _Best(model, list(found), data, start)
-    lines, steps = _best_in_white(first, model), _best_in_white(first, replace(model, held=(True,) * len(model.held)))
-    if lines is None or steps is None:
-        return None
-    goods, left = [s.good for s in data.parts], [s.v for s in steps.data.parts]
-    if not _white(left, goods):
-        return None
-    straight = _log_size([s.v for s in lines.data.parts], goods)
-    gain = straight - _log_size(left, goods)
-    by_late = straight - _log_size(fit.left, goods) if late else 0.0
-    if gain < max(_TOLD_APART, by_late - _PREFERRED):
+    tried, reached = flown
+    steps = _best_of_its_kind(tried.model, tried._replace(fit=tried.fit._replace(criterion=reached)), nuisances)
+    gain = best.fit.criterion - steps.fit.criterion
+    if len(steps.fit.noise.A) or gain < max(_TOLD_APART, late - _PREFERRED):
         return None
     names = ", ".join(n for n, held in zip(model.inputs, model.held, strict=True) if not held)
-    before, after = (np.sum(np.hstack(e) ** 2, axis=1) for e in (start.left, left))
-    share = 1.0 - float(np.mean(after / np.where(before > 0.0, before, 1.0)))
+    share = _explained(start, steps.fit)
     return Found("held", names, 0.5 * model.dt_s, share, *_shift(model, steps, steps.fit), gain, 0)
-
-
-def _best_in_white(first: _Best, model: IdentifiedModel) -> _Best | None:
-    """Return the model after Gauss-Newton steps of its free run in white noise; None if it cannot be flown."""
-    best = _in_white(model, first)
-    for _ in range(_STEPS):
-        if best is None:
-            return None
-        here = _log_size([s.v for s in best.data.parts], [s.good for s in best.data.parts])
-        for share in _SHARES:
-            other = _in_white(moved(best.model, best.found, share * best.fit.b), first)
-            if other is not None:
-                there = _log_size([s.v for s in other.data.parts], [s.good for s in other.data.parts])
-                if there < here:
-                    break
-        else:
-            break
-        best = other
-        if here - there < 0.1:
-            break
-    return best
-
-
-def _in_white(model: IdentifiedModel, first: _Best) -> _Best | None:
-    try:
-        found = directions(model)
-        data = gather(model, first.data.records, found)
-        if len(found) != len(first.found) or not all(np.all(np.isfinite(s.v)) for s in data.parts):
-            return None
-        b, left = regress_plainly(data.parts, data.slopes)
-        return _Best(model, found, data, first.fit._replace(b=b, std=np.zeros(len(b)), left=left))
-    except (Refusal, np.linalg.LinAlgError):
-        return None
-
-
-def _white(left: Sequence[FloatArray], goods: Sequence[NDArray[np.bool_]]) -> bool:
-    lags = _lags(goods)
-    chances = [ljung_box(row[good], lags) for e, good in zip(left, goods, strict=True) for row in e]
-    return min(chances) * len(chances) > _CHANCE_WHITE
 
 
 def _lags(records: Sequence[Sized]) -> int:
     """Return over how many samples records are tested for colour."""
     return max(2, min(_LAGS_WHITE, min(map(len, records)) // 4))
-
-
-def _log_size(left: Sequence[FloatArray], goods: Sequence[NDArray[np.bool_]]) -> float:
-    """Return -2 ln L of white residuals (p, N) per record, but for a constant."""
-    e = np.hstack([part[:, good] for part, good in zip(left, goods, strict=True)])
-    return float(e.shape[1] * np.linalg.slogdet(e @ e.T / e.shape[1])[1])
 
 
 def _far_from_best(model: IdentifiedModel, best: _Best, start: Regression) -> Found | None:
@@ -671,10 +620,8 @@ def _far_from_best(model: IdentifiedModel, best: _Best, start: Regression) -> Fo
     if best.model is model or model.method == "output_error":
         return None
     statistic, degrees = start.criterion - best.fit.criterion, len(best.found)
-    before, after = (np.sum(np.hstack(r.left) ** 2, axis=1) for r in (start, best.fit))
-    share = 1.0 - float(np.mean(after / np.where(before > 0.0, before, 1.0)))
-    errors, name, relative = _shift(model, best, best.fit)
-    return Found("far_from_best", "", 0.0, share, errors, name, relative, statistic, degrees)
+    shift = _shift(model, best, best.fit)
+    return Found("far_from_best", "", 0.0, _explained(start, best.fit), *shift, statistic, degrees)
 
 
 def _shift(model: IdentifiedModel, best: _Best, fit: Regression) -> tuple[float, str, float]:
