@@ -137,8 +137,8 @@ def mended(
 ) -> tuple[Any, ParametricModel, tuple[Tried, ...], tuple[Rival, ...]]:
     """Try cures of a fit; return settings and model of the best, what was tried, and what may be right in its place.
 
-    A lag is tried where the residuals are not noise, where an input acts late, and where nobody says when it acts
-    (``late_std_s``): a command may be logged for the surface, and the fit looks as good. Gusts explain whatever moves
+    A lag is tried where the residuals are not noise, where an input acts late, where nobody says when it acts
+    (``late_std_s``), and behind a command without a servo: the fit may look as good. Gusts explain whatever moves
     the aircraft, a wrong model too: they come after what does not depend on chance, beside it, and only where
     kinematics show them and what is left does not go with the inputs.
 
@@ -151,7 +151,8 @@ def mended(
     """
     samples = sum(int(r.select(model.outputs).valid.sum()) for r in records)
     best: tuple[Any, ParametricModel] = entry, model
-    if not (wanting(model) or _late(model) or entry.late_std_s):
+    bare = [n for n in model.inputs if n.endswith("_cmd") and n not in {"thr_cmd", *entry.servo, *entry.delays_s}]
+    if not (wanting(model) or _late(model) or entry.late_std_s or bare):
         return *best, (), ()
     base = evidence(model, samples)
     ways = [_Way("nothing", 0.0, entry, model)]

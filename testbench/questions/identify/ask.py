@@ -1,7 +1,4 @@
-"""Identify from recorded flights: read the records, run the estimators, judge the models.
-
-What it costs to take a command for the surface: the derivatives again, as if a usual servo lay between.
-"""
+"""Identify from recorded flights: read the records, run the estimators, judge the models."""
 
 from __future__ import annotations
 
@@ -9,7 +6,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,7 +32,6 @@ from testbench.inference.remedies import COLOUR, Rival, Tried, mended, mixed, wa
 from testbench.line import RECORDED, Case, Flight, Keep, Report, identify_and_judge
 from testbench.logs.plausible import questions_of
 from testbench.logs.read import read_records
-from testbench.page.labels import number
 from testbench.page.words import listed
 from testbench.questions.identify.derivatives import FoundDerivative, before, found_derivatives, scaling_of, servos_of
 from testbench.questions.identify.flown import flown_condition
@@ -43,69 +39,6 @@ from testbench.questions.identify.instruments import doubts_of, in_doubt, taken_
 from testbench.questions.identify.result import Identified
 from testbench.questions.identify.scenario import STATED_STD, RecordDescription
 from testbench.questions.identify.unpredicted import at_rest, missed
-
-# --- what it costs to take a command for the surface ------------------------------------------------------------------
-
-
-USUAL_LAG_S = 0.05
-"""A fast servo of a small aircraft; judged. What it moves the estimates by says what an unknown one may."""
-
-
-def bare_commands(case: Case) -> tuple[str, ...]:
-    """Return the inputs of a case's model that are commands taken for surfaces: no servo with a lag or delay is known.
-
-    Throttle commands are left out: an engine is no servo.
-    """
-    if not isinstance(case.model, ParametricModel) or not isinstance(case.estimator, Structured):
-        return ()
-    servos: Mapping[str, Servo] = case.estimator.servo
-    return tuple(
-        name
-        for name in case.model.inputs
-        if name.endswith("_cmd")
-        and name != "thr_cmd"
-        and (name not in servos or servos[name].ignore)
-        and name not in case.estimator.delays_s
-    )
-
-
-def cost_in_words(case: Case, inputs: Sequence[str]) -> str | None:
-    """Return what a servo that is not described may cost, in a sentence; None if every command has its servo."""
-    bare = bare_commands(case)
-    if not bare:
-        return None
-    which = f"{', '.join(bare)}: a command is taken for the surface, as if no servo lay between"
-    fix = f'give [servo.{bare[0]}] with lag_s = "estimate" or its value'
-    entry: Any = case.estimator
-    servos = {n: s for n, s in entry.servo.items() if n not in bare}
-    servos |= dict.fromkeys(bare, Servo(lag_s=USUAL_LAG_S))
-    try:
-        other: Any = estimate(
-            entry.model_copy(update={"servo": servos}), case.identification, inputs, case.model.outputs
-        )
-    except Refusal:
-        return f"{which}; what that costs cannot be told, since no estimate was found with one; {fix}"
-    model: Any = case.model
-    moved = [
-        (abs(other.values[n] - v) / max(abs(other.values[n]), 1e-300), n)
-        for n, v in model.values.items()
-        if model.standard_errors[n] > 0.0
-        and n in other.values
-        and not n.endswith("_0")
-        and other.standard_errors[n] < 0.5 * abs(other.values[n])
-        and abs(other.values[n] - v) > model.standard_errors[n]
-    ]
-    if not moved:
-        return f"{which}; a lag of {USUAL_LAG_S:g} s would move no derivative by more than its error; {fix}"
-    texts = [
-        f"{n} would be {number(other.values[n])}, not {number(model.values[n])}"
-        for _, n in sorted(moved, reverse=True)[:3]
-    ]
-    return f"{which}; with a lag of {USUAL_LAG_S:g} s {', '.join(texts)}: do not believe them yet; {fix}"
-
-
-# --- identify from recorded flights -----------------------------------------------------------------------------------
-
 
 _ESTIMATED = 3.0  # standard errors that an error must be to be taken out of the records
 
@@ -233,9 +166,8 @@ def _identified(
         ),
         doubts=(
             *(
-                doubt("servo_ignored", text)
-                for text in dict.fromkeys(cost_in_words(case, inputs) for case in cases)
-                if text is not None
+                doubt("servo_ignored", f"{name}: a command is taken for the surface, as if no servo lay between")
+                for name in _ignored(cases)
             ),
             *(doubt("rate_limit_met", text) for text in met),
         ),
@@ -249,6 +181,16 @@ def _identified(
         return found
     doubts = (*found.doubts, *doubts_of(instruments))
     return replace(found, derivatives=in_doubt(derivatives, found.contradicted), doubts=doubts)
+
+
+def _ignored(cases: Sequence[Case]) -> list[str]:
+    """Return the commands that are taken for surfaces, knowingly or by a method that tries no servo."""
+    out = dict[str, None]()
+    for entry, inputs in ((c.estimator, c.model.inputs) for c in cases if isinstance(c.estimator, Structured)):
+        servos = {n: entry.servo.get(n) for n in inputs if n.endswith("_cmd") and n not in {"thr_cmd", *entry.delays_s}}
+        untried = not isinstance(entry, OutputErrorEntry)
+        out |= dict.fromkeys(n for n, servo in servos.items() if (servo.ignore if servo else untried))
+    return list(out)
 
 
 def _mended(
