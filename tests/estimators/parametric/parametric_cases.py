@@ -10,7 +10,6 @@ from testbench.core.record import FlightRecord
 from testbench.estimators.parametric.response import Sampling, respond
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.parametric.structures import (
-    Airframe,
     Trim,
     aerodynamic_longitudinal,
     flexible,
@@ -20,16 +19,17 @@ from testbench.estimators.parametric.structures import (
     roll_yaw_rates,
     short_period,
 )
+from testbench.estimators.structured import AirframeConstants
 
-HFB = Airframe(
-    S_m=4.028e-3,
-    S_cbar_Iyy=8.0027e-4,
-    cbar=2.43,
-    mass=7472.0,
-    V0=104.67,
-    rho=0.792,
-    thrust_angle=0.0524,
-    thrust_moment=-7.0153e-6,
+HFB = AirframeConstants(
+    S_m2_per_kg=4.028e-3,
+    S_cbar_over_Iyy_1_per_kg_m=8.0027e-4,
+    cbar_m=2.43,
+    mass_kg=7472.0,
+    V0_m_s=104.67,
+    rho_kg_m3=0.792,
+    thrust_angle_rad=0.0524,
+    thrust_moment_rad_s2_per_N=-7.0153e-6,
 )
 FILTER_ERROR_HFB = {
     "CD_0": 0.1227,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from parametric_cases import ATTAS_SHORT_PERIOD, FILTER_ERROR_HFB, HFB
+from parametric_cases import ATTAS_SHORT_PERIOD
 from scipy.integrate import solve_ivp
 
 import testbench as tb
@@ -22,7 +22,7 @@ from testbench.estimators.parametric import equation_error, filter_error, output
 from testbench.estimators.parametric.kalman import ekf, ukf
 from testbench.estimators.parametric.response import Sampling, respond
 from testbench.estimators.parametric.structure import LinearStructure
-from testbench.estimators.parametric.structures import Trim, aerodynamic_longitudinal, short_period
+from testbench.estimators.parametric.structures import Trim, short_period
 from testbench.estimators.parametric.structures.written import structure_from_equations, written
 from testbench.estimators.settings import EquationError, FilterError, OutputError
 from testbench.evaluation.derivatives import Derivative, true_parameters
@@ -177,40 +177,6 @@ def test_the_packaged_short_period_as_text_is_the_same_bit_for_bit():
         a, b = method.estimate([record], own), method.estimate([record], packaged)
         np.testing.assert_array_equal(a.params, b.params)
         np.testing.assert_array_equal(a.covariance, b.covariance)
-
-
-def test_the_packaged_nonlinear_structure_as_text_is_the_same():
-    packaged = aerodynamic_longitudinal(HFB, outputs=("V", "alpha", "theta", "q")).with_parameters(FILTER_ERROR_HFB)
-    own = structure_from_equations(
-        states=["V", "alpha", "theta", "q"],
-        equations={
-            "V_dot": "-qS*CD/m + g*sin(alpha - theta) + thrust*cos(alpha + sigma)/m",
-            "alpha_dot": "(-qS*CL/m + g*cos(alpha - theta) - thrust*sin(alpha + sigma)/m)/V + q",
-            "theta_dot": "q",
-            "q_dot": "qbar_now*S_cbar_Iyy*Cm + moment*thrust",
-        },
-        definitions={
-            "qbar_now": "0.5*rho*V^2",
-            "qS": "qbar_now*S_m*m",
-            "CD": "CD_0 + CD_V*V/V0 + CD_alpha*alpha",
-            "CL": "CL_0 + CL_V*V/V0 + CL_alpha*alpha",
-            "Cm": "Cm_0 + Cm_V*V/V0 + Cm_alpha*alpha + Cm_q*q*cbar/(2*V0) + Cm_de*de",
-        },
-        constants={
-            "m": HFB.mass, "rho": HFB.rho, "S_m": HFB.S_m, "S_cbar_Iyy": HFB.S_cbar_Iyy, "cbar": HFB.cbar, "V0": HFB.V0,
-            "sigma": HFB.thrust_angle, "moment": HFB.thrust_moment, "g": 9.80665,
-        },
-        parameters=FILTER_ERROR_HFB,
-    )  # fmt: skip
-    assert own.parameter_names == packaged.parameter_names
-    rng = np.random.default_rng(2)
-    x = np.array([105.0, 0.1, 0.12, 0.0]) + 0.1 * rng.standard_normal((50, 4))
-    values = {"de": 0.1 * rng.standard_normal(50), "thrust": 1e4 + 500.0 * rng.standard_normal(50)}
-    u, mine = (np.stack([values[n] for n in s.inputs], axis=1) for s in (packaged, own))
-    for step in (0.0, 1e-30j * np.eye(11)[3]):
-        params = packaged.values + step
-        expected = packaged.derivative(x, u, params)
-        np.testing.assert_allclose(own.derivative(x, mine, params), expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from testbench.estimators.parametric.structures.aerodynamic import Airframe, aerodynamic_longitudinal
+from testbench.estimators.parametric.structures.aerodynamic import aerodynamic_longitudinal
 from testbench.estimators.parametric.structures.lateral import (
     lateral_directional,
     lateral_per_speed,
@@ -38,7 +38,6 @@ STRUCTURES: dict[str, Family] = {
 
 __all__ = [
     "STRUCTURES",
-    "Airframe",
     "Family",
     "Trim",
     "aerodynamic_longitudinal",

@@ -17,7 +17,7 @@ from testbench.estimators.brought import guarded, is_text, place
 from testbench.estimators.equations import read_equations
 from testbench.estimators.parametric.servo import behind_servos, servos_of
 from testbench.estimators.parametric.structure import ModelStructure
-from testbench.estimators.parametric.structures import STRUCTURES, Airframe, Trim
+from testbench.estimators.parametric.structures import STRUCTURES, Trim
 from testbench.estimators.parametric.structures.written import written
 from testbench.estimators.structured import Structured
 
@@ -160,18 +160,7 @@ def _made(spec: Structured, inputs: tuple[str, ...], outputs: tuple[str, ...], r
         return factory(outputs, inputs)
     if spec.structure == "aerodynamic_longitudinal":
         assert spec.airframe is not None
-        a = spec.airframe
-        airframe = Airframe(
-            S_m=a.S_m2_per_kg,
-            S_cbar_Iyy=a.S_cbar_over_Iyy_1_per_kg_m,
-            cbar=a.cbar_m,
-            mass=a.mass_kg,
-            V0=a.V0_m_s,
-            rho=a.rho_kg_m3,
-            thrust_angle=a.thrust_angle_rad,
-            thrust_moment=a.thrust_moment_rad_s2_per_N,
-        )
-        return factory(airframe, outputs=outputs, controls=tuple(name for name in inputs if name != "thrust"))
+        return factory(spec.airframe, outputs=outputs, controls=tuple(name for name in inputs if name != "thrust"))
     trim = Trim(*_trim(spec, records))
     settings: dict[str, Any] = {"outputs": outputs, "controls": inputs, "accelerometer": spec.accelerometer_m}
     if spec.structure != "lateral_directional" and (spec.short or spec.structure == "flexible"):
