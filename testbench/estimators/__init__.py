@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from testbench.core.advice import Advice, ranked
+from testbench.core.advice import ranked
 from testbench.core.blas import on_one_thread
 from testbench.core.bring import is_brought
 from testbench.core.bring import whose as whose_code
@@ -248,21 +248,12 @@ def estimate(
             whose = {"structure": whose_code(path, path.stem)}
         model = replace(model, provenance=whose) if whose else model
         law = structure.base if in_front(structure) else structure
-        doubts = law.doubts(flown) if isinstance(law, Written) else _of_speed(law, flown)
+        doubts = law.doubts(flown) if isinstance(law, Written) else ()
         if doubts:
             model = replace(model, advice=ranked((*model.advice, *doubts)))
         return model
     judged = {"validation": held} if "validation" in row.needs else {}
     return row.load()(flown, inputs, outputs, entry, **judged)
-
-
-def _of_speed(structure: Any, records: Sequence[FlightRecord]) -> Sequence[Advice]:
-    """Return the doubt that a packaged short period, which leaves out the airspeed, takes up what that did."""
-    from testbench.estimators.parametric.structures.longitudinal import Longitudinal, ShortPeriod, speed_doubts
-
-    if not isinstance(structure, Longitudinal | ShortPeriod) or "V" in structure.states:
-        return ()
-    return speed_doubts(records, structure.trim.V if isinstance(structure, Longitudinal) else None)
 
 
 def settings_of(method: str | Settings, given: dict[str, Any]) -> Settings:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from testbench.core.record import FlightRecord
-from testbench.estimators.parametric.structures.longitudinal import speed_doubts
+from testbench.estimators.parametric.structures.written import speed_doubts
 
 V0, DT = 16.0, 0.02
 

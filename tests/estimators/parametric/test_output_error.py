@@ -17,7 +17,7 @@ from testbench.estimators.parametric import output_error
 from testbench.estimators.parametric.likelihood import held_inputs
 from testbench.estimators.parametric.structure import LinearStructure, Matrices, Parameter
 from testbench.estimators.parametric.structures import Trim, flexible, longitudinal, short_period
-from testbench.estimators.parametric.structures.longitudinal import ShortPeriod
+from testbench.estimators.parametric.structures.written import Packaged
 from testbench.estimators.settings import OutputError, OutputErrorEntry
 
 SHORT = short_period()
@@ -213,7 +213,7 @@ def test_fixed_parameters_keep_their_values():
     assert model.standard_errors["Z_alpha"] < free.standard_errors["Z_alpha"]
 
 
-def rate_alone() -> tuple[ShortPeriod, FlightRecord]:
+def rate_alone() -> tuple[Packaged, FlightRecord]:
     """The pitch rate alone, so that equation error, which needs all states, cannot give a start."""
     known = {"Z_0": 0.0, "Z_q": 0.0, "Z_de": 0.0}
     s = short_period(("q",)).with_parameters(known, fixed=tuple(known))

@@ -227,7 +227,7 @@ def test_a_model_that_must_not_be_used_is_not_written(found, tmp_path):
 
 def test_parameters_without_a_known_meaning_are_not_written(found, tmp_path):
     case = found.cases[0]
-    own = replace(case, model=replace(case.model, structure=replace(case.model.structure, name="my_equations")))
+    own = replace(case, model=replace(case.model, structure=replace(case.model.structure, means="")))
     with pytest.raises(EstimationError, match="equations of your own"):
         amend([replace(found, cases=(own,))], str(tmp_path / "mine"))
 

@@ -3,91 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices, Parameter
-from testbench.estimators.parametric.structures.settings import Rows, Trim, check_outputs, derivatives
+from testbench.estimators.parametric.structure import Parameter
+from testbench.estimators.parametric.structures.settings import Trim, check_outputs, derivatives, total
+from testbench.estimators.parametric.structures.written import Packaged
 
 _STATES = ("beta", "p", "r", "phi")
 _GUESS = {"L_p": -2.0, "L_r": 0.5, "L_beta": -4.0, "L_da": 5.0, "N_r": -0.5, "N_beta": 3.0, "N_dr": -2.0}
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class LateralDirectional(LinearStructure):
-    """Small lateral motion about a straight trim with wings level (V0, alpha0, theta0).
-
-        betadot = (Y + g cos(theta0) phi) / V0 + p sin(alpha0) - r cos(alpha0)
-        pdot    = L,    rdot = N,    phidot = p + r tan(theta0)
-        Y = Y_0 + Y_beta beta + Y_p p + Y_r r + Y_da da + Y_dr dr;  L, N likewise
-
-    Y is a specific force, m/s2 per unit; L and N are angular accelerations about body axes, products of inertia
-    included (the primed derivatives). Derived outputs: pdot, rdot and the lateral specific force at (x_a, z_a) from the
-    centre of gravity, ay = Y + x_a rdot - z_a pdot. D. McRuer, I. Ashkenas, D. Graham, Aircraft Dynamics and Automatic
-    Control, 1973, chapter 4.
-
-    Attributes:
-        trim: V0, alpha0, theta0 and g.
-        accelerometer: (x_a, z_a) from the centre of gravity, m, body axes.
-    """
-
-    trim: Trim
-    accelerometer: tuple[float, float] = (0.0, 0.0)
-
-    def matrices(self, params: AnyArray) -> Matrices:
-        """Return the matrices of parameters (..., k)."""
-        rows, t = Rows(self, params), self.trim
-        Y, L, N = (rows.sum_of(symbol, ("beta", "p", "r", *self.inputs)) for symbol in "YLN")
-        p, r, phi = (rows.unit(name) for name in ("p", "r", "phi"))
-        betadot = (Y + t.g * np.cos(t.theta) * phi) / t.V + np.sin(t.alpha) * p - np.cos(t.alpha) * r
-        x_a, z_a = self.accelerometer
-        derived = {"pdot": L, "rdot": N, "ay": Y + x_a * N - z_a * L}
-        outputs = [derived.get(name, rows.unit(name)) for name in self.outputs]
-        return rows.matrices([betadot, L, N, p + np.tan(t.theta) * r], outputs)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class RollYawRates(LinearStructure):
-    """Roll and yaw rate driven by controls and by the measured sideslip.
-
-        pdot = L_0 + L_p p + L_r r + L_da da + L_dr dr + L_beta beta;    rdot likewise with N
-        ay   = Y_0 + Y_p p + Y_r r + Y_da da + Y_dr dr + Y_beta beta
-
-    R. V. Jategaonkar, Flight Vehicle System Identification, 2nd ed., 2015. Noise of the measured sideslip biases
-    estimates; it is taken as small.
-    """
-
-    def matrices(self, params: AnyArray) -> Matrices:
-        """Return the matrices of parameters (..., k)."""
-        rows = Rows(self, params)
-        Y, L, N = (rows.sum_of(symbol, ("p", "r", *self.inputs)) for symbol in "YLN")
-        derived = {"pdot": L, "rdot": N, "ay": Y}
-        return rows.matrices([L, N], [derived.get(name, rows.unit(name)) for name in self.outputs])
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class LateralPerSpeed(LinearStructure):
-    """Small lateral motion of an airspeed that nobody measured: side forces are per speed (rad, s).
-
-        betadot = Y_0 + Y_beta beta + (Y_r - 1) r + Y_da da + Y_dr dr + alpha_trim p + g_V phi
-        pdot    = L,    rdot = N,    phidot = p + theta_trim r
-        L = L_0 + L_beta beta + L_p p + L_r r + L_da da + L_dr dr;  N likewise
-
-    g_V is gravity over speed, 1/s: the airspeed comes with the derivatives, and so do the trimmed angles of attack and
-    pitch (rad, small). L and N are as in :class:`LateralDirectional`.
-    """
-
-    def matrices(self, params: AnyArray) -> Matrices:
-        """Return the matrices of parameters (..., k)."""
-        rows = Rows(self, params)
-        Y, L, N = (rows.sum_of(symbol, ("beta", "p", "r", *self.inputs)) for symbol in "YLN")
-        p, r, phi = (rows.unit(name) for name in ("p", "r", "phi"))
-        alpha, theta, g_V = (rows.values[name] for name in ("alpha_trim", "theta_trim", "g_V"))
-        betadot = Y + rows.scaled(g_V, phi) + rows.scaled(alpha, p) - r
-        derived = {"pdot": L, "rdot": N}
-        outputs = [derived.get(name, rows.unit(name)) for name in self.outputs]
-        return rows.matrices([betadot, L, N, p + rows.scaled(theta, r)], outputs)
 
 
 def lateral_directional(
@@ -96,8 +20,17 @@ def lateral_directional(
     outputs: Sequence[str] = _STATES,
     controls: Sequence[str] = ("da", "dr"),
     accelerometer: tuple[float, float] = (0.0, 0.0),
-) -> LateralDirectional:
-    """Return lateral-directional motion about a trim; Y_p and Y_da, which hardly show in flight, are fixed at zero.
+) -> Packaged:
+    """Return small lateral motion about a straight trim with wings level (V0, alpha0, theta0).
+
+        betadot = (Y + g cos(theta0) phi) / V0 + p sin(alpha0) - r cos(alpha0)
+        pdot    = L,    rdot = N,    phidot = p + r tan(theta0)
+        Y = Y_0 + Y_beta beta + Y_p p + Y_r r + Y_da da + Y_dr dr;  L, N likewise
+
+    Y is a specific force, m/s2 per unit; L and N are angular accelerations about body axes, products of inertia
+    included (the primed derivatives). Y_p and Y_da, which hardly show in flight, are fixed at zero. Derived outputs:
+    pdot, rdot and the lateral specific force at (x_a, z_a) from the centre of gravity, ay = Y + x_a rdot - z_a pdot. D.
+    McRuer, I. Ashkenas, D. Graham, Aircraft Dynamics and Automatic Control, 1973, chapter 4.
 
     Args:
         trim: airspeed, m/s, angle of attack and pitch angle, rad, that the records are deviations from.
@@ -111,19 +44,36 @@ def lateral_directional(
     check_outputs("lateral_directional", outputs, (*_STATES, "pdot", "rdot", "ay"))
     variables = ("beta", "p", "r", *controls)
     guess = {"Y_beta": -0.2 * trim.V, **_GUESS}
-    return LateralDirectional(
-        name="lateral_directional",
-        states=_STATES,
-        inputs=tuple(controls),
-        outputs=tuple(outputs),
-        parameters=tuple(p for symbol in "YLN" for p in derivatives(symbol, variables, guess, ("Y_p", "Y_da"))),
-        trim=trim,
-        accelerometer=accelerometer,
-    )
+    parameters = [p for symbol in "YLN" for p in derivatives(symbol, variables, guess, ("Y_p", "Y_da"))]
+    steps = {
+        **{symbol: total(symbol, variables, parameters) for symbol in "YLN"},
+        "beta_dot": "(Y + g_level*phi)/V0 + sin_a*p - cos_a*r",
+        "p_dot": "L",
+        "r_dot": "N",
+        "phi_dot": "p + tan_theta*r",
+    }
+    constants = {
+        "V0": trim.V,
+        "g_level": trim.g * np.cos(trim.theta),
+        "sin_a": np.sin(trim.alpha),
+        "cos_a": np.cos(trim.alpha),
+        "tan_theta": np.tan(trim.theta),
+        **dict(zip(("x_a", "z_a"), accelerometer, strict=True)),
+    }
+    shown = {"pdot": "L", "rdot": "N", "ay": "Y + x_a*N - z_a*L"}
+    return Packaged.of("lateral_directional", _STATES, controls, outputs, parameters, steps, shown, constants, trim)
 
 
-def lateral_per_speed(outputs: Sequence[str] = _STATES, controls: Sequence[str] = ("da", "dr")) -> LateralPerSpeed:
-    """Return lateral motion without a known airspeed; Y_da, which hardly shows in flight, is fixed at zero.
+def lateral_per_speed(outputs: Sequence[str] = _STATES, controls: Sequence[str] = ("da", "dr")) -> Packaged:
+    """Return small lateral motion of an airspeed that nobody measured: side forces are per speed (rad, s).
+
+        betadot = Y_0 + Y_beta beta + (Y_r - 1) r + Y_da da + Y_dr dr + alpha_trim p + g_V phi
+        pdot    = L,    rdot = N,    phidot = p + theta_trim r
+        L = L_0 + L_beta beta + L_p p + L_r r + L_da da + L_dr dr;  N likewise
+
+    g_V is gravity over speed, 1/s: the airspeed comes with the derivatives, and so do the trimmed angles of attack and
+    pitch (rad, small). L and N are as in :func:`lateral_directional`. Y_da, which hardly shows in flight, is fixed at
+    zero.
 
     Args:
         outputs: any of beta, p, r, phi, pdot and rdot.
@@ -141,20 +91,27 @@ def lateral_per_speed(outputs: Sequence[str] = _STATES, controls: Sequence[str] 
                              guess, ("Y_da",))
     ]  # fmt: skip
     angles = [Parameter("alpha_trim", 0.0), Parameter("theta_trim", 0.0), Parameter("g_V", 0.4, low=0.0)]
-    return LateralPerSpeed(
-        name="lateral_per_speed",
-        states=_STATES,
-        inputs=tuple(controls),
-        outputs=tuple(outputs),
-        parameters=(*found, *angles),
-    )
+    steps = {
+        "beta_dot": f"{total('Y', ('beta', 'r', *controls), found)} + g_V*phi + alpha_trim*p - r",
+        "p_dot": total("L", ("beta", "p", "r", *controls), found),
+        "r_dot": total("N", ("beta", "p", "r", *controls), found),
+        "phi_dot": "p + theta_trim*r",
+    }
+    shown = {"pdot": "p_dot", "rdot": "r_dot"}
+    return Packaged.of("lateral_per_speed", _STATES, controls, outputs, (*found, *angles), steps, shown)
 
 
 def roll_yaw_rates(
     outputs: Sequence[str] = ("p", "r"),
     controls: Sequence[str] = ("da", "dr"),
-) -> RollYawRates:
-    """Return roll and yaw rate with sideslip as a further input.
+) -> Packaged:
+    """Return roll and yaw rate driven by controls and by the measured sideslip.
+
+        pdot = L_0 + L_p p + L_r r + L_da da + L_dr dr + L_beta beta;    rdot likewise with N
+        ay   = Y_0 + Y_p p + Y_r r + Y_da da + Y_dr dr + Y_beta beta
+
+    R. V. Jategaonkar, Flight Vehicle System Identification, 2nd ed., 2015. Noise of the measured sideslip biases
+    estimates; it is taken as small.
 
     Args:
         outputs: any of p, r, pdot, rdot and ay.
@@ -166,10 +123,8 @@ def roll_yaw_rates(
     check_outputs("roll_yaw_rates", outputs, ("p", "r", "pdot", "rdot", "ay"))
     symbols = "YLN" if "ay" in outputs else "LN"
     inputs = (*controls, "beta")
-    return RollYawRates(
-        name="roll_yaw_rates",
-        states=("p", "r"),
-        inputs=inputs,
-        outputs=tuple(outputs),
-        parameters=tuple(p for symbol in symbols for p in derivatives(symbol, ("p", "r", *inputs), _GUESS, ())),
-    )
+    variables = ("p", "r", *inputs)
+    parameters = [p for symbol in symbols for p in derivatives(symbol, variables, _GUESS, ())]
+    steps = {"p_dot": total("L", variables, parameters), "r_dot": total("N", variables, parameters)}
+    shown = {"pdot": "p_dot", "rdot": "r_dot", "ay": total("Y", variables, parameters)}
+    return Packaged.of("roll_yaw_rates", ("p", "r"), inputs, outputs, parameters, steps, shown)

@@ -1,72 +1,18 @@
 """Longitudinal motion about a trimmed flight in dimensional derivatives, rigid or with elastic modes.
 
 The short period: angle of attack and pitch rate at constant speed.
-
-Whether the speed stayed constant enough for a structure that leaves it out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
-from testbench.core.advice import Advice, doubt
 from testbench.core.errors import EstimationError
-from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices, Parameter
-from testbench.estimators.parametric.structures.settings import Rows, Trim, check_outputs, derivatives
-
-# --- whether the speed stayed constant enough for a structure that leaves it out --------------------------------------
-
-
-_SHARE = 0.3  # of the change of the flight path that speed alone makes
-_G = 9.81
-
-
-def speed_doubts(records: Sequence[FlightRecord], V_m_s: float | None) -> list[Advice]:
-    """Return the doubt that a short-period model without airspeed takes up what the airspeed did.
-
-    Lift grows with the square of speed, so that a speed V0 + v bends the flight path by 2 g v / V0^2. Its integral is
-    compared with alpha less the integral of q, which is what the normal force did to the path altogether; a straight
-    line is removed from both, since trims and biases make one.
-
-    Args:
-        records: prepared, with V, alpha and q; others say nothing.
-        V_m_s: trimmed airspeed V0; None: the mean that was removed from V.
-    """
-    shares, moved = [], []
-    for record in records:
-        speed = V_m_s or dict(record.provenance.get("prepared", {}).get("removed", {})).get("V")
-        if not speed or any(name not in record.channels for name in ("V", "alpha", "q")):
-            continue
-        part = record.select(("V", "alpha", "q"))
-        V, alpha, q = (np.where(ok, z, 0.0) for z, ok in zip(part.data.T, part.valid.T, strict=True))
-        V = V - speed if abs(float(np.mean(V))) > 0.5 * speed else V
-        by_speed = _bent(np.cumsum(2.0 * _G * V / speed**2) * record.dt_s)
-        whole = _bent(alpha - np.cumsum(q) * record.dt_s)
-        if whole > 0.0:
-            shares.append(by_speed / whole)
-            moved.append(float(np.std(V)) / speed)
-    if not shares or float(np.median(shares)) < _SHARE:
-        return []
-    return [
-        doubt(
-            "speed_left_out",
-            f"the structure leaves out the airspeed, which varied by {100 * float(np.median(moved)):.1f} % (rms) and "
-            f"by lift alone bent the path {float(np.median(shares)):.1f} times as much as all that was measured: "
-            "Z_alpha, Z_q and what depends on them are biased beyond their errors; estimate V and theta too (leave out "
-            "short), or identify from a few seconds after a fast input",
-        )
-    ]
-
-
-def _bent(angle: FloatArray) -> float:
-    """Return the root mean square of an angle (N,) about its straight line."""
-    t = np.linspace(-1.0, 1.0, angle.size)
-    return float(np.std(angle - np.polyval(np.polyfit(t, angle, 1), t)))
-
+from testbench.estimators.parametric.structure import Parameter
+from testbench.estimators.parametric.structures.settings import Trim, check_outputs, derivatives, total
+from testbench.estimators.parametric.structures.written import Packaged
 
 # --- the short period -------------------------------------------------------------------------------------------------
 
@@ -74,27 +20,13 @@ def _bent(angle: FloatArray) -> float:
 _OUTPUTS = ("alpha", "q", "qdot")
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ShortPeriod(LinearStructure):
-    """Short-period motion in dimensional derivatives per speed and per inertia (rad, s).
+def short_period(outputs: tuple[str, ...] = ("alpha", "q"), control: str = "de") -> Packaged:
+    """Return short-period motion in dimensional derivatives per speed and per inertia (rad, s).
 
         alphadot = Z_0 + Z_alpha alpha + (1 + Z_q) q + Z_de de
         qdot     = M_0 + M_alpha alpha + M_q q + M_de de
 
-    Outputs are any of alpha, q and qdot. R. V. Jategaonkar, Flight Vehicle System Identification, 2nd ed., 2015.
-    """
-
-    def matrices(self, params: AnyArray) -> Matrices:
-        """Return the matrices of parameters (..., k)."""
-        rows = Rows(self, params)
-        variables = ("alpha", "q", *self.inputs)
-        alphadot, qdot = rows.unit("q") + rows.sum_of("Z", variables), rows.sum_of("M", variables)
-        outputs = [qdot if name == "qdot" else rows.unit(name) for name in self.outputs]
-        return rows.matrices([alphadot, qdot], outputs)
-
-
-def short_period(outputs: tuple[str, ...] = ("alpha", "q"), control: str = "de") -> ShortPeriod:
-    """Return the short-period structure; it starts from a slow, well damped one.
+    It starts from a slow, well damped one. R. V. Jategaonkar, Flight Vehicle System Identification, 2nd ed., 2015.
 
     Args:
         outputs: any of alpha, q and qdot.
@@ -107,13 +39,10 @@ def short_period(outputs: tuple[str, ...] = ("alpha", "q"), control: str = "de")
     d = control.removesuffix("_cmd")
     guess = {"Z_alpha": -1.0, "M_alpha": -4.0, "M_q": -2.0, f"M_{d}": -5.0}
     names = ("Z_0", "Z_alpha", "Z_q", f"Z_{d}", "M_0", "M_alpha", "M_q", f"M_{d}")
-    return ShortPeriod(
-        name="short_period",
-        states=("alpha", "q"),
-        inputs=(control,),
-        outputs=tuple(outputs),
-        parameters=tuple(Parameter(name, guess.get(name, 0.0)) for name in names),
-    )
+    parameters = [Parameter(name, guess.get(name, 0.0)) for name in names]
+    Z, M = (total(symbol, ("alpha", "q", control), parameters) for symbol in "ZM")
+    steps = {"alpha_dot": f"q + ({Z})", "q_dot": M}
+    return Packaged.of("short_period", ("alpha", "q"), (control,), outputs, parameters, steps, {"qdot": "q_dot"})
 
 
 # --- longitudinal motion about a trimmed flight in dimensional derivatives, rigid or with elastic modes ---------------
@@ -124,108 +53,44 @@ SHORT = ("alpha", "q")
 _DERIVED = ("qdot", "ax", "az")
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Longitudinal(LinearStructure):
-    """Small longitudinal motion about a trim (V0, alpha0, theta0), gamma0 = theta0 - alpha0.
-
-        Vdot     = X - g cos(gamma0) theta,        X = X_0 + X_V V + X_alpha alpha + X_q q + X_de de
-        alphadot = q + (Z - g sin(gamma0) theta) / V0,    Z = Z_0 + Z_V V + Z_alpha alpha + Z_q q + Z_de de
-        qdot     = M,                              M = M_0 + M_V V + M_alpha alpha + M_q q + M_de de
-        thetadot = q
-
-    X and Z are specific forces along the stability axes of the trim (x along the flight, z down), m/s2 per unit; M is
-    an angular acceleration, rad/s2 per unit. Without V and theta among the states it is the
-    short period. Derived outputs: ``qdot``, and the specific forces along body axes that an accelerometer reads at
-    (x_a, z_a) from the centre of gravity, as deviations from trim:
-
-        ax = X cos(alpha0) - Z sin(alpha0) + z_a qdot,    az = X sin(alpha0) + Z cos(alpha0) - x_a qdot
-
-    The constants X_0, Z_0, M_0 take up what was left of trim values of V, alpha and theta. D. McRuer, I. Ashkenas, D.
-    Graham, Aircraft Dynamics and Automatic Control, 1973, chapter 4.
-
-    Attributes:
-        trim: V0, alpha0, theta0 and g.
-        accelerometer: (x_a, z_a) from the centre of gravity, m, body axes.
-    """
-
-    trim: Trim
-    accelerometer: tuple[float, float] = (0.0, 0.0)
-
-    def matrices(self, params: AnyArray) -> Matrices:
-        """Return the matrices of parameters (..., k)."""
-        rows = Rows(self, params)
-        variables = (*self.states, *self.inputs)
-        X, Z, M = (rows.sum_of(symbol, variables) for symbol in "XZM")
-        derivative = {**self.rigid(rows, X, Z, M), **self.elastic(rows)}
-        a, (x_a, z_a) = self.trim.alpha, self.accelerometer
-        output = {
-            "qdot": M,
-            "ax": np.cos(a) * X - np.sin(a) * Z + z_a * M,
-            "az": np.sin(a) * X + np.cos(a) * Z - x_a * M,
-        }
-        read = [self.sensed(rows, name, output.get(name, rows.unit(name)), derivative) for name in self.outputs]
-        return rows.matrices([derivative[name] for name in self.states], read)
-
-    def rigid(self, rows: Rows, X: AnyArray, Z: AnyArray, M: AnyArray) -> dict[str, AnyArray]:
-        """Return the rows of the derivatives of the rigid states."""
-        V, g, gamma = self.trim.V, self.trim.g, self.trim.theta - self.trim.alpha
-        theta = rows.unit("theta")
-        return {
-            "V": X - g * np.cos(gamma) * theta,
-            "alpha": rows.unit("q") + (Z - g * np.sin(gamma) * theta) / V,
-            "q": M,
-            "theta": rows.unit("q"),
-        }
-
-    def elastic(self, rows: Rows) -> dict[str, AnyArray]:
-        """Return the rows of the derivatives of elastic states: none."""
-        return {}
-
-    def sensed(self, rows: Rows, name: str, row: AnyArray, derivative: Mapping[str, AnyArray]) -> AnyArray:
-        """Return the row of an output with what elastic modes add to it: nothing."""
-        return row
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class FlexibleLongitudinal(Longitudinal):
-    """Longitudinal motion with elastic modes i = 1, 2, ... coupled to it.
-
-        etaddot_i = -wn_i^2 eta_i - 2 zeta_i wn_i etadot_i + Qi_0 + Qi_V V + Qi_alpha alpha + Qi_q q + Qi_de de
-
-    Qi are generalised forces per generalised mass; wn_i and zeta_i are those of the mode in the air flow, the rigid
-    motion held. The modes act back through Z_eta_i, Z_etadot_i, M_eta_i and M_etadot_i (X likewise), terms of Z and M.
-    Sensors feel them: the gyro reads q + slope_i etadot_i, the accelerometer az + phi_i etaddot_i, with the slope and
-    the deflection (z down) of the mode shape where they sit. M. R. Waszak and D. K. Schmidt, Journal of Aircraft 25(6),
-    1988.
-
-    The scale of eta_i is free unless ``eta_i`` is an output; :func:`flexible` then fixes phi_i, or slope_i, to set it.
-    """
-
-    def elastic(self, rows: Rows) -> dict[str, AnyArray]:
-        """Return the rows of the derivatives of displacements and velocities."""
-        out: dict[str, AnyArray] = {}
-        for i in range(1, _modes(self.states) + 1):
-            wn, zeta = rows.values[f"wn_{i}"], rows.values[f"zeta_{i}"]
-            stiffness, damping = (
-                rows.scaled(wn**2, rows.unit(f"eta_{i}")),
-                rows.scaled(2.0 * zeta * wn, rows.unit(f"etadot_{i}")),
-            )
-            out[f"eta_{i}"] = rows.unit(f"etadot_{i}")
-            out[f"etadot_{i}"] = rows.sum_of(f"Q{i}", (*self.states, *self.inputs)) - stiffness - damping
-        return out
-
-    def sensed(self, rows: Rows, name: str, row: AnyArray, derivative: Mapping[str, AnyArray]) -> AnyArray:
-        """Return the row of an output with what the modes add to gyro and accelerometer."""
-        for i in range(1, _modes(self.states) + 1):
-            if name == "q":
-                row = row + rows.scaled(rows.values[f"slope_{i}"], rows.unit(f"etadot_{i}"))
-            elif name == "az":
-                row = row + rows.scaled(rows.values[f"phi_{i}"], derivative[f"etadot_{i}"])
-        return row
-
-
-def _modes(states: Sequence[str]) -> int:
-    return sum(name.startswith("eta_") for name in states)
+def _about(
+    trim: Trim,
+    name: str,
+    states: Sequence[str],
+    controls: Sequence[str],
+    outputs: Sequence[str],
+    parameters: Sequence[Parameter],
+    accelerometer: tuple[float, float],
+) -> Packaged:
+    """Return the motion of rigid and elastic states about a trim, see :func:`longitudinal` and :func:`flexible`."""
+    variables, modes = (*states, *controls), range(1, sum(s.startswith("eta_") for s in states) + 1)
+    theta = "theta" if "theta" in states else "0"
+    steps = {symbol: total(symbol, variables, parameters) for symbol in "XZM"} | {
+        "V_dot": f"X - sink*{theta}",
+        "alpha_dot": f"q + (Z - rise*{theta})/V0",
+        "q_dot": "M",
+        "theta_dot": "q",
+    }
+    for i in modes:
+        forces = total(f"Q{i}", variables, parameters)
+        steps[f"eta_{i}_dot"] = f"etadot_{i}"
+        steps[f"etadot_{i}_dot"] = f"{forces} - wn_{i}^2*eta_{i} - 2*zeta_{i}*wn_{i}*etadot_{i}"
+    shown = {
+        "qdot": "M",
+        "q": " + ".join(["q", *(f"slope_{i}*etadot_{i}" for i in modes)]),
+        "ax": "cos_a*X - sin_a*Z + z_a*M",
+        "az": " + ".join(["sin_a*X + cos_a*Z - x_a*M", *(f"phi_{i}*etadot_{i}_dot" for i in modes)]),
+    }
+    gamma = trim.theta - trim.alpha
+    constants = {
+        "V0": trim.V,
+        "sink": trim.g * np.cos(gamma),
+        "rise": trim.g * np.sin(gamma),
+        "cos_a": np.cos(trim.alpha),
+        "sin_a": np.sin(trim.alpha),
+        **dict(zip(("x_a", "z_a"), accelerometer, strict=True)),
+    }
+    return Packaged.of(name, states, controls, outputs, parameters, steps, shown, constants, trim)
 
 
 def _rigid_parameters(
@@ -247,8 +112,24 @@ def longitudinal(
     outputs: Sequence[str] = FULL,
     controls: Sequence[str] = ("de",),
     accelerometer: tuple[float, float] = (0.0, 0.0),
-) -> Longitudinal:
-    """Return longitudinal motion about a trim; X_q, which hardly shows in flight, is fixed at zero.
+) -> Packaged:
+    """Return small longitudinal motion about a trim (V0, alpha0, theta0), gamma0 = theta0 - alpha0.
+
+        Vdot     = X - g cos(gamma0) theta,        X = X_0 + X_V V + X_alpha alpha + X_q q + X_de de
+        alphadot = q + (Z - g sin(gamma0) theta) / V0,    Z = Z_0 + Z_V V + Z_alpha alpha + Z_q q + Z_de de
+        qdot     = M,                              M = M_0 + M_V V + M_alpha alpha + M_q q + M_de de
+        thetadot = q
+
+    X and Z are specific forces along the stability axes of the trim (x along the flight, z down), m/s2 per unit; M is
+    an angular acceleration, rad/s2 per unit. Without V and theta among the states it is the
+    short period. Derived outputs: ``qdot``, and the specific forces along body axes that an accelerometer reads at
+    (x_a, z_a) from the centre of gravity, as deviations from trim:
+
+        ax = X cos(alpha0) - Z sin(alpha0) + z_a qdot,    az = X sin(alpha0) + Z cos(alpha0) - x_a qdot
+
+    The constants X_0, Z_0, M_0 take up what was left of trim values of V, alpha and theta; X_q, which hardly shows in
+    flight, is fixed at zero. D. McRuer, I. Ashkenas, D. Graham, Aircraft Dynamics and Automatic Control, 1973, chapter
+    4.
 
     Args:
         trim: airspeed, m/s, angle of attack and pitch angle, rad, that the records are deviations from.
@@ -261,15 +142,8 @@ def longitudinal(
         EstimationError: states, outputs or a parameter that the structure does not have.
     """
     _check("longitudinal", states, outputs, 0)
-    return Longitudinal(
-        name="longitudinal",
-        states=tuple(states),
-        inputs=tuple(controls),
-        outputs=tuple(outputs),
-        parameters=tuple(_rigid_parameters(states, controls, (), trim, ("X_q",))),
-        trim=trim,
-        accelerometer=accelerometer,
-    )
+    parameters = _rigid_parameters(states, controls, (), trim, ("X_q",))
+    return _about(trim, "longitudinal", states, controls, outputs, parameters, accelerometer)
 
 
 def flexible(
@@ -281,8 +155,16 @@ def flexible(
     outputs: Sequence[str] = ("q", "alpha", "az"),
     controls: Sequence[str] = ("de",),
     accelerometer: tuple[float, float] = (0.0, 0.0),
-) -> FlexibleLongitudinal:
-    """Return longitudinal motion with an elastic mode for each of ``wn_rad_s``.
+) -> Packaged:
+    """Return longitudinal motion with elastic modes i = 1, 2, ... coupled to it, one for each of ``wn_rad_s``.
+
+        etaddot_i = -wn_i^2 eta_i - 2 zeta_i wn_i etadot_i + Qi_0 + Qi_V V + Qi_alpha alpha + Qi_q q + Qi_de de
+
+    Qi are generalised forces per generalised mass; wn_i and zeta_i are those of the mode in the air flow, the rigid
+    motion held. The modes act back through Z_eta_i, Z_etadot_i, M_eta_i and M_etadot_i (X likewise), terms of Z and M.
+    Sensors feel them: the gyro reads q + slope_i etadot_i, the accelerometer az + phi_i etaddot_i, with the slope and
+    the deflection (z down) of the mode shape where they sit. M. R. Waszak and D. K. Schmidt, Journal of Aircraft 25(6),
+    1988.
 
     The scale of a mode is set by its first of: output eta_i, phi_i = 1 (eta_i is then the deflection at the
     accelerometer, m), slope_i = 1 (the slope at the gyro, rad); the others are free. Qi_0, X_eta_i, X_etadot_i and
@@ -327,15 +209,7 @@ def flexible(
         for sensor, name in (("az", f"phi_{i}"), ("q", f"slope_{i}")):
             if sensor in outputs:
                 parameters.append(Parameter(name, float(sensor == sets_scale), free=sensor != sets_scale and not known))
-    return FlexibleLongitudinal(
-        name="flexible",
-        states=(*states, *elastic),
-        inputs=tuple(controls),
-        outputs=tuple(outputs),
-        parameters=tuple(parameters),
-        trim=trim,
-        accelerometer=accelerometer,
-    )
+    return _about(trim, "flexible", (*states, *elastic), controls, outputs, parameters, accelerometer)
 
 
 def _check(name: str, states: Sequence[str], outputs: Sequence[str], modes: int) -> None:

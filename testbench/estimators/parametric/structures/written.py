@@ -23,11 +23,23 @@ from typing import Any
 
 import numpy as np
 
-from testbench.core.advice import Advice, AdviceList
+from testbench.core.advice import Advice, AdviceList, doubt
 from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.schema import parse
-from testbench.estimators.equations import TRIM, Binary, Call, Equations, Name, Negative, Node, Number, names, parts
+from testbench.estimators.equations import (
+    TRIM,
+    Binary,
+    Call,
+    Equations,
+    Name,
+    Negative,
+    Node,
+    Number,
+    names,
+    parts,
+    tree,
+)
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices, ModelStructure, Parameter
 from testbench.estimators.parametric.structures.settings import Trim
 
@@ -427,6 +439,56 @@ def _product(a: Node, b: Node) -> Node:
     return b if a == _ONE else a if b == _ONE else Binary("*", a, b)
 
 
+# --- whether the speed stayed constant enough for a structure that leaves it out --------------------------------------
+
+
+_SHARE = 0.3  # of the change of the flight path that speed alone makes
+_G = 9.81
+
+
+def speed_doubts(records: Sequence[FlightRecord], V_m_s: float | None) -> list[Advice]:
+    """Return the doubt that a short-period model without airspeed takes up what the airspeed did.
+
+    Lift grows with the square of speed, so that a speed V0 + v bends the flight path by 2 g v / V0^2. Its integral is
+    compared with alpha less the integral of q, which is what the normal force did to the path altogether; a straight
+    line is removed from both, since trims and biases make one.
+
+    Args:
+        records: prepared, with V, alpha and q; others say nothing.
+        V_m_s: trimmed airspeed V0; None: the mean that was removed from V.
+    """
+    shares, moved = [], []
+    for record in records:
+        speed = V_m_s or dict(record.provenance.get("prepared", {}).get("removed", {})).get("V")
+        if not speed or any(name not in record.channels for name in ("V", "alpha", "q")):
+            continue
+        part = record.select(("V", "alpha", "q"))
+        V, alpha, q = (np.where(ok, z, 0.0) for z, ok in zip(part.data.T, part.valid.T, strict=True))
+        V = V - speed if abs(float(np.mean(V))) > 0.5 * speed else V
+        by_speed = _bent(np.cumsum(2.0 * _G * V / speed**2) * record.dt_s)
+        whole = _bent(alpha - np.cumsum(q) * record.dt_s)
+        if whole > 0.0:
+            shares.append(by_speed / whole)
+            moved.append(float(np.std(V)) / speed)
+    if not shares or float(np.median(shares)) < _SHARE:
+        return []
+    return [
+        doubt(
+            "speed_left_out",
+            f"the structure leaves out the airspeed, which varied by {100 * float(np.median(moved)):.1f} % (rms) and "
+            f"by lift alone bent the path {float(np.median(shares)):.1f} times as much as all that was measured: "
+            "Z_alpha, Z_q and what depends on them are biased beyond their errors; estimate V and theta too (leave out "
+            "short), or identify from a few seconds after a fast input",
+        )
+    ]
+
+
+def _bent(angle: FloatArray) -> float:
+    """Return the root mean square of an angle (N,) about its straight line."""
+    t = np.linspace(-1.0, 1.0, angle.size)
+    return float(np.std(angle - np.polyval(np.polyfit(t, angle, 1), t)))
+
+
 # --- structures -------------------------------------------------------------------------------------------------------
 
 
@@ -505,6 +567,67 @@ class LinearWrittenStructure(Written, LinearStructure):
     def matrices(self, params: AnyArray) -> Matrices:
         """Return the matrices of parameters (..., k)."""
         return self.law.matrices(params)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Packaged(LinearWrittenStructure):
+    """A packaged structure that is linear; about the trim of the records, where it knows that."""
+
+    trim: Trim | None = None
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        states: Sequence[str],
+        inputs: Sequence[str],
+        outputs: Sequence[str],
+        parameters: Sequence[Parameter],
+        steps: Mapping[str, str],
+        shown: Mapping[str, str],
+        constants: Mapping[str, float] | None = None,
+        trim: Trim | None = None,
+    ) -> Packaged:
+        """Return the structure of these texts.
+
+        Args:
+            name: in the table of structures.
+            states: (n,) names.
+            inputs: (m,) channels.
+            outputs: (p,) channels.
+            parameters: all of them.
+            steps: name -> text in the order of computing, STATE_dot for every state among them.
+            shown: output -> text, of those that are no state.
+            constants: name -> value in the texts.
+            trim: steady flight that states and inputs are deviations from.
+        """
+        known = constants or {}
+        law = Law(
+            states=tuple(states),
+            inputs=tuple(inputs),
+            outputs=tuple(outputs),
+            parameters=tuple(p.name for p in parameters),
+            steps=tuple((step, _put(tree(text), known)) for step, text in steps.items()),
+            rates=tuple(Name(f"{state}_dot") for state in states),
+            shown=tuple(_put(tree(shown.get(output, output)), known) for output in outputs),
+        )
+        return cls(
+            name=name,
+            states=law.states,
+            inputs=law.inputs,
+            outputs=law.outputs,
+            parameters=tuple(parameters),
+            law=law,
+            moving=law.inputs,
+            means=name,
+            trim=trim,
+        )
+
+    def doubts(self, records: Sequence[FlightRecord]) -> tuple[Advice, ...]:
+        """Return what must be said where the airspeed that is left out did much."""
+        if "q" not in self.states or "V" in self.states or "alpha" not in self.states:
+            return ()
+        return tuple(speed_doubts(records, self.trim.V if self.trim else None))
 
 
 def _stacked(function: Any, x: AnyArray, u: AnyArray, params: AnyArray, driven: bool) -> AnyArray:
