@@ -9,12 +9,11 @@ from testbench.core.constants import G0_M_S2
 from testbench.core.errors import EstimationError
 from testbench.estimators.equations import Equations, WrittenParameter
 from testbench.estimators.parametric.structure import ModelStructure
-from testbench.estimators.parametric.structures.settings import check_outputs
+from testbench.estimators.parametric.structures.settings import OUTPUTS, check_outputs
 from testbench.estimators.parametric.structures.written import written
 from testbench.estimators.structured import AirframeConstants
 
 _STATES = ("V", "alpha", "theta", "q")
-_OUTPUTS = (*_STATES, "qdot", "ax", "az")
 _COEFFICIENTS = ("CD", "CL", "Cm")
 TERMS: Mapping[str, tuple[str, ...]] = {
     "CD": ("0", "V", "alpha"),
@@ -45,7 +44,7 @@ def aerodynamic_longitudinal(
     airframe: AirframeConstants,
     *,
     terms: Mapping[str, Sequence[str]] = TERMS,
-    outputs: Sequence[str] = _OUTPUTS,
+    outputs: Sequence[str] = OUTPUTS["aerodynamic_longitudinal"],
     controls: Sequence[str] = ("de",),
 ) -> ModelStructure:
     """Return longitudinal flight over a flat earth; inputs are the controls that stand in a term, and ``thrust``.
@@ -63,7 +62,7 @@ def aerodynamic_longitudinal(
     Raises:
         EstimationError: a coefficient without terms, a term, an output or a parameter that the structure does not have.
     """
-    check_outputs("aerodynamic_longitudinal", outputs, _OUTPUTS)
+    check_outputs("aerodynamic_longitudinal", outputs)
     variables = {"V": "V_hat", "alpha": "alpha", "q": "q_hat", **{name.removesuffix("_cmd"): name for name in controls}}
     if set(terms) != set(_COEFFICIENTS):
         raise EstimationError(f"terms must be given for CD, CL and Cm, got {', '.join(terms)}")

@@ -18,18 +18,9 @@ from testbench.estimators.equations import read_equations
 from testbench.estimators.parametric.servo import behind_servos, servos_of
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.parametric.structures import STRUCTURES, Trim
+from testbench.estimators.parametric.structures.settings import OUTPUTS
 from testbench.estimators.parametric.structures.written import written
 from testbench.estimators.structured import Structured
-
-_POSSIBLE = {
-    "short_period": ("alpha", "q", "qdot"),
-    "longitudinal": ("V", "alpha", "q", "theta", "qdot", "ax", "az"),
-    "flexible": ("V", "alpha", "q", "theta", "qdot", "ax", "az"),
-    "lateral_directional": ("beta", "p", "r", "phi", "pdot", "rdot", "ay"),
-    "lateral_per_speed": ("beta", "p", "r", "phi", "pdot", "rdot"),
-    "roll_yaw_rates": ("p", "r", "pdot", "rdot", "ay"),
-    "aerodynamic_longitudinal": ("V", "alpha", "theta", "q", "qdot", "ax", "az"),
-}
 
 
 def build(
@@ -63,7 +54,7 @@ def build(
     if is_brought(spec.structure):
         structure = _brought(spec, tuple(inputs), tuple(spec.outputs or outputs), records)
         return _with_parameters(spec, structure, inputs)
-    possible = _POSSIBLE[spec.structure]
+    possible = OUTPUTS[spec.structure]
     if spec.short:
         possible = tuple(name for name in possible if name not in ("V", "theta", "ax"))
     chosen = spec.outputs or tuple(name for name in outputs if name in possible)

@@ -41,7 +41,7 @@ def lateral_directional(
     Raises:
         EstimationError: an output or a parameter that the structure does not have.
     """
-    check_outputs("lateral_directional", outputs, (*_STATES, "pdot", "rdot", "ay"))
+    check_outputs("lateral_directional", outputs)
     variables = ("beta", "p", "r", *controls)
     guess = {"Y_beta": -0.2 * trim.V, **_GUESS}
     parameters = [p for symbol in "YLN" for p in derivatives(symbol, variables, guess, ("Y_p", "Y_da"))]
@@ -82,7 +82,7 @@ def lateral_per_speed(outputs: Sequence[str] = _STATES, controls: Sequence[str] 
     Raises:
         EstimationError: an output or a parameter that the structure does not have.
     """
-    check_outputs("lateral_per_speed", outputs, (*_STATES, "pdot", "rdot"))
+    check_outputs("lateral_per_speed", outputs)
     guess = {"Y_beta": -0.2, **_GUESS}
     found = [
         p
@@ -120,7 +120,7 @@ def roll_yaw_rates(
     Raises:
         EstimationError: an output or a parameter that the structure does not have.
     """
-    check_outputs("roll_yaw_rates", outputs, ("p", "r", "pdot", "rdot", "ay"))
+    check_outputs("roll_yaw_rates", outputs)
     symbols = "YLN" if "ay" in outputs else "LN"
     inputs = (*controls, "beta")
     variables = ("p", "r", *inputs)

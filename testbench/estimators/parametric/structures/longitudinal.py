@@ -17,9 +17,6 @@ from testbench.estimators.parametric.structures.written import Packaged
 # --- the short period -------------------------------------------------------------------------------------------------
 
 
-_OUTPUTS = ("alpha", "q", "qdot")
-
-
 def short_period(outputs: tuple[str, ...] = ("alpha", "q"), control: str = "de") -> Packaged:
     """Return short-period motion in dimensional derivatives per speed and per inertia (rad, s).
 
@@ -35,7 +32,7 @@ def short_period(outputs: tuple[str, ...] = ("alpha", "q"), control: str = "de")
     Raises:
         EstimationError: an output or a parameter is not one of the structure's.
     """
-    check_outputs("short_period", outputs, _OUTPUTS)
+    check_outputs("short_period", outputs)
     d = control.removesuffix("_cmd")
     guess = {"Z_alpha": -1.0, "M_alpha": -4.0, "M_q": -2.0, f"M_{d}": -5.0}
     names = ("Z_0", "Z_alpha", "Z_q", f"Z_{d}", "M_0", "M_alpha", "M_q", f"M_{d}")
@@ -50,7 +47,6 @@ def short_period(outputs: tuple[str, ...] = ("alpha", "q"), control: str = "de")
 
 FULL = ("V", "alpha", "q", "theta")
 SHORT = ("alpha", "q")
-_DERIVED = ("qdot", "ax", "az")
 
 
 def _about(
@@ -217,6 +213,6 @@ def _check(name: str, states: Sequence[str], outputs: Sequence[str], modes: int)
         raise EstimationError(
             f"states of structure '{name}' must be {', '.join(FULL)} or {', '.join(SHORT)}, got {', '.join(states)}"
         )
-    derived = [d for d in _DERIVED if d != "ax" or "V" in states]
+    derived = [d for d in ("qdot", "ax", "az") if d != "ax" or "V" in states]
     elastic = [f"{kind}_{i}" for kind in ("eta", "etadot") for i in range(1, modes + 1)]
     check_outputs(name, outputs, (*states, *derived, *elastic))

@@ -36,12 +36,25 @@ class Trim:
             raise EstimationError(f"a trim must be finite numbers with V > 0, got {self}")
 
 
-def check_outputs(structure: str, outputs: Sequence[str], possible: Sequence[str]) -> None:
-    """Check that the outputs are some of the ``possible`` ones, each once.
+OUTPUTS = {
+    "short_period": ("alpha", "q", "qdot"),
+    "longitudinal": ("V", "alpha", "q", "theta", "qdot", "ax", "az"),
+    "flexible": ("V", "alpha", "q", "theta", "qdot", "ax", "az"),
+    "lateral_directional": ("beta", "p", "r", "phi", "pdot", "rdot", "ay"),
+    "lateral_per_speed": ("beta", "p", "r", "phi", "pdot", "rdot"),
+    "roll_yaw_rates": ("p", "r", "pdot", "rdot", "ay"),
+    "aerodynamic_longitudinal": ("V", "alpha", "theta", "q", "qdot", "ax", "az"),
+}
+"""Packaged structure -> outputs that it can have; a flexible one has its elastic states besides."""
+
+
+def check_outputs(structure: str, outputs: Sequence[str], possible: Sequence[str] = ()) -> None:
+    """Check that the outputs are some of the ``possible`` ones, those of :data:`OUTPUTS` if not given, each once.
 
     Raises:
         EstimationError: none, one twice, or one that the structure cannot give.
     """
+    possible = possible or OUTPUTS[structure]
     if not outputs or len(set(outputs)) != len(outputs):
         raise EstimationError(
             f"structure '{structure}' needs outputs that differ, got {', '.join(outputs) or 'none'}; choose from "
