@@ -1,6 +1,6 @@
 """What does an identification experiment feel like? Exercises, each student with an aircraft of their own.
 
-An exercise is one module and one text in ``catalogue/``, and one line in :data:`.names.NAMES`. A student gets a text,
+An exercise is one module and one text in ``catalogue/``, and one line in :data:`.seal.NAMES`. A student gets a text,
 records and a file for the answers, which is checked. TEACHING.md beside this file is for the teacher.
 """
 

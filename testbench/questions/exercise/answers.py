@@ -15,7 +15,7 @@ from typing import Any
 from testbench.core.channels import channel
 from testbench.core.door import read_text, read_toml
 from testbench.core.errors import RecordError, ScenarioError, nearest
-from testbench.core.escape import one_line
+from testbench.core.escape import one_line, table_lines
 from testbench.core.files import write_file
 from testbench.questions.exercise.exercise import Choice, Exercise, Question
 
@@ -26,7 +26,7 @@ def description(
     channels: Sequence[str],
     inputs: Sequence[str],
     outputs: Sequence[str],
-    estimators: str,
+    estimators: Sequence[Mapping[str, Any]],
     trim_s: float = 0.0,
     held_out: Sequence[str] = (),
 ) -> str:
@@ -38,33 +38,27 @@ def description(
         channels: that they hold.
         inputs: of what is to be identified.
         outputs: of what is to be identified.
-        estimators: the tables ``[[identification.estimators]]`` as TOML.
+        estimators: of the table ``identification``.
         trim_s: steady flight before the manoeuvre, whose mean is taken off; 0 for records of deviations.
         held_out: names of the files in records/ to judge by.
     """
-    lines = [
-        f'title = "{title}"',
-        'source = "simulated for an exercise of the test bench"',
-        'rights = "none needed"',
-        'folder = "."',
-        f"trim_s = {float(trim_s)!r}",
-        "[time]",
-        'column = "t"',
-    ]
-    uses = dict.fromkeys(records, "identification" if held_out else "split")
-    for name, use in {**uses, **dict.fromkeys(held_out, "validation")}.items():
-        lines += ["[[record]]", f'name = "{name}"', f'file = "records/{name}.nc"', f'use = "{use}"']
-    for name in channels:
-        lines += ["[[channel]]", f'name = "{name}"', f'column = "{name}"', f'unit = "{channel(name).unit}"']
-    quoted = [", ".join(f'"{n}"' for n in names) for names in (inputs, outputs)]
-    lines += [
-        "[preparation]",
-        f'bias = "{"trim" if trim_s else "none"}"',
-        "identification_fraction = 0.7",
-        "[identification]",
-    ]
-    lines += [f"inputs = [{quoted[0]}]", f"outputs = [{quoted[1]}]", estimators.strip()]
-    return "\n".join(lines) + "\n"
+    uses = {
+        **dict.fromkeys(records, "identification" if held_out else "split"),
+        **dict.fromkeys(held_out, "validation"),
+    }
+    table = {
+        "title": title,
+        "source": "simulated for an exercise of the test bench",
+        "rights": "none needed",
+        "folder": ".",
+        "trim_s": float(trim_s),
+        "time": {"column": "t"},
+        "record": [{"name": name, "file": f"records/{name}.nc", "use": use} for name, use in uses.items()],
+        "channel": [{"name": name, "column": name, "unit": channel(name).unit} for name in channels],
+        "preparation": {"bias": "trim" if trim_s else "none", "identification_fraction": 0.7},
+        "identification": {"inputs": inputs, "outputs": outputs, "estimators": estimators},
+    }
+    return "\n".join(table_lines(table)) + "\n"
 
 
 ANSWERS = "answers.toml"

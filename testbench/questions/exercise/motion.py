@@ -6,12 +6,16 @@ What a record of the short period tells: exact standard errors for white and for
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.random import Generator
 from scipy.linalg import expm
 
 from testbench.core.record import FlightRecord, FloatArray
+
+if TYPE_CHECKING:
+    from testbench.estimators.parametric.model import ParametricModel
 
 
 def respond(A: FloatArray, B: FloatArray, u: FloatArray, dt_s: float) -> FloatArray:
@@ -36,6 +40,12 @@ def with_servo(A: FloatArray, B: FloatArray, tau_s: float) -> tuple[FloatArray, 
     n = len(A)
     driven = np.block([[A, B], [np.zeros((1, n)), np.array([[-1.0 / tau_s]])]])
     return driven, np.concatenate([np.zeros((n, 1)), [[1.0 / tau_s]]])
+
+
+def short_period_response(d: Mapping[str, float], u: FloatArray, dt_s: float, servo_s: float = 0.0) -> FloatArray:
+    """Return alpha and q (n, 2) from rest for elevator commands (n,), through a servo of lag servo_s if it is not 0."""
+    A, B = short_period_matrices(d)
+    return respond(*(with_servo(A, B, servo_s) if servo_s else (A, B)), u[:, None], dt_s)[:, :2]
 
 
 def draw_short_period(
@@ -98,7 +108,7 @@ def sensitivities(d: Mapping[str, float], u: FloatArray, dt_s: float, outputs: S
     out = np.empty((len(u), len(rows), len(PARAMETERS)))
     for k, name in enumerate(PARAMETERS):
         step = _STEP * abs(d[name])
-        y = [respond(*short_period_matrices({**d, name: d[name] + s}), u[:, None], dt_s) for s in (step, -step)]
+        y = [short_period_response({**d, name: d[name] + s}, u, dt_s) for s in (step, -step)]
         out[:, :, k] = (y[0] - y[1])[:, rows] / (2.0 * step)
     return out
 
@@ -128,3 +138,36 @@ def coloured_errors(J: FloatArray, noise_std: Sequence[float], correlation: floa
 def _information(J: FloatArray, noise_std: Sequence[float]) -> FloatArray:
     W = J / np.asarray(noise_std)[:, None]
     return np.asarray(np.einsum("ipk,ipl->kl", W, W))
+
+
+# --- what is estimated from it: output error, all but the four derivatives held ---------------------------------------
+
+
+_HELD = ("Z_0", "Z_q", "Z_de", "M_0")
+
+
+def fitted(
+    records: Sequence[FlightRecord], outputs: Sequence[str] = _STATES, start: Mapping[str, float] | None = None
+) -> ParametricModel:
+    """Return the short period that output error finds in records of "de_cmd" that begin at rest.
+
+    Args:
+        records: deviations from trim.
+        outputs: of "alpha" and "q".
+        start: values of PARAMETERS that the search begins at.
+    """
+    from testbench.estimators.parametric import output_error
+    from testbench.estimators.parametric.structures.longitudinal import short_period
+    from testbench.estimators.settings import OutputError
+
+    structure = short_period(tuple(outputs), "de_cmd").with_parameters(dict.fromkeys(_HELD, 0.0), fixed=_HELD)
+    return output_error.estimate(
+        records, structure.with_parameters(dict(start or {})), OutputError(initial_states="zero")
+    )
+
+
+def white_error(model: ParametricModel, name: str) -> tuple[float, float]:
+    """Return the standard error as if residuals were white, and the factor that their colour puts on it."""
+    free = [p.name for p in model.structure.parameters if p.free]
+    factor = float(model.diagnostics["error_inflation"][free.index(name)])
+    return model.standard_errors[name] / factor, factor

@@ -13,17 +13,18 @@ from scipy.signal import lfilter
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray, load_record
-from testbench.estimators.settings import OutputError
-from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
+from testbench.questions.exercise.exercise import Answer, Case, Choice, Handout, Mistake, Number
 from testbench.questions.exercise.motion import (
+    PARAMETERS,
     coloured_errors,
     draw_short_period,
+    fitted,
     measured,
     multistep,
-    respond,
     sensitivities,
-    short_period_matrices,
+    short_period_response,
     standard_errors,
+    white_error,
 )
 
 _DT, _SECONDS, _FLIGHTS = 0.04, 14.0, 8
@@ -43,7 +44,7 @@ def _input() -> FloatArray:
 def hand_out(case: Case) -> Handout:
     """Return eight flights of the same 3-2-1-1."""
     u, rng, c = _input(), np.random.default_rng(case.seed), case["correlation"]
-    x = respond(*short_period_matrices(case.hidden), u[:, None], _DT)
+    x = short_period_response(case.hidden, u, _DT)
     records = {}
     for k in range(_FLIGHTS):
         white = rng.normal(size=(len(u) + 200, 2)) * math.sqrt(1.0 - c**2)
@@ -101,22 +102,15 @@ def answer(case: Case) -> Mapping[str, Answer]:
 
 def solve(folder: Path) -> dict[str, float | str]:
     """Estimate from each flight by output error, with plain and corrected standard errors."""
-    from testbench.estimators.parametric import output_error
-    from testbench.estimators.parametric.structures.longitudinal import short_period
     from testbench.estimators.residuals import autocovariance
 
-    held = ("Z_0", "Z_q", "Z_de", "M_0")
-    structure = short_period(control="de_cmd").with_parameters(dict.fromkeys(held, 0.0), fixed=held)
-    free = [p.name for p in structure.parameters if p.free]
     records = [load_record(folder / "records" / f"flight_{k + 1}.nc") for k in range(_FLIGHTS)]
     said, inflation, correlation = [], [], []
-    joint = output_error.estimate(records, structure, OutputError(initial_states="zero"))
-    start = structure.with_parameters({name: joint.values[name] for name in free})
+    joint = fitted(records)
     for record in records:
-        model = output_error.estimate([record], start, OutputError(initial_states="zero"))
-        factor = float(model.diagnostics["error_inflation"][free.index("M_alpha")])
+        white, factor = white_error(fitted([record], start={n: joint.values[n] for n in PARAMETERS}), "M_alpha")
         inflation.append(factor)
-        said.append(model.standard_errors["M_alpha"] / factor)
+        said.append(white)
         v = record.columns(("alpha", "q")) - joint.simulate(record)
         R = autocovariance(v, 1)
         correlation += (np.diag(R[1]) / np.diag(R[0])).tolist()
@@ -128,32 +122,24 @@ def solve(folder: Path) -> dict[str, float | str]:
     }
 
 
-EXERCISE = Exercise(
-    title="Errors that lie: coloured residuals",
-    level=2,
-    minutes=75,
-    questions=(
-        Number("autocorrelation", "1", "Autocorrelation of the residuals from one sample to the next", 0.0, 0.05),
-        Number(
-            "std_said_1_s2",
-            "1/s2",
-            "Standard error of M_alpha of one flight that the formula for white noise gives",
-            0.2,
-        ),
-        Number("inflation", "1", "Factor by which the true standard error of one flight is larger", 0.3),
-        Choice(
-            "cure",
-            "What makes the true error smaller?",
-            {
-                "repeat": "flying the manoeuvre again",
-                "faster": "sampling faster",
-                "smooth": "smoothing the outputs before the fit",
-                "order": "a model of higher order",
-            },
-        ),
+TITLE, LEVEL, MINUTES = "Errors that lie: coloured residuals", 2, 75
+QUESTIONS = (
+    Number("autocorrelation", "1", "Autocorrelation of the residuals from one sample to the next", 0.0, 0.05),
+    Number(
+        "std_said_1_s2",
+        "1/s2",
+        "Standard error of M_alpha of one flight that the formula for white noise gives",
+        0.2,
     ),
-    draw=draw,
-    hand_out=hand_out,
-    answer=answer,
-    solve=solve,
+    Number("inflation", "1", "Factor by which the true standard error of one flight is larger", 0.3),
+    Choice(
+        "cure",
+        "What makes the true error smaller?",
+        {
+            "repeat": "flying the manoeuvre again",
+            "faster": "sampling faster",
+            "smooth": "smoothing the outputs before the fit",
+            "order": "a model of higher order",
+        },
+    ),
 )

@@ -12,8 +12,8 @@ from numpy.random import Generator
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import load_record
 from testbench.estimators.settings import Srivc
-from testbench.questions.exercise.exercise import Answer, Case, Exercise, Handout, Mistake, Number
-from testbench.questions.exercise.motion import draw_short_period, measured, respond, short_period_matrices
+from testbench.questions.exercise.exercise import Answer, Case, Handout, Mistake, Number
+from testbench.questions.exercise.motion import draw_short_period, measured, short_period_response
 
 PEAK = 2.3311  # w T of the peak of sin^2(w T / 2) / w, where tan(w T / 2) = w T
 _DT, _SECONDS, _NOISE = 0.02, 12.0, 0.15 * DEG_RAD
@@ -31,7 +31,7 @@ def hand_out(case: Case) -> Handout:
     t = np.arange(n) * _DT
     start, width, size = _PULSE
     de = np.where((t >= start - 1e-9) & (t < start + width - 1e-9), size, 0.0)
-    x = respond(*short_period_matrices(case.hidden), de[:, None], _DT)
+    x = short_period_response(case.hidden, de, _DT)
     noise = np.random.default_rng(case.seed).normal(0.0, _NOISE, n)
     return Handout({"pulse": measured({"de_cmd": de, "q": x[:, 1] + noise}, _DT)})
 
@@ -87,17 +87,9 @@ def solve(folder: Path) -> dict[str, float | str]:
     return {"omega_n_rad_s": wn, "step_s": step, "zero_rad_s": 2.0 * np.pi / step}
 
 
-EXERCISE = Exercise(
-    title="Read the spectrum and choose the doublet's length",
-    level=1,
-    minutes=30,
-    questions=(
-        Number("omega_n_rad_s", "rad/s", "Natural frequency of the short period", 0.06),
-        Number("step_s", "s", "Length T of one step of the doublet whose spectrum peaks at that frequency", 0.08),
-        Number("zero_rad_s", "rad/s", "Lowest frequency above zero at which this doublet has no energy", 0.08),
-    ),
-    draw=draw,
-    hand_out=hand_out,
-    answer=answer,
-    solve=solve,
+TITLE, LEVEL, MINUTES = "Read the spectrum and choose the doublet's length", 1, 30
+QUESTIONS = (
+    Number("omega_n_rad_s", "rad/s", "Natural frequency of the short period", 0.06),
+    Number("step_s", "s", "Length T of one step of the doublet whose spectrum peaks at that frequency", 0.08),
+    Number("zero_rad_s", "rad/s", "Lowest frequency above zero at which this doublet has no energy", 0.08),
 )

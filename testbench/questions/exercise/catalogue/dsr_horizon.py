@@ -15,15 +15,8 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, load_record
 from testbench.estimators.settings import DsrE
 from testbench.questions.exercise.answers import description
-from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
-from testbench.questions.exercise.motion import (
-    doublet,
-    draw_short_period,
-    measured,
-    multistep,
-    respond,
-    short_period_matrices,
-)
+from testbench.questions.exercise.exercise import Answer, Case, Choice, Handout, Mistake, Number
+from testbench.questions.exercise.motion import doublet, draw_short_period, measured, multistep, short_period_response
 
 _SECONDS, _NOISE, _SHORT, _PAST_S, _FUTURE_S = 25.0, 0.8 * DEG_RAD, 4, 0.8, 0.5
 
@@ -40,7 +33,7 @@ def _records(case: Case) -> dict[str, FlightRecord]:
     inputs = {"3211": multistep(n, dt, 1.0, 0.35, 4.0 * DEG_RAD), "doublet": doublet(n, dt, 1.0, 0.7, 4.0 * DEG_RAD)}
     out = {}
     for name, u in inputs.items():
-        q = respond(*short_period_matrices(case.hidden), u[:, None], dt)[:, 1]
+        q = short_period_response(case.hidden, u, dt)[:, 1]
         out[name] = measured({"de_cmd": u, "q": q + rng.normal(0.0, _NOISE, n)}, dt)
     return out
 
@@ -48,12 +41,11 @@ def _records(case: Case) -> dict[str, FlightRecord]:
 def hand_out(case: Case) -> Handout:
     """Return a 3-2-1-1 with a noisy gyro, and a doublet to judge by."""
     past = round(_PAST_S * case["rate_hz"])
-    estimators = "".join(
-        f'[[identification.estimators]]\nmethod = "dsr_e"\nlabel = "L = {L}"\norder = 2\npast_horizon = {past}\n'
-        f"future_horizon = {L}\n"
+    estimators = [
+        {"method": "dsr_e", "label": f"L = {L}", "order": 2, "past_horizon": past, "future_horizon": L}
         for L in (_SHORT, 2 * _SHORT)
-    )
-    text = description(EXERCISE.title, ["3211"], ["de_cmd", "q"], ["de_cmd"], ["q"], estimators, held_out=["doublet"])
+    ]
+    text = description(TITLE, ["3211"], ["de_cmd", "q"], ["de_cmd"], ["q"], estimators, held_out=["doublet"])
     given = {"rate_hz": case["rate_hz"], "short_horizon": float(_SHORT)}
     return Handout(_records(case), given, {"dsr_horizon.toml": text})
 
@@ -134,28 +126,20 @@ def solve(folder: Path) -> dict[str, float | str]:
     }
 
 
-EXERCISE = Exercise(
-    title="Why does DSR_e fail with L = 4?",
-    level=3,
-    minutes=75,
-    questions=(
-        Number("omega_n_rad_s", "rad/s", "Natural frequency of the short period, with a horizon that you trust", 0.1),
-        Number("zeta", "1", "Its damping ratio", 0.1, 0.06),
-        Number("turn_deg", "deg", "Angle wn L dt by which the mode turns during a future of 4 samples", 0.12),
-        Number("quarter_period_samples", "samples", "Future horizon that spans a quarter of the mode's period", 0.12),
-        Choice(
-            "cause",
-            "Why does DSR_e fail with L = 4?",
-            {
-                "horizon": "the future spans so little of the motion that its rows hardly differ but for the noise",
-                "order": "the order is too low",
-                "noise": "the sensor is too noisy for any subspace method",
-                "input": "the input does not excite the mode",
-            },
-        ),
+TITLE, LEVEL, MINUTES = "Why does DSR_e fail with L = 4?", 3, 75
+QUESTIONS = (
+    Number("omega_n_rad_s", "rad/s", "Natural frequency of the short period, with a horizon that you trust", 0.1),
+    Number("zeta", "1", "Its damping ratio", 0.1, 0.06),
+    Number("turn_deg", "deg", "Angle wn L dt by which the mode turns during a future of 4 samples", 0.12),
+    Number("quarter_period_samples", "samples", "Future horizon that spans a quarter of the mode's period", 0.12),
+    Choice(
+        "cause",
+        "Why does DSR_e fail with L = 4?",
+        {
+            "horizon": "the future spans so little of the motion that its rows hardly differ but for the noise",
+            "order": "the order is too low",
+            "noise": "the sensor is too noisy for any subspace method",
+            "input": "the input does not excite the mode",
+        },
     ),
-    draw=draw,
-    hand_out=hand_out,
-    answer=answer,
-    solve=solve,
 )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray, load_record
 from testbench.estimators.settings import Subspace
-from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
+from testbench.questions.exercise.exercise import Answer, Case, Choice, Handout, Mistake, Number
 from testbench.questions.exercise.motion import measured, respond
 
 _DT, _SECONDS, _NOISE, _HORIZON = 0.02, 60.0, 0.04, 40
@@ -170,27 +170,19 @@ def solve(folder: Path) -> dict[str, float | str]:
     }
 
 
-EXERCISE = Exercise(
-    title="Find the flutter onset without meeting it",
-    level=3,
-    minutes=90,
-    questions=(
-        Number("least_damping", "1", "Smaller of the two damping ratios at the fastest speed flown", 0.15),
-        Number("margin_ratio", "1", "Flutter margin at the fastest speed over that at the slowest", 0.1, 0.03),
-        Number("onset_m_s", "m/s", "Speed of the flutter onset", 0.08),
-        Choice(
-            "why",
-            "Why not simply extrapolate the damping?",
-            {
-                "late": "it may stay or even grow with speed, and then fall steeply close to the onset",
-                "noise": "damping cannot be identified from such records",
-                "constant": "it does not depend on speed",
-                "frequency": "the frequencies alone tell the onset better",
-            },
-        ),
+TITLE, LEVEL, MINUTES = "Find the flutter onset without meeting it", 3, 90
+QUESTIONS = (
+    Number("least_damping", "1", "Smaller of the two damping ratios at the fastest speed flown", 0.15),
+    Number("margin_ratio", "1", "Flutter margin at the fastest speed over that at the slowest", 0.1, 0.03),
+    Number("onset_m_s", "m/s", "Speed of the flutter onset", 0.08),
+    Choice(
+        "why",
+        "Why not simply extrapolate the damping?",
+        {
+            "late": "it may stay or even grow with speed, and then fall steeply close to the onset",
+            "noise": "damping cannot be identified from such records",
+            "constant": "it does not depend on speed",
+            "frequency": "the frequencies alone tell the onset better",
+        },
     ),
-    draw=draw,
-    hand_out=hand_out,
-    answer=answer,
-    solve=solve,
 )

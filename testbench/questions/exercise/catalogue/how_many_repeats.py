@@ -12,16 +12,16 @@ from numpy.random import Generator
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray, load_record
-from testbench.estimators.settings import OutputError
-from testbench.questions.exercise.exercise import Answer, Case, Exercise, Handout, Mistake, Number
+from testbench.questions.exercise.exercise import Answer, Case, Handout, Mistake, Number
 from testbench.questions.exercise.motion import (
     doublet,
     draw_short_period,
+    fitted,
     measured,
-    respond,
     sensitivities,
-    short_period_matrices,
+    short_period_response,
     standard_errors,
+    white_error,
 )
 
 _DT, _SECONDS, _WANTED = 0.02, 12.0, 0.5  # s; s; percent
@@ -41,7 +41,7 @@ def _input(case: Case) -> FloatArray:
 def hand_out(case: Case) -> Handout:
     """Return one doublet."""
     u = _input(case)
-    x = respond(*short_period_matrices(case.hidden), u[:, None], _DT)
+    x = short_period_response(case.hidden, u, _DT)
     y = x + np.random.default_rng(case.seed).normal(size=x.shape) * np.array(_NOISE)
     return Handout(
         {"doublet": measured({"de_cmd": u, "alpha": y[:, 0], "q": y[:, 1]}, _DT)}, {"wanted_percent": _WANTED}
@@ -90,31 +90,15 @@ def answer(case: Case) -> Mapping[str, Answer]:
 
 def solve(folder: Path) -> dict[str, float | str]:
     """Estimate by output error; the plain Cramer-Rao bound belongs to the white noise of this record."""
-    from testbench.estimators.parametric import output_error
-    from testbench.estimators.parametric.structures.longitudinal import short_period
-
-    record = load_record(folder / "records" / "doublet.nc")
-    held = ("Z_0", "Z_q", "Z_de", "M_0")
-    structure = short_period(control="de_cmd").with_parameters(dict.fromkeys(held, 0.0), fixed=held)
-    model = output_error.estimate([record], structure, OutputError(initial_states="zero"))
-    free = [p.name for p in structure.parameters if p.free]
-    plain = model.standard_errors["M_alpha"] / float(model.diagnostics["error_inflation"][free.index("M_alpha")])
-    percent = 100.0 * plain / abs(model.values["M_alpha"])
+    model = fitted([load_record(folder / "records" / "doublet.nc")])
+    percent = 100.0 * white_error(model, "M_alpha")[0] / abs(model.values["M_alpha"])
     ratio = percent / _WANTED
     return {"std_percent": percent, "repeats": float(math.ceil(ratio**2)), "amplitude_factor": ratio}
 
 
-EXERCISE = Exercise(
-    title="How many repeats: what one record is worth",
-    level=2,
-    minutes=60,
-    questions=(
-        Number("std_percent", "%", "Standard error of M_alpha from this one record, in percent of M_alpha", 0.15),
-        Number("repeats", "flights", "Flights like this one that bring it to the wanted standard error", 0.35, 1.0),
-        Number("amplitude_factor", "1", "Or: factor on the amplitude that does it in one flight", 0.15),
-    ),
-    draw=draw,
-    hand_out=hand_out,
-    answer=answer,
-    solve=solve,
+TITLE, LEVEL, MINUTES = "How many repeats: what one record is worth", 2, 60
+QUESTIONS = (
+    Number("std_percent", "%", "Standard error of M_alpha from this one record, in percent of M_alpha", 0.15),
+    Number("repeats", "flights", "Flights like this one that bring it to the wanted standard error", 0.35, 1.0),
+    Number("amplitude_factor", "1", "Or: factor on the amplitude that does it in one flight", 0.15),
 )

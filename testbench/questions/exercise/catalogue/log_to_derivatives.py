@@ -15,8 +15,8 @@ from scipy.optimize import least_squares
 from testbench.core.constants import DEG_RAD, FT_M
 from testbench.core.door import checked
 from testbench.core.record import FloatArray
-from testbench.questions.exercise.exercise import Answer, Case, Exercise, Handout, Mistake, Number
-from testbench.questions.exercise.motion import draw_short_period, multistep, respond, short_period_matrices, with_servo
+from testbench.questions.exercise.exercise import Answer, Case, Handout, Mistake, Number
+from testbench.questions.exercise.motion import draw_short_period, multistep, short_period_response
 
 LOG = "flight_log.csv"
 _RATES = (40.0, 50.0, 80.0, 100.0)  # Hz
@@ -34,17 +34,12 @@ def draw(rng: Generator) -> Mapping[str, Any]:
     return drawn
 
 
-def answered(d: Mapping[str, float], u: FloatArray, dt_s: float) -> FloatArray:
-    """Return alpha and q (n, 2) that an aircraft with a servo answers to commands (n,) held from sample to sample."""
-    return respond(*with_servo(*short_period_matrices(d), d["tau"]), u[:, None], dt_s)[:, :2]
-
-
 def hand_out(case: Case) -> Handout:
     """Return the log as text: microseconds, feet and degrees, absolute values."""
     dt, rng = 1.0 / case["rate_hz"], np.random.default_rng(case.seed)
     n = round(_SECONDS / dt)
     u = multistep(n, dt, 1.5, 0.3, 2.0 * DEG_RAD) + multistep(n, dt, 8.0, 0.2, 3.0 * DEG_RAD, "2112")
-    y = answered(case.hidden, u, dt) + rng.normal(size=(n, 2)) * np.array(_NOISE)
+    y = short_period_response(case.hidden, u, dt, case["tau"]) + rng.normal(size=(n, 2)) * np.array(_NOISE)
     speed = (_V_M_S + rng.normal(size=n) * 0.1) / FT_M
     columns = (
         np.round(4.21e8 + np.arange(n) * dt * 1e6).astype(int).tolist(),
@@ -84,26 +79,18 @@ def solve(folder: Path) -> dict[str, float | str]:
 
     def residual(x: FloatArray) -> FloatArray:
         model = dict(zip(_FITTED, (-x[0], -x[1], -x[2], -x[3], x[4]), strict=True))
-        return np.asarray(((answered(model, u, dt) - measured) / np.array(_NOISE)).ravel())
+        return np.asarray(((short_period_response(model, u, dt, x[4]) - measured) / np.array(_NOISE)).ravel())
 
     x = least_squares(residual, [3.0, 20.0, 3.0, 30.0, 0.05], bounds=(1e-3, 1e3), x_scale=[3.0, 20.0, 3.0, 30.0, 0.1]).x
     found: dict[str, float | str] = {"rate_hz": 1.0 / dt, "servo_ms": 1000.0 * float(x[4])}
     return found | {"M_alpha_1_s2": -float(x[1]), "M_q_1_s": -float(x[2]), "M_de_1_s2": -float(x[3])}
 
 
-EXERCISE = Exercise(
-    title="A log from import to derivatives",
-    level=2,
-    minutes=60,
-    questions=(
-        Number("rate_hz", "Hz", "Rate of the log", 0.01),
-        Number("servo_ms", "ms", "Time constant of the elevator's servo", 0.15),
-        Number("M_alpha_1_s2", "1/s2", "M_alpha", 0.08),
-        Number("M_q_1_s", "1/s", "M_q", 0.15),
-        Number("M_de_1_s2", "1/s2", "M_de", 0.08),
-    ),
-    draw=draw,
-    hand_out=hand_out,
-    answer=answer,
-    solve=solve,
+TITLE, LEVEL, MINUTES = "A log from import to derivatives", 2, 60
+QUESTIONS = (
+    Number("rate_hz", "Hz", "Rate of the log", 0.01),
+    Number("servo_ms", "ms", "Time constant of the elevator's servo", 0.15),
+    Number("M_alpha_1_s2", "1/s2", "M_alpha", 0.08),
+    Number("M_q_1_s", "1/s", "M_q", 0.15),
+    Number("M_de_1_s2", "1/s2", "M_de", 0.08),
 )

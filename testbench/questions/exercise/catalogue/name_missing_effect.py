@@ -12,16 +12,8 @@ from numpy.random import Generator
 from testbench.core.constants import DEG_RAD
 from testbench.core.door import read_toml
 from testbench.core.record import FloatArray, load_record
-from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
-from testbench.questions.exercise.motion import (
-    doublet,
-    draw_short_period,
-    measured,
-    multistep,
-    respond,
-    short_period_matrices,
-    with_servo,
-)
+from testbench.questions.exercise.exercise import Answer, Case, Choice, Handout, Mistake, Number
+from testbench.questions.exercise.motion import doublet, draw_short_period, measured, multistep, short_period_response
 
 _DT, _SECONDS = 0.01, 14.0
 _NOISE = (0.1 * DEG_RAD, 0.2 * DEG_RAD)  # alpha, q
@@ -49,12 +41,10 @@ _OPTIONS = {
 def predict(d: Mapping[str, float], u: FloatArray, effect: str = "", size: float = 1.0) -> FloatArray:
     """Return alpha and q (n, 2) that the model ``d`` with one effect answers to the command ``u``."""
     scaled = {"elevator_gain": "M_de", "stability": "M_alpha", "damping": "M_q"}.get(effect)
-    A, B = short_period_matrices({**d, scaled: d[scaled] * size} if scaled else d)
     if effect == "delay":
         u = np.concatenate([np.zeros(round(size / _DT)), u])[: len(u)]
-    if effect == "servo_lag":
-        A, B = with_servo(A, B, size)
-    y = respond(A, B, u[:, None], _DT)[:, :2]
+    flown = {**d, scaled: d[scaled] * size} if scaled else d
+    y = short_period_response(flown, u, _DT, size if effect == "servo_lag" else 0.0)
     return y * np.array([size, 1.0]) if effect == "vane_gain" else y
 
 
@@ -167,18 +157,10 @@ def solve(folder: Path) -> dict[str, float | str]:
     }
 
 
-EXERCISE = Exercise(
-    title="Name the missing effect",
-    level=3,
-    minutes=90,
-    questions=(
-        Choice("effect", "What does the believed model lack?", _OPTIONS),
-        Number("size", "s or 1", "Its size: a time in s, or a factor", 0.08, 0.01),
-        Number("before", "1", "Mean square of the residual over the noise, record held out, believed model", 0.1),
-        Number("after", "1", "The same with the effect added", 0.1),
-    ),
-    draw=draw,
-    hand_out=hand_out,
-    answer=answer,
-    solve=solve,
+TITLE, LEVEL, MINUTES = "Name the missing effect", 3, 90
+QUESTIONS = (
+    Choice("effect", "What does the believed model lack?", _OPTIONS),
+    Number("size", "s or 1", "Its size: a time in s, or a factor", 0.08, 0.01),
+    Number("before", "1", "Mean square of the residual over the noise, record held out, believed model", 0.1),
+    Number("after", "1", "The same with the effect added", 0.1),
 )

@@ -13,20 +13,13 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.record import load_record
 from testbench.estimators.settings import Subspace
 from testbench.questions.exercise.answers import description
-from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
+from testbench.questions.exercise.exercise import Answer, Case, Choice, Handout, Mistake, Number
 from testbench.questions.exercise.motion import measured, respond
 
 _DT, _SECONDS, _NOISE, _HORIZON = 0.02, 40.0, 0.1, 30
 _OUTPUTS = ("q", "strain_wing_1", "strain_wing_2")
 
-_ESTIMATOR = f"""
-[[identification.estimators]]
-method = "moesp"
-order = 2
-past_horizon = {_HORIZON}
-future_horizon = {_HORIZON}
-decimate = 1
-"""
+_ESTIMATOR = {"method": "moesp", "order": 2, "past_horizon": _HORIZON, "future_horizon": _HORIZON, "decimate": 1}
 
 
 def draw(rng: Generator) -> Mapping[str, Any]:
@@ -57,7 +50,7 @@ def hand_out(case: Case) -> Handout:
     y += _NOISE * rng.normal(size=y.shape)
     size = np.array([2.0 * DEG_RAD, 1e-4, 1e-4])
     record = measured({"de_cmd": u, **dict(zip(_OUTPUTS, (y * size).T, strict=True))}, _DT)
-    text = description(EXERCISE.title, ["binary_noise"], record.channels, ["de_cmd"], _OUTPUTS, _ESTIMATOR)
+    text = description(TITLE, ["binary_noise"], record.channels, ["de_cmd"], _OUTPUTS, [_ESTIMATOR])
     return Handout({"binary_noise": record}, files={"order_by_singular_values.toml": text})
 
 
@@ -123,28 +116,20 @@ def solve(folder: Path) -> dict[str, float | str]:
     }
 
 
-EXERCISE = Exercise(
-    title="How many modes? The order by singular values",
-    level=2,
-    minutes=60,
-    questions=(
-        Number("order", "states", "Order of the model", 0.0, 0.25),
-        Number("slowest_hz", "Hz", "Natural frequency of the slowest mode", 0.05),
-        Number("fastest_hz", "Hz", "Natural frequency of the fastest mode", 0.03),
-        Number("least_damping", "1", "Smallest damping ratio of all modes", 0.15),
-        Choice(
-            "spurious",
-            "Two states too many give a pair of spurious poles. How is it recognised?",
-            {
-                "moves": "it moves when horizons or order change, or when another part of the record is used",
-                "damped": "it is well damped",
-                "fit": "the fit to the record gets worse",
-                "fast": "it is faster than all true modes",
-            },
-        ),
+TITLE, LEVEL, MINUTES = "How many modes? The order by singular values", 2, 60
+QUESTIONS = (
+    Number("order", "states", "Order of the model", 0.0, 0.25),
+    Number("slowest_hz", "Hz", "Natural frequency of the slowest mode", 0.05),
+    Number("fastest_hz", "Hz", "Natural frequency of the fastest mode", 0.03),
+    Number("least_damping", "1", "Smallest damping ratio of all modes", 0.15),
+    Choice(
+        "spurious",
+        "Two states too many give a pair of spurious poles. How is it recognised?",
+        {
+            "moves": "it moves when horizons or order change, or when another part of the record is used",
+            "damped": "it is well damped",
+            "fit": "the fit to the record gets worse",
+            "fast": "it is faster than all true modes",
+        },
     ),
-    draw=draw,
-    hand_out=hand_out,
-    answer=answer,
-    solve=solve,
 )

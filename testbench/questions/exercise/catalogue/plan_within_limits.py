@@ -13,15 +13,8 @@ from numpy.random import Generator
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.door import read_toml
 from testbench.core.record import FloatArray
-from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
-from testbench.questions.exercise.motion import (
-    PARAMETERS,
-    doublet,
-    draw_short_period,
-    measured,
-    respond,
-    short_period_matrices,
-)
+from testbench.questions.exercise.exercise import Answer, Case, Choice, Handout, Mistake, Number
+from testbench.questions.exercise.motion import PARAMETERS, doublet, draw_short_period, measured, short_period_response
 
 _DT, _SECONDS, _START_S = 0.01, 12.0, 1.0
 _V_M_S = 25.0
@@ -55,7 +48,7 @@ def motion(believed: Mapping[str, float], plan: Mapping[str, float]) -> tuple[Fl
     """
     n = round(_SECONDS / _DT)
     u = doublet(n, _DT, _START_S, plan["step_s"], plan["amplitude_deg"] * DEG_RAD)
-    alpha = respond(*short_period_matrices(believed), u[:, None], _DT)[:, 0]
+    alpha = short_period_response(believed, u, _DT)[:, 0]
     return alpha, -_V_M_S * believed["Z_alpha"] * alpha / G0_M_S2
 
 
@@ -139,26 +132,18 @@ def solve(folder: Path) -> dict[str, float | str]:
     }
 
 
-EXERCISE = Exercise(
-    title="A plan that would have broken a limit",
-    level=1,
-    minutes=45,
-    questions=(
-        Number("n_peak", "1", "Largest load factor of the planned doublet", 0.03),
-        Number("alpha_peak_deg", "deg", "Its largest angle of attack", 0.03),
-        Choice(
-            "broken",
-            "Which limit does the planned doublet break?",
-            {
-                "n_max": "the largest load factor",
-                "n_min": "the least load factor",
-                "alpha_max_deg": "the largest angle of attack",
-            },
-        ),
-        Number("largest_deg", "deg", "The largest amplitude of that doublet that keeps the margin", 0.03),
+TITLE, LEVEL, MINUTES = "A plan that would have broken a limit", 1, 45
+QUESTIONS = (
+    Number("n_peak", "1", "Largest load factor of the planned doublet", 0.03),
+    Number("alpha_peak_deg", "deg", "Its largest angle of attack", 0.03),
+    Choice(
+        "broken",
+        "Which limit does the planned doublet break?",
+        {
+            "n_max": "the largest load factor",
+            "n_min": "the least load factor",
+            "alpha_max_deg": "the largest angle of attack",
+        },
     ),
-    draw=draw,
-    hand_out=hand_out,
-    answer=answer,
-    solve=solve,
+    Number("largest_deg", "deg", "The largest amplitude of that doublet that keeps the margin", 0.03),
 )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 
 from testbench.core.record import FlightRecord, load_record
-from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
+from testbench.questions.exercise.exercise import Answer, Case, Choice, Handout, Mistake, Number
 from testbench.questions.exercise.motion import measured, respond
 
 _FAST, _SECONDS, _ZETA, _NOISE = 360, 120.0, 0.008, 0.05  # Hz; s; 1; m/s2
@@ -117,29 +117,19 @@ def solve(folder: Path) -> dict[str, float | str]:
     return {"apparent_hz": f8, "true_hz": f, "lowest_rate_hz": 2.0 * f, "cure": "filter_before"}
 
 
-EXERCISE = Exercise(
-    title="Sampling at 8 Hz: a mode that is not where it seems to be",
-    level=1,
-    minutes=30,
-    questions=(
-        Number("apparent_hz", "Hz", "Frequency at which the mode appears in the log at 8 Hz", 0.0, 0.15),
-        Number("true_hz", "Hz", "Its true frequency; a ground vibration test says that it lies below 20 Hz", 0.0, 0.25),
-        Number(
-            "lowest_rate_hz", "Hz", "Sample rate that must be exceeded for the mode to appear where it is", 0.0, 0.5
-        ),
-        Choice(
-            "cure",
-            "The log must stay at 8 Hz. What keeps the mode out of the motion below 4 Hz?",
-            {
-                "filter_before": "a low-pass filter before the samples are taken",
-                "filter_after": "a digital low-pass filter on the logged samples",
-                "interpolate": "interpolating the log to a higher rate",
-                "longer": "a longer record",
-            },
-        ),
+TITLE, LEVEL, MINUTES = "Sampling at 8 Hz: a mode that is not where it seems to be", 1, 30
+QUESTIONS = (
+    Number("apparent_hz", "Hz", "Frequency at which the mode appears in the log at 8 Hz", 0.0, 0.15),
+    Number("true_hz", "Hz", "Its true frequency; a ground vibration test says that it lies below 20 Hz", 0.0, 0.25),
+    Number("lowest_rate_hz", "Hz", "Sample rate that must be exceeded for the mode to appear where it is", 0.0, 0.5),
+    Choice(
+        "cure",
+        "The log must stay at 8 Hz. What keeps the mode out of the motion below 4 Hz?",
+        {
+            "filter_before": "a low-pass filter before the samples are taken",
+            "filter_after": "a digital low-pass filter on the logged samples",
+            "interpolate": "interpolating the log to a higher rate",
+            "longer": "a longer record",
+        },
     ),
-    draw=draw,
-    hand_out=hand_out,
-    answer=answer,
-    solve=solve,
 )

@@ -19,16 +19,12 @@ from testbench.flight.simulate import Manoeuvre
 from testbench.inputs.signal import InputSignal
 from testbench.line import fly_and_measure
 from testbench.questions.exercise.answers import description
-from testbench.questions.exercise.exercise import Answer, Case, Exercise, Handout, Mistake, Number
+from testbench.questions.exercise.exercise import Answer, Case, Handout, Mistake, Number
 from testbench.questions.exercise.motion import doublet
 from testbench.sensors import Sensor, SensorSuite
 
 _RATE, _TRIM_S = 200.0, 1.0
-_ESTIMATOR = """
-[[identification.estimators]]
-method = "equation_error"
-structure = "short_period"
-"""
+_ESTIMATOR = {"method": "equation_error", "structure": "short_period"}
 _SUITE = SensorSuite(
     "exercise",
     "air data boom, gyro and elevator of the exercise",
@@ -67,9 +63,7 @@ def hand_out(case: Case) -> Handout:
         flight = fly_and_measure(job, [_SUITE], case.seed + k)
         records[name] = flight.measured[_SUITE.name]
     channels = ["de", "alpha", "q"]
-    text = description(
-        EXERCISE.title, ["doublet"], channels, ["de"], channels[1:], _ESTIMATOR, _TRIM_S, held_out=["held_out"]
-    )
+    text = description(TITLE, ["doublet"], channels, ["de"], channels[1:], [_ESTIMATOR], _TRIM_S, held_out=["held_out"])
     given = {"V_m_s": case["V_m_s"], "trim_s": _TRIM_S}
     return Handout(records, given, {"short_period.toml": text})
 
@@ -127,18 +121,10 @@ def solve(folder: Path) -> dict[str, float | str]:
     }
 
 
-EXERCISE = Exercise(
-    title="Short period from a doublet: frequency, damping and two derivatives",
-    level=1,
-    minutes=60,
-    questions=(
-        Number("omega_n_rad_s", "rad/s", "Natural frequency of the short period", 0.07),
-        Number("zeta", "1", "Its damping ratio", 0.10),
-        Number("M_alpha_1_s2", "1/s2", "Pitch stiffness: pitch acceleration per angle of attack, M_alpha", 0.12),
-        Number("M_de_1_s2", "1/s2", "Elevator effectiveness: pitch acceleration per elevator, M_de", 0.10),
-    ),
-    draw=draw,
-    hand_out=hand_out,
-    answer=answer,
-    solve=solve,
+TITLE, LEVEL, MINUTES = "Short period from a doublet: frequency, damping and two derivatives", 1, 60
+QUESTIONS = (
+    Number("omega_n_rad_s", "rad/s", "Natural frequency of the short period", 0.07),
+    Number("zeta", "1", "Its damping ratio", 0.10),
+    Number("M_alpha_1_s2", "1/s2", "Pitch stiffness: pitch acceleration per angle of attack, M_alpha", 0.12),
+    Number("M_de_1_s2", "1/s2", "Elevator effectiveness: pitch acceleration per elevator, M_de", 0.10),
 )

@@ -14,7 +14,7 @@ from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray
 from testbench.flight import FlightCondition, load_aircraft, trim
-from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
+from testbench.questions.exercise.exercise import Answer, Case, Choice, Handout, Mistake, Number
 
 _RATE, _H = 200.0, 100.0
 _SPEEDS = (12.0, 13.0, 14.0, 15.0, 16.0, 17.0, 18.0)
@@ -118,22 +118,14 @@ def solve(folder: Path) -> dict[str, float | str]:
     return {"slope": slope, "static_margin_percent": margin, "de_faster_deg": faster, "stable": "up"}
 
 
-EXERCISE = Exercise(
-    title="Trim and static margin from flights at seven speeds",
-    level=1,
-    minutes=45,
-    questions=(
-        Number("slope", "1", "Slope of the trim elevator over the angle of attack, dde/dalpha", 0.08),
-        Number("static_margin_percent", "%", "Static margin in percent of the mean chord (positive: stable)", 0.12),
-        Number("de_faster_deg", "deg", "Trim elevator at the faster speed", 0.0, 0.2),
-        Choice(
-            "stable",
-            "To fly slower, the elevator of this aircraft must go",
-            {"up": "trailing edge up (negative)", "down": "trailing edge down (positive)", "same": "nowhere"},
-        ),
+TITLE, LEVEL, MINUTES = "Trim and static margin from flights at seven speeds", 1, 45
+QUESTIONS = (
+    Number("slope", "1", "Slope of the trim elevator over the angle of attack, dde/dalpha", 0.08),
+    Number("static_margin_percent", "%", "Static margin in percent of the mean chord (positive: stable)", 0.12),
+    Number("de_faster_deg", "deg", "Trim elevator at the faster speed", 0.0, 0.2),
+    Choice(
+        "stable",
+        "To fly slower, the elevator of this aircraft must go",
+        {"up": "trailing edge up (negative)", "down": "trailing edge down (positive)", "same": "nowhere"},
     ),
-    draw=draw,
-    hand_out=hand_out,
-    answer=answer,
-    solve=solve,
 )

@@ -11,17 +11,17 @@ import numpy as np
 from numpy.random import Generator
 
 from testbench.core.constants import DEG_RAD
-from testbench.core.record import FlightRecord, FloatArray, load_record
-from testbench.estimators.settings import OutputError
-from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
+from testbench.core.record import FloatArray, load_record
+from testbench.questions.exercise.exercise import Answer, Case, Choice, Handout, Mistake, Number
 from testbench.questions.exercise.motion import (
     draw_short_period,
+    fitted,
     measured,
     multistep,
-    respond,
     sensitivities,
-    short_period_matrices,
+    short_period_response,
     standard_errors,
+    white_error,
 )
 
 _DT, _SECONDS = 0.02, 15.0
@@ -53,7 +53,7 @@ def _input() -> FloatArray:
 def hand_out(case: Case) -> Handout:
     """Return one 3-2-1-1 with a vane on board."""
     u = _input()
-    x = respond(*short_period_matrices(case.hidden), u[:, None], _DT)
+    x = short_period_response(case.hidden, u, _DT)
     y = x + np.random.default_rng(case.seed).normal(size=x.shape) * np.array([case["noise_alpha_rad"], _NOISE_Q])
     return Handout({"3211": measured({"de_cmd": u, "alpha": y[:, 0], "q": y[:, 1]}, _DT)})
 
@@ -104,21 +104,10 @@ def answer(case: Case) -> Mapping[str, Answer]:
     }
 
 
-def _std(record: FlightRecord, outputs: tuple[str, ...]) -> float:
-    from testbench.estimators.parametric import output_error
-    from testbench.estimators.parametric.structures.longitudinal import short_period
-
-    held = ("Z_0", "Z_q", "Z_de", "M_0")
-    structure = short_period(outputs, "de_cmd").with_parameters(dict.fromkeys(held, 0.0), fixed=held)
-    model = output_error.estimate([record], structure, OutputError(initial_states="zero"))
-    free = [p.name for p in structure.parameters if p.free]
-    return model.standard_errors["Z_alpha"] / float(model.diagnostics["error_inflation"][free.index("Z_alpha")])
-
-
 def solve(folder: Path) -> dict[str, float | str]:
     """Estimate twice by output error, with q alone and with alpha and q."""
     record = load_record(folder / "records" / "3211.nc")
-    without, with_vane = _std(record, ("q",)), _std(record, ("alpha", "q"))
+    without, with_vane = (white_error(fitted([record], seen), "Z_alpha")[0] for seen in (["q"], ["alpha", "q"]))
     return {
         "std_without_1_s": without,
         "std_with_1_s": with_vane,
@@ -127,27 +116,19 @@ def solve(folder: Path) -> dict[str, float | str]:
     }
 
 
-EXERCISE = Exercise(
-    title="What alpha buys: a derivative with and without a vane",
-    level=2,
-    minutes=60,
-    questions=(
-        Number("std_without_1_s", "1/s", "Standard error of Z_alpha from q alone", 0.2),
-        Number("std_with_1_s", "1/s", "Standard error of Z_alpha from alpha and q", 0.2),
-        Number("flights_saved_for", "flights", "Flights without a vane that are worth one flight with it", 0.35),
-        Choice(
-            "why",
-            "Why does q alone tell Z_alpha so badly?",
-            {
-                "zero": "only the zero of the transfer function from de to q, -Z_alpha, tells it from M_q",
-                "poles": "q alone does not show the poles of the short period",
-                "gain": "q alone does not show the gain M_de",
-                "noise": "the gyro is noisier than the vane",
-            },
-        ),
+TITLE, LEVEL, MINUTES = "What alpha buys: a derivative with and without a vane", 2, 60
+QUESTIONS = (
+    Number("std_without_1_s", "1/s", "Standard error of Z_alpha from q alone", 0.2),
+    Number("std_with_1_s", "1/s", "Standard error of Z_alpha from alpha and q", 0.2),
+    Number("flights_saved_for", "flights", "Flights without a vane that are worth one flight with it", 0.35),
+    Choice(
+        "why",
+        "Why does q alone tell Z_alpha so badly?",
+        {
+            "zero": "only the zero of the transfer function from de to q, -Z_alpha, tells it from M_q",
+            "poles": "q alone does not show the poles of the short period",
+            "gain": "q alone does not show the gain M_de",
+            "noise": "the gyro is noisier than the vane",
+        },
     ),
-    draw=draw,
-    hand_out=hand_out,
-    answer=answer,
-    solve=solve,
 )

@@ -17,7 +17,7 @@ from testbench.flight.simulate import Manoeuvre
 from testbench.inputs.signal import InputSignal
 from testbench.line import fly_and_measure
 from testbench.questions.exercise.answers import description
-from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
+from testbench.questions.exercise.exercise import Answer, Case, Choice, Handout, Mistake, Number
 from testbench.questions.exercise.motion import multistep
 from testbench.sensors import Sensor, SensorSuite
 
@@ -43,9 +43,7 @@ _ERRORS = {
     ("az", "bias"): (0.15, 0.4),
 }
 
-_ESTIMATOR = (
-    '[[identification.estimators]]\nmethod = "transfer_function"\npoles = 2\nzeros = [0]\n'  # none is asked for
-)
+_ESTIMATOR = {"method": "transfer_function", "poles": 2, "zeros": [0]}  # none is asked for
 
 
 def draw(rng: Generator) -> Mapping[str, Any]:
@@ -76,7 +74,7 @@ def hand_out(case: Case) -> Handout:
     job = Job(aircraft, trimmed, Manoeuvre("compatibility", signal, 1.0), suite.rate_hz)
     flight = fly_and_measure(job, [suite], case.seed)
     record = flight.measured[suite.name]
-    text = description(EXERCISE.title, ["flight"], record.channels, ["ax"], ["q"], _ESTIMATOR, trim_s=1.0)
+    text = description(TITLE, ["flight"], record.channels, ["ax"], ["q"], [_ESTIMATOR], trim_s=1.0)
     return Handout({"flight": record}, {"g_m_s2": _GRAVITY}, {"which_sensor_lies.toml": text})
 
 
@@ -125,22 +123,14 @@ def solve(folder: Path) -> dict[str, float | str]:
     return {"instrument": channel, "kind": kind, "size": size}
 
 
-EXERCISE = Exercise(
-    title="Data compatibility: which sensor lies?",
-    level=2,
-    minutes=75,
-    questions=(
-        Choice("instrument", "Which instrument is wrong?", _WORDS),
-        Choice("kind", "How is it wrong?", {"bias": "by a constant", "scale": "by a share of its value"}),
-        Number(
-            "size",
-            "SI or 1",
-            "By how much does it read too much (bias in SI units; scale error as a fraction; negative: too little)?",
-            0.25,
-        ),
+TITLE, LEVEL, MINUTES = "Data compatibility: which sensor lies?", 2, 75
+QUESTIONS = (
+    Choice("instrument", "Which instrument is wrong?", _WORDS),
+    Choice("kind", "How is it wrong?", {"bias": "by a constant", "scale": "by a share of its value"}),
+    Number(
+        "size",
+        "SI or 1",
+        "By how much does it read too much (bias in SI units; scale error as a fraction; negative: too little)?",
+        0.25,
     ),
-    draw=draw,
-    hand_out=hand_out,
-    answer=answer,
-    solve=solve,
 )

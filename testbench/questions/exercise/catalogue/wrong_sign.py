@@ -19,7 +19,7 @@ from testbench.core.record import FlightRecord
 from testbench.evaluation.modes import frequency_of, modes_of
 from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
 from testbench.inputs import InputSignal
-from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
+from testbench.questions.exercise.exercise import Answer, Case, Choice, Handout, Mistake, Number
 from testbench.questions.exercise.motion import multistep
 
 MODEL = "stranger.xml"
@@ -145,17 +145,9 @@ def solve(folder: Path) -> dict[str, float | str]:
     return {"wrong": wrong, "short_period_rad_s": short, "dutch_roll_rad_s": dutch}
 
 
-EXERCISE = Exercise(
-    title="Adopt an aircraft and find its wrong sign",
-    level=2,
-    minutes=60,
-    questions=(
-        Choice("wrong", "Which coefficient stands in the file with the wrong sign?", _OPTIONS),
-        Number("short_period_rad_s", "rad/s", "Natural frequency of the short period of the mended model", 0.02),
-        Number("dutch_roll_rad_s", "rad/s", "Natural frequency of the Dutch roll of the mended model", 0.02),
-    ),
-    draw=draw,
-    hand_out=hand_out,
-    answer=answer,
-    solve=solve,
+TITLE, LEVEL, MINUTES = "Adopt an aircraft and find its wrong sign", 2, 60
+QUESTIONS = (
+    Choice("wrong", "Which coefficient stands in the file with the wrong sign?", _OPTIONS),
+    Number("short_period_rad_s", "rad/s", "Natural frequency of the short period of the mended model", 0.02),
+    Number("dutch_roll_rad_s", "rad/s", "Natural frequency of the Dutch roll of the mended model", 0.02),
 )
