@@ -26,6 +26,16 @@ class TrueMode:
     pole: complex
     shape: ComplexArray
 
+    @property
+    def frequency_hz(self) -> float:
+        """Natural frequency |s| / 2 pi, Hz."""
+        return abs(self.pole) / (2.0 * np.pi)
+
+    @property
+    def damping(self) -> float:
+        """Damping ratio."""
+        return -self.pole.real / abs(self.pole)
+
 
 @dataclass(frozen=True, eq=False)
 class ModeMatch:
@@ -38,6 +48,12 @@ class ModeMatch:
     found: OperationalMode | None
     index: int | None
     mac: float | None
+
+    def off(self, of: str, std: str) -> float | None:
+        """Return found less true of a figure, in standard deviations; None without a pair, or where they are zero."""
+        if self.true is None or self.found is None or getattr(self.found, std) == 0.0:
+            return None
+        return float((getattr(self.found, of) - getattr(self.true, of)) / getattr(self.found, std))
 
 
 def true_modes(

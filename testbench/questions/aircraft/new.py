@@ -119,23 +119,18 @@ def coefficient_table(made: Made) -> Table:
     from testbench.aircraft.geometry.coefficients import ROWS
 
     columns = (
-        Column("coefficient", "coefficient"),
-        Column("what", "what"),
-        Column("build_up", "build-up", digits=4),
+        Column("coefficient", "coefficient", get="name"),
+        Column("what", "what", get=lambda c: ROWS[c.name].words),
+        Column("build_up", "build-up", digits=4, get="buildup"),
         Column("lattice", "lattice", digits=4),
         Column("used", "used", digits=4),
-        Column("deviation", "deviation", "%", decimals=0),
+        Column("deviation", "deviation", "%", decimals=0, get=lambda c: c.deviation / PERCENT),
         Column("why", "whose value, and why"),
     )
-    rows = tuple(
-        (
-            c.name, ROWS[c.name].words, c.buildup, c.lattice, c.used, c.deviation / PERCENT, c.why,
-        )
-        for c in made.coefficients.values()
-    )  # fmt: skip
     caption = (
-        "Per rad; rates as p b/2V, q c̄/2V, r b/2V, alphadot c̄/2V; moments about the centre of gravity. CD at "
-        "the trimmed "
-        "alpha. Deviation: relative, one standard deviation, from the difference of the two methods or a judged floor."
+        "Per rad; rates as p b/2V, q c̄/2V, r b/2V, alphadot c̄/2V; moments about the centre of gravity. CD at the "
+        "trimmed alpha. Deviation: relative, one standard deviation, from the difference of the two methods or a "
+        "judged floor."
     )
-    return Table("coefficients", "Coefficients by both methods", caption, columns, rows, wide=True)
+    title, found = "Coefficients by both methods", made.coefficients.values()
+    return Table.of("coefficients", title, caption, columns, found, wide=True)

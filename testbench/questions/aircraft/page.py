@@ -154,9 +154,8 @@ def untrimmed_table(survey: Survey) -> Table:
         "Speeds just outside the range, and others that were asked for. The ends of the range are known to "
         f"{survey.range.step_m_s:g} m/s."
     )
-    columns = (Column("V", "V", "m/s", given=True, digits=5), Column("reason", "reason"))
-    rows = tuple((u.V_m_s, u.reason) for u in survey.untrimmed)
-    return Table("untrimmed", "Speeds that cannot be trimmed", caption, columns, rows)
+    columns = (Column("V", "V", "m/s", given=True, digits=5, get="V_m_s"), Column("reason", "reason"))
+    return Table.of("untrimmed", "Speeds that cannot be trimmed", caption, columns, survey.untrimmed)
 
 
 def limit_table(survey: Survey) -> Table:
@@ -310,12 +309,11 @@ def derivative_table(survey: Survey) -> Table:
     envelope = survey.envelope
     found = dimensional_derivatives(envelope.models[envelope.design], envelope.trims[envelope.design])
     flexible = any(d.static is not None for d in found)
-    columns = [Column("derivative", ""), Column("meaning", "meaning"), Column("unit", "unit")]
+    columns = [Column("derivative", "", get="name"), Column("meaning", "meaning"), Column("unit", "unit")]
     if flexible:
         columns += [Column("held", "modes held", digits=4), Column("static", "modes following", digits=4)]
     else:
-        columns.append(Column("value", "value", digits=4))
-    rows = tuple((d.name, d.meaning, d.unit, d.held, *((d.static,) if flexible else ())) for d in found)
+        columns.append(Column("value", "value", digits=4, get="held"))
     caption = (
         "Accelerations per unit of motion or control, by linearising about trim; angles in rad. Forces along the "
         "stability axes of the trim, without gravity and the accelerations of the turning frame; moments about body "
@@ -324,7 +322,7 @@ def derivative_table(survey: Survey) -> Table:
     if flexible:
         caption += " Modes held: at their trimmed deflection. Modes following: in static equilibrium with the motion."
     title = f"Dimensional derivatives at {envelope.speeds[envelope.design]:g} m/s"
-    return Table("derivatives", title, caption, tuple(columns), rows)
+    return Table.of("derivatives", title, caption, columns, found)
 
 
 def coefficient_table(aircraft: Aircraft) -> Table:

@@ -153,23 +153,25 @@ def accuracy_table(summary: Summary) -> Table:
     return Table.of("accuracy", "Estimates against the truth", caption, columns, summary.accuracies)
 
 
+def _quantile(k: int) -> Column:
+    q = QUANTILES[k]
+    return Column(f"quantile {q:g}", f"{100 * q:g} %", group="quantiles", get=lambda f: f.quantiles[k])
+
+
 def figure_table(summary: Summary) -> Table:
     """Return mean, scatter and quantiles of every figure."""
     columns = (
-        Column("figure", "figure", common=common_case(summary)),
+        Column("figure", "figure", common=common_case(summary), get="name"),
         Column("n", "runs"),
         Column("missing", "missing"),
         Column("mean", "mean"),
-        Column("mean half width", "± (95 %)", digits=2),
+        Column("mean half width", "± (95 %)", digits=2, get="mean_half"),
         Column("std", "scatter"),
-        *(Column(f"quantile {q:g}", f"{100 * q:g} %", group="quantiles") for q in QUANTILES),
-    )
-    rows: tuple[tuple[Value, ...], ...] = tuple(
-        (f.name, f.n, f.missing, f.mean, f.mean_half, f.std, *f.quantiles) for f in summary.figures
+        *map(_quantile, range(len(QUANTILES))),
     )
     caption = "Every figure over the runs that are done. Missing: runs in which it was not found, or was infinite."
     caption += _case_words(summary)
-    return Table("figures", "Every figure over the runs", caption, columns, rows)
+    return Table.of("figures", "Every figure over the runs", caption, columns, summary.figures)
 
 
 def grid_table(result: CampaignResult) -> Table:

@@ -360,33 +360,32 @@ def energy_table(result: DesignResult) -> Table:
 def screening_table(result: DesignResult) -> Table:
     """Return how each family did in the screening."""
     columns = (
-        Column("family", "family"),
-        Column("candidates", "candidates"),
-        Column("cost", "lowest criterion", digits=3),
-        Column("snr", "worst mode of interest, at its best", "dB", decimals=0),
+        Column("family", "family", get=lambda x: family_label(x[0])),
+        Column("candidates", "candidates", get=lambda x: x[1][0]),
+        Column("cost", "lowest criterion", digits=3, get=lambda x: x[1][1]),
+        Column("snr", "worst mode of interest, at its best", "dB", decimals=0, get=lambda x: x[1][2]),
     )
-    rows = tuple((family_label(f), n, cost, snr) for f, (n, cost, snr) in result.families.items())
     caption = (
         f"{result.screened[0]} candidates over the free quantities of every family, each at the largest amplitude that "
         "the linearised aircraft allows. They are judged by their spectral energy at the sensors, and by information."
     )
-    return Table("screening", "Screening", caption, columns, rows)
+    return Table.of("screening", "Screening", caption, columns, result.families.items())
 
 
 def obstacle_table(result: DesignResult) -> Table:
     """Return what the best design would reach without one sensor's noise, or without the limit that binds."""
     now = result.best.design.cost
-    rows = tuple((f"without {o.words}", o.cost, 100.0 * o.cost / now) for o in result.obstacles.tried)
     columns = (
-        Column("what", "what if"),
+        Column("what", "what if", get=lambda o: f"without {o.words}"),
         Column("cost", "criterion", digits=3),
-        Column("share", "of what it is", "%", digits=2),
+        Column("share", "of what it is", "%", digits=2, get=lambda o: 100.0 * o.cost / now),
     )
     caption = (
         "The same input with one obstacle less: either one sensor has a hundredth of its noise, or the limit that "
         "binds is gone."
     )
-    return Table("obstacles", "What keeps the error from falling further", caption, columns, rows)
+    title = "What keeps the error from falling further"
+    return Table.of("obstacles", title, caption, columns, result.obstacles.tried)
 
 
 def short_ranking(result: DesignResult) -> Table:

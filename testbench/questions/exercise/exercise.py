@@ -92,7 +92,7 @@ class Handout:
 
 @dataclass(frozen=True, eq=False)
 class Exercise:
-    """One exercise, as its module tells it; its text lies beside that as NAME.md, steps of its notebook as NAME.steps.md.
+    """One exercise as its module has it; its text lies beside it as NAME.md, that of its notebook as NAME.steps.md.
 
     Attributes:
         title, level, minutes: as listed; level 1 is for a first course, 3 for those who know the methods.

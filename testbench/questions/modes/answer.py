@@ -6,8 +6,6 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from testbench.core.words import with_error
 from testbench.estimators.operational.result import ASSUMPTION
 from testbench.page.labels import number
@@ -40,7 +38,7 @@ def modes_answer(result: ModesResult) -> list[Line]:
     out += [_judged(match, q) for match in result.matches if match.true is not None and match.found is not None]
     band = found.settings["band_hz"]
     lost = [m.true for m in result.matches if m.found is None and m.true is not None]
-    inside = [t.name for t in lost if band[0] <= abs(t.pole) / (2.0 * np.pi) <= band[1]]
+    inside = [t.name for t in lost if band[0] <= t.frequency_hz <= band[1]]
     if inside:
         out.append(f"inside the band, but not found: {'; '.join(inside)}")
     foreign = [m.found for m in result.matches if m.true is None and m.found is not None]
@@ -95,13 +93,12 @@ def _judged(match: ModeMatch, q: float) -> str:
     assert match.true is not None
     assert match.found is not None
     assert match.mac is not None
-    wn, zeta = abs(match.true.pole), -match.true.pole.real / abs(match.true.pole)
     inside = [
-        abs(match.found.frequency_hz - wn / (2.0 * np.pi)) <= q * match.found.frequency_std_hz,
-        abs(match.found.damping - zeta) <= q * match.found.damping_std,
+        abs(match.found.frequency_hz - match.true.frequency_hz) <= q * match.found.frequency_std_hz,
+        abs(match.found.damping - match.true.damping) <= q * match.found.damping_std,
     ]
     words = {2: "both inside the intervals", 1: "one of them outside its interval", 0: "both outside the intervals"}
     return (
-        f"{match.true.name}: the linear model has {number(wn / (2.0 * np.pi))} Hz and damping {number(zeta)}, "
-        f"{words[sum(inside)]}; the MAC of the shapes is {match.mac:.3f}"
+        f"{match.true.name}: the linear model has {number(match.true.frequency_hz)} Hz and damping "
+        f"{number(match.true.damping)}, {words[sum(inside)]}; the MAC of the shapes is {match.mac:.3f}"
     )

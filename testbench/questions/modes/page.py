@@ -34,7 +34,7 @@ from testbench.questions.modes.answer import modes_answer
 if TYPE_CHECKING:
     from testbench.estimators.model import ComplexArray
     from testbench.estimators.operational import Onset
-    from testbench.evaluation.operational import TrueMode
+    from testbench.evaluation.operational import ModeMatch, TrueMode
     from testbench.questions.modes.result import ModesResult
 
 _DECADES = 5.0  # of the spectrum that are shown
@@ -81,17 +81,13 @@ def modes_tables(result: ModesResult) -> list[Table]:
 def modes_table(result: ModesResult) -> Table:
     """Return frequency and damping of every mode with their errors."""
     columns = (
-        Column("mode", "mode"),
-        Column("frequency", "frequency", "Hz", digits=4),
-        Column("frequency_std", "its std", "Hz", digits=2),
-        Column("damping", "damping ratio", digits=3),
-        Column("damping_std", "its std", digits=2),
-        Column("orders", "orders"),
-        Column("remarks", "what is doubtful"),
-    )
-    rows = tuple(
-        (k, m.frequency_hz, m.frequency_std_hz, m.damping, m.damping_std, len(m.orders), "; ".join(m.remarks) or None)
-        for k, m in enumerate(result.found.modes, 1)
+        Column("mode", "mode", get=lambda x: x[0]),
+        Column("frequency", "frequency", "Hz", digits=4, get=lambda x: x[1].frequency_hz),
+        Column("frequency_std", "its std", "Hz", digits=2, get=lambda x: x[1].frequency_std_hz),
+        Column("damping", "damping ratio", digits=3, get=lambda x: x[1].damping),
+        Column("damping_std", "its std", digits=2, get=lambda x: x[1].damping_std),
+        Column("orders", "orders", get=lambda x: len(x[1].orders)),
+        Column("remarks", "what is doubtful", get=lambda x: "; ".join(x[1].remarks) or None),
     )
     criteria = result.found.settings["criteria"]
     caption = (
@@ -102,7 +98,7 @@ def modes_table(result: ModesResult) -> Table:
         f"if it was stable at {criteria['least_orders']} orders or more and its standard deviations are at most "
         f"{100 * criteria['frequency_error']:g} % in frequency and {100 * criteria['damping_error']:g} % in damping."
     )
-    return Table("modes", "Modes found", caption, columns, rows, wide=True)
+    return Table.of("modes", "Modes found", caption, columns, enumerate(result.found.modes, 1), wide=True)
 
 
 def trend_table(result: ModesResult) -> Table:
@@ -127,44 +123,31 @@ def trend_table(result: ModesResult) -> Table:
 
 
 def _comparison_table(result: ModesResult) -> Table:
+    f, z = "frequency", "damping ratio"
     columns = (
-        Column("mode", "mode"),
-        Column("true_frequency", "model", "Hz", "frequency", digits=4),
-        Column("frequency", "found", "Hz", "frequency", digits=4),
-        Column("frequency_error", "error", "%", "frequency", decimals=1),
-        Column("frequency_error_std", "error / std", "", "frequency", decimals=1),
-        Column("true_damping", "model", "", "damping ratio", digits=3),
-        Column("damping", "found", "", "damping ratio", digits=3),
-        Column("damping_error_std", "error / std", "", "damping ratio", decimals=1),
+        Column("mode", "mode", get=lambda m: m.true.name if m.true else "none of the linear model"),
+        Column("true_frequency", "model", "Hz", f, digits=4, get="true.frequency_hz"),
+        Column("frequency", "found", "Hz", f, digits=4, get="found.frequency_hz"),
+        Column("frequency_error", "error", "%", f, decimals=1, get=_off_percent),
+        Column("frequency_error_std", "error / std", "", f, decimals=1,
+               get=lambda m: m.off("frequency_hz", "frequency_std_hz")),
+        Column("true_damping", "model", "", z, digits=3, get="true.damping"),
+        Column("damping", "found", "", z, digits=3, get="found.damping"),
+        Column("damping_error_std", "error / std", "", z, decimals=1, get=lambda m: m.off("damping", "damping_std")),
         Column("mac", "MAC", decimals=3),
-    )
-    rows: list[tuple[Value, ...]] = []
-    for match in result.matches:
-        t, m = match.true, match.found
-        f = abs(t.pole) / (2.0 * np.pi) if t else None
-        z = -t.pole.real / abs(t.pole) if t else None
-        rows.append(
-            (
-                t.name if t else "none of the linear model",
-                f,
-                m.frequency_hz if m else None,
-                100.0 * (m.frequency_hz / f - 1.0) if m and f else None,
-                _in_std(m.frequency_hz, f, m.frequency_std_hz) if m else None,
-                z,
-                m.damping if m else None,
-                _in_std(m.damping, z, m.damping_std) if m else None,
-                match.mac,
-            )
-        )
+    )  # fmt: skip
     caption = (
         "Oscillatory modes of the aircraft linearised at trim beside those found. MAC: likeness of the shapes at the "
         "sensors, outputs divided by their rms."
     )
-    return Table("modes_and_model", "Modes found and those of the linear model", caption, columns, tuple(rows))
+    title = "Modes found and those of the linear model"
+    return Table.of("modes_and_model", title, caption, columns, result.matches)
 
 
-def _in_std(value: float, true: float | None, std: float) -> float | None:
-    return None if true is None or std == 0.0 else (value - true) / std
+def _off_percent(match: ModeMatch) -> float | None:
+    if match.true is None or match.found is None:
+        return None
+    return 100.0 * (match.found.frequency_hz / match.true.frequency_hz - 1.0)
 
 
 def _shape_table(result: ModesResult) -> Table:
@@ -250,7 +233,7 @@ def _stabilisation(result: ModesResult) -> Plate:
         draws.append(Span(low=m.frequency_hz - half, high=m.frequency_hz + half, colour=COLOURS[k % 6], alpha=0.16))
     top = found.views[-1].order + 2.0
     if result.true:
-        x = np.array([abs(t.pole) / (2.0 * np.pi) for t in result.true])
+        x = np.array([t.frequency_hz for t in result.true])
         draws.append(Curve(x=x, y=np.full(x.size, top), marker="|", size=20.0, name="linear model"))
     panel = Panel(
         draws=draws, x="frequency, Hz", y="model order", x_range=(low, high), y_range=(0.0, top), tall_in=3.6,

@@ -68,30 +68,28 @@ def _written(c: JudgedCard) -> dict[str, Any]:
 def cards_table(campaign: Campaign) -> Table:
     """Return one row per card: runs wanted, flown, good, and to fly, and whether it may be flown."""
     closed = campaign.closed
-    columns = (
-        Column("card", "card"),
-        Column("manoeuvre", "manoeuvre"),
-        Column("V", "V", "m/s", given=True),
-        Column("wanted", "runs"),
-        Column("flown", "flown"),
-        Column("good", "good"),
-        Column("promise", "as promised"),
-        Column("left", "to fly"),
-        Column("go", "go?"),
-    )
-    rows: list[tuple[Value, ...]] = []
-    for c in campaign.cards:
-        card, found = c.card, closed.of(c.card)
+
+    def promised(c: JudgedCard) -> str | None:
+        """Return how many targets are known as well as promised."""
         kept = sum(t.verdict == "reached" for t in c.targets)
-        told = f"{kept} of {len(c.targets)}" if c.flown.runs and c.targets else None
-        go = "NO-GO: " + c.go if c.go else "GO" if c.more else "done"
-        good = len(closed.good(card))
-        rows.append((card.number, card.spec.name, card.point.V_m_s, card.repeats, len(found), good, told, c.more, go))
+        return f"{kept} of {len(c.targets)}" if c.flown.runs and c.targets else None
+
+    columns = (
+        Column("card", "card", get="card.number"),
+        Column("manoeuvre", "manoeuvre", get="card.spec.name"),
+        Column("V", "V", "m/s", given=True, get="card.point.V_m_s"),
+        Column("wanted", "runs", get="card.repeats"),
+        Column("flown", "flown", get=lambda c: len(closed.of(c.card))),
+        Column("good", "good", get=lambda c: len(closed.good(c.card))),
+        Column("promise", "as promised", get=promised),
+        Column("left", "to fly", get="more"),
+        Column("go", "go?", get=lambda c: "NO-GO: " + c.go if c.go else "GO" if c.more else "done"),
+    )
     caption = (
         "Runs found in the logs by what was commanded. To fly: runs that the plan misses, or that bring every target "
         "to what is wanted of it. GO: the cards of slower points are flown, and met no limit."
     )
-    return Table("cards", "Cards", caption, columns, tuple(rows), wide=True)
+    return Table.of("cards", "Cards", caption, columns, campaign.cards, wide=True)
 
 
 def targets_table(campaign: Campaign) -> Table:
@@ -187,30 +185,18 @@ def _caption(campaign: Campaign) -> str:
 def runs_table(campaign: Campaign) -> Table:
     """Return one row per run that was found."""
     columns = (
-        Column("card", "card"),
+        Column("card", "card", get="card.number"),
         Column("log", "log"),
-        Column("start", "start", "s", decimals=2),
+        Column("start", "start", "s", decimals=2, get="start_s"),
         Column("likeness", "likeness of the command", decimals=3),
-        Column("amplitude", "amplitude", "%", decimals=0),
-        Column("V", "V before", "m/s", decimals=1),
-        Column("inside", "least part inside the band", "%", decimals=0),
-        Column("faults", "why to repeat"),
-    )
-    rows: list[tuple[Value, ...]] = [
-        (
-            r.card.number,
-            r.log,
-            r.start_s,
-            r.likeness,
-            r.gain / PERCENT,
-            r.V_m_s,
-            100.0 * min(r.inside.values()) if r.inside else None,
-            "; ".join(r.faults) or None,
-        )
-        for r in campaign.closed.runs
-    ]
+        Column("amplitude", "amplitude", "%", decimals=0, get=lambda r: r.gain / PERCENT),
+        Column("V", "V before", "m/s", decimals=1, get="V_m_s"),
+        Column("inside", "least part inside the band", "%", decimals=0,
+               get=lambda r: 100.0 * min(r.inside.values()) if r.inside else None),
+        Column("faults", "why to repeat", get=lambda r: "; ".join(r.faults) or None),
+    )  # fmt: skip
     caption = (
         "Likeness is 1 for the card's own command, amplitude 100 %; a negative one has the other sign. The band is the "
         "95 % band of the card, deviations from before."
     )
-    return Table("runs", "Runs", caption, columns, tuple(rows), wide=True)
+    return Table.of("runs", "Runs", caption, columns, campaign.closed.runs, wide=True)

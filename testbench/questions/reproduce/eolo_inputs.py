@@ -156,40 +156,36 @@ def _shares(result: RunResult) -> dict[str, Shares]:
 
 
 def _seven_table(shares: dict[str, Shares]) -> Table:
-    return Table(
+    return Table.of(
         "eolo_manoeuvres",
         "Energy of the seven manoeuvres",
         "Of the commanded elevator, whole spectrum: share below 10 rad/s, the frequency that 95 % lie below, and the "
         "octaves within 10 dB of the peak.",
         (
-            Column("manoeuvre", "manoeuvre"),
-            Column("below", "below 10 rad/s", "%", decimals=1),
-            Column("below95", "95 % below", "rad/s"),
-            Column("octaves", "width", "octaves", decimals=1),
+            Column("manoeuvre", "manoeuvre", get=lambda x: x[0]),
+            Column("below", "below 10 rad/s", "%", decimals=1, get=lambda x: x[1][0]),
+            Column("below95", "95 % below", "rad/s", get=lambda x: x[1][1]),
+            Column("octaves", "width", "octaves", decimals=1, get=lambda x: x[1][2]),
         ),
-        tuple((name, *values) for name, values in shares.items()),
+        shares.items(),
     )
 
 
 def _wing_table(result: RunResult) -> Table:
     assert result.truth is not None
-    rows = [
-        (e.mode, abs(e.pole), 100.0 * e.input_share, e.best_sensor, float(e.snr_db[e.best_sensor]))
-        for e in result.truth.excitation
-    ]
-    return Table(
+    return Table.of(
         "eolo_accelerometers",
         "What the 3-2-1-1 does to each mode, with five accelerometers",
         "Share of the input's energy in each mode's band, and the sensor that shows the mode best over its own noise. "
         "A mode counts as excited from 10 dB.",
         (
             Column("mode", "mode"),
-            Column("wn", "ωn", "rad/s"),
-            Column("share", "input energy in its band", "%", digits=2),
-            Column("sensor", "best sensor"),
-            Column("snr", "over its noise", "dB", decimals=0),
+            Column("wn", "ωn", "rad/s", get=lambda e: abs(e.pole)),
+            Column("share", "input energy in its band", "%", digits=2, get=lambda e: 100.0 * e.input_share),
+            Column("sensor", "best sensor", get="best_sensor"),
+            Column("snr", "over its noise", "dB", decimals=0, get=lambda e: float(e.snr_db[e.best_sensor])),
         ),
-        tuple(rows),
+        result.truth.excitation,
     )
 
 

@@ -137,11 +137,9 @@ def check_table(name: str, checks: Sequence[Comparison]) -> Table:
 
 
 def _table(name: str, title: str, caption: str, other: str, rows: Sequence[Comparison]) -> Table:
-    heads = ("what", "where in the paper", "printed", other, "verdict", "why")
-    keys = ("what", "where", "printed", "ours", "verdict", "why")
-    columns = tuple(Column(key, head) for key, head in zip(keys, heads, strict=True))
-    cells = tuple((c.what, c.where, c.printed, c.ours, c.verdict, c.why) for c in rows)
-    return Table(name, title, caption, columns, cells, wide=True)
+    heads = {"what": "what", "where": "where in the paper", "printed": "printed", "ours": other}
+    columns = [Column(key, head) for key, head in (heads | {"verdict": "verdict", "why": "why"}).items()]
+    return Table.of(name, title, caption, columns, rows, wide=True)
 
 
 # --- figures ----------------------------------------------------------------------------------------------------------

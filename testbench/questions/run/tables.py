@@ -170,27 +170,28 @@ def excitation_table(result: RunResult) -> Table | None:
     from testbench.evaluation.excitation import EXCITED_DB
 
     sensors = list(dict.fromkeys(s for e in result.truth.excitation for s in e.snr_db))
+
+    def snr(sensor: str) -> Column:
+        """Return what one sensor shows of each mode."""
+        head, group = symbol(sensor), "response over noise"
+        return Column(f"snr {sensor}", head, "dB", group, decimals=0,
+                      get=lambda e: float(e.snr_db[sensor]) if sensor in e.snr_db else None)  # fmt: skip
+
     columns = (
         Column("mode", "mode"),
-        Column("wn", "ωn", "rad/s"),
-        Column("f", "f", "Hz"),
-        Column("zeta", "ζ", "", digits=2),
-        Column("input share", "input energy in its band", "%", digits=2),
-        *(Column(f"snr {s}", symbol(s), "dB", "response over noise", decimals=0) for s in sensors),
-        Column("verdict", "verdict"),
+        Column("wn", "ωn", "rad/s", get=lambda e: abs(e.pole)),
+        Column("f", "f", "Hz", get=lambda e: abs(e.pole) / (2 * np.pi)),
+        Column("zeta", "ζ", "", digits=2, get=lambda e: -e.pole.real / abs(e.pole)),
+        Column("input share", "input energy in its band", "%", digits=2, get=lambda e: 100.0 * e.input_share),
+        *map(snr, sensors),
+        Column("verdict", "verdict", get=lambda e: "excited" if e.excited else "NOT excited"),
     )
-    rows = []
-    for e in result.truth.excitation:
-        wn = abs(e.pole)
-        ratios = [float(e.snr_db[s]) if s in e.snr_db else None for s in sensors]
-        verdict = "excited" if e.excited else "NOT excited"
-        rows.append((e.mode, wn, wn / (2 * np.pi), -e.pole.real / wn, 100.0 * e.input_share, *ratios, verdict))
     caption = (
         f"A mode counts as excited when its response at the sensor that shows it best is {EXCITED_DB:g} dB or more "
         "above the noise, both inside the mode's half-power band. Computed from the true linear model, the input as "
         "flown and the noise of the suites."
     )
-    return Table("excitation", "Does the input excite each mode?", caption, columns, tuple(rows))
+    return Table.of("excitation", "Does the input excite each mode?", caption, columns, result.truth.excitation)
 
 
 def transfer_function_table(result: RunResult) -> Table:

@@ -91,29 +91,19 @@ def _doubts(found: Benchmark) -> list[str]:
 
 def score_table(found: Benchmark) -> Table:
     """Return one row for each data set and method."""
-    rows: list[tuple[Value, ...]] = []
-    for data in found.sets:
-        for entry in found.methods:
-            s = found.score(data.name, entry.label)
-            relative = None if s.relative is None else 100.0 * s.relative
-            held = None if s.held is None else 100.0 * s.held
-            rows.append(
-                (data.name, entry.label, s.rms, relative, held, s.intervals, s.flights, s.failed, s.seconds, s.reason)
-            )
     columns = (
-        Column("set", "data set"),
+        Column("set", "data set", get="data"),
         Column("method", "method"),
         Column("rms", "rms error", "bounds", digits=3),
-        Column("relative", "rms error", "%", digits=3),
-        Column("held", "truth held", "%", digits=3),
-        Column("intervals", "intervals"),
-        Column("flights", "flights"),
-        Column("failed", "failed"),
+        Column("relative", "rms error", "%", digits=3, get=lambda s: s.relative and 100.0 * s.relative),
+        Column("held", "truth held", "%", digits=3, get=lambda s: s.held and 100.0 * s.held),
+        *(Column(key, key) for key in ("intervals", "flights", "failed")),
         Column("seconds", "time", "s", digits=2),
         Column("reason", "first reason of failure"),
     )
-    return Table(
-        "benchmark", f"Scores of benchmark {found.sha256[:12]}", _caption(found), columns, tuple(rows), wide=True
+    scores = [found.score(data.name, entry.label) for data in found.sets for entry in found.methods]
+    return Table.of(
+        "benchmark", f"Scores of benchmark {found.sha256[:12]}", _caption(found), columns, scores, wide=True
     )
 
 

@@ -104,6 +104,7 @@ class Score(NamedTuple):
     """One method on one data set.
 
     Attributes:
+        data, method: their names.
         flights: that it was given, and ``failed`` of them without a model; ``reason`` of the first.
         rms: of the errors of wn and zeta, in bounds; None for recorded flights, or if it gave none.
         relative: rms of both errors over the true or printed values.
@@ -111,6 +112,8 @@ class Score(NamedTuple):
         seconds: of the processor, median.
     """
 
+    data: str
+    method: str
     flights: int
     failed: int
     rms: float | None
@@ -147,6 +150,8 @@ class Benchmark(Shown, page="testbench.questions.compare.benchmark.page:benchmar
         over = np.array([np.divide(c.errors or (), c.bound) for c in found if c.bound is not None])
         relative = np.array([np.divide(c.errors or (), c.truth) for c in found])
         return Score(
+            data,
+            method,
             len(cells),
             len(cells) - len(found),
             float(np.sqrt(np.mean(over**2))) if over.size else None,
