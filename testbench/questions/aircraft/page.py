@@ -17,24 +17,7 @@ from testbench.evaluation.derivatives import dimensional_derivatives, lift_per_r
 from testbench.evaluation.modes import frequency_and_damping
 from testbench.flight.limits import steady_sideslip
 from testbench.flight.thrust import full_thrust_N
-from testbench.page.figure import (
-    AXIS,
-    COLOURS,
-    DASHES,
-    DOTTED,
-    QUIET,
-    Chart,
-    Curve,
-    Drawn,
-    Panel,
-    Plate,
-    Rule,
-    Span,
-    bode,
-    grid,
-    shades,
-    unwrapped,
-)
+from testbench.page import figure as fig
 from testbench.page.labels import axis_label, ratio_unit, shown_unit, symbol
 from testbench.page.page import Page
 from testbench.page.tables import Column, Table, Value
@@ -369,7 +352,7 @@ def _coefficient(function: ET.Element) -> tuple[float | None, str]:
 # --- figures ----------------------------------------------------------------------------------------------------------
 
 
-def aircraft_plates(survey: Survey) -> list[Plate]:
+def aircraft_plates(survey: Survey) -> list[fig.Plate]:
     """Return the figures of a survey; the first shows the onset of instability, or trims of a rigid one."""
     modes, trims = _mode_plate(survey, "longitudinal"), _trim_plate(survey)
     lead, second = (modes, trims) if survey.envelope.elastic else (trims, modes)
@@ -384,23 +367,27 @@ def aircraft_plates(survey: Survey) -> list[Plate]:
 def _elastic_looks(envelope: Envelope, motion: str) -> dict[str, dict[str, Any]]:
     """Return mode -> its name in the legend, colour and dash."""
     return {
-        n: {"name": f"{symbol(f'eta_{envelope.elastic[n]}')} {n}", "colour": COLOURS[k % 6], "dash": DASHES[k % 6]}
+        n: {
+            "name": f"{symbol(f'eta_{envelope.elastic[n]}')} {n}",
+            "colour": fig.COLOURS[k % 6],
+            "dash": fig.DASHES[k % 6],
+        }
         for k, n in enumerate(envelope.names(motion, elastic=True))
     }
 
 
-def _over_speed(envelope: Envelope, draws: Sequence[Drawn], **settings: Any) -> Panel:
+def _over_speed(envelope: Envelope, draws: Sequence[fig.Drawn], **settings: Any) -> fig.Panel:
     """Return a panel over the speeds of an envelope, with the design speed dotted."""
     low, high = envelope.speeds[0], envelope.speeds[-1]
     pad = 0.5 if high == low else 0.0
-    design = Rule(at=envelope.speeds[envelope.design], dash=DOTTED, width=0.8)
-    return Panel(draws=[*draws, design], x="V, m/s", x_range=(low - pad, high + pad), **settings)
+    design = fig.Rule(at=envelope.speeds[envelope.design], dash=fig.DOTTED, width=0.8)
+    return fig.Panel(draws=[*draws, design], x="V, m/s", x_range=(low - pad, high + pad), **settings)
 
 
 # --- trim -------------------------------------------------------------------------------------------------------------
 
 
-def _trim_plate(survey: Survey) -> Plate:
+def _trim_plate(survey: Survey) -> fig.Plate:
     """Return one panel per trimmed quantity, and one for all static deflections."""
     envelope = survey.envelope
     V = np.array(envelope.speeds)
@@ -411,12 +398,12 @@ def _trim_plate(survey: Survey) -> Plate:
             curves[name] = np.array([t.controls[name] for t in envelope.trims]) / unit
     panels = []
     for name, y in curves.items():
-        draws = [Curve(x=V, y=y), Curve(x=V[marked], y=y[marked], marker="o", size=3.0, clip=False)]
+        draws = [fig.Curve(x=V, y=y), fig.Curve(x=V[marked], y=y[marked], marker="o", size=3.0, clip=False)]
         panels.append(_over_speed(envelope, [*draws, *_zero(y)], y=axis_label(name), tall_in=1.6))
     looks = _elastic_looks(envelope, "longitudinal")
     if looks:
         eta = {n: np.array([t.state[f"eta_{envelope.elastic[n]}"] for t in envelope.trims]) for n in looks}
-        lines = [Curve(x=V, y=eta[n], **look) for n, look in looks.items()]
+        lines = [fig.Curve(x=V, y=eta[n], **look) for n, look in looks.items()]
         zero = _zero(np.concatenate(list(eta.values())))
         panels.append(_over_speed(envelope, [*lines, *zero], y="static deflection η", tall_in=1.6))
     caption = (
@@ -424,21 +411,21 @@ def _trim_plate(survey: Survey) -> Plate:
         f"{' Deflections of the symmetric modes, in the unit of each mode.' if looks else ''}"
     )
     columns = 2 if len(panels) == 4 else len(panels)
-    return Plate("trim", "Trim over speed", caption, grid(panels, columns, share_x=True))
+    return fig.Plate("trim", "Trim over speed", caption, fig.grid(panels, columns, share_x=True))
 
 
-def _zero(y: FloatArray) -> list[Drawn]:
+def _zero(y: FloatArray) -> list[fig.Drawn]:
     """Return the line at zero where curves pass it."""
-    return [Rule(at=0.0, of="y", colour=AXIS, width=0.7)] if y.min() < 0.0 < y.max() else []
+    return [fig.Rule(at=0.0, of="y", colour=fig.AXIS, width=0.7)] if y.min() < 0.0 < y.max() else []
 
 
 # --- modes over speed -------------------------------------------------------------------------------------------------
 
 
-def _mode_plate(survey: Survey, motion: str) -> Plate:
+def _mode_plate(survey: Survey, motion: str) -> fig.Plate:
     """Return damping ratio above frequency, rigid modes beside elastic ones; those of a rigid aircraft in one row."""
     envelope = survey.envelope
-    dashes = (DASHES[0], DASHES[1], DASHES[4])
+    dashes = (fig.DASHES[0], fig.DASHES[1], fig.DASHES[4])
     rigid = {n: {"name": n, "dash": d} for n, d in zip(envelope.names(motion, elastic=False), dashes, strict=False)}
     elastic = _elastic_looks(envelope, motion)
     pairs = [_damping_and_frequency(envelope, "rigid modes", rigid, {})]
@@ -458,32 +445,32 @@ def _mode_plate(survey: Survey, motion: str) -> Plate:
         f"{' Drawn is the quasi-steady air that flies; it is no flutter clearance.' if elastic else ''}"
     )
     name = f"modes_{motion.replace('-', '_')}"
-    return Plate(name, f"{motion.capitalize()} modes over speed", caption, Chart(rows, share_x=bool(elastic)))
+    return fig.Plate(name, f"{motion.capitalize()} modes over speed", caption, fig.Chart(rows, share_x=bool(elastic)))
 
 
 def _damping_and_frequency(
     envelope: Envelope, title: str, looks: Mapping[str, dict[str, Any]], onsets: Mapping[str, float]
-) -> tuple[Panel, Panel]:
+) -> tuple[fig.Panel, fig.Panel]:
     """Return damping ratio and frequency of modes over speed; ``onsets`` are the speeds at which they lose damping."""
-    V, zetas, sizes = np.array(envelope.speeds), list[Curve](), list[Curve]()
+    V, zetas, sizes = np.array(envelope.speeds), list[fig.Curve](), list[fig.Curve]()
     for name, look in looks.items():
         f, zeta = envelope.history(name)
         for j in (0, 1):
             x, y = _broken(V, zeta[:, j])
-            zetas.append(Curve(x=x, y=y, width=1.4, **look))
-            sizes.append(Curve(x=V, y=f[:, j], width=1.4, **look))
+            zetas.append(fig.Curve(x=x, y=y, width=1.4, **look))
+            sizes.append(fig.Curve(x=V, y=f[:, j], width=1.4, **look))
     every = [np.concatenate([np.asarray(c.y) for c in curves] or [np.ones(1)]) for curves in (zetas, sizes)]
     shown, values = (y[np.isfinite(y)] for y in every)
     low, high = float(shown.min(initial=0.0)), float(shown.max(initial=0.02))
     low, high = low - 0.06 * (high - low), high + 0.05 * (high - low)
-    marks: list[Drawn] = [Rule(at=at, colour=looks[n]["colour"], dash=(2, 2)) for n, at in onsets.items()]
-    dots = [Curve(x=[at], y=[0.0], colour=looks[n]["colour"], marker="o", order=5.0) for n, at in onsets.items()]
-    notes = [("onset", QUIET), *((f"{at:.3g} m/s", looks[n]["colour"]) for n, at in onsets.items())]
+    marks: list[fig.Drawn] = [fig.Rule(at=at, colour=looks[n]["colour"], dash=(2, 2)) for n, at in onsets.items()]
+    dots = [fig.Curve(x=[at], y=[0.0], colour=looks[n]["colour"], marker="o", order=5.0) for n, at in onsets.items()]
+    notes = [("onset", fig.QUIET), *((f"{at:.3g} m/s", looks[n]["colour"]) for n, at in onsets.items())]
     if title.startswith("elastic") and not onsets:
-        notes = [(f"onset: none up to {envelope.speeds[-1]:g} m/s", QUIET)]
+        notes = [(f"onset: none up to {envelope.speeds[-1]:g} m/s", fig.QUIET)]
     damping = _over_speed(
-        envelope, [*zetas, *dots, *marks, Span(low=low, high=0.0, of="y", colour=_UNSTABLE),
-                   Rule(at=0.0, of="y", colour=AXIS)],
+        envelope, [*zetas, *dots, *marks, fig.Span(low=low, high=0.0, of="y", colour=_UNSTABLE),
+                   fig.Rule(at=0.0, of="y", colour=fig.AXIS)],
         title=title, y="damping ratio ζ", y_range=(low, high), tall_in=2.1, notes=notes if title[0] == "e" else (),
     )  # fmt: skip
     positive = values[values > 1e-6]
@@ -505,7 +492,7 @@ def _broken(V: FloatArray, zeta: FloatArray) -> tuple[FloatArray, FloatArray]:
 # --- mode shapes ------------------------------------------------------------------------------------------------------
 
 
-def _shape_plate(survey: Survey) -> Plate:
+def _shape_plate(survey: Survey) -> fig.Plate:
     """Return one panel per mode: displacement on its left axis, twist on its right one."""
     flown = survey.envelope.aircraft.flown_modes()
     assert flown is not None
@@ -513,19 +500,20 @@ def _shape_plate(survey: Survey) -> Plate:
     span = np.concatenate([-y[::-1], y])
     names = ("displacement, m per unit of η (left axis)", "twist, deg per unit of η (right axis)")
     looks: list[dict[str, Any]] = [
-        {"name": name, "colour": COLOURS[k], "dash": DASHES[k], "width": 1.4} for k, name in enumerate(names)
+        {"name": name, "colour": fig.COLOURS[k], "dash": fig.DASHES[k], "width": 1.4} for k, name in enumerate(names)
     ]
     panels = []
     for i, mode in survey.shaped.items():
         bend, twist = _both_wings(mode)
         reach = 1.1 * max(float(np.abs(bend).max()), float(np.abs(twist).max()) * flown.cbar_m) or 1.0
-        turn = Curve(x=span, y=twist / DEG_RAD, **looks[1])
+        turn = fig.Curve(x=span, y=twist / DEG_RAD, **looks[1])
         panels.append(
-            Panel(
-                draws=[Curve(x=span, y=bend, **looks[0]), Rule(at=0.0, of="y", colour=AXIS, width=0.7)],
-                title=_shape_title(i, mode), x="y, m (left wing negative)", y="m per η", y_colour=COLOURS[0],
+            fig.Panel(
+                draws=[fig.Curve(x=span, y=bend, **looks[0]), fig.Rule(at=0.0, of="y", colour=fig.AXIS, width=0.7)],
+                title=_shape_title(i, mode), x="y, m (left wing negative)", y="m per η", y_colour=fig.COLOURS[0],
                 x_range=(-y[-1], y[-1]), y_range=(-reach, reach), tall_in=1.25,
-                right=Panel(draws=[turn], y="deg per η", y_range=(-reach * deg_m, reach * deg_m), y_colour=COLOURS[1]),
+                right=fig.Panel(draws=[turn], y="deg per η", y_range=(-reach * deg_m, reach * deg_m),
+                                y_colour=fig.COLOURS[1]),
             )
         )  # fmt: skip
     caption = (
@@ -535,7 +523,7 @@ def _shape_plate(survey: Survey) -> Plate:
         f"at one mean chord ({flown.cbar_m:.3g} m) ahead of the elastic axis."
     )
     title = "Shapes of the elastic modes along the wing"
-    return Plate("mode_shapes", title, caption, grid(panels, min(2, len(panels)), share_x=True))
+    return fig.Plate("mode_shapes", title, caption, fig.grid(panels, min(2, len(panels)), share_x=True))
 
 
 def _both_wings(mode: ElasticMode) -> tuple[FloatArray, FloatArray]:
@@ -555,21 +543,21 @@ def _shape_title(i: int, mode: ElasticMode) -> str:
 # --- frequency responses ----------------------------------------------------------------------------------------------
 
 
-def _response_plate(survey: Survey) -> Plate:
+def _response_plate(survey: Survey) -> fig.Plate:
     """Return magnitude and phase of each output, one line per speed."""
     envelope = survey.envelope
     omega = np.geomspace(*_band(envelope), 600)
     curves = {V: _response(envelope, V, omega) for V in survey.responses}
     phases = {V: _phases(H, curves[survey.responses[0]]) for V, H in curves.items()}
     looks = {
-        V: {"name": f"{V:g} m/s", "colour": colour, "dash": DASHES[k % 6]}
-        for k, (V, colour) in enumerate(zip(curves, shades(len(curves)), strict=True))
+        V: {"name": f"{V:g} m/s", "colour": colour, "dash": fig.DASHES[k % 6]}
+        for k, (V, colour) in enumerate(zip(curves, fig.shades(len(curves)), strict=True))
     }
     panels = []
     for i, output in enumerate(_RESPONSES):
         factor, unit = ratio_unit(output, "de")
         lines = [(omega, factor * np.abs(H[:, i]), phases[V][:, i], looks[V]) for V, H in curves.items()]
-        panels.append(bode(f"{symbol(output)} / {symbol('de')}", unit, lines))
+        panels.append(fig.bode(f"{symbol(output)} / {symbol('de')}", unit, lines))
     left_out = {u.V_m_s for u in survey.untrimmed if u not in survey.range.beyond}
     missing = (
         f" Speeds that cannot be trimmed are left out: {', '.join(f'{V:g}' for V in sorted(left_out))} m/s."
@@ -587,7 +575,7 @@ def _response_plate(survey: Survey) -> Plate:
         f"True airspeed, pitch rate, angle of attack and pitch angle to elevator deflection at {envelope.h_m:g} m, "
         f"rigid and elastic motion together, without servo and sensor lags.{missing}{unstable}"
     )
-    return Plate("bode_de", f"Frequency responses to {symbol('de')}", caption, Chart(panels, share_x=True))
+    return fig.Plate("bode_de", f"Frequency responses to {symbol('de')}", caption, fig.Chart(panels, share_x=True))
 
 
 def _band(envelope: Envelope) -> tuple[float, float]:
@@ -606,7 +594,7 @@ def _phases(response: Any, first: Any) -> FloatArray:
 
     An unstable phugoid turns the phase the other way: without this it would stand a whole turn off.
     """
-    turned, goal = unwrapped(response), unwrapped(first)
+    turned, goal = fig.unwrapped(response), fig.unwrapped(first)
     middle = len(turned) // 2
     start = goal - 360.0 * np.round(goal[middle] / 360.0)
     return np.asarray(turned + 360.0 * np.round((start[middle] - turned[middle]) / 360.0), np.float64)

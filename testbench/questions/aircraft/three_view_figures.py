@@ -11,21 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.page.figure import (
-    COLOURS,
-    DASHED,
-    FAINT,
-    INK,
-    QUIET,
-    Area,
-    Chart,
-    Curve,
-    Drawn,
-    Panel,
-    Plate,
-    Words,
-    width_in,
-)
+from testbench.page import figure as fig
 
 if TYPE_CHECKING:
     from testbench.aircraft import Aircraft
@@ -38,23 +24,25 @@ _TALLEST_IN, _ROW_IN = 8.0, 0.18
 _BELOW_IN = 0.62  # a view: dimension lines
 _THICKNESS = 0.12  # of every section as drawn, in chords
 _ALIKE = 0.02  # difference up to which drawn and reference mean chord count as the same
-_BOLD = COLOURS[0]
+_BOLD = fig.COLOURS[0]
 _CG_IN = 0.06  # radius of the mark of the centre of gravity
 Points = list[tuple[float, float]]
 
 
-def three_view_plates(survey: Survey) -> list[Plate]:
+def three_view_plates(survey: Survey) -> list[fig.Plate]:
     """Return the drawing of the surveyed aircraft, or nothing if its outline is not known."""
     return outline_plates(survey.envelope.aircraft)
 
 
-def outline_plates(aircraft: Aircraft) -> list[Plate]:
+def outline_plates(aircraft: Aircraft) -> list[fig.Plate]:
     """Return the drawing of an aircraft, or nothing if its outline is not known."""
     outline = aircraft.outline
     if outline is None:
         return []
 
-    return [Plate("three_view", "Three-view drawing", _caption(aircraft, outline), partial(_chart, aircraft, outline))]
+    return [
+        fig.Plate("three_view", "Three-view drawing", _caption(aircraft, outline), partial(_chart, aircraft, outline))
+    ]
 
 
 def _caption(aircraft: Aircraft, outline: Outline) -> str:
@@ -107,35 +95,35 @@ class _View:
     x_in: float
     y_in: float
     m_in: float
-    draws: list[Drawn] = field(default_factory=list)
+    draws: list[fig.Drawn] = field(default_factory=list)
 
     def at(self, points: Sequence[tuple[float, float]]) -> tuple[FloatArray, FloatArray]:
         """Return where points (n, 2), m, lie on the paper, in."""
         x, y = np.asarray(points, float).T / self.m_in
         return self.x_in + x, self.y_in + y
 
-    def surface(self, outline: Points, order: float, colour: str = FAINT, edge: str = INK) -> None:
+    def surface(self, outline: Points, order: float, colour: str = fig.FAINT, edge: str = fig.INK) -> None:
         """Draw a filled shape."""
-        self.draws.append(Area(outlines=[self.at(outline)], colour=colour, edge=edge, order=order, clip=False))
+        self.draws.append(fig.Area(outlines=[self.at(outline)], colour=colour, edge=edge, order=order, clip=False))
 
     def line(self, points: Points, **look: Any) -> None:
         """Draw a line through ``points``."""
         x, y = self.at(points)
-        self.draws.append(Curve(x=x, y=y, **{"width": 0.8, "clip": False} | look))
+        self.draws.append(fig.Curve(x=x, y=y, **{"width": 0.8, "clip": False} | look))
 
     def words(self, place: tuple[float, float], text: str, **look: Any) -> None:
         """Write a text."""
         (x,), (y,) = self.at([place])
-        self.draws.append(Words(x=float(x), y=float(y), text=text, **look))
+        self.draws.append(fig.Words(x=float(x), y=float(y), text=text, **look))
 
     def dimension(self, begin: tuple[float, float], end: tuple[float, float], words: str, size_m: float) -> None:
         """Draw a level dimension line with arrows and its text on it, of a short one the last word, or beside it."""
         left, right = sorted((begin[0], end[0]))
-        self.line([begin, end], colour=QUIET, width=0.7, order=6.0)
+        self.line([begin, end], colour=fig.QUIET, width=0.7, order=6.0)
         long, thick = min(0.085 * self.m_in, 0.4 * (right - left)), 0.022 * self.m_in
         for tip, way in ((left, 1.0), (right, -1.0)):
             head = [(tip, end[1]), (tip + way * long, end[1] + thick), (tip + way * long, end[1] - thick)]
-            self.surface(head, 6.0, QUIET, QUIET)
+            self.surface(head, 6.0, fig.QUIET, fig.QUIET)
         room, size = (right - left) / self.m_in, f"{_length(size_m)} m"
         text = next((t for t in (f"{words} {size}", f"{words.split()[-1]} {size}") if _wide_in(t) + 0.3 < room), "")
         look: dict[str, Any] = {"on_white": True, "order": 7.0}
@@ -146,14 +134,14 @@ class _View:
 
     def extension(self, begin: tuple[float, float], end: tuple[float, float]) -> None:
         """Draw a thin line from the shape to a dimension line."""
-        self.line([begin, end], colour=QUIET, width=0.5, order=1.0)
+        self.line([begin, end], colour=fig.QUIET, width=0.5, order=1.0)
 
     def centre_of_gravity(self) -> None:
         """Draw the quartered circle at the origin."""
         self.surface(_arc(0.0, 2.0 * np.pi, _CG_IN * self.m_in), 8.0, "white")
         for turn in (0.0, np.pi):
             quarter = [(0.0, 0.0), *_arc(turn, turn + 0.5 * np.pi, _CG_IN * self.m_in)]
-            self.surface(quarter, 9.0, INK)
+            self.surface(quarter, 9.0, fig.INK)
 
 
 def _arc(begin: float, end: float, radius: float, flat: float = 1.0) -> Points:
@@ -162,13 +150,13 @@ def _arc(begin: float, end: float, radius: float, flat: float = 1.0) -> Points:
     return list(zip((radius * np.cos(angle)).tolist(), (flat * radius * np.sin(angle)).tolist(), strict=True))
 
 
-def _chart(aircraft: Aircraft, outline: Outline, wide: bool) -> Chart:
+def _chart(aircraft: Aircraft, outline: Outline, wide: bool) -> fig.Chart:
     """Return top view above front view, and the side view beside them if there is room, else below."""
     nose, end = outline.ends_m
     span = max(s.span_m for s in _flat(outline))
     low, high = _heights(outline)
     length, tall = nose - end, high - low
-    width = width_in(wide)
+    width = fig.width_in(wide)
     paper = width - 2.0 * _MARGIN_IN
     across = (paper - _GAP_IN) / (span + length) if wide else paper / max(span, length)
     down = (_TALLEST_IN - 3.0 * _GAP_IN) / (length + tall * (1 if wide else 2))
@@ -194,13 +182,15 @@ def _chart(aircraft: Aircraft, outline: Outline, wide: bool) -> Chart:
     for name, x, y in (
         ("top", left, total - top), ("front", left, front + tall / m_in), ("side", x_side, y_side + tall / m_in)
     ):  # fmt: skip
-        draws.append(Words(x=x, y=y + 0.05, text=name, colour=QUIET, size=8.5, up="bottom"))
+        draws.append(fig.Words(x=x, y=y + 0.05, text=name, colour=fig.QUIET, size=8.5, up="bottom"))
     x, y = (x_side, total - top) if wide else (_MARGIN_IN, _ROW_IN * len(facts))
     for k, pair in enumerate(facts):
-        for text, shift, colour in zip(pair, (0.0, 1.45), (QUIET, INK), strict=True):
-            draws.append(Words(x=x + shift, y=y - _ROW_IN * k, text=text, colour=colour, up="top"))
-    panel = Panel(draws=draws, bare=True, x_range=(0.0, width), y_range=(0.0, total), box_in=(0.0, 0.0, width, total))
-    return Chart([[panel]], keys=(), size_in=(width, total))
+        for text, shift, colour in zip(pair, (0.0, 1.45), (fig.QUIET, fig.INK), strict=True):
+            draws.append(fig.Words(x=x + shift, y=y - _ROW_IN * k, text=text, colour=colour, up="top"))
+    panel = fig.Panel(
+        draws=draws, bare=True, x_range=(0.0, width), y_range=(0.0, total), box_in=(0.0, 0.0, width, total)
+    )
+    return fig.Chart([[panel]], keys=(), size_in=(width, total))
 
 
 def _flat(outline: Outline) -> list[Surface]:
@@ -287,7 +277,7 @@ def _top_view(view: _View, aircraft: Aircraft, outline: Outline) -> None:
     stations = _stations(aircraft, outline)
     if stations and outline.elastic_axis is not None:
         both = sorted({*stations, *(-y for y in stations)})
-        view.line(_along(wing, outline.elastic_axis, both), colour=_BOLD, width=0.7, dash=DASHED, order=5.0)
+        view.line(_along(wing, outline.elastic_axis, both), colour=_BOLD, width=0.7, dash=fig.DASHED, order=5.0)
         view.line(_along(wing, outline.elastic_axis, stations), colour=_BOLD, marker="o", size=2.4, order=6.0)
     if tail is not None:
         tail_end = outline.ends_m[1] - 0.18 * view.m_in

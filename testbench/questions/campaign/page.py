@@ -13,24 +13,7 @@ import numpy as np
 from testbench.aircraft.believed import KEY
 from testbench.core.constants import PERCENT
 from testbench.core.escape import csv_cell
-from testbench.page.figure import (
-    COLOURS,
-    DASHED,
-    INK,
-    INTERVAL,
-    Area,
-    Chart,
-    Curve,
-    Drawn,
-    Panel,
-    Plate,
-    Rule,
-    Span,
-    Words,
-    band,
-    bars,
-    grid,
-)
+from testbench.page import figure as fig
 from testbench.page.flown import flown_table
 from testbench.page.labels import number
 from testbench.page.page import Page
@@ -252,7 +235,7 @@ def runs_csv(summary: Summary) -> str:
 # --- figures ----------------------------------------------------------------------------------------------------------
 
 
-def campaign_plates(summary: Summary) -> list[Plate]:
+def campaign_plates(summary: Summary) -> list[fig.Plate]:
     """Return the figures for which the runs have data, of at most six estimates; if there are none, why runs failed."""
     chosen, done = _chosen(summary), summary.done
     found = errors(summary)
@@ -270,21 +253,21 @@ def campaign_plates(summary: Summary) -> list[Plate]:
         of = [_scatter(short_name(n, chosen), summary.columns[truth_of(n, summary.columns)][done],
                        summary.columns[n][done]) for n in chosen]  # fmt: skip
         caption = "One point per run, for at most 2000 runs. On the line the estimate equals the truth."
-        plates.append(Plate("estimates", "Estimates over true values", caption, grid(of, 3)))
+        plates.append(fig.Plate("estimates", "Estimates over true values", caption, fig.grid(of, 3)))
     caption = (
         f"Number of runs over {'' if chosen else 'the '}{what}. Dashed: the mean, with its 95 % confidence interval "
         f"shaded.{' The estimate is biased if zero (full line) lies outside that interval.' if chosen else ''}"
     )
     title = "Distribution of the errors" if chosen else "Distribution of the prediction errors"
     of = [_histogram(short_name(n, list(of_errors)), values, what, bool(chosen)) for n, values in of_errors.items()]
-    plates.append(Plate("distributions", title, caption, grid(of, 3)))
+    plates.append(fig.Plate("distributions", title, caption, fig.grid(of, 3)))
     settling = {name: values for name, values in of_errors.items() if values.size >= _FEWEST}
     if settling:
         caption = (
             f"Mean of {what} over the first runs, in the order of their numbers, with its 95 % confidence interval."
         )
         of = [_settling(short_name(n, list(settling)), values) for n, values in settling.items()]
-        plates.append(Plate("convergence", "How the means settle", caption, grid(of, 3)))
+        plates.append(fig.Plate("convergence", "How the means settle", caption, fig.grid(of, 3)))
     stated = [a.name for a in summary.accuracies if np.isfinite(a.stated) and a.n > 2]
     of_stated = [name for name in chosen if name in stated] or stated[:_MOST]
     if of_stated:
@@ -292,16 +275,16 @@ def campaign_plates(summary: Summary) -> list[Plate]:
             calibration_panel(short_name(n, of_stated), found[n][done], summary.columns[f"{n}, std"][done])
             for n in of_stated
         ]
-        plates.append(Plate("calibration", "Errors over stated errors", CALIBRATION, grid(of, 3)))
+        plates.append(fig.Plate("calibration", "Errors over stated errors", CALIBRATION, fig.grid(of, 3)))
     return plates
 
 
-def _failure_plate(summary: Summary) -> Plate:
+def _failure_plate(summary: Summary) -> fig.Plate:
     """Return the reasons of failure by number of runs, for a campaign that identified nothing."""
     causes = summary.causes[:_MOST]
-    draws: list[Drawn] = [bars(np.arange(len(causes)) + 0.2, 0.0, [c.count for c in causes], 0.35)]
-    draws += [Words(x=0.0, y=i - 0.05, text=f"{c.count}: {c.example}", up="bottom") for i, c in enumerate(causes)]
-    panel = Panel(
+    draws: list[fig.Drawn] = [fig.bars(np.arange(len(causes)) + 0.2, 0.0, [c.count for c in causes], 0.35)]
+    draws += [fig.Words(x=0.0, y=i - 0.05, text=f"{c.count}: {c.example}", up="bottom") for i, c in enumerate(causes)]
+    panel = fig.Panel(
         draws=draws, x="runs, of those that are finished", x_range=(0.0, float(summary.runs.size)), whole="x",
         y_ticks=[], y_range=(len(causes) - 0.55, -0.45), tall_in=0.5 * len(causes),
     )  # fmt: skip
@@ -309,7 +292,7 @@ def _failure_plate(summary: Summary) -> Plate:
         "Number of runs for each of the most frequent reasons of failure; numbers in a reason are those of the first "
         "run."
     )
-    return Plate("failures", "Why runs failed", caption, Chart([[panel]]))
+    return fig.Plate("failures", "Why runs failed", caption, fig.Chart([[panel]]))
 
 
 def _chosen(summary: Summary) -> list[str]:
@@ -322,17 +305,17 @@ def _chosen(summary: Summary) -> list[str]:
     return sorted(list(names)[:_MOST])
 
 
-def _scatter(name: str, true: FloatArray, found: FloatArray) -> Panel:
+def _scatter(name: str, true: FloatArray, found: FloatArray) -> fig.Panel:
     have = np.isfinite(true) & np.isfinite(found)
     true, found = true[have], found[have]
     low, high = float(true.min()), float(true.max())
     margin = 0.06 * (high - low) or 0.05 * abs(high) or 1.0
     ends = (low - margin, high + margin)
-    draws: list[Drawn] = [Curve(x=ends, y=ends, width=0.9), points(true, found)]
-    return Panel(draws=draws, title=name, x="true value", y="estimate", x_range=ends, tall_in=_TALL_IN)
+    draws: list[fig.Drawn] = [fig.Curve(x=ends, y=ends, width=0.9), points(true, found)]
+    return fig.Panel(draws=draws, title=name, x="true value", y="estimate", x_range=ends, tall_in=_TALL_IN)
 
 
-def _histogram(name: str, values: FloatArray, what: str, zero: bool) -> Panel:
+def _histogram(name: str, values: FloatArray, what: str, zero: bool) -> fig.Panel:
     low, high = float(values.min()), float(values.max())
     size, count = max(abs(low), abs(high)), int(np.clip(round(2.0 * values.size ** (1.0 / 3.0)), 5, 60))  # Rice's rule
     if high - low <= _ROUNDED * size:  # no bins fit between values that rounding alone tells apart
@@ -341,35 +324,35 @@ def _histogram(name: str, values: FloatArray, what: str, zero: bool) -> Panel:
     runs, edges = np.histogram(values, bins=count, range=(low, high))
     tall = [([a, b, b, a], [0.0, 0.0, n, n]) for a, b, n in zip(edges[:-1], edges[1:], runs, strict=True)]
     mean, half = float(np.mean(values)), _half(values)
-    draws: list[Drawn] = [
-        Area(outlines=tall),
-        Span(low=mean - half, high=mean + half, colour=COLOURS[1], alpha=0.25),
-        Rule(at=mean, colour=COLOURS[1], dash=DASHED, width=1.3),
-        *([Rule(at=0.0, colour=INK)] if zero else []),
+    draws: list[fig.Drawn] = [
+        fig.Area(outlines=tall),
+        fig.Span(low=mean - half, high=mean + half, colour=fig.COLOURS[1], alpha=0.25),
+        fig.Rule(at=mean, colour=fig.COLOURS[1], dash=fig.DASHED, width=1.3),
+        *([fig.Rule(at=0.0, colour=fig.INK)] if zero else []),
     ]
     ends = [low, high, mean - half, mean + half, *([0.0] if zero else [])]
     room = 0.06 * (max(ends) - min(ends))  # zero stands off the axis, where it could not be seen
-    return Panel(
+    return fig.Panel(
         draws=draws, title=name, x=what, y="runs", whole="y", tall_in=_TALL_IN,
         x_range=(min(ends) - room, max(ends) + room), y_range=(0.0, 1.05 * float(runs.max())),
     )  # fmt: skip
 
 
 def _half(values: FloatArray) -> float:
-    return float(INTERVAL * np.std(values, ddof=1) / np.sqrt(values.size)) if values.size > 1 else 0.0
+    return float(fig.INTERVAL * np.std(values, ddof=1) / np.sqrt(values.size)) if values.size > 1 else 0.0
 
 
-def _settling(name: str, values: FloatArray) -> Panel:
+def _settling(name: str, values: FloatArray) -> fig.Panel:
     n = np.arange(1, values.size + 1)
     shift = float(values[0])  # sums of squares about a value of their own size lose no digits
     mean = np.cumsum(values - shift) / n
     squares = np.maximum(np.cumsum((values - shift) ** 2) / n - mean**2, 0.0)
-    half = INTERVAL * np.sqrt(squares / np.maximum(n - 1, 1))
+    half = fig.INTERVAL * np.sqrt(squares / np.maximum(n - 1, 1))
     first = min(4, (n.size - 1) // 2)  # intervals of the first few runs would set the scale
     show = np.unique(np.linspace(first, n.size - 1, min(n.size, 400)).astype(int))
-    draws: list[Drawn] = [
-        band(n[show], (shift + mean - half)[show], (shift + mean + half)[show], alpha=0.5),
-        Curve(x=n[show], y=(shift + mean)[show], colour=COLOURS[0]),
-        Rule(at=shift + float(mean[-1]), of="y", width=0.7, dash=DASHED),
+    draws: list[fig.Drawn] = [
+        fig.band(n[show], (shift + mean - half)[show], (shift + mean + half)[show], alpha=0.5),
+        fig.Curve(x=n[show], y=(shift + mean)[show], colour=fig.COLOURS[0]),
+        fig.Rule(at=shift + float(mean[-1]), of="y", width=0.7, dash=fig.DASHED),
     ]
-    return Panel(draws=draws, title=name, x="runs", y="mean", whole="x", tall_in=_TALL_IN)
+    return fig.Panel(draws=draws, title=name, x="runs", y="mean", whole="x", tall_in=_TALL_IN)

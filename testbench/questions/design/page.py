@@ -9,24 +9,7 @@ import numpy as np
 
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.design.realise import FALSE_ALARM, INTERVAL, TRUST
-from testbench.page.figure import (
-    COLOURS,
-    DASHED,
-    DOTTED,
-    QUIET,
-    WARN,
-    Chart,
-    Curve,
-    Drawn,
-    Panel,
-    Plate,
-    Rule,
-    Words,
-    bars,
-    grid,
-    line_look,
-    mode_marks,
-)
+from testbench.page import figure as fig
 from testbench.page.labels import axis_label, number, shown_unit, symbol
 from testbench.page.page import Page, source_of
 from testbench.page.tables import Column, Table, Value
@@ -399,7 +382,7 @@ def short_ranking(result: DesignResult) -> Table:
 # --- figures ----------------------------------------------------------------------------------------------------------
 
 
-def design_plates(result: DesignResult) -> list[Plate]:
+def design_plates(result: DesignResult) -> list[fig.Plate]:
     """Return the figures of a design, that of the answer first."""
     return [_flight_plate(result), _spectrum_plate(result), _error_plate(result)]
 
@@ -413,7 +396,7 @@ def compared(result: DesignResult) -> list[Flown]:
 # --- the winner in flight ---------------------------------------------------------------------------------------------
 
 
-def _flight_plate(result: DesignResult) -> Plate:
+def _flight_plate(result: DesignResult) -> fig.Plate:
     best = result.best
     record, design = best.record, best.design
     used = {n: _used(result, n) for n in result.envelope.bands if n not in design.controls and n in record}
@@ -421,14 +404,14 @@ def _flight_plate(result: DesignResult) -> Plate:
     lateral = result.scenario.plane == "lateral"
     extra = [n for n in (("p", "r") if lateral else ("q",)) if n in record]
     panels = [_channel(result, name) for name in (*design.controls, *extra, *limited)]
-    near = any(isinstance(drawn, Rule) for panel in panels for drawn in panel.draws)
+    near = any(isinstance(drawn, fig.Rule) for panel in panels for drawn in panel.draws)
     caption = (
         "The recommended input as the nonlinear simulator flies it at its largest admissible amplitude: command, "
         f"motion of the surface, and the channels that come nearest to their limits{' (dashed)' if near else ''}. The "
         "dot marks where a limit is used up most."
     )
     title = f"The recommended input in flight: {family_label(design.family)}"
-    return Plate("flight", title, caption, grid(panels, 2, share_x=True))
+    return fig.Plate("flight", title, caption, fig.grid(panels, 2, share_x=True))
 
 
 def _used(result: DesignResult, name: str) -> float:
@@ -439,27 +422,27 @@ def _used(result: DesignResult, name: str) -> float:
     return float(max((x.max() - at) / (high - at), (at - x.min()) / (at - low)))
 
 
-def _channel(result: DesignResult, name: str) -> Panel:
+def _channel(result: DesignResult, name: str) -> fig.Panel:
     best = result.best
     record, tight = best.record, best.tightest
     factor = -1.0 / G0_M_S2 if name == "az" else shown_unit(name)[0]
     y = factor * record[name]
-    draws: list[Drawn] = [Curve(x=record.t_s, y=y, name="flown", colour=COLOURS[0])]
+    draws: list[fig.Drawn] = [fig.Curve(x=record.t_s, y=y, name="flown", colour=fig.COLOURS[0])]
     shown = [float(y.min()), float(y.max())]
     if name in best.design.controls:
         command = factor * record[f"{name}_cmd"]
-        draws.append(Curve(x=record.t_s, y=command, name="command", dash=DOTTED))
+        draws.append(fig.Curve(x=record.t_s, y=command, name="command", dash=fig.DOTTED))
         shown += [float(command.min()), float(command.max())]
     middle, half = 0.5 * (max(shown) + min(shown)), max(0.5 * (max(shown) - min(shown)), 1e-9)
     for bound in sorted(factor * b for b in result.envelope.bands.get(name, ())):
         if abs(bound - middle) < 2.2 * half:
-            draws.append(Rule(at=bound, of="y", name="limit", colour=WARN, width=1.1, dash=DASHED))
+            draws.append(fig.Rule(at=bound, of="y", name="limit", colour=fig.WARN, width=1.1, dash=fig.DASHED))
             shown.append(bound)
     if tight.name == name:
         k = int(np.argmin(np.abs(record.t_s - tight.t_s)))
-        draws.append(Curve(x=[record.t_s[k]], y=[y[k]], marker="o", colour=WARN, size=4.5, order=5.0))
+        draws.append(fig.Curve(x=[record.t_s[k]], y=[y[k]], marker="o", colour=fig.WARN, size=4.5, order=5.0))
     pad = 0.1 * (max(shown) - min(shown) or 1.0)
-    return Panel(
+    return fig.Panel(
         draws=draws, x="t, s", y="load factor" if name == "az" else axis_label(name), tall_in=1.05,
         x_range=(0.0, float(record.t_s[-1])), y_range=(min(shown) - pad, max(shown) + pad),
     )  # fmt: skip
@@ -468,7 +451,7 @@ def _channel(result: DesignResult, name: str) -> Panel:
 # --- spectra among the modes ------------------------------------------------------------------------------------------
 
 
-def _spectrum_plate(result: DesignResult) -> Plate:
+def _spectrum_plate(result: DesignResult) -> fig.Plate:
     wn = [abs(p) for p in result.modes.values() if abs(p) > 0.05]
     low, high = 0.5 * min(wn), 2.5 * max(wn)
     fine = np.geomspace(low, high, _BINS * _PER_BIN)
@@ -476,12 +459,12 @@ def _spectrum_plate(result: DesignResult) -> Plate:
     curves = []
     for k, r in enumerate(compared(result)):
         energy = result.spectrum(r.design, fine).reshape(_BINS, _PER_BIN).mean(axis=1) / DEG_RAD**2
-        look = line_look(k) | {"width": 1.0 if k else 1.6, "order": 3.0 - 0.1 * k}
-        curves.append(Curve(x=centres, y=energy, name=family_label(r.design.family), **look))
+        look = fig.line_look(k) | {"width": 1.0 if k else 1.6, "order": 3.0 - 0.1 * k}
+        curves.append(fig.Curve(x=centres, y=energy, name=family_label(r.design.family), **look))
     peak = max(float(np.max(c.y)) for c in curves)
     elastic = result.aircraft.flown_modes()
-    marks = mode_marks(result.modes, [m.name for m in elastic.modes] if elastic else [], low, high)
-    panel = Panel(
+    marks = fig.mode_marks(result.modes, [m.name for m in elastic.modes] if elastic else [], low, high)
+    panel = fig.Panel(
         draws=[*curves, *marks], x="frequency, rad/s", y="energy density, (deg s)²", log_x=True, log_y=True,
         x_range=(low, high), y_range=(10.0**-_DECADES * peak, 3.0 * peak), tall_in=2.7,
     )  # fmt: skip
@@ -490,13 +473,13 @@ def _spectrum_plate(result: DesignResult) -> Plate:
         "amplitude. Vertical lines: the modes of this plane (green: rigid, over their half-power bands; purple: "
         "elastic). An input does not excite a mode where its spectrum has little energy."
     )
-    return Plate("spectra", "Where each input puts its energy", caption, Chart([[panel]]))
+    return fig.Plate("spectra", "Where each input puts its energy", caption, fig.Chart([[panel]]))
 
 
 # --- predicted errors -------------------------------------------------------------------------------------------------
 
 
-def _error_plate(result: DesignResult) -> Plate:
+def _error_plate(result: DesignResult) -> fig.Plate:
     entries, t = compared(result), result.problem.targets
     ratios = np.array([r.design.errors / t.wanted for r in entries])
     drawn = result.best.over is not None
@@ -506,21 +489,21 @@ def _error_plate(result: DesignResult) -> Plate:
     worst = np.minimum(worst, 10.0 * largest)  # without bound: beyond the edge
     each, low = _BAR * len(entries) + 0.16, min(0.5 * float(ratios.min()), 0.6)  # the wanted error, 1, stands inside
     at = each * np.arange(len(t.names))
-    draws: list[Drawn] = []
+    draws: list[fig.Drawn] = []
     for k, r in enumerate(entries):
         name = family_label(r.design.family)
-        draws.append(bars(at + _BAR * k, low, ratios[k], 0.115, name=name, colour=COLOURS[k % 6]))
+        draws.append(fig.bars(at + _BAR * k, low, ratios[k], 0.115, name=name, colour=fig.COLOURS[k % 6]))
         if drawn:
             ends = np.column_stack([ratios[k], worst[k], np.full(at.size, np.nan)]).ravel()
             rows = np.repeat(at + _BAR * k, 3)
-            draws.append(Curve(x=ends, y=rows, width=0.8, marker="|", size=4.0, joined=True, order=3.0))
+            draws.append(fig.Curve(x=ends, y=rows, width=0.8, marker="|", size=4.0, joined=True, order=3.0))
     for i, y in enumerate(at):
         end = float(min(worst[0, i], 1.2 * largest))
         text = _short_error(result, entries[0].design.errors, i)
-        draws.append(Words(x=end, y=y, text=text, shift=(3, 0), size=7.0, colour=QUIET))
-    draws.append(Rule(at=1.0, name="wanted", colour=WARN, width=1.2, dash=DASHED))
+        draws.append(fig.Words(x=end, y=y, text=text, shift=(3, 0), size=7.0, colour=fig.QUIET))
+    draws.append(fig.Rule(at=1.0, name="wanted", colour=fig.WARN, width=1.2, dash=fig.DASHED))
     middle = 0.5 * _BAR * (len(entries) - 1)
-    panel = Panel(
+    panel = fig.Panel(
         draws=draws, x="predicted standard error over the wanted one", log_x=True,
         x_range=(low, max(2.0, 1.6 * largest)), tall_in=each * len(t.names),
         y_ticks=[(y + middle, n) for y, n in zip(at, t.names, strict=True)],
@@ -532,7 +515,7 @@ def _error_plate(result: DesignResult) -> Plate:
     )
     if drawn:
         caption += " The thin line runs to the error in the worst of the drawn aircraft."
-    return Plate("errors", "What each input tells", caption, Chart([[panel]]))
+    return fig.Plate("errors", "What each input tells", caption, fig.Chart([[panel]]))
 
 
 def _short_error(result: DesignResult, errors: Any, i: int) -> str:

@@ -8,24 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from testbench.estimators.operational.onset import CLEARANCE, tracked
-from testbench.page.figure import (
-    COLOURS,
-    DASHED,
-    FAINT,
-    INK,
-    MARKERS,
-    MEASURED,
-    QUIET,
-    WARN,
-    Chart,
-    Curve,
-    Drawn,
-    Panel,
-    Plate,
-    Rule,
-    Span,
-    grid,
-)
+from testbench.page import figure as fig
 from testbench.page.labels import number
 from testbench.page.page import COMPUTED, FLOWN, Page, json_text
 from testbench.page.tables import Column, Table, Value
@@ -170,90 +153,92 @@ def _shape_table(result: ModesResult) -> Table:
 # --- figures ----------------------------------------------------------------------------------------------------------
 
 
-def modes_plates(result: ModesResult) -> list[Plate]:
+def modes_plates(result: ModesResult) -> list[fig.Plate]:
     """Return the trend over speed, the stabilisation diagram, and shapes where at least three sensors have a place."""
     places = [y for y in result.stations_m if y is not None]
     trend = [_trend(result, result.onset)] if result.onset is not None else []
     return [*trend, _stabilisation(result), *([_shapes(result)] if len(set(places)) >= _FEWEST else [])]
 
 
-def _trend(result: ModesResult, onset: Onset) -> Plate:
+def _trend(result: ModesResult, onset: Onset) -> fig.Plate:
     caption = (
         "Natural frequency and damping ratio of each mode over speed with 95 % intervals, and the probability that "
         "flutter begins at or below a speed. Dashed: the speed that is cleared."
     )
-    V, cleared = onset.V_m_s, Rule(at=result.cleared_m_s, colour=INK, dash=DASHED, name="cleared")
+    V, cleared = onset.V_m_s, fig.Rule(at=result.cleared_m_s, colour=fig.INK, dash=fig.DASHED, name="cleared")
     reach = (float(V[0]) * 0.97, max(min(onset.quantile(0.95), 1.5 * float(V[-1])), 1.1 * float(V[-1])))
-    rows: list[list[Drawn]] = [[cleared], [cleared]]
+    rows: list[list[fig.Drawn]] = [[cleared], [cleared]]
     for k, track in enumerate(onset.tracks):
         seen = [(v, m) for v, m in zip(V, track, strict=True) if m is not None]
         x = np.array([v for v, _ in seen])
         figures = [(m.frequency_hz, m.frequency_std_hz, m.damping, m.damping_std) for _, m in seen]
         f, f_std, zeta, zeta_std = np.array(figures).T
-        look: dict[str, Any] = {"colour": COLOURS[k % 6], "marker": MARKERS[k % 6], "joined": True}
-        rows[0].append(Curve(x=x, y=f, y_error=1.96 * f_std, name=f"mode {k + 1}", **look))
-        rows[1].append(Curve(x=x, y=zeta, y_error=1.96 * zeta_std, **look))
+        look: dict[str, Any] = {"colour": fig.COLOURS[k % 6], "marker": fig.MARKERS[k % 6], "joined": True}
+        rows[0].append(fig.Curve(x=x, y=f, y_error=1.96 * f_std, name=f"mode {k + 1}", **look))
+        rows[1].append(fig.Curve(x=x, y=zeta, y_error=1.96 * zeta_std, **look))
     ahead = np.linspace(*reach, 200)
-    risk = Curve(x=ahead, y=np.array([onset.risk(v) for v in ahead]), colour=WARN)
-    axes: list[tuple[str, list[Drawn]]] = [
+    risk = fig.Curve(x=ahead, y=np.array([onset.risk(v) for v in ahead]), colour=fig.WARN)
+    axes: list[tuple[str, list[fig.Drawn]]] = [
         ("natural frequency, Hz", rows[0]),
         ("damping ratio", rows[1]),
         ("probability of flutter", [risk, cleared]),
     ]
     panels = [
-        Panel(draws=draws, x="airspeed, m/s" if y.startswith("prob") else "", y=y, x_range=reach,
+        fig.Panel(draws=draws, x="airspeed, m/s" if y.startswith("prob") else "", y=y, x_range=reach,
               y_range=(0.0, None), tall_in=1.9)
         for y, draws in axes
     ]  # fmt: skip
-    return Plate("trend", "Towards the onset of flutter", caption, grid(panels, 1))
+    return fig.Plate("trend", "Towards the onset of flutter", caption, fig.grid(panels, 1))
 
 
-def _stabilisation(result: ModesResult) -> Plate:
+def _stabilisation(result: ModesResult) -> fig.Plate:
     truth = " Ticks at the upper edge: modes of the linear model." if result.true else ""
     caption = (
         "Every pole of every model order over its frequency. Coloured: modes, which come back at order after order, "
         "with their 95 % intervals shaded. Rings: stable from one order to the next, but at too few orders or with "
         f"too large errors. Dots: the rest, which is noise. Grey line: mean spectrum of the outputs.{truth}"
     )
-    found, draws = result.found, list[Drawn]()
+    found, draws = result.found, list[fig.Drawn]()
     low, high = found.settings["band_hz"]
     f = np.concatenate([v.frequency_hz for v in found.views])
     order = np.concatenate([np.full(v.frequency_hz.size, v.order) for v in found.views])
     stable, mode = (np.concatenate([getattr(v, what) for v in found.views]) for what in ("stable", "mode"))
     looks: list[tuple[Any, dict[str, Any]]] = [
-        (mode == k, {"marker": MARKERS[k % 6], "colour": COLOURS[k % 6], "order": 3.0,
+        (mode == k, {"marker": fig.MARKERS[k % 6], "colour": fig.COLOURS[k % 6], "order": 3.0,
                      "name": f"{number(m.frequency_hz)} Hz, ζ {number(m.damping, 2)}"})
         for k, m in enumerate(found.modes)
     ]  # fmt: skip
     looks.append((stable & (mode < 0), {"marker": "o", "size": 4.5, "hollow": "white", "name": "stable, no mode"}))
     looks.append((~stable, {"marker": ".", "size": 3.5, "name": "not stable"}))
-    draws += [Curve(x=f[these], y=order[these], **{"colour": QUIET} | look) for these, look in looks]
+    draws += [fig.Curve(x=f[these], y=order[these], **{"colour": fig.QUIET} | look) for these, look in looks]
     for k, m in enumerate(found.modes):
         half = found.quantile * m.frequency_std_hz
-        draws.append(Span(low=m.frequency_hz - half, high=m.frequency_hz + half, colour=COLOURS[k % 6], alpha=0.16))
+        draws.append(
+            fig.Span(low=m.frequency_hz - half, high=m.frequency_hz + half, colour=fig.COLOURS[k % 6], alpha=0.16)
+        )
     top = found.views[-1].order + 2.0
     if result.true:
         x = np.array([t.frequency_hz for t in result.true])
-        draws.append(Curve(x=x, y=np.full(x.size, top), marker="|", size=20.0, name="linear model"))
-    panel = Panel(
+        draws.append(fig.Curve(x=x, y=np.full(x.size, top), marker="|", size=20.0, name="linear model"))
+    panel = fig.Panel(
         draws=draws, x="frequency, Hz", y="model order", x_range=(low, high), y_range=(0.0, top), tall_in=3.6,
         right=_spectrum(found.spectrum, low, high),
     )  # fmt: skip
-    return Plate("stabilisation", "Stabilisation diagram", caption, Chart([[panel]]))
+    return fig.Plate("stabilisation", "Stabilisation diagram", caption, fig.Chart([[panel]]))
 
 
-def _spectrum(spectrum: Any, low: float, high: float) -> Panel | None:
+def _spectrum(spectrum: Any, low: float, high: float) -> fig.Panel | None:
     """Return the mean spectrum of the outputs, to lie behind the poles; None if it is nothing."""
     f, density = spectrum.T
     shown = (f >= low) & (f <= high)
     peak = float(density[shown].max(initial=0.0))
     if peak <= 0.0:
         return None
-    line = Curve(x=f[shown], y=density[shown], colour=MEASURED, width=1.1)
-    return Panel(draws=[line], log_y=True, y_range=(peak * 10.0**-_DECADES, peak * 10.0**0.4), behind=True)
+    line = fig.Curve(x=f[shown], y=density[shown], colour=fig.MEASURED, width=1.1)
+    return fig.Panel(draws=[line], log_y=True, y_range=(peak * 10.0**-_DECADES, peak * 10.0**0.4), behind=True)
 
 
-def _shapes(result: ModesResult) -> Plate:
+def _shapes(result: ModesResult) -> fig.Plate:
     caption = (
         "Motion of each mode at the sensors along the span, turned to the phase in which it is largest and divided by "
         "the largest. Circles: accelerometers; squares: strain gauges. Line without colour: the matching mode of the "
@@ -264,18 +249,18 @@ def _shapes(result: ModesResult) -> Plate:
     for k, mode in enumerate(result.found.modes):
         match = true.get(k)
         likeness = f", MAC {match.mac:.3f}" if match is not None and match.mac is not None else ""
-        draws = _shape(result, mode.shape, match.true if match else None, COLOURS[k % 6])
+        draws = _shape(result, mode.shape, match.true if match else None, fig.COLOURS[k % 6])
         panels.append(
-            Panel(draws=draws, title=f"{number(mode.frequency_hz)} Hz{likeness}", x="y along the span, m",
+            fig.Panel(draws=draws, title=f"{number(mode.frequency_hz)} Hz{likeness}", x="y along the span, m",
                   y="motion over the largest", y_range=(-1.15, 1.15), tall_in=1.7)
         )  # fmt: skip
     columns = min(len(panels), 3)
-    chart = grid(panels, columns, share_y=True, share=1.0 if columns == 3 else columns / 3.0 + 0.1)
-    return Plate("shapes", "Mode shapes at the sensors", caption, chart)
+    chart = fig.grid(panels, columns, share_y=True, share=1.0 if columns == 3 else columns / 3.0 + 0.1)
+    return fig.Plate("shapes", "Mode shapes at the sensors", caption, chart)
 
 
-def _shape(result: ModesResult, shape: ComplexArray, true: TrueMode | None, colour: str) -> list[Drawn]:
-    out: list[Drawn] = [Rule(at=0.0, of="y", colour=FAINT)]
+def _shape(result: ModesResult, shape: ComplexArray, true: TrueMode | None, colour: str) -> list[fig.Drawn]:
+    out: list[fig.Drawn] = [fig.Rule(at=0.0, of="y", colour=fig.FAINT)]
     for kind, marker in (("az_wing_", "o"), ("strain_wing_", "s")):
         here = [
             (y, i)
@@ -289,8 +274,8 @@ def _shape(result: ModesResult, shape: ComplexArray, true: TrueMode | None, colo
         if true is not None:
             line = _real(true.shape[rows])
             sign = np.sign(found @ line) or 1.0
-            out.append(Curve(x=y, y=sign * line, colour=INK, width=1.0))
-        out.append(Curve(x=y, y=found, marker=marker, colour=colour, size=5.5))
+            out.append(fig.Curve(x=y, y=sign * line, colour=fig.INK, width=1.0))
+        out.append(fig.Curve(x=y, y=found, marker=marker, colour=colour, size=5.5))
     return out
 
 

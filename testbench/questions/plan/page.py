@@ -12,23 +12,7 @@ import numpy as np
 
 from testbench.core.constants import PERCENT
 from testbench.core.files import write_file
-from testbench.page.figure import (
-    COLOURS,
-    DASHED,
-    INK,
-    MEASURED,
-    WARN,
-    Chart,
-    Curve,
-    Drawn,
-    Panel,
-    Plate,
-    Rule,
-    Words,
-    bars,
-    line_look,
-    rows,
-)
+from testbench.page import figure as fig
 from testbench.page.html import picture, render
 from testbench.page.page import Page, source_of
 from testbench.page.tables import Column, Table, Value
@@ -46,7 +30,7 @@ if TYPE_CHECKING:
 
 _SHOWN_MODES = 4
 _MOST = 14  # targets that one figure shows
-_KINDS = (("promised", MEASURED), ("realised in simulation", COLOURS[0]), ("flown", COLOURS[1]))
+_KINDS = (("promised", fig.MEASURED), ("realised in simulation", fig.COLOURS[0]), ("flown", fig.COLOURS[1]))
 
 
 def plan_page(plan: Plan) -> Page:
@@ -275,7 +259,7 @@ def modes_table(plan: Plan) -> Table:
 # --- figures ----------------------------------------------------------------------------------------------------------
 
 
-def plan_plates(plan: Plan) -> list[Plate]:
+def plan_plates(plan: Plan) -> list[fig.Plate]:
     """Return the figures of the plan's page; the first shows what limits the plan, elastic modes or energy."""
     out = [_build_up(plan), *([_energy(plan)] if plan.flights else [])]
     return out if _weakest(plan) else out[::-1]
@@ -291,7 +275,7 @@ def _weakest(plan: Plan) -> list[str]:
     return sorted(least, key=lambda n: least[n])[:_SHOWN_MODES]
 
 
-def _build_up(plan: Plan) -> Plate:
+def _build_up(plan: Plan) -> fig.Plate:
     names = _weakest(plan)
     caption = "Points are numbered in the order of flying: a circle as given, a diamond scaled, a square refused. " + (
         "Damping ratio of the least damped elastic modes. Dashed: onset of instability and, where the plan keeps it, "
@@ -300,7 +284,7 @@ def _build_up(plan: Plan) -> Plate:
         else "The aircraft has no elastic modes: only its limits bound the build-up."
     )
     panels = [*([[_damping(plan, names)]] if names else []), [_points(plan, 1.1 if names else 1.6)]]
-    return Plate("build_up", "Build-up", caption, Chart(panels))
+    return fig.Plate("build_up", "Build-up", caption, fig.Chart(panels))
 
 
 def _span(plan: Plan) -> tuple[float, float]:
@@ -312,58 +296,58 @@ def _span(plan: Plan) -> tuple[float, float]:
     return low - room, high + room
 
 
-def _damping(plan: Plan, names: list[str]) -> Panel:
+def _damping(plan: Plan, names: list[str]) -> fig.Panel:
     low, high = _span(plan)
-    draws, top = list[Drawn](), 0.0
+    draws, top = list[fig.Drawn](), 0.0
     for envelope in plan.envelopes:
         V = np.array(envelope.speeds)
         inside = (low <= V) & (high * 1.08 >= V)
         for k, name in enumerate(names):
             zeta = np.nanmin(envelope.history(name)[1], axis=1)
-            draws.append(Curve(x=V[inside], y=zeta[inside], name=short_name(name), **line_look(k)))
+            draws.append(fig.Curve(x=V[inside], y=zeta[inside], name=short_name(name), **fig.line_look(k)))
             at = [p for p in plan.points if p.h_m == envelope.h_m]
             here = np.array([(p.V_m_s, m.zeta) for p in at for m in p.modes if m.name == name]).reshape(-1, 2)
-            draws.append(Curve(x=here[:, 0], y=here[:, 1], colour=COLOURS[k % 6], marker="o", size=4.0))
+            draws.append(fig.Curve(x=here[:, 0], y=here[:, 1], colour=fig.COLOURS[k % 6], marker="o", size=4.0))
             top = max(top, float(here[:, 1].max(initial=0.0)))
     rules = [
-        Rule(at=0.0, of="y", colour=INK, width=0.7),
+        fig.Rule(at=0.0, of="y", colour=fig.INK, width=0.7),
         *_onsets(plan),
     ]
-    return Panel(
+    return fig.Panel(
         draws=[*draws, *rules], title="least damped elastic modes", y="damping ratio ζ", x_range=(low, high),
         y_range=(-0.25 * top, 1.15 * top), tall_in=2.3,
     )  # fmt: skip
 
 
-def _onsets(plan: Plan) -> list[Rule]:
+def _onsets(plan: Plan) -> list[fig.Rule]:
     out = []
     for onset in {p.onset.V_m_s for p in plan.points if p.onset is not None and p.onset.V_m_s is not None}:
-        out.append(Rule(at=onset, colour=WARN, width=1.1, dash=DASHED))
+        out.append(fig.Rule(at=onset, colour=fig.WARN, width=1.1, dash=fig.DASHED))
         if not plan.scenario.allow_above_onset:
-            out.append(Rule(at=onset * (1.0 - plan.scenario.onset_margin_percent / 100.0), dash=DASHED))
+            out.append(fig.Rule(at=onset * (1.0 - plan.scenario.onset_margin_percent / 100.0), dash=fig.DASHED))
     return out
 
 
-def _points(plan: Plan, tall_in: float) -> Panel:
+def _points(plan: Plan, tall_in: float) -> fig.Panel:
     heights = sorted({p.h_m for p in plan.points})
-    draws: list[Drawn] = []
-    looks = {"refused": ("s", WARN), "scaled": ("D", COLOURS[4]), "": ("o", COLOURS[2])}
+    draws: list[fig.Drawn] = []
+    looks = {"refused": ("s", fig.WARN), "scaled": ("D", fig.COLOURS[4]), "": ("o", fig.COLOURS[2])}
     for p in plan.points:
         found = {c.status for c in plan.cards if c.point is p}
         marker, colour = looks[next((status for status in looks if status in found), "")]
-        draws.append(Curve(x=[p.V_m_s], y=[p.h_m], marker=marker, colour=colour, size=7.0, order=3.0))
-        draws.append(Words(x=p.V_m_s, y=p.h_m, text=str(p.number), shift=(0, 7), across="center", up="bottom"))
+        draws.append(fig.Curve(x=[p.V_m_s], y=[p.h_m], marker=marker, colour=colour, size=7.0, order=3.0))
+        draws.append(fig.Words(x=p.V_m_s, y=p.h_m, text=str(p.number), shift=(0, 7), across="center", up="bottom"))
     room = max(0.25 * (heights[-1] - heights[0]), 20.0)
-    return Panel(
+    return fig.Panel(
         draws=[*draws, *_onsets(plan)], title="test points", x="true airspeed V, m/s", y="h, m", x_range=_span(plan),
         y_range=(heights[0] - room, heights[-1] + 1.6 * room), tall_in=tall_in,
         y_ticks=[(h, f"{h:g}") for h in heights] if len(heights) < 5 else None,
     )  # fmt: skip
 
 
-def _energy(plan: Plan) -> Plate:
+def _energy(plan: Plan) -> fig.Plate:
     """Return the energy used over the time of each flight, one after the other."""
-    draws, before = list[Drawn](), 0.0
+    draws, before = list[fig.Drawn](), 0.0
     usable = plan.flights[0].usable_J / 3600.0
     for leg in plan.flights:
         mine = [r for r in plan.runs if r.flight == leg.number]
@@ -371,22 +355,22 @@ def _energy(plan: Plan) -> Plate:
         t = before + np.array([0.0, mine[0].start_s, *ends]) / 60.0
         first = mine[0].used_J - mine[0].card.point.power_W * (ends[0] - mine[0].start_s)
         used = np.array([0.0, first, *(r.used_J for r in mine)]) / 3600.0
-        draws.append(Curve(x=t, y=used, colour=COLOURS[0], marker=".", size=4.5, joined=True, width=1.2))
-        draws.append(Words(x=t[0], y=usable, text=f"flight {leg.number}", shift=(3, 3), up="bottom", size=7.5))
+        draws.append(fig.Curve(x=t, y=used, colour=fig.COLOURS[0], marker=".", size=4.5, joined=True, width=1.2))
+        draws.append(fig.Words(x=t[0], y=usable, text=f"flight {leg.number}", shift=(3, 3), up="bottom", size=7.5))
         before += leg.time_s / 60.0
-    panel = Panel(
-        draws=[*draws, Rule(at=usable, of="y", colour=WARN, width=1.0, dash=DASHED)], x="time in the air, min",
-        y="energy, Wh", title="energy used in each flight", x_range=(0.0, 1.01 * before),
+    panel = fig.Panel(
+        draws=[*draws, fig.Rule(at=usable, of="y", colour=fig.WARN, width=1.0, dash=fig.DASHED)],
+        x="time in the air, min", y="energy, Wh", title="energy used in each flight", x_range=(0.0, 1.01 * before),
         y_range=(0.0, 1.12 * usable), tall_in=1.75,
     )  # fmt: skip
     caption = "One dot per run; time between flights is left out. Dashed: usable energy."
-    return Plate("energy", "Energy and time", caption, Chart([[panel]]))
+    return fig.Plate("energy", "Energy and time", caption, fig.Chart([[panel]]))
 
 
 # --- after the flights ------------------------------------------------------------------------------------------------
 
 
-def close_plates(campaign: Campaign) -> list[Plate]:
+def close_plates(campaign: Campaign) -> list[fig.Plate]:
     """Return the figure of the errors; none where nothing was promised or found."""
     targets = [(c.card.number, t) for c in campaign.cards for t in c.targets if _percent(t, t.promised) is not None]
     if not targets:
@@ -400,21 +384,21 @@ def close_plates(campaign: Campaign) -> list[Plate]:
     )
     errors = np.array([[math.nan if v is None else v for v in _bars(t)] for _, t in shown])
     low, at = 0.5 * float(np.nanmin(errors)), np.arange(len(shown))
-    draws: list[Drawn] = [
-        bars(at + 0.24 * (k - 1), low, errors[:, k], 0.2, name=name, colour=colour)
+    draws: list[fig.Drawn] = [
+        fig.bars(at + 0.24 * (k - 1), low, errors[:, k], 0.2, name=name, colour=colour)
         for k, (name, colour) in enumerate(_KINDS)
     ]
     for y, (_, t) in enumerate(shown):
         if t.realised is not None and t.believed:
-            draws.append(Curve(x=[end / abs(t.believed) / PERCENT for end in t.realised[1:]], y=[y, y], width=1.0))
+            draws.append(fig.Curve(x=[end / abs(t.believed) / PERCENT for end in t.realised[1:]], y=[y, y], width=1.0))
     wanted = [_percent(t, t.wanted) for _, t in shown]
     x = [math.nan if v is None else v for v in wanted]
-    draws.append(Curve(x=x, y=at, name="wanted", marker="|", size=18.0, colour=INK, order=4.0))
-    panel = Panel(
+    draws.append(fig.Curve(x=x, y=at, name="wanted", marker="|", size=18.0, colour=fig.INK, order=4.0))
+    panel = fig.Panel(
         draws=draws, x="standard error, % of the believed value", log_x=True,
-        x_range=(low, 2.0 * float(np.nanmax(errors))), **rows([f"{number}: {t.name}" for number, t in shown], 0.42),
+        x_range=(low, 2.0 * float(np.nanmax(errors))), **fig.rows([f"{number}: {t.name}" for number, t in shown], 0.42),
     )  # fmt: skip
-    return [Plate("errors", "Promised, realised, flown", caption, Chart([[panel]]))]
+    return [fig.Plate("errors", "Promised, realised, flown", caption, fig.Chart([[panel]]))]
 
 
 def _bars(t: Target) -> tuple[float | None, float | None, float | None]:

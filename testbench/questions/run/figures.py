@@ -15,36 +15,8 @@ from testbench.estimators.identification import estimator_name
 from testbench.evaluation.excitation import EXCITED_DB
 from testbench.evaluation.metrics import mrse_mean
 from testbench.inputs.signal import energy_spectrum, frequency_below
+from testbench.page import figure as fig
 from testbench.page.explore import View
-from testbench.page.figure import (
-    AXIS,
-    COLOURS,
-    DASHED,
-    DOTTED,
-    FAINT,
-    INK,
-    INTERVAL,
-    MEASURED,
-    QUIET,
-    Chart,
-    Curve,
-    Drawn,
-    Panel,
-    Plate,
-    Rule,
-    Span,
-    Words,
-    bode,
-    grid,
-    line_look,
-    marker_look,
-    mode_marks,
-    rows,
-    rows_of,
-    unwrapped,
-    widths,
-    within,
-)
 from testbench.page.labels import axis_label, number, ratio_unit, shown_unit, symbol
 from testbench.questions.run.labels import case_names, elastic_names, outputs_of
 from testbench.questions.run.seeds_answer import words_of
@@ -66,7 +38,7 @@ _Moved = Sequence[tuple["Flight", FlightRecord, FloatArray]]
 _Found = Sequence[tuple[str, list[complex], int]]  # label, poles of the upper half-plane, number of colour
 
 
-def plates(result: RunResult) -> list[Plate]:
+def plates(result: RunResult) -> list[fig.Plate]:
     """Return every figure for which ``result`` has data, in the order of the report."""
     return [
         *answer_plates(result),
@@ -86,7 +58,7 @@ def _modes(result: RunResult) -> Mapping[str, complex]:
 # --- the answer -------------------------------------------------------------------------------------------------------
 
 
-def answer_plates(result: RunResult) -> list[Plate]:
+def answer_plates(result: RunResult) -> list[fig.Plate]:
     """Return error per output and model and, if the truth is known, what the input shows of each mode; or nothing."""
     outputs = outputs_of(result.cases)
     modes = [] if result.truth is None else sorted(result.truth.excitation, key=lambda e: abs(e.pole))[:_MOST_MODES]
@@ -113,7 +85,7 @@ def answer_plates(result: RunResult) -> list[Plate]:
             f"given. Filled: excited, from {EXCITED_DB:g} dB (line) on."
         )
     title = "Errors of the models" + (", and what the input shows of the modes" if modes else "")
-    return [Plate("answer", title, caption, Chart([[panel, *([_excitation(modes)] if modes else [])]]))]
+    return [fig.Plate("answer", title, caption, fig.Chart([[panel, *([_excitation(modes)] if modes else [])]]))]
 
 
 def _beside(k: int, count: int) -> float:
@@ -121,29 +93,29 @@ def _beside(k: int, count: int) -> float:
     return 0.6 * ((k + 0.5) / count - 0.5)
 
 
-def _errors(result: RunResult, outputs: list[str]) -> Panel:
+def _errors(result: RunResult, outputs: list[str]) -> fig.Panel:
     """Return one row per output, one sign per model, models of a row below each other."""
-    draws: list[Drawn] = []
+    draws: list[fig.Drawn] = []
     drawn = [200.0]
     for k, (name, case) in enumerate(zip(case_names(result.cases), result.cases, strict=True)):
         found = dict(zip(case.model.outputs, case.evaluation.validation.mrse_percent, strict=True))
         here = [i for i, o in enumerate(outputs) if o in found]
         x = np.nan_to_num([float(found[outputs[i]]) for i in here], nan=np.inf).clip(*_RANGE_PERCENT)
         y = np.array(here) + _beside(k, len(result.cases))
-        draws.append(Curve(x=x, y=y, name=name, **marker_look(k), size=5.5, hollow=True, clip=False))
+        draws.append(fig.Curve(x=x, y=y, name=name, **fig.marker_look(k), size=5.5, hollow=True, clip=False))
         drawn += x.tolist()
-    return Panel(
-        draws=[*draws, Rule(at=100.0)], title="Error in validation", x="error, %", log_x=True,
-        x_range=(10.0 ** np.floor(np.log10(min(drawn))), max(drawn)), **rows([symbol(o) for o in outputs]),
+    return fig.Panel(
+        draws=[*draws, fig.Rule(at=100.0)], title="Error in validation", x="error, %", log_x=True,
+        x_range=(10.0 ** np.floor(np.log10(min(drawn))), max(drawn)), **fig.rows([symbol(o) for o in outputs]),
     )  # fmt: skip
 
 
-def _intervals(result: RunResult, repeats: Repeats) -> Panel:
+def _intervals(result: RunResult, repeats: Repeats) -> fig.Panel:
     """Return one row per quantity: the mean error of each model over the seeds with its interval."""
-    draws: list[Drawn] = []
+    draws: list[fig.Drawn] = []
     drawn: list[float] = []
     for k, (name, case) in enumerate(zip(case_names(result.cases), result.cases, strict=True)):
-        key, look = (case.suite, estimator_name(case.estimator)), marker_look(k)
+        key, look = (case.suite, estimator_name(case.estimator)), fig.marker_look(k)
         for i, quantity in enumerate(repeats.quantities):
             mean = repeats.mean(key, quantity)
             if mean is None:
@@ -151,38 +123,38 @@ def _intervals(result: RunResult, repeats: Repeats) -> Panel:
             y = i + _beside(k, len(result.cases))
             for ends, width in ((repeats.most(key, quantity), 0.7), ((mean.low, mean.high), 2.4)):
                 shown = np.clip(ends, *_RANGE_PERCENT)
-                draws.append(Curve(x=shown, y=[y, y], colour=look["colour"], width=width))
+                draws.append(fig.Curve(x=shown, y=[y, y], colour=look["colour"], width=width))
                 drawn += shown.tolist()
             x = [float(np.clip(mean.value, *_RANGE_PERCENT))]
-            draws.append(Curve(x=x, y=[y], name=name, **look, hollow="white", order=3.0))
+            draws.append(fig.Curve(x=x, y=[y], name=name, **look, hollow="white", order=3.0))
     names = [words_of(q).removeprefix("the ") for q in repeats.quantities]
-    return Panel(
+    return fig.Panel(
         draws=draws, title=f"Error over {repeats.count} seeds", x="error, %", log_x=True,
-        x_range=(10.0 ** np.floor(np.log10(min(drawn))), 1.2 * max(drawn)), **rows(names),
+        x_range=(10.0 ** np.floor(np.log10(min(drawn))), 1.2 * max(drawn)), **fig.rows(names),
     )  # fmt: skip
 
 
-def _excitation(modes: list[Any]) -> Panel:
+def _excitation(modes: list[Any]) -> fig.Panel:
     """Return one row per mode: from the threshold to the response over noise of the sensor that shows it best."""
     best = [float(e.snr_db[e.best_sensor]) for e in modes]
     low, high = min(0.0, *best), max(2.0 * EXCITED_DB, *best)
-    draws: list[Drawn] = []
+    draws: list[fig.Drawn] = []
     for i, (e, value) in enumerate(zip(modes, best, strict=True)):
-        draws.append(Curve(x=[EXCITED_DB, value], y=[i, i], colour=COLOURS[0], width=1.6))
+        draws.append(fig.Curve(x=[EXCITED_DB, value], y=[i, i], colour=fig.COLOURS[0], width=1.6))
         hollow = False if e.excited else "white"
-        draws.append(Curve(x=[value], y=[i], colour=COLOURS[0], marker="o", size=6.0, hollow=hollow, order=3.0))
-        draws.append(Words(x=max(value, EXCITED_DB), y=i, text=symbol(e.best_sensor), shift=(7, 0)))
-    return Panel(
-        draws=[*draws, Rule(at=EXCITED_DB)], title="Is the mode excited?", x="response over noise, dB",
+        draws.append(fig.Curve(x=[value], y=[i], colour=fig.COLOURS[0], marker="o", size=6.0, hollow=hollow, order=3.0))
+        draws.append(fig.Words(x=max(value, EXCITED_DB), y=i, text=symbol(e.best_sensor), shift=(7, 0)))
+    return fig.Panel(
+        draws=[*draws, fig.Rule(at=EXCITED_DB)], title="Is the mode excited?", x="response over noise, dB",
         x_range=(low - 0.06 * (high - low), high + 0.2 * (high - low)),
-        **rows([e.mode for e in modes], 0.36),
+        **fig.rows([e.mode for e in modes], 0.36),
     )  # fmt: skip
 
 
 # --- the input and its spectrum ---------------------------------------------------------------------------------------
 
 
-def input_plates(result: RunResult) -> list[Plate]:
+def input_plates(result: RunResult) -> list[fig.Plate]:
     """Return one plate per input: its time history in every flight, and its energy spectrum among the modes."""
     return [_input_plate(result, name) for name in result.source.identification.inputs]
 
@@ -195,7 +167,7 @@ def _movement(flight: Flight, name: str) -> tuple[FlightRecord, FloatArray]:
     return record, record[name] - record[name].mean()
 
 
-def _input_plate(result: RunResult, name: str) -> Plate:
+def _input_plate(result: RunResult, name: str) -> fig.Plate:
     moved = [(flight, *_movement(flight, name)) for flight in result.flights]
     simulated = result.truth is not None
     bands = " Green: rigid modes, shaded over their half-power bands; purple: elastic modes." if simulated else ""
@@ -209,7 +181,7 @@ def _input_plate(result: RunResult, name: str) -> Plate:
     if len(drawn) < len(moved):
         caption += f" Of {len(moved)} records the first {len(drawn)} are drawn above; the spectra are those of all."
     spectrum = _spectrum(result, moved, name)
-    rows = [_inputs(row, name) for row in rows_of(drawn, 3)]
+    rows = [_inputs(row, name) for row in fig.rows_of(drawn, 3)]
 
     def explore() -> list[View]:
         """Return the spectrum, and every time history."""
@@ -220,29 +192,29 @@ def _input_plate(result: RunResult, name: str) -> Plate:
         return [View(name="energy spectrum", panels=[spectrum]), *times]
 
     keys = None if len({f.use for f, *_ in moved}) > 1 else ()
-    chart = Chart([*rows, [spectrum]], keys=keys)
-    return Plate(f"input_{name}", f"The input {symbol(name)} and its energy spectrum", caption, chart, explore)
+    chart = fig.Chart([*rows, [spectrum]], keys=keys)
+    return fig.Plate(f"input_{name}", f"The input {symbol(name)} and its energy spectrum", caption, chart, explore)
 
 
 def _use_colour(use: str) -> str:
-    return COLOURS[4] if use == "validation" else INK
+    return fig.COLOURS[4] if use == "validation" else fig.INK
 
 
-def _inputs(moved: _Moved, name: str) -> list[Panel]:
+def _inputs(moved: _Moved, name: str) -> list[fig.Panel]:
     factor = shown_unit(name)[0]
     reach = 1.15 * factor * max([float(np.abs(u).max()) for _, _, u in moved]) or 1.0
     return [
-        Panel(
-            draws=[Curve(name=flight.use, x=record.t_s, y=factor * u, colour=_use_colour(flight.use), width=1.0)],
+        fig.Panel(
+            draws=[fig.Curve(name=flight.use, x=record.t_s, y=factor * u, colour=_use_colour(flight.use), width=1.0)],
             title=f"{flight.use}: {flight.name}", x="t, s", y="" if i else axis_label(name, deviation=True),
             name=axis_label(name, deviation=True), y_range=(-reach, reach), tall_in=1.0, broad=wide,
             y_ticks=[] if i else None,
         )
-        for i, ((flight, record, u), wide) in enumerate(zip(moved, widths([r for _, r, _ in moved]), strict=True))
+        for i, ((flight, record, u), wide) in enumerate(zip(moved, fig.widths([r for _, r, _ in moved]), strict=True))
     ]  # fmt: skip
 
 
-def _spectrum(result: RunResult, moved: _Moved, name: str) -> Panel:
+def _spectrum(result: RunResult, moved: _Moved, name: str) -> fig.Panel:
     """Return the energy density of the input of each use, among modes, sampling limit and 95 % of the energy."""
     (factor, unit), modes = shown_unit(name), _modes(result)
     nyquist = float(np.pi / next(iter(result.flights[0].measured.values())).dt_s)
@@ -252,14 +224,18 @@ def _spectrum(result: RunResult, moved: _Moved, name: str) -> Panel:
     curves = []
     for use in dict.fromkeys(flight.use for flight, _, _ in moved):
         y = np.sum([energy_spectrum(factor * u, r.dt_s, omega)[:, 0] for f, r, u in moved if f.use == use], axis=0)
-        curves.append(Curve(name=use, x=omega, y=y, colour=_use_colour(use), width=1.0 if use == "validation" else 1.3))
+        curves.append(
+            fig.Curve(name=use, x=omega, y=y, colour=_use_colour(use), width=1.0 if use == "validation" else 1.3)
+        )
     peak = max(float(np.max(c.y)) for c in curves) or 1.0
-    marks = [Rule(at=nyquist, text=f"sampling limit {number(nyquist)} rad/s", dash=DOTTED)]
+    marks = [fig.Rule(at=nyquist, text=f"sampling limit {number(nyquist)} rad/s", dash=fig.DOTTED)]
     limits = [frequency_below(u, r.dt_s)[0] for f, r, u in moved if f.use != "validation" and np.any(u != 0.0)]
     if limits and max(limits) < high:
-        marks.append(Rule(at=max(limits), text=f"95 % below {number(max(limits))} rad/s", dash=DASHED, colour=INK))
-    return Panel(
-        draws=[*curves, *marks, *mode_marks(modes, elastic_names(result), low, high)], x="frequency, rad/s",
+        marks.append(
+            fig.Rule(at=max(limits), text=f"95 % below {number(max(limits))} rad/s", dash=fig.DASHED, colour=fig.INK)
+        )
+    return fig.Panel(
+        draws=[*curves, *marks, *fig.mode_marks(modes, elastic_names(result), low, high)], x="frequency, rad/s",
         y=f"energy density, ({unit} s)²" if unit else "energy density, s²", x_too=("frequency, Hz", 0.5 / np.pi),
         log_x=True, log_y=True, x_range=(low, high), y_range=(10.0**-_DECADES * peak, 2.0 * peak), tall_in=2.4,
     )  # fmt: skip
@@ -268,7 +244,7 @@ def _spectrum(result: RunResult, moved: _Moved, name: str) -> Panel:
 # --- time histories ---------------------------------------------------------------------------------------------------
 
 
-def history_plates(result: RunResult) -> list[Plate]:
+def history_plates(result: RunResult) -> list[fig.Plate]:
     """Return measured and predicted outputs over time, identification beside validation, all cases overlaid."""
     if not result.cases:
         return []
@@ -287,7 +263,7 @@ def history_plates(result: RunResult) -> list[Plate]:
             f" Of {total} records {len(parts)} are drawn: of each use the {_MOST_DRAWN} that the first model predicts "
             "worst."
         )
-    chunks = rows_of(parts, _PER_PLATE)
+    chunks = fig.rows_of(parts, _PER_PLATE)
     return [_history_plate(result, chunk, k if len(chunks) > 1 else 0, caption) for k, chunk in enumerate(chunks, 1)]
 
 
@@ -302,9 +278,9 @@ def _worst(case: Case, use: str) -> list[int]:
     return sorted(np.argsort(np.nan_to_num(errors, nan=np.inf))[-_MOST_DRAWN:].tolist())
 
 
-def _history_plate(result: RunResult, parts: Sequence[tuple[str, int]], part: int, caption: str) -> Plate:
+def _history_plate(result: RunResult, parts: Sequence[tuple[str, int]], part: int, caption: str) -> fig.Plate:
     channels = [*result.cases[0].model.inputs, *outputs_of(result.cases)]
-    broad = widths([getattr(result.cases[0], use)[i] for use, i in parts])
+    broad = fig.widths([getattr(result.cases[0], use)[i] for use, i in parts])
     titles = [_part_title(result, use, i) for use, i in parts]
     panels = [
         [
@@ -322,11 +298,11 @@ def _history_plate(result: RunResult, parts: Sequence[tuple[str, int]], part: in
             for c, title in enumerate(titles)
         ]  # fmt: skip
 
-    return Plate(
+    return fig.Plate(
         f"time_histories_{part}" if part else "time_histories",
         "Measured and predicted outputs" + (f", part {part}" if part else ""),
         caption,
-        Chart(panels, share_x=True, share_y=True),
+        fig.Chart(panels, share_x=True, share_y=True),
         explore,
     )
 
@@ -347,33 +323,33 @@ def _part_title(result: RunResult, use: str, i: int) -> str:
     return f"{use}: {flights[i].name}" if i < len(flights) else use
 
 
-def _history(result: RunResult, name: str, use: str, i: int, **place: Any) -> Panel:
+def _history(result: RunResult, name: str, use: str, i: int, **place: Any) -> fig.Panel:
     """Return one channel of one record: measured in grey, each case's prediction in its colour."""
     factor = shown_unit(name)[0]
     record: FlightRecord = next(getattr(c, use)[i] for c in result.cases if name in getattr(c, use)[i])
     measured = factor * record[name]
     given = name in result.cases[0].model.inputs
-    look: dict[str, Any] = {"colour": INK, "width": 0.8} if given else {"colour": MEASURED, "width": 1.2}
-    curves = [Curve(name="measured", x=record.t_s, y=measured, **look)]
+    look: dict[str, Any] = {"colour": fig.INK, "width": 0.8} if given else {"colour": fig.MEASURED, "width": 1.2}
+    curves = [fig.Curve(name="measured", x=record.t_s, y=measured, **look)]
     texts: list[tuple[str, str]] = []
     for k, (label, case) in enumerate(zip(case_names(result.cases), result.cases, strict=True)):
         if name in case.model.outputs:
             column = case.model.outputs.index(name)
             y = factor * getattr(case.evaluation, use).predictions[i][:, column]
-            curves.append(Curve(name=label, x=getattr(case, use)[i].t_s, y=y, **line_look(k), width=1.2))
+            curves.append(fig.Curve(name=label, x=getattr(case, use)[i].t_s, y=y, **fig.line_look(k), width=1.2))
             if i == 0:  # the figures are over all records of that use, so once
-                texts.append((number(float(getattr(case.evaluation, use).mrse_percent[column])), COLOURS[k % 6]))
-    return Panel(
+                texts.append((number(float(getattr(case.evaluation, use).mrse_percent[column])), fig.COLOURS[k % 6]))
+    return fig.Panel(
         draws=curves, x="t, s", y=axis_label(name, result.source.preparation.bias != "none"),
-        y_range=within(float(measured.min()), float(measured.max()), [np.asarray(c.y) for c in curves[1:]]),
-        tall_in=0.62 if given else 1.05, notes=[("MRSE, %", QUIET), *texts] if texts else (), **place,
+        y_range=fig.within(float(measured.min()), float(measured.max()), [np.asarray(c.y) for c in curves[1:]]),
+        tall_in=0.62 if given else 1.05, notes=[("MRSE, %", fig.QUIET), *texts] if texts else (), **place,
     )  # fmt: skip
 
 
 # --- parameters and orders --------------------------------------------------------------------------------------------
 
 
-def parameter_plates(result: RunResult) -> list[Plate]:
+def parameter_plates(result: RunResult) -> list[fig.Plate]:
     """Return one panel per parameter with every model's estimate and 95 % interval; nothing without such models."""
     models = [
         (name, k, {p.name: p for p in case.evaluation.parameters if p.free})
@@ -393,24 +369,28 @@ def parameter_plates(result: RunResult) -> list[Plate]:
     for name in chosen:
         found = [(model, k, row, ps[name]) for row, (model, k, ps) in enumerate(models) if name in ps]
         true = next((p.true for *_, p in found if p.true is not None), None)
-        draws: list[Drawn] = [] if true is None else [Rule(at=true, name="true", colour=INK, width=1.0)]
+        draws: list[fig.Drawn] = [] if true is None else [fig.Rule(at=true, name="true", colour=fig.INK, width=1.0)]
         for model, k, row, p in found:
-            draws.append(Curve(x=[p.value], y=[-row], x_error=INTERVAL * p.std, name=model, **marker_look(k), size=4.5))
+            draws.append(
+                fig.Curve(
+                    x=[p.value], y=[-row], x_error=fig.INTERVAL * p.std, name=model, **fig.marker_look(k), size=4.5
+                )
+            )
         panels.append(
-            Panel(draws=draws, title=name, y_ticks=[], y_range=(0.4 - len(models), 0.6),
+            fig.Panel(draws=draws, title=name, y_ticks=[], y_range=(0.4 - len(models), 0.6),
                   tall_in=0.32 + 0.16 * len(models))
         )  # fmt: skip
-    return [Plate("parameters", "Estimated parameters", caption, grid(panels, min(4, len(panels)), narrow=2))]
+    return [fig.Plate("parameters", "Estimated parameters", caption, fig.grid(panels, min(4, len(panels)), narrow=2))]
 
 
-def singular_value_plates(result: RunResult) -> list[Plate]:
+def singular_value_plates(result: RunResult) -> list[fig.Plate]:
     """Return the singular values of every case that has them, with the chosen order."""
     panels = []
     for k, (name, case) in enumerate(zip(case_names(result.cases), result.cases, strict=True)):
         found = case.model.diagnostics
         if found.get("singular_values") is not None:
             panels.append(
-                _singular_values(name, found["singular_values"], int(found.get("order") or 0), COLOURS[k % 6])
+                _singular_values(name, found["singular_values"], int(found.get("order") or 0), fig.COLOURS[k % 6])
             )
     if not panels:
         return []
@@ -419,21 +399,22 @@ def singular_value_plates(result: RunResult) -> list[Plate]:
         "to the noise floor at 1 (dotted). Values near that floor carry no information; hollow ones well above it say "
         "that the data hold more than the model."
     )
-    chart = grid(panels, min(len(panels), 3), share_y=True)
-    return [Plate("singular_values", "Singular values and model order", caption, chart)]
+    chart = fig.grid(panels, min(len(panels), 3), share_y=True)
+    return [fig.Plate("singular_values", "Singular values and model order", caption, chart)]
 
 
-def _singular_values(name: str, every: Any, order: int, colour: str) -> Panel:
+def _singular_values(name: str, every: Any, order: int, colour: str) -> fig.Panel:
     values = np.asarray(every, float)[:20]
     values = values[values > 0.0]
     n, low = np.arange(1, values.size + 1), min(0.5, 0.5 * float(values.min()))
     stems = np.column_stack([np.full_like(values, low), values, np.full_like(values, np.nan)])
-    draws: list[Drawn] = [Curve(x=np.repeat(n, 3), y=stems.ravel(), colour=FAINT, width=0.8)]
+    draws: list[fig.Drawn] = [fig.Curve(x=np.repeat(n, 3), y=stems.ravel(), colour=fig.FAINT, width=0.8)]
     for part, hollow in ((n <= order, False), (n > order, "white")):
-        draws.append(Curve(x=n[part], y=values[part], colour=colour, marker="o", size=5.5, hollow=hollow))
-    return Panel(
-        draws=[*draws, Rule(at=1.0, of="y", dash=DOTTED, width=1.0)], x="number of the singular value", whole="x",
-        y="size over the noise floor", title=f"{name}: order {order}" if order else name, log_y=True, tall_in=2.0,
+        draws.append(fig.Curve(x=n[part], y=values[part], colour=colour, marker="o", size=5.5, hollow=hollow))
+    return fig.Panel(
+        draws=[*draws, fig.Rule(at=1.0, of="y", dash=fig.DOTTED, width=1.0)], whole="x",
+        x="number of the singular value", y="size over the noise floor", log_y=True, tall_in=2.0,
+        title=f"{name}: order {order}" if order else name,
         x_range=(0.3, values.size + 0.7), y_range=(low, 2.5 * float(values.max())),
     )  # fmt: skip
 
@@ -441,13 +422,13 @@ def _singular_values(name: str, every: Any, order: int, colour: str) -> Panel:
 # --- Bode plots -------------------------------------------------------------------------------------------------------
 
 
-def bode_plates(result: RunResult) -> list[Plate]:
+def bode_plates(result: RunResult) -> list[fig.Plate]:
     """Return one plate per input: magnitude and phase of every model and of the truth, the excited band shaded."""
     inputs = list(dict.fromkeys(name for case in result.cases for name in case.model.inputs))
     return [_bode_plate(result, name) for name in inputs]
 
 
-def _bode_plate(result: RunResult, given: str) -> Plate:
+def _bode_plate(result: RunResult, given: str) -> fig.Plate:
     from testbench.evaluation.truth import excited_band
 
     cases = [c for c in result.cases if given in c.model.inputs]
@@ -464,22 +445,22 @@ def _bode_plate(result: RunResult, given: str) -> Plate:
         f"{' Dotted: true modes.' if result.truth else ''}"
     )
     behind = [
-        Span(low=float(band[0]), high=float(band[-1])),
-        *(Rule(at=abs(p), dash=DOTTED, width=0.7) for p in _modes(result).values() if low < abs(p) < high),
+        fig.Span(low=float(band[0]), high=float(band[-1])),
+        *(fig.Rule(at=abs(p), dash=fig.DOTTED, width=0.7) for p in _modes(result).values() if low < abs(p) < high),
     ]
     omega = np.geomspace(low, high, 300)
     pairs = {
         f"{symbol(o)} / {symbol(given)}": (ratio_unit(o, given)[1], _responses(result, o, given, omega, band))
         for o in outputs
     }
-    panels = [bode(name, *pair, draws=behind, x_range=(low, high)) for name, pair in pairs.items()]
+    panels = [fig.bode(name, *pair, draws=behind, x_range=(low, high)) for name, pair in pairs.items()]
 
     def explore() -> list[View]:
         """Return a view per output."""
         return [View(name=name, panels=panels[k]) for k, name in enumerate(pairs)]
 
-    return Plate(
-        f"bode_{given}", f"Frequency responses to {symbol(given)}", caption, Chart(panels, share_x=True), explore
+    return fig.Plate(
+        f"bode_{given}", f"Frequency responses to {symbol(given)}", caption, fig.Chart(panels, share_x=True), explore
     )
 
 
@@ -494,16 +475,16 @@ def _responses(
     found: list[tuple[FloatArray, Any, dict[str, Any]]] = []
     if known is not None and output in known.linear.outputs and given in known.linear.inputs:
         H = known.response(omega, [output], [given], result.cases[0].model.dt_s)[:, 0, 0]
-        found.append((omega, H, {"name": "true aircraft", "colour": INK, "width": 2.2, "alpha": 0.85}))
+        found.append((omega, H, {"name": "true aircraft", "colour": fig.INK, "width": 2.2, "alpha": 0.85}))
     for k, case in enumerate(result.cases):
         if output in case.model.outputs and given in case.model.inputs:
             own = omega[omega <= 0.97 * np.pi / case.model.dt_s]
             H = case.model.frequency_response(own)[:, case.model.outputs.index(output), case.model.inputs.index(given)]
-            found.append((own, H, {"name": names[k], **line_look(k), "width": 1.4}))
+            found.append((own, H, {"name": names[k], **fig.line_look(k), "width": 1.4}))
     centre, goal = float(np.sqrt(band[0] * band[-1])), 0.0
     out: list[tuple[FloatArray, FloatArray, FloatArray, Mapping[str, Any]]] = []
     for k, (own, H, look) in enumerate(found):
-        phase = unwrapped(H)
+        phase = fig.unwrapped(H)
         at = float(np.interp(centre, own, phase))
         phase = phase + 360.0 * np.round((goal - at) / 360.0)
         goal = float(np.interp(centre, own, phase)) if k == 0 else goal
@@ -514,7 +495,7 @@ def _responses(
 # --- pole maps --------------------------------------------------------------------------------------------------------
 
 
-def pole_plates(result: RunResult) -> list[Plate]:
+def pole_plates(result: RunResult) -> list[fig.Plate]:
     """Return the pole map: found poles of every model and the true ones, whole and near the origin."""
     found = _found_poles(result)
     true = printed_poles(result) if result.truth is None else dict(result.truth.modes)
@@ -536,8 +517,8 @@ def pole_plates(result: RunResult) -> list[Plate]:
         """Return the plane, a view per map."""
         return [View(name=p.title or "all", panels=[p], plane=True) for p in panels]
 
-    chart = Chart([panels], share=0.5 * len(windows))
-    return [Plate("poles", f"Poles found and {word}" if true else "Poles found", caption, chart, explore)]
+    chart = fig.Chart([panels], share=0.5 * len(windows))
+    return [fig.Plate("poles", f"Poles found and {word}" if true else "Poles found", caption, chart, explore)]
 
 
 def _windows(result: RunResult, found: _Found, true: Mapping[str, complex]) -> list[float]:
@@ -567,35 +548,39 @@ def _upper(poles: Any) -> list[complex]:
     return [complex(p) for p in poles if p.imag >= -1e-9]
 
 
-def _pole_map(title: str, reach: float, found: _Found, true: Mapping[str, complex], word: str) -> Panel:
+def _pole_map(title: str, reach: float, found: _Found, true: Mapping[str, complex], word: str) -> fig.Panel:
     inside = [p for _, group, _ in found for p in group if abs(p) <= reach]
     left, right = -reach, max([0.16 * reach, *(1.25 * p.real for p in inside)])
-    draws: list[Drawn] = [*_pole_grid(reach), Rule(at=0.0, colour=AXIS), Rule(at=0.0, of="y", colour=AXIS)]
+    draws: list[fig.Drawn] = [
+        *_pole_grid(reach),
+        fig.Rule(at=0.0, colour=fig.AXIS),
+        fig.Rule(at=0.0, of="y", colour=fig.AXIS),
+    ]
     shown = {name: pole for name, pole in true.items() if abs(pole) <= reach}
     looks: list[tuple[str, Sequence[complex], dict[str, Any]]] = [
-        (name, [p for p in group if abs(p) <= reach], marker_look(colour) | {"size": 8.0 - k % 3, "hollow": True})
+        (name, [p for p in group if abs(p) <= reach], fig.marker_look(colour) | {"size": 8.0 - k % 3, "hollow": True})
         for k, (name, group, colour) in enumerate(found)
     ]
     if shown:
         looks.insert(0, (word, list(shown.values()), {"marker": "+", "size": 11.0, "order": 3.0}))
     for name, group, look in looks:
         points = np.array(sorted(group, key=lambda p: (p.real, p.imag)), complex)
-        draws.append(Curve(x=points.real, y=points.imag, name=name, clip=False, **look))
+        draws.append(fig.Curve(x=points.real, y=points.imag, name=name, clip=False, **look))
     taken = [*inside, *_damping_labels(reach)]
     box = ((left, right), (-0.03 * reach, reach))
     for name, pole in shown.items():
         if abs(pole) > 0.03 * reach:  # else named in the map of what lies near the origin
             draws.append(_name(name, pole, box, [*taken, *(p for p in shown.values() if p != pole)]))
-    return Panel(
+    return fig.Panel(
         draws=draws, title=title, x="Re s, rad/s", y="Im s, rad/s", x_range=box[0], y_range=box[1], tall_in=3.2,
         plain=True,
     )  # fmt: skip
 
 
-def _name(name: str, pole: complex, box: Any, others: Sequence[complex]) -> Words:
+def _name(name: str, pole: complex, box: Any, others: Sequence[complex]) -> fig.Words:
     """Return the name of a mode beside its pole, where it covers fewest other poles; upright on the axis."""
     if abs(pole.imag) < 1e-9:  # real roots lie side by side
-        return Words(x=pole.real, y=0.0, text=name, shift=(0, 9), turn=90, across="center", up="bottom", size=8.5)
+        return fig.Words(x=pole.real, y=0.0, text=name, shift=(0, 9), turn=90, across="center", up="bottom", size=8.5)
     (left, right), (bottom, top) = box
     wide, tall = (5.2 * len(name) + 14.0) * (right - left) / 230.0, 20.0 * (top - bottom) / 230.0
 
@@ -607,24 +592,24 @@ def _name(name: str, pole: complex, box: Any, others: Sequence[complex]) -> Word
         return covered + 10.0 * (x[0] < left or x[1] > right or y[0] < bottom or y[1] > top)
 
     across, up = min(((-1, 1), (1, 1), (-1, -1), (1, -1)), key=cost)
-    return Words(
+    return fig.Words(
         x=pole.real, y=pole.imag, text=name, shift=(9 * across, 6 * up), size=8.5,
         across="left" if across > 0 else "right", up="bottom" if up > 0 else "top",
     )  # fmt: skip
 
 
-def _pole_grid(reach: float) -> list[Drawn]:
+def _pole_grid(reach: float) -> list[fig.Drawn]:
     """Return faint circles of equal natural frequency and rays of equal damping ratio."""
     angle = np.linspace(0.5 * np.pi, np.pi, 60)
     step = 10.0 ** np.floor(np.log10(reach / 2.0))
     step *= max(k for k in (1.0, 2.0, 5.0) if k * step <= reach / 2.0 or k == 1.0)
-    look: dict[str, Any] = {"colour": FAINT, "width": 0.7, "order": 0.5}
+    look: dict[str, Any] = {"colour": fig.FAINT, "width": 0.7, "order": 0.5}
     circles = np.arange(step, reach * 1.001, step)
-    out: list[Drawn] = [Curve(x=w * np.cos(angle), y=w * np.sin(angle), **look) for w in circles]
+    out: list[fig.Drawn] = [fig.Curve(x=w * np.cos(angle), y=w * np.sin(angle), **look) for w in circles]
     for zeta, place in zip(_RAYS, _damping_labels(reach), strict=True):
         end = 2.0 * reach * complex(-zeta, float(np.sqrt(1.0 - zeta**2)))
-        out.append(Curve(x=[0.0, end.real], y=[0.0, end.imag], **look))
-        out.append(Words(x=place.real, y=place.imag, text=f"ζ {zeta:g}", size=7.0, colour="#8b929a", up="top"))
+        out.append(fig.Curve(x=[0.0, end.real], y=[0.0, end.imag], **look))
+        out.append(fig.Words(x=place.real, y=place.imag, text=f"ζ {zeta:g}", size=7.0, colour="#8b929a", up="top"))
     return out
 
 
