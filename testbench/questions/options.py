@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 from typer.core import TyperGroup
+
+if TYPE_CHECKING:
+    from testbench.core.store import ResultFolder
 
 ScenarioArgument = Annotated[
     Path, typer.Argument(help="Scenario file, or the name of a packaged one.", show_default=False)
@@ -52,6 +56,30 @@ SimulatorOption = Annotated[
     FlownBy,
     typer.Option("--simulator", help="jsbsim flies one flight after the other; auto flies many at once where it can."),
 ]
+
+
+class Answering:
+    """What a command answers into: its folder, what tells the stages, and the result, or its page, once it is found."""
+
+    def __init__(self, place: ResultFolder, say: Callable[[str], None]) -> None:
+        self.place, self.say = place, say
+        self.found: Any = None
+
+
+@contextmanager
+def answering(out: Path, name: str, stage: str = "write report") -> Iterator[Answering]:
+    """Give the folder ``name`` of ``out`` to the block; write the page of what it found there, and show it."""
+    from testbench.core.store import ResultFolder, folder_in
+    from testbench.page.page import Page
+    from testbench.page.terminal import console, stages
+
+    with ResultFolder(folder_in(out, name)) as place, stages() as say:
+        answer = Answering(place, say)
+        yield answer
+        say(stage)
+        page = answer.found if isinstance(answer.found, Page) else answer.found.page
+        page.write(place)
+    page.show(console(), place.path)
 
 
 class ByDefault(TyperGroup):

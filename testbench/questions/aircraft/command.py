@@ -12,7 +12,7 @@ import typer
 from testbench.page.terminal import console, stages
 from testbench.questions.aircraft.flexible.command import flexible
 from testbench.questions.aircraft.new import new
-from testbench.questions.options import ByDefault, OutOption, Wings, with_figures
+from testbench.questions.options import ByDefault, OutOption, Wings, answering, with_figures
 
 command = typer.Typer(
     cls=ByDefault.first("show"),
@@ -63,23 +63,18 @@ def show(
     out: OutOption = Path("results"),
 ) -> None:
     """Trim an aircraft over its speed range and show its modes, frequency responses and derivatives."""
-    from testbench.core.store import ResultFolder, folder_in
     from testbench.flight import FlightCondition, load_aircraft, trim
     from testbench.questions.aircraft.ask import survey
-    from testbench.questions.aircraft.page import aircraft_page, folder_name
+    from testbench.questions.aircraft.page import folder_name
 
     loaded = load_aircraft(name, wings.value, commanded_at=None if commanded_at is None else commanded_at.value)
     name = loaded.name.removesuffix(", rigid wings")
-    with ResultFolder(folder_in(out, folder_name(loaded, name))) as place, stages() as say:
-        say("trim and linearise over speed")
+    with answering(out, folder_name(loaded, name)) as a:
+        a.say("trim and linearise over speed")
         if speed is not None:
             trim(loaded, FlightCondition(speed, loaded.design_h_m))  # or says why it cannot be flown
             loaded = replace(loaded, design_V_m_s=speed)
-        found = survey(loaded, name)
-        say("write report")
-        page = aircraft_page(found)
-        page.write(place)
-    page.show(console(), place.path)
+        a.found = survey(loaded, name)
 
 
 @command.command("adopt")

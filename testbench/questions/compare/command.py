@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from testbench.page.terminal import console, stages
 from testbench.questions.compare.benchmark.command import benchmark
 from testbench.questions.options import (
     ByDefault,
@@ -16,6 +15,7 @@ from testbench.questions.options import (
     ScenarioArgument,
     SeedOption,
     SimulatorOption,
+    answering,
     with_figures,
 )
 
@@ -45,18 +45,12 @@ def suites(
     compare eolo_wing`.
     """
     from testbench.core.named import obtain
-    from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.compare.ask import compare
-    from testbench.questions.compare.page import compare_page
     from testbench.questions.compare.scenario import CompareScenario
 
     loaded = obtain(CompareScenario, scenario)
-    with ResultFolder(folder_in(out, f"compare_{loaded.name}")) as place, stages() as say:
-        result = compare(loaded, seed, not information, say, simulator.value)
-        say("write report")
-        page = compare_page(result)
-        page.write(place)
-    page.show(console(), place.path)
+    with answering(out, f"compare_{loaded.name}") as a:
+        a.found = compare(loaded, seed, not information, a.say, simulator.value)
 
 
 command.command("benchmark")(benchmark)

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from testbench.page.terminal import console, stages
 from testbench.questions.options import (
     AircraftOption,
     FlownBy,
@@ -15,6 +14,7 @@ from testbench.questions.options import (
     ScenarioArgument,
     SeedOption,
     SimulatorOption,
+    answering,
     with_figures,
 )
 
@@ -45,10 +45,9 @@ def command(
     results/close_mine`. Another aircraft than the scenario's: `testbench design eolo_short_period --aircraft mine`.
     """
     from testbench.core.named import obtain
-    from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.design.ask import run_design
     from testbench.questions.design.known import AllKnown, known_after
-    from testbench.questions.design.page import design_page, nothing_page
+    from testbench.questions.design.page import nothing_page
     from testbench.questions.design.scenario import DesignScenario
 
     loaded = obtain(DesignScenario, scenario)
@@ -56,11 +55,8 @@ def command(
         loaded = loaded.with_aircraft(aircraft)
     name = f"design_{loaded.name}{f'_after_{len(after)}' if after else ''}"  # plans refer to the design before
     flown = known_after(after, loaded.condition.V_m_s) if after else None
-    with ResultFolder(folder_in(out, name)) as place, stages() as say:
+    with answering(out, name) as a:
         try:
-            page = design_page(run_design(loaded, seed, say, simulator.value, flown))
+            a.found = run_design(loaded, seed, a.say, simulator.value, flown)
         except AllKnown as nothing:
-            page = nothing_page(loaded, nothing)
-        say("write report")
-        page.write(place)
-    page.show(console(), place.path)
+            a.found = nothing_page(loaded, nothing)

@@ -9,8 +9,7 @@ import typer
 
 from testbench.core.constants import PERCENT
 from testbench.core.errors import RecordError
-from testbench.page.terminal import console, stages
-from testbench.questions.options import DataOption, OutOption, SeedOption, refuse, with_figures
+from testbench.questions.options import DataOption, OutOption, SeedOption, answering, refuse, with_figures
 
 
 @with_figures
@@ -56,12 +55,10 @@ def command(
     modes eolo_turbulence`, `testbench modes 12.nc 13.nc 14.nc --band 2 40 --risk 1`.
     """
     from testbench.core.paths import find_scenario
-    from testbench.core.store import ResultFolder, folder_in
     from testbench.estimators.operational.onset import RISK
     from testbench.page.page import record_keeper
     from testbench.questions.files import find, kinds_of
     from testbench.questions.modes.ask import fly_modes, read_modes, search_for
-    from testbench.questions.modes.page import modes_page
     from testbench.questions.modes.scenario import ModesScenario
 
     asked = {"channels": channels, "references": references, "band_hz": band, "order": order}
@@ -77,14 +74,10 @@ def command(
         scenario = find(source[0], "modes")
     else:
         refuse(context, "with measured records, which hold their own noise", "seed")
-    with ResultFolder(folder_in(out, f"{scenario.stem}_modes")) as place, stages() as say:
+    with answering(out, f"{scenario.stem}_modes") as a:
         if flown:
             loaded = ModesScenario.load(scenario)
-            result = fly_modes(loaded, search_for(given, loaded.modes), seed, record_keeper(place), say, at_most)
+            a.found = fly_modes(loaded, search_for(given, loaded.modes), seed, record_keeper(a.place), a.say, at_most)
         else:
-            say("read records")
-            result = read_modes(source, search_for(given), data, say, at_most)
-        say("write report")
-        page = modes_page(result)
-        page.write(place)
-    page.show(console(), place.path)
+            a.say("read records")
+            a.found = read_modes(source, search_for(given), data, a.say, at_most)

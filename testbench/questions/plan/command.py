@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from testbench.core.errors import RecordError
-from testbench.page.terminal import console, stages
+from testbench.page.terminal import stages
 from testbench.questions.options import (
     ByDefault,
     FlownBy,
@@ -17,6 +17,7 @@ from testbench.questions.options import (
     SeedOption,
     SimulatorOption,
     UsageError,
+    answering,
     with_figures,
 )
 
@@ -71,10 +72,8 @@ def show(
     flutter; with `--after results/x_modes` its cards say what the records of slower speeds cleared. `testbench plan
     --from results/design_x` takes a design over: it writes the plan file and plans it.
     """
-    from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.files import find
     from testbench.questions.plan.ask import make_plan
-    from testbench.questions.plan.page import plan_page
     from testbench.questions.plan.result import read_cleared
     from testbench.questions.plan.scenario import PlanScenario
 
@@ -83,13 +82,9 @@ def show(
     file = find(scenario, "plan") if scenario is not None else _taken_over(designs or [], out)
     loaded = PlanScenario.load(file)
     loaded = loaded if seed is None else loaded.model_copy(update={"seed": seed})
-    with stages() as say, ResultFolder(folder_in(out, f"plan_{loaded.name}")) as place:
+    with answering(out, f"plan_{loaded.name}", "write cards and report") as a:
         cleared = None if after is None else read_cleared(after)
-        result = make_plan(loaded, progress=say, simulator=simulator.value, cleared=cleared)
-        say("write cards and report")
-        page = plan_page(result)
-        page.write(place)
-    page.show(console(), place.path)
+        a.found = make_plan(loaded, progress=a.say, simulator=simulator.value, cleared=cleared)
     if scenario is None:
         print(f"Plan: {file}")
 
@@ -220,7 +215,6 @@ def close(
     in identify/. Example: `testbench plan close my_plan.toml flight_1.bin flight_2.bin`.
     """
     from testbench.core.named import obtain
-    from testbench.core.store import ResultFolder, folder_in
     from testbench.questions.importing.ask import import_log, parse_throws
     from testbench.questions.plan.ask import make_plan
     from testbench.questions.plan.close import close_plan
@@ -230,14 +224,12 @@ def close(
     from testbench.questions.plan.verdicts import judge, keep_errors
 
     loaded = obtain(PlanScenario, scenario)
-    with stages() as say, ResultFolder(folder_in(out, f"close_{loaded.name}")) as place:
-        plan = make_plan(loaded, progress=say)
+    with answering(out, f"close_{loaded.name}") as a:
+        plan = make_plan(loaded, progress=a.say)
         full = {c: control.full for c, control in plan.aircraft.controls.items() if c != "thr"}
-        say("read the logs and find the runs")
+        a.say("read the logs and find the runs")
         records = [(log.name, import_log(log, throw_rad={**full, **parse_throws(throw or [])}).record) for log in logs]
         closed = close_plan(plan, records)
-        campaign = judge(closed, identify_cards(closed, place.new, say))
+        campaign = judge(closed, identify_cards(closed, a.place.new, a.say))
         keep_errors(campaign)
-        page = close_page(campaign)
-        page.write(place)
-    page.show(console(), place.path)
+        a.found = close_page(campaign)

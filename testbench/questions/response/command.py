@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from testbench.page.terminal import console, stages
-from testbench.questions.options import DataOption, OutOption, with_figures
+from testbench.questions.options import DataOption, OutOption, answering, with_figures
 
 
 @with_figures
@@ -26,19 +25,14 @@ def command(
     made for sweeps and multisines. Example: `testbench response records/attas_short_period --window 5 --window 12`.
     """
     from testbench.core.named import obtain
-    from testbench.core.store import ResultFolder, folder_in
     from testbench.logs.read import read_records
     from testbench.questions.identify.scenario import RecordDescription
     from testbench.questions.response.ask import frequency_responses
     from testbench.questions.response.page import response_page
 
     described = obtain(RecordDescription, description)
-    with ResultFolder(folder_in(out, f"{described.name}_response")) as place, stages() as say:
-        say("read records")
+    with answering(out, f"{described.name}_response") as a:
+        a.say("read records")
         records = [record for _, _, record in read_records(described, data)]
-        say("estimate frequency responses")
-        found = frequency_responses(described, records, window)
-        say("write report")
-        page = response_page(found, described)
-        page.write(place)
-    page.show(console(), place.path)
+        a.say("estimate frequency responses")
+        a.found = response_page(frequency_responses(described, records, window), described)

@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from testbench.page.terminal import console, stages
-from testbench.questions.options import with_figures
+from testbench.questions.options import answering, with_figures
 
 
 @with_figures
@@ -35,25 +34,19 @@ def benchmark(
     missing. Recorded flights are read from the folder TESTBENCH_FLIGHT_DATA. Examples: `testbench compare benchmark`,
     `testbench compare benchmark --method my_method.py:estimate`.
     """
-    from testbench.core.store import ResultFolder
     from testbench.questions.compare.benchmark.ask import benchmark as run
-    from testbench.questions.compare.benchmark.page import benchmark_page
 
     try:
-        with ResultFolder(out) as place, stages() as say:
-            found = run(
-                place,
+        with answering(out.parent, out.name) as a:
+            a.found = run(
+                a.place,
                 seeds=seeds,
                 sets=data or (),
                 methods=only or (),
                 own=method or (),
                 workers=workers,
-                progress=say,
+                progress=a.say,
             )
-            say("write report")
-            page = benchmark_page(found)
-            page.write(place)
     except KeyboardInterrupt:
         print("what is finished is kept; the same command goes on", file=sys.stderr)
         raise
-    page.show(console(), out)
