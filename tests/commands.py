@@ -9,7 +9,6 @@ import tempfile
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
-from multiprocessing import forkserver
 from pathlib import Path
 
 from quick_drawing import Quick, quick_drawing
@@ -20,8 +19,6 @@ import testbench.cli as cli
 # Imported once, by the process that those of the commands are forked from: importing takes longer than most commands.
 _SERVER = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload(["quick_drawing", *modules()])
-# There is one such process: a campaign that flew first would else give every command one that knows campaigns alone.
-forkserver.set_forkserver_preload = lambda names: None
 
 
 def in_warm_process(function: Callable[..., object], *args: object) -> int | None:

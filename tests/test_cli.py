@@ -240,7 +240,6 @@ def test_an_aircraft_is_surveyed_and_reported_or_exported(tmp_path):
 
 def test_a_campaign_flies_says_how_far_it_is_and_is_summarised_again(tmp_path):
     """Three runs of the packaged campaign; two workers' start is most of the time."""
-    pytest.importorskip("distributed", reason="dask is missing: pip install flight-testbench[campaign]")
     text = (SCENARIOS / "campaign" / "taurus_scatter.toml").read_text(encoding="utf-8")
     assert "runs = 24" in text
     file = tmp_path / "three.toml"

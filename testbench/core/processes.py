@@ -2,20 +2,20 @@
 
 Processes are forked, so that they know all that their parent knows at no cost. Threads would wait for one another,
 because JSBSim keeps the interpreter's lock. If a system cannot fork, or one process is asked for, all work is done in
-turn. Campaigns, whose runs may be flown on other machines, use Dask instead.
+turn.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
-import pickle
 import signal
 import sys
 import tempfile
 from collections.abc import Callable, Generator, Hashable, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import connection, current_process, get_context
 from types import TracebackType
 from typing import Any, Self, TypeVar
@@ -27,6 +27,7 @@ from testbench.core.interrupts import held_back, leave_to_the_system
 T = TypeVar("T")
 _CRASHES = frozenset({signal.SIGSEGV, signal.SIGABRT, signal.SIGILL, signal.SIGFPE, getattr(signal, "SIGBUS", 0)})
 _PROCESSES: ContextVar[int] = ContextVar("processes", default=1)
+_CONTEXT: Any = get_context("fork" if sys.platform == "linux" else "spawn")
 
 
 @contextlib.contextmanager
@@ -45,10 +46,38 @@ def cores() -> int:
 
 
 @dataclass(frozen=True)
-class _Running:
+class Child:
+    """A process of ours, our end of the pipe to it, and the folder of what it writes, which goes with it."""
+
     process: Any
-    answer: connection.Connection
+    pipe: connection.Connection
     folder: Scratch
+
+    @classmethod
+    def start(cls, work: Callable[[connection.Connection], None]) -> Self:
+        """Start a process that does ``work`` with its end of the pipe; where none is forked, it is sent by pickle.
+
+        Raises:
+            OSError: the machine starts no process.
+        """
+        mine, theirs = _CONTEXT.Pipe()
+        folder = Scratch()
+        process = _CONTEXT.Process(target=_begin, args=(work, mine, theirs, folder.name), daemon=True)
+        with held_back():  # after a fork Python calls back what modules registered, where an interrupt would vanish
+            process.start()
+        theirs.close()
+        return cls(process, mine, folder)
+
+    def end(self) -> None:
+        """Wait for its end, and remove what is left of it."""
+        self.pipe.close()
+        self.process.join()
+        self.folder.remove()
+
+    def kill(self) -> None:
+        """End it now."""
+        self.process.kill()
+        self.end()
 
 
 class Ahead:
@@ -59,7 +88,7 @@ class Ahead:
 
     def __init__(self) -> None:
         self.most = _PROCESSES.get()
-        self._running: dict[Hashable, _Running] = {}
+        self._running: dict[Hashable, Child] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -68,21 +97,12 @@ class Ahead:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         while self._running:
-            _, running = self._running.popitem()
-            running.process.kill()
-            self._end(running)
+            self._running.popitem()[1].kill()
 
     def begin(self, key: Hashable, task: Callable[[], Any]) -> None:
         """Begin a task, unless it is running or all work is to be done in turn."""
-        if self.most == 1 or key in self._running:
-            return
-        mine, theirs = get_context("fork").Pipe(duplex=False)
-        folder = Scratch()  # what the task writes goes with it, even if it is ended
-        process = get_context("fork").Process(target=_work, args=(task, mine, theirs, folder.name), daemon=True)
-        with held_back():  # after a fork Python calls back what modules registered, where an interrupt would vanish
-            process.start()
-        theirs.close()
-        self._running[key] = _Running(process, mine, folder)
+        if self.most > 1 and key not in self._running:
+            self._running[key] = Child.start(partial(_answer, task))
 
     def take(self, key: Hashable, task: Callable[[], T]) -> T:
         """Return the result of a task, begun before under the same key or done here and now.
@@ -94,23 +114,17 @@ class Ahead:
         if running is None:
             return task()
         try:
-            done, result = pickle.loads(running.answer.recv_bytes())
+            done, result = running.pipe.recv()
         except (EOFError, OSError):  # it was ended from outside, for want of memory, or its answer cannot be sent
             running.process.join()
             if -(running.process.exitcode or 0) in _CRASHES:  # here it would end all
                 raise EstimationError(f"'{key}' must end with a result, but {ended(running.process)}") from None
             return task()
         finally:
-            self._end(running)
+            running.end()
         if not done:
             raise result
         return result
-
-    @staticmethod
-    def _end(running: _Running) -> None:
-        running.answer.close()
-        running.process.join()
-        running.folder.remove()
 
 
 def apart(task: Callable[[], T], what: str, limit_s: float) -> T:
@@ -132,10 +146,10 @@ def apart(task: Callable[[], T], what: str, limit_s: float) -> T:
     with processes(2), Ahead() as ahead:
         ahead.begin(what, task)
         running = ahead._running[what]
-        if not running.answer.poll(limit_s):
+        if not running.pipe.poll(limit_s):
             raise EstimationError(f"{what} must end within {limit_s:g} s, got no end by then")
         try:
-            done, result = pickle.loads(running.answer.recv_bytes())
+            done, result = running.pipe.recv()
         except (EOFError, OSError):
             running.process.join()
             raise EstimationError(f"{what} must end with a result, but {ended(running.process)}") from None
@@ -171,16 +185,24 @@ def spread(tasks: Sequence[Callable[[], T]]) -> list[T]:
     return out
 
 
-def _work(task: Callable[[], Any], mine: connection.Connection, theirs: connection.Connection, folder: str) -> None:
+def _begin(work: Callable[[Any], None], mine: connection.Connection, theirs: connection.Connection, name: str) -> None:
     leave_to_the_system()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is the parent's to handle: it ends this one
     mine.close()
     _PROCESSES.set(1)
-    tempfile.tempdir = folder
+    tempfile.tempdir = name
+    work(theirs)
+
+
+def answer_to(task: Callable[[], Any]) -> tuple[bool, Any]:
+    """Return (True, the result of a task), or (False, what it raised)."""
     try:
-        answer = True, task()
+        return True, task()
     except Exception as error:
-        answer = False, error
+        return False, error
+
+
+def _answer(task: Callable[[], Any], pipe: connection.Connection) -> None:
     # Without an answer, as it cannot be sent or whoever waited is gone, the work is done there.
     with contextlib.suppress(Exception):
-        theirs.send_bytes(pickle.dumps(answer))
+        pipe.send(answer_to(task))

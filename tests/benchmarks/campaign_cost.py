@@ -1,7 +1,7 @@
 """What a million runs cost, and where the scheduler or the store becomes the limit: results/campaign/.
 
 Run with ``make campaign-cost``; a number behind the file's name replaces the 100 000 runs. Real are the flight (Taurus,
-25 s, three estimators), what it finds, the executor, dask and the store; in the 100 000 runs a worker answers at once
+25 s, three estimators), what it finds, the executor and the store; in the 100 000 runs a worker answers at once
 with what one flight found, so that only what surrounds the flights is left. Processor time throughout, since machines
 are shared, but for the store, whose disk is waited for.
 """
@@ -14,6 +14,7 @@ import os
 import sys
 import tempfile
 import time
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,7 +31,7 @@ from testbench.questions.campaign.flying import Job, Outcome, fly_batch
 from testbench.questions.campaign.load import versions
 from testbench.questions.campaign.store import Store
 from testbench.questions.campaign.summary import summarise
-from testbench.questions.campaign.workers import local_workers
+from testbench.questions.campaign.workers import LocalWorkers
 
 RUNS = int(sys.argv[1]) if len(sys.argv) > 1 else sized(100_000, 40)
 MILLION = 1_000_000
@@ -46,7 +47,7 @@ class Measured:
     answer: int
     client_s: float
     client_wall_s: float
-    dask_s: float
+    hand_s: float
     store_s: float
     store_wall_s: float
     row: float
@@ -67,7 +68,7 @@ def fly(folder: Path) -> tuple[float, str]:
 
 
 def answering(results: str):
-    """Return a task that answers at once; by value, since workers do not know this file."""
+    """Return a task that answers at once."""
     inputs = '{"aircraft.mass_percent":1.2345678901234567,"coefficient.Cm_alpha":1.0123456789012345}'
 
     def task(job, runs):
@@ -92,13 +93,13 @@ def surround(folder: Path, results: str) -> tuple[float, float, int, int, Path]:
     return since(begun) / RUNS, ending.elapsed_s / RUNS, memory[0], memory[-1], folder / "all"
 
 
-def of_dask(results: str) -> float:
+def of_handing(results: str) -> float:
     """Return the client's processor seconds per run for handing out batches and collecting them, without a store."""
-    task, waiting = answering(results), 0
-    with local_workers(1) as workers:
+    waiting, job = 0, Job("", "", ())
+    with closing(LocalWorkers(1, answering(results), job)) as workers:
         begun = time.process_time()
         for k in range(BATCHES):
-            workers.submit(task, None, range(MOST_PER_BATCH * k, MOST_PER_BATCH * (k + 1)))
+            workers.submit(range(MOST_PER_BATCH * k, MOST_PER_BATCH * (k + 1)))
             waiting += 1
             while waiting >= (2 if k < BATCHES - 1 else 1):
                 for future in workers.wait(0.5):
@@ -136,8 +137,8 @@ def lines(m: Measured) -> list[tuple[str, float, str]]:
     return [
         ("processor time of a flight in a worker", 1e3 * m.flight_s, "ms"),
         ("what a flight finds, as JSON", m.answer, "bytes"),
-        ("processor time of the client: dask and store and the rest", 1e3 * m.client_s, "ms per run"),
-        ("of this dask, scheduler in the same process", 1e3 * m.dask_s, "ms per run"),
+        ("processor time of the client", 1e3 * m.client_s, "ms per run"),
+        ("of this handing out and collecting", 1e3 * m.hand_s, "ms per run"),
         ("of this the store", 1e3 * m.store_s, "ms per run"),
         ("wall time of the store, disk included", 1e3 * m.store_wall_s, "ms per run"),
         ("wall time of all, one worker answering, on this machine", 1e3 * m.client_wall_s, "ms per run"),
@@ -150,7 +151,7 @@ def lines(m: Measured) -> list[tuple[str, float, str]]:
         ("a million runs on 100 processors", million / 100.0 * 60.0, "min"),
         ("runs per second that the client can take", 1.0 / m.client_s, "runs/s"),
         ("processors at which the client is the limit", m.flight_s / m.client_s, "processors"),
-        ("processors at which dask alone would be", m.flight_s / m.dask_s, "processors"),
+        ("processors at which handing out alone would be", m.flight_s / m.hand_s, "processors"),
         ("processors at which the store alone would be", m.flight_s / m.store_wall_s, "processors"),
         ("least time of a million runs, the client at its limit", MILLION * m.client_s / 60.0, "min"),
         ("store of a million runs", MILLION * m.row / 1e9, "GB"),
@@ -165,14 +166,14 @@ def page(m: Measured) -> str:
                      for what, value, unit in lines(m))  # fmt: skip
     limit, hours = m.flight_s / m.client_s, MILLION * m.flight_s / 3600.0
     early, late = (f"{x / 1e6:.0f} MB" for x in (m.memory_early, m.memory_late))
-    client, dask, store, wall, seen = (
-        f"{1e3 * x:.2f} ms" for x in (m.client_s, m.dask_s, m.store_s, m.store_wall_s, m.client_wall_s)
+    client, hand, store, wall, seen = (
+        f"{1e3 * x:.2g} ms" for x in (m.client_s, m.hand_s, m.store_s, m.store_wall_s, m.client_wall_s)
     )
     return f"""# What a million runs cost
 
 Measured by `make campaign-cost`, which writes this page and `cost.csv`. The flight is Taurus's of 25 s, sensed at 8 Hz
-and identified by three estimators, with the aircraft varied and its truth linearised in every run. Client, dask's
-scheduler and SQLite are measured with {RUNS:,} runs whose workers answer at once with what one such flight found, in
+and identified by three estimators, with the aircraft varied and its truth linearised in every run. Client and SQLite
+are measured with {RUNS:,} runs whose workers answer at once with what one such flight found, in
 batches of {MOST_PER_BATCH}. Times are of the processor where they do not say wall, since machines are shared.
 
 | | | |
@@ -182,11 +183,10 @@ batches of {MOST_PER_BATCH}. Times are of the processor where they do not say wa
 **Workers.** A flight takes {1e3 * m.flight_s:.0f} ms of a processor: a million take {hours:.0f} processor hours.
 Flights share nothing, and more processors shorten the campaign in proportion until the client is busy all the time.
 
-**The client and dask.** The client takes {client} of its processor a run, {dask} of it dask's, whose scheduler runs in
-the same process, {store} the store's; it passes {1.0 / m.client_s:,.0f} runs a second and holds up more than
-{limit:.0f} processors. With the scheduler as a process of its own (`--scheduler`) dask's part moves there. Longer
-flights or slower estimators move the limit in proportion: at ten times the work a run it is at {10.0 * limit:,.0f}
-processors.
+**The client.** The client takes {client} of its processor a run, {hand} of it for handing out and collecting and
+{store} for the store; it passes {1.0 / m.client_s:,.0f} runs a second and holds up more than {limit:,.0f} processors.
+Longer flights or slower estimators move the limit in proportion: at ten times the work a run it is at
+{10.0 * limit:,.0f} processors.
 
 **The store.** A transaction is synchronised to the disk, so that no death of a process or of the machine takes what is
 finished: {wall} of wall time a run at one batch of {MOST_PER_BATCH} a transaction, enough for
@@ -208,12 +208,12 @@ def main() -> None:
         folder = Path(name)
         flight, results = fly(folder)
         print(f"flight {1e3 * flight:.1f} ms", flush=True)
-        dask, (store, wall) = of_dask(results), of_store(folder, results)
-        print(f"dask {1e3 * dask:.3f} ms, store {1e3 * store:.3f} ms (wall {1e3 * wall:.3f} ms)", flush=True)
+        hand, (store, wall) = of_handing(results), of_store(folder, results)
+        print(f"hand {1e3 * hand:.3f} ms, store {1e3 * store:.3f} ms (wall {1e3 * wall:.3f} ms)", flush=True)
         client, client_wall, early, late, place = surround(folder, results)
         print(f"client {1e3 * client:.3f} ms, memory {early / 1e6:.0f} MB, then {late / 1e6:.0f} MB", flush=True)
         seconds, memory, size = of_summary(place)
-    m = Measured(flight, len(results), client, client_wall, dask, store, wall, size, early, late, seconds, memory)
+    m = Measured(flight, len(results), client, client_wall, hand, store, wall, size, early, late, seconds, memory)
     with (FOLDER / "cost.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["what", "value", "unit"])

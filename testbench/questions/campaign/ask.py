@@ -9,7 +9,7 @@ import json
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -27,24 +27,20 @@ from testbench.questions.campaign.scenario import Watch
 from testbench.questions.campaign.store import RECORDS, Counts, Store
 from testbench.questions.campaign.workers import (
     Died,
+    LocalWorkers,
     Lost,
     Task,
     Workers,
-    local_workers,
     remote_workers,
-    require_dask,
-    why_none,
 )
 
 MOST_PER_BATCH = 64  # what flies as one block
-BATCH_S = 3.0  # work in a batch: little is lost with one, and what dask and SQLite take for it is less than 1 %
+BATCH_S = 3.0  # work in a batch: little is lost with one, and what SQLite takes for it is less than 1 %
 _FIRST_BATCH = 4  # before the first run has said how long it takes
 DEATHS = 3  # a run that is alone with a process when it dies may have been unlucky; three times it was not
 DIED = f"the worker process died while it flew this run and no other, {DEATHS} times or more"
 _PER_WORKER = 2  # batches in hand or on the way, so that no worker waits
 _NO_WORKERS_S = 60.0
-_RESTART_S = 15.0  # dask brings a worker back within a second or two, or not at all
-RESTARTS = 3  # without an outcome in between
 _LOOK_S = 0.5
 
 
@@ -118,10 +114,21 @@ def fly_campaign(
         >>> tb.fly_campaign(campaign, Path("results/campaign_taurus_scatter"), workers=2)  # doctest: +SKIP
     """
     campaign, folder = obtain(Campaign, campaign), Path(folder)
-    require_dask()
+    job = Job(
+        campaign.spec.model_dump_json(),
+        json.dumps(campaign.content),
+        tuple(versions().items()),
+        campaign.spec.records,
+        simulator,
+        campaign.files,
+    )
     with ExitStack() as stack:
-        # An address that does not answer must not leave a store behind.
-        found = stack.enter_context(remote_workers(scheduler)) if scheduler else None
+        # Without workers no store is left behind; and processes that are forked later would hold its lock.
+        found: LocalWorkers | Workers = (
+            stack.enter_context(remote_workers(scheduler, task, job))
+            if scheduler
+            else stack.enter_context(closing(LocalWorkers(workers or cores(), task, job)))
+        )
         opened = Store.resume(folder, campaign) if resume else Store.create(folder, campaign)
         store = stack.enter_context(opened)
         if store.first_unfinished() is None:
@@ -130,16 +137,7 @@ def fly_campaign(
         if watch is not None and (stopped := watch.advance(store, campaign.spec.total)) is not None:
             store.stop_at(stopped)
             return Ending(store.counts(), stopped, 0.0)
-        found = found or stack.enter_context(local_workers(workers or cores()))
-        job = Job(
-            campaign.spec.model_dump_json(),
-            json.dumps(campaign.content),
-            tuple(versions().items()),
-            campaign.spec.records,
-            simulator,
-            campaign.files,
-        )
-        return _Session(campaign, store, folder, found, watch, task, job, store.counts()).fly(progress)
+        return _Session(campaign, store, folder, found, watch, store.counts()).fly(progress)
 
 
 @dataclass
@@ -149,15 +147,12 @@ class _Session:
     campaign: Campaign
     store: Store
     folder: Path
-    workers: Workers
+    workers: LocalWorkers | Workers
     watch: Watch | None
-    task: Task
-    job: Job
     counts: Counts
     have: int = 0
     flown: int = 0
     seconds: float = 0.0
-    restarts: int = 0
     stopped: int | None = None
     dealt: int = -1
     started: list[int] = field(default_factory=list)
@@ -179,9 +174,11 @@ class _Session:
                     continue
                 looked, self.have = now, self.workers.count()
                 last_seen = now if self.have else last_seen
-                if now - last_seen > (_RESTART_S if self.workers.ours else _NO_WORKERS_S):
-                    self.renew()
-                    last_seen = time.perf_counter()
+                if now - last_seen > _NO_WORKERS_S:
+                    raise CampaignError(
+                        f"a campaign needs workers, but the scheduler has had none for {_NO_WORKERS_S:g} s; "
+                        "start some with `dask worker` and go on with `testbench campaign resume`"
+                    )
                 if progress is not None:
                     progress(Progress(self.counts, self.flown, now - start, self.have))
         except BaseException:
@@ -195,30 +192,6 @@ class _Session:
             progress(Progress(counts, self.flown, elapsed, self.have))
         return Ending(counts, self.stopped, elapsed)
 
-    def renew(self) -> None:
-        """Start our workers again, at most ``RESTARTS`` times without an outcome; what they had is flown again.
-
-        Raises:
-            CampaignError: they are not ours, or they end again and again.
-        """
-        if not self.workers.ours:
-            raise CampaignError(
-                f"a campaign needs workers, but {self.workers.place} has had none for {_NO_WORKERS_S:g} s; "
-                "start some with `dask worker` and go on with `testbench campaign resume`"
-            )
-        self.again += self.hand.values()
-        self.hand.clear()
-        while self.restarts < RESTARTS:
-            self.restarts += 1
-            with suppress(CampaignError):  # none could be started; said below if it stays so
-                self.workers.restart()
-                self.have = self.workers.count()
-                return
-        raise CampaignError(
-            f"a campaign needs workers, but all of them ended, and {RESTARTS} restarts have not helped: {why_none()}. "
-            "What is finished is kept; go on with `testbench campaign resume`"
-        )
-
     def hand_out(self) -> None:
         """Hand out batches until every worker has enough."""
         while len(self.hand) < _PER_WORKER * self.have:
@@ -231,7 +204,7 @@ class _Session:
                 batch = _Batch(tuple(runs))
                 self.dealt = runs[-1]
                 self.started += runs
-            self.hand[self.workers.submit(self.task, self.job, batch.runs)] = batch
+            self.hand[self.workers.submit(batch.runs)] = batch
 
     def batch_size(self) -> int:
         """Return how many runs make the next batch: some seconds' work, and less towards the end, which all then reach
@@ -274,7 +247,6 @@ class _Session:
         self.store.exchange(finished, self.started)
         self.started = []
         self.flown += len(finished)
-        self.restarts = 0 if finished else self.restarts
         self.seconds += sum(o.seconds for o in finished)
         failed = sum(1 for o in finished if o.reason)
         done, lost = self.counts.done + len(finished) - failed, self.counts.failed + failed

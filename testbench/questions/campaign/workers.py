@@ -1,20 +1,20 @@
-"""Where runs are flown: worker processes of an embedded cluster, or of one that runs already. The importer of dask."""
+"""Where runs are flown: by processes of this machine, or by workers of a cluster. The importer of dask."""
 
 from __future__ import annotations
 
 import logging
-import os
-import signal
-import subprocess
-import sys
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import count as numbers
+from multiprocessing import connection
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-from testbench.core.blas import SETTINGS
 from testbench.core.errors import CampaignError
-from testbench.core.interrupts import held_back
+from testbench.core.processes import Child, answer_to
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -24,12 +24,10 @@ if TYPE_CHECKING:
 
 Task = Callable[["Job", Sequence[int]], "list[Outcome]"]
 _EXTRA = (
-    "campaigns need dask.distributed, which is not installed; install it with: pip install 'flight-testbench[campaign]'"
+    "a --scheduler needs dask.distributed, which is not installed; leave it out to fly on this machine, or install it "
+    "with: pip install 'flight-testbench[campaign]'"
 )
 _CONNECT_S = 15.0
-_THREADS = dict.fromkeys(SETTINGS, "1")
-_UNSAID = "ignore::UserWarning:multiprocessing.resource_tracker"
-"""What Python takes away after a process that was killed is no news for who killed it."""
 
 
 class Died(Exception):
@@ -44,19 +42,127 @@ class Lost(Exception):
     """The outcome of a batch was lost with the process that held it, before it was collected."""
 
 
+@dataclass(frozen=True)
+class _Worker:
+    child: Child
+    hand: deque[int] = field(default_factory=deque)
+
+
+class LocalWorkers:
+    """Processes of this machine, each with one thread of linear algebra: batches in, outcomes out.
+
+    Batches are known by their numbers. A process that dies is replaced.
+
+    Args:
+        count: of processes; fewer where the machine does not start so many.
+        task: what each does with a batch.
+        job: of all batches.
+
+    Raises:
+        CampaignError: no process can be started.
+    """
+
+    def __init__(self, count: int, task: Task, job: Job) -> None:
+        self._most = count
+        self._work = partial(_serve, task, job)
+        self._numbers = numbers()
+        self._workers: list[_Worker] = []
+        self._answers: dict[int, tuple[bool, Any]] = {}
+        self._start()
+
+    def count(self) -> int:
+        """Return how many processes there are now."""
+        return len(self._workers)
+
+    def submit(self, runs: Sequence[int]) -> int:
+        """Hand out one batch."""
+        worker, batch = min(self._workers, key=lambda w: len(w.hand)), next(self._numbers)
+        worker.hand.append(batch)
+        with suppress(OSError):  # it has died, as the next wait finds
+            worker.child.pipe.send(runs)
+        return batch
+
+    def wait(self, timeout_s: float) -> list[int]:
+        """Return the batches that have ended since the last call, after waiting for at least one; none after a while.
+
+        Raises:
+            CampaignError: all processes have died, and no other can be started.
+        """
+        out = []
+        ready = connection.wait([w.child.pipe for w in self._workers], timeout_s)
+        for worker in [w for w in self._workers if w.child.pipe in ready]:
+            try:
+                self._answers[worker.hand[0]] = worker.child.pipe.recv()
+                out.append(worker.hand.popleft())
+            except (EOFError, OSError):
+                self._workers.remove(worker)
+                worker.child.kill()
+                # The first of its batches killed it; what it had not begun is lost.
+                self._answers |= {batch: (False, Lost() if k else Died(1)) for k, batch in enumerate(worker.hand)}
+                out += worker.hand
+        self._start()
+        return out
+
+    def collect(self, batch: int) -> list[Outcome]:
+        """Return the outcomes of an ended batch.
+
+        Raises:
+            Died: its process died over it.
+            Lost: its process died before it began.
+            TestbenchError: whatever the batch raised.
+        """
+        done, found = self._answers.pop(batch)
+        if not done:
+            raise found
+        outcomes: list[Outcome] = found
+        return outcomes
+
+    def cancel(self, batches: Sequence[int]) -> None:
+        """Give up batches: the processes end with the block."""
+
+    def _start(self) -> None:
+        """Start the processes that are missing; fewer will do."""
+        try:
+            while len(self._workers) < self._most:
+                self._workers.append(_Worker(Child.start(self._work)))
+        except OSError as error:
+            if not self._workers:
+                raise CampaignError(
+                    "a campaign needs worker processes, but this machine starts none "
+                    f"({error.strerror or error}); what is finished is kept. End other programs, or raise the limits "
+                    "of processes and memory (ulimit -u, ulimit -v), and go on with `testbench campaign resume`"
+                ) from error
+
+    def close(self) -> None:
+        """End all processes."""
+        while self._workers:
+            self._workers.pop().child.kill()
+
+
+def _serve(task: Task, job: Job, pipe: connection.Connection) -> None:
+    """Answer batches until whoever hands them out is gone."""
+    import scipy.linalg  # noqa: F401  # brings a library of its own, which must be there to be limited
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1, user_api="blas"), suppress(EOFError, OSError):
+        while True:
+            runs = pipe.recv()
+            pipe.send(answer_to(partial(task, job, runs)))
+
+
 class Workers:
-    """Worker processes as campaigns see them: batches in, outcomes out.
+    """Workers of a scheduler as campaigns see them: batches in, outcomes out.
 
     Args:
         client: of dask.distributed.
         place: where the scheduler is, in words.
-        again: starts scheduler and workers once more, where they are ours.
+        task: what a worker does with a batch.
+        job: of all batches.
     """
 
-    def __init__(self, client: Client, place: str, again: Callable[[], Client] | None = None) -> None:
-        self._client = client
+    def __init__(self, client: Client, place: str, task: Task, job: Job) -> None:
+        self._client, self._task, self._job = client, task, job
         self.place = place
-        self._again = again
         self._finished: SimpleQueue[Future] = SimpleQueue()
 
     def count(self) -> int:
@@ -68,27 +174,9 @@ class Workers:
         self._check()
         return sum(int(w["nthreads"]) for w in self._client.scheduler_info(n_workers=-1)["workers"].values())
 
-    @property
-    def ours(self) -> bool:
-        """Whether the scheduler and its workers belong to this campaign, so that :meth:`restart` can be called."""
-        return self._again is not None
-
-    def restart(self) -> None:
-        """Start scheduler and workers once more; what was handed out is lost.
-
-        dask starts a worker again whose process dies, but gives it up where no process can be made for a while, or
-        where the server that processes are forked from is killed.
-
-        Raises:
-            CampaignError: no worker process can be started; it says why.
-        """
-        assert self._again is not None
-        self._finished = SimpleQueue()
-        self._client = self._again()
-
-    def submit(self, task: Task, job: Job, runs: Sequence[int]) -> Future:
+    def submit(self, runs: Sequence[int]) -> Future:
         """Hand out one batch."""
-        future = self._client.submit(task, job, tuple(runs), pure=False)
+        future = self._client.submit(self._task, self._job, tuple(runs), pure=False)
         future.add_done_callback(self._finished.put)
         return future
 
@@ -157,111 +245,19 @@ class Workers:
         )
 
 
-def require_dask() -> None:
-    """Do nothing where dask.distributed is installed.
-
-    Raises:
-        CampaignError: it is not.
-    """
-    try:
-        import dask  # noqa: F401
-        import distributed  # noqa: F401
-    except ImportError as error:
-        raise CampaignError(_EXTRA) from error
-
-
 @contextmanager
-def local_workers(count: int) -> Iterator[Workers]:
-    """Give ``count`` worker processes of this machine, each with one thread; they end with the block, or with us.
-
-    Raises:
-        CampaignError: dask.distributed is not installed, or no worker process can be started.
-    """
-    require_dask()
-    import dask
-
-    settings = {
-        "distributed.worker.multiprocessing-method": _start_method(),
-        # A batch whose process dies comes back at once, to be halved; dask itself would let it kill three more.
-        "distributed.scheduler.allowed-failures": 0,
-        "distributed.scheduler.work-stealing": False,  # batches are handed out one by one, there is nothing to steal
-        "distributed.scheduler.worker-saturation": 1.0,
-        "distributed.worker.daemon": True,
-        "distributed.worker.preload": [FLYING],  # imported before the first batch comes
-        "distributed.nanny.environ": _THREADS,
-        "distributed.nanny.pre-spawn-environ": _THREADS,
-        "distributed.worker.profile.enabled": False,  # it would look at every thread each 10 ms
-        "distributed.admin.system-monitor.interval": "10s",
-        "distributed.admin.tick.interval": "1s",
-    }
-    with dask.config.set(settings), _quiet():
-        embedded = _Embedded(count)
-        try:
-            yield Workers(embedded.open(), "the embedded scheduler", embedded.again)
-        finally:
-            embedded.close()
-
-
-class _Embedded:
-    """A scheduler in this process with workers on this machine, which can be closed and opened again."""
-
-    def __init__(self, count: int) -> None:
-        self.count = count
-        self._client: Any = None
-        self._cluster: Any = None
-
-    def open(self) -> Client:
-        """Start all of it.
-
-        Raises:
-            CampaignError: no worker process can be started; it says why.
-        """
-        from distributed import Client, LocalCluster
-
-        _start_method()  # whatever the processes are forked from may have been killed
-        try:
-            with held_back():  # half-made, it cannot be closed
-                self._cluster = LocalCluster(
-                    n_workers=self.count,
-                    threads_per_worker=1,
-                    processes=True,
-                    dashboard_address="127.0.0.1:0",  # any free port; without one dask insists on one of its own
-                    memory_limit=0,
-                    silence_logs=logging.CRITICAL,
-                )
-        except (RuntimeError, OSError, TimeoutError) as error:
-            raise CampaignError(
-                f"a campaign needs worker processes, but none could be started: {why_none()}"
-            ) from error
-        self._client = Client(self._cluster, set_as_default=False)
-        return self._client
-
-    def again(self) -> Client:
-        """Close what is left, which may be half dead, and start all of it once more."""
-        with suppress(OSError, TimeoutError, RuntimeError):
-            self.close()
-        return self.open()
-
-    def close(self) -> None:
-        """End the workers and the scheduler."""
-        client, cluster, self._client, self._cluster = self._client, self._cluster, None, None
-        if client is not None:
-            _close(client)
-        if cluster is not None:
-            cluster.close(timeout=10.0)
-
-
-@contextmanager
-def remote_workers(address: str) -> Iterator[Workers]:
+def remote_workers(address: str, task: Task, job: Job) -> Iterator[Workers]:
     """Give the workers of the scheduler at ``address``, such as tcp://host:8786; they stay when the block ends.
 
     Raises:
         CampaignError: dask.distributed is not installed, or no scheduler answers.
     """
-    require_dask()
-    import dask
-    from distributed import Client
-    from distributed.comm import parse_address, parse_host_port
+    try:
+        import dask
+        from distributed import Client
+        from distributed.comm import parse_address, parse_host_port
+    except ImportError as error:
+        raise CampaignError(_EXTRA) from error
 
     with dask.config.set({"distributed.comm.timeouts.connect": _CONNECT_S}), _quiet():
         try:
@@ -273,48 +269,10 @@ def remote_workers(address: str) -> Iterator[Workers]:
                 "scheduler` and workers with `dask worker`, or leave out --scheduler"
             ) from error
         try:
-            yield Workers(client, f"the scheduler at {address}")
+            yield Workers(client, f"the scheduler at {address}", task, job)
         finally:
-            _close(client)
-
-
-def _start_method() -> str:
-    """Return how worker processes are made: forked, where that exists, from a server that has all modules loaded.
-
-    A worker is then there in a tenth of the time that its imports take, also the one after a crash.
-    """
-    import multiprocessing
-
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        return "spawn"
-    from multiprocessing import forkserver, resource_tracker
-
-    unsaid = ",".join(filter(None, (os.environ.get("PYTHONWARNINGS"), _UNSAID)))
-    settings = {**_THREADS, "PYTHONWARNINGS": unsaid}
-    before = {name: os.environ.get(name) for name in settings}
-    os.environ.update(settings)  # read by the libraries when the server loads them
-    try:
-        forkserver.set_forkserver_preload(["testbench.questions.campaign.served", "distributed", FLYING])
-        resource_tracker.ensure_running()  # which hears interrupts again afterwards
-        heard = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # a terminal sends it to all of a group
-        try:
-            forkserver.ensure_running()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, heard)
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-    return "forkserver"
-
-
-def _close(client: Any) -> None:
-    try:
-        client.close(timeout=5.0)
-    except (OSError, TimeoutError, RuntimeError):  # a scheduler that is gone cannot be taken leave of
-        return
+            with suppress(OSError, TimeoutError, RuntimeError):  # one that is gone cannot be taken leave of
+                client.close(timeout=5.0)
 
 
 @contextmanager
@@ -329,45 +287,3 @@ def _quiet() -> Iterator[None]:
     finally:
         for logger, level in zip(loggers, levels, strict=True):
             logger.setLevel(level)
-
-
-# --- why there are no worker processes on this machine: one is started for a try --------------------------------------
-
-
-FLYING = "testbench.questions.campaign.flying"
-"""What workers load."""
-
-_TRY_S = 60.0
-
-
-def why_none() -> str:
-    """Start one process that loads what workers load, and return what became of it and what to do, in words."""
-    try:
-        tried = subprocess.run(
-            [sys.executable, "-c", f"import {FLYING}"],
-            check=False,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=_TRY_S,
-        )
-    except OSError as error:
-        return (
-            f"this machine starts no process ({error.strerror or error}); end other programs, or raise the limits of "
-            "processes and memory (ulimit -u, ulimit -v)"
-        )
-    except subprocess.TimeoutExpired:
-        return f"a process does not load the testbench within {_TRY_S:g} s; end other programs, or give fewer --workers"
-    if tried.returncode < 0:
-        name = signal.Signals(-tried.returncode).name
-        return (
-            f"a process that loads the testbench is ended by {name}; the memory may be too small: end other programs, "
-            "or give fewer --workers"
-        )
-    if tried.returncode:
-        last = (tried.stderr.strip().splitlines() or ["it says nothing"])[-1]
-        return f"a process cannot load the testbench ({last}); mend the installation"
-    return (
-        "a process that loads the testbench lives, so that something ends the workers: memory that runs out (give "
-        "fewer --workers), a limit of time, or a program that ends processes"
-    )

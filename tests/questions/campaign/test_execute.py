@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
+import multiprocessing
 import os
 import re
 import signal
@@ -15,7 +15,9 @@ from pathlib import Path
 import pytest
 from clusters import ENVIRONMENT, WAIT_S, wait_until
 from short_campaigns import SHORT
+from threadpoolctl import threadpool_info, threadpool_limits
 
+from testbench.core import processes
 from testbench.core.errors import CampaignError, EstimationError
 from testbench.core.record import load_record
 from testbench.questions.campaign import ask as execute
@@ -119,7 +121,7 @@ def test_nothing_is_lost_or_counted_twice_when_it_is_interrupted_and_then_killed
 
 
 def fatal(marks: Path):
-    """Return a task that kills its process in run 5 always, and in run 11 once; by value, as workers know no tests."""
+    """Return a task that kills its process in run 5 always, and in run 11 once."""
 
     def task(job, runs):
         for run in runs:
@@ -127,23 +129,22 @@ def fatal(marks: Path):
             if run == 5 or (run == 11 and not once.exists()):
                 once.touch()
                 os.kill(os.getpid(), signal.SIGKILL)
-        threads = os.environ.get("OPENBLAS_NUM_THREADS")
+        threads = max(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas")
         found = json.dumps({"figures": {}, "poles": {}, "threads": threads})
         return [Outcome(run, run, "{}", found, "", 0.0) for run in runs]
 
     return task
 
 
-def test_a_run_that_kills_its_process_is_recorded_and_the_campaign_goes_on(short, tmp_path, monkeypatch):
-    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
-    monkeypatch.setattr(execute, "_RESTART_S", 6.0)  # where dask gives a worker up, which it does now and then
-    ending = fly_campaign(short("runs = 16"), tmp_path / "s", workers=2, task=fatal(tmp_path))
+def test_a_run_that_kills_its_process_is_recorded_and_the_campaign_goes_on(short, tmp_path):
+    with threadpool_limits(2, user_api="blas"):
+        ending = fly_campaign(short("runs = 16"), tmp_path / "s", workers=2, task=fatal(tmp_path))
     assert ending.counts.done == 15
     assert ending.counts.failed == 1
     with Store.read(tmp_path / "s") as store:
         rows = list(store.rows())
     (failed,) = [row for row in rows if row.state == "failed"]
-    assert {json.loads(row.results)["threads"] for row in rows if row.results} == {"1"}
+    assert {json.loads(row.results)["threads"] for row in rows if row.results} == {1}
     assert failed.run == 5
     assert failed.reason == DIED
     assert "condition.V_m_s" in failed.inputs
@@ -153,15 +154,13 @@ def test_a_run_that_kills_its_process_is_recorded_and_the_campaign_goes_on(short
 class Deadly:
     """Workers in this process: a batch with run 5 kills them ``times`` times, the third batch is lost once."""
 
-    place, ours = "here", False
-
     def __init__(self, times: int) -> None:
         self.times, self.deaths, self.batches = times, 0, []
 
     def count(self) -> int:
         return 1
 
-    def submit(self, task, job, runs):
+    def submit(self, runs):
         self.batches.append(runs)
         return len(self.batches) - 1
 
@@ -180,12 +179,15 @@ class Deadly:
     def cancel(self, futures):
         pass
 
+    def close(self):
+        pass
+
 
 @pytest.mark.parametrize(("times", "deaths"), [(1, 5), (4, 8)])
 def test_the_fatal_run_of_a_batch_is_found_with_few_deaths(short, tmp_path, monkeypatch, times, deaths):
     """A batch of four, its half of two, and three times alone; or the batch and the run, four times each."""
     deadly = Deadly(times)
-    monkeypatch.setattr(execute, "local_workers", lambda count: contextlib.nullcontext(deadly))
+    monkeypatch.setattr(execute, "LocalWorkers", lambda *_: deadly)
     monkeypatch.setattr(execute, "_PER_WORKER", 1)
     ending = fly_campaign(short("runs = 32"), tmp_path / "s", workers=1)
     assert (ending.counts.done, ending.counts.failed) == (31, 1)
@@ -312,10 +314,53 @@ def test_a_scheduler_that_does_not_answer_is_named(short, tmp_path, monkeypatch)
     assert not (tmp_path / "s").exists()
 
 
-def test_without_dask_the_extra_is_named(short, tmp_path, monkeypatch):
+def test_only_a_scheduler_needs_dask(short, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(CampaignError, match=re.escape("pip install 'flight-testbench[campaign]'")):
-        fly_campaign(short(), tmp_path / "s")
+        fly_campaign(short(), tmp_path / "s", scheduler="tcp://127.0.0.1:9")
+    assert not (tmp_path / "s").exists()
+    assert fly_campaign(short("runs = 2"), tmp_path / "s", workers=1).counts.done == 2
+
+
+@pytest.mark.slow
+def test_where_no_process_can_be_forked_others_give_the_same_table(short, tmp_path, monkeypatch, reference):
+    monkeypatch.setattr(processes, "_CONTEXT", multiprocessing.get_context("spawn"))
+    fly_campaign(short("runs = 24"), tmp_path / "s", workers=2)
+    assert table(tmp_path / "s") == reference
+
+
+@pytest.fixture
+def no_process(monkeypatch):
+    """Return what makes every further process fail to start, as a limit of processes does."""
+
+    def refuse(self):
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    return lambda: monkeypatch.setattr(multiprocessing.process.BaseProcess, "start", refuse)
+
+
+NONE = r"this machine starts none \(Resource temporarily unavailable\).*campaign resume"
+
+
+def test_no_process_at_the_start_is_said_and_no_store_is_left(short, tmp_path, no_process):
+    no_process()
+    with pytest.raises(CampaignError, match=NONE):
+        fly_campaign(short("runs = 24"), tmp_path / "s", workers=1)
+    assert not (tmp_path / "s").exists()
+
+
+def test_workers_that_cannot_come_back_end_the_session_and_resume_finishes(short, tmp_path, no_process):
+    fatal_once = fatal(tmp_path)
+    (tmp_path / "11").touch()
+
+    def seen(progress):
+        no_process()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(execute, "_LOOK_S", 0.0)
+        with pytest.raises(CampaignError, match=NONE):
+            fly_campaign(short("runs = 24"), tmp_path / "s", workers=2, task=fatal_once, progress=seen)
+    assert 0 < finished(tmp_path / "s") < 24
 
 
 def test_workers_without_the_testbench_are_told():
@@ -324,7 +369,7 @@ def test_workers_without_the_testbench_are_told():
             raise ModuleNotFoundError("No module named 'testbench'")
 
     with pytest.raises(CampaignError, match=r"workers must have the testbench .* one of the cluster says: No module"):
-        Workers(None, "the cluster").collect(Bare())
+        Workers(None, "the cluster", fly_batch, None).collect(Bare())
 
 
 @pytest.mark.parametrize(
@@ -338,7 +383,7 @@ def test_a_scheduler_that_goes_while_it_is_asked_is_told_from_a_batch_that_faile
     asked = Asked()
     asked.status = status
     with pytest.raises(error, match=words):
-        Workers(None, "the cluster").collect(asked)
+        Workers(None, "the cluster", fly_batch, None).collect(asked)
 
 
 def test_workers_of_other_versions_are_refused(short):
@@ -346,26 +391,3 @@ def test_workers_of_other_versions_are_refused(short):
     job = Job(loaded.spec.model_dump_json(), json.dumps(loaded.content), (("jsbsim", "0.0"),))
     with pytest.raises(CampaignError, match=r"got jsbsim \d.* \(campaign: 0\.0\)"):
         fly_batch(job, [0])
-
-
-@pytest.mark.parametrize(
-    ("then", "status"),
-    [
-        ("os.kill(os.getpid(), signal.SIGKILL)", -signal.SIGKILL),
-        # as where the campaign ends, which takes its semaphores away, before a worker has been handed them
-        ("synchronize.sem_unlink(held._semlock.name); worker.start(); worker.join(); os._exit(0)", 0),
-    ],
-    ids=["killed", "ended as a worker begins"],
-)
-def test_a_campaign_that_ends_leaves_no_word_of_python(then, status):
-    code = (
-        "import multiprocessing, os, signal\n"
-        "from multiprocessing import synchronize\n"
-        "from testbench.questions.campaign.workers import _start_method\n"
-        "made_by = multiprocessing.get_context(_start_method())\n"
-        "held = made_by.Semaphore()\n"
-        "worker = made_by.Process(target=print, args=(held,))\n"
-        f"{then}\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, text=True, capture_output=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (status, "", "")
