@@ -50,13 +50,14 @@ class Candidate:
     specs: tuple[Input, ...]
     u: FloatArray
 
-    def scaled(self, factor: float) -> tuple[Input, ...]:
-        """Return the scenario entries at ``factor`` times the amplitude."""
-        keys = ["amplitude_percent" if spec.control == "thr" else "amplitude_deg" for spec in self.specs]
-        return tuple(
-            spec.model_copy(update={key: round(float(getattr(spec, key)) * float(factor), 6)})
-            for key, spec in zip(keys, self.specs, strict=True)
-        )
+
+def scaled(specs: Sequence[Input], factor: float) -> tuple[Input, ...]:
+    """Return scenario entries at ``factor`` times their amplitude."""
+    keys = ["amplitude_percent" if spec.control == "thr" else "amplitude_deg" for spec in specs]
+    return tuple(
+        spec.model_copy(update={key: round(float(getattr(spec, key)) * float(factor), 6)})
+        for key, spec in zip(keys, specs, strict=True)
+    )
 
 
 def amplitude_key(control: Control) -> dict[str, float]:
@@ -146,11 +147,7 @@ def sampled(specs: Sequence[Input], controls: Sequence[Control], duration_s: flo
     Raises:
         ScenarioError: an entry breaks a law of its family.
     """
-    signal = build(specs, duration_s, rate_hz)
-    u = np.zeros((len(signal.t_s), len(controls)))
-    for i, name in enumerate(signal.channels):
-        u[:, list(controls).index(name)] = signal.u[:, i]  # type: ignore[arg-type]
-    return u
+    return build(specs, duration_s, rate_hz).columns(controls)
 
 
 def switching_specs(signs: Sequence[float], control: Control, step_s: float, start_s: float) -> tuple[Input, ...]:

@@ -23,6 +23,7 @@ from testbench.aircraft.amend import Amendment, Increment
 from testbench.aircraft.believed import drawn, stated_deviations
 from testbench.core.errors import EstimationError, Refusal
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.design.candidates import scaled
 from testbench.design.limits import Tightest
 from testbench.design.problem import Design, Problem, seen_in, total_errors
 from testbench.evaluation.envelope import Onset
@@ -149,7 +150,7 @@ class Flier:
 
     def rested(self, members: Sequence[Member], design: Design) -> tuple[tuple[Member, ...], tuple[Lost, ...]]:
         """Return the members that keep the limits while the controls rest for as long, and those that do not."""
-        still = replace(design, specs=design.candidate.scaled(0.0))
+        still = replace(design, specs=scaled(design.candidate.specs, 0.0))
         judged, out = [], []
         for member, flight in zip(members, self.held([(m, still, None) for m in members]), strict=True):
             if isinstance(flight, Refusal):

@@ -246,8 +246,8 @@ class Prediction:
         """Return per control the response (samples, c) to one held sample of unit command."""
         n = len(self.model.states)
         out = []
-        for name in self.controls:
-            column = self.model.inputs.index(f"{name}_cmd" if f"{name}_cmd" in self.model.inputs else name)
+        for name in self.model.commands(self.controls):
+            column = self.model.inputs.index(name)
             block = np.zeros((n + 1, n + 1))
             block[:n, :n], block[:n, n] = self.model.A * self.dt_s, self.model.B[:, column] * self.dt_s
             step = expm(block)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from testbench.core.record import FloatArray
 from testbench.core.scenario.inputs import Control, Input
-from testbench.design.candidates import Candidate, sampled
+from testbench.design.candidates import Candidate, sampled, scaled
 from testbench.design.limits import Envelope, Prediction, limit_words
 from testbench.flight.linear_model import EXCITED_DB, LinearModel, ModalForm, half_power_band
 from testbench.information.aircraft_structure import AircraftStructure
@@ -341,7 +341,7 @@ def with_off(M: FloatArray, off: FloatArray | None) -> FloatArray:
 
 
 def _told(problem: Problem, candidate: Candidate, factor: float, limit: str, duration_s: float) -> Design:
-    specs = candidate.specs if factor == 1.0 else candidate.scaled(factor)
+    specs = candidate.specs if factor == 1.0 else scaled(candidate.specs, factor)
     u = problem.sampled(specs)
     M = problem.until(duration_s).information(u)
     moving = np.flatnonzero(np.any(u != 0.0, axis=1))

@@ -48,6 +48,10 @@ class LinearModel:
         rows = dict(zip(self.states, self.A, strict=True))
         return tuple(s for s, row in rows.items() if s.startswith(SERVO) and np.count_nonzero(row) > 1)
 
+    def commands(self, controls: Sequence[str]) -> tuple[str, ...]:
+        """Return the inputs that command controls: through the servo where there is one."""
+        return tuple(f"{c}_cmd" if f"{c}_cmd" in self.inputs else c for c in controls)
+
     def poles(self) -> NDArray[np.complex128]:
         """Return the eigenvalues of A, rad/s."""
         return np.asarray(np.linalg.eigvals(self.A), np.complex128)

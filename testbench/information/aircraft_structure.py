@@ -12,18 +12,23 @@ generalised force derivatives, Q1_alpha say.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.aircraft import Aircraft
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import ChannelError, EstimationError, nearest
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices, Parameter
+from testbench.evaluation.modes import elastic_modes
+from testbench.flight import TrimmedFlight
 from testbench.flight.linear_model import LAW, PLANE_STATES, LinearModel
+from testbench.sensors import Sensor
+from testbench.sensors.sensor import ACCELEROMETERS
 
 Plane = Literal["longitudinal", "lateral"]
 _AXES = {"longitudinal": "XZM", "lateral": "YLN"}
@@ -87,7 +92,7 @@ class AircraftStructure(LinearStructure):
         )
 
 
-def parameter_names(controls: Sequence[str], plane: Plane, modes: Sequence[int]) -> tuple[str, ...]:
+def parameter_names(controls: Sequence[str], plane: Plane, modes: Collection[int]) -> tuple[str, ...]:
     """Return the names of all parameters of an aircraft with these controls, in one plane with these modes (from 1)."""
     controls = [v for v in _VARIABLES[plane][3:] if v in controls]
     variables = (*_VARIABLES[plane][:3], *controls)
@@ -104,7 +109,7 @@ def aircraft_structure(
     V_m_s: float,
     alpha: float,
     plane: Plane,
-    modes: Sequence[int],
+    modes: Collection[int],
     inputs: Sequence[str],
     outputs: Sequence[str],
     free: Sequence[str],
@@ -186,6 +191,57 @@ def aircraft_structure(
         modal=tuple(pairs),
         true=true,
     )
+
+
+def seen_by(
+    sensors: Sequence[Sensor],
+    aircraft: Aircraft,
+    trimmed: TrimmedFlight,
+    linear: LinearModel,
+    plane: Plane,
+    inputs: Sequence[str],
+    free: Sequence[str],
+) -> AircraftStructure:
+    """Return the linearised aircraft with what the sensors feel, lags and delays apart, as its outputs.
+
+    Raises:
+        ChannelError: a sensor's channel is not in the linear model.
+        EstimationError: an accelerometer feels more than accelerations.
+    """
+    model = felt_by(sensors, linear, trimmed.state)
+    names = [s.channel for s in sensors]
+    return aircraft_structure(
+        model,
+        trimmed.condition.V_m_s,
+        trimmed.alpha,
+        plane,
+        elastic_modes(aircraft, plane),
+        inputs,
+        names,
+        free,
+        {n: held_accelerations(model, n) for n in names if n in ACCELEROMETERS or n.startswith("az_wing_")},
+    )
+
+
+def felt_by(sensors: Sequence[Sensor], linear: LinearModel, trim: Mapping[str, float]) -> LinearModel:
+    """Return the linear model with the rows of the sensors' channels as the sensors feel them where they sit.
+
+    Raises:
+        ChannelError: the linear model lacks a channel.
+    """
+    C, D = linear.C.copy(), linear.D.copy()
+    for sensor in sensors:
+        for name in sensor.needs:
+            if name not in linear.outputs:
+                raise ChannelError(
+                    f"the linear model has no channel '{name}', which sensor '{sensor.channel}' needs"
+                    + nearest(name, linear.outputs)
+                )
+        weights = sensor.weights(dict.fromkeys(linear.outputs, 0.0) | dict(trim))
+        rows, w = [linear.outputs.index(n) for n in weights], np.array([*weights.values()])
+        k = linear.outputs.index(sensor.channel)
+        C[k], D[k] = w @ linear.C[rows], w @ linear.D[rows]
+    return replace(linear, C=C, D=D)
 
 
 def held_accelerations(model: LinearModel, output: str) -> dict[str, float]:

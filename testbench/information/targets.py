@@ -8,9 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from testbench.aircraft import Aircraft
 from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.structure import STEP
+from testbench.evaluation.modes import elastic_modes
 from testbench.information.aircraft_structure import AircraftStructure
 from testbench.information.fisher import Accuracy
 
@@ -95,6 +97,18 @@ def needed_parameters(plane: str, controls: Sequence[str], slow: bool, elastic: 
         out += [f"omega_{i}", f"zeta_{i}", *(f"Q{i}_{c}" for c in controls if c != "thr")]
         out += [f"Q{i}_alpha"] if plane == "longitudinal" else [f"Q{i}_p"]
     return tuple(out)
+
+
+def unknowns(
+    aircraft: Aircraft, plane: str, controls: Sequence[str], modes: Sequence[str], parameters: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the parameters that must be free for modes (by their names) and parameters to be found."""
+    numbers = [
+        i
+        for i, name in elastic_modes(aircraft, plane).items()
+        if name in modes or any(p in (f"omega_{i}", f"zeta_{i}") or p.startswith(f"Q{i}_") for p in parameters)
+    ]
+    return tuple(dict.fromkeys([*needed_parameters(plane, controls, "phugoid" in modes, numbers), *parameters]))
 
 
 def targets(

@@ -6,10 +6,11 @@ An input that has not returned to zero by its last sample, such as a step, there
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import ChannelError, EstimationError, LimitError, nearest
@@ -73,6 +74,19 @@ class InputSignal:
     def dt_s(self) -> float:
         """Sample time, s."""
         return float((self.t_s[-1] - self.t_s[0]) / (self.t_s.size - 1))
+
+    def columns(self, controls: Sequence[str]) -> FloatArray:
+        """Return the samples (n, m) of ``controls``, in their order; zero for those that it does not move."""
+        out = np.zeros((self.t_s.size, len(controls)))
+        for j, name in enumerate(controls):
+            if name in self.channels:
+                out[:, j] = self.u[:, self.channels.index(name)]
+        return out
+
+    def at(self, t_s: ArrayLike, controls: Sequence[str]) -> FloatArray:
+        """Return what it commands of ``controls`` at times (k,), (k, m); zero before and after it."""
+        rows = np.floor(np.asarray(t_s) / self.dt_s + 1e-6).astype(int) + 1
+        return np.pad(self.columns(controls), ((1, 1), (0, 0)))[np.clip(rows, 0, self.t_s.size + 1)]
 
     def energy_spectrum(self, omega_rad_s: FloatArray) -> FloatArray:
         """Return the energy spectral density |U(w)|^2 of each control at ``omega_rad_s``; (k, m), unit u^2 s^2."""

@@ -92,6 +92,10 @@ class SensorSuite:
         """The recorded channels that are neither controls nor commands."""
         return tuple(name for name in self.channels if name not in (*CONTROLS, *_COMMANDS))
 
+    def sensing(self, outputs: Sequence[str] = ()) -> tuple[Sensor, ...]:
+        """Return the sensors of the motion: of ``outputs`` alone, if any are given."""
+        return tuple(s for s in self.sensors if s.channel in self.outputs and (not outputs or s.channel in outputs))
+
     @property
     def surfaces(self) -> tuple[str, ...]:
         """The recorded control surfaces."""

@@ -71,7 +71,7 @@ def problem(
         V,
         trimmed.alpha,
         "longitudinal",
-        list(elastic_modes(aircraft, "longitudinal")),
+        elastic_modes(aircraft, "longitudinal"),
         ("de_cmd",),
         [s.channel for s in sensors],
         free,

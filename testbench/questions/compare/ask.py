@@ -11,6 +11,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.blas import on_one_thread
+from testbench.core.channels import CONTROLS
 from testbench.core.errors import EstimationError, Refusal, located
 from testbench.core.named import Named, obtain
 from testbench.core.record import FlightRecord, FloatArray
@@ -27,7 +28,7 @@ from testbench.flight import linearise, load_aircraft
 from testbench.flight.air import air_of
 from testbench.flight.batch.jobs import Job, Simulator, Tally
 from testbench.flight.simulate import Manoeuvre
-from testbench.information.targets import needed_parameters
+from testbench.information.targets import needed_parameters, unknowns
 from testbench.line import Report, log_rate, trim_for, truth_of
 from testbench.questions.compare.placement import Placed, place, templates
 from testbench.questions.compare.prediction import (
@@ -38,8 +39,6 @@ from testbench.questions.compare.prediction import (
     best_estimate,
     lagged_structure,
     predict,
-    sensors_of,
-    unknowns,
     wanted_modes,
 )
 from testbench.questions.compare.result import CaseKey, CompareResult, Failure, Quantity
@@ -152,7 +151,7 @@ def _known(scenario: CompareScenario, aircraft: Aircraft, seed: int) -> Known:
     asked = scenario.targets.modes or (_FAST_MODE[plane],)
     controls = [name.removesuffix("_cmd") for name in scenario.identification.inputs]
     wanted = scenario.targets.parameters or needed_parameters(plane, controls, False, ())
-    free = unknowns(aircraft, plane, controls, asked, wanted)
+    free = unknowns(aircraft, plane, [c for c in CONTROLS if c in controls], asked, wanted)
     return Known(aircraft, trimmed, linear, plane, modes, wanted_modes(modes, asked), wanted, free)
 
 
@@ -248,7 +247,7 @@ class Experiment:
     ) -> Iterator[tuple[str, str, Callable[[], IdentifiedModel]]]:
         """Yield label and method of every estimator, and what makes its model."""
         asked = self.scenario.identification
-        outputs = tuple(s.channel for s in sensors_of(suite, asked.outputs))
+        outputs = tuple(s.channel for s in suite.sensing(asked.outputs))
         for spec, label in zip(asked.estimators, asked.labels, strict=False):
             yield label, spec.method, partial(estimate, spec, [record], asked.inputs, outputs, judge)
         if asked.best_case:
@@ -256,7 +255,7 @@ class Experiment:
 
     def _best(self, suite: SensorSuite, record: FlightRecord) -> ParametricModel:
         asked = self.scenario.identification
-        structure = lagged_structure(self.known, sensors_of(suite, asked.outputs), asked.inputs)
+        structure = lagged_structure(self.known, suite.sensing(asked.outputs), asked.inputs)
         return best_estimate(record, structure, suite)
 
     def flight_errors(self, truths: Mapping[str, FlightRecord]) -> dict[tuple[str, str], dict[Quantity, float]]:
@@ -283,10 +282,11 @@ def derived_seed(seed: int, repetition: int, manoeuvre: int) -> int:
 def _place(scenario: CompareScenario, asked: Placement, known: Known, suite: SensorSuite) -> Placed:
     """Place sensors for the modes of the placement, everything else that matters unknown too."""
     controls = [name.removesuffix("_cmd") for name in scenario.identification.inputs]
-    free = unknowns(known.aircraft, known.plane, controls, asked.modes, ())
+    moved = [c for c in CONTROLS if c in controls]
+    free = unknowns(known.aircraft, known.plane, moved, asked.modes, ())
     aimed = replace(known, wanted_modes=wanted_modes(known.modes, asked.modes), wanted=(), free=free)
     manoeuvre = next(m for m in scenario.manoeuvre if m.use == "identification")
-    sensors = sensors_of(suite, scenario.identification.outputs)
+    sensors = suite.sensing(scenario.identification.outputs)
     return place(aimed, asked, suite, sensors, manoeuvre, templates(asked))
 
 

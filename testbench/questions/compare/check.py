@@ -8,7 +8,6 @@ from testbench.evaluation.modes import RIGID_MODES, elastic_modes
 from testbench.flight import load_aircraft
 from testbench.information.aircraft_structure import parameter_names
 from testbench.questions.compare.placement import templates
-from testbench.questions.compare.prediction import sensors_of
 from testbench.questions.compare.scenario import CompareScenario
 from testbench.questions.run.check import check as check_flight
 from testbench.sensors import load_suite
@@ -28,14 +27,14 @@ def check(scenario: CompareScenario) -> list[str]:
             if name not in suite.channels:
                 hint = nearest(name, [c for c in suite.channels if c not in suite.outputs])
                 faults.append(f"{where}, suites[{i}]: suite '{suite.name}' must sense the input '{name}'{hint}")
-        used = sensors_of(suite, identification.outputs)
+        used = suite.sensing(identification.outputs)
         if not used:
             faults.append(f"{where}, suites[{i}]: suite '{suite.name}' senses none of the outputs; add a sensor")
         for s in used:
             if s.noise_std == 0.0 and s.quantum == 0.0:
                 faults.append(f"{where}, suites[{i}]: sensor '{s.channel}' must have noise or a quantum, got none")
     controls = [name.removesuffix("_cmd") for name in identification.inputs]
-    known = parameter_names([*aircraft.controls], scenario.plane, list(elastic_modes(aircraft, scenario.plane)))
+    known = parameter_names([*aircraft.controls], scenario.plane, elastic_modes(aircraft, scenario.plane))
     for name in scenario.targets.parameters:
         if name not in known:
             faults.append(

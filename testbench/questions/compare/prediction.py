@@ -23,7 +23,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.channels import CONTROLS
-from testbench.core.errors import ChannelError, ScenarioError, nearest
+from testbench.core.errors import ScenarioError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.base import Manoeuvre
 from testbench.estimators.parametric import input_noise
@@ -31,14 +31,14 @@ from testbench.estimators.parametric.input_noise import Whitening
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.response import Sampling, respond
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices
-from testbench.evaluation.modes import elastic_modes, roots_of
+from testbench.evaluation.modes import roots_of
 from testbench.flight import LinearModel, TrimmedFlight
-from testbench.information.aircraft_structure import AircraftStructure, Plane, aircraft_structure, held_accelerations
+from testbench.information.aircraft_structure import AircraftStructure, Plane, seen_by
 from testbench.information.fisher import Accuracy, Experiment, accuracy
-from testbench.information.targets import Targets, needed_parameters, targets
+from testbench.information.targets import Targets, targets
 from testbench.inputs import build
 from testbench.sensors import Sensor, SensorSuite
-from testbench.sensors.sensor import ACCELEROMETERS, whole_ratio
+from testbench.sensors.sensor import whole_ratio
 
 _LEAST_INPUT_RATE_HZ = 40.0
 _MOST_ITERATIONS = 30  # some ten are enough from the truth, unless the sensors do not tell the parameters
@@ -82,7 +82,7 @@ class LaggedStructure(LinearStructure):
 
 def lagged_structure(known: Known, sensors: tuple[Sensor, ...], inputs: tuple[str, ...]) -> LaggedStructure:
     """Return the aircraft as the sensors show it, delays apart."""
-    base = structure_seen(known, sensors, inputs)
+    base = known.seen_by(sensors, inputs)
     lags = np.array([s.lag_s for s in sensors])
     return LaggedStructure(
         name="linearised aircraft through its sensors",
@@ -127,7 +127,6 @@ def second_order_share(
     response: Callable[[FloatArray], FloatArray],
     structure: AircraftStructure,
     aims: Targets,
-    poles: Mapping[str, complex],
     known: Accuracy,
     answer: Answer,
 ) -> FloatArray:
@@ -138,7 +137,6 @@ def second_order_share(
             diverges.
         structure: the aircraft.
         aims: the targets.
-        poles: name -> true pole, rad/s, of the modes among it.
         known: predicted errors of the parameters.
         answer: what the estimator makes of residuals (N, p, r) in units of the sensors' noise: errors (k, r).
     """
@@ -155,28 +153,11 @@ def second_order_share(
         bends.append(0.5 * (response(true + d) + response(true - d)) - y0)
         if not np.all(np.isfinite(bends[-1])):  # within its errors the aircraft may diverge
             return np.full(std.size, np.inf)
-        f0, up, down = (_values(structure, aims.names, poles, p) for p in (true, true + d, true - d))
+        f0, up, down = (aims.at(structure, p) for p in (true, true + d, true - d))
         turns.append(0.5 * (up + down) - f0)
     moved = answer(np.stack(bends, axis=2))
     squares = np.sum((aims.jacobian @ moved + np.stack(turns, axis=1)) ** 2, axis=1)
     return np.asarray(np.sqrt(2.0 * squares) / std)
-
-
-def _values(
-    structure: AircraftStructure, targets: Sequence[str], modes: Mapping[str, complex], params: FloatArray
-) -> FloatArray:
-    """Return the targets (t,) of parameters (k,): of each mode the root nearest to the true one."""
-    poles = np.linalg.eigvals(structure.matrices(params).A)
-    names = structure.parameter_names
-    out = np.empty(len(targets))
-    for k, name in enumerate(targets):
-        kind, _, mode = name.partition(" of ")
-        if not mode:
-            out[k] = params[names.index(name)]
-            continue
-        s = poles[int(np.argmin(np.abs(poles - modes[mode])))]
-        out[k] = abs(s) if kind == "wn" else -s.real / abs(s)
-    return out
 
 
 FAR = 0.5
@@ -234,7 +215,7 @@ def predict(
         manoeuvre: the input that is flown.
         inputs: channels that an estimator takes as inputs.
     """
-    sensors = sensors_of(suite, outputs)
+    sensors = suite.sensing(outputs)
     experiment, u = experiment_of(known, sensors, suite.rate_hz, manoeuvre)
     aims = targets_of(known, experiment.structure)
     S, taken, sigma = experiment.sensitivities(u), experiment.taken * experiment.sigma, experiment.sigma
@@ -252,8 +233,7 @@ def predict(
         return _accuracy(S[:, rest], steps[:, rest], taken[:, rest], whiten)
 
     found, answer = reached(list(range(len(sensors))))
-    poles = {name: known.modes[name] for name in known.wanted_modes}
-    beyond = second_order_share(_response(known, experiment, u), experiment.structure, aims, poles, found, answer)
+    beyond = second_order_share(_response(known, experiment, u), experiment.structure, aims, found, answer)
     std = aims.errors(found)
     without = {}
     for i, sensor in enumerate(sensors):
@@ -341,68 +321,9 @@ class Known:
     wanted: tuple[str, ...]
     free: tuple[str, ...]
 
-    @property
-    def trim(self) -> dict[str, float]:
-        """Value of every channel of the linear model in trimmed flight, SI; zero where it is not kept."""
-        c = self.trimmed.condition
-        known = {"V": c.V_m_s, "alpha": self.trimmed.alpha, "qbar": c.qbar_Pa}
-        return dict.fromkeys(self.linear.outputs, 0.0) | dict(self.trimmed.state) | dict(self.trimmed.controls) | known
-
-
-def unknowns(
-    aircraft: Aircraft, plane: Plane, controls: Sequence[str], modes: Sequence[str], parameters: Sequence[str]
-) -> tuple[str, ...]:
-    """Return the parameters that must be free for modes and parameters to be found."""
-    numbers = [
-        i
-        for i, name in elastic_modes(aircraft, plane).items()
-        if name in modes or any(f"_{i}" in p or f"Q{i}_" in p for p in parameters)
-    ]
-    moved = [c for c in CONTROLS if c in controls]
-    return tuple(dict.fromkeys([*needed_parameters(plane, moved, "phugoid" in modes, numbers), *parameters]))
-
-
-def structure_seen(known: Known, sensors: Sequence[Sensor], inputs: Sequence[str]) -> AircraftStructure:
-    """Return the linearised aircraft with what the sensors feel, lags and delays apart, as its outputs.
-
-    Raises:
-        ChannelError: a sensor's channel is not in the linear model.
-        EstimationError: an accelerometer feels more than accelerations.
-    """
-    model = model_seen(known.linear, sensors, known.trim)
-    felt = [s.channel for s in sensors if s.channel in ACCELEROMETERS or s.channel.startswith("az_wing_")]
-    return aircraft_structure(
-        model,
-        known.trimmed.condition.V_m_s,
-        known.trimmed.alpha,
-        known.plane,
-        list(elastic_modes(known.aircraft, known.plane)),
-        list(inputs),
-        [s.channel for s in sensors],
-        known.free,
-        {name: held_accelerations(model, name) for name in felt},
-    )
-
-
-def model_seen(linear: LinearModel, sensors: Sequence[Sensor], trim: Mapping[str, float]) -> LinearModel:
-    """Return the linear model with the rows of the sensors' channels as the sensors feel them.
-
-    Raises:
-        ChannelError: the linear model lacks a channel.
-    """
-    C, D = linear.C.copy(), linear.D.copy()
-    for sensor in sensors:
-        for name in sensor.needs:
-            if name not in linear.outputs:
-                raise ChannelError(
-                    f"the linear model has no channel '{name}', which sensor '{sensor.channel}' needs"
-                    + nearest(name, linear.outputs)
-                )
-        weights = sensor.weights(trim)
-        rows, w = [linear.outputs.index(n) for n in weights], np.array([*weights.values()])
-        k = linear.outputs.index(sensor.channel)
-        C[k], D[k] = w @ linear.C[rows], w @ linear.D[rows]
-    return replace(linear, C=C, D=D)
+    def seen_by(self, sensors: Sequence[Sensor], inputs: Sequence[str]) -> AircraftStructure:
+        """Return the linearised aircraft as sensors show it, lags and delays apart; errors as :func:`seen_by`."""
+        return seen_by(sensors, self.aircraft, self.trimmed, self.linear, self.plane, inputs, self.free)
 
 
 def targets_of(known: Known, structure: AircraftStructure, accuracies: tuple[float, float] = (0.02, 0.02)) -> Targets:
@@ -422,18 +343,8 @@ def wanted_modes(modes: Mapping[str, complex], asked: Sequence[str]) -> tuple[st
 
 def input_of(manoeuvre: Manoeuvre, controls: Sequence[str], rate_hz: float) -> FloatArray:
     """Return the commands (n, m) of a manoeuvre as deviations from trim, held at ``rate_hz``, settling included."""
-    signal = build(manoeuvre.input, manoeuvre.duration_s, rate_hz)
-    settle = round(manoeuvre.settle_s * rate_hz)
-    u = np.zeros((settle + signal.t_s.size, len(controls)))
-    for j, name in enumerate(controls):
-        if name in signal.channels:
-            u[settle:, j] = signal.u[:, signal.channels.index(name)]
-    return u
-
-
-def sensors_of(suite: SensorSuite, outputs: Sequence[str]) -> tuple[Sensor, ...]:
-    """Return the sensors of the motion that are used: those of ``outputs``, or all if that is empty."""
-    return tuple(s for s in suite.sensors if s.channel in suite.outputs and (not outputs or s.channel in outputs))
+    u = build(manoeuvre.input, manoeuvre.duration_s, rate_hz).columns(controls)
+    return np.pad(u, ((round(manoeuvre.settle_s * rate_hz), 0), (0, 0)))
 
 
 def experiment_of(
@@ -445,8 +356,7 @@ def experiment_of(
     A recorder whose clock is late delays its sensors; one that is ahead of the others is taken as in time.
     """
     controls = [c for c in CONTROLS if any(i.control == c for i in manoeuvre.input)]
-    inputs = [f"{c}_cmd" if f"{c}_cmd" in known.linear.inputs else c for c in controls]
-    structure = structure_seen(known, sensors, inputs)
+    structure = known.seen_by(sensors, known.linear.commands(controls))
     stride, u = _sampled(manoeuvre, controls, suite_rate_hz, known.trimmed.rate_hz)
     rate = stride * suite_rate_hz
     samples = len(u) // stride

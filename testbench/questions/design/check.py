@@ -10,7 +10,6 @@ from testbench.evaluation.modes import RIGID_MODES, elastic_modes
 from testbench.flight import load_aircraft
 from testbench.flight.simulate import stride
 from testbench.information.aircraft_structure import parameter_names
-from testbench.questions.design.pose import outputs_of
 from testbench.questions.design.scenario import DesignScenario
 from testbench.sensors import load_suite
 
@@ -41,7 +40,7 @@ def check(scenario: DesignScenario) -> list[str]:
         if control not in aircraft.controls:
             note("controls", f"{aircraft.name} has no control '{control}'{nearest(control, aircraft.controls)}")
     elastic = elastic_modes(aircraft, plane)
-    known = parameter_names([*aircraft.controls], plane, list(elastic))
+    known = parameter_names([*aircraft.controls], plane, elastic)
     for key, names in (("parameters", scenario.targets.parameters), ("also_unknown", scenario.targets.also_unknown)):
         for name in names:
             if name not in known:
@@ -72,9 +71,9 @@ def check(scenario: DesignScenario) -> list[str]:
                     note(
                         f"suites[{i}]", f"suite '{name}' must sense {control} or {control}_cmd: no model without input"
                     )
-            if not outputs_of(suite):
+            if not suite.sensing():
                 note(f"suites[{i}]", f"suite '{name}' senses nothing but controls; add a sensor of the motion")
-            for sensor in outputs_of(suite):
+            for sensor in suite.sensing():
                 if sensor.noise_std == 0.0 and sensor.quantum == 0.0:
                     note(f"suites[{i}]", f"sensor '{sensor.channel}' must have noise or a quantum, got none")
             stride(rate, suite.rate_hz)

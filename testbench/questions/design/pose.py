@@ -21,15 +21,14 @@ from testbench.design.problem import ModeBands, Problem
 from testbench.design.realise import Range
 from testbench.evaluation.envelope import Onset, fly_envelope
 from testbench.evaluation.modes import elastic_modes, modes_of, roots_of
-from testbench.flight import LinearModel, TrimmedFlight, linearise
-from testbench.information.aircraft_structure import AircraftStructure, aircraft_structure, held_accelerations
+from testbench.flight import TrimmedFlight, linearise
+from testbench.information.aircraft_structure import AircraftStructure, felt_by, seen_by
 from testbench.information.fisher import Experiment
-from testbench.information.targets import needed_parameters, targets
+from testbench.information.targets import targets, unknowns
 from testbench.information.turbulence import Turbulence
 from testbench.line import trim_for
 from testbench.questions.design.scenario import DesignScenario
-from testbench.sensors import Sensor, SensorSuite
-from testbench.sensors.sensor import ACCELEROMETERS
+from testbench.sensors import SensorSuite
 
 LIGHT_KG = 25.0
 """Mass below which light turbulence is expected if a scenario does not say."""
@@ -97,11 +96,6 @@ def expected_air(scenario: DesignScenario, aircraft: Aircraft) -> AirSpec:
     return AirSpec(turbulence_rms_m_s=LIGHT_RMS_M_S, height_m=height)
 
 
-def outputs_of(suite: SensorSuite) -> tuple[Sensor, ...]:
-    """Return the sensors of the motion: what is neither control nor command."""
-    return tuple(s for s in suite.sensors if s.channel in suite.outputs)
-
-
 def limits_of(
     scenario: DesignScenario, aircraft: Aircraft, trimmed: TrimmedFlight, onsets: Sequence[Onset] = ()
 ) -> Limits:
@@ -151,23 +145,12 @@ def problem_of(
             aims[mode] = (slow, fast)
         else:
             aims |= roots
-    numbers = [i for i, name in elastic.items() if name in asked.modes]
-    named = (*asked.parameters, *asked.also_unknown)
-    numbers += [i for i in elastic if i not in numbers and any(_belongs(p, i) for p in named)]
-    free = needed_parameters(plane, scenario.controls, "phugoid" in asked.modes, numbers)
-    free = tuple(dict.fromkeys([*free, *named]))
-    sensors = outputs_of(suite)
-    model = with_positions(linear, sensors)
-    inputs = [f"{c}_cmd" if f"{c}_cmd" in model.inputs else c for c in scenario.controls]
-    held = {
-        s.channel: held_accelerations(model, s.channel)
-        for s in sensors
-        if s.channel in ACCELEROMETERS or s.channel.startswith("az_wing_")
-    }
+    free = unknowns(aircraft, plane, scenario.controls, asked.modes, (*asked.parameters, *asked.also_unknown))
+    sensors = suite.sensing()
+    inputs = linear.commands(scenario.controls)
 
     def structure_by(driven: Sequence[str]) -> AircraftStructure:
-        V, alpha, outputs = scenario.condition.V_m_s, trimmed.alpha, [s.channel for s in sensors]
-        return aircraft_structure(model, V, alpha, plane, list(elastic), driven, outputs, free, held)
+        return seen_by(sensors, aircraft, trimmed, linear, plane, driven, free)
 
     structure = structure_by(inputs)
     felt = structure.moved
@@ -175,6 +158,7 @@ def problem_of(
         sensors = tuple(s for s, moves in zip(sensors, felt, strict=True) if moves)
         structure = structure_by(inputs)
     deflected = structure_by(scenario.controls)
+    model = felt_by(sensors, linear, trimmed.state)
     of_interest = aimed or {n: p for n, p in modes.items() if n not in elastic.values() and abs(p) > 0.3}
     wn = [abs(p) for p in of_interest.values()]
     band = 0.3 * min(wn) / (2.0 * np.pi), 1.6 * max(wn) / (2.0 * np.pi)
@@ -231,28 +215,11 @@ def _noise_of_inputs(deflected: AircraftStructure, structure: AircraftStructure,
     return out
 
 
-def _belongs(parameter: str, mode: int) -> bool:
-    return parameter in (f"omega_{mode}", f"zeta_{mode}") or parameter.startswith(f"Q{mode}_")
-
-
 def _input_rate(suite_hz: float, simulation_hz: float, wanted_hz: float) -> float:
     """Return the lowest rate of inputs that the suite's divides and that divides the simulation's, fast enough."""
     whole = round(simulation_hz / suite_hz)
     rates = [suite_hz * k for k in range(1, whole + 1) if whole % k == 0]
     return next((r for r in rates if r >= max(wanted_hz, _LOWEST_RATE_HZ)), rates[-1])
-
-
-def with_positions(linear: LinearModel, sensors: Sequence[Sensor]) -> LinearModel:
-    """Return the linear model with its accelerations moved to the accelerometers: a + omegadot x r."""
-    C, D = linear.C.copy(), linear.D.copy()
-    arms = {"ax": ("qdot", 2, "rdot", 1), "ay": ("rdot", 0, "pdot", 2), "az": ("pdot", 1, "qdot", 0)}
-    for sensor in sensors:
-        if sensor.channel in arms and any(sensor.position_m):
-            plus, i, minus, k = arms[sensor.channel]
-            row, a, b = (linear.outputs.index(n) for n in (sensor.channel, plus, minus))
-            for part, old in ((C, linear.C), (D, linear.D)):
-                part[row] += sensor.position_m[i] * old[a] - sensor.position_m[k] * old[b]
-    return replace(linear, C=C, D=D)
 
 
 def onsets_of(aircraft: Aircraft, scenario: DesignScenario) -> tuple[Onset, ...]:

@@ -16,11 +16,12 @@ from testbench.core.errors import LimitError, Refusal, ScenarioError, located
 from testbench.core.named import Named, obtain
 from testbench.design.ensemble import Flier
 from testbench.evaluation.envelope import Envelope, Onset, fly_envelope
+from testbench.evaluation.modes import elastic_modes
 from testbench.flight import load_aircraft
 from testbench.flight.batch.jobs import Simulator
 from testbench.page.words import counted
 from testbench.questions.plan.bounds import GIVEN, bounds_at
-from testbench.questions.plan.repeats import fits, level_power_W, plane_modes, reach, schedule
+from testbench.questions.plan.repeats import fits, level_power_W, reach, schedule
 from testbench.questions.plan.response import (
     Task,
     Together,
@@ -213,7 +214,7 @@ def _card(
     point, spec = task.point, task.spec
     factor, flown, met = within
     status: Status = "refused" if factor == 0.0 else "fly" if factor == 1.0 else "scaled"
-    modes = plane_modes(aircraft, spec.plane)
+    modes = elastic_modes(aircraft, spec.plane)
     band = expected_band(scenario, aircraft, suite, point, spec, flown, modes, rough)
     reached: tuple[Reached, ...] = ()
     repeats = spec.repeats or 1

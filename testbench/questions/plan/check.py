@@ -7,9 +7,10 @@ import math
 from testbench.aircraft import Aircraft
 from testbench.core.errors import Faults, nearest
 from testbench.core.scenario.air import LOWEST_M
+from testbench.evaluation.modes import elastic_modes
 from testbench.flight import load_aircraft
+from testbench.information.aircraft_structure import parameter_names
 from testbench.inputs import build
-from testbench.questions.plan.repeats import known_parameters, plane_modes
 from testbench.questions.plan.response import limits_of
 from testbench.questions.plan.scenario import PlanScenario
 from testbench.questions.run.check import check_amplitude
@@ -50,7 +51,7 @@ def check(scenario: PlanScenario) -> list[str]:
         for k, entry in enumerate(spec.input):
             unit = "amplitude_percent" if entry.control == "thr" else "amplitude_deg"
             attempt(f"{key}.input[{k}].{unit}", check_amplitude, aircraft, entry.control, entry.amplitude)
-        known = known_parameters(aircraft, spec.plane, plane_modes(aircraft, spec.plane))
+        known = parameter_names([*aircraft.controls], spec.plane, elastic_modes(aircraft, spec.plane))
         for where in ("accuracy_percent", "estimated"):
             for name in getattr(spec, where):
                 if name not in known:

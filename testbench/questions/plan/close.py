@@ -164,8 +164,7 @@ def _commands(record: FlightRecord, card: Card) -> FloatArray | None:
 def _target(record: FlightRecord, card: Card) -> FloatArray:
     """Return what the card commands (n, m), as deviations, at the samples of a record."""
     n = round(card.spec.duration_s / record.dt_s)
-    rows = np.minimum((np.arange(n) * record.dt_s / card.signal.dt_s + 1e-6).astype(int), len(card.signal.u) - 1)
-    return card.signal.u[np.ix_(rows, [card.signal.channels.index(c) for c in card.spec.controls])]
+    return card.signal.at(np.arange(n) * record.dt_s, card.spec.controls)
 
 
 class _Compared(NamedTuple):

@@ -26,7 +26,7 @@ from testbench.estimators import estimate
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.prepare import prepared
 from testbench.evaluation.derivatives import dimensional_derivatives
-from testbench.evaluation.modes import modes_of
+from testbench.evaluation.modes import elastic_modes, modes_of
 from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, linearise, trim
 from testbench.inference.form import FORM_STD
 from testbench.inference.instruments import sound
@@ -41,7 +41,7 @@ from testbench.questions.importing.recipe import measured_in
 from testbench.questions.plan.card_text import card_stem
 from testbench.questions.plan.close import Closed, FlownRun
 from testbench.questions.plan.flown_recipe import FlownRecipe, design_file, recipe_of
-from testbench.questions.plan.repeats import plane_modes, reach
+from testbench.questions.plan.repeats import reach
 from testbench.questions.plan.response import scaled
 from testbench.questions.plan.result import Card, Plan
 
@@ -261,7 +261,7 @@ def _promised_by_plan(plan: Plan, card: Card) -> Promise | None:
     """Return what information promises of one run of a card that has no design; None if it says nothing."""
     if card.status == "refused":
         return None
-    spec, modes = card.spec, plane_modes(plan.aircraft, card.spec.plane)
+    spec, modes = card.spec, elastic_modes(plan.aircraft, card.spec.plane)
     wanted = dict(spec.accuracy_percent)
     names = tuple(wanted) or spec.estimated or needed_parameters(spec.plane, spec.controls, False, ())
     asked = spec.model_copy(update={"repeats": None, "accuracy_percent": dict.fromkeys(names, 100.0)})
@@ -393,9 +393,7 @@ def _bends(card: Card, case: Case, promise: Promise) -> dict[str, float]:
     for name in case.model.inputs:
         control = name.removesuffix("_cmd")
         if name.endswith("_cmd") and control in card.signal.channels:
-            rows = np.clip((card.t_s / card.signal.dt_s + 1e-6).astype(int), 0, len(card.signal.u) - 1)
-            u = card.signal.u[rows, card.signal.channels.index(control)]
-            told[name] = card.point.trimmed.controls[control] + np.where(card.t_s >= 0.0, u, 0.0)
+            told[name] = card.point.trimmed.controls[control] + card.signal.at(card.t_s, [control])[:, 0]
     record = replace(truth.with_columns(told), kind="measured")
     assert isinstance(case.model, ParametricModel)
     names = tuple(n for n in promise.names if n in case.model.structure.parameter_names)

@@ -172,7 +172,7 @@ def _never_limited(card: Card, name: str, servo: Servo) -> bool:
     """
     if servo.rate_limit_deg_s is None or not isinstance(servo.lag_s, float):
         return False
-    u = card.signal.u[:, card.signal.channels.index(name.removesuffix("_cmd"))]
+    u = card.signal.columns([name.removesuffix("_cmd")])
     return float(np.ptp(np.append(u, 0.0))) / servo.lag_s < servo.rate_limit_deg_s * DEG_RAD
 
 

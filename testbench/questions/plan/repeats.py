@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
 from testbench.core.errors import EstimationError, ScenarioError
 from testbench.core.record import FloatArray
 from testbench.core.scenario.inputs import Input
-from testbench.flight import LinearModel, TrimmedFlight
-from testbench.information.aircraft_structure import Plane, aircraft_structure, parameter_names
+from testbench.flight import TrimmedFlight
+from testbench.information.aircraft_structure import aircraft_structure
 from testbench.information.fisher import Experiment, accuracy
 from testbench.information.targets import needed_parameters
 from testbench.questions.plan.result import Card, FlightLeg, Point, Reached, Run
@@ -28,29 +27,12 @@ _USABLE = {
 _FINE_HZ = 50.0  # the input is sampled at least this finely however slow the sensors are
 
 
-def known_parameters(aircraft: Aircraft, plane: Plane, modes: Sequence[int]) -> tuple[str, ...]:
-    """Return every name that ``accuracy_percent`` may hold for manoeuvres in a plane."""
-    return parameter_names(tuple(aircraft.controls), plane, modes)
-
-
-def plane_modes(aircraft: Aircraft, plane: Plane) -> tuple[int, ...]:
-    """Return the numbers (from 1) of the elastic modes that take part in a motion."""
-    flown = aircraft.flown_modes()
-    symmetry = "symmetric" if plane == "longitudinal" else "asymmetric"
-    return tuple(i for i, m in enumerate(flown.modes if flown else (), 1) if m.symmetry == symmetry)
-
-
-def command_names(model: LinearModel, controls: Sequence[str]) -> tuple[str, ...]:
-    """Return the inputs of the linear model that are commanded: through the servo if there is one."""
-    return tuple(f"{c}_cmd" if f"{c}_cmd" in model.inputs else c for c in controls)
-
-
 def reach(
     point: Point,
     spec: PlannedManoeuvre,
     inputs: Sequence[Input],
     suite: SensorSuite,
-    modes: Sequence[int],
+    modes: Collection[int],
     period_ms: int | None = None,
 ) -> tuple[int, tuple[Reached, ...]]:
     """Return the repeats of a manoeuvre at a point, and the accuracy of every parameter of ``accuracy_percent``.
@@ -83,7 +65,7 @@ def reach(
         point.trimmed.alpha,
         plane,
         modes,
-        command_names(point.model, spec.controls),
+        point.model.commands(spec.controls),
         [s.channel for s in sensors],
         free,
     )
@@ -126,13 +108,9 @@ def _sampled(
     spec: PlannedManoeuvre, inputs: Sequence[Input], rate_hz: float, samples: int, period_ms: int | None
 ) -> FloatArray:
     """Return the input (samples, m) after its settling time, in the order of ``spec.controls``."""
-    signal = commanded(inputs, spec.duration_s, rate_hz, period_ms)
-    u = np.zeros((samples, len(spec.controls)))
+    u = commanded(inputs, spec.duration_s, rate_hz, period_ms).columns(spec.controls)
     start = round(spec.settle_s * rate_hz)
-    rows = min(samples - start, len(signal.u))
-    for j, name in enumerate(spec.controls):
-        u[start : start + rows, j] = signal.u[:rows, signal.channels.index(name)]
-    return u
+    return np.pad(u, ((start, max(samples - start - len(u), 0)), (0, 0)))[:samples]
 
 
 # --- times, energy and room -------------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import EstimationError, LimitError, Refusal
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.core.scenario.inputs import Input
+from testbench.design.candidates import scaled
 from testbench.design.ensemble import Flier
 from testbench.design.limits import Limits, breaches
 from testbench.estimators.parametric.response import Sampling, respond
@@ -23,7 +23,6 @@ from testbench.flight.batch.jobs import Job
 from testbench.flight.simulate import Manoeuvre, aborted
 from testbench.information.aircraft_structure import aircraft_structure, parameter_names
 from testbench.inputs import InputSignal
-from testbench.questions.plan.repeats import command_names
 from testbench.questions.plan.result import Point
 from testbench.questions.plan.scenario import PlanLimits, PlannedManoeuvre, PlanScenario, commanded
 from testbench.sensors import SensorSuite
@@ -69,15 +68,6 @@ def bands_of(limits: Limits, point: Point, controls: Sequence[str]) -> Bands:
     for name in controls:
         bands[name] = limits.control_band(name)
     return bands
-
-
-def scaled(inputs: Sequence[Input], factor: float) -> tuple[Input, ...]:
-    """Return scenario entries at ``factor`` times their amplitude."""
-    out = []
-    for spec in inputs:
-        key = "amplitude_percent" if spec.control == "thr" else "amplitude_deg"
-        out.append(spec.model_copy(update={key: round(float(getattr(spec, key)) * factor, 6)}))
-    return tuple(out)
 
 
 def log_rate_of(rate_hz: float) -> float:
@@ -230,7 +220,7 @@ def expected_band(
     point: Point,
     spec: PlannedManoeuvre,
     flown: Flown,
-    modes: Sequence[int],
+    modes: Collection[int],
     rough: Mapping[str, float],
 ) -> dict[str, FloatArray]:
     """Return channel -> (n,) half width of the 95 % band about the expected response, for the channels of SHOWN.
@@ -245,18 +235,13 @@ def expected_band(
     """
     plane, shown = spec.plane, SHOWN[spec.plane]
     names = parameter_names(spec.controls, plane, ())
-    commands = command_names(point.model, spec.controls)
+    commands = point.model.commands(spec.controls)
     structure = aircraft_structure(point.model, point.V_m_s, point.trimmed.alpha, plane, modes, commands, shown, names)
     record = flown.record
-    rate = 1.0 / record.dt_s
-    u = np.zeros((len(record.t_s), len(commands)))
-    rows = np.rint((record.t_s - spec.settle_s) / flown.signal.dt_s).astype(int)
-    inside = (rows >= 0) & (rows < len(flown.signal.u))
-    for j, name in enumerate(spec.controls):
-        u[inside, j] = flown.signal.u[rows[inside], flown.signal.channels.index(name)]
+    u = flown.signal.at(record.t_s - spec.settle_s, spec.controls)
     held = np.ones(len(commands), bool)
     start = np.zeros(len(structure.states))
-    r = respond(structure, structure.true, range(len(names)), u, Sampling(1.0 / rate, held), start)
+    r = respond(structure, structure.true, range(len(names)), u, Sampling(record.dt_s, held), start)
     spread = relative_spread(names, aircraft, scenario.uncertainty_percent / 100.0) * np.abs(structure.true)
     variance = np.sum((r.dparams * spread) ** 2, axis=2)
     if not np.all(np.isfinite(variance)):

@@ -347,9 +347,7 @@ def _clipped(run: FlownRun, control: str) -> bool:
         return False
     from_start = run.record.t_s >= run.start_s - 1e-9
     x = run.record[name][from_start]
-    signal = run.card.signal
-    rows = np.minimum((np.arange(x.size) * run.record.dt_s / signal.dt_s + 1e-6).astype(int), len(signal.u) - 1)
-    u = signal.u[rows, signal.channels.index(control)]
+    u = run.card.signal.at(np.arange(x.size) * run.record.dt_s, [control])[:, 0]
     for side in (1.0, -1.0):
         top = float((side * x).max())
         span = float(np.ptp(x))

@@ -189,7 +189,7 @@ def _axis(
         trimmed.condition.V_m_s,
         trimmed.alpha,
         plane,
-        list(elastic),
+        elastic,
         structure.inputs,
         VIEWS[plane],
         structure.parameter_names,

@@ -23,8 +23,6 @@ from testbench.questions.compare.prediction import (
     lagged_structure,
     predict,
     second_order_share,
-    sensors_of,
-    structure_seen,
     targets_of,
 )
 from testbench.questions.compare.scenario import CompareScenario
@@ -48,14 +46,14 @@ def known(scenario, eolo):
 
 def linear_flight(known, suite, manoeuvre) -> FlightRecord:
     """The manoeuvre flown by the linearised aircraft itself, so that nothing but noise makes errors."""
-    sensors = sensors_of(suite, ())
-    structure = structure_seen(known, sensors, ["de_cmd"])
+    sensors = suite.sensing()
+    structure = known.seen_by(sensors, ["de_cmd"])
     u = input_of(manoeuvre, ["de"], RATE_HZ)
     r = respond(
         structure, structure.true, (), u, Sampling(1.0 / RATE_HZ, np.ones(1, bool)), np.zeros(len(structure.states))
     )
     names = (*structure.outputs, "de")
-    trim = np.array([known.trim.get(name, 0.0) for name in names])
+    trim = np.array([known.trimmed.state.get(name, 0.0) for name in names])
     data = np.column_stack([r.y, r.x[:, structure.states.index("servo_de")]]) + trim
     return FlightRecord(t_s=np.arange(len(u)) / RATE_HZ, channels=names, data=data, kind="truth")
 
@@ -65,7 +63,7 @@ def linear_flight(known, suite, manoeuvre) -> FlightRecord:
 
 def test_whitening_is_that_of_the_dense_covariance(known) -> None:
     suite, N, s = load_suite("eolo_five_accelerometers"), 60, 0.02
-    structure = lagged_structure(known, sensors_of(suite, ()), ("de",))
+    structure = lagged_structure(known, suite.sensing(), ("de",))
     sigma, held = np.array([suite.noise_std[name] for name in structure.outputs]), np.zeros(1, bool)
     p, start = len(sigma), np.zeros(len(structure.states))
     H = np.zeros((N, p, N))
@@ -85,7 +83,7 @@ def test_whitening_is_that_of_the_dense_covariance(known) -> None:
 
 def test_without_noise_of_inputs_every_sample_counts_alone(known) -> None:
     suite = load_suite("eolo_strain")
-    structure = lagged_structure(known, sensors_of(suite, ()), ("de",))
+    structure = lagged_structure(known, suite.sensing(), ("de",))
     p = len(structure.outputs)
     x = np.random.default_rng(2).standard_normal((50, p, 3))
     weights = Whitening(
@@ -101,7 +99,7 @@ def test_scatter_with_a_noisy_elevator_is_what_information_predicts(scenario, kn
     suite, manoeuvre = load_suite("eolo_five_accelerometers"), scenario.manoeuvre[0]
     assert suite.noise_std["de"] > 0.0
     predicted = predict(known, suite, (), manoeuvre, ("de",))
-    structure = lagged_structure(known, sensors_of(suite, ()), ("de",))
+    structure = lagged_structure(known, suite.sensing(), ("de",))
     truth = linear_flight(known, suite, manoeuvre)
     errors, costs = [], []
     for seed in range(12):
@@ -124,7 +122,7 @@ def test_scatter_with_a_noisy_elevator_is_what_information_predicts(scenario, kn
 
 def test_reported_errors_are_those_of_information(scenario, known) -> None:
     suite, manoeuvre = load_suite("eolo_strain"), scenario.manoeuvre[0]
-    structure = lagged_structure(known, sensors_of(suite, ()), ("de",))
+    structure = lagged_structure(known, suite.sensing(), ("de",))
     record = prepare(suite.without_errors().measure(linear_flight(known, suite, manoeuvre), 0), bias="trim", trim_s=2.0)
     model = best_estimate(record, structure, suite)
     predicted = predict(known, suite, (), manoeuvre, ("de",)).known
@@ -135,7 +133,7 @@ def test_reported_errors_are_those_of_information(scenario, known) -> None:
 
 def test_noise_that_is_missing_or_of_nothing_is_refused(scenario, known) -> None:
     suite = load_suite("eolo_strain")
-    structure = lagged_structure(known, sensors_of(suite, ()), ("de",))
+    structure = lagged_structure(known, suite.sensing(), ("de",))
     record = prepare(suite.measure(linear_flight(known, suite, scenario.manoeuvre[0]), 0), bias="trim", trim_s=2.0)
     outputs = {name: suite.noise_std[name] for name in structure.outputs}
     with pytest.raises(EstimationError, match="needs a noise above 0 to be weighed by, got none for 'q'"):
@@ -152,10 +150,9 @@ def test_noise_that_is_missing_or_of_nothing_is_refused(scenario, known) -> None
 
 def test_share_of_second_order_grows_with_the_errors(scenario, known) -> None:
     suite = load_suite("eolo_five_accelerometers")
-    sensors = sensors_of(suite, ())
+    sensors = suite.sensing()
     experiment, u = experiment_of(known, sensors, suite.rate_hz, scenario.manoeuvre[0])
     aims = targets_of(known, experiment.structure)
-    poles = {name: known.modes[name] for name in known.wanted_modes}
     structure, u = lagged_structure(known, sensors, ("de_cmd",)), u[:: experiment.stride]
 
     def response(params):
@@ -169,8 +166,8 @@ def test_share_of_second_order_grows_with_the_errors(scenario, known) -> None:
         C = factor**2 * np.linalg.inv(M)
         reached = Accuracy(np.sqrt(np.diag(C)), C)
         answer = lambda v: np.linalg.solve(M, W.T @ v.reshape(len(W), -1))  # noqa: E731
-        shares.append(second_order_share(response, experiment.structure, aims, poles, reached, answer))
+        shares.append(second_order_share(response, experiment.structure, aims, reached, answer))
     assert np.all(shares[0] > 0.0)
     np.testing.assert_allclose(shares[1] / shares[0], 2.0, rtol=0.05)  # terms of second order over errors of first
     nothing = Accuracy(np.full(len(M), np.inf), np.eye(len(M)))
-    assert np.all(np.isinf(second_order_share(response, experiment.structure, aims, poles, nothing, answer)))
+    assert np.all(np.isinf(second_order_share(response, experiment.structure, aims, nothing, answer)))

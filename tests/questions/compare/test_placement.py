@@ -9,9 +9,10 @@ import pytest
 
 from testbench.core.errors import ModelError
 from testbench.information.fisher import cost
+from testbench.information.targets import unknowns
 from testbench.questions.compare.ask import _known, _place
 from testbench.questions.compare.placement import best_set, brute_force, candidate_stations, informations, templates
-from testbench.questions.compare.prediction import experiment_of, sensors_of, unknowns, wanted_modes
+from testbench.questions.compare.prediction import experiment_of, wanted_modes
 from testbench.questions.compare.scenario import CompareScenario
 from testbench.sensors import load_suite
 
@@ -32,7 +33,7 @@ def aimed(scenario, eolo):
 def parts_of(scenario, aimed, **changes):
     asked = scenario.placement.model_copy(update={"stations": "listed", **changes})
     suite = load_suite("eolo_no_alpha")
-    return informations(aimed, asked, suite, sensors_of(suite, ()), scenario.manoeuvre[0], templates(asked))
+    return informations(aimed, asked, suite, suite.sensing(), scenario.manoeuvre[0], templates(asked))
 
 
 @pytest.mark.parametrize("criterion", ["D", "worst"])
@@ -76,7 +77,7 @@ def test_exchanges_better_a_greedy_choice_that_is_not_the_best() -> None:
 def test_information_of_sensors_adds_up(scenario, aimed) -> None:
     spots, parts, base, _ = parts_of(scenario, aimed, strain_gauges=0)
     suite = load_suite("eolo_ten_accelerometers")
-    experiment, u = experiment_of(aimed, sensors_of(suite, ()), suite.rate_hz, scenario.manoeuvre[0])
+    experiment, u = experiment_of(aimed, suite.sensing(), suite.rate_hz, scenario.manoeuvre[0])
     together = base + sum(part for spot, part in zip(spots, parts, strict=True) if spot.y_m != 0.0)
     np.testing.assert_allclose(together, experiment.information(u), rtol=1e-6, atol=1e-8 * np.abs(together).max())
 

@@ -16,10 +16,11 @@ from testbench.design.limits import Envelope
 from testbench.design.problem import _flights
 from testbench.design.realise import Errors, repeats
 from testbench.flight import LinearModel
+from testbench.information.aircraft_structure import felt_by
 from testbench.page.tables import Column, Table
 from testbench.questions.design import page
 from testbench.questions.design.page import limit_symbol
-from testbench.questions.design.pose import _input_rate, with_positions
+from testbench.questions.design.pose import _input_rate
 from testbench.questions.design.scenario import DesignLimits
 from testbench.sensors.sensor import ROTATION, Sensor, lever
 
@@ -38,7 +39,7 @@ def test_linear_accelerations_move_to_the_accelerometers_as_those_of_a_rigid_bod
     C, D = rng.normal(size=(9, 4)), rng.normal(size=(9, 1))
     model = LinearModel(np.zeros((4, 4)), np.zeros((4, 1)), C, D, ("a", "b", "c", "d"), ("de",), outputs)
     place = (0.4, -0.3, 0.2)
-    moved = with_positions(model, [Sensor(n, position_m=place) for n in ("ax", "ay", "az")] + [Sensor("q")])
+    moved = felt_by([*(Sensor(n, position_m=place) for n in ("ax", "ay", "az")), Sensor("q")], model, {})
     for old, new in ((C, moved.C), (D, moved.D)):
         rotation = np.zeros((old.shape[1], 6))
         rotation[:, 3:] = old[6:].T  # products of rates are of second order

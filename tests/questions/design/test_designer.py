@@ -17,10 +17,10 @@ from testbench.estimators.parametric import output_error
 from testbench.estimators.settings import OutputError
 from testbench.evaluation.modes import elastic_modes, modes_of
 from testbench.flight import Manoeuvre, fly, linearise
-from testbench.information.aircraft_structure import aircraft_structure, held_accelerations
+from testbench.information.aircraft_structure import aircraft_structure, felt_by, held_accelerations
 from testbench.inputs import build
 from testbench.questions.design.ask import run_design
-from testbench.questions.design.pose import limits_of, outputs_of, with_positions
+from testbench.questions.design.pose import limits_of
 from testbench.questions.design.ready import scenario_toml
 from testbench.questions.design.scenario import DesignScenario
 from testbench.sensors import Sensor, load_suite
@@ -149,7 +149,7 @@ def identified(result, specs, suite_name):
     truth = fly(result.aircraft, result.believed.trimmed, Manoeuvre("m", build(specs, 12.0, 500.0), 0.0), 500.0)
     record = suite.measure(truth, 3)
     record = replace(record, data=record.data - record.data[:150].mean(axis=0))
-    outputs = [s.channel for s in outputs_of(suite)]
+    outputs = [s.channel for s in suite.sensing()]
     held = {c: held_accelerations(result.believed.linear, c) for c in outputs if c.startswith("az_wing")}
     names = result.problem.experiment.structure.parameter_names
     at = (16.0, result.believed.trimmed.alpha, "longitudinal", (1, 5, 7), ("de",), outputs, names, held)
@@ -309,7 +309,7 @@ def test_accelerometers_off_the_centre_of_gravity(eolo, eolo_trim):
     found = held_accelerations(linear, "az_wing_1")
     assert found["w"] == pytest.approx(1.0, abs=1e-6)
     assert found["p"] == pytest.approx(-1.9, rel=1e-6)  # station 1 lies 1.9 m out on the left: a_z = w. + y p.
-    at = with_positions(linear, [Sensor("az", noise_std=0.1, position_m=(0.5, 0.2, 0.0))])
+    at = felt_by([Sensor("az", noise_std=0.1, position_m=(0.5, 0.2, 0.0))], linear, {})
     assert held_accelerations(at, "az")["q"] == pytest.approx(-0.5, rel=1e-6)
     assert held_accelerations(at, "az")["p"] == pytest.approx(0.2, rel=1e-6)
     with pytest.raises(EstimationError, match="'alpha' must be a mixture"):

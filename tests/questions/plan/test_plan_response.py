@@ -10,10 +10,12 @@ import pytest
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import EstimationError, LimitError
 from testbench.core.record import FlightRecord
+from testbench.design.candidates import scaled
 from testbench.design.limits import Limits
 from testbench.information.targets import needed_parameters
+from testbench.inputs import InputSignal
 from testbench.questions.plan import repeats, response
-from testbench.questions.plan.response import Flown, limits_of, log_rate_of, relative_spread, scaled
+from testbench.questions.plan.response import Flown, limits_of, log_rate_of, relative_spread
 from testbench.questions.plan.scenario import PlanLimits, PlannedManoeuvre
 from testbench.sensors import Sensor, SensorSuite
 
@@ -106,12 +108,11 @@ def test_the_band_is_the_root_of_three_variances_and_its_input_that_of_the_fligh
     structure = stub(states=("w", "q"), true=np.array([2.0, -4.0]))
     monkeypatch.setattr(response, "aircraft_structure", lambda *args: structure)
     monkeypatch.setattr(response, "parameter_names", lambda *args: ("M_alpha", "M_q"))
-    monkeypatch.setattr(response, "command_names", lambda *args: ("de_cmd",))
     monkeypatch.setattr(response, "respond", respond)
-    flown = stub(record=stub(t_s=0.1 * np.arange(6), dt_s=0.1), signal=stub(dt_s=0.1, u=np.array([[1.0], [2.0], [3.0]]),
-                 channels=("de",)))  # fmt: skip
+    signal = InputSignal([0.0, 0.1, 0.2], [[1.0], [2.0], [3.0]], ("de",))
+    flown = stub(record=stub(t_s=0.1 * np.arange(6), dt_s=0.1), signal=signal)
     spec = stub(plane="longitudinal", controls=("de",), settle_s=0.2)
-    point = stub(model=None, V_m_s=20.0, trimmed=stub(alpha=0.05))
+    point = stub(model=stub(commands=lambda controls: ("de_cmd",)), V_m_s=20.0, trimmed=stub(alpha=0.05))
     aircraft = stub(uncertainty={"Cm_q": 0.5})
     suite = stub(noise_std={"alpha": 0.6, "q": 0.3})
     band = response.expected_band(
@@ -159,7 +160,6 @@ def test_repeats_are_asked_of_the_sensors_that_count_with_all_that_moves_free(mo
         return stub(information=lambda u: given.update(u=u))
 
     monkeypatch.setattr(repeats, "aircraft_structure", structure_of)
-    monkeypatch.setattr(repeats, "command_names", lambda model, controls: controls)
     monkeypatch.setattr(repeats, "Experiment", experiment)
     monkeypatch.setattr(repeats, "accuracy", lambda information: stub(std=np.full(len(given["free"]), 0.3)))
     wanted = {"Q3_de": 5.0, "M_eta5": 20.0, "omega_12": 15.0}
@@ -168,7 +168,7 @@ def test_repeats_are_asked_of_the_sensors_that_count_with_all_that_moves_free(mo
         Sensor("alpha", noise_std=0.1), Sensor("q", quantum=0.01), Sensor("theta"), Sensor("beta", noise_std=0.1),
         Sensor("az", noise_std=0.1, position_m=(0.1, 0.0, 0.0)),
     )  # fmt: skip
-    point = stub(model=None, V_m_s=20.0, trimmed=stub(alpha=0.05))
+    point = stub(model=stub(commands=lambda controls: controls), V_m_s=20.0, trimmed=stub(alpha=0.05))
     count, reached = repeats.reach(point, spec, spec.input, SensorSuite("s", "", 20.0, sensors), ())
     assert given["shown"] == ["alpha", "q"]
     assert given["free"][-1] == "M_eta5"  # wanted, and nothing that moves with the mode

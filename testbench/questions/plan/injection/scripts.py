@@ -111,11 +111,7 @@ def rows_of(card: Card, period_ms: int) -> tuple[list[int], FloatArray]:
         ScenarioError: the input cannot be sampled at this period.
     """
     signal = injected_signal(card, period_ms)
-    u = np.zeros((len(signal.t_s), len(SURFACES)))
-    for j, name in enumerate(SURFACES):
-        if name in signal.channels:
-            u[:, j] = signal.u[:, signal.channels.index(name)] / DEG_RAD
-    u = np.round(u, 5) + 0.0
+    u = np.round(signal.columns(SURFACES) / DEG_RAD, 5) + 0.0
     changes = np.flatnonzero(np.any(np.diff(u, axis=0, prepend=np.full((1, len(SURFACES)), np.nan)) != 0.0, axis=1))
     return [round(1e3 * signal.t_s[k]) for k in changes], u[changes]
 
@@ -175,10 +171,6 @@ def signal_csv(signal: InputSignal, aircraft: Aircraft) -> str:
     Each row holds until the next one. All three surfaces have columns; one that does not move is zero.
     """
     names = (*SURFACES, *(("thr",) if "thr" in signal.channels else ()))
-    columns = []
-    for name in names:
-        moved = name in signal.channels
-        columns.append(signal.u[:, signal.channels.index(name)] if moved else np.zeros(len(signal.t_s)))
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     shown = [f"{n}_percent" if n == "thr" else f"{n}_deg" for n in names]
@@ -187,8 +179,7 @@ def signal_csv(signal: InputSignal, aircraft: Aircraft) -> str:
     ends = [
         (aircraft.controls[n].low, aircraft.controls[n].full) if n in aircraft.controls else (-1.0, 1.0) for n in names
     ]
-    for k, t in enumerate(signal.t_s):
-        row = [column[k] for column in columns]
+    for t, row in zip(signal.t_s, signal.columns(names), strict=True):
         writer.writerow(
             [
                 f"{t:.4f}",
