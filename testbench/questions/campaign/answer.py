@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from testbench.page.flown import flown_words
@@ -21,52 +21,34 @@ _MILLION = 1_000_000
 _LINES = 3
 
 
-def campaign_answer(result: CampaignResult) -> list[tuple[str, str]]:
-    """Return the answer as (kind, sentence), kind "lead", "finding" or "doubt"."""
+def campaign_answer(result: CampaignResult) -> Iterator[tuple[str, str]]:
+    """Yield the answer as (kind, sentence), kind "lead", "finding" or "doubt"."""
     counts, summary = result.counts, result.summary
-    out = [("lead", _lead(result)), ("finding", _progress(result))]
-    shown = most_biased(summary)
-    judged = _judged(summary)
-    if len(judged) == 1:  # the lead has said it
-        shown = []
-    elif judged and counts.done:
-        out.insert(1, ("finding", _spread(judged)))
+    judged, names = _judged(summary), [a.name for a in summary.accuracies]
+    yield "lead", _lead(result)
     if counts.done:
-        out[1:1] = [("finding", text) for text in best_words(*ranked_contests(result))]
-    names = [a.name for a in summary.accuracies]
-    for a in shown:
-        out.append(
-            (
-                "doubt",
-                f"{short_name(a.name, names)}: bias {number(a.bias)} ± {number(a.bias_half, 2)}, {_against(a)}; "
-                f"scatter from run to run {number(a.scatter)}",
-            )
-        )
+        yield from (("finding", text) for text in best_words(*ranked_contests(result)))
+        if len(judged) > 1:
+            yield "finding", _spread(judged)
+    yield "finding", _progress(result)
+    for a in most_biased(summary) if len(judged) != 1 else ():  # of one alone the lead has said it
+        text = f"{short_name(a.name, names)}: bias {number(a.bias)} ± {number(a.bias_half, 2)}, {_against(a)}"
+        yield "doubt", f"{text}; scatter from run to run {number(a.scatter)}"
     for a in [a for a in summary.accuracies if a.coverage_high < 0.95][:_LINES]:
-        out.append(
-            (
-                "doubt",
-                f"{short_name(a.name, names)}: the stated 95 % intervals hold the truth in "
-                f"{number(100 * a.coverage)} % of the runs; "
-                f"stated standard error {number(a.stated, 2)}, scatter {number(a.scatter, 2)}",
-            )
-        )
+        text = f"{short_name(a.name, names)}: the stated 95 % intervals hold the truth in {number(100 * a.coverage)} %"
+        text += f" of the runs; stated standard error {number(a.stated, 2)}, scatter {number(a.scatter, 2)}"
+        yield "doubt", text
     lost = [a for a in summary.accuracies if a.missing > 0.05 * (a.n + a.missing)]
     if lost:
         worst = max(lost, key=lambda a: a.missing)
-        out.append(
-            (
-                "doubt",
-                f"{short_name(worst.name, names)} was not found in {worst.missing} of {worst.n + worst.missing} runs",
-            )
-        )
+        of = f"{worst.missing} of {worst.n + worst.missing}"
+        yield "doubt", f"{short_name(worst.name, names)} was not found in {of} runs"
     for c in summary.cells[:_LINES]:
-        out.append(("doubt", f"{c.case} gave no model in {c.cause.count} of {counts.done} runs: {c.cause.example}"))
+        yield "doubt", f"{c.case} gave no model in {c.cause.count} of {counts.done} runs: {c.cause.example}"
     if len(summary.cells) > _LINES:
-        out.append(("doubt", f"{len(summary.cells) - _LINES} more reasons stand in the table of failed estimators"))
+        yield "doubt", f"{len(summary.cells) - _LINES} more reasons stand in the table of failed estimators"
     if summary.causes and counts.done:
-        out.append(("doubt", _cause(result)))
-    return out
+        yield "doubt", _cause(result)
 
 
 def _lead(result: CampaignResult) -> str:

@@ -43,7 +43,7 @@ def campaign_page(result: CampaignResult) -> Page:
         kicker=f"Campaign: {spec.name}",
         title=spec.title,
         question=spec.question,
-        answer=campaign_answer(result),
+        answer=[*campaign_answer(result)],
         tables=campaign_tables(result),
         more_tables=[flown_table(result.summary.tally, "run")],
         plates=[*campaign_plates(result.summary), *rank_plates(*ranked_contests(result))],

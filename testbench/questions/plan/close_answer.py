@@ -18,36 +18,30 @@ _ABOVE = 1.1  # times what an estimator states, from which it is told what else 
 Sentences = Iterator[tuple[str, str]]
 
 
-def close_answer(campaign: Campaign) -> list[tuple[str, str]]:
-    """Return (kind, sentence): what was found, whether promises are kept, what to repeat, and which card is next."""
+def close_answer(campaign: Campaign) -> Sentences:
+    """Yield (kind, sentence): what was found, whether promises are kept, what to repeat, and which card is next."""
     closed, plan = campaign.closed, campaign.plan
     wanted = sum(c.repeats for c in plan.cards)
     good = sum(not r.faults for r in closed.runs)
-    logs, found = counted(len(closed.logs), "log"), counted(len(closed.runs), "run")
-    out = [("lead", _lead(campaign, good, wanted))]
-    out.append(
-        (
-            "finding",
-            f"{found} of {wanted} found in {logs}, {good} as {'its card says' if wanted == 1 else 'their cards say'}",
-        )
-    )
+    yield "lead", _lead(campaign, good, wanted)
+    found = f"{counted(len(closed.runs), 'run')} of {wanted} found in {counted(len(closed.logs), 'log')}"
+    yield "finding", f"{found}, {good} as {'its card says' if wanted == 1 else 'their cards say'}"
     if closed.why_none:
-        out.append(("doubt", closed.why_none))
-    out += [("doubt", text) for text in dict.fromkeys(t for r in closed.runs for t in r.anomalies)]
-    out += _verdicts(campaign)
-    out += _beyond_stated(campaign)
+        yield "doubt", closed.why_none
+    yield from (("doubt", text) for text in dict.fromkeys(t for r in closed.runs for t in r.anomalies))
+    yield from _verdicts(campaign)
+    yield from _beyond_stated(campaign)
     never = [str(c.number) for c in plan.cards if c.repeats and not closed.of(c)]
     if never:
-        out.append(("finding", f"not flown: {'cards' if never[1:] else 'card'} {listed(never)}"))
+        yield "finding", f"not flown: {'cards' if never[1:] else 'card'} {listed(never)}"
     bad = [f"card {r.card.number} at {r.start_s:.1f} s of {r.log} ({r.faults[0]})" for r in closed.runs if r.faults]
     if bad:
-        out.append(("doubt", f"to be repeated: {some(bad)}"))
+        yield "doubt", f"to be repeated: {some(bad)}"
     strange = [f"card {r.card.number} ({', '.join(r.strange)})" for r in closed.runs if r.strange]
     if strange:
-        out.append(("finding", f"the response left its band: {some(strange)}; the aircraft is not as believed there"))
-    out += _more_runs(campaign)
-    out += _next(campaign)
-    return out
+        yield "finding", f"the response left its band: {some(strange)}; the aircraft is not as believed there"
+    yield from _more_runs(campaign)
+    yield from _next(campaign)
 
 
 def _lead(campaign: Campaign, good: int, wanted: int) -> str:

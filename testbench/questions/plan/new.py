@@ -12,7 +12,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.door import read_text
 from testbench.core.errors import RecordError, ScenarioError
-from testbench.core.escape import one_line, quoted
+from testbench.core.escape import one_line, quoted, toml_value
 from testbench.core.paths import not_found, suite_names
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.store import settle
@@ -200,7 +200,7 @@ def _limits(designs: Sequence[Taken]) -> list[str]:
     if unknown:
         lines.append(f"# The limits of {', '.join(unknown)} are not known: no design.toml lies beside its folder.")
     for key, usual in _USUAL_LIMITS.items():
-        lines.append(f"{key} = {_value(known[key])}" if key in known else f"# {key} = {usual}")
+        lines.append(f"{key} = {toml_value(known[key])}" if key in known else f"# {key} = {usual}")
     return [*lines, ""]
 
 
@@ -288,24 +288,9 @@ def _design(taken: Taken, manoeuvre: Manoeuvre, designs: Sequence[Taken]) -> tup
         f"heights_m = [{_plain(condition.h_m)}]",
     ]
     for entry in manoeuvre.input:
-        lines += ["[[manoeuvre.input]]", *_entry(entry.model_dump(exclude_defaults=True))]
+        given = entry.model_dump(exclude_defaults=True, exclude_none=True)
+        lines += ["[[manoeuvre.input]]", *(f"{key} = {toml_value(value)}" for key, value in given.items())]
     return [*lines, ""], made.settle_s + made.duration_s
-
-
-def _entry(values: dict[str, object]) -> list[str]:
-    return [f"{key} = {_value(value)}" for key, value in values.items() if value is not None]
-
-
-def _value(value: object) -> str:
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{k} = {_value(v)}" for k, v in value.items() if v is not None) + " }"
-    if isinstance(value, (tuple, list)):
-        return f"[{', '.join(_value(v) for v in value)}]"
-    if isinstance(value, str):
-        return quoted(value)
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return repr(value) if isinstance(value, int) else repr(float(str(value)))
 
 
 def _usual(

@@ -41,7 +41,7 @@ def plan_page(plan: Plan) -> Page:
         kicker=f"Flight plan: {plan.name}",
         title=plan.scenario.title,
         question=plan.scenario.question,
-        answer=plan_answer(plan),
+        answer=[*plan_answer(plan)],
         tables=tables,
         more_tables=[] if any(p.modes for p in plan.points) else [modes_table(plan)],
         plates=plan_plates(plan),

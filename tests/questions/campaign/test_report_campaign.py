@@ -13,8 +13,7 @@ import pytest
 from rich.console import Console
 
 from testbench.core.paths import SCENARIOS
-from testbench.questions.campaign.answer import campaign_answer as answer
-from testbench.questions.campaign.answer import cost_sentence
+from testbench.questions.campaign.answer import campaign_answer, cost_sentence
 from testbench.questions.campaign.ask import Progress, fly_campaign
 from testbench.questions.campaign.load import load_campaign
 from testbench.questions.campaign.page import (
@@ -28,6 +27,10 @@ from testbench.questions.campaign.progress import show_progress
 from testbench.questions.campaign.result import read_campaign
 from testbench.questions.campaign.store import Counts, Store
 from testbench.questions.campaign.summary import Cause
+
+
+def answer(result):
+    return [*campaign_answer(result)]
 
 
 @pytest.fixture(scope="module")

@@ -168,7 +168,7 @@ def test_many_cards_are_flown_at_once_and_the_page_says_the_same_as_by_jsbsim():
     assert not together.tally.jsbsim
     assert alone.tally.reasons == {"it is wanted": alone.tally.jsbsim}
     assert plan_page(together).flown is together.tally
-    assert plan_answer(together) == plan_answer(alone)
+    assert [*plan_answer(together)] == [*plan_answer(alone)]
     for mine, other in zip(plan_tables(together), plan_tables(alone), strict=True):
         shown = [[[c.text(v) for c, v in zip(t.columns, r, strict=True)] for r in t.rows] for t in (mine, other)]
         assert shown[0] == shown[1]

@@ -283,7 +283,7 @@ def test_a_plan_with_every_card_refused_is_written_and_says_so(tmp_path):
                 "manoeuvre": base.manoeuvre[:1]}
     )  # fmt: skip
     plan = make_plan(tight, fly_envelope)
-    assert plan_answer(plan)[0] == ("lead", "nothing can be flown: every card is refused")
+    assert next(plan_answer(plan)) == ("lead", "nothing can be flown: every card is refused")
     plan_page(plan).write(tmp_path)
     assert "REFUSED, do not fly" in next((tmp_path / "cards").glob("*.html")).read_text(encoding="utf-8")
 
