@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.aircraft import Aircraft
-from testbench.core.channels import CONTROLS
+from testbench.aircraft.airframe import station_rows
 from testbench.core.errors import ChannelError, EstimationError, nearest
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices, Parameter
@@ -28,7 +28,6 @@ from testbench.evaluation.modes import elastic_modes
 from testbench.flight import TrimmedFlight
 from testbench.flight.linear_model import LAW, PLANE_STATES, LinearModel
 from testbench.sensors import Sensor
-from testbench.sensors.sensor import ACCELEROMETERS
 
 Plane = Literal["longitudinal", "lateral"]
 _AXES = {"longitudinal": "XZM", "lateral": "YLN"}
@@ -113,7 +112,7 @@ def aircraft_structure(
     inputs: Sequence[str],
     outputs: Sequence[str],
     free: Sequence[str],
-    accelerations: Mapping[str, Mapping[str, float]] | None = None,
+    mixed: Mapping[str, Mapping[str, float]] | None = None,
 ) -> AircraftStructure:
     """Return the linearised aircraft with the parameters ``free``, at their true values.
 
@@ -126,8 +125,7 @@ def aircraft_structure(
         inputs: commands (``de_cmd``: the servo is part of the model) or deflections.
         outputs: channels of the linear model.
         free: names of the parameters.
-        accelerations: of outputs that hold accelerations and are not ax to rdot or etaddot_i: state whose derivative
-            enters -> weight.
+        mixed: of outputs that are mixtures of channels: channel -> weight.
 
     Raises:
         EstimationError: a parameter is not one of :func:`parameter_names`.
@@ -173,9 +171,9 @@ def aircraft_structure(
             pairs.append((*where, states.index(f"etadot_{i}"), states.index(f"eta_{i}")))
     P = np.zeros((len(outputs), len(states)))
     for j, output in enumerate(outputs):
-        for state, weight in _held_accelerations(output, accelerations or {}).items():
-            if state in states:
-                P[j, states.index(state)] = weight
+        for name, weight in (mixed or {}).get(output, {output: 1.0}).items():
+            if (state := _rate_of(name)) in states:
+                P[j, states.index(state)] += weight
     return AircraftStructure(
         name=f"{plane} linearised aircraft",
         states=tuple(states),
@@ -206,20 +204,19 @@ def seen_by(
 
     Raises:
         ChannelError: a sensor's channel is not in the linear model.
-        EstimationError: an accelerometer feels more than accelerations.
     """
-    model = felt_by(sensors, linear, trimmed.state)
-    names = [s.channel for s in sensors]
+    at = dict.fromkeys(linear.outputs, 0.0) | dict(trimmed.state)
+    stations = dict(zip(*station_rows(aircraft.flown_stations(), aircraft.flown_modes()), strict=True))
     return aircraft_structure(
-        model,
+        felt_by(sensors, linear, trimmed.state),
         trimmed.condition.V_m_s,
         trimmed.alpha,
         plane,
         elastic_modes(aircraft, plane),
         inputs,
-        names,
+        [s.channel for s in sensors],
         free,
-        {n: held_accelerations(model, n) for n in names if n in ACCELEROMETERS or n.startswith("az_wing_")},
+        {s.channel: stations.get(s.channel) or s.weights(at) for s in sensors},
     )
 
 
@@ -244,39 +241,10 @@ def felt_by(sensors: Sequence[Sensor], linear: LinearModel, trim: Mapping[str, f
     return replace(linear, C=C, D=D)
 
 
-def held_accelerations(model: LinearModel, output: str) -> dict[str, float]:
-    """Return which state derivatives an output of the linear model holds, and their weights.
-
-    An accelerometer away from the centre of gravity feels a mixture of accelerations. Elastic states and deflections
-    reach it through forces alone, so that in their columns its row is that mixture of the rows of A and B.
-
-    Raises:
-        EstimationError: no mixture of accelerations explains the row.
-    """
-    moving = [s for s in model.states if s in {"u", "v", "w", "p", "q", "r"} or s.startswith("etadot_")]
-    rows = [model.states.index(s) for s in moving]
-    columns = [i for i, s in enumerate(model.states) if s.startswith(("eta", "servo"))]
-    inputs = [i for i, name in enumerate(model.inputs) if name in CONTROLS]
-    forces = np.hstack([model.A[np.ix_(rows, columns)], model.B[np.ix_(rows, inputs)]])
-    k = model.outputs.index(output)
-    felt = np.hstack([model.C[k, columns], model.D[k, inputs]])
-    size = np.linalg.norm(forces, axis=0) + 1e-12
-    weights, *_ = np.linalg.lstsq((forces / size).T, felt / size, rcond=1e-9)
-    if not np.allclose(weights @ forces, felt, rtol=1e-4, atol=1e-4 * float(np.abs(felt).max())):
-        raise EstimationError(
-            f"'{output}' must be a mixture of the accelerations {', '.join(moving)}, but it is not; design without it"
-        )
-    return {s: float(w) for s, w in zip(moving, weights, strict=True)}
-
-
-def _held_accelerations(output: str, other: Mapping[str, Mapping[str, float]]) -> Mapping[str, float]:
-    if output in other:
-        return other[output]
-    if output in _ACCELERATIONS:
-        return {_ACCELERATIONS[output]: 1.0}
-    if output.startswith("etaddot_"):
-        return {f"etadot_{output.removeprefix('etaddot_')}": 1.0}
-    return {}
+def _rate_of(channel: str) -> str:
+    """Return the state whose derivative a channel holds, for small motion; "" if none."""
+    mode = channel.removeprefix("etaddot_")
+    return _ACCELERATIONS.get(channel, f"etadot_{mode}" if mode != channel else "")
 
 
 class _Basis:

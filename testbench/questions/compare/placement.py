@@ -148,7 +148,7 @@ def informations(
         D=np.vstack([linear.D[keep], weights @ linear.D]),
         outputs=(*(linear.outputs[k] for k in keep), *names),
     )
-    wing = replace(known, linear=model)
+    wing = replace(known, linear=model, aircraft=replace(known.aircraft, wing_stations=tuple(stations)))
     spots, found = [], []
     for i, station in enumerate(stations, 1):
         for kind, channel in (("accelerometer", f"az_wing_{i}"), ("strain gauge", f"strain_wing_{i}")):

@@ -214,14 +214,13 @@ def _card(
     point, spec = task.point, task.spec
     factor, flown, met = within
     status: Status = "refused" if factor == 0.0 else "fly" if factor == 1.0 else "scaled"
-    modes = elastic_modes(aircraft, spec.plane)
-    band = expected_band(scenario, aircraft, suite, point, spec, flown, modes, rough)
+    band = expected_band(scenario, aircraft, suite, point, spec, flown, elastic_modes(aircraft, spec.plane), rough)
     reached: tuple[Reached, ...] = ()
     repeats = spec.repeats or 1
     if status == "refused":
         repeats = 0
     elif spec.accuracy_percent:
-        repeats, reached = reach(point, spec, scaled(spec.input, factor), suite, modes, scenario.held_ms)
+        repeats, reached = reach(aircraft, point, spec, scaled(spec.input, factor), suite, scenario.held_ms)
     try:
         bands = bands_of(task.limits, point, spec.controls)
         stops = {c: GIVEN if c in scenario.limits.deflection_deg else f"stops of {aircraft.name}" for c in CONTROLS}

@@ -26,7 +26,7 @@ from testbench.estimators import estimate
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.prepare import prepared
 from testbench.evaluation.derivatives import dimensional_derivatives
-from testbench.evaluation.modes import elastic_modes, modes_of
+from testbench.evaluation.modes import modes_of
 from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, linearise, trim
 from testbench.inference.form import FORM_STD
 from testbench.inference.instruments import sound
@@ -261,13 +261,12 @@ def _promised_by_plan(plan: Plan, card: Card) -> Promise | None:
     """Return what information promises of one run of a card that has no design; None if it says nothing."""
     if card.status == "refused":
         return None
-    spec, modes = card.spec, elastic_modes(plan.aircraft, card.spec.plane)
-    wanted = dict(spec.accuracy_percent)
+    spec, wanted = card.spec, dict(card.spec.accuracy_percent)
     names = tuple(wanted) or spec.estimated or needed_parameters(spec.plane, spec.controls, False, ())
     asked = spec.model_copy(update={"repeats": None, "accuracy_percent": dict.fromkeys(names, 100.0)})
     try:
         inputs, held = scaled(spec.input, card.factor), plan.scenario.held_ms
-        _, reached = reach(card.point, asked, inputs, plan.suite, modes, held)
+        _, reached = reach(plan.aircraft, card.point, asked, inputs, plan.suite, held)
     except Refusal:
         return None
     believed = _read(card.point.model, card.point.trimmed, plan, card)

@@ -3,43 +3,40 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
 from testbench.core.errors import EstimationError, ScenarioError
 from testbench.core.record import FloatArray
 from testbench.core.scenario.inputs import Input
 from testbench.flight import TrimmedFlight
-from testbench.information.aircraft_structure import aircraft_structure
+from testbench.information.aircraft_structure import AircraftStructure, seen_by
 from testbench.information.fisher import Experiment, accuracy
 from testbench.information.targets import needed_parameters
 from testbench.questions.plan.result import Card, FlightLeg, Point, Reached, Run
 from testbench.questions.plan.scenario import Airspace, PlannedManoeuvre, PlanScenario, Tow, commanded
-from testbench.sensors import SensorSuite
+from testbench.sensors import Sensor, SensorSuite
 
-_USABLE = {
-    "longitudinal": ("V", "u", "w", "alpha", "q", "theta", "ax", "az", "qdot", "h"),
-    "lateral": ("v", "beta", "p", "r", "phi", "ay", "pdot", "rdot"),
-}
 _FINE_HZ = 50.0  # the input is sampled at least this finely however slow the sensors are
 
 
 def reach(
+    aircraft: Aircraft,
     point: Point,
     spec: PlannedManoeuvre,
     inputs: Sequence[Input],
     suite: SensorSuite,
-    modes: Collection[int],
     period_ms: int | None = None,
 ) -> tuple[int, tuple[Reached, ...]]:
     """Return the repeats of a manoeuvre at a point, and the accuracy of every parameter of ``accuracy_percent``.
 
     The wanted parameters are estimated together with those of ``estimated``, and offsets of the sensors are unknown.
-    Sensors of other motions, off the centre of gravity or without noise are left out. With n runs of the same input the
-    information is n times that of one. A script holds each command for ``period_ms``.
+    Sensors of other motions or without noise are left out. With n runs of the same input the information is n times
+    that of one. A script holds each command for ``period_ms``.
 
     Raises:
         EstimationError: no sensor of the suite shows this motion, or the linearised aircraft diverges.
@@ -49,26 +46,19 @@ def reach(
     elastic = sorted({int(n.rsplit("_", 1)[0][1:]) for n in wanted if n[0] == "Q"} | _numbers(wanted))
     along = spec.estimated or needed_parameters(plane, spec.controls, plane == "longitudinal", elastic)
     free = tuple(dict.fromkeys((*along, *wanted)))
-    sensors = tuple(
-        s
-        for s in suite.sensors
-        if s.channel in _USABLE[plane] and not any(s.position_m) and (s.noise_std > 0.0 or s.quantum > 0.0)
-    )
+    noisy = [s for s in suite.sensing(point.model.outputs) if s.noise_std > 0.0 or s.quantum > 0.0]
+    commands = point.model.commands(spec.controls)
+
+    def structure_of(sensors: Sequence[Sensor]) -> AircraftStructure:
+        return seen_by(sensors, aircraft, point.trimmed, point.model, plane, commands, free)
+
+    sensors = tuple(s for s, moves in zip(noisy, structure_of(noisy).moved, strict=True) if moves) if noisy else ()
     if not sensors:
         raise EstimationError(
             f"suite '{suite.name}' has no sensor of the {plane} motion with noise of its own; give repeats instead of "
             "accuracy_percent, or another suite"
         )
-    structure = aircraft_structure(
-        point.model,
-        point.V_m_s,
-        point.trimmed.alpha,
-        plane,
-        modes,
-        point.model.commands(spec.controls),
-        [s.channel for s in sensors],
-        free,
-    )
+    structure = structure_of(sensors)
     stride = max(1, math.ceil(_FINE_HZ / suite.rate_hz))
     rate = suite.rate_hz * stride
     samples = int((spec.settle_s + spec.duration_s) * suite.rate_hz)

@@ -16,8 +16,8 @@ from testbench.design.problem import ModeBands
 from testbench.estimators.parametric import output_error
 from testbench.estimators.settings import OutputError
 from testbench.evaluation.modes import elastic_modes, modes_of
-from testbench.flight import Manoeuvre, fly, linearise
-from testbench.information.aircraft_structure import aircraft_structure, felt_by, held_accelerations
+from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
+from testbench.information.aircraft_structure import seen_by
 from testbench.inputs import build
 from testbench.questions.design.ask import run_design
 from testbench.questions.design.pose import limits_of
@@ -150,10 +150,9 @@ def identified(result, specs, suite_name):
     record = suite.measure(truth, 3)
     record = replace(record, data=record.data - record.data[:150].mean(axis=0))
     outputs = [s.channel for s in suite.sensing()]
-    held = {c: held_accelerations(result.believed.linear, c) for c in outputs if c.startswith("az_wing")}
     names = result.problem.experiment.structure.parameter_names
-    at = (16.0, result.believed.trimmed.alpha, "longitudinal", (1, 5, 7), ("de",), outputs, names, held)
-    s = aircraft_structure(result.believed.linear, *at)
+    at = (result.aircraft, result.believed.trimmed, result.believed.linear)
+    s = seen_by(suite.sensing(), *at, "longitudinal", ("de",), names)
     off = 1.0 + 0.10 * np.random.default_rng(5).standard_normal(len(names))
     start = replace(s, parameters=tuple(replace(p, value=p.value * k) for p, k in zip(s.parameters, off, strict=True)))
     model = output_error.estimate(
@@ -304,16 +303,23 @@ def test_a_lateral_design_on_two_controls(tmp_path):
     assert next(iter(result.modes)) == "spiral"
 
 
-def test_accelerometers_off_the_centre_of_gravity(eolo, eolo_trim):
-    linear = linearise(eolo, eolo_trim)
-    found = held_accelerations(linear, "az_wing_1")
-    assert found["w"] == pytest.approx(1.0, abs=1e-6)
-    assert found["p"] == pytest.approx(-1.9, rel=1e-6)  # station 1 lies 1.9 m out on the left: a_z = w. + y p.
-    at = felt_by([Sensor("az", noise_std=0.1, position_m=(0.5, 0.2, 0.0))], linear, {})
-    assert held_accelerations(at, "az")["q"] == pytest.approx(-0.5, rel=1e-6)
-    assert held_accelerations(at, "az")["p"] == pytest.approx(0.2, rel=1e-6)
-    with pytest.raises(EstimationError, match="'alpha' must be a mixture"):
-        held_accelerations(linear, "alpha")
+@pytest.mark.parametrize("wings", ["rigid", "flexible"])
+def test_an_accelerometer_holds_the_accelerations_of_the_place_where_it_sits(wings):
+    """az at r is az + y pdot - x qdot, and station 1 lies 1.9 m out on the left; a gyro holds no acceleration."""
+    eolo = load_aircraft("eolo", wings)
+    trimmed = trim(eolo, FlightCondition(16.0, 100.0))
+    sensors = [Sensor("az", position_m=(0.5, 0.2, 0.0)), Sensor("az_wing_1"), Sensor("q")]
+    linear = linearise(eolo, trimmed)
+    for plane, rates in (("longitudinal", ("w", "q")), ("lateral", ("p",))):
+        s = seen_by(sensors, eolo, trimmed, linear, plane, ("de",), ())
+        P = dict(zip(s.states, s.P.T, strict=True))
+        where = {"w": (1.0, 1.0, 0.0), "q": (-0.5, 0.0, 0.0), "p": (0.2, -1.9, 0.0)}
+        for rate in rates:
+            np.testing.assert_allclose(P[rate], where[rate], atol=1e-6)
+    assert not P["v"].any()
+    bends = [name for name in P if name.startswith("etadot")]
+    assert bool(bends) == (wings == "flexible")
+    assert all(P[name][1] != 0.0 for name in bends)
 
 
 def test_limits_left_out_are_the_aircrafts_own(eolo, eolo_trim, tmp_path):

@@ -151,15 +151,15 @@ def test_roughness_is_the_rms_about_trim_in_the_turbulence_above_the_field():
 def test_repeats_are_asked_of_the_sensors_that_count_with_all_that_moves_free(monkeypatch):
     given = {}
 
-    def structure_of(model, V, alpha, plane, modes, commands, shown, free):
-        given.update(shown=shown, free=free)
-        return stub(true=np.full(len(free), -2.0))
+    def seen_by(sensors, aircraft, trimmed, model, plane, commands, free):
+        given.update(shown=[s.channel for s in sensors], free=free)
+        return stub(true=np.full(len(free), -2.0), moved=np.array([s.channel != "beta" for s in sensors]))
 
     def experiment(structure, sensors, dt_s, samples, stride):
         given.update(dt=dt_s, samples=samples, stride=stride)
         return stub(information=lambda u: given.update(u=u))
 
-    monkeypatch.setattr(repeats, "aircraft_structure", structure_of)
+    monkeypatch.setattr(repeats, "seen_by", seen_by)
     monkeypatch.setattr(repeats, "Experiment", experiment)
     monkeypatch.setattr(repeats, "accuracy", lambda information: stub(std=np.full(len(given["free"]), 0.3)))
     wanted = {"Q3_de": 5.0, "M_eta5": 20.0, "omega_12": 15.0}
@@ -168,9 +168,11 @@ def test_repeats_are_asked_of_the_sensors_that_count_with_all_that_moves_free(mo
         Sensor("alpha", noise_std=0.1), Sensor("q", quantum=0.01), Sensor("theta"), Sensor("beta", noise_std=0.1),
         Sensor("az", noise_std=0.1, position_m=(0.1, 0.0, 0.0)),
     )  # fmt: skip
-    point = stub(model=stub(commands=lambda controls: controls), V_m_s=20.0, trimmed=stub(alpha=0.05))
-    count, reached = repeats.reach(point, spec, spec.input, SensorSuite("s", "", 20.0, sensors), ())
-    assert given["shown"] == ["alpha", "q"]
+    point = stub(
+        model=stub(commands=lambda controls: controls, outputs=("alpha", "q", "theta", "beta", "az")), trimmed=None
+    )
+    count, reached = repeats.reach(None, point, spec, spec.input, SensorSuite("s", "", 20.0, sensors))
+    assert given["shown"] == ["alpha", "q", "az"]
     assert given["free"][-1] == "M_eta5"  # wanted, and nothing that moves with the mode
     assert given["free"][:-1] == needed_parameters("longitudinal", ("de",), True, [3, 5, 12])
     assert (given["dt"], given["samples"], given["stride"]) == (pytest.approx(1.0 / 60.0), 100, 3)

@@ -259,9 +259,9 @@ def test_information_of_the_repeats_reaches_what_is_wanted(eolo_plan):
     # half the amplitude doubles the error: four times the repeats
     card = asked[1]
     hard = card.spec.model_copy(update={"accuracy_percent": {"M_alpha": 1.0}, "most_repeats": 1000})
-    suite, modes = eolo_plan.suite, (1, 5, 7)
+    flown = eolo_plan.aircraft, card.point, hard
     half = [i.model_copy(update={"amplitude_deg": 0.5 * i.amplitude_deg}) for i in hard.input]
-    (_, (full_r,)), (_, (half_r,)) = (reach(card.point, hard, i, suite, modes) for i in (hard.input, half))
+    (_, (full_r,)), (_, (half_r,)) = (reach(*flown, i, eolo_plan.suite) for i in (hard.input, half))
     assert half_r.one == pytest.approx(2.0 * full_r.one, rel=1e-3)
 
 
@@ -269,7 +269,7 @@ def test_a_suite_that_sees_nothing_of_the_motion_says_so(small):
     aileron = {"signal": "doublet", "control": "da", "amplitude_deg": 2.0, "period_s": 2.0}
     spec = scenario(manoeuvre=[manoeuvre(repeats=None, accuracy_percent={"L_p": 5.0}, input=[aileron])]).manoeuvre[0]
     with pytest.raises(EstimationError, match="no sensor of the lateral motion"):
-        reach(small.points[0], spec, spec.input, load_suite("taurus_8hz"), ())
+        reach(small.aircraft, small.points[0], spec, spec.input, load_suite("taurus_8hz"))
 
 
 def test_band_is_the_scatter_of_responses_with_uncertain_derivatives(small, taurus):
