@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from testbench.core import bring
 from testbench.core.advice import Advised, as_json, from_json, ranked
@@ -384,14 +385,8 @@ def _of_transfer_functions(name: str, content: Mapping[str, Any]) -> Matrices:
         _companion(*(_without_zeros(above[i], below[i]) if discrete else (above[i], below[i])))
         for i in range(len(outputs))
     ]
-    m, n = above.shape[1], sum(len(block[0]) for block in blocks)
-    A, B, C = np.zeros((n, n)), np.zeros((n, m)), np.zeros((len(outputs), n))
-    at = 0
-    for i, (a, b, c, _) in enumerate(blocks):
-        own = slice(at, at + len(a))
-        A[own, own], B[own], C[i, own] = a, b, c
-        at += len(a)
-    return _matrices(name, content, A, B, C, np.stack([d for *_, d in blocks]), delays)
+    A, B, C, D = zip(*blocks, strict=True)
+    return _matrices(name, content, block_diag(*A), np.vstack(B), block_diag(*C), np.stack(D), delays)
 
 
 def _without_zeros(above: FloatArray, below: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -434,17 +429,11 @@ def without_delays(model: Matrices) -> Matrices:
     tau = model.delays_s
     if not np.any(tau > 0.0):
         return model
-    p, m = tau.shape
-    alike = bool(np.all(tau == tau[0]))
-    blocks = [_delayed(model, np.arange(p) if alike else np.array([i])) for i in range(1 if alike else p)]
-    sizes = [len(a) for a, *_ in blocks]
-    A, B = np.zeros((sum(sizes), sum(sizes))), np.vstack([b for _, b, _, _ in blocks])
-    C, D = np.zeros((p, sum(sizes))), np.vstack([d for *_, d in blocks])
-    at = row = 0
-    for a, _, c, _ in blocks:
-        A[at : at + len(a), at : at + len(a)], C[row : row + len(c), at : at + len(a)] = a, c
-        at, row = at + len(a), row + len(c)
-    return replace(model, A=A, B=B, C=C, D=D, delays_s=np.zeros((p, m)))
+    every = np.arange(len(tau))
+    blocks = [_delayed(model, rows) for rows in ([every] if np.all(tau == tau[0]) else every[:, None])]
+    A, B, C, D = zip(*blocks, strict=True)
+    together = {"A": block_diag(*A), "B": np.vstack(B), "C": block_diag(*C), "D": np.vstack(D)}
+    return replace(model, **together, delays_s=np.zeros(tau.shape))
 
 
 def _delayed(model: Matrices, rows: NDArray[np.intp]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
