@@ -9,7 +9,6 @@ points of a line than to others. The machine's speed enters every number: compar
 
 from __future__ import annotations
 
-import csv
 import gc
 import os
 import subprocess
@@ -29,6 +28,7 @@ import numpy as np
 import psutil
 from clock import since
 from smallest import results, sized
+from tables import write_rows
 
 import testbench as tb
 from testbench.aircraft import Aircraft
@@ -233,26 +233,25 @@ def main() -> None:
     """Measure all, and write table and figure."""
     batch.BOTH = 1 << 40
     found = [*lines(), *kept()]
-    with (OUT / "batch_cost.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["over", "at", "cost", "unit", "slope", "at zero", "slope is per"])
-        for of in found:
-            slope, start = of.fit
-            for x, y in zip(of.x, of.y, strict=True):
-                writer.writerow([of.what, f"{x:g}", f"{y:.3g}", of.unit, f"{slope:.3g}", f"{start:.3g}", of.per])
-            print(f"{of.what}: {slope:.3g} {of.unit} per {of.per}, {start:.3g} {of.unit} at zero")
+    rows = []
+    for of in found:
+        slope, start = of.fit
+        fit = (of.unit, f"{slope:.3g}", f"{start:.3g}", of.per)
+        rows += [(of.what, f"{x:g}", f"{y:.3g}", *fit) for x, y in zip(of.x, of.y, strict=True)]
+        print(f"{of.what}: {slope:.3g} {of.unit} per {of.per}, {start:.3g} {of.unit} at zero")
+    heads = ("over", "at", "cost", "unit", "slope", "at zero", "slope is per")
+    write_rows(OUT / "batch_cost.csv", heads, rows)
     (OUT / "batch_cost.png").write_bytes(plate(found).draw().png)
 
 
 def memory() -> None:
     """Measure the memory of flights that are streamed, and write the table."""
-    with (OUT / "batch_memory.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["streamed", "flights", "MB at most"])
-        for varied, words in ((False, "one model"), (True, "each with numbers of its own")):
-            for number, mb in streamed(varied):
-                writer.writerow([words, number, f"{mb:.0f}"])
-                print(f"{number} flights streamed, {words}: {mb:.0f} MB at most")
+    rows = []
+    for varied, words in ((False, "one model"), (True, "each with numbers of its own")):
+        for number, mb in streamed(varied):
+            rows.append((words, number, f"{mb:.0f}"))
+            print(f"{number} flights streamed, {words}: {mb:.0f} MB at most")
+    write_rows(OUT / "batch_memory.csv", ("streamed", "flights", "MB at most"), rows)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ taking turns; medians of several rounds of the ratio. All that a call does is co
 
 from __future__ import annotations
 
-import csv
 import os
 import sys
 import time
@@ -20,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 from clock import since
 from smallest import results, sized
+from tables import write_rows
 
 import testbench as tb
 from testbench.aircraft import Aircraft
@@ -93,13 +93,10 @@ def measured(name: str, V_m_s: float, h_m: float) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    with OUT.open("w", encoding="utf-8", newline="") as file:
-        writer = None
-        for words, *case in CASES[: sized(None, 1)]:
-            row = measured(*case)
-            writer = writer or csv.DictWriter(file, ["aircraft", *row])
-            if file.tell() == 0:
-                writer.writeheader()
-            writer.writerow({"aircraft": words} | {k: f"{v:.3g}" for k, v in row.items()})
-            flights = f"{row['jsbsim_ms']:.1f} ms by JSBSim, {row['batch_ms']:.2f} in a batch, {row['times']:.0f} times"
-            print(f"{words}: {flights}; trim {row['trim_ms']:.1f} and {row['batch_trim_ms']:.2f} ms")
+    rows = []
+    for words, *case in CASES[: sized(None, 1)]:
+        row = measured(*case)
+        rows.append({"aircraft": words} | {k: f"{v:.3g}" for k, v in row.items()})
+        flights = f"{row['jsbsim_ms']:.1f} ms by JSBSim, {row['batch_ms']:.2f} in a batch, {row['times']:.0f} times"
+        print(f"{words}: {flights}; trim {row['trim_ms']:.1f} and {row['batch_trim_ms']:.2f} ms")
+    write_rows(OUT, rows[0], rows)

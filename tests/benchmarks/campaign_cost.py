@@ -8,7 +8,6 @@ are shared, but for the store, whose disk is waited for.
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import sys
@@ -25,6 +24,7 @@ import psutil
 from campaign_speed import AIRCRAFT, campaign
 from clock import since
 from smallest import results, sized
+from tables import write_rows
 
 from testbench.questions.campaign.ask import MOST_PER_BATCH, Progress, fly_campaign
 from testbench.questions.campaign.flying import Job, Outcome, fly_batch
@@ -214,10 +214,8 @@ def main() -> None:
         print(f"client {1e3 * client:.3f} ms, memory {early / 1e6:.0f} MB, then {late / 1e6:.0f} MB", flush=True)
         seconds, memory, size = of_summary(place)
     m = Measured(flight, len(results), client, client_wall, hand, store, wall, size, early, late, seconds, memory)
-    with (FOLDER / "cost.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["what", "value", "unit"])
-        writer.writerows((what, f"{value:.4g}", unit) for what, value, unit in lines(m))
+    cells = ((what, f"{value:.4g}", unit) for what, value, unit in lines(m))
+    write_rows(FOLDER / "cost.csv", ("what", "value", "unit"), cells)
     (FOLDER / "README.md").write_text(page(m), encoding="utf-8")
     print(page(m))
 

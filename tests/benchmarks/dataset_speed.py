@@ -6,7 +6,6 @@ busy machine changes little; ``wall_s`` is the clock's, and ``load`` the number 
 
 from __future__ import annotations
 
-import csv
 import os
 import resource
 import sys
@@ -19,6 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from clock import since
 from smallest import results, sized
+from tables import write_rows
 
 import testbench as tb
 
@@ -78,10 +78,7 @@ def main() -> None:
         }
     print(row)
     if FLIGHTS == 10_000:
-        with results("benchmarks", "dataset.csv").open("w", newline="", encoding="utf-8") as out:
-            table = csv.DictWriter(out, row, lineterminator="\n")
-            table.writeheader()
-            table.writerow(row)
+        write_rows(results("benchmarks", "dataset.csv"), row, [row])
 
 
 if __name__ == "__main__":

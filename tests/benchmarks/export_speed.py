@@ -7,7 +7,6 @@ many frames in a step of a master, and one frame in a step of fmpy; JAX one flig
 
 from __future__ import annotations
 
-import csv
 import os
 import shutil
 import subprocess
@@ -26,6 +25,7 @@ import jax
 import numpy as np
 from clock import since
 from smallest import results, sized
+from tables import write_rows
 
 import testbench as tb
 from testbench.flight.executive import Executive
@@ -127,11 +127,8 @@ def measured(name: str, V_m_s: float, h_m: float) -> dict[str, float]:
 
 if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
-    with results("benchmarks", "export.csv").open("w", encoding="utf-8", newline="") as file:
-        for words, *case in CASES[: sized(None, 1)]:
-            row = {"aircraft": words} | {k: f"{v:.3g}" for k, v in measured(*case).items()}
-            writer = csv.DictWriter(file, row)
-            if file.tell() == 0:
-                writer.writeheader()
-            writer.writerow(row)
-            print(", ".join(f"{k} {v}" for k, v in row.items()))
+    rows = []
+    for words, *case in CASES[: sized(None, 1)]:
+        rows.append({"aircraft": words} | {k: f"{v:.3g}" for k, v in measured(*case).items()})
+        print(", ".join(f"{k} {v}" for k, v in rows[-1].items()))
+    write_rows(results("benchmarks", "export.csv"), rows[0], rows)

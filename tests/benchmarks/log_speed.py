@@ -11,7 +11,6 @@ same messages or topics, into columns. The laws: below 20 s and 1 GB for reading
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import struct
 import subprocess
@@ -26,6 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 from clock import since
 from smallest import results, sized
+from tables import write_rows
 
 OUT = results("benchmarks", "logs.csv")
 MOST_S, MOST_MB = 20.0, 1000.0
@@ -255,10 +255,7 @@ def main(words: Sequence[str] | None = None) -> None:
                     law = f"{MOST_S:g} s and {MOST_MB:g} MB is the law"
                     broken.append(f"{reader}: {name} took {seconds:.1f} s and {peak:.0f} MB, {law}")
             path.unlink()
-    with OUT.open("w", newline="") as file:
-        table = csv.writer(file)
-        table.writerow(("log", "size_MB", "reader", "time_s", "peak_MB", "before_MB", "numbers"))
-        table.writerows(rows)
+    write_rows(OUT, ("log", "size_MB", "reader", "time_s", "peak_MB", "before_MB", "numbers"), rows)
     if broken:
         raise SystemExit("; ".join(broken))
 

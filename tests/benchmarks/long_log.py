@@ -8,7 +8,6 @@ of the record.
 
 from __future__ import annotations
 
-import csv
 import subprocess
 import sys
 import tempfile
@@ -19,6 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 from scipy.signal import cont2discrete, dlsim
 from smallest import results, sized
+from tables import write_rows
 
 from testbench.core.record import FlightRecord
 
@@ -76,10 +76,8 @@ def main() -> None:
         imported = cost("import", log, "--out", Path(folder) / "out")
         identified = cost("identify", Path(folder) / "out" / "hour_longitudinal.toml", "--out", Path(folder) / "r")
     rows = [("import", *imported), ("identify", *identified)]
-    with OUT.open("w", encoding="utf-8", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(["command", "record_MB", "processor_s", "peak_MB", "peak_over_record"])
-        table.writerows([n, f"{size:.0f}", f"{s:.1f}", f"{mb:.0f}", f"{mb / size:.2f}"] for n, s, mb in rows)
+    heads = ("command", "record_MB", "processor_s", "peak_MB", "peak_over_record")
+    write_rows(OUT, heads, ([n, f"{size:.0f}", f"{s:.1f}", f"{mb:.0f}", f"{mb / size:.2f}"] for n, s, mb in rows))
     print(OUT.read_text(encoding="utf-8"))
     assert identified[0] < MOST_S
     assert identified[1] < MOST_TIMES * size

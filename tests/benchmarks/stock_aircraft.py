@@ -20,7 +20,6 @@ The page results/aircraft/README.md shows the same.
 
 from __future__ import annotations
 
-import csv
 import json
 import statistics
 import subprocess
@@ -34,6 +33,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 from clock import since
 from smallest import results, sized
+from tables import write_rows
 
 COLUMNS = (
     "name",
@@ -289,10 +289,7 @@ def main(names: list[str]) -> None:
     with ThreadPoolExecutor(2) as pool:
         rows = list(pool.map(of, names or everyone[: sized(None, 1)]))
     if not names:
-        with RESULTS.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
+        write_rows(RESULTS, COLUMNS, rows)
         RESULTS.with_name("README.md").write_text(page(rows), encoding="utf-8")
     for row in rows:
         print("; ".join(f"{k} {v}" for k, v in row.items()))

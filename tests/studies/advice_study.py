@@ -14,7 +14,6 @@ pole nearest to the truth is more than ``TOLERANCE`` off in frequency, relative,
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import sys
 from functools import cache
@@ -27,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from smallest import build, results, sized
 from studies.advice_cases import CASES, INPUTS, OUTPUTS, Drawn, fly
+from tables import write_rows
 
 from testbench.core.errors import EstimationError
 from testbench.estimators import estimate
@@ -122,10 +122,7 @@ def main(arguments: list[str] | None = None) -> None:
                 kept[seed] = judge(case, method, seed)
                 with given.kept.open("a", encoding="utf-8") as file:
                     file.write(json.dumps([case, method, seed, kept[seed]]) + "\n")
-        with given.table.open("w", encoding="utf-8", newline="") as file:
-            table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-            table.writeheader()
-            table.writerows(row(*key, list(kept.values())) for key, kept in done.items() if kept)
+        write_rows(given.table, COLUMNS, (row(*key, list(kept.values())) for key, kept in done.items() if kept))
         print(f"seed {given.first_seed + i}", flush=True)
 
 

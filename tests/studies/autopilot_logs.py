@@ -8,7 +8,6 @@ product. The table is results/estimators/autopilot_logs.csv.
 
 from __future__ import annotations
 
-import csv
 import sys
 import tempfile
 import time
@@ -21,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from clock import since
 from flown_logs import LOGS, THROWS, fly, truth
 from smallest import results, sized
+from tables import read_rows, write_rows
 
 from testbench.core.errors import Refusal
 from testbench.questions.identify.ask import identify
@@ -114,32 +114,19 @@ def main() -> None:
     """Go on with the seeds that are missing, then write the table of all that are there."""
     seeds = int(sys.argv[1]) if len(sys.argv) > 1 else sized(100, 1)
     kept = FOLDER / "autopilot_logs_seeds.csv"
-    rows: list[dict[str, str]] = []
-    if kept.is_file():
-        with kept.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
+    rows = read_rows(kept)
     done = {row["seed"] for row in rows}
     for seed in range(seeds):
         if str(seed) in done:
             continue
         began = time.monotonic()
         new = of_seed(seed)
-        with kept.open("a", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, KEPT)
-            if not file.tell():
-                writer.writeheader()
-            writer.writerows(new)
         rows += [{key: str(value) for key, value in row.items()} for row in new]
+        write_rows(kept, KEPT, rows)
         print(f"seed {seed} of {seeds}: {since(began, time.monotonic):.1f} s", flush=True)
-        write(table(rows))
+        found = table(rows)
+        write_rows(FOLDER / "autopilot_logs.csv", found[0], found)
     print("\n".join(pooled(rows)))
-
-
-def write(found: list[dict[str, object]]) -> None:
-    with (FOLDER / "autopilot_logs.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, found[0])
-        writer.writeheader()
-        writer.writerows(found)
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from smallest import results, sized
 from studies.hidden_wings import Wing, draw
-from studies.kept_rows import read_rows, write_rows
+from tables import read_rows, write_rows
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord

@@ -9,7 +9,6 @@ results/estimators/coloured_errors.csv.
 
 from __future__ import annotations
 
-import csv
 import sys
 from pathlib import Path
 
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 from smallest import results, sized
+from tables import write_rows
 
 from testbench.estimators.parametric.accuracy import coloured_covariance
 from testbench.estimators.parametric.gauss_newton import Sensitivities
@@ -70,10 +70,7 @@ def main() -> None:
     """Write the table."""
     rng = np.random.default_rng(1)
     found = [row(tau, length, rng) for tau in (0.0, 0.3, 1.0) for length in (10.0, 40.0)]
-    with OUT.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, found[0])
-        writer.writeheader()
-        writer.writerows(found)
+    write_rows(OUT, found[0], found)
 
 
 if __name__ == "__main__":

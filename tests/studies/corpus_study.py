@@ -17,11 +17,9 @@ like all other floors both are judged.
 
 from __future__ import annotations
 
-import csv
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +28,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from smallest import results, sized
+from tables import read_rows, write_rows
 
 CORPUS = Path(__file__).resolve().parents[1] / "reference" / "corpus"
 TABLE = results("aircraft", "corpus.csv")
@@ -49,8 +48,7 @@ Row = Mapping[str, Any]
 
 def published() -> list[dict[str, str]]:
     """Return the rows of published.csv."""
-    with (CORPUS / "published.csv").open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
+    return read_rows(CORPUS / "published.csv")
 
 
 @cache
@@ -98,27 +96,23 @@ def shares(rows: Sequence[Row]) -> tuple[float, float]:
     return float(np.mean(z < 1.0)), float(np.mean(z < 2.0))
 
 
-def table() -> str:
-    """Return the whole table as CSV."""
-    out = StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(HEAD)
+def table() -> Iterator[tuple[str, ...]]:
+    """Yield the rows of the table."""
     for row in published():
         if row["aircraft"] not in sized((row["aircraft"],), ("navion",)):
             continue
         c, value = computed(row["aircraft"])[row["coefficient"]], float(row["value"])
-        writer.writerow((
+        yield (
             row["aircraft"], row["class"], row["half"], c.name, f"{value:.4g}", f"{c.buildup:.4g}", f"{c.lattice:.4g}",
             f"{c.used:.4g}", f"{c.deviation:.3g}", f"{(value - c.used) / (c.deviation * abs(c.used)):.2f}",
             row["source"],
-        ))  # fmt: skip
-    return out.getvalue()
+        )  # fmt: skip
 
 
 def main() -> None:
     """Write the table and print what is fitted and judged."""
-    TABLE.write_text(table(), encoding="utf-8")
-    rows = list(csv.DictReader(StringIO(TABLE.read_text(encoding="utf-8"))))
+    write_rows(TABLE, HEAD, table())
+    rows = read_rows(TABLE)
     for label, key in (("half", "half"), ("class", "class")):
         for value in dict.fromkeys(r[key] for r in rows):
             some = [r for r in rows if r[key] == value]

@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 from dataset_methods import Classifier, by_output_error, by_stepwise
 from smallest import build, results, sized
+from tables import write_rows
 
 import testbench as tb
 from testbench.core.errors import Refusal
@@ -54,12 +55,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _score(asked: argparse.Namespace, task: str, answers: dict[str, Path]) -> None:
     rows: list[Sequence[str]] = []
+    heads: Sequence[str] = ()
     for method, path in answers.items():
         heads, scored, _ = score_predictions(asked.work / task, path)
-        rows = rows or [("method", *heads)]
         rows += [(method, *row) for row in scored]
-    with (asked.out / f"{task}.csv").open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerows(rows)
+    write_rows(asked.out / f"{task}.csv", ("method", *heads), rows)
     print(f"{asked.out / task}.csv: {', '.join(answers)}", flush=True)
 
 

@@ -20,7 +20,6 @@ Estimates are kept seed by seed in build/estimator_study/, from which an interru
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import os
 import sys
@@ -37,6 +36,7 @@ from scipy.stats import binom
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from smallest import build, results, sized
+from tables import write_rows
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
@@ -189,13 +189,6 @@ def _interval(
     return dict(zip(INTERVALS, values, strict=True))
 
 
-def _write(file: Path, columns: tuple[str, ...], rows: list[dict[str, Any]]) -> None:
-    with file.open("w", encoding="utf-8", newline="") as stream:
-        table = csv.DictWriter(stream, columns, lineterminator="\n")
-        table.writeheader()
-        table.writerows(rows)
-
-
 def product(method: str) -> str:
     """Return what the package calls a method of the study; methods that share intervals share a name."""
     for start in ("prediction_error", "equivalent"):
@@ -264,8 +257,8 @@ def main(arguments: list[str] | None = None) -> None:
                         scatter.append(scatter_row(case, method, done))
                     intervals += interval_rows(case, method, done)
                     progress.remove_task(task)
-            _write(given.folder / f"scatter_{name}.csv", SCATTER, scatter)
-    _write(given.folder / "intervals.csv", INTERVALS, intervals)
+            write_rows(given.folder / f"scatter_{name}.csv", SCATTER, scatter)
+    write_rows(given.folder / "intervals.csv", INTERVALS, intervals)
     if given.folder == RESULTS and set(given.methods) == set(METHODS) and set(given.aircraft) == set(CONDITIONS):
         write_held(intervals, HELD_TABLE)
 

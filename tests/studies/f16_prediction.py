@@ -11,7 +11,6 @@ and n4sid of Octave's control package, whose "s" rows are varied in their favour
 
 from __future__ import annotations
 
-import csv
 import os
 import shutil
 import subprocess
@@ -27,6 +26,7 @@ from scipy.signal import fftconvolve, firwin
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from smallest import ROOT, results, sized
+from tables import write_rows
 
 from testbench.core.record import FlightRecord
 from testbench.estimators.settings import DsrE, Subspace
@@ -121,10 +121,8 @@ def write_table(file: Path, folder: Path) -> Path:
     train, judge = records(file)
     models = {name: ours(train, name) for name in METHODS[: sized(None, 1)]} | peers(train)
     path = folder / "f16_prediction.csv"
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        table = csv.writer(stream, lineterminator="\n")
-        table.writerow(["model of order 16", "free-run error on held-out periods, %"])
-        table.writerows([name, f"{error_percent(model, judge):.2f}"] for name, model in models.items())
+    heads = "model of order 16", "free-run error on held-out periods, %"
+    write_rows(path, heads, ([name, f"{error_percent(model, judge):.2f}"] for name, model in models.items()))
     return path
 
 

@@ -8,7 +8,6 @@ that of a vane.
 
 from __future__ import annotations
 
-import csv
 import sys
 from collections import Counter
 from pathlib import Path
@@ -17,6 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 from smallest import results, sized
+from tables import write_rows
 
 from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import filter_error
@@ -110,10 +110,7 @@ def rows(seeds: int) -> list[dict[str, object]]:
 def main() -> None:
     """Write the table."""
     found = rows(int(sys.argv[1]) if len(sys.argv) > 1 else SEEDS)
-    with FILE.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, found[0])
-        writer.writeheader()
-        writer.writerows(found)
+    write_rows(FILE, found[0], found)
 
 
 if __name__ == "__main__":

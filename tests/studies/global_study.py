@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from global_flights import ENVELOPES, aircraft_of, at_states, coefficients_of, drawn, given_states, logs
 from smallest import results, sized
-from studies.kept_rows import write_rows
+from tables import write_rows
 
 from testbench.inference.instruments import sound
 from testbench.questions.global_model.ask import global_model

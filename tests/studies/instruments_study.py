@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from any_aircraft import geometry_of_the_guide
 from clock import since
 from smallest import results, sized
-from studies.kept_rows import write_rows
+from tables import write_rows
 
 import testbench as tb
 from testbench.aircraft.geometry.build import model_from_plan

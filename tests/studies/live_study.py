@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from clock import since
 from smallest import results, sized
-from studies.kept_rows import read_rows, write_rows
+from tables import read_rows, write_rows
 
 import testbench as tb
 from testbench.aircraft import Aircraft

@@ -18,7 +18,6 @@ question, or the refusal); right, "yes" or what is not.
 
 from __future__ import annotations
 
-import csv
 import re
 import sys
 import tomllib
@@ -35,6 +34,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from flown_logs import DELAY_S, LAG_S, LOGS, THROWS, fly
 from recorded import shared
 from smallest import results, sized
+from tables import read_rows, write_rows
 from writers import quaternion
 
 from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, KT_M_S
@@ -431,12 +431,11 @@ def case_rows() -> Iterator[dict[str, str]]:
 
 def public_rows(folder: Path) -> Iterator[dict[str, str]]:
     """Yield a row per public log that lies in a folder."""
-    with PUBLIC.open(encoding="utf-8", newline="") as file:
-        for each in csv.DictReader(file):
-            path, wanted = folder / each["file"], each["wanted"]
-            if path.exists():
-                look = partial(import_log, path)
-                yield row("public", each["file"], each["source"], wanted, *judged(wanted, look))
+    for each in read_rows(PUBLIC):
+        path, wanted = folder / each["file"], each["wanted"]
+        if path.exists():
+            look = partial(import_log, path)
+            yield row("public", each["file"], each["source"], wanted, *judged(wanted, look))
 
 
 def main(argv: Sequence[str]) -> None:
@@ -444,13 +443,9 @@ def main(argv: Sequence[str]) -> None:
         rows = [*written_rows(flight(), Path(scratch)), *case_rows()]
     if argv:
         rows += public_rows(Path(argv[0]))
-    elif TABLE.is_file():  # public logs as they were when the folder was at hand
-        with TABLE.open(encoding="utf-8", newline="") as file:
-            rows += [r for r in csv.DictReader(file) if r["kind"] == "public"]
-    with TABLE.open("w", encoding="utf-8", newline="") as file:
-        table = csv.DictWriter(file, COLUMNS)
-        table.writeheader()
-        table.writerows(rows)
+    else:  # public logs as they were when the folder was at hand
+        rows += [r for r in read_rows(TABLE) if r["kind"] == "public"]
+    write_rows(TABLE, COLUMNS, rows)
     right = sum(r["right"] == "yes" for r in rows)
     print(f"{right} of {len(rows)} right ({100.0 * right / len(rows):.0f} %)")
     for r in rows:

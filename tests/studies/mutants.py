@@ -20,7 +20,6 @@ from __future__ import annotations
 import argparse
 import ast
 import compileall
-import csv
 import functools
 import hashlib
 import importlib
@@ -40,6 +39,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import pytest
 from reaching_tests import Span, in_child, let_report, watch
 from smallest import build, results, sized
+from tables import read_rows, write_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = results("mutants.csv")
@@ -277,8 +277,7 @@ def end_of(mutant: Mutant, tests: list[tuple[float, str]], tree: Path, log: Path
 
 def reasons(of: Path = REASONS) -> dict[tuple[str, str, str], str]:
     """Return mutant -> why no test can tell it from what was written, or why a survivor does no harm."""
-    with of.open(encoding="utf-8", newline="") as file:
-        return {(r["path"], r["line"], r["change"]): r["reason"] for r in csv.DictReader(file)}
+    return {(r["path"], r["line"], r["change"]): r["reason"] for r in read_rows(of)}
 
 
 def main() -> None:
@@ -292,11 +291,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=TABLE)
     asked = parser.parse_args()
     asked.work.mkdir(parents=True, exist_ok=True)
-    done: dict[tuple[str, str, str], str] = {}
-    if asked.out.exists():
-        with asked.out.open(encoding="utf-8", newline="") as file:
-            kept = [r for r in csv.DictReader(file) if r["end"] != asked.again or r["room"] not in asked.rooms]
-        done = {(r["path"], r["line"], r["change"]): r["end"] for r in kept if r["end"] != "equivalent"}
+    kept = [r for r in read_rows(asked.out) if r["end"] != asked.again or r["room"] not in asked.rooms]
+    done: dict[tuple[str, str, str], str]
+    done = {(r["path"], r["line"], r["change"]): r["end"] for r in kept if r["end"] != "equivalent"}
     draw = drawn(asked.count)
     left = [m for m in draw if m.key not in done and m.key not in reasons() and m.room in asked.rooms]
     for library in _LIBRARIES:
@@ -318,11 +315,9 @@ def write(path: Path, draw: list[Mutant], done: dict[tuple[str, str, str], str])
     """Write the rows of the draw that have an end, and say how many were killed."""
     why, harmless = reasons(), reasons(SURVIVORS)
     rows = [(m, "equivalent" if m.key in why else done[m.key]) for m in draw if m.key in done or m.key in why]
-    with path.open("w", encoding="utf-8", newline="") as file:
-        out = csv.writer(file, lineterminator="\n")
-        out.writerow(["room", "path", "line", "change", "end", "reason"])
-        said = why | {key: text for key, text in harmless.items() if done.get(key) == "survived"}
-        out.writerows([m.room, *m.key, end, said.get(m.key, "")] for m, end in rows)
+    said = why | {key: text for key, text in harmless.items() if done.get(key) == "survived"}
+    heads = ("room", "path", "line", "change", "end", "reason")
+    write_rows(path, heads, ([m.room, *m.key, end, said.get(m.key, "")] for m, end in rows))
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from smallest import results, sized
-from studies.kept_rows import read_rows, write_rows
+from tables import read_rows, write_rows
 
 from testbench.core.schema import parse
 from testbench.questions.design.ask import run_design

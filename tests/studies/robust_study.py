@@ -16,8 +16,8 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from smallest import results, sized
-from studies.kept_rows import read_rows, write_rows
 from studies.promise_study import DESIGNS
+from tables import read_rows, write_rows
 
 from testbench.core.paths import AIRCRAFT_MODELS
 from testbench.core.schema import parse

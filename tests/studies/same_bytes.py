@@ -29,6 +29,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from smallest import build, sized
+from tables import write_rows
 
 from testbench.core.store import OWN
 
@@ -202,8 +203,7 @@ def compare(one: dict[str, str], two: dict[str, str], folders: tuple[Path, Path]
             print(f"{words} ({suffix}): {len(paths) - len(other)} of {len(paths)} equal")
         rows += [(p, one.get(p, "missing")[:12], two.get(p, "missing")[:12]) for p in other]
         numbers_differ += len(other) if suffix in NUMBERS else 0
-    with (KEPT / "differences.csv").open("w", newline="", encoding="utf-8") as out:
-        csv.writer(out).writerows([("file", "before", "after"), *rows])
+    write_rows(KEPT / "differences.csv", ("file", "before", "after"), rows)
     for path, _, _ in [r for r in rows if Path(r[0]).suffix in NUMBERS][:40]:
         print(f"differs: {path}{_by_how_much(folders, path)}")
     return 1 if numbers_differ else 0

@@ -23,9 +23,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from smallest import results, sized
-from studies.kept_rows import read_rows, write_rows
 from studies.promise_study import DESIGNS
 from studies.robust_study import STATED
+from tables import read_rows, write_rows
 
 from testbench.core.errors import Refusal
 from testbench.core.scenario.base import Preparation

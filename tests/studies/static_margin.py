@@ -19,7 +19,6 @@ over the repetitions; ``p_holm``: probability of the difference by chance, corre
 from __future__ import annotations
 
 import argparse
-import csv
 import os
 import re
 import shutil
@@ -35,6 +34,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 from smallest import results, sized
+from tables import read_rows, write_rows
 
 from testbench.aircraft import Aircraft
 from testbench.core.paths import AIRCRAFT_MODELS
@@ -152,8 +152,7 @@ def _words(pole: complex) -> str:
 
 def read() -> list[dict[str, str]]:
     """Return the rows of the committed table."""
-    with (RESULTS / "static_margin.csv").open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))
+    return read_rows(RESULTS / "static_margin.csv")
 
 
 def draw(rows: list[dict[str, str]]) -> bytes:
@@ -214,9 +213,7 @@ def main() -> None:
     parser.add_argument("--write", action="store_true")
     if parser.parse_args().write:
         rows = study()
-        with (RESULTS / "static_margin.csv").open("w", encoding="utf-8", newline="") as stream:
-            table = csv.writer(stream, lineterminator="\n")
-            table.writerows([HEAD, *rows])
+        write_rows(RESULTS / "static_margin.csv", HEAD, rows)
         (RESULTS / "static_margin.png").write_bytes(draw(read()))
         print("\n".join(summary(read())))
         return

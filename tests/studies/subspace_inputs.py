@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import csv
 import importlib.util
 import io
 import itertools
@@ -31,6 +30,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from smallest import ROOT, results, sized
+from tables import read_rows, write_rows
 
 sys.path.insert(0, str(ROOT / "tests" / "estimators" / "subspace"))
 
@@ -181,10 +181,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--folder", type=Path, default=results("estimators"))
     given = parser.parse_args(arguments)
     file = given.folder / "subspace_inputs.csv"
-    kept: list[dict[str, str]] = []
-    if file.is_file():
-        with file.open(encoding="utf-8", newline="") as stream:
-            kept = list(csv.DictReader(stream))
+    kept = read_rows(file)
     runs: dict[str, Callable[[Data, int], Answer]] = {
         method: (lambda z, block, method=method: ours(method, z, block)) for method in OURS[: sized(None, 1)]
     }
@@ -205,10 +202,7 @@ def main(arguments: list[str] | None = None) -> None:
     done = {r["method"] for r in rows}
     rows += [r for r in kept if r["method"] not in done]
     given.folder.mkdir(parents=True, exist_ok=True)
-    with file.open("w", encoding="utf-8", newline="") as stream:
-        table = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
-        table.writeheader()
-        table.writerows(rows)
+    write_rows(file, COLUMNS, rows)
     silent = [r for r in rows if r["method"] in OURS and not r["wrong_in_silence"].startswith("0/")]
     print(f"{len(rows)} rows; ours wrong in silence: {len(silent)}")
     for r in silent:

@@ -21,7 +21,6 @@ and were skipped. What cannot be made on a machine is a row that says why. Envir
 from __future__ import annotations
 
 import argparse
-import csv
 import os
 import shutil
 import subprocess
@@ -34,6 +33,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from smallest import build, results, sized
+from tables import read_rows, write_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 WORK = build("surroundings")
@@ -203,10 +203,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=TABLE)
     asked = parser.parse_args()
     columns = ("surrounding", "python", "passed", "failed", "skipped", "said")
-    rows: dict[str, dict[str, object]] = {}
-    if asked.out.exists():
-        with asked.out.open(encoding="utf-8", newline="") as file:
-            rows = {str(r["surrounding"]): dict(r) for r in csv.DictReader(file)}
+    rows: dict[str, dict[str, object]] = {r["surrounding"]: r for r in read_rows(asked.out)}
     names = (*NAMES, *pythons())
     wrong = [name for name in asked.only or () if name not in names]
     if wrong:
@@ -218,10 +215,7 @@ def main() -> int:
             rows[name] = {"said": str(error)}
         rows[name]["surrounding"] = name
         print("  ".join(f"{rows[name].get(c, '')}" for c in columns), flush=True)
-        with asked.out.open("w", encoding="utf-8", newline="") as file:
-            out = csv.DictWriter(file, columns, lineterminator="\n")
-            out.writeheader()
-            out.writerows(rows[n] for n in dict.fromkeys((*names, *sorted(rows))) if n in rows)
+        write_rows(asked.out, columns, (rows[n] for n in dict.fromkeys((*names, *sorted(rows))) if n in rows))
     return int(any(str(rows[n].get("failed") or 0) != "0" for n in asked.only or names))
 
 

@@ -1,9 +1,9 @@
 """The committed table of the advice study holds what is said of the advice, and its command runs and resumes."""
 
-import csv
 import re
 
 import numpy as np
+from tables import read_rows
 
 from tests.studies import advice_study
 from tests.studies.advice_cases import CASES, Drawn, fly
@@ -14,8 +14,8 @@ LOOPS = ("damper", "stability", "hold")  # whose sensors' noise may hide them
 
 
 def table():
-    with advice_study.TABLE.open(encoding="utf-8", newline="") as stream:
-        return [{k: v if k in ("case", "method") else int(v) for k, v in r.items()} for r in csv.DictReader(stream)]
+    rows = read_rows(advice_study.TABLE)
+    return [{k: v if k in ("case", "method") else int(v) for k, v in r.items()} for r in rows]
 
 
 def total(rows, name):
@@ -68,8 +68,7 @@ def test_the_study_runs_and_resumes(tmp_path):
     first = kept.read_text()
     advice_study.main(given)
     assert kept.read_text() == first
-    with out.open(encoding="utf-8", newline="") as stream:
-        rows = {(r["case"], r["method"]): r for r in csv.DictReader(stream)}
+    rows = {(r["case"], r["method"]): r for r in read_rows(out)}
     assert len(rows) == 4
     assert all(r["seeds"] == "1" for r in rows.values())
     assert rows["clean", "moesp"]["flagged"] == "0"  # false alarm: 2e-3, and on this seed for good

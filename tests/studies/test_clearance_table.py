@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from smallest import ROOT
 from studies.hidden_wings import KINDS
-from studies.kept_rows import read_rows
+from tables import read_rows
 
 
 def test_the_page_says_what_the_study_found():

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-
 import pytest
+from tables import read_rows
 
 from testbench.aircraft.geometry.coefficients import ROWS, relative_deviation
 from tests.studies import corpus_study
@@ -12,8 +11,7 @@ from tests.studies import corpus_study
 
 @pytest.fixture(scope="module")
 def rows():
-    with corpus_study.TABLE.open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))
+    return read_rows(corpus_study.TABLE)
 
 
 def test_the_table_has_every_published_value_of_every_plan(rows):

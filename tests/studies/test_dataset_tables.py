@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
+
+from tables import read_rows
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"
 
 
 def table(name):
-    with (RESULTS / name).open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))
+    return read_rows(RESULTS / name)
 
 
 def test_the_workflow_is_scored_as_in_the_blind_test():

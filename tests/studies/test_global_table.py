@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import pytest
+from tables import read_rows
 
 TABLE = Path(__file__).parents[2] / "results" / "estimators" / "global.csv"
 
 
 def rows(aircraft: str, instruments: str) -> dict[str, dict[str, str]]:
-    with TABLE.open(encoding="utf-8", newline="") as file:
-        return {
-            r["coefficient"]: r
-            for r in csv.DictReader(file)
-            if (r["aircraft"], r["instruments"]) == (aircraft, instruments)
-        }
+    table = read_rows(TABLE)
+    return {r["coefficient"]: r for r in table if (r["aircraft"], r["instruments"]) == (aircraft, instruments)}
 
 
 @pytest.mark.parametrize("instruments", ["as sold", "drawn"])

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import csv
 from collections import Counter
+
+from tables import read_rows
 
 from tests.studies import log_inputs
 
 
 def test_the_table_has_every_input_and_nine_in_ten_are_right():
-    with log_inputs.TABLE.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_rows(log_inputs.TABLE)
     assert set(rows[0]) == set(log_inputs.COLUMNS)
     kinds = Counter(row["kind"] for row in rows)
     assert kinds["written"] == len(log_inputs.WRITERS) + len(log_inputs.OTHERS)
     assert kinds["foreign"] == len(log_inputs.FOREIGN)
     assert kinds["case"] == len(log_inputs.CASES)
-    with log_inputs.PUBLIC.open(encoding="utf-8", newline="") as file:
-        public = {row["file"]: row["wanted"] for row in csv.DictReader(file)}
+    public = {row["file"]: row["wanted"] for row in read_rows(log_inputs.PUBLIC)}
     assert {row["input"]: row["wanted"] for row in rows if row["kind"] == "public"} == public
     for kind, count in kinds.items():
         assert sum(row["kind"] == kind and row["right"] == "yes" for row in rows) >= 0.9 * count, kind

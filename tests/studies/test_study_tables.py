@@ -1,9 +1,9 @@
 """The committed tables of the estimator study hold what is said of the estimators, and their commands still run."""
 
-import csv
 import sys
 
 import pytest
+from tables import read_rows
 
 from testbench.estimators.coverage import approximate
 from testbench.estimators.coverage_table import HELD
@@ -16,17 +16,12 @@ estimator_cases, estimator_methods = (sys.modules[name] for name in ("estimator_
 AIRCRAFT = list(estimator_study.CONDITIONS)
 
 
-def table(name):
-    with (RESULTS / name).open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))
-
-
 def scatter(aircraft):
-    return {row["method"]: row for row in table(f"scatter_{aircraft}.csv")}
+    return {row["method"]: row for row in read_rows(RESULTS / f"scatter_{aircraft}.csv")}
 
 
 def intervals():
-    return table("intervals.csv")
+    return read_rows(RESULTS / "intervals.csv")
 
 
 @pytest.mark.parametrize("aircraft", AIRCRAFT)
@@ -68,31 +63,21 @@ def test_noisy_flights_of_equation_error_are_told_of_it():
 
 
 def test_our_subspace_methods_are_never_wrong_in_silence():
-    rows = [r for r in table("subspace_inputs.csv") if r["method"] in subspace_inputs.OURS]
+    table = read_rows(RESULTS / "subspace_inputs.csv")
+    rows = [r for r in table if r["method"] in subspace_inputs.OURS]
     assert len(rows) == len(subspace_inputs.OURS) * 5 * 2 * 2
     assert all(r["wrong_in_silence"].startswith("0/") for r in rows)
-    assert {r["method"] for r in table("subspace_inputs.csv")} > {"nfoursid", "Octave moen4", "SIPPY N4SID"}
+    assert {r["method"] for r in table} > {"nfoursid", "Octave moen4", "SIPPY N4SID"}
 
 
 def test_the_study_runs_and_resumes(tmp_path):
-    arguments = [
-        "--aircraft",
-        "taurus",
-        "--methods",
-        "output_error",
-        "moesp",
-        "--seeds",
-        "4",
-        "--folder",
-        str(tmp_path),
-        "--raw",
-        str(tmp_path / "raw"),
-    ]
+    words = "--aircraft taurus --methods output_error moesp --seeds 4"
+    arguments = [*words.split(), "--folder", str(tmp_path), "--raw", str(tmp_path / "raw")]
     estimator_study.main(arguments)
     first = (tmp_path / "scatter_taurus.csv").read_text()
     estimator_study.main([*arguments, "--resume"])
     assert (tmp_path / "scatter_taurus.csv").read_text() == first
-    rows = list(csv.DictReader(first.splitlines()))
+    rows = read_rows(tmp_path / "scatter_taurus.csv")
     assert [r["method"] for r in rows] == ["output_error", "moesp"]
     assert len((tmp_path / "raw" / "taurus_moesp.jsonl").read_text().splitlines()) == 4
     estimator_study.main([*arguments, "--have"])

@@ -15,7 +15,6 @@ program's own line on why not. Columns:
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import subprocess
 import sys
@@ -29,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from clock import since
 from smallest import results, sized
+from tables import read_rows, write_rows
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.paths import stock_names, stock_root
@@ -206,19 +206,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     wanted = [x for x in given.only.split(",") if x]
     found = [(s, p) for s, p in models(given.folder) if not wanted or p.stem in wanted]
-    rows: dict[str, dict[str, str]] = {}
-    if given.out.is_file():
-        with given.out.open(newline="") as file:
-            rows = {r["name"]: r for r in csv.DictReader(file) if r["name"] not in wanted}
+    rows = {r["name"]: r for r in read_rows(given.out) if r["name"] not in wanted}
     left = [(s, p) for s, p in found if p.stem not in rows]
     with ThreadPoolExecutor(sized(AT_ONCE, 1)) as pool:
         for row in pool.map(lambda x: study(*x), left):
             rows[row["name"]] = row
             print(row, flush=True)
-            with given.out.open("w", newline="") as file:
-                writer = csv.DictWriter(file, COLUMNS, restval="", lineterminator="\n")
-                writer.writeheader()
-                writer.writerows(rows[n] for n in sorted(rows, key=str.lower))
+            write_rows(given.out, COLUMNS, (rows[n] for n in sorted(rows, key=str.lower)))
 
 
 if __name__ == "__main__":

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import statistics
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from studies.blind.score import (
     set_size,
     sizes,
 )
+from tables import write_rows
 
 from testbench.core.proportion import proportion_interval
 
@@ -61,14 +61,14 @@ def write_report(
     table = Counter((n, _hidden(s), s.named) for n, s in scored if not s.case.turbulence_rms_m_s)
     found = [("six", r) for r in rates(six)] + [("two", r) for r in rates(two, bars=False)]
     compared = [(n, *row) for n, scores in sets.items() for row in sizes(scores)]
-    _csv(folder / "cases.csv", _CASES, (_case(n, s) for n, s in scored))
-    _csv(folder / "confusion.csv", _CONFUSION, ((*k, c) for k, c in sorted(table.items())))
-    _csv(folder / "effects.csv", _EFFECTS, (_effect(n, e) for n, e in effects))
+    write_rows(folder / "cases.csv", _CASES, (_case(n, s) for n, s in scored))
+    write_rows(folder / "confusion.csv", _CONFUSION, ((*k, c) for k, c in sorted(table.items())))
+    write_rows(folder / "effects.csv", _EFFECTS, (_effect(n, e) for n, e in effects))
     calls = called(cases, rows)
-    _csv(folder / "parts.csv", _PARTS, ((c, p, *_interval(p, n), e, n) for c, (p, e, n) in calls.items()))
-    _csv(folder / "rates.csv", _RATES, (_rate(n, r) for n, r in found))
-    _csv(folder / "sizes.csv", _SIZES, (_size(*row) for row in compared))
-    _csv(folder / "without.csv", _WITHOUT, (_without(s) for s in six if _flew_without(s)))
+    write_rows(folder / "parts.csv", _PARTS, ((c, p, *_interval(p, n), e, n) for c, (p, e, n) in calls.items()))
+    write_rows(folder / "rates.csv", _RATES, (_rate(n, r) for n, r in found))
+    write_rows(folder / "sizes.csv", _SIZES, (_size(*row) for row in compared))
+    write_rows(folder / "without.csv", _WITHOUT, (_without(s) for s in six if _flew_without(s)))
     (folder / "README.md").write_text(_page(six, two, cases, failed, digest, seed, calls), encoding="utf-8")
     return calls
 
@@ -260,10 +260,3 @@ def _interval(k: int, n: int) -> tuple[str, str]:
 
 def _number(x: float | None) -> str:
     return "" if x is None else f"{x:.3f}"
-
-
-def _csv(file: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    with file.open("w", newline="", encoding="utf-8") as out:
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(rows)

@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 
 from clock import since
-from studies.kept_rows import read_rows
+from tables import read_rows
 
 ROOT = Path(__file__).resolve().parents[3]
 KEPT = ROOT / "results" / "reliability"
