@@ -94,6 +94,20 @@ def test_records_and_models_that_are_none_are_refused(refused, to):
         ("adopt plane.xml", "No such command 'adopt'; did you mean `testbench aircraft adopt`?; see"),
         ("campaign adopt", "did you mean `testbench aircraft adopt`?"),
         ("campaign identify", "did you mean `testbench identify`?"),
+        *(
+            (w, f"No such command '{w}'; did you mean `testbench --{w}`?; see `testbench --help`")
+            for w in ("version", "help")
+        ),
+        ("run gap/flexible_wings", "is a gap scenario: use testbench gap"),
+        ("run design/eolo_modes", "use testbench design"),
+        ("run eolo_alfa", "did you mean 'eolo_alpha'?"),
+        ("run taurus_doublet --aircraft eolo", "flown by eolo"),
+        ("run taurus_doublet --aircraft tauruss", "got 'tauruss'"),
+        ("run taurus_doublet -o empty.csv", "must go to a folder that can be written to"),
+        ("design eolo_mode", "did you mean 'eolo_modes'"),
+        ("identify records/../eolo_alpha", "is a scenario: use testbench run"),
+        ("gap eolo_alpha", "is a scenario: use testbench run"),
+        ("gap slow_servos", "did you mean 'slow_servo'?"),
         ("--foo", "No such option: --foo; see `testbench --help`"),
         ("gap --windows 4", "must be given with its records"),
         ("gap eolo", "measured records of eolo must be given"),

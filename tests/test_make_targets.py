@@ -26,7 +26,7 @@ from studies.reaching_tests import in_child
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = (ROOT / "tests" / "benchmarks", ROOT / "tests" / "studies")
-FIRST_S = 0.3  # of processor: imports and the first lines of work
+FIRST_S = 0.12  # of processor: imports, in a process that has the libraries, and the first lines of work
 LONGEST_S = 0.8  # of the clock, of one that waits for others
 PYTHON, PROGRAM = ".venv/bin/python", ".venv/bin/testbench"
 TOOLS = {"mypy", "pip", "ruff", "sphinx", "venv"}  # started by python -m, and not the project's

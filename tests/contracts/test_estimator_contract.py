@@ -138,6 +138,7 @@ def test_the_order_of_records_does_not_matter(method):
     assert np.all(np.abs(a - b).max(axis=(0, 2)) < bound * np.abs(a).max(axis=(0, 2)))
 
 
+@HALF
 @METHOD
 def test_a_record_given_twice_says_nothing_new(method):
     if method in SEQUENTIAL:
@@ -206,6 +207,7 @@ def test_units_do_not_matter(method, channel):
     assert np.all(apart < bound * np.abs(a).max(axis=(0, 2)))
 
 
+@HALF
 @METHOD
 def test_the_same_records_give_the_same_bytes(method):
     records = flights(method, 200, 140, noise=0.05)
@@ -225,6 +227,7 @@ def test_a_model_survives_pickling_and_keeps_its_records_unchanged(method):
     assert again.to_dict() == model.to_dict()
 
 
+@HALF
 @METHOD
 @pytest.mark.parametrize("noise", [0.0, 0.05, 3.0])
 def test_status_goes_with_advice(method, noise):
@@ -259,10 +262,8 @@ def test_notes_are_given_once(method):
     assert len({a.code for a in notes}) == len(notes)
 
 
-@pytest.mark.parametrize(
-    "method",  # of most laws there is a test of its own above: methods that search are tried here with the slow ones
-    [pytest.param(m, marks=pytest.mark.slow) if m in (*SEARCHED, "ukf") else m for m in METHODS],
-)
+@pytest.mark.sampled(6)  # of most laws there is a test of its own above
+@METHOD
 @pytest.mark.parametrize("law", [law for law in LAWS if law.__name__ not in STRICTER], ids=lambda law: law.__name__)
 def test_the_laws_of_what_is_brought_hold_for_what_is_packaged(method, law):
     entry = SPECS[method]

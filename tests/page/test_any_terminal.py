@@ -88,6 +88,7 @@ def test_streams_that_are_closed_or_full(tmp_path, streams, status, said):
     assert (ended.status, ended.err) == (status, said)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("after_s", [0.0, *(pytest.param(0.002 * k, marks=pytest.mark.slow) for k in range(1, 40))])
 def test_an_interrupt_of_a_stage_is_one_line_and_leaves_the_folder_as_it_was(tmp_path, after_s, number):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from functools import cache
+from io import StringIO
 from types import SimpleNamespace
 
 import numpy as np
@@ -25,7 +27,8 @@ RATE = 50.0
 TRUE = {"Z_alpha": -40.0, "M_alpha": -12.0, "M_q": -6.0, "M_de": -20.0}
 
 
-def table(path, lag: float, control: str = "de_cmd"):
+@cache
+def table(lag: float, control: str = "de_cmd") -> str:
     """A CSV of a short period at 20 m/s behind a servo, with noise: two 3-2-1-1, degrees and m/s."""
     n, fine = round(60.0 * RATE), 20
     t = np.arange(n) / RATE
@@ -49,29 +52,37 @@ def table(path, lag: float, control: str = "de_cmd"):
     alpha, q = (out + np.array([0.002, 0.004]) * rng.standard_normal(out.shape)).T
     columns = [t, V, np.degrees(0.05 + alpha), np.degrees(q), np.degrees(0.02 + u)]
     head = f"time [s],V [m/s],alpha [deg],q [deg/s],{control} [deg]"
-    np.savetxt(path, np.column_stack(columns), delimiter=",", header=head, comments="", fmt="%.7g")
-    return path
+    text = StringIO()
+    np.savetxt(text, np.column_stack(columns), delimiter=",", header=head, comments="", fmt="%.7g")
+    return text.getvalue()
 
 
 def described(tmp_path, lag: float, control: str = "de_cmd", edit=lambda text: text) -> RecordDescription:
     folder = tmp_path / "records"
-    file = write_import(import_log(table(tmp_path / "flight.csv", lag, control)), folder)[-1]
+    log = tmp_path / "flight.csv"
+    log.write_text(table(lag, control))
+    file = write_import(import_log(log), folder)[-1]
     file.write_text(edit(file.read_text()))
     return RecordDescription.load(file)
 
 
-def test_what_import_writes_gives_derivatives_that_cover_the_truth(tmp_path):
-    found = identify(described(tmp_path, 0.08))
-    by_name = {d.name: d for d in found.derivatives}
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """What identify finds in the log as it was imported."""
+    return identify(described(tmp_path_factory.mktemp("plain"), 0.08))
+
+
+def test_what_import_writes_gives_derivatives_that_cover_the_truth(plain):
+    by_name = {d.name: d for d in plain.derivatives}
     for name, value in {**TRUE, "tau_de": 0.08}.items():  # 5 of them beyond 4 errors by chance: 3e-4
         assert abs(by_name[name].value - value) < 4.0 * by_name[name].std, name
     assert by_name["M_q"].determined
     assert by_name["M_q"].unit == "1/s"
-    assert found.doubts == ()
-    lines = identify_answer(found)
+    assert plain.doubts == ()
+    lines = identify_answer(plain)
     assert lines[0].kind == "lead"
     assert "determined" in lines[0].text
-    page = identify_page(found)
+    page = identify_page(plain)
     assert page.terminal[0].name == "derivatives"
     assert page.more_tables[0].name == "derivatives"
 
@@ -100,12 +111,11 @@ def test_a_command_taken_for_the_surface_has_its_servo_tried_or_is_in_doubt(tmp_
     assert any("a lag behind de_cmd" in note for note in found.notes)
 
 
-def test_an_estimator_that_refuses_costs_the_other_nothing(tmp_path):
+def test_an_estimator_that_refuses_costs_the_other_nothing(plain, tmp_path):
     """Too short a record for 4000 block rows: one of two gives no model."""
     edit = "[[identification.estimators]]\nmethod = 'dsr_e'\norder = 2\npast_horizon = 2000\nfuture_horizon = 2000\n\n"
-    alone = identify(described(tmp_path, 0.08))
     both = identify(described(tmp_path, 0.08, edit=lambda text: text.replace("[servo.", f"{edit}[servo.")))
-    assert [d.value for d in both.derivatives] == [d.value for d in alone.derivatives]
+    assert [d.value for d in both.derivatives] == [d.value for d in plain.derivatives]
     (cell,) = both.failed
     assert cell.estimator == "dsr_e"
     page = identify_page(both)
@@ -174,7 +184,7 @@ def test_a_servo_of_what_is_no_input_is_refused_with_its_key(tmp_path):
 
 def test_identify_takes_a_log_itself(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    table(tmp_path / "flight.csv", 0.08)
+    (tmp_path / "flight.csv").write_text(table(0.08))
     done = CliRunner().invoke(app, ["identify", "flight.csv", "--out", "results"])
     assert done.exit_code == 0, done.output
     assert "M_q" in done.output
@@ -185,8 +195,10 @@ def test_identify_takes_a_log_itself(tmp_path, monkeypatch):
 
 def test_identify_takes_the_folder_that_import_wrote(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    table(tmp_path / "flight.csv", 0.08)
-    assert CliRunner().invoke(app, ["import", "flight.csv", "--out", "mylog"]).exit_code == 0
+    (tmp_path / "flight.csv").write_text(table(0.08))
+    shown = CliRunner().invoke(app, ["import", "flight.csv", "--out", "mylog"])
+    assert shown.exit_code == 0
+    assert "can be cut out, with quiet flight before and after" in " ".join(shown.output.split())
     done = CliRunner().invoke(app, ["identify", "mylog", "--out", "results"])
     assert done.exit_code == 0, done.output
     assert "M_q" in done.output
@@ -208,8 +220,8 @@ def test_the_colour_of_one_output_alone_is_held_against_what_it_touches(whitenes
     assert _beliefs(model, names) == {"Z_alpha": "in doubt", "M_q": believed}
 
 
-def test_errors_of_simulated_flights_count_where_they_are_larger(tmp_path):
-    plain = identify(described(tmp_path, 0.08))
+def test_errors_of_simulated_flights_count_where_they_are_larger(plain, tmp_path):
+    described(tmp_path, 0.08)
     stated = {d.name: d.std for d in plain.derivatives}
     asked = {"M_q": 5.0 * stated["M_q"], "M_de": 0.5 * stated["M_de"], "Z_alpha": 1000.0}
     more = "\n".join(f"{name} = {value!r}" for name, value in asked.items())

@@ -17,6 +17,7 @@ from testbench.cli import app
 from testbench.core.errors import RecordError
 from testbench.core.paths import SCENARIOS
 from testbench.evaluation.envelope import fly_envelope
+from testbench.page import draw
 from testbench.page.figure import Area, Curve, Rule, Words
 from testbench.questions.plan import ask
 from testbench.questions.plan.answer import plan_answer
@@ -99,11 +100,19 @@ def test_the_page_answers_and_links_to_what_is_there(written):
 
 
 @pytest.mark.usefixtures("rendered")
+@pytest.mark.slow
 def test_the_same_plan_gives_the_same_bytes(taurus_plan, tmp_path):
     taurus_plan = replace(taurus_plan, cards=taurus_plan.cards[:1])
     one = {p.name: p.read_bytes() for p in write_cards(taurus_plan, tmp_path / "a")}
     two = {p.name: p.read_bytes() for p in write_cards(taurus_plan, tmp_path / "b")}
     assert one == two
+
+
+def test_a_card_is_the_same_page_each_time(written, taurus_plan):
+    card = taurus_plan.cards[0]
+    with on_paper():
+        page = draw.pdf_pages([draw.styled(card_page(card, taurus_plan))])
+    assert page == (written[1] / "cards" / f"{card_stem(card)}.pdf").read_bytes()
 
 
 def test_the_sequence_is_said_with_times_and_amplitudes(eolo_plan, taurus_plan):
