@@ -77,6 +77,7 @@ def test_check_run_and_aircraft_take_names_of_the_project_folder(project):
     done = command("export", "aircraft", "mine", "--to", "jsbsim", "-o", "plain", cwd=project)
     assert done.returncode == 0, done.stderr
     assert (project / "plain" / "mine" / "mine.xml").is_file()
+    assert "Written: plain/mine/mine.xml\n" in done.stdout
 
 
 def test_the_studio_shows_ones_own_aircraft_through_ones_own_suites(project):
@@ -140,12 +141,12 @@ def test_a_folder_without_an_aircraft_is_refused(project):
         ("sys.exit(0)", "m.py must run without an error, got SystemExit: 0 (m.py, line 2)"),
         ("os._exit(0)", "m.py must run without an error, got SystemExit: os._exit(0) (m.py, line 2)"),
         ("os.abort()", "m.py:estimate must end with a result, but its process was ended by SIGABRT"),
-        ("while True: pass", "m.py:estimate must end within 2 s, got no end by then"),
+        ("while True: pass", "m.py:estimate must end within 1 s, got no end by then"),
     ],
 )
 def test_check_says_what_ended_in_place_of_the_laws(tmp_path, monkeypatch, lines, said):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("testbench.questions.brought.LIMIT_S", 2.0)
+    monkeypatch.setattr("testbench.questions.brought.LIMIT_S", 1.0)
     Path("m.py").write_text(f"import os, sys\n{lines}\ndef estimate(records, inputs, outputs): pass\n")
     with pytest.raises(TestbenchError) as error:
         check([Path("m.py:estimate")])

@@ -122,14 +122,6 @@ def test_an_input_that_makes_the_aircraft_leave_its_envelope_keeps_the_record(tm
     assert [p.name for p in (tmp_path / "out").rglob("*.nc")] == ["3-2-1-1_aborted.nc"]
 
 
-def test_an_aircraft_is_exported(tmp_path):
-    done = command("export", "aircraft", "taurus", "--to", "jsbsim", "-o", tmp_path / "root", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert f"Written: {tmp_path / 'root' / 'taurus' / 'taurus.xml'}\n" in done.stdout
-    assert (tmp_path / "root" / "taurus" / "taurus.xml").is_file()
-    assert list((tmp_path / "root" / "taurus" / "Engines").glob("*.xml"))
-
-
 def test_a_campaign_flies_says_how_far_it_is_and_is_summarised_again(tmp_path):
     """Three runs of the packaged campaign; two workers' start is most of the time."""
     text = (SCENARIOS / "campaign" / "taurus_scatter.toml").read_text(encoding="utf-8")
@@ -180,16 +172,6 @@ def test_an_exercise_is_listed_started_and_checked(tmp_path):
         assert words in " ".join(several.stdout.split())
     assert_fails(
         command("exercise", "start", "doublets_length", "--student", "anna"), 2, "did you mean 'doublet_length'"
-    )
-
-
-def test_the_studio_is_written_and_bad_names_are_refused(tmp_path):
-    done = command("studio", "taurus", "--write", "page/studio.html", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "What will this input tell?" in (tmp_path / "page" / "studio.html").read_text("utf-8")
-    assert_fails(command("studio", "taurs", cwd=tmp_path), 2, "did you mean 'taurus'?")
-    assert_fails(
-        command("studio", "taurus", "--write", "page", cwd=tmp_path), 2, "got the folder 'page'; name a file in it"
     )
 
 

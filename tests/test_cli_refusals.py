@@ -121,6 +121,7 @@ def test_records_and_models_that_are_none_are_refused(refused, to):
         ("aircraft taurus --wings stiff", "'stiff' is not one of"),
         ("studio eol", "did you mean 'eolo'?"),
         ("studio taurus --port x", "valid integer"),
+        ("studio taurus --write dir", "got the folder 'dir'; name a file in it"),
         ("list aircrafts", "'aircrafts' is not one of"),
         ("reproduce tauru", "did you mean 'taurus'?"),
         ("reproduce taurus -o empty.csv", "empty.csv"),

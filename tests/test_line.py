@@ -15,7 +15,7 @@ from testbench.core.record import FlightAborted
 from testbench.core.store import ResultFolder
 from testbench.page.page import record_keeper
 from testbench.page.shown import write_results
-from testbench.questions.run import figures
+from testbench.questions.run import page
 from testbench.questions.run.ask import run
 from testbench.questions.run.scenario import Scenario
 
@@ -173,7 +173,7 @@ def test_taurus_shows_good_fits_with_poles_that_are_no_mode(results):
 
 def test_same_scenario_and_seed_give_the_same_bytes(results, tmp_path, monkeypatch):
     """Of records, models, tables and text; that figures come out alike is tested with the report's page."""
-    monkeypatch.setattr(figures, "plates", lambda result: [])
+    monkeypatch.setattr(page, "plates", lambda result: [])
     scenario = tb.load_scenario(SCENARIOS / "taurus_doublet.toml")
     again = tb.run(scenario)
     for folder, result in (("a", results("taurus_doublet")), ("b", again)):
@@ -196,7 +196,7 @@ def test_a_run_says_where_the_residuals_of_its_models_come_from(results):
 
 
 def test_models_are_written_with_all_their_digits(results, tmp_path, monkeypatch):
-    monkeypatch.setattr(figures, "plates", lambda result: [])
+    monkeypatch.setattr(page, "plates", lambda result: [])
     result = results("eolo_alpha")
     write_results(result, tmp_path)
     stored = [json.loads(p.read_text(encoding="utf-8")) for p in sorted((tmp_path / "models").glob("*.json"))]

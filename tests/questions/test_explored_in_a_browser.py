@@ -242,6 +242,7 @@ async () => {
 """
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("low", [0.0049250909, 0.0995665065, 0.3, 7.77e-8])
 def test_logarithmic_axes_zoom_at_once_from_any_beginning_and_keep_numbers(show, low: float) -> None:
     x = np.geomspace(0.1232, 50.27, 300)

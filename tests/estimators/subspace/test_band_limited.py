@@ -25,6 +25,7 @@ def frequency_error(model, wn=3.0):
     return abs(np.sqrt(abs(np.prod(poles))) / wn - 1.0) if poles.size == 2 else np.inf
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("dt", [0.02, 0.1])
 @pytest.mark.parametrize("name", list(flight_test_inputs()))
 @pytest.mark.parametrize("block", [10, 20])

@@ -100,6 +100,7 @@ def test_an_exercise_is_complete(name):
             assert all(math.isfinite(float(m.value)) for m in right.mistakes)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", NAMES)
 def test_two_students_get_two_aircraft(name, started):
     anna, ben = started(name, "anna"), started(name, "ben")
