@@ -13,7 +13,7 @@ from testbench.core.store import OWN
 from testbench.page.page import COMPUTED, Page, source_of
 from testbench.page.tables import Column, Table
 from testbench.page.terminal import print_rows
-from testbench.page.words import Line, answer_lines, counted, listed, sentence, some
+from testbench.page.words import Line, answer_lines, counted, how_many_more, listed, sentence, some
 from testbench.questions.run.scenario import Scenario
 
 pytestmark = pytest.mark.drawn
@@ -158,3 +158,9 @@ def test_the_source_is_the_file_or_else_all_values() -> None:
 def test_a_page_with_a_misspelt_part_is_refused() -> None:
     with pytest.raises(TypeError):
         page(tabels=[])
+
+
+def test_what_is_not_shown_of_an_answer_is_counted_with_what_is_grave_in_it():
+    lines = [Line(kind, "said") for kind in ("plain", "doubt", "wrong", "doubt")]
+    assert how_many_more(lines) == "4 more (1 say do not use and 2 doubts)"
+    assert how_many_more(lines[:1]) == "1 more"
