@@ -1,7 +1,5 @@
 """Taurus in a folder of the tests, with what it is said to be known of its coefficients."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Mapping
 from pathlib import Path

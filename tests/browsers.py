@@ -1,7 +1,5 @@
 """Chromium for tests of pages; without it, or without playwright, they are left out."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -4,8 +4,6 @@ Inputs are small and records quick: speed that changes with a large input, and a
 move derivatives by several percent.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 The clocks of some machines advance in steps of 10 ms: the smallest unit of work then takes no time at all.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

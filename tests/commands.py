@@ -1,7 +1,5 @@
 """The command line for tests: as a process of its own, and within the test's own process."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import sys

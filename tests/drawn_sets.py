@@ -1,7 +1,5 @@
 """A small data set for tests, and a loader where PyTorch is missing."""
 
-from __future__ import annotations
-
 import numpy as np
 
 SMALL = """

@@ -4,8 +4,6 @@ The aircraft is the Taurus: servos with a lag of 30 ms and a rate limit, here be
 3-2-1-1 on the elevator, and doublets on aileron and rudder, hands off before and after; the logger rests between them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache

@@ -5,8 +5,6 @@ has a stabiliser. The instruments are packaged ones of several suites: pitot tub
 accelerometers, potentiometers at the surfaces, the log of the throttle.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

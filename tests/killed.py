@@ -1,7 +1,5 @@
 """Processes that are killed at one of their changes of the disk, and what they leave."""
 
-from __future__ import annotations
-
 import os
 import signal
 import traceback

@@ -1,7 +1,5 @@
 """Small logs of a short period whose coefficients are known, at any speed, height and mass, each with a description."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -4,8 +4,6 @@ Rendering takes half the time of a test that writes a page. Every panel, curve a
 still made, so that what cannot be drawn raises; the modules that judge figures are marked ``drawn`` and render them.
 """
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Iterator
 from contextlib import contextmanager

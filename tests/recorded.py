@@ -1,7 +1,5 @@
 """Where the recorded flights are that tests compare with printed results."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A short flight as numbers, that tests write in many formats, and the inputs that failed once."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

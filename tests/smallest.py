@@ -8,8 +8,6 @@ FOLDER --verify` says whether it is still what was written. `python tests/smalle
 is. Several studies share a folder, so that the manifest tells sums alone; results/README.md tells the command of each.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The elastic modes of an aircraft as they ring in a vacuum: several tests hold JSBSim and linear models against it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from testbench.aircraft.elastic import ElasticMode, ElasticModel

@@ -1,7 +1,5 @@
 """Tables of studies and benchmarks: CSV files that a study that goes on where it stopped reads, and writes again."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

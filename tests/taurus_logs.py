@@ -1,7 +1,5 @@
 """Flights of Taurus at several speeds and masses, written as a pilot's logs: CSV files and a description of each."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

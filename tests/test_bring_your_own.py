@@ -1,7 +1,5 @@
 """A project folder of somebody else: an aircraft and a sensor suite that are not packaged, named as if they were."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

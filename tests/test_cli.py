@@ -1,7 +1,5 @@
 """The command line as a user meets it: a process, its exit status, one message, and never a traceback."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -3,8 +3,6 @@
 A refusal quotes at most 200 letters of what it got, wherever that came from.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from commands import ends

@@ -1,7 +1,5 @@
 """Nothing divides by the time that a clock has shown, which on some machines is none."""
 
-from __future__ import annotations
-
 import ast
 import time
 from pathlib import Path

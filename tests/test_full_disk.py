@@ -3,8 +3,6 @@
 The largest file that a process may write stands for the disk: writing beyond it fails in the same calls.
 """
 
-from __future__ import annotations
-
 import os
 import pickle
 import resource

@@ -1,7 +1,5 @@
 """Every scenario of the folder runs, and the two demonstrations say what they are there to say."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -3,8 +3,6 @@
 The Makefile is read, so that a new target, and a new script, is held to this by being there.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import runpy

@@ -1,7 +1,5 @@
 """Without an optional package every command that needs it ends with one line: what is missing and what to install."""
 
-from __future__ import annotations
-
 import re
 import runpy
 import sys

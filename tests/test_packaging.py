@@ -1,7 +1,5 @@
 """What is published: wheel and source archive are built from the checkout, and the wheel serves in an empty folder."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os

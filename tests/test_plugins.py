@@ -1,7 +1,5 @@
 """A package as docs/guides/publish_a_plug_in.md shows it, installed: what it brings is listed, checked and used."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """What ``import testbench as tb`` offers: what each name says, that names stand for objects, and its examples."""
 
-from __future__ import annotations
-
 import builtins
 import doctest
 import inspect

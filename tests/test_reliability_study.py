@@ -1,7 +1,5 @@
 """The study of reliability sees the faults that it looks for, and takes no time stamp or lost first row for one."""
 
-from __future__ import annotations
-
 import signal
 import sys
 import time

@@ -1,7 +1,5 @@
 """What a study writes into a folder of results is listed in its manifest."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

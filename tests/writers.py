@@ -1,7 +1,5 @@
 """Small logs of a flight whose truth is known, written byte by byte after the formats' own descriptions."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache

@@ -1,7 +1,5 @@
 """Increments of coefficients that leave an equilibrium where it is, in models of either form."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """An aircraft drawn by the deviations that it states."""
 
-from __future__ import annotations
-
 import importlib.util
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The B-1-like surrogate: that it has the numbers it claims, and the modes that follow from them by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

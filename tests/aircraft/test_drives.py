@@ -1,7 +1,5 @@
 """Components that move properties with the controls, evaluated as JSBSim would; amended properties; sketches."""
 
-from __future__ import annotations
-
 import math
 import xml.etree.ElementTree as ET
 

@@ -1,7 +1,5 @@
 """Shapes of a ground vibration test at their stations: what an asymmetric one may show in the plane of symmetry."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

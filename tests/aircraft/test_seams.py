@@ -1,7 +1,5 @@
 """The seams of stock models, against what Newton, Euler and a first-order lag say they must do."""
 
-from __future__ import annotations
-
 from dataclasses import astuple, replace
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """JSBSim models of other people, read in one piece."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 
 import pytest

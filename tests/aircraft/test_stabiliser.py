@@ -1,7 +1,5 @@
 """An aircraft that is unstable without a pilot: told so, or flown with a stabiliser that its file states."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Laws that modes coupled by strips keep: symmetry, rigid motions as modes, reciprocity, a section that flutters."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Flutter in air that lags: Theodorsen's section exactly, Goland's wing, and what has no lag."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import eigh

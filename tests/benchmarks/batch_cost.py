@@ -7,8 +7,6 @@ least squares. The flight in 200 that JSBSim flies as well is left out: it adds 
 points of a line than to others. The machine's speed enters every number: compare ratios within one run.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import subprocess

@@ -4,8 +4,6 @@ Run with ``make benchmarks``; writes results/benchmarks/batch.csv. Flights of 25
 taking turns; medians of several rounds of the ratio. All that a call does is counted: checks of the inputs and records.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time

@@ -6,8 +6,6 @@ with what one flight found, so that only what surrounds the flights is left. Pro
 are shared, but for the store, whose disk is waited for.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

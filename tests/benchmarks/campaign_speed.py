@@ -12,8 +12,6 @@ not wait, times the processor time of a run with one worker over that of worker 
 this is the ratio of the rates, which is printed too and says nothing on a busy one.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -4,8 +4,6 @@ Writes results/benchmarks/dataset.csv. ``processor_s`` is what this process and 
 busy machine changes little; ``wall_s`` is the clock's, and ``load`` the number of processes that ran beside it.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import sys

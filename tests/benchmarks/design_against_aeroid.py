@@ -7,8 +7,6 @@ lines. aeroid bounds each line and not the sum, so its signal is scaled to the s
 ours convolves. The laws: at least 30 times faster, at no less information. Processor time of one process.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 import warnings

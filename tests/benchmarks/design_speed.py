@@ -4,8 +4,6 @@
 is installed, a 10 s multisine design at least 30 times faster than its own, which took 181 s when it was measured.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from importlib.util import find_spec

@@ -3,8 +3,6 @@
 Run with ``make design-study``; the tables go to results/design/.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

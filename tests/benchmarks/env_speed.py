@@ -8,8 +8,6 @@ reset loads the model and flies the undisturbed seconds before the first decisio
 is given too. Steps in which a copy begins again are not counted, and their time is.
 """
 
-from __future__ import annotations
-
 import statistics
 import sys
 import time

@@ -5,8 +5,6 @@ flight, medians of several rounds in which all take turns. By JSBSim and in C th
 many frames in a step of a master, and one frame in a step of fmpy; JAX one flight, and 64 side by side.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

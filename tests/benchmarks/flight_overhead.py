@@ -5,8 +5,6 @@ taken and the median printed, of processor time, since machines are shared and n
 also loads its model, which the loop does not: 3 to 7 % of 25 s; reads of the channels take as much again.
 """
 
-from __future__ import annotations
-
 import statistics
 import subprocess
 import sys

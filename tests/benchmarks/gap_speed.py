@@ -3,8 +3,6 @@
 The law: the median case is named within 40 s of the clock, in one process.
 """
 
-from __future__ import annotations
-
 import os
 import statistics
 import sys

@@ -8,8 +8,6 @@ file, not importing Python modules. The memory is the peak of the process. The p
 same messages or topics, into columns. The laws: below 20 s and 1 GB for reading and for the channels.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import struct

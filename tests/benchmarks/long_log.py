@@ -6,8 +6,6 @@ own. The time is the processor's, because machines are shared. The laws: identif
 of the record.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

@@ -5,8 +5,6 @@ least 50 times faster than the package ``aeroid`` on one run, where that package
 are there (folder in TESTBENCH_FLIGHT_DATA). Times are the processor's: other work on the machine does not count.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import statistics

@@ -5,8 +5,6 @@ ratio of each to the first, in processor time; the median over the rounds is pri
 noisy. The law: at most 1.05 for the adapter of a stock model, and for one increment of a coefficient.
 """
 
-from __future__ import annotations
-
 import statistics
 import sys
 import time

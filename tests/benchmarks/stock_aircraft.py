@@ -18,8 +18,6 @@ time limit, so that none can end or hold up the others. Columns:
 The page results/aircraft/README.md shows the same.
 """
 
-from __future__ import annotations
-
 import json
 import statistics
 import subprocess

@@ -13,8 +13,6 @@ What cannot be brought to our trim is said: a regulator of its own that moves th
 torque while time stands still, an actuator that lags.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from pathlib import Path

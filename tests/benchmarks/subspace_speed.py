@@ -9,8 +9,6 @@ horizons, which moen4 has none of. Memory: the peak beyond the record itself, in
 sample, which must not rise with its length and stay below eight.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -1,7 +1,5 @@
 """Logs whose import once went wrong, as small copies made by the writers, and the inputs themselves where they are."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """JSBSim models as people have them: what JSBSim refuses of them is said with its place, and mended if asked."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

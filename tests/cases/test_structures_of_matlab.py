@@ -1,7 +1,5 @@
 """Structures of MATLAB in versions 5 and 7.3: read where they hold one flight, else refused with the path to give."""
 
-from __future__ import annotations
-
 import struct
 from io import BytesIO
 

@@ -1,7 +1,5 @@
 """Tables of X-Plane, Piccolo, Garmin and of writers that state no unit: their names, units, signs and full throws."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from test_import_that_failed_once import failed_once

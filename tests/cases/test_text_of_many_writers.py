@@ -1,7 +1,5 @@
 """Tables as text from many writers: separators, decimal commas, encodings, headings; and what must not be guessed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from short_flight import DE, Q, T, case

@@ -1,7 +1,5 @@
 """Times as writers of logs write them: dates, times of the day, whole numbers of a small unit; in every format."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime, timedelta
 
 import numpy as np

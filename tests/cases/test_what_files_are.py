@@ -1,7 +1,5 @@
 """Files that are not what their name says: the message names what they are and what to do, at each door."""
 
-from __future__ import annotations
-
 import gzip
 import io
 import zipfile

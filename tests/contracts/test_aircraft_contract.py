@@ -1,7 +1,5 @@
 """What every aircraft folder must do, packaged or brought."""
 
-from __future__ import annotations
-
 import pytest
 
 from testbench.core.paths import aircraft_names

@@ -3,8 +3,6 @@
 The Gymnasium environment and the export are tried on all of them.
 """
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -3,8 +3,6 @@
 The packaged one is in the testbench's own form, c172p has a propeller and no servo, the F-16 a servo and a jet.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Every command, found by walking the application, has a small case and bears a sample of `make reliability`."""
 
-from __future__ import annotations
-
 import pytest
 from commands import in_warm_process
 from studies.reliability.sample import QUICK, sampled

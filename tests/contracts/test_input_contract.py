@@ -1,7 +1,5 @@
 """What every input family must do, and what build() adds to it."""
 
-from __future__ import annotations
-
 from typing import get_args
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What every packaged sensor suite must do, and what those of the papers promise of each other."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

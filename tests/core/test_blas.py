@@ -1,7 +1,5 @@
 """Linear algebra computes on one thread inside, and is left as it was."""
 
-from __future__ import annotations
-
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 

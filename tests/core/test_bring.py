@@ -3,8 +3,6 @@
 Work of others in processes of its own: how one ends that gave no answer is said, and no crash is repeated here.
 """
 
-from __future__ import annotations
-
 import os
 import pickle
 import signal

@@ -5,8 +5,6 @@ What takes too much memory is refused before it is taken, with the limit, its se
 A path where a file is wanted and none is: the refusal names why there is none, and what may have been meant.
 """
 
-from __future__ import annotations
-
 import os
 import socket
 import struct

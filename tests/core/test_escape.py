@@ -3,8 +3,6 @@
 Tables written as TOML are read back as they were.
 """
 
-from __future__ import annotations
-
 import ast
 import csv
 import io

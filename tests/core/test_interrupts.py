@@ -1,7 +1,5 @@
 """An interrupt that comes while it is held back acts afterwards, once, and is not lost."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

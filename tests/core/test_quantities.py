@@ -1,7 +1,5 @@
 """Every number of every file has a unit and a range, and what lies beyond is refused with both."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator
 from importlib import import_module

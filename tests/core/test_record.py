@@ -1,7 +1,5 @@
 """FlightRecord: its rules, its parts, and what comes back from disk."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 

@@ -7,8 +7,6 @@ A file is there whole or not at all; a MAT file has the same bytes at every time
 What a process writes for itself goes with it; what a killed one left goes when the next one begins.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import re

@@ -7,8 +7,6 @@ Percentages of values near zero are not printed to their last digit.
 Intervals of a share that was counted.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Run with ``make design-study``; the tables go to results/design/.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """A test of the prediction: the scatter of output-error estimates from simulated records of one design."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from testbench.core.record import FlightRecord, FloatArray

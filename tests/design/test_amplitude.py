@@ -1,7 +1,5 @@
 """One search for the amplitude of an input: what each part of the ensemble asks for, on aircraft that are a number."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """The guide on a new question is right: its files and its row, taken from the page, make a question that answers."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The benchmark: the commands of its guide, its hash, and that its scores are true where the answer is known."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The guides as they stand: their commands run one after the other in an empty folder, their code is run and right."""
 
-from __future__ import annotations
-
 import csv
 import os
 import re

@@ -1,7 +1,5 @@
 """The reference that is committed is what the program says of itself: `python docs/generate.py --reference`."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 

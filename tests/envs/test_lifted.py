@@ -3,8 +3,6 @@
 Responses carried from row to row against those to the record of the whole flight.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What was planned before a flight does not react to it: no feedback is sought in records that follow a card."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Formulas inside the estimators one by one: each against a value worked out another way."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From the record of each aircraft to its model in other programs: `testbench identify`, then `testbench export`."""
 
-from __future__ import annotations
-
 import json
 import sys
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Expressions as text: what they mean, and what is refused, by name and place."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

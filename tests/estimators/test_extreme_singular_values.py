@@ -1,7 +1,5 @@
 """The two extreme singular values of a wide triangle, found without all the others."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

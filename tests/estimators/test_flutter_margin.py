@@ -1,7 +1,5 @@
 """The onset of flutter from poles below it: a solved case, its interval, the rules of clearing, and what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

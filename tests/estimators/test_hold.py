@@ -1,7 +1,5 @@
 """Held inputs are recognised, smooth ones are not; and what a held input does to srivc and output error."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter

@@ -1,7 +1,5 @@
 """Operational modal analysis: exact from exact covariances, errors that cover, and refusals."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from dataclasses import replace

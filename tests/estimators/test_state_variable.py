@@ -1,7 +1,5 @@
 """Filters of a continuous denominator: exact steps, and one error where a pole leaves all numbers behind."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

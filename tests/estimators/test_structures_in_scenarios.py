@@ -1,7 +1,5 @@
 """State equations as text in scenarios, descriptions of recorded flights, comparisons and campaigns."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from recorded import flight_data

@@ -3,8 +3,6 @@
 What is known of an aircraft whose aileron and rudder move: its lateral-directional modes, and what excites them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

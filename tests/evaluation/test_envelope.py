@@ -1,7 +1,5 @@
 """The envelope: which speeds fly, modes named and followed, onset of instability, derivatives."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -5,8 +5,6 @@ Modes found without an input beside true ones: which stands for which, and how f
 A mode that has split into two real roots: its names, its frequency, and what is said of it.
 """
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

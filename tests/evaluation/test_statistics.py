@@ -3,8 +3,6 @@
 Ranks over data sets against the printed example of Demsar (2006), and stated errors against the normal.
 """
 
-from __future__ import annotations
-
 from dataclasses import astuple
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Models that come with JSBSim, adopted: they balance, and their propellers are where a governor wants them."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import cache

@@ -8,8 +8,6 @@ Three differences between the two are known, and each is shown here to explain w
   airspeed of the frame before.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise

@@ -3,8 +3,6 @@
 Motors with propellers too quick for JSBSim's own search for steady thrust: their balance is solved, and kept.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

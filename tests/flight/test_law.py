@@ -1,7 +1,5 @@
 """The model's own control law, between stick and surface: flown, linear, and left out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import expm

@@ -1,7 +1,5 @@
 """Aerodynamic coefficients by perturbation, against the numbers that the models are written with."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Any aircraft by name or path, and what is checked when it is loaded."""
 
-from __future__ import annotations
-
 import pickle
 import shutil
 

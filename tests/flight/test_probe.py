@@ -1,7 +1,5 @@
 """Controls of models that are written in another way: mixed surfaces, other axes, one side that is still."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

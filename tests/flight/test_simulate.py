@@ -3,8 +3,6 @@
 What counts frames is made for one frame rate: at another it says by what factor its times are off.
 """
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 

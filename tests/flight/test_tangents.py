@@ -1,7 +1,5 @@
 """Derivatives of flights by their parameters: against JSBSim, against what is known exactly, and at a kink."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A small valid input of every format that is read, made anew."""
 
-from __future__ import annotations
-
 import io
 import json
 import shutil

@@ -1,7 +1,5 @@
 """A small valid file of every kind that the door knows, and its reader: what the fuzzers damage."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

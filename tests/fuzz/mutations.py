@@ -1,7 +1,5 @@
 """Damage to files: by bytes, by lines and numbers of a text, by values of a TOML file. One generator, one damage."""
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Callable

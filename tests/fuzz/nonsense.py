@@ -1,7 +1,5 @@
 """Sixty values and files that make no sense, each of which must be refused in one line."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable

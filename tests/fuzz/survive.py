@@ -1,7 +1,5 @@
 """Run many cases in a process of their own and say which ended in anything but a sentence: it may not outlive one."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import resource

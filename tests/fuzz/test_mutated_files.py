@@ -5,8 +5,6 @@ What holds for the first cases of each format holds for many: ``make fuzz`` runs
 Each kind of file that the door knows has an example, which is damaged: a new kind cannot escape.
 """
 
-from __future__ import annotations
-
 import os
 import zlib
 from collections.abc import Callable

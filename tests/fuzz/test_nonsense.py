@@ -1,7 +1,5 @@
 """Nonsense is refused in one line, at once and without memory: none of sixty values and files is accepted."""
 
-from __future__ import annotations
-
 import pytest
 from fuzz.nonsense import cases
 from fuzz.survive import broken

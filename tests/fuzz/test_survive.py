@@ -1,7 +1,5 @@
 """What watches damaged files notices an exception, a hang, memory and the end of the process, and nothing else."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

@@ -5,8 +5,6 @@ Targets of other parameters, where they are known in closed form, and which samp
 Turbulence in the information: the filter makes its outputs white, and what misleads an estimator is found.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

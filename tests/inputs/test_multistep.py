@@ -5,8 +5,6 @@ Steps flown by hand: ramps, scattered edges, and a shortest step.
 Binary signals: every register runs through its whole period; binary noise switches as often as it says.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

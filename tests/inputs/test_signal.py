@@ -1,7 +1,5 @@
 """The energy spectrum of held signals against closed forms, quadrature and a second implementation."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The sweep's frequency, its energy and its laws."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

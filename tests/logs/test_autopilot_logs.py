@@ -3,8 +3,6 @@
 Messages of Paparazzi with the definitions beside them: channels in their units and signs, and clear refusals.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from short_flight import DE, Q, T

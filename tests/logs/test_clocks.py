@@ -3,8 +3,6 @@
 Which samples of a clock with wrong times are kept: against every possible choice, and by its stated limits.
 """
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

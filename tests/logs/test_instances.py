@@ -1,7 +1,5 @@
 """Several equal sensors in one log: the best is read, or the one asked for, and the choice is said."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

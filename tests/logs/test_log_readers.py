@@ -1,7 +1,5 @@
 """Autopilot logs against their libraries' own readers, bit for bit; units, instances and damage."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Movements of a control in a record made of known ones: where each begins and ends, what is joined, what is cut."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

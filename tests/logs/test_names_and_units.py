@@ -1,7 +1,5 @@
 """Headings of tables of many writers: which channel, which unit, which column of times; nothing guessed beyond them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Values that no flight has are questioned with the unit that makes sense; flights are not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from recorded import flight_data, shared

@@ -1,7 +1,5 @@
 """Units, signs and axes that nobody stated, as the motion has them, with the probability of what is asked."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What drives which surface, by the log's own settings: servo pulses of ArduPilot, servos and torques of PX4."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

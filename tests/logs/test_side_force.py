@@ -1,7 +1,5 @@
 """A lateral specific force in g, or counted to the left, is questioned by the motion; flights are not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

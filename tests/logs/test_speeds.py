@@ -1,7 +1,5 @@
 """Airspeed in another unit is questioned by what else tells speed; wind, thin air and gentle flights are not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from recorded import flight_data

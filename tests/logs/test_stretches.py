@@ -1,7 +1,5 @@
 """What kind of flight each stretch of a log is, by whatever it logs, and that nothing else is identified from."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

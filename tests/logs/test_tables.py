@@ -1,7 +1,5 @@
 """Tables of every format, and records made of them: exact round trips, and one clear error for each kind of rubbish."""
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np

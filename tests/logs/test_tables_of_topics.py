@@ -1,7 +1,5 @@
 """Tables that mavlogdump, Mission Planner and ulog2csv make of logs: read by the rules of the logs themselves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.io import savemat

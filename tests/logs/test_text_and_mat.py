@@ -1,7 +1,5 @@
 """Text and MAT files of many shapes: what is read of them, and one clear error where they cannot be tables."""
 
-from __future__ import annotations
-
 import struct
 import tracemalloc
 import zlib

@@ -1,7 +1,5 @@
 """Attitude, rates and specific forces as vectors in the columns of a table: ROS, quaternions, axes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from test_tables_of_topics import PITCH, Q, T, table

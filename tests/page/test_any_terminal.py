@@ -1,7 +1,5 @@
 """Terminals that lack signs, are narrow or go away: no traceback, no number broken in two, a status that says so."""
 
-from __future__ import annotations
-
 import io
 import signal
 import subprocess

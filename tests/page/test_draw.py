@@ -1,7 +1,5 @@
 """The renderer of figures: what it places, shares and leaves out, whatever a figure shows."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

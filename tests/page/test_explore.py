@@ -1,7 +1,5 @@
 """Figures as numbers: what the page holds is what was given, peaks are kept, and texts stay texts."""
 
-from __future__ import annotations
-
 import base64
 import json
 

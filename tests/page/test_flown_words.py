@@ -1,7 +1,5 @@
 """What flew: one sentence and one table for all questions, from counts or from the records themselves."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What every page keeps, in a browser: it fits screens, keys reach it, and axe-core, where it is, finds no fault."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Figures for a paper: formats, width, style, refusals, and data that draws them again."""
 
-from __future__ import annotations
-
 import csv
 import runpy
 from pathlib import Path

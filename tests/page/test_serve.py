@@ -1,7 +1,5 @@
 """The server against what does not behave: other names and origins, large and slow requests, too many of them."""
 
-from __future__ import annotations
-
 import socket
 import time
 from contextlib import contextmanager

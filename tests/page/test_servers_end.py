@@ -1,7 +1,5 @@
 """Servers end at once by Ctrl-C and by the system, with a page open: no process and no file is left."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

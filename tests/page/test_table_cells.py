@@ -1,7 +1,5 @@
 """Cells of tables on a page: long texts are notes below the table, long names may break, short texts do not."""
 
-from __future__ import annotations
-
 import re
 
 from testbench.page.page import COMPUTED, Page

@@ -1,7 +1,5 @@
 """A text in Markdown as a page: tables scroll, and nothing of the text becomes code."""
 
-from __future__ import annotations
-
 from testbench.page.html import text_page
 
 TABLE = "| a | b |\n| --- | --- |\n| 1 | 2 |\n"

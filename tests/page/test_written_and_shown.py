@@ -1,7 +1,5 @@
 """Page: what is written, what is shown, and how its sentences and tables read."""
 
-from __future__ import annotations
-
 import re
 from io import StringIO
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A small result made by hand: a known linear aircraft, two suites, models whose figures can be worked out on paper."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Estimators that fail in every way, and a scenario that asks all of them beside one that works."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 METHODS = """

@@ -1,7 +1,5 @@
 """The loop of the commands closes: from a new project to an aircraft that a flight amended, in small."""
 
-from __future__ import annotations
-
 import csv
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Figures that are explored, in a real browser: mouse, keys, switches, what is left without a script or on paper."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Which kind of question a file is, told by its keys: every packaged file, and files with faults."""
 
-from __future__ import annotations
-
 import pytest
 
 from testbench.core.errors import ScenarioError

@@ -1,7 +1,5 @@
 """The pages in a real browser: tables sort by mouse and keyboard, text stays text, the first screen has its figure."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -3,8 +3,6 @@
 Estimators side by side: the pairs, ranks and figures of campaigns and comparisons.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from types import SimpleNamespace

@@ -19,8 +19,6 @@ Neglected, with sizes at 16 m/s, and how each can be put back (``beyond``) to sh
 - Change of gravity with height, 3e-7 of g per metre: left out always. Gravity is taken at the height of the flight.
 """
 
-from __future__ import annotations
-
 import math
 import tomllib
 import xml.etree.ElementTree as ET

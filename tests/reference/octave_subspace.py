@@ -4,8 +4,6 @@ Run as a script, with Octave and its control package at hand, to make the file a
 same data again. Data: PRBS inputs, orders 2 and 4, one or two inputs, exact and with 5 % noise on the outputs.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Each kind of instrument against its equation, and the effects that all of them share."""
 
-from __future__ import annotations
-
 import zlib
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 Kinds, recorders, drift, price and mass in suite files, there and back.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Each step of a sensor's physics against its equation, one at a time; then their order."""
 
-from __future__ import annotations
-
 import zlib
 from dataclasses import replace
 

@@ -6,8 +6,6 @@ simulation of the testbench. A gyro of another scale is no case: alpha and q alo
 place, and instruments_study.py has it with the other instruments.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

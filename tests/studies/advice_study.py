@@ -11,8 +11,6 @@ An estimate is wrong if a derivative is more than four of its errors off, or, fo
 pole nearest to the truth is more than ``TOLERANCE`` off in frequency, relative, or in damping ratio.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -6,8 +6,6 @@ in autopilot_logs_seeds.csv, and a run goes on where the last one stopped; delet
 product. The table is results/estimators/autopilot_logs.csv.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import time

@@ -14,8 +14,6 @@ form error of the method were chosen on other draws (seed 1).
 Run ``python tests/studies/clearance_study.py [--aircraft N]``; it goes on where it stopped.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Callable

@@ -7,8 +7,6 @@ tell them ("told": the same times what :func:`shortfall` simulates). The table i
 results/estimators/coloured_errors.csv.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

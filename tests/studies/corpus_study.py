@@ -15,8 +15,6 @@ over CL_alpha. Cross derivatives, whose values pass through zero, have a relativ
 like all other floors both are judged.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache

@@ -9,8 +9,6 @@ effect, and one hidden layer of 64 tanh units before a softmax (D. E. Rumelhart,
 323, 1986), trained by Adam (D. P. Kingma, J. Ba, ICLR 2015) on all training cases at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from typing import Any
 

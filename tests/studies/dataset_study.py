@@ -5,8 +5,6 @@ classifier, and the gap workflow on the first cases of the test split, as each t
 into --work and gone on with if they are there.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import os

@@ -12,8 +12,6 @@ windowed spectra, 90 s of random steps of 0.1 rad, at random to one side or the 
 that err.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The estimators of the study: each takes a case and records and returns estimates with the errors that it tells."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 

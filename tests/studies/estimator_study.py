@@ -17,8 +17,6 @@ worst of them stands below. ``low`` and ``high`` are limits that a right interva
 Estimates are kept seed by seed in build/estimator_study/, from which an interrupted study resumes.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

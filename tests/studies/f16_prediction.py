@@ -9,8 +9,6 @@ identify, 8 and 9 judge. Every model flies free, its initial state fitted. Peers
 and n4sid of Octave's control package, whose "s" rows are varied in their favour.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

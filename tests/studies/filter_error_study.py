@@ -6,8 +6,6 @@ of 0.02 rad and 3 s adds to the angle of attack of the forces; the angle of atta
 that of a vane.
 """
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 from pathlib import Path

@@ -5,8 +5,6 @@
 more than a twentieth of its standard error, which is less than the page prints.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

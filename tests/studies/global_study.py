@@ -12,8 +12,6 @@ seeds; least_percent: the smallest of them. error_90: error that nine tenths of 
 z_rms: root mean square of error over stated standard error; within_2: states that are within two of them, percent.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Iterator

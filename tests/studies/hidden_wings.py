@@ -7,8 +7,6 @@ pod or an underwing store, are there in some. Nothing of the package is used but
 estimator, which has no lag, no strip and no body, shares no term with this.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ file, `testbench import`, `testbench identify`. What is called determined is com
 aircraft at its trim.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence

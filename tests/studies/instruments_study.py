@@ -5,8 +5,6 @@ or one made from a geometry, a speed, a manoeuvre, sample rate, noise, quantisat
 have, and the channels that are logged. A kind of error is laid over it; the same seed never serves two kinds.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

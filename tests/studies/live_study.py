@@ -9,8 +9,6 @@ was said that accuracy would take over how long it took, and what was called out
 Run ``python tests/studies/live_study.py [--flights N] [--first K]``; it goes on where it stopped.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

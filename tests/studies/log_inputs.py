@@ -16,8 +16,6 @@ Columns: kind, input, source; wanted (:func:`judged`); what came out (kinds of f
 question, or the refusal); right, "yes" or what is not.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 import tomllib

@@ -5,8 +5,6 @@
 Each takes a few seconds to a minute. Those of real records are left out where tests/recorded.py finds no records.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from dataclasses import replace

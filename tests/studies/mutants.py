@@ -15,8 +15,6 @@ A survivor has its reason, too, if somebody has looked at it: a number of which 
 The mutant is sown into a copy of the tree; the tree itself is never changed.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import compileall

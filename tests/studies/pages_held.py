@@ -6,8 +6,6 @@ FOLDER holds results of any questions; axe.min.js comes from `npm pack axe-core`
 screenshots at 400, 800 and 1280 px, light, dark and for print if asked, and ends with 1 if a page has a fault.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

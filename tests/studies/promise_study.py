@@ -5,8 +5,6 @@ goes on where it stopped. The headline is what ``testbench design`` prints; it c
 own seed. The fresh flights have other noise and other turbulence.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

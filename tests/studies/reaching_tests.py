@@ -6,8 +6,6 @@ been read before any test starts: every function that names it, and every functi
 So does every function of a folder for what stands in a compiled one, which cannot report.
 """
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import json

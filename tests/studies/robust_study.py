@@ -5,8 +5,6 @@ for the believed aircraft alone have the same time, and both keep the limits in 
 criterion of the latter over that of the former: the worst over the 20 draws of the design, and over 20 fresh ones.
 """
 
-from __future__ import annotations
-
 import shutil
 import sys
 from pathlib import Path

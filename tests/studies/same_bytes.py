@@ -12,8 +12,6 @@ its files. Recorded flights are taken from TESTBENCH_FLIGHT_DATA, and left out w
 Exit status: 0 if records, tables and models are equal, 1 if any differs.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import hashlib

@@ -10,8 +10,6 @@ Run ``python tests/studies/sequential_study.py [--trials N]``. Trials that are d
 results/design/sequential_trials.csv, so that it goes on where it stopped.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

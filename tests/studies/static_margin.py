@@ -16,8 +16,6 @@ over the repetitions; ``p_holm``: probability of the difference by chance, corre
 ``predicted``: ratio of the standard errors by information, with alpha over without.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import re

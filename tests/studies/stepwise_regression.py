@@ -4,8 +4,6 @@ V. Klein, E. A. Morelli, Aircraft System Identification, AIAA 2006, ch. 5, with 
 residuals: E. A. Morelli, V. Klein, Journal of Guidance, Control, and Dynamics 20(1), 1997.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

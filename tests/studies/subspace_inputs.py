@@ -7,8 +7,6 @@ where they are installed, SLICOT's moen4 and n4sid through GNU Octave's control 
 stay as the table has them.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import importlib.util

@@ -18,8 +18,6 @@ and were skipped. What cannot be made on a machine is a row that says why. Envir
     pythonX.Y      each other Python from 3.11 on that is found, with the newest packages
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The table of envelope expansions holds what the page on it says, and what was asked of the method."""
 
-from __future__ import annotations
-
 import numpy as np
 from smallest import ROOT
 from studies.hidden_wings import KINDS

@@ -1,7 +1,5 @@
 """The committed table of the corpus: it is that of the published values, of what the package states, and it holds."""
 
-from __future__ import annotations
-
 import pytest
 from tables import read_rows
 

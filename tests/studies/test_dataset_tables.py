@@ -1,7 +1,5 @@
 """The committed scores of the packaged data sets: they agree with the blind test, and with what the guide says."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tables import read_rows

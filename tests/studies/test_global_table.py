@@ -1,7 +1,5 @@
 """What the guide says of global models is in the table that the study wrote."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Which instrument errs, on aircraft that are not ours: a few draws here, all kinds where there are minutes."""
 
-from __future__ import annotations
-
 import pytest
 from studies.instruments_study import KINDS, measured, row_of
 

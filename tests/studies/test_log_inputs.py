@@ -1,7 +1,5 @@
 """The committed table of inputs: it has every input of the study, and nine in ten are right."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 from tables import read_rows

@@ -1,7 +1,5 @@
 """The committed study of the static margin: its margins are the aircraft's, and its table holds what is said of it."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

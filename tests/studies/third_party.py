@@ -12,8 +12,6 @@ program's own line on why not. Columns:
 - seconds: of the clock, of all.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import subprocess

@@ -1,7 +1,5 @@
 """AVL files of several kinds, written after the AVL User Primer: read, noted or refused, never dropped in silence."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

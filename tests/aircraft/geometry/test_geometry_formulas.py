@@ -3,8 +3,6 @@
 What fuselage, wake and boundary layer do, by hand.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from types import SimpleNamespace

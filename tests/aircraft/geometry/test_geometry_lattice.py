@@ -1,7 +1,5 @@
 """The lattice against solved cases, by hand, and against AeroSandbox's own."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Mass, centre of gravity and inertias from items: solved cases, and JSBSim's own sum of point masses."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import jsbsim

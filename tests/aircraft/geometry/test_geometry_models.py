@@ -1,7 +1,5 @@
 """Aircraft made from their plans: signs in flight, the form of the packaged models, and what is said of the numbers."""
 
-from __future__ import annotations
-
 import math
 import shutil
 import tomllib

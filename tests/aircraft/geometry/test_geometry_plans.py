@@ -3,8 +3,6 @@
 Sections against printed ordinates, and files in the orders that people have.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

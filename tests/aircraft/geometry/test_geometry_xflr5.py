@@ -1,7 +1,5 @@
 """Planes that xflr5 exported as XML: read as geometry.toml would say them, or refused with the surface."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

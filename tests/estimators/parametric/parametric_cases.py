@@ -1,7 +1,5 @@
 """A member of every structure with believable true values, and records simulated with it."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

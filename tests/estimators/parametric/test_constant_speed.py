@@ -1,7 +1,5 @@
 """The doubt that a short period takes up what the airspeed did: raised where it bends the path, silent where not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Bounded searches end at the bounded minimum, also where the step that the linear model asks for leaves the bounds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear

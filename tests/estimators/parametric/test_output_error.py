@@ -1,7 +1,5 @@
 """Output error: exact data, several records, biases, delays, priors, bounds, starts, and what it refuses."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Output error on recorded flights against results printed in Jategaonkar, Flight Vehicle System Identification."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

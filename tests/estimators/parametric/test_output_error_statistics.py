@@ -1,7 +1,5 @@
 """Output error over many seeds: scatter at the Cramer-Rao bound, intervals that cover, also in coloured noise."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

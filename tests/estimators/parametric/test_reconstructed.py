@@ -1,7 +1,5 @@
 """A flow angle that no vane measured, integrated from rates and accelerations."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from testbench.core.record import FlightRecord

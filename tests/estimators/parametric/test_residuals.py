@@ -1,7 +1,5 @@
 """Colour of residuals: autoregressions, the covariance of a score, and the test for whiteness."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

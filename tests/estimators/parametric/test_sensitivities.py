@@ -1,7 +1,5 @@
 """The small square root says what the long Jacobian says, and the colour of a long record is taken block by block."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Servos between commands and surfaces: known, estimated, limited in rate, delayed; and what they refuse."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

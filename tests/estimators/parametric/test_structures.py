@@ -1,7 +1,5 @@
 """What every structure must do: exact derivatives, exact and Runge-Kutta responses that agree, settings refused."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Structures from equations as text: exact derivatives, exact recovery, the packaged ones again, and refusals."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from typing import NamedTuple

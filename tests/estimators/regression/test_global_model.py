@@ -1,7 +1,5 @@
 """Global models: exact functions come back, noise gives none, errors are those of the scatter, domains end."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from global_flights import drawn

@@ -1,7 +1,5 @@
 """Smoothing and differentiation: exact derivatives, noise level, gain over central differences, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

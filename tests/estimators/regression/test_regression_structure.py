@@ -1,7 +1,5 @@
 """Orthogonal functions: the true structure among candidates, decomposition, noise, colour."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg import expm
 from scipy.signal import lfilter

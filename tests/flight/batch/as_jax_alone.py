@@ -1,7 +1,5 @@
 """An aircraft as functions of JAX flies as batches do, and differentiates as differences do (``test_as_jax.py``)."""
 
-from __future__ import annotations
-
 import sys
 
 import jax

@@ -1,7 +1,5 @@
 """Forces along a given motion: those of the very flight that the motion is of, and what differs where it does."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

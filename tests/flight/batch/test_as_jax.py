@@ -1,7 +1,5 @@
 """What ``as_jax_alone.py`` tests, in a process of its own: JAX runs threads, and other tests fork their processes."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from importlib.util import find_spec

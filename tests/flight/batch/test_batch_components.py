@@ -1,7 +1,5 @@
 """Components of the batch's control system against JSBSim's own: random chains of all kinds, flown from trim."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

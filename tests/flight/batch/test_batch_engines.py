@@ -1,7 +1,5 @@
 """Engines of the batch: JSBSim's own flights, the moments of a spinning propeller by hand, and what is refused."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

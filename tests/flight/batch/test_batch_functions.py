@@ -1,7 +1,5 @@
 """Functions and tables of the batch against JSBSim's own: random ones, nested, and every one at its corners."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

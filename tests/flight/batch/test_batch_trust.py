@@ -3,8 +3,6 @@
 Compilation of kernels.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numba

@@ -5,8 +5,6 @@ Flights that are given away as they are flown: the same records, made when they 
 A flight that begins off its trim: JSBSim and the batch agree, and it is where it was told to be.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -3,8 +3,6 @@
 Linear models by the batch are those that JSBSim's own differences give, bending and lag of the air included.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """``testbench aircraft adopt`` from an empty folder, and what follows."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

@@ -1,7 +1,5 @@
 """The command ``testbench aircraft flexible``: known answers back, what comes out flies, what is said of bad files."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import shutil

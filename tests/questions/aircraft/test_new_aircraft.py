@@ -1,7 +1,5 @@
 """The command aircraft new: the guide's example from an empty folder to a run, and how it refuses."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

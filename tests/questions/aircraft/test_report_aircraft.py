@@ -1,7 +1,5 @@
 """The report on an aircraft: every part there, self-contained, and an export that needs nothing of this project."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

@@ -1,7 +1,5 @@
 """The three-view drawing: its dimensions are those of the aircraft, and nothing of it leaves the paper."""
 
-from __future__ import annotations
-
 import importlib.util
 from dataclasses import replace
 from types import SimpleNamespace

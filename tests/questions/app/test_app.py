@@ -1,7 +1,5 @@
 """The app: what it takes and refuses by http, and the journey from a dropped log to the page of its result."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from http.client import HTTPConnection

@@ -1,7 +1,5 @@
 """Schedulers and workers of the tests, as processes of their own."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

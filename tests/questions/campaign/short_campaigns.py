@@ -1,7 +1,5 @@
 """The campaign of the tests: short flights of a small aircraft."""
 
-from __future__ import annotations
-
 SHORT = """
 title = "Short flights"
 seed = 5

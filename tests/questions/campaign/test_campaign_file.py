@@ -1,7 +1,5 @@
 """Campaign files: every fault at once in words, laws of the nominal checked before anything flies."""
 
-from __future__ import annotations
-
 import pytest
 
 from testbench.core.errors import ScenarioError

@@ -1,7 +1,5 @@
 """The store: one writer, nothing lost, nothing counted twice, and refusals in words."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Draws: functions of the campaign's seed, the run's number and the key, and of nothing else."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from testbench.questions.campaign.draws import nominal_inputs, run_inputs, run_seed

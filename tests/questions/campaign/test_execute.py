@@ -1,7 +1,5 @@
 """Execution: the same table whoever flies it, and whatever is killed on the way."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """Coefficients drawn by the aircraft's own uncertainty: which, by what law, and what is refused."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """The packaged campaign from its file to its report: answer first, tables as figures, page without anything fetched."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

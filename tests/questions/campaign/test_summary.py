@@ -1,7 +1,5 @@
 """Summaries: bias, scatter and coverage of cases whose answer is known, failures by cause, and the same bytes."""
 
-from __future__ import annotations
-
 import json
 import math
 

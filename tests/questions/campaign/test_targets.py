@@ -1,7 +1,5 @@
 """What varies reaches the simulator: mass, centre of gravity, coefficients and sensors by their physics."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

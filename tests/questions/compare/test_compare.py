@@ -1,7 +1,5 @@
 """A comparison of suites: paired, honest about chance, and in agreement with information where it should be."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Maximum likelihood with noisy inputs: its weights against dense matrices, and its scatter against information."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

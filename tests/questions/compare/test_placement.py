@@ -1,7 +1,5 @@
 """Stations along the wing: sums of information, greedy with exchanges against every set."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The report on the compatibility of recorded data: answer, tables, figure, corrected records, page."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

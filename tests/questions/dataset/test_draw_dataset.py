@@ -1,7 +1,5 @@
 """Data sets: what is drawn, that a kill and other workers change no byte, splits that do not leak, and refusals."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """Scores: perfect answers are perfect, known errors are told as they are, names by level; bad tables are refused."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

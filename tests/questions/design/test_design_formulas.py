@@ -1,7 +1,5 @@
 """Formulas of the design one by one: each against a value worked out another way."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

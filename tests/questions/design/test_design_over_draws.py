@@ -1,7 +1,5 @@
 """A design over the aircraft that the believed one may be: its own uncertainty drawn, and the choice for the worst."""
 
-from __future__ import annotations
-
 import csv
 import tomllib
 from dataclasses import replace

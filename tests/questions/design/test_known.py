@@ -1,7 +1,5 @@
 """Designs after flights: what flights say together, the aircraft that is believed then, and what the next one adds."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`testbench design --aircraft` designs for an aircraft of the user's own, and hands its path on."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

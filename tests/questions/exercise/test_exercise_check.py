@@ -1,7 +1,5 @@
 """The checker's words: units, signs, halves, what is missing, what is misspelt; keys and folders."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Every exercise of the list: two students differ, nothing handed out holds the truth, the worked solution passes."""
 
-from __future__ import annotations
-
 import math
 import re
 import tomllib

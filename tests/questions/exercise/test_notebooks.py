@@ -1,7 +1,5 @@
 """The notebooks run as they are handed out, hold no outputs, and their last cell judges what is answered."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """A class: folders for every student, a key that nobody else has, and marks that say what each missed."""
 
-from __future__ import annotations
-
 import csv
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Aircraft outside of the testbench: as C and as units for co-simulation, flown beside JSBSim."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import subprocess

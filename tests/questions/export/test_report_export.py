@@ -1,7 +1,5 @@
 """Models for other programs: whatever the estimator and the format, the response is the model's own."""
 
-from __future__ import annotations
-
 import json
 import runpy
 

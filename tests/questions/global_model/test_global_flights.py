@@ -1,7 +1,5 @@
 """Global models of simulated flights: held-out flights, refusals, and aircraft that have the functions."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Identified derivatives written back into the user's aircraft: what is written, what is reached, what is refused."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import replace
 

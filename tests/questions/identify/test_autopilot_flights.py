@@ -3,8 +3,6 @@
 Truth is the aircraft linearised where it flew. The study of many seeds: tests/studies/autopilot_logs.py.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from flown_logs import IMU_M, LEAD_S, LOGS, PIECES, THROWS, fly, truth

@@ -1,7 +1,5 @@
 """From a log to derivatives: what a new user's commands give, and what is said of servos, holds and the aircraft."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from io import StringIO

@@ -1,7 +1,5 @@
 """Descriptions of recorded flights: what they may say, and how they say what is wrong."""
 
-from __future__ import annotations
-
 import pytest
 
 from testbench.core.errors import RecordError, ScenarioError

@@ -1,7 +1,5 @@
 """What identify does where kinematics contradict an instrument: nothing is determined, nothing is amended unseen."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from changed_flights import LONGITUDINAL, changed_aircraft, described, flown, steps

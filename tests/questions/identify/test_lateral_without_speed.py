@@ -1,7 +1,5 @@
 """Lateral derivatives of a log without airspeed, and without a vane: within their errors, or said not to be known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import expm

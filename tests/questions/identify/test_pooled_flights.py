@@ -1,7 +1,5 @@
 """Logs at several speeds, heights and masses into one set of coefficients: from descriptions, and what is refused."""
 
-from __future__ import annotations
-
 import csv
 import json
 

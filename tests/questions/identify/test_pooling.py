@@ -1,7 +1,5 @@
 """The algebra of pooling: exact data, a second way to compute it, scatter against errors, false alarms, priors."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

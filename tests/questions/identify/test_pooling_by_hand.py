@@ -1,7 +1,5 @@
 """Pooling of one or two coefficients, each number worked out by hand: between, factor, prior, trend, causes."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 

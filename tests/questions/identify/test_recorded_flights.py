@@ -3,8 +3,6 @@
 The data are not part of the project. Where they are absent the tests are skipped, saying what is missing.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The recorded flight through an aircraft: what flew it leaves no miss, whatever was measured and wherever it began."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

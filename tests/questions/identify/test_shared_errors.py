@@ -1,7 +1,5 @@
 """Errors of airspeed, mass and inertia that all logs share: first order against Monte Carlo, in words, in the file."""
 
-from __future__ import annotations
-
 import shutil
 from types import SimpleNamespace
 

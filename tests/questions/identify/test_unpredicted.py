@@ -1,7 +1,5 @@
 """Derivatives that the data decide and that predict nothing else: said first, with the cause."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

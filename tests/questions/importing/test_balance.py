@@ -1,7 +1,5 @@
 """The balance of an import: what is announced is what is written, and what was left out is named with its reason."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

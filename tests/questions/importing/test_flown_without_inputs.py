@@ -1,7 +1,5 @@
 """Flights in which nothing was designed: an autopilot steers through gusts, and what excitation there is is used."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What import writes: one result in one folder, whole or not there, beside whatever a user has in it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

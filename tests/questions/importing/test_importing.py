@@ -1,7 +1,5 @@
 """The whole chain: a log or a table in, manoeuvres cut, records and a description out, a model identified from them."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What import prints is true of the log: columns as they were combined, ranges that tell their ends apart, rotors."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

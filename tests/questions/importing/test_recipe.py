@@ -1,7 +1,5 @@
 """The recipe that the channels of a record allow, and that what it writes identifies at once."""
 
-from __future__ import annotations
-
 import tomllib
 
 import numpy as np

@@ -3,8 +3,6 @@
 What import advises works if it is followed: another rate gives a recipe, or is not advised.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

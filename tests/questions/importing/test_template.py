@@ -1,7 +1,5 @@
 """A table that says too little of itself: the error names the way out, and the description written for it works."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 

@@ -1,7 +1,5 @@
 """A flight that is followed: what is told of it is right, what is wrong is called, and nothing is sent."""
 
-from __future__ import annotations
-
 import json
 import socket
 import threading

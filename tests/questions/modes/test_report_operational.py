@@ -1,7 +1,5 @@
 """Modes from turbulence alone: a flight beside the linear model, the report, and the command broken."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

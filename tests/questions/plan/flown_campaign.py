@@ -1,7 +1,5 @@
 """A small campaign after its flights: a designed elevator input at two speeds and an aileron doublet, rehearsed."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Limits that a plan leaves out come from the aircraft, and every card says from where and who watches them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from types import SimpleNamespace

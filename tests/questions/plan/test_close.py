@@ -1,7 +1,5 @@
 """After the flight: runs found in logs by what was commanded, and set against their cards."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

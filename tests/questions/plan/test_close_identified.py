@@ -1,7 +1,5 @@
 """A simulated campaign after its flights: runs identified as designed, promises kept or broken, what comes next."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

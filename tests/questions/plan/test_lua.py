@@ -1,7 +1,5 @@
 """The script for ArduPilot, run by Lua 5.3, the version that ArduPilot holds, against a stub of its interface."""
 
-from __future__ import annotations
-
 import csv
 import io
 from dataclasses import replace

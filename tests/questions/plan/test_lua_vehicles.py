@@ -1,7 +1,5 @@
 """The script on vehicles of all kinds: mixed controls by SERVOn_FUNCTION, and a vehicle that fails at every frame."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """New plan files: complete for any aircraft, with designs taken over without retyping, in a box of air."""
 
-from __future__ import annotations
-
 import math
 import re
 import shutil

@@ -1,7 +1,5 @@
 """The response of a plan's manoeuvres by hand: limits in SI, factors on amplitudes, rates, bands and roughness."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -5,8 +5,6 @@ Power and energy of a flight by hand: of a motor, and of a glider, which pays wi
 The simulated input of a script is the one that the script sends: sampled at its period and held.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from itertools import pairwise

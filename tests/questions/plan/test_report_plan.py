@@ -1,7 +1,5 @@
 """The report of a flight plan: the Taurus campaign through the command line, its cards, pages and signals."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

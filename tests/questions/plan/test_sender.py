@@ -1,7 +1,5 @@
 """The MAVLink sender for PX4: a vehicle that fails at any frame, in virtual time, and an autopilot on 127.0.0.1."""
 
-from __future__ import annotations
-
 import json
 import math
 import runpy

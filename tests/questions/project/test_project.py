@@ -1,7 +1,5 @@
 """What a project file says, what a new one asks for, and the command that comes next at each stage of a campaign."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Small versions of the studies: the phenomena themselves, on few flights and noises, with fixed seeds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

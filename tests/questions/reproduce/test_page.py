@@ -1,7 +1,5 @@
 """The page and its files: every printed number with its place, nothing fetched from elsewhere, clear refusals."""
 
-from __future__ import annotations
-
 import csv
 import io
 import os

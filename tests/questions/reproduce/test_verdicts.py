@@ -1,7 +1,5 @@
 """The verdicts follow from what was computed, and the words from the verdicts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

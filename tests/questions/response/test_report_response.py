@@ -1,7 +1,5 @@
 """The report on measured frequency responses: where they can be believed, table, figures, page."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

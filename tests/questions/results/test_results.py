@@ -3,8 +3,6 @@
 A result whose writer was killed between its commit and its last move is read whole, whoever reads it first.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """What a result was made from, whether it still is what was written, and a user's files beside it."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

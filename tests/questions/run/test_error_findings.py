@@ -1,7 +1,5 @@
 """Whose standard errors hold: as many true values within two of them as chance allows."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 from testbench.evaluation.derivatives import ParameterEstimate

@@ -1,7 +1,5 @@
 """The figure of the first screen: every model and mode is drawn, and a prediction that diverges stays on the axes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the figures draw: the right numbers in the right units, at any width, always the same bytes."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

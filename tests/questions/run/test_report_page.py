@@ -1,7 +1,5 @@
 """What is written: every file whole, the page self-contained and safe, the same bytes each time."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html

@@ -1,7 +1,5 @@
 """The tables: their figures, their units, and that page, CSV and JSON say the same."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

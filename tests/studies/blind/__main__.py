@@ -1,7 +1,5 @@
 """Run the blind test: ``python -m studies.blind``. Resumes: cases that have a row are not run again."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

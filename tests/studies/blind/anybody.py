@@ -6,8 +6,6 @@ turbulence, half begin in motion. What is hidden acts on commands, readings, mas
 true coefficients are drawn from the priors that are stated. Resumes: cases that have a row are not run again.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import hashlib

@@ -4,8 +4,6 @@ Shares no code with the library of effects; neither imports the other (tests/tes
 JSBSim one by one: the sealed draws must keep their bytes, which a batch gives of a fifth of the samples only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

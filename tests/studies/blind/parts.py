@@ -1,7 +1,5 @@
 """How often the part that was called was the right one: what was said against where the hidden truth acts."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Tables of the blind test: confusion, rates with Wilson intervals, sizes, and a page that reads them out."""
 
-from __future__ import annotations
-
 import statistics
 from collections import Counter
 from collections.abc import Mapping, Sequence

@@ -3,8 +3,6 @@
 Not in ``__main__``: a process that is spawned finds nothing there.
 """
 
-from __future__ import annotations
-
 import os
 import threading
 import time

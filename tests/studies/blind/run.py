@@ -1,7 +1,5 @@
 """Name what one blind case hides: records, believed model and suite go in, the answer does not."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Score the blind test: what each case hid against what was said, and rates with their intervals."""
 
-from __future__ import annotations
-
 import statistics
 from collections import Counter
 from collections.abc import Mapping, Sequence

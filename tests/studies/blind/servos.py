@@ -5,8 +5,6 @@ Servos take a command that changes from frame to frame as a ramp over the frame,
 Shares no code with the library of effects; neither imports the other (tests/test_house_rules.py).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Shares no code with the library of effects; neither imports the other (tests/test_house_rules.py).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace

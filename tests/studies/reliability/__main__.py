@@ -10,8 +10,6 @@ python -m studies.reliability --report                           # write results
 Rows are kept in results/reliability; results/reliability.md says how many cases ran.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

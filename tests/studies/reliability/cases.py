@@ -1,7 +1,5 @@
 """Cases of the study that go on where they stopped: one row for each in results/reliability/PART.csv."""
 
-from __future__ import annotations
-
 import csv
 import os
 import re

@@ -1,7 +1,5 @@
 """Every command, treated in every way: four parts of the study, which run side by side."""
 
-from __future__ import annotations
-
 import contextlib
 import shutil
 import tempfile

@@ -1,7 +1,5 @@
 """JSBSim made to end its process inside a campaign, in the two known ways: one run is recorded, the rest is flown."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Damaged files of every kind that the door knows: each is read, or refused in words; nonsense is refused."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 

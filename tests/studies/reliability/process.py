@@ -4,8 +4,6 @@ Most are forked from a process that has imported everything: a trial then takes 
 of imports. Fresh ones begin as a user's do.
 """
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import ctypes

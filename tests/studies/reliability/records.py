@@ -1,7 +1,5 @@
 """Mutated records of every format through the commands that read them; what is read is held against the original."""
 
-from __future__ import annotations
-
 import tempfile
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """results/reliability.md: what was tried, how often, what came of it, and what no case may come to."""
 
-from __future__ import annotations
-
 import os
 import platform
 from collections import Counter

@@ -1,7 +1,5 @@
 """What `make test` tries of every command: some treatments, in a process that is forked from a warm one."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from pathlib import Path

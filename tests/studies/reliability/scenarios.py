@@ -1,7 +1,5 @@
 """Mutated scenarios of every kind are refused in words, or what is read is what the file says; then they are flown."""
 
-from __future__ import annotations
-
 import importlib
 import shutil
 import signal

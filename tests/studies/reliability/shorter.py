@@ -4,8 +4,6 @@ Each is called in the process before the command, see :class:`studies.reliabilit
 files are written and in which order is left as it is.
 """
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Large campaigns: how long 100 000 rows take to summarise, and whether 20 000 short runs need more and more memory."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Iterator, Sequence

@@ -4,8 +4,6 @@ A case is found by the command that it is of, "gap new", and a further one of a 
 command reads is made once, by :func:`made`, and copied for each trial.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

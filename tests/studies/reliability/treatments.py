@@ -4,8 +4,6 @@ Each trial has a folder of its own. What lies in it at the end is held against w
 byte, but for times and for what results keep for themselves in ``.testbench``.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import re

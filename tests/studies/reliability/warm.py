@@ -1,7 +1,5 @@
 """Import what commands import, so that processes that are forked from this one need not."""
 
-from __future__ import annotations
-
 import importlib
 import io
 from pathlib import Path
