@@ -1,6 +1,5 @@
 """Every scenario of the folder runs, and the two demonstrations say what they are there to say."""
 
-import json
 import re
 
 import numpy as np
@@ -191,17 +190,6 @@ def test_a_run_says_where_the_residuals_of_its_models_come_from(results):
     assert "drift" in named
     assert [a.code for a in case.model.advice][: len(named)] == named
     assert "or a slow mode that it lacks" in " ".join(results("eolo_alpha").findings)
-
-
-def test_models_are_written_with_all_their_digits(results, tmp_path, monkeypatch):
-    monkeypatch.setattr(page, "plates", lambda result: [])
-    result = results("eolo_alpha")
-    write_results(result, tmp_path)
-    stored = [json.loads(p.read_text(encoding="utf-8")) for p in sorted((tmp_path / "models").glob("*.json"))]
-    assert len(stored) == len(result.cases)
-    for model in stored:
-        match = [c for c in result.cases if np.array_equal(np.array(model["A"]), c.model.A)]
-        assert len(match) == 1
 
 
 def changed(name: str, **update: object) -> Scenario:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from commands import command
-from killed import killed_at, shown, whole
+from killed import shown
 from writers import dataflash_bin, short_period
 
 from testbench.core.errors import BusyError, RecordError
@@ -62,25 +62,6 @@ def test_a_second_import_leaves_no_record_of_the_first_and_keeps_an_edited_descr
         write_import(found, tmp_path)
     assert shown(tmp_path) == first | {"mine.toml", f"flight_longitudinal.toml{KEPT}"}
     assert (tmp_path / f"flight_longitudinal.toml{KEPT}").read_text() == "edited"
-
-
-def test_a_killed_import_leaves_the_first_or_the_second_whole(found, tmp_path):
-    both = set()
-    for step in (1, 33, 42, 50, 58, 500):  # at each step: tests/core/test_store.py
-        folder = tmp_path / str(step)
-        put_mine(folder)
-        with ResultFolder(folder) as place:
-            (place.new / "old.nc").write_text("1")
-            (place.new / "report.html").write_text("1")
-        killed = killed_at(step, lambda folder=folder: write_import(found, folder))
-        assert shown(folder) >= MINE.keys()
-        assert whole(folder)
-        assert ("old.nc" in shown(folder)) != ("whole.nc" in shown(folder))
-        both.add((killed, "old.nc" in shown(folder)))
-        write_import(found, folder)
-        assert whole(folder)
-        assert "old.nc" not in shown(folder)
-    assert both == {(True, True), (True, False), (False, False)}
 
 
 def test_of_two_imports_at_once_the_second_is_refused_before_it_wrote_anything(log, tmp_path):

@@ -11,7 +11,7 @@ import pytest
 
 from testbench.inputs.signal import energy_spectrum
 from testbench.page.draw import envelope, spread, styled
-from testbench.page.figure import Chart, Drawing, Panel, Plate, grid, rows_of
+from testbench.page.figure import Chart, Panel, Plate, grid, rows_of
 from testbench.questions.run.figures import (
     _worst,
     bode_plates,
@@ -51,16 +51,6 @@ def test_all_plates_draw_at_both_widths(result, wide: bool) -> None:
         assert "</svg>" in drawing.svg
         assert drawing.png == b""
         assert plate.caption.endswith(".")
-
-
-def test_the_same_result_gives_the_same_bytes(make_result) -> None:
-    first, second = (_drawing(make_result(), "bode_de") for _ in range(2))
-    assert first == second
-    assert first.png.startswith(b"\x89PNG")
-
-
-def _drawing(result, name: str) -> Drawing:
-    return next(p for p in plates(result) if p.name == name).draw()
 
 
 def test_drawing_leaves_matplotlib_as_it_was(result) -> None:

@@ -16,8 +16,6 @@ import pytest
 from jinja2 import UndefinedError
 from rich.console import Console
 
-from testbench.core.errors import WriteError
-from testbench.core.files import write_file
 from testbench.core.record import load_record
 from testbench.core.store import OWN, ResultFolder
 from testbench.page.html import first_screen, render, svg_uri
@@ -179,20 +177,6 @@ def test_two_cases_of_one_name_do_not_overwrite_each_other(make_result, tmp_path
     paths = write_results(make_result(truth=None, cases=base.cases[:1] * 2), tmp_path)
     assert len([p for p in paths if p.parent.name == "models"]) == 2
     assert len(set(paths)) == len(paths)
-
-
-def test_a_folder_that_cannot_be_written_to_is_named(result, tmp_path) -> None:
-    (tmp_path / "taken").write_text("a file")
-    with pytest.raises(WriteError, match="folder that can be written to, got"):
-        write_results(result, tmp_path / "taken")
-
-
-def test_a_file_that_fails_leaves_the_old_one_as_it_was(tmp_path) -> None:
-    path = write_file(tmp_path / "a.txt", "old")
-    (tmp_path / "a.txt.part").mkdir()
-    with pytest.raises(WriteError):
-        write_file(path, "new")
-    assert path.read_text() == "old"
 
 
 def test_records_are_kept_under_safe_names(result, tmp_path) -> None:

@@ -3,8 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from testbench.core.door import read_toml
-from testbench.core.errors import RecordError, ScenarioError
+from testbench.core.errors import ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.questions.run.scenario import Scenario
 
@@ -73,15 +72,6 @@ def test_toml_that_is_not_toml_names_line_and_column(tmp_path):
     file.write_text("title = [\nx", encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"x.toml must be TOML: .* line 2, column 1"):
         Scenario.load(file)
-
-
-@pytest.mark.parametrize("content", [None, b"\xff\xfe\x00"])
-def test_a_file_that_cannot_be_read_is_one_message(tmp_path, content):
-    file = tmp_path / "x.toml"
-    if content is not None:
-        file.write_bytes(content)
-    with pytest.raises((RecordError, ScenarioError), match=r"x\.toml"):
-        read_toml(file)
 
 
 def test_an_empty_file_lists_what_is_required(tmp_path):
