@@ -249,6 +249,7 @@ _EXPLAINED = 4.0  # misfit over what the random error of the responses explains,
 _POOR = 100.0  # mean cost above which a low-order equivalent is not acceptable (Tischler and Remple, section 11.2)
 _DELAYS = 13  # starts of each delay, up to a whole turn at the highest frequency
 _EXACT = 1e-9  # random errors below this are rounding
+_NEAR, _LAST = 1e-6, 1e-14  # relative tolerances of searches from several starts, and of the one that is kept
 
 
 def estimate(
@@ -436,29 +437,25 @@ def _solve(
     pairs = problem.H.shape[1] * problem.H.shape[2]
     # What holds does to a response at the samples is differentiated by numbers.
     jacobian: Any = "3-point" if any(problem.zoh) else lambda x: slopes_of(problem, x, w0)
-    best: Any = None
     if start is None:
         starts = _search(problem, w0)
     else:
         of_outputs = start.denominators[outputs[0]], start.numerators[outputs], start.delays_s[outputs]
         starts = [packed(problem, *of_outputs, w0)]
-    for x0 in starts:
-        low = np.full(x0.size, -np.inf)
-        if problem.delay:
-            low[-pairs:] = 0.0
-        found = least_squares(
-            lambda x: residuals(problem, model_of(problem, x, w0)).ravel(),
-            x0,
-            jac=jacobian,
-            bounds=(low, np.inf),
-            x_scale="jac",
-            xtol=1e-14,
-            ftol=1e-14,
-            gtol=1e-14,
-            max_nfev=300,
-        )
-        if best is None or found.cost < best.cost:
-            best = found
+    low = np.full(starts[0].size, -np.inf)
+    if problem.delay:
+        low[-pairs:] = 0.0
+
+    def misfit(x: FloatArray) -> FloatArray:
+        return residuals(problem, model_of(problem, x, w0)).ravel()
+
+    def fitted(x0: FloatArray, to: float) -> Any:
+        ends = {"xtol": to, "ftol": to, "gtol": to, "max_nfev": 300}
+        return least_squares(misfit, x0, jac=jacobian, bounds=(low, np.inf), x_scale="jac", **ends)
+
+    if len(starts) > 1:  # that which comes lowest is followed to the last digits
+        starts = [min((fitted(x0, _NEAR) for x0 in starts), key=lambda found: float(found.cost)).x]
+    best = fitted(starts[0], _LAST)
     a, b, tau = unpack(problem, best.x, w0)
     covariance, notes = _errors(problem, best.x, np.asarray(best.jac), w0)
     return a, b, tau, covariance, notes
