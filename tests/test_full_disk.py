@@ -47,6 +47,7 @@ def with_room(size, action):
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), text
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("form", ["nc", "csv", "mat", "parquet"])
 def test_records_of_every_format_at_many_sizes(tmp_path, form):
     if form == "parquet":

@@ -82,6 +82,7 @@ def test_what_is_identified_is_what_flew(tmp_path):
         assert rows[parameter]["estimate"] == pytest.approx(rows[parameter]["true"], rel=0.06), parameter
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("dynamics", ["linear", "jsbsim"])
 @pytest.mark.parametrize("name", BY_NAME)
 def test_an_agent_designs_for_an_aircraft_that_is_not_packaged(visitors, tmp_path, name, dynamics):
