@@ -29,8 +29,6 @@ from testbench.inference.instruments import sound
 from testbench.questions.global_model.ask import global_model
 from testbench.questions.global_model.coefficients import COEFFICIENTS, NEEDED
 
-COLUMNS = ("aircraft", "instruments", "coefficient", "seeds", "terms", "near_percent", "least_percent", "error_90",
-           "z_rms", "within_2")  # fmt: skip
 _NEAR = 0.05
 _STATES = 1000
 _LOG_S = 0.01
@@ -78,4 +76,5 @@ def rows(seeds: int) -> Iterator[dict[str, object]]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=sized(5, 1))
-    write_rows(results("estimators", "global.csv"), COLUMNS, list(rows(parser.parse_args().seeds)))
+    found = list(rows(parser.parse_args().seeds))
+    write_rows(results("estimators", "global.csv"), found[0], found)

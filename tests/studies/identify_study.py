@@ -34,17 +34,6 @@ from testbench.questions.identify.scenario import RecordDescription
 from testbench.sensors.sensor import first_order_lag
 
 TABLE = results("estimators", "believed.csv")
-COLUMNS = (
-    "kind",
-    "flights",
-    "refused",
-    "unusable",
-    "derivatives",
-    "determined",
-    "within_95",
-    "wrong_unseen",
-    "median_s",
-)
 
 
 @dataclass(frozen=True)
@@ -203,4 +192,4 @@ def row_of(kind: str, seeds: Iterator[int] | range, tell: bool = False) -> dict[
 
 
 if __name__ == "__main__":
-    by_kinds(KINDS_HERE, row_of, TABLE, COLUMNS, 10)
+    by_kinds(KINDS_HERE, row_of, TABLE, 10)

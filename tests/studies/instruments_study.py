@@ -33,7 +33,6 @@ from testbench.inference.instruments import Agreement, agreement
 from testbench.sensors.sensor import first_order_lag
 
 TABLE = results("instruments", "kinds.csv")
-COLUMNS = ("kind", "flights", "flagged", "instrument_named", "named_wrong", "kind_named", "within_3_std", "median_s")
 
 
 @dataclass(frozen=True)
@@ -223,7 +222,6 @@ def by_kinds(
     kinds: Sequence[str],
     row: Callable[[str, range, bool], dict[str, object]],
     table: Path,
-    columns: Sequence[str],
     seeds: int,
 ) -> None:
     """Draw, ask, and write a table with a row for each kind, whose seeds begin a thousand after those before."""
@@ -242,8 +240,8 @@ def by_kinds(
         rows.append(row(kind, range(first, first + given.seeds), given.tell))
         print(rows[-1], flush=True)
     if not given.dry:
-        write_rows(table, columns, rows)
+        write_rows(table, rows[0], rows)
 
 
 if __name__ == "__main__":
-    by_kinds(list(KINDS), row_of, TABLE, COLUMNS, 20)
+    by_kinds(list(KINDS), row_of, TABLE, 20)
