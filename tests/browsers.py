@@ -20,3 +20,29 @@ def chromium() -> Iterator[Any]:
         running = p.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
         yield running
         running.close()
+
+
+class Tab:
+    """One tab for the tests of a module, since a new one takes longer than the page.
+
+    Attributes:
+        page: of playwright.
+        told: what the page wrote to the console, the dialogues it opened, and what it fetched from elsewhere.
+    """
+
+    def __init__(self, browser: Any) -> None:
+        self.page, self.told = browser.new_context(accept_downloads=True).new_page(), list[str]()
+        self.page.on("console", lambda m: self.told.append(m.text))
+        self.page.on("pageerror", lambda e: self.told.append(str(e)))
+        self.page.on("dialog", lambda d: (self.told.append(d.message), d.dismiss()))
+        own = ("file:", "data:", "blob:", "about:")
+        self.page.on("request", lambda r: r.url.startswith(own) or self.told.append(r.url))
+
+    def show(self, address: str, width: int = 1280, height: int = 900) -> Any:
+        """Open a page as for the first time; return that of playwright."""
+        self.page.goto("about:blank")
+        self.page.emulate_media(media="screen")
+        self.page.set_viewport_size({"width": width, "height": height})
+        self.page.mouse.move(0, 0)
+        self.page.goto(address)
+        return self.page

@@ -14,7 +14,7 @@ if hasattr(signal, "SIGHUP"):
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 import pytest
-from browsers import chromium
+from browsers import Tab, chromium
 from quick_drawing import quick_drawing, rendering
 
 from testbench.flight import FlightCondition, load_aircraft, trim
@@ -79,6 +79,21 @@ def taurus_trim(taurus):
 def browser():
     with chromium() as running:
         yield running
+
+
+@pytest.fixture(scope="module")
+def _tab(browser):
+    found = Tab(browser)
+    yield found
+    found.page.context.close()
+
+
+@pytest.fixture
+def tab(_tab):
+    """Give a tab of the browser, in which no page may say or fetch anything."""
+    _tab.told.clear()
+    yield _tab
+    assert _tab.told == []
 
 
 @pytest.fixture(scope="module", autouse=True)

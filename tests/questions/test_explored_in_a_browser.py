@@ -1,11 +1,12 @@
 """Figures that are explored, in a real browser: mouse, keys, switches, what is left without a script or on paper."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from browsers import Tab
 
 from testbench.page.explore import View
 from testbench.page.figure import Chart, Curve, Panel, Plate
@@ -40,25 +41,13 @@ def html(*plates: Plate) -> str:
 
 
 @pytest.fixture
-def show(browser: Any, tmp_path: Path) -> Iterator[Callable[..., Any]]:
-    said: list[str] = []
-    contexts = []
-
-    def show(text: str, **options: Any) -> Any:
+def show(tab: Tab, tmp_path: Path) -> Callable[..., Any]:
+    def show(text: str, **size: int) -> Any:
         file = tmp_path / "report.html"
         file.write_text(text, encoding="utf-8")
-        contexts.append(browser.new_context(**({"viewport": {"width": 1280, "height": 900}} | options)))
-        page = contexts[-1].new_page()
-        page.on("console", lambda m: said.append(m.text))
-        page.on("pageerror", lambda e: said.append(str(e)))
-        page.on("request", lambda r: r.url.startswith(("file:", "data:")) or said.append(r.url))
-        page.goto(file.as_uri())
-        return page
+        return tab.show(file.as_uri(), **size)
 
-    yield show
-    assert said == []
-    for context in contexts:
-        context.close()
+    return show
 
 
 def ranges(page: Any) -> list[list[float]]:
@@ -173,11 +162,13 @@ def test_channels_models_residuals_and_views_switch(show) -> None:
     assert page.locator("picture img").is_visible()
 
 
-def test_without_a_script_and_on_paper_the_drawn_figure_stands(show) -> None:
-    text = html(plate(flight()))
-    plain = show(text, java_script_enabled=False)
+def test_without_a_script_and_on_paper_the_drawn_figure_stands(show, browser) -> None:
+    page = show(html(plate(flight())))
+    context = browser.new_context(java_script_enabled=False)
+    plain = context.new_page()
+    plain.goto(page.url)
     assert plain.locator("picture img").is_visible()
-    page = show(text)
+    context.close()
     ready(page)
     assert not page.locator("picture img").is_visible()
     page.emulate_media(media="print")
@@ -224,7 +215,7 @@ def test_ten_minutes_at_100_hz_are_a_small_page_that_answers_at_once(show) -> No
 
 @pytest.mark.parametrize("width", [400, 800, 1280])
 def test_nothing_is_wider_than_the_screen(show, width) -> None:
-    page = show(html(plate(flight())), viewport={"width": width, "height": 900})
+    page = show(html(plate(flight())), width=width)
     ready(page)
     assert page.evaluate("document.documentElement.scrollWidth") == width
 

@@ -1,12 +1,13 @@
 """The pages in a real browser: tables sort by mouse and keyboard, text stays text, the first screen has its figure."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from browsers import Tab
 
 from testbench.page.html import Picture
 from testbench.page.page import Page
@@ -44,27 +45,18 @@ def analysis(answer: list[str], tables: list[Table], pictures: list[Picture] | N
 
 
 @pytest.fixture
-def show(browser: Any, tmp_path: Path) -> Iterator[Callable[..., Any]]:
-    """Return a function that opens a page; none may write to the console, open a dialogue, or fetch anything."""
-    said: list[str] = []
-    context = browser.new_context(viewport={"width": 1280, "height": 900})
+def show(tab: Tab, tmp_path: Path) -> Callable[..., Any]:
+    """Return a function that opens a page."""
 
     def show(text: str, opened: bool = True) -> Any:
         file = tmp_path / "report.html"
         file.write_text(text, encoding="utf-8")
-        page = context.new_page()
-        page.on("console", lambda m: said.append(m.text))
-        page.on("pageerror", lambda e: said.append(str(e)))
-        page.on("dialog", lambda d: (said.append(d.message), d.dismiss()))
-        page.on("request", lambda r: r.url.startswith(("file:", "data:")) or said.append(r.url))
-        page.goto(file.as_uri())
+        page = tab.show(file.as_uri())
         if opened:
             page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
         return page
 
-    yield show
-    assert said == []
-    context.close()
+    return show
 
 
 def names(page: Any) -> str:
