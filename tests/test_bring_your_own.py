@@ -99,11 +99,19 @@ def test_paths_are_taken_from_the_folder_of_the_scenario(project, aircraft):
     assert load_suite(scenario.suites[0]).name == "logger"
 
 
-def test_a_campaign_sends_its_workers_what_the_project_holds(project, monkeypatch):
-    (project / "many.toml").write_text('title = "Many"\nbase = "doublet.toml"\nruns = 2\ntruth = false\n', "utf-8")
+MANY = 'title = "Many"\nbase = "doublet.toml"\nruns = 2\ntruth = false\n'
+
+
+def test_a_campaign_sends_its_workers_what_the_project_holds(project):
+    (project / "many.toml").write_text(MANY, "utf-8")
     campaign = load_campaign(project / "many.toml")
     assert campaign.content["aircraft"] == str(project / "aircraft" / "mine")
     assert campaign.content["suites"] == [str(project / "suites" / "logger.toml")]
+
+
+@pytest.mark.slow  # a worker is started; that of a packaged aircraft: test_cli.py
+def test_a_worker_flies_what_the_project_holds(project):
+    (project / "many.toml").write_text(MANY, "utf-8")
     done = command("campaign", "run", "many.toml", "--workers", 1, cwd=project)
     assert done.returncode == 0, done.stderr
     assert (project / "results" / "campaign_many" / "tables" / "runs.csv").is_file()

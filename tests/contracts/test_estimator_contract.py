@@ -216,6 +216,7 @@ def test_the_same_records_give_the_same_bytes(method):
     assert np.array_equal(one.simulate(records[0]), other.simulate(records[0]))
 
 
+@HALF
 @METHOD
 def test_a_model_survives_pickling_and_keeps_its_records_unchanged(method):
     (r,) = flights(method, 200, noise=0.05)
@@ -247,6 +248,7 @@ BIASED_BY_NOISE = ("transfer_function",)
 CLEAN = {**SPECS, "prediction_error": SPECS["prediction_error"].model_copy(update={"disturbances": False})}
 
 
+@HALF
 @METHOD
 def test_a_clean_fit_of_clean_data_is_good(method):
     model = found_from(method, 300, 200, noise=0.05)

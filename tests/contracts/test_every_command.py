@@ -15,7 +15,7 @@ def test_every_command_has_a_small_case():
 SAMPLED = [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in CASES]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", SAMPLED)
 def test_a_command_bears_a_sample(name, tmp_path):
     told = tmp_path / "told"

@@ -58,6 +58,7 @@ def pulse(env, size=0.3, steps=6):
     return actions
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", environment_names())
 def test_every_environment_passes_the_checker(name):
     made = gymnasium.make(name, disable_env_checker=True, render_mode="rgb_array")

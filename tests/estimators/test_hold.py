@@ -80,6 +80,7 @@ def stepped(kind: str, rng: np.random.Generator) -> tuple[np.ndarray, float]:
     return u + rng.choice([0.0, 1e-4, 1e-3]) * np.ptp(u) * rng.normal(size=u.size), 1.0 / rate
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", ["multisine", "sweep", "hand", "doublet through a servo", "rate limit", "slow ramp"])
 def test_smooth_inputs_are_not_called_held(kind):
     # 0 of 1800 draws of these kinds in a longer study: below 0.2 % with 95 % confidence; 30 draws here
@@ -140,6 +141,7 @@ def test_srivc_finds_the_poles_of_a_held_input_by_default():
     assert model.settings["hold"] == {"de": "zoh"}
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     "method", ["output_error", pytest.param("filter_error", marks=pytest.mark.slow), "equation_error", "ekf"]
 )

@@ -178,6 +178,7 @@ def nrmse(found: dict[str, FloatArray], expected: dict[str, FloatArray], names: 
     return out
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "case",
     ["3-2-1-1", "sweep", "lateral doublets", "lateral 3-2-1-1", pytest.param("lateral sweep", marks=pytest.mark.slow)],

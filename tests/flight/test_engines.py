@@ -208,6 +208,7 @@ def coefficients(J: float) -> tuple[float, float]:
     return tuple(float(np.interp(J, *np.array(rows).T)) for rows in (CT, CP))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_motor_drives_the_aircraft_and_goes_on_as_it_was_trimmed(kind):
     found = adopted(kind)

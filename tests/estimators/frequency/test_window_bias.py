@@ -74,6 +74,7 @@ def test_stated_errors_hold_the_truth_where_responses_are_usable(cases):
     assert before[1] < 0.85 * before[0]  # the random error alone, at the coherent points
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("window", [2.0, 5.0])
 def test_the_bias_that_is_computed_is_the_bias_without_noise(window):
     rng = np.random.default_rng(6)

@@ -172,6 +172,7 @@ def test_noise_not_given_is_taken_from_the_record():
     assert told["q"] == pytest.approx(NOISE[1], rel=0.6)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("kind", "given"), KINDS, ids=("ekf", "ukf"))
 def test_errors_are_consistent_over_seeds(kind, given):
     """Sum of normalised squared errors (states and parameters at the end) over 20 flights: chi square."""

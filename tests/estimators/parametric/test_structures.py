@@ -117,6 +117,7 @@ def disguised(s: LinearStructure) -> AsNonlinear:
     )
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", LINEAR)
 @pytest.mark.parametrize("held", [False, True])
 def test_exact_and_runge_kutta_responses_of_the_same_equations_agree(name, held):

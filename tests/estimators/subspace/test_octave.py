@@ -53,6 +53,7 @@ def test_exact_data_give_the_same_poles(oracle, name, method):
     assert np.abs(poles_z(name, method) - expected).max() < 1e-6
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("oracle", ["moen4", "n4sid"])
 @pytest.mark.parametrize("name", ["second_noisy", "fourth_noisy"])
 @pytest.mark.parametrize("method", [*PROJECTIONS, *PREDICTORS])

@@ -81,6 +81,7 @@ inputs = ["{inputs}"]
 # information and simulation
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("inputs", ["de_cmd", "de"])
 def test_scatter_of_output_error_is_what_information_predicts(tmp_path: Path, inputs: str) -> None:
     base, more = (

@@ -34,6 +34,7 @@ def parts_of(scenario, aimed, **changes):
     return informations(aimed, asked, suite, suite.sensing(), scenario.manoeuvre[0], templates(asked))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("criterion", ["D", "worst"])
 def test_best_stations_of_eolo_are_those_of_all_sets(scenario, aimed, criterion) -> None:
     spots, parts, base, aims = parts_of(scenario, aimed)
