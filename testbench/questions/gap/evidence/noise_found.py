@@ -68,7 +68,7 @@ class NoiseFound:
         Scales that differ by less than the prior of noise that was measured leaves open are found beside every
         hypothesis.
         """
-        if any(abs(a - other.colour.get(n, 0.0)) > _COLOURED for n, a in self.colour.items()):
+        if any(abs(self.colour.get(n, 0.0) - other.colour.get(n, 0.0)) > _COLOURED for n in self.scales):
             return True
         return any(
             abs(math.log(other.scales[n][0] / s))
