@@ -15,6 +15,7 @@ from testbench.effects import EFFECTS
 from testbench.flight import Manoeuvre, fly, trim
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap import onset
+from testbench.questions.gap.name import _Asker
 from testbench.questions.gap.starts import Start, marked
 from testbench.questions.gap.windows import begin_freely, cut
 from testbench.questions.gap.workflow import GapSearch, find_gap
@@ -111,3 +112,21 @@ def test_an_effect_of_all_records_is_not_said_to_begin():
     found = find_gap(believed, records, {}, GapSearch(effects=SOUGHT, further={}))
     assert found.naming.names[0] == "actuator_lag"
     assert found.begun is None
+
+
+def test_every_effect_is_seen_where_it_acts_though_coefficients_imitate_it_in_all_records():
+    """Half the elevator in the last of three records, which Cm_de and CL_de half do in all of them."""
+    believed = believe()
+    truth = believed.with_effect(EFFECTS["surface_scale"], {"scale": 0.5})
+    first, second, _ = measure(believed, 3, inputs=(ELEVATOR, DOUBLET, THROTTLE), duration_s=8.0)
+    third = measure(truth, 9, inputs=(ELEVATOR,), duration_s=8.0)[0]
+    asker = _Asker(believed, (first, second, third), "measured")
+    effects = list(SOUGHT.values())
+    whole = [np.full(len(r), True) for r in asker.records]
+    none = np.full(len(first), False)
+    everywhere, last, late = asker.acting(effects, [whole, [none, none, whole[2]], [none, none, third.t_s > 4.0]])
+    assert len(asker.bases) == 1
+    assert everywhere == pytest.approx({one.effect.name: one.log for one in asker.near(effects)})
+    assert next(iter(last)) == "surface_scale"
+    assert last["surface_scale"] > max(everywhere.values()) + 50.0
+    assert last["surface_scale"] > late["surface_scale"]
