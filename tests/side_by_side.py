@@ -63,9 +63,9 @@ class SideBySide:
         fdm.place(_AT["h_m"], _AT["theta"], _AT["phi"], _AT["uvw_m_s"], _AT["pqr"])
         fdm.command(commands)
         fdm.evaluate(to_rest=True)
-        uvw, pqr = (np.array(_AT[n])[:, None] * one for n in ("uvw_m_s", "pqr"))
+        at = np.array([_AT["h_m"], _AT["theta"], _AT["phi"], *_AT["uvw_m_s"], *_AT["pqr"]])[:, None]
         moved = {n: v * one for n, v in commands.items()}
-        put(model, R, _AT["h_m"] * one, _AT["theta"] * one, _AT["phi"] * one, uvw, pqr, moved, model.iterations)
+        put(model, R, at, moved)
         R[r.DT] = 1.0 / RATE_HZ
         model.program.machine.before(R)
         return cls(fdm, model, R, names)

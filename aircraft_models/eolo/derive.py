@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from testbench.aircraft.strips import loads
+from testbench.aircraft.elastic import ElasticModel
 from testbench.aircraft.strips.loads import (
     MOTIONS,
     Shape,
@@ -252,7 +252,8 @@ def elastic_toml() -> str:
         Vibration(name, f_hz, zeta, m, shape)
         for (_, _, name, f_hz, zeta, _), m, shape in zip(GROUND_TEST, masses, shapes, strict=True)
     ]
-    return loads.elastic_toml(coupled_modes(found, MODEL, MODEL, STATIONS), STATIONS)
+    coupled = ElasticModel(tuple(coupled_modes(found, MODEL, MODEL, STATIONS)), S, cbar, tuple(STATIONS))
+    return coupled.toml(lambda value: f"{value:.5g}")
 
 
 def amended_files() -> dict[Path, str]:
