@@ -309,6 +309,11 @@ class Naming:
         return next((f for f in self.ranking if self.names and f.effect.name == self.names[0]), None)
 
     @property
+    def flown_terms(self) -> tuple[tuple[OpenTerm, ...], int]:
+        """Terms of the open set that were flown, and of how many they were chosen."""
+        return tuple(t for t in self.terms if t.name in self.weighed.terms), self.weighed.tried
+
+    @property
     def rested(self) -> dict[str, dict[str, float]]:
         """Hypothesis -> its parameters where it came to rest."""
         return {row.name: row.posterior.by_name for row in self.weighed.table.rows}

@@ -274,7 +274,7 @@ class _Asked:
         weighed = found.naming.weighed
         if weighed.open:  # one of hundreds of terms may do what an effect does in a part of the flights
             begun = self._begun(found)
-            return found if begun is None or begun.naming.weighed.open else begun
+            return begun if begun is not None and begun.naming.names and not begun.naming.weighed.open else found
         if weighed.unknown <= ELSEWHERE or not self._elsewhere(found.believed, weighed.table):
             return found  # what acts in all records explains them
         begun = self._begun(found)
@@ -313,8 +313,7 @@ class _Asked:
         self.say("fit where windows start beside what comes nearest")
         begins = begin_freely(believed, {**records, **self.given.held_out}, near.added_to(believed))
         effects = [e.name for e in first.weighed.effects.values() if e.parameters and e.name not in first.weighed.terms]
-        terms = tuple(t for t in first.terms if t.name in first.weighed.terms), first.weighed.tried
-        again = replace(sought, rested=first.rested, near=effects, terms=terms, open_terms=False)
+        again = replace(sought, rested=first.rested, near=effects, terms=first.flown_terms, open_terms=False)
         flown_in, naming, air = search(begins, flown, found.air, self.say, again)
         rejected = {n: why for n, why in first.rejected.items() if naming.weighed[n] == 0.0}
         rejected = {**rejected, **naming.rejected}
@@ -348,9 +347,9 @@ class _Asked:
         there = sorted(of_all, key=lambda one: (-round(one[2], 1), bool(one[0].record)))
         along = Hypothesis.towards_unknown(found.believed, tuple(records.values()), found.naming.beside_unknown)
         tuned = found.believed.with_nuisances(along.by_name)
-        w = found.naming.weighed
-        terms = (tuple(t for t in found.naming.terms if t.name in w.terms), w.tried)
-        alone = replace(self.sought, further={}, open_terms=False, terms=terms, pairs=False, rested=found.naming.rested)
+        naming = found.naming
+        alone = replace(self.sought, further={}, open_terms=False, pairs=False)
+        alone = replace(alone, terms=naming.flown_terms, rested=naming.rested)
         best = -np.inf
         for place, near, _ in there[:PLACES]:
             cut, begins = onset.divided(believed, records, place), believed
