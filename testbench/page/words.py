@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from testbench.core.advice import ranked
@@ -105,6 +105,15 @@ def _closed(text: str) -> bool:
 def listed(words: Sequence[str]) -> str:
     """Return "a", "a and b" or "a, b and c"; "none" of none."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words) or "none"
+
+
+def grouped(reasons: Mapping[str, str]) -> dict[str, list[str]]:
+    """Return reason -> the names that have it, of name -> reason; names without any ("") are left out."""
+    out: dict[str, list[str]] = {}
+    for name, why in reasons.items():
+        if why:
+            out.setdefault(why, []).append(name)
+    return out
 
 
 def some(items: Iterable[str], most: int = 3, between: str = "; ") -> str:

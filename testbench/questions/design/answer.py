@@ -12,7 +12,7 @@ from testbench.design.amplitude import AIR, BELIEVED, BIAS, DRAWS, STABILITY
 from testbench.design.limits import limit_words
 from testbench.design.realise import CAUSES
 from testbench.page.labels import number, shown_unit, symbol
-from testbench.page.words import counted, listed
+from testbench.page.words import counted, grouped, listed
 from testbench.questions.design.pose import LIGHT_KG
 
 if TYPE_CHECKING:
@@ -180,11 +180,7 @@ def _realised(result: DesignResult) -> list[str]:
             f"{error_words(result, r.promised, k)} was promised, and the estimator states "
             f"{error_words(result, r.found.claimed, k)}"
         )
-    names: dict[str, list[str]] = {}
-    for i, name in enumerate(t.names):
-        if cause := r.cause(i):
-            names.setdefault(cause, []).append(name)
-    for cause, of in names.items():
+    for cause, of in grouped({name: r.cause(i) for i, name in enumerate(t.names)}).items():
         out.append(f"Most of the error of {' and '.join(of)} is {CAUSES[cause]}. {_FIX[cause]}")
     if r.found.failed:
         out.append(

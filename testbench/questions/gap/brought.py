@@ -13,6 +13,7 @@ from testbench.core import bring
 from testbench.core.door import sha256
 from testbench.core.errors import ScenarioError, nearest
 from testbench.effects import Effect, catalogue, left_out, library
+from testbench.page.words import grouped
 from testbench.sensors import SensorSuite
 
 FOLDER = "effects"
@@ -86,10 +87,7 @@ def choose(
             f"the effect '{effect.name}' is code of {path}; that file was run (SHA-256 {sha256(path, 'python')})"
         )
     without = left_out(chosen, aircraft, suite) if aircraft is not None else {}
-    by_reason: dict[str, list[str]] = {}
-    for name, why in without.items():
-        by_reason.setdefault(why, []).append(name)
-    notes += [f"not searched: {', '.join(names)}, since {why}" for why, names in by_reason.items()]
+    notes += [f"not searched: {', '.join(names)}, since {why}" for why, names in grouped(without).items()]
     kept = {n: e for n, e in chosen.items() if n not in without}
     return Choice(kept if aircraft is None else {n: e.sized(aircraft) for n, e in kept.items()}, tuple(notes))
 

@@ -14,6 +14,7 @@ from testbench.core.errors import RecordError
 from testbench.core.paths import suite_names
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.regression.smoothing import LEAST, noise_level
+from testbench.page.words import grouped
 from testbench.questions.gap.evidence.commanded import MOVED, rests
 from testbench.sensors import SensorSuite, load_suite
 from testbench.sensors.kinds import KINDS
@@ -55,19 +56,16 @@ def suite_of_records(name: str, aircraft: str, records: Mapping[str, FlightRecor
     rate = rates[low]
     rate = float(round(rate)) if abs(rate - round(rate)) < _NEAR * rate else rate
     every = list(dict.fromkeys(c for r in records.values() for c in r.channels))
-    why = {c: reason for c in every if (reason := _left_out(c, records))}
+    why = {c: _left_out(c, records) for c in every}
     known = _packaged(aircraft, set(every))
-    kept = [c for c in _USUAL if c in every and c not in why]
+    kept = [c for c in _USUAL if c in every and not why[c]]
     if all(c.removesuffix("_cmd") in CONTROLS for c in kept):
         raise RecordError(
             "records must share a channel that is compared (V, alpha, beta, p, q, r, phi, theta, ax, ay, az, h), got "
             f"{', '.join(every)}"
         )
     sensors = tuple(_sensor(c, records, known.get(c)) for c in kept)
-    by_reason: dict[str, list[str]] = {}
-    for c, reason in why.items():
-        by_reason.setdefault(reason, []).append(c)
-    left = [f"no sensor of the suite: {', '.join(names)} ({reason})" for reason, names in by_reason.items()]
+    left = [f"no sensor of the suite: {', '.join(names)} ({reason})" for reason, names in grouped(why).items()]
     return SensorSuite(name, f"what the records of {aircraft} hold, at {rate:g} Hz", rate, sensors), left
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from testbench.core.channels import CHANNELS
 from testbench.core.constants import DEG_RAD
-from testbench.page.words import Answer, listed
+from testbench.page.words import Answer, grouped, listed
 from testbench.questions.live.ask import LEAST_HZ
 from testbench.questions.live.stream import REQUESTS
 
@@ -67,9 +67,7 @@ def estimate_line(e: Estimate) -> str:
 
 def link_lines(rates: Mapping[str, Rate], told: Mapping[str, str], radio: bool) -> Iterator[str]:
     """Yield what the link gives, what can be told from it, and which message rates would do better."""
-    groups: dict[str, list[str]] = {}
-    for name, rate in rates.items():
-        groups.setdefault(f"{rate.hz:.3g} Hz, {100.0 * rate.lost:.1f} % lost", []).append(name)
+    groups = grouped({n: f"{rate.hz:.3g} Hz, {100.0 * rate.lost:.1f} % lost" for n, rate in rates.items()})
     yield "link: " + "; ".join(f"{listed(names)} at {what}" for what, names in groups.items())
     for plane, why in told.items():
         if why:

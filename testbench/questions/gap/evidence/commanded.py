@@ -23,6 +23,7 @@ from scipy.stats import chi2
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.page.words import grouped
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.sensors import SensorSuite
 
@@ -110,10 +111,7 @@ def left_out(suite: SensorSuite) -> dict[str, str]:
 
 def not_compared(suite: SensorSuite) -> list[str]:
     """Return what of a suite is not compared, and why, a sentence for each reason."""
-    by_reason: dict[str, list[str]] = {}
-    for name, why in left_out(suite).items():
-        by_reason.setdefault(why, []).append(name)
-    return [f"not compared: {', '.join(names)} ({why})" for why, names in by_reason.items()]
+    return [f"not compared: {', '.join(names)} ({why})" for why, names in grouped(left_out(suite)).items()]
 
 
 LATERAL_COMMANDS = ("da_cmd", "dr_cmd")

@@ -40,6 +40,7 @@ from testbench.estimators.structured import STRUCTURE_NAMES, Structured, per_spe
 from testbench.evaluation.derivatives import dimensional_derivatives, true_parameters
 from testbench.flight import FlightCondition, TrimmedFlight, linearise, trim
 from testbench.line import Case
+from testbench.page.words import grouped
 from testbench.questions.identify.amend.result import Aim, ServoAim, Targets
 from testbench.questions.identify.derivatives import CRITERIA, FoundDerivative, covariance_of, servos_of
 from testbench.questions.identify.result import Identified
@@ -297,10 +298,7 @@ def aims_of(found: Identified, index: int) -> tuple[tuple[Aim, ...], tuple[str, 
 
 def by_reason(reasons: Mapping[str, str]) -> str:
     """Return names and why, those with one reason together."""
-    by: dict[str, list[str]] = {}
-    for name, why in reasons.items():
-        by.setdefault(why, []).append(name)
-    return "; ".join(f"{', '.join(names)} ({why})" for why, names in by.items())
+    return "; ".join(f"{', '.join(names)} ({why})" for why, names in grouped(reasons).items())
 
 
 def _contradicts(d: FoundDerivative, before: float | None = None) -> bool:
