@@ -212,6 +212,17 @@ def changed(aircraft: Aircraft, name: str, text: str, *changes: Change) -> Aircr
 # --- properties given other readers -----------------------------------------------------------------------------------
 
 
+def remember(tree: ET.Element, aircraft: Aircraft, values: Mapping[str, float]) -> None:
+    """Declare properties and their first values before the control system that reads them, in place."""
+    if aircraft.adapter is not None:  # the throttle of a foreign model is read before its control system
+        declare(tree, values)
+        return
+    for name, first in values.items():
+        declared = ET.Element("property", {"value": repr(float(first)) if first else "0"})
+        declared.text = name
+        next(tree.iter("flight_control")).insert(0, declared)
+
+
 @dataclass(frozen=True)
 class Reroute(Insert):
     """Put the components of ``xml`` (children of its root) before the first component that reads ``command``.
@@ -231,11 +242,10 @@ class Reroute(Insert):
 
     def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
         """Change ``tree`` in place; ModelError if no component reads the command."""
-        control = tree.find("flight_control")
         channels = [c for part in ("flight_control", "system") for c in tree.findall(f"{part}/channel")]
         for channel in channels:
             readers = [c for c in channel if any(_reads(p, self.command) for p in _read(c))]
-            if not readers or control is None:
+            if not readers:
                 continue
             for reader in readers:
                 for p in _read(reader):
@@ -244,13 +254,7 @@ class Reroute(Insert):
             place = list(channel).index(readers[0])
             for i, component in enumerate(ET.fromstring(self.xml)):
                 channel.insert(place + i, component)
-            if aircraft.adapter is not None:  # the throttle of a foreign model is read before its control system
-                declare(tree, dict.fromkeys((*self.memory, self.target), 0.0))
-                return
-            for name in (*self.memory, self.target):
-                declared = ET.Element("property", {"value": "0"})
-                declared.text = name
-                control.insert(0, declared)
+            remember(tree, aircraft, dict.fromkeys((*self.memory, self.target), 0.0))
             return
         raise ModelError(f"a rerouted command must be read by a component of <flight_control>, got '{self.command}'")
 

@@ -80,7 +80,6 @@ class Term:
     Attributes:
         name: of the effect.
         coefficient: CL, CD, CY, Cl, Cm or Cn.
-        size: name of the parameter x.
         factors: "x", "alpha", "beta", "|dr|", ...; several in one are multiplied first.
         text: what it does, with a place for x.
         label: of the function in a model of the testbench's own form, if not gap/NAME.
@@ -88,14 +87,13 @@ class Term:
 
     name: str
     coefficient: str
-    size: str
     factors: tuple[str, ...]
     text: str
     label: str = ""
 
     def __call__(self, aircraft: Aircraft, values: Values) -> Amendment:
         """Return the amendment; ModelError if the aircraft lacks a control of it."""
-        x = values[self.size]
+        (x,) = values.values()
         terms = tuple(_factor(f, x, aircraft) for f in self.factors)
         edit = Increment(self.coefficient, self.label or f"gap/{self.name.replace('_', '-')}", terms)
         return Amendment(self.name, self.text.format(x), (edit,))
@@ -138,7 +136,7 @@ def _row(
 EFFECTS = (
     _row(
         "drag increment", "drag",
-        Term("drag_increment", "CD", "CD", ("x",), "drag coefficient {:+.4g}", "aero/coefficient/CD_increment"),
+        Term("drag_increment", "CD", ("x",), "drag coefficient {:+.4g}", "aero/coefficient/CD_increment"),
         Parameter("CD", "1", -0.03, 0.3, (0.02, -0.01), none=0.0),
         "Something in the flow, such as an open door, a probe or a rough surface, adds drag at every angle of attack. "
         "Trim needs more throttle, and speed settles faster after a disturbance.",
@@ -146,7 +144,7 @@ EFFECTS = (
         "glides or coast-downs at two speeds, where no thrust hides it"),
     _row(
         "pitching moment due to alpha-dot", "pitching moment",
-        Term("alpha_dot", "Cm", "Cm_alphadot", ("alphadot", "cbar/2V", "x"),
+        Term("alpha_dot", "Cm", ("alphadot", "cbar/2V", "x"),
              "Cm_alphadot {:+.4g} more", "gap/Cm_alphadot"),
         Parameter("Cm_alphadot", "1", -40.0, 20.0, (-4.0, 4.0), none=0.0),
         "The downwash of the wing takes time to reach the tail, so that the tail's moment lags behind alpha. To first "
@@ -165,7 +163,7 @@ EFFECTS = (
         flown=True, contains=("alpha_dot",)),
     _row(
         "curved lift line", "lift",
-        Term("nonlinear_lift", "CL", "CL_alpha2", ("x", "alpha", "alpha"), "lift with {:+.3g} alpha^2 more"),
+        Term("nonlinear_lift", "CL", ("x", "alpha", "alpha"), "lift with {:+.3g} alpha^2 more"),
         Parameter("CL_alpha2", "1", -40.0, 40.0, (-5.0, 5.0), none=0.0),
         "The lift line is not straight: camber, low Reynolds numbers or the fuselage bend it well below the stall. To "
         "first order lift gets a term in the square of alpha.",
@@ -174,7 +172,7 @@ EFFECTS = (
         flown=True, form_error=CURVED),
     _row(
         "pitching moment curved over alpha", "pitching moment",
-        Term("curved_moment", "Cm", "Cm_alpha2", ("x", "alpha", "alpha"), "pitching moment with {:+.3g} alpha^2 more"),
+        Term("curved_moment", "Cm", ("x", "alpha", "alpha"), "pitching moment with {:+.3g} alpha^2 more"),
         Parameter("Cm_alpha2", "1", -10.0, 10.0, (-1.0, 1.0), none=0.0),
         "The tail leaves the wing's downwash, or fuselage and wing lose their linear moment, as alpha grows. To first "
         "order the moment gets a term in the square of alpha: stability changes with alpha.",
@@ -194,7 +192,7 @@ EFFECTS = (
         flown=True, form_error=CURVED),
     _row(
         "one wing with more lift slope", "wing",
-        Term("asymmetric_lift", "Cl", "Cl_alpha", ("x", "alpha"), "Cl {:+.3g} alpha more, since the wings differ"),
+        Term("asymmetric_lift", "Cl", ("x", "alpha"), "Cl {:+.3g} alpha more, since the wings differ"),
         Parameter("Cl_alpha", "1", -2.0, 2.0, (0.05, -0.05), none=0.0),
         "One wing lifts more per angle of attack than the other: another section, dirt, damage. The aircraft rolls in "
         "proportion to alpha.",
@@ -203,7 +201,7 @@ EFFECTS = (
         flown=True, lateral=True),
     _row(
         "twisted wing", "wing",
-        Term("wing_twist", "Cl", "Cl0", ("x",), "Cl {:+.3g} more, since the wings differ"),
+        Term("wing_twist", "Cl", ("x",), "Cl {:+.3g} more, since the wings differ"),
         Parameter("Cl0", "1", -0.1, 0.1, (0.003, -0.003), none=0.0),
         "One wing is rigged or warped to a larger angle than the other. A rolling moment that grows with dynamic "
         "pressure alone is trimmed out by the aileron.",
@@ -212,7 +210,7 @@ EFFECTS = (
         lateral=True),
     _row(
         "one wing with more drag", "wing",
-        Term("asymmetric_drag", "Cn", "Cn0", ("x",), "Cn {:+.3g} more, since the wings differ"),
+        Term("asymmetric_drag", "Cn", ("x",), "Cn {:+.3g} more, since the wings differ"),
         Parameter("Cn0", "1", -0.05, 0.05, (0.001, -0.001), none=0.0),
         "Something hangs on one wing, or a part of it is open. A yawing moment that grows with dynamic pressure alone "
         "is trimmed out by the rudder.",
@@ -221,7 +219,7 @@ EFFECTS = (
         lateral=True),
     _row(
         "weathercock stability that changes with sideslip", "fin",
-        Term("cubic_weathercock", "Cn", "Cn_beta3", ("x", "beta beta beta"),
+        Term("cubic_weathercock", "Cn", ("x", "beta beta beta"),
              "{:+.3g} beta^3 in the yawing moment more"),
         Parameter("Cn_beta3", "1", -30.0, 30.0, (1.0, -1.0), none=0.0),
         "The fin stalls, or comes out of the fuselage's wake, as sideslip grows. To first order of what is odd in "
@@ -231,7 +229,7 @@ EFFECTS = (
         flown=True, lateral=True, form_error=CURVED),
     _row(
         "dihedral effect that changes with sideslip", "wing",
-        Term("cubic_dihedral", "Cl", "Cl_beta3", ("x", "beta beta beta"), "{:+.3g} beta^3 in the rolling moment more"),
+        Term("cubic_dihedral", "Cl", ("x", "beta beta beta"), "{:+.3g} beta^3 in the rolling moment more"),
         Parameter("Cl_beta3", "1", -30.0, 30.0, (1.0, -1.0), none=0.0),
         "The windward wing stalls, or the fuselage shades the leeward one, as sideslip grows. To first order of what "
         "is odd in sideslip, the rolling moment gets a term in its cube.",
@@ -240,7 +238,7 @@ EFFECTS = (
         flown=True, lateral=True, form_error=CURVED),
     _row(
         "dihedral effect that changes with alpha", "wing",
-        Term("dihedral_over_alpha", "Cl", "Cl_beta_alpha", ("x", "alpha beta"),
+        Term("dihedral_over_alpha", "Cl", ("x", "alpha beta"),
              "{:+.3g} alpha beta in the rolling moment more"),
         Parameter("Cl_beta_alpha", "1", -10.0, 10.0, (0.5, -0.5), none=0.0),
         "A swept wing rolls away from sideslip in proportion to its lift, so that its dihedral effect grows with "
@@ -250,7 +248,7 @@ EFFECTS = (
         flown=True, lateral=True),
     _row(
         "weathercock stability that changes with alpha", "fin",
-        Term("weathercock_over_alpha", "Cn", "Cn_beta_alpha", ("x", "alpha beta"),
+        Term("weathercock_over_alpha", "Cn", ("x", "alpha beta"),
              "{:+.3g} alpha beta in the yawing moment more"),
         Parameter("Cn_beta_alpha", "1", -10.0, 10.0, (0.5, -0.5), none=0.0),
         "The wake of wing and fuselage reaches the fin as alpha grows. The yawing moment gets a term in alpha times "
@@ -260,7 +258,7 @@ EFFECTS = (
         flown=True, lateral=True),
     _row(
         "adverse yaw that changes with alpha", "aileron",
-        Term("adverse_yaw_over_alpha", "Cn", "Cn_da_alpha", ("x", "alpha da"),
+        Term("adverse_yaw_over_alpha", "Cn", ("x", "alpha da"),
              "{:+.3g} alpha times aileron in the yawing moment more"),
         Parameter("Cn_da_alpha", "1", -5.0, 5.0, (0.3, -0.3), none=0.0),
         "The aileron that goes down adds induced drag in proportion to the lift that the wing carries. The yawing "
@@ -270,7 +268,7 @@ EFFECTS = (
         flown=True, lateral=True),
     _row(
         "pitching moment of the rudder", "rudder",
-        Term("rudder_pitch", "Cm", "Cm_dr", ("x", "|dr|"), "{:+.3g} |rudder| in the pitching moment more"),
+        Term("rudder_pitch", "Cm", ("x", "|dr|"), "{:+.3g} |rudder| in the pitching moment more"),
         Parameter("Cm_dr", "1", -3.0, 3.0, (0.1, -0.1), none=0.0),
         "A rudder above or below the tail's plane changes the load on it, and one of a V tail pitches by itself, "
         "whichever way it turns. The pitching moment gets a term in the size of its deflection.",
@@ -279,7 +277,7 @@ EFFECTS = (
         flown=True, lateral=True, form_error=CURVED),
     _row(
         "pitching moment of the rudder's square", "rudder",
-        Term("rudder_pitch_square", "Cm", "Cm_dr2", ("x", "dr dr"), "{:+.3g} rudder^2 in the pitching moment more"),
+        Term("rudder_pitch_square", "Cm", ("x", "dr dr"), "{:+.3g} rudder^2 in the pitching moment more"),
         Parameter("Cm_dr2", "1", -60.0, 60.0, (2.0, -2.0), none=0.0),
         "The deflected rudder slows the air at the tail, and its drag acts above the centre of gravity. Both grow with "
         "the square of its deflection.",
@@ -288,7 +286,7 @@ EFFECTS = (
         flown=True, lateral=True, form_error=CURVED),
     _row(
         "pitching moment of the ailerons", "aileron",
-        Term("aileron_pitch", "Cm", "Cm_da", ("x", "|da|"), "{:+.3g} |aileron| in the pitching moment more"),
+        Term("aileron_pitch", "Cm", ("x", "|da|"), "{:+.3g} |aileron| in the pitching moment more"),
         Parameter("Cm_da", "1", -3.0, 3.0, (0.1, -0.1), none=0.0),
         "One aileron goes up further than the other goes down, or acts in another flow, so that their pitching moments "
         "do not cancel. The pitching moment gets a term in the size of the deflection.",
@@ -297,7 +295,7 @@ EFFECTS = (
         flown=True, lateral=True, form_error=CURVED),
     _row(
         "pitching moment of the ailerons' square", "aileron",
-        Term("aileron_pitch_square", "Cm", "Cm_da2", ("x", "da da"), "{:+.3g} aileron^2 in the pitching moment more"),
+        Term("aileron_pitch_square", "Cm", ("x", "da da"), "{:+.3g} aileron^2 in the pitching moment more"),
         Parameter("Cm_da2", "1", -60.0, 60.0, (2.0, -2.0), none=0.0),
         "Deflected ailerons cost lift and add drag on both sides, which pitches the aircraft. Both grow with the "
         "square of the deflection.",

@@ -9,8 +9,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from testbench.aircraft import Aircraft, Amendment
 from testbench.aircraft.paths import ControlPath
 from testbench.aircraft.seams import opened
@@ -144,37 +142,9 @@ class Effect:
         """Its parts, or itself."""
         return self.parts or (self,)
 
-    def generalises(self, other: Effect) -> bool:
-        """Return whether ``other`` is a special case of this effect: each of its parts is one here, or of one here."""
-        mine = list(self.singles)
-        for part in other.singles:
-            match = next((m for m in mine if part.name == m.name or part.name in m.contains), None)
-            if match is None:
-                return False
-            mine.remove(match)
-        return self.name != other.name  # not "is": what another process found is a copy
-
     def sized(self, aircraft: Aircraft) -> Effect:
         """Return the effect with bounds that are wide enough for the size of an aircraft."""
         return replace(self, parameters=tuple(p.sized(aircraft) for p in self.parameters))
-
-    @property
-    def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper bounds (p,) of its parameters."""
-        return np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
-
-    def prior_residuals(self, x: FloatArray) -> FloatArray:
-        """Return ln(x / value) / deviation of every parameter that has a prior."""
-        priors = [(v, p.prior) for v, p in zip(x, self.parameters, strict=True) if p.prior]
-        return np.array([np.log(v / value) / deviation for v, (value, deviation) in priors])
-
-    def prior_slopes(self, x: FloatArray) -> FloatArray:
-        """Return d :meth:`prior_residuals` / d parameters, (priors, p)."""
-        rows = [(i, 1.0 / (x[i] * p.prior[1])) for i, p in enumerate(self.parameters) if p.prior]
-        out = np.zeros((len(rows), len(x)))
-        for row, (i, slope) in zip(out, rows, strict=True):
-            row[i] = slope
-        return out
 
 
 def unchanged(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:

@@ -85,6 +85,9 @@ class Feedback:
 # --- the table --------------------------------------------------------------------------------------------------------
 
 
+_PLACES = {**WORDS, "de": "pitching moment"}
+
+
 def _row(
     law: Feedback,
     title: str,
@@ -100,7 +103,7 @@ def _row(
     return Effect(
         name=law.name,
         title=title,
-        place="pitching moment" if law.control == "de" else WORDS[law.control],
+        place=_PLACES[law.control],
         physics=physics,
         parameters=parameters,
         amend=partial(on_path, law, law.control),
@@ -238,3 +241,5 @@ EFFECTS = (
         "ten seconds without input after a turn; a measured aileron deflection, or a flight with the autopilot off",
         flown=True),
 )
+FED_TO = {c: tuple(e.name for e in EFFECTS if e.place == place) for c, place in _PLACES.items()}
+"""Control -> names of the effects that are fed to its servo."""

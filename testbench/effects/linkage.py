@@ -11,9 +11,9 @@ from functools import partial
 import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment, Insert
-from testbench.aircraft.adapter import PREFIX, declare
+from testbench.aircraft.adapter import PREFIX
 from testbench.aircraft.paths import ControlPath
-from testbench.aircraft.seams import Reroute, component, moving, product, prop, reroute, value
+from testbench.aircraft.seams import Reroute, component, moving, product, prop, remember, reroute, value
 from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
 from testbench.effects.aerodynamics import CURVED
@@ -62,19 +62,9 @@ class BehindServo(Insert):
                         p.text = surface
                 place = list(channel).index(driven[0]) if driven else len(channel)
                 channel.insert(place, ET.fromstring(self.xml))
-                if aircraft.adapter is not None:
-                    declare(tree, {surface: 0.0})
-                    return
-                memory = ET.Element("property", {"value": "0"})
-                memory.text = surface
-                control.insert(0, memory)
+                remember(tree, aircraft, {surface: 0.0})
                 return
         raise ModelError(f"a component behind the servo needs a channel that ends in {position}, the model has none")
-
-
-def behind_servo(path: ControlPath, body: str) -> BehindServo:
-    """Return the edit that lets the aerodynamics read the function ``body`` (XML) for the servo's position."""
-    return BehindServo(".", component(path.surface, body), None, path)
 
 
 def about_trim(path: ControlPath, label: str, law: Callable[[str], str]) -> Reroute:
@@ -189,8 +179,13 @@ def play(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
 
 def _within(path: ControlPath, drawn: str, width_rad: float) -> BehindServo:
     """Return the edit that lets the surface stand where ``drawn`` (XML) says, within a play about the servo."""
-    low, high = (f"<sum> {prop(path.servo)} {value(s * 0.5 * width_rad)} </sum>" for s in (-1.0, 1.0))
-    return behind_servo(path, moving(f"<min> <max> {drawn} {low} </max> {high} </min>", prop(path.servo)))
+    return BehindServo(".", component(path.surface, _beside(drawn, prop(path.servo), width_rad)), None, path)
+
+
+def _beside(drawn: str, middle: str, width: float) -> str:
+    """Return the XML of where a play of that width about ``middle`` leaves what stands where ``drawn`` says."""
+    low, high = (f"<sum> {middle} {value(s * 0.5 * width)} </sum>" for s in (-1.0, 1.0))
+    return moving(f"<min> <max> {drawn} {low} </max> {high} </min>", middle)
 
 
 def _half_of(width_rad: float) -> float:
@@ -218,9 +213,7 @@ def played(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> FloatA
 def throttle_play(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
     """Put a play of the given width between what is commanded and what the engine is told; in its middle at trim."""
     width = values["width"]
-    c, last = prop(path.command), prop("gap/throttle-play")
-    low, high = (f"<sum> {c} {value(s * 0.5 * width)} </sum>" for s in (-1.0, 1.0))
-    edit = reroute(path.command, "throttle-play", moving(f"<min> <max> {last} {low} </max> {high} </min>", c))
+    edit = reroute(path.command, "throttle-play", _beside(prop("gap/throttle-play"), prop(path.command), width))
     text = f"throttle linkage with a play of {width:.3g} of full throttle"
     return Amendment("throttle_free_play", text, (edit,))
 

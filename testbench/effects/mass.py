@@ -56,21 +56,12 @@ def centre(name: str, aircraft: Aircraft, suite: SensorSuite, values: Values) ->
 
 
 def scaled(
-    name: str, what: str, text: str, factor: float, aircraft: Aircraft, suite: SensorSuite
+    name: str, what: str, text: str, aircraft: Aircraft, suite: SensorSuite, values: Values
 ) -> tuple[Aircraft, SensorSuite]:
     """Multiply the mass, or one moment of inertia, and leave the others, as for a load at the centre of gravity."""
+    factor = values["factor"]
     changes, mass = scaled_mass(aircraft, {what: factor})
     return replace(aircraft.amended(Amendment(name, text.format(factor), changes)), mass=mass), suite
-
-
-def mass_error(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
-    """Multiply the mass; the moments of inertia stay, as for a load at the centre of gravity."""
-    return scaled("mass_error", "mass_kg", "mass {:.4g} times the believed one", values["factor"], aircraft, suite)
-
-
-def inertia_error(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
-    """Multiply the moment of inertia in pitch."""
-    return scaled("inertia_error", "Iyy", "Iyy {:.4g} times the believed one", values["factor"], aircraft, suite)
 
 
 def payload(name: str, aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
@@ -83,7 +74,7 @@ def payload(name: str, aircraft: Aircraft, suite: SensorSuite, values: Values) -
 def burnt(aircraft: Aircraft, suite: SensorSuite, values: Values, at_s: float) -> tuple[Aircraft, SensorSuite]:
     """Multiply the mass by what is left of it; the moments of inertia stay, as for a tank at the centre of gravity."""
     text = f"mass {{:.4g}} times the believed one {at_s:.4g} s after take-off"
-    return scaled("fuel_burn", "mass_kg", text, left(values, at_s), aircraft, suite)
+    return scaled("fuel_burn", "mass_kg", text, aircraft, suite, {"factor": left(values, at_s)})
 
 
 def drained(aircraft: Aircraft, suite: SensorSuite, values: Values, at_s: float) -> tuple[Aircraft, SensorSuite]:
@@ -111,7 +102,8 @@ EFFECTS = (
         name="mass_error", title="mass other than believed", place="mass",
         physics="The aircraft carries more or less than believed near its centre of gravity. Lift and thrust "
         "accelerate it less or more, and trim at the same speed needs another angle of attack.",
-        parameters=(Parameter("factor", "1", 0.5, 2.0, (1.1, 0.9), none=1.0),), amend=mass_error,
+        parameters=(Parameter("factor", "1", 0.5, 2.0, (1.1, 0.9), none=1.0),),
+        amend=partial(scaled, "mass_error", "mass_kg", "mass {:.4g} times the believed one"),
         mistaken_for="an error of CL_alpha, of thrust or of the accelerometer's scale",
         separated_by="weighing; or throttle steps beside elevator inputs, which thrust over mass and lift over mass "
         "share",
@@ -120,7 +112,8 @@ EFFECTS = (
         name="inertia_error", title="moment of inertia other than believed", place="pitching moment", part="mass",
         physics="Masses lie further out or further in than believed. All moments turn the aircraft slower or faster by "
         "the same factor, and no force changes.",
-        parameters=(Parameter("factor", "1", 0.4, 2.5, (1.15, 0.85), none=1.0),), amend=inertia_error,
+        parameters=(Parameter("factor", "1", 0.4, 2.5, (1.15, 0.85), none=1.0),),
+        amend=partial(scaled, "inertia_error", "Iyy", "Iyy {:.4g} times the believed one"),
         mistaken_for="errors of Cm_alpha, Cm_q and Cm_de by one common factor, exactly; only their priors speak "
         "against it",
         separated_by="swinging the aircraft on the ground",

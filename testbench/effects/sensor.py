@@ -111,6 +111,7 @@ _GROUND = {
     "sideslip": "look whether the static ports on both sides are clean, open and joined; blow at them from the side",
     "position": "measure how far beside the middle of the aircraft the tube sits",
 }
+_ADDED = {"bias": "bias", "drift": "bias_rate", "lag": "lag_s", "delay": "delay_s"}  # kind -> what it is added to
 _LATERAL = ("ay", "p", "q", "r")  # what leaks into these, or what they are, moves with aileron and rudder only
 # kind of error -> form error; calibration and mounting have hardly another form
 _FORM = {"bias": 0.01, "scale": 0.01, "lag": 0.01, "position": 0.01, "delay": 0.02, "sideslip": 0.1}
@@ -128,29 +129,24 @@ def _wrong(s: Sensor, kind: str, values: Values) -> Sensor:
     An inertial sensor that leans feels a share of another axis too, and the port of a pitot tube that of alpha.
     """
     ahead, right, down = s.position_m
-    if kind == "bias":
-        return replace(s, bias=s.bias + values["bias"])
-    if kind == "drift":
-        return replace(s, bias_rate=s.bias_rate + values["drift_per_s"])
+    (size,) = values.values()
+    if kind in _ADDED:
+        return replace(s, **{_ADDED[kind]: getattr(s, _ADDED[kind]) + size})
     if kind == "scale":
-        return replace(s, scale=s.scale * values["scale"])
-    if kind == "lag":
-        return replace(s, lag_s=s.lag_s + values["lag_s"])
-    if kind == "delay":
-        return replace(s, delay_s=s.delay_s + values["delay_s"])
+        return replace(s, scale=s.scale * size)
     if "ahead_m" in values and s.channel in s.PLACED:  # an alpha that is corrected to the CG already has no place
-        return replace(s, position_m=(ahead + values["ahead_m"], right, down))
+        return replace(s, position_m=(ahead + size, right, down))
     if kind == "cross" and isinstance(s, Triad) and s.channel in _LEANS_TO:
         of = s.AXES.index(_LEANS_TO[s.channel])
-        x, y, z = (c + (values["share"] if i == of else 0.0) for i, c in enumerate(s.cross_axis))
+        x, y, z = (c + (size if i == of else 0.0) for i, c in enumerate(s.cross_axis))
         return replace(s, cross_axis=(x, y, z))
     if not isinstance(s, Pitot):
         return s
     if kind == "cross":
-        return replace(s, static_cp_alpha=s.static_cp_alpha + values["share"])
+        return replace(s, static_cp_alpha=s.static_cp_alpha + size)
     if kind == "sideslip":
-        return replace(s, static_cp_beta2=s.static_cp_beta2 + values["cp_beta2"])
-    return replace(s, position_m=(ahead, right + values["right_m"], down)) if "right_m" in values else s
+        return replace(s, static_cp_beta2=s.static_cp_beta2 + size)
+    return replace(s, position_m=(ahead, right + size, down)) if "right_m" in values else s
 
 
 def clock_offset(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:

@@ -16,10 +16,9 @@ from functools import lru_cache, partial
 import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment, Insert, SetProperty
-from testbench.aircraft.adapter import declare
 from testbench.aircraft.elastic import first_order_hold
 from testbench.aircraft.paths import ControlPath
-from testbench.aircraft.seams import control_path, moving, product, prop, reroute, value, with_servo
+from testbench.aircraft.seams import control_path, moving, product, prop, remember, reroute, value, with_servo
 from testbench.core.errors import ModelError
 from testbench.core.keyed import Keyed
 from testbench.core.record import FloatArray
@@ -303,19 +302,13 @@ class OneSidedLimit(Insert):
     def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
         """Change ``tree`` in place; ModelError if the servo has no limit to change."""
         assert self.path is not None
-        control = tree.find("flight_control")
         servo = tree.find(f"flight_control/channel/fcs_function[@name='{self.path.actuator}']")
         name = f"gap/{labelled(self.path.control, 'rate-limit-up')}"
         for bound in [] if servo is None else servo.iter("max"):
             for p in bound.findall("product/property"):
-                if control is not None and (p.text or "").strip() == self.path.rate_limit:
+                if (p.text or "").strip() == self.path.rate_limit:
                     p.text = name
-                    if aircraft.adapter is not None:
-                        declare(tree, {name: self.limit})
-                        return
-                    memory = ET.Element("property", {"value": repr(float(self.limit))})
-                    memory.text = p.text
-                    control.insert(0, memory)
+                    remember(tree, aircraft, {name: self.limit})
                     return
         raise ModelError(f"an asymmetric rate limit needs a servo of the {self.path.word} with a limit, there is none")
 

@@ -9,6 +9,8 @@ Shares of mass are those of a light aircraft (judged): a wing 12 %, fin and tail
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -43,7 +45,7 @@ def wing_bending(aircraft: Aircraft, values: Values) -> Amendment:
     """Add one bending mode as a modal state with quasi-steady strip aerodynamics."""
     slope = aircraft.coefficient("CL_alpha")
     twisted, plunging = slope * values["twist_rad"], -2.0 * slope * _SHAPE_1
-    number = len(aircraft.elastic) + 1 if aircraft.elastic else 1
+    number = len(aircraft.elastic or ()) + 1
     mode = ElasticMode(
         name="wing bending found by the gap",
         f_hz=values["f_hz"],
@@ -63,7 +65,7 @@ def wing_bending(aircraft: Aircraft, values: Values) -> Amendment:
 def wing_torsion(aircraft: Aircraft, values: Values) -> Amendment:
     """Add one torsion mode; the modal coordinate is the twist of the tip, rad, nose up, with a linear shape."""
     slope, share = aircraft.coefficient("CL_alpha"), values["share"]
-    number = len(aircraft.elastic) + 1 if aircraft.elastic else 1
+    number = len(aircraft.elastic or ()) + 1
     mode = ElasticMode(
         name="wing torsion found by the gap",
         f_hz=values["f_hz"],
@@ -80,7 +82,7 @@ def wing_torsion(aircraft: Aircraft, values: Values) -> Amendment:
 
 def elevator_mode(aircraft: Aircraft, values: Values) -> Amendment:
     """Add eta'' + 2 zeta w eta' + w^2 eta = w^2 de (at design speed) and the moment Cm = Cm_eta eta."""
-    w = 2.0 * 3.141592653589793 * values["f_hz"]
+    w = 2.0 * math.pi * values["f_hz"]
     qbar = 0.5 * _DENSITY_KG_M3 * aircraft.design_V_m_s**2
     mode = ElasticMode(
         name="mode excited by the elevator, found by the gap",
@@ -168,17 +170,16 @@ def lost_tail(aircraft: Aircraft, share: float) -> _Lost:
     return edits, _TAIL_MASS * share, (arm * aircraft.geometry.cbar_m, 0.0, 0.0)
 
 
-_LOST = {"lost_wing": lost_wing, "lost_fin": lost_fin, "lost_tail": lost_tail}
-
-
-def lose(name: str, aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+def lose(
+    surface: Callable[[Aircraft, float], _Lost], aircraft: Aircraft, suite: SensorSuite, values: Values
+) -> tuple[Aircraft, SensorSuite]:
     """Take the share of the surface away.
 
     Raises:
         ModelError: the believed derivatives do not tell what the surface does.
     """
-    share = values["share"]
-    edits, ratio, place = _LOST[name](aircraft, share)
+    name, share = surface.__name__, values["share"]
+    edits, ratio, place = surface(aircraft, share)
     changes, mass = _lighter(aircraft, ratio, place)
     text = f"{100.0 * abs(share):.3g} % of the {name.removeprefix('lost_')} lost"
     if name == "lost_wing":
@@ -254,7 +255,7 @@ EFFECTS = (
         name="lost_wing", title="part of a wing lost", place="wing", ground_check=_CHECK.format("both wings"),
         physics="The outer part of one wing is gone: its lift, drag and mass, and most of its roll damping. The "
         "aircraft rolls towards it in proportion to lift, rolls more easily, and carries less.",
-        parameters=(Parameter("share", "1", -0.9, 0.9, (0.1, -0.1), none=0.0),), amend=partial(lose, "lost_wing"),
+        parameters=(Parameter("share", "1", -0.9, 0.9, (0.1, -0.1), none=0.0),), amend=partial(lose, lost_wing),
         mistaken_for="a centre of gravity off the middle with errors of CL_alpha and Cl_p",
         separated_by="looking at it; pull-ups beside aileron inputs, which show lift and roll damping fall together",
         flown=True, lateral=True, form_error=CURVED),
@@ -262,7 +263,7 @@ EFFECTS = (
         name="lost_fin", title="part of the fin lost", place="fin", ground_check=_CHECK.format("fin and rudder"),
         physics="A part of fin and rudder is gone. Weathercock stability, yaw damping and rudder power fall by one "
         "share, and side force with them.",
-        parameters=(Parameter("share", "1", -0.5, 0.9, (0.2, -0.1), none=0.0),), amend=partial(lose, "lost_fin"),
+        parameters=(Parameter("share", "1", -0.5, 0.9, (0.2, -0.1), none=0.0),), amend=partial(lose, lost_fin),
         mistaken_for="errors of Cn_beta, Cn_r and Cn_dr together; only what exceeds their priors can be named",
         separated_by="looking at it",
         lateral=True, form_error=CURVED),
@@ -273,7 +274,7 @@ ON_REQUEST = (
         ground_check=_CHECK.format("tailplane and elevator"),
         physics="A part of tailplane and elevator is gone. Pitch stiffness, pitch damping and elevator power fall by "
         "one share, and the centre of gravity moves forward.",
-        parameters=(Parameter("share", "1", -0.5, 0.9, (0.1, -0.1), none=0.0),), amend=partial(lose, "lost_tail"),
+        parameters=(Parameter("share", "1", -0.5, 0.9, (0.1, -0.1), none=0.0),), amend=partial(lose, lost_tail),
         mistaken_for="errors of Cm_alpha, Cm_q and Cm_de together; only what exceeds their priors can be named",
         separated_by="looking at it",
         form_error=CURVED),

@@ -25,16 +25,8 @@ from testbench.sensors import SensorSuite
 
 _THRUST = "fcs/throttle-pos-norm"  # share of the static thrust, after all that stands between command and engine
 _SMALLEST_S = 1e-6  # below any frame time: the throttle passes unchanged
+_QBAR_S = product(f"<max> {prop('aero/qbar-psf')} {value(1e-6)} </max>", prop("metrics/Sw-sqft"))
 _PROPELLER = 0.1  # form error of what a propeller and its slipstream do
-
-
-def need_engine(aircraft: Aircraft) -> None:
-    """Refuse an aircraft without an engine.
-
-    Raises:
-        ModelError: nothing drives it.
-    """
-    control_path(aircraft, "thr")
 
 
 def thrust_coefficient(aircraft: Aircraft) -> str:
@@ -43,9 +35,8 @@ def thrust_coefficient(aircraft: Aircraft) -> str:
     Raises:
         ModelError: nothing drives the aircraft.
     """
-    need_engine(aircraft)
-    below = product(f"<max> {prop('aero/qbar-psf')} {value(1e-6)} </max>", prop("metrics/Sw-sqft"))
-    return f"<quotient> {prop(str(aircraft.source_of('thrust')[0]))} {below} </quotient>"
+    control_path(aircraft, "thr")
+    return f"<quotient> {prop(str(aircraft.source_of('thrust')[0]))} {_QBAR_S} </quotient>"
 
 
 # --- laws: the engine -------------------------------------------------------------------------------------------------
@@ -53,7 +44,7 @@ def thrust_coefficient(aircraft: Aircraft) -> str:
 
 def thrust_line(aircraft: Aircraft, values: Values) -> Amendment:
     """Move the thruster up (positive) or down from the centre of gravity; of a foreign model, from where it is."""
-    need_engine(aircraft)
+    control_path(aircraft, "thr")  # an aircraft without one has no engine
     z, above = values["z_m"], "the centre of gravity"
     edit: Change = SetText("propulsion/engine/thruster/location/z", z)
     if aircraft.adapter is not None:
@@ -94,30 +85,25 @@ def lagging(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> Float
     return u
 
 
-def scaled(name: str, text: str, scale: float, aircraft: Aircraft) -> Amendment:
+def scaled(name: str, text: str, aircraft: Aircraft, values: Values) -> Amendment:
     """Multiply what the motor is told, to which thrust is proportional at every speed; of a foreign model, whose thrust
     may be any function of the throttle, multiply all forces and moments of the engines."""
-    throttle = control_path(aircraft, "thr").command
+    throttle, scale = control_path(aircraft, "thr").command, values["scale"]
     edit: Change = reroute(throttle, name.replace("_", "-"), product(value(scale), prop(throttle)))
     if aircraft.adapter is not None:
         edit = Thrust(value(scale - 1.0))
     return Amendment(name, f"throttle gives {scale:.4g} times the thrust{text}", (edit,))
 
 
-def thrust_scale(aircraft: Aircraft, values: Values) -> Amendment:
-    """Multiply the thrust, see :func:`scaled`."""
-    return scaled("thrust_scale", "", values["scale"], aircraft)
-
-
 def faded(aircraft: Aircraft, suite: SensorSuite, values: Values, at_s: float) -> tuple[Aircraft, SensorSuite]:
     """Multiply the thrust by what is left of it."""
     text = f" {at_s:.4g} s after take-off"
-    return aircraft.amended(scaled("thrust_fade", text, left(values, at_s), aircraft)), suite
+    return aircraft.amended(scaled("thrust_fade", text, aircraft, {"scale": left(values, at_s)})), suite
 
 
 def thrust_lapse(aircraft: Aircraft, values: Values) -> Amendment:
     """Multiply thrust by scale - k (V / V0 - 1), V0 the design speed."""
-    need_engine(aircraft)
+    control_path(aircraft, "thr")  # an aircraft without one has no engine
     scale, k = values["scale"], values["k"]
     factor = f"<difference> {value(scale)} {product(value(k), over_design_speed(aircraft))} </difference>"
     lapse = component(_THRUST, product(factor, prop(_THRUST)))
@@ -166,14 +152,14 @@ def p_factor(aircraft: Aircraft, values: Values) -> Amendment:
 
 def gyroscopic(aircraft: Aircraft, values: Values) -> Amendment:
     """Add the reaction -omega x h = (0, -r h, q h) of a rotor along the body's x axis."""
-    need_engine(aircraft)
+    control_path(aircraft, "thr")  # an aircraft without one has no engine
     h = values["h_over_Izz_rad_s"] * aircraft.mass.Izz
     slug_ft2_s = h / (SLUG_KG * FT_M**2)
 
     def moment(coefficient: str, sign: float, length: str, rate: str) -> Increment:
-        qbar = f"<max> {prop('aero/qbar-psf')} {value(1e-6)} </max>"
-        below = product(qbar, prop("metrics/Sw-sqft"), prop(length))
-        term = f"<quotient> {product(value(sign * slug_ft2_s), prop(rate))} {below} </quotient>"
+        term = (
+            f"<quotient> {product(value(sign * slug_ft2_s), prop(rate))} {product(_QBAR_S, prop(length))} </quotient>"
+        )
         return force(coefficient, f"gyroscopic-{coefficient}", term)
 
     edits = (
@@ -221,7 +207,8 @@ EFFECTS = (
         physics="Motor, battery and propeller give more or less thrust than on the bench. The same throttle step "
         "changes speed and climb by a multiple of what is believed, and trim needs another throttle for the same "
         "thrust.",
-        parameters=(Parameter("scale", "1", 0.3, 3.0, (0.8, 1.3), none=1.0),), amend=partial(added, thrust_scale),
+        parameters=(Parameter("scale", "1", 0.3, 3.0, (0.8, 1.3), none=1.0),),
+        amend=partial(added, partial(scaled, "thrust_scale", "")),
         mistaken_for="a mass error in throttle steps alone; a scale error of the airspeed sensor",
         separated_by="elevator manoeuvres beside the throttle steps, which feel the mass and not the thrust",
         form_error=0.01),
