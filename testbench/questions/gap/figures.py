@@ -44,8 +44,7 @@ if TYPE_CHECKING:
     from testbench.questions.gap.ask import GapResult
     from testbench.questions.gap.evidence.locate import ResidualMap
     from testbench.questions.gap.plan import GapPlan
-    from testbench.questions.gap.result import Shrink
-    from testbench.questions.gap.verdict import Verdict
+    from testbench.questions.gap.result import Shrink, Verdict
 
 _MOST, _OTHERS, _SEEN = 24, 8, 0.05  # rows; columns beside them, of effects that are given so much
 _MARK = COLOURS[1]
@@ -105,24 +104,25 @@ def _confusion_plate(plan: GapPlan) -> Plate:
 
 # --- where to look ----------------------------------------------------------------------------------------------------
 
-Outline = Sequence[tuple[float, float]]
+Outline = tuple[Sequence[float], Sequence[float]]
+"""x and y of its corners."""
 
 
 def _box(x: float, y: float, dx: float, dy: float) -> Outline:
-    return ((x, y), (x + dx, y), (x + dx, y + dy), (x, y + dy))
+    return (x, x + dx, x + dx, x), (y, y, y + dy, y + dy)
 
 
 def _round(x: float, y: float, r: float) -> Outline:
     angle = np.linspace(0.0, 2.0 * np.pi, 40)
-    return tuple(zip(x + r * np.cos(angle), y + r * np.sin(angle), strict=True))
+    return (x + r * np.cos(angle)).tolist(), (y + r * np.sin(angle)).tolist()
 
 
 # A sketch, nose to the left, half a span long: (from above, from the side), each outlines in that length.
 _BODY_X = (0.0, 0.07, 0.35, 1.0, 1.0, 0.35, 0.07, 0.0)
-_BODY_ABOVE: Outline = tuple(zip(_BODY_X, (-0.03, -0.06, -0.06, -0.02, 0.02, 0.06, 0.06, 0.03), strict=True))
-_BODY_SIDE: Outline = tuple(zip(_BODY_X, (-0.03, -0.07, -0.06, 0.0, 0.05, 0.08, 0.07, 0.03), strict=True))
+_BODY_ABOVE: Outline = _BODY_X, (-0.03, -0.06, -0.06, -0.02, 0.02, 0.06, 0.06, 0.03)
+_BODY_SIDE: Outline = _BODY_X, (-0.03, -0.07, -0.06, 0.0, 0.05, 0.08, 0.07, 0.03)
 _WINGS: tuple[Outline, ...] = (_box(0.25, 0.06, 0.2, 0.94), _box(0.25, -1.0, 0.2, 0.94))
-_TAIL_ABOVE, _FIN = _box(0.85, -0.3, 0.15, 0.6), ((0.82, 0.05), (0.9, 0.28), (1.0, 0.28), (1.0, 0.05))
+_TAIL_ABOVE, _FIN = _box(0.85, -0.3, 0.15, 0.6), ((0.82, 0.9, 1.0, 1.0), (0.05, 0.28, 0.28, 0.05))
 _WING_SIDE, _TAIL_SIDE = _box(0.25, 0.06, 0.2, 0.03), _box(0.85, 0.03, 0.15, 0.025)
 _ELEVATOR = (_box(0.95, -0.3, 0.05, 0.6),), (_box(0.94, 0.03, 0.06, 0.025),)
 _AILERON = (_box(0.4, 0.55, 0.05, 0.42), _box(0.4, -0.97, 0.05, 0.42)), (_box(0.4, 0.06, 0.05, 0.03),)
@@ -158,8 +158,8 @@ def part_plate(verdict: Verdict) -> Plate | None:
     )
     panels = []
     for k, (outlines, title, height) in enumerate(sketches):
-        draws: list[Drawn] = [Area(outlines=[_xy(o) for o in outlines], colour=FAINT, edge=QUIET)]
-        marked = [_xy(o) for part in verdict.parts for o in _region(part.name)[k]]
+        draws: list[Drawn] = [Area(outlines=outlines, colour=FAINT, edge=QUIET)]
+        marked = [o for part in verdict.parts for o in _region(part.name)[k]]
         draws.append(Area(outlines=marked, colour=_MARK, edge=_MARK, width=1.0, order=2.0))
         if any(part.name == "air" for part in verdict.parts):  # three gusts ahead of the nose
             x = np.linspace(-0.32, -0.08, 40)
@@ -168,11 +168,6 @@ def part_plate(verdict: Verdict) -> Plate | None:
         panels.append(Panel(draws=draws, title=title, bare=True, x_range=(-0.35, 1.1), y_range=height, tall_in=1.9))
     caption = f"A sketch, not this aircraft. Filled: {verdict.where}. Probability: {percent(verdict.probability)}."
     return Plate("part", "Where to look", caption, Chart([panels], narrow=2))
-
-
-def _xy(outline: Outline) -> tuple[FloatArray, FloatArray]:
-    x, y = np.transpose(outline)
-    return x, y
 
 
 def _region(name: str) -> tuple[tuple[Outline, ...], tuple[Outline, ...]]:

@@ -22,10 +22,17 @@ from testbench.flight import FlightCondition, load_aircraft
 from testbench.logs.plausible import questions_of, refusal
 from testbench.questions.gap.evidence.check import check_signs
 from testbench.questions.gap.evidence.commanded import MOVED, commands
-from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.evidence.held_out import HeldOutFlight, differences
 from testbench.questions.gap.new_suite import suite_of_records
-from testbench.questions.gap.records import WHOLE, Flights, flights_of, read_flights, without_wholes
+from testbench.questions.gap.records import (
+    WHOLE,
+    Flights,
+    flights_of,
+    free_name,
+    named_suite,
+    read_flights,
+    without_wholes,
+)
 from testbench.questions.gap.starts import CUT, start_of
 from testbench.questions.gap.windows import as_they_start
 from testbench.sensors import SensorSuite, load_suite, suite_toml
@@ -150,12 +157,9 @@ def read(files: Sequence[Path]) -> dict[str, FlightRecord]:
     out: dict[str, FlightRecord] = {}
     for file in files:
         ((name, _, record),) = read_flights(file)
-        same = next((n for n, r in out.items() if record_key(r) == record_key(record)), None)
-        if same is not None:
-            raise RecordError(f"measured records must differ, got '{same}' twice ({file}); give it once")
         if unclear and (file.parent / WHOLE).is_file():
             name = " ".join(filter(None, (file.resolve().parent.name, "" if file.name == WHOLE else file.stem)))
-        out[name if name not in out else f"{name} ({len(out) + 1})"] = record
+        out[free_name(name, record, out, file)] = record
     return out
 
 
@@ -208,9 +212,8 @@ def _suite(
     """Return the suite, what it leaves out in sentences, and whether it was made from the records."""
     if sensors is not None:
         return load_suite(sensors), [], False
-    stated = {str(r.provenance.get("suite", "")) for r in records.values()}
-    if len(stated) == 1 and next(iter(stated)) in suite_names():
-        return load_suite(stated.pop()), [], False
+    if name := named_suite(records):
+        return load_suite(name), [], False
     for file, record in records.items():
         with located(None, f"record '{file}'"):
             if not any(n.removesuffix("_cmd") in CONTROLS for n in record.channels):

@@ -29,18 +29,18 @@ _SURFACE = (
     "command the {0} in steps and film stick and surface together: delay, lag, limited rate, throw and dead band show; "
     "then push the surface by hand: play is felt"
 )
+_GYRO = "turn the aircraft about its {0} axis by 90 deg and integrate the gyro: scale and offset show"
+_BY_HAND = "by hand to angles of a protractor"
 _SENSOR = {
-    "alpha": "turn the vane by hand to angles of a protractor: scale, offset and stickiness show",
-    "beta": "turn the vane by hand to angles of a protractor: scale, offset and stickiness show",
+    **dict.fromkeys(
+        ("alpha", "beta"), "turn the vane by hand to angles of a protractor: scale, offset and stickiness show"
+    ),
     "V": "press a known height of water on the pitot tube: scale, offset and leaks show",
-    "q": "turn the aircraft about its pitch axis by 90 deg and integrate the gyro: scale and offset show",
-    "p": "turn the aircraft about its roll axis by 90 deg and integrate the gyro: scale and offset show",
-    "r": "turn the aircraft about its yaw axis by 90 deg and integrate the gyro: scale and offset show",
-    "theta": "tilt the aircraft to angles of an inclinometer: scale and offset show",
-    "phi": "tilt the aircraft to angles of an inclinometer: scale and offset show",
+    **{c: _GYRO.format(axis) for c, axis in (("p", "roll"), ("q", "pitch"), ("r", "yaw"))},
+    **dict.fromkeys(("theta", "phi"), "tilt the aircraft to angles of an inclinometer: scale and offset show"),
     "az": "turn the aircraft upside down: the accelerometer must go from -1 g to 1 g; measure where it sits",
     "ay": "lay the aircraft on either side: the accelerometer must go from -1 g to 1 g; measure where it sits",
-    **dict.fromkeys(("de", "da", "dr"), "turn the surface by hand to angles of a protractor: scale and offset show"),
+    **dict.fromkeys(("de", "da", "dr"), f"turn the surface {_BY_HAND}: scale and offset show"),
     "ax": "stand the aircraft on nose and tail: the accelerometer must go from -1 g to 1 g; measure where it sits",
 }
 _CHECKS = {

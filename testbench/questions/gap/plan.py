@@ -29,6 +29,7 @@ from testbench.inference.calibrate import SURE, Power, Reliability, calibrate_to
 from testbench.inference.first_order import Sums
 from testbench.inputs import build
 from testbench.line import condition_of
+from testbench.page.words import grouped
 from testbench.questions.gap.again import Kept, fingerprint
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.drive import comparing
@@ -139,8 +140,8 @@ class GapPlan:
             told = "; ".join(f"{self.title(a)} for {self.title(b)} ({100.0 * p:.0f} %)" for a, b, p in pairs[:3])
             more = f", and {len(pairs) - 3} more" if len(pairs) > 3 else ""
             out.append(f"they could mistake {told}{more}")
-        for why in dict.fromkeys(self.unseen.values()):
-            titles = [self.title(n) for n, other in self.unseen.items() if other == why]
+        for why, names in grouped(self.unseen).items():
+            titles = [self.title(n) for n in names]
             more = f" and {len(titles) - _SAID} more" if len(titles) > _SAID else ""
             out.append(f"{', '.join(titles[:_SAID])}{more} would not show: {why}")
         return (*out, *self._to_fly, *not_compared(self.believed.suite))
@@ -346,63 +347,37 @@ def family(
                 size = float(np.max(np.abs(column)))
                 largest[name] = max(largest[name], size)
                 lateral = lateral or (name in ("da", "dr") and size > 1e-3)
-    de, thr = largest["de"] / DEG_RAD, largest["thr"] / PERCENT
+    de, da, dr, thr = *(largest[c] / DEG_RAD for c in ("de", "da", "dr")), largest["thr"] / PERCENT
     fast = min(10.0, 0.1 * rate)  # a sweep whose samples are held goes no higher
+    multistep = StandardMultistep(signal="3211", control="de", amplitude_deg=de, step_s=0.4)
+    sweep = Sweep(signal="sweep", control="de", amplitude_deg=de, f_start_hz=0.5, f_end_hz=fast, sweep_s=18.0)
+    small = Doublet(signal="doublet", control="de", amplitude_deg=0.25 * de, period_s=0.4, repeats=4, spacing_s=2.0)
     throttle = Doublet(signal="doublet", control="thr", amplitude_percent=thr, period_s=6.0)
+    elevator = Doublet(signal="doublet", control="de", amplitude_deg=de, period_s=1.0, repeats=4, spacing_s=3.0)
+    pull = Pulse(signal="pulse", control="de", amplitude_deg=-0.6 * de, width_s=4.0)
     out: list[tuple[str, float, tuple[Input, ...], str]] = [
-        (
-            "elevator 3211",
-            12.0,
-            (StandardMultistep(signal="3211", control="de", amplitude_deg=de, step_s=0.4),),
-            f"an elevator 3-2-1-1 of {de:.3g} deg with steps of 0.4 s",
-        ),
-        (
-            "elevator sweep",
-            20.0,
-            (Sweep(signal="sweep", control="de", amplitude_deg=de, f_start_hz=0.5, f_end_hz=fast, sweep_s=18.0),),
-            f"an elevator sweep of {de:.3g} deg from 0.5 to {fast:.3g} Hz",
-        ),
-        (
-            "small elevator doublets",
-            12.0,
-            (Doublet(signal="doublet", control="de", amplitude_deg=0.25 * de, period_s=0.4, repeats=4, spacing_s=2.0),),
-            f"short elevator doublets of a quarter of the amplitude, {0.25 * de:.2g} deg",
-        ),
+        ("elevator 3211", 12.0, (multistep,), f"an elevator 3-2-1-1 of {de:.3g} deg with steps of 0.4 s"),
+        ("elevator sweep", 20.0, (sweep,), f"an elevator sweep of {de:.3g} deg from 0.5 to {fast:.3g} Hz"),
+        ("small elevator doublets", 12.0, (small,), "short elevator doublets of a quarter of the amplitude, "
+         f"{0.25 * de:.2g} deg"),
         ("throttle doublet", 20.0, (throttle,), f"a throttle doublet of {thr:.3g} % with a period of 6 s"),
-        (
-            "throttle and elevator",
-            20.0,
-            (
-                throttle,
-                Doublet(signal="doublet", control="de", amplitude_deg=de, period_s=1.0, repeats=4, spacing_s=3.0),
-            ),
-            "throttle and elevator doublets at once",
-        ),
-        (
-            "slow pull",
-            15.0,
-            (Pulse(signal="pulse", control="de", amplitude_deg=-0.6 * de, width_s=4.0),),
-            f"an elevator pulse of {0.6 * de:.2g} deg nose up, held for 4 s",
-        ),
-    ]
-    out += _lateral_family(largest["da"] / DEG_RAD, largest["dr"] / DEG_RAD) if lateral else []
+        ("throttle and elevator", 20.0, (throttle, elevator), "throttle and elevator doublets at once"),
+        ("slow pull", 15.0, (pull,), f"an elevator pulse of {0.6 * de:.2g} deg nose up, held for 4 s"),
+    ]  # fmt: skip
+    if lateral:
+        rudder = StandardMultistep(signal="3211", control="dr", amplitude_deg=dr, step_s=0.5)
+        aileron = Doublet(signal="doublet", control="da", amplitude_deg=da, period_s=1.6)
+        short = Doublet(signal="doublet", control="dr", amplitude_deg=dr, period_s=0.4, repeats=3, spacing_s=2.0)
+        bank = Pulse(signal="pulse", control="da", amplitude_deg=0.5 * da, width_s=1.0)
+        out += [
+            ("rudder 3211", 12.0, (rudder,), f"a rudder 3-2-1-1 of {dr:.3g} deg with steps of 0.5 s"),
+            ("aileron doublet", 12.0, (aileron,), f"an aileron doublet of {da:.3g} deg with a period of 1.6 s"),
+            ("short rudder doublets", 12.0, (short,), f"short rudder doublets of {dr:.3g} deg"),
+            ("turn", 20.0, (bank,), f"an aileron pulse of {0.5 * da:.2g} deg for 1 s into a turn, held for 18 s"),
+        ]
     controls = believed.aircraft.controls
     return [
         (Manoeuvre(name=name, use="identification", duration_s=duration, input=spec), words)
         for name, duration, spec, words in out
         if all(s.control in controls for s in spec)
-    ]
-
-
-def _lateral_family(da: float, dr: float) -> list[tuple[str, float, tuple[Input, ...], str]]:
-    """Return manoeuvres of aileron and rudder, amplitudes in deg: name, duration, inputs, words."""
-    rudder = StandardMultistep(signal="3211", control="dr", amplitude_deg=dr, step_s=0.5)
-    aileron = Doublet(signal="doublet", control="da", amplitude_deg=da, period_s=1.6)
-    short = Doublet(signal="doublet", control="dr", amplitude_deg=dr, period_s=0.4, repeats=3, spacing_s=2.0)
-    bank = Pulse(signal="pulse", control="da", amplitude_deg=0.5 * da, width_s=1.0)
-    return [
-        ("rudder 3211", 12.0, (rudder,), f"a rudder 3-2-1-1 of {dr:.3g} deg with steps of 0.5 s"),
-        ("aileron doublet", 12.0, (aileron,), f"an aileron doublet of {da:.3g} deg with a period of 1.6 s"),
-        ("short rudder doublets", 12.0, (short,), f"short rudder doublets of {dr:.3g} deg"),
-        ("turn", 20.0, (bank,), f"an aileron pulse of {0.5 * da:.2g} deg for 1 s into a turn, held for 18 s"),
     ]

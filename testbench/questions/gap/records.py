@@ -108,11 +108,7 @@ def load_flights(
         *((f, True) for f in hold_out),
     ]:
         for name, use, record in read_flights(given, data_folder):
-            same = next((n for n, r in [*naming.items(), *held.items()] if record_key(r) == record_key(record)), None)
-            if same is not None:
-                raise RecordError(f"measured records must differ, got '{same}' twice ({given}); give it once")
-            names = (name, *(f"{name} ({k})" for k in range(2, 2 + len(naming) + len(held))))
-            free = next(n for n in names if n not in naming and n not in held)  # a manoeuvre may be flown again
+            free = free_name(name, record, {**naming, **held}, given)
             (held if always or use == "validation" else naming)[free] = record
     notes: list[str] = []
     if not held and len(naming) > 1:
@@ -192,9 +188,7 @@ def _suite(sensors: str | SensorSuite | None, records: Mapping[str, FlightRecord
         return sensors
     if sensors is not None:
         return load_suite(sensors)
-    stated = {str(r.provenance.get("suite", "")) for r in records.values()}
-    if len(stated) == 1 and next(iter(stated)) in suite_names():
-        name = stated.pop()
+    if name := named_suite(records):
         notes.append(
             f"the sensors are believed to be those that the records name, {name}; choose others with --sensors"
         )
@@ -203,6 +197,24 @@ def _suite(sensors: str | SensorSuite | None, records: Mapping[str, FlightRecord
         "the believed sensors must be known, but these records do not name them; give --sensors with one of "
         f"{', '.join(suite_names())}, or a suite file (.toml)"
     )
+
+
+def named_suite(records: Mapping[str, FlightRecord]) -> str:
+    """Return the packaged suite that all records name; "" if they do not."""
+    stated = {str(r.provenance.get("suite", "")) for r in records.values()}
+    return stated.pop() if len(stated) == 1 and stated <= {*suite_names()} else ""
+
+
+def free_name(name: str, record: FlightRecord, known: Mapping[str, FlightRecord], file: Path | str) -> str:
+    """Return a name for a record of a file that no ``known`` one has: a manoeuvre may be flown again.
+
+    Raises:
+        RecordError: it is one of the known ones.
+    """
+    same = next((n for n, r in known.items() if record_key(r) == record_key(record)), None)
+    if same is not None:
+        raise RecordError(f"measured records must differ, got '{same}' twice ({file}); give it once")
+    return next(n for n in (name, *(f"{name} ({k})" for k in range(2, 3 + len(known)))) if n not in known)
 
 
 def check_records(

@@ -1,17 +1,19 @@
-"""What the gap workflow found: before and after on held-out manoeuvres, and the answer in words."""
+"""What the gap workflow found: before and after on held-out manoeuvres, where the cause sits, the answer in words."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from testbench.core.constants import DEG_RAD, G0_M_S2, KT_M_S
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.effects import Effect
 from testbench.flight.batch.jobs import Tally
 from testbench.inference.calibrate import Reliability
 from testbench.inference.instruments import Agreement
+from testbench.page.words import listed
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.air import AirFound
 from testbench.questions.gap.evidence.control_path import SurfacePath
@@ -19,9 +21,9 @@ from testbench.questions.gap.evidence.held_out import HeldOutFlight
 from testbench.questions.gap.evidence.lacking import Lacking
 from testbench.questions.gap.evidence.locate import RegionMap, ResidualMap, Structure
 from testbench.questions.gap.evidence.noise_found import NoiseFound
-from testbench.questions.gap.explain import VISIBLE, Naming
+from testbench.questions.gap.explain import VISIBLE, Naming, percent
 from testbench.questions.gap.onset import Begun
-from testbench.questions.gap.verdict import Verdict, verdict_of
+from testbench.questions.gap.parts import Part, parts_of
 from testbench.questions.identify.instruments import agreement_in_words
 
 # By so much a simulator may err in the short period and after a power change, in roll and yaw response and in a steady
@@ -77,6 +79,61 @@ class Shrink:
         """Share of the excess energy over the noise floor that the amendment removed, all channels together."""
         excess = float(np.sum(self.energy_before - 1.0))
         return 1.0 - float(np.sum(self.energy_after - 1.0)) / excess if excess > 0.0 else 0.0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Where the cause sits; what it is stands in the naming.
+
+    Attributes:
+        parts: where it may sit; none if nothing is called.
+        probability: that all that is missing acts there.
+        any: True if it sits in one of the parts, and not in all of them.
+        nearest: part of the nearest effect, in words, where nothing is called.
+    """
+
+    parts: tuple[Part, ...]
+    probability: float
+    any: bool = False
+    nearest: str = ""
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The verdict in words: where, how probable, and what to check on the ground."""
+        sure = percent(self.probability)
+        if not self.parts:
+            near = f"the nearest effect acts in {self.nearest}, which is the right part with {sure}"
+            return (f"where it sits is not known: {near}",)
+        checks = tuple(f"check on the ground, {p.name}: {p.ground_check}" for p in self.parts)
+        return (f"where to look: {self.where}; probability that it sits there: {sure}", *checks)
+
+    @property
+    def where(self) -> str:
+        """The parts in words."""
+        names = [p.name for p in self.parts]
+        return " or ".join(names) if self.any else listed(names)
+
+
+def verdict_of(naming: Naming) -> Verdict | None:
+    """Return where the cause sits; None if there is no gap, no effect came near, or a term was named."""
+    fits = {f.effect.name: f for f in naming.ranking}
+    named = [fits[n].effect for n in naming.names]
+    if naming.outcome in ("partial", "unexplained"):
+        near = [f.effect for f in naming.ranking if not _open(naming, f.effect)][:1]
+        if not near:
+            return None
+        return Verdict((), _sure(naming, near), nearest=listed([p.name for p in parts_of(near)]))
+    if not named or any(_open(naming, e) for e in named):
+        return None
+    return Verdict(parts_of(named), _sure(naming, named), any=len(named) > 1 and len(parts_of(named)) > 1)
+
+
+def _open(naming: Naming, effect: Effect) -> bool:
+    return effect.name in naming.weighed.terms
+
+
+def _sure(naming: Naming, effects: Sequence[Effect]) -> float:
+    return naming.weighed.part([p.name for p in parts_of(effects)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,8 @@ from open_flights import FLOWN, believe, measured, truths
 
 from testbench.aircraft import Amendment, ScaleCoefficient
 from testbench.core.errors import RecordError
-from testbench.questions.gap.evidence.check import OWN_MOMENTS, check_signs, turned
+from testbench.effects.servo import COEFFICIENTS
+from testbench.questions.gap.evidence.check import check_signs, turned
 from testbench.questions.gap.windows import as_they_start
 from testbench.questions.gap.workflow import find_gap
 
@@ -51,12 +52,12 @@ def test_so_is_a_model_that_does():
 
 
 @pytest.mark.parametrize("scale", [0.8, 3.0])
-@pytest.mark.parametrize("own", OWN_MOMENTS.values())
+@pytest.mark.parametrize("own", [moment for moment, _ in COEFFICIENTS.values()])
 def test_a_control_that_works_too_little_or_too_much_is_no_wrong_sign(own, scale):
     believed = believe("taurus")
     other = believed.aircraft.amended(Amendment("other", "other", (ScaleCoefficient(own, scale),)))
     found = turned(replace(believed, aircraft=other), list(flown("taurus").values()))
-    factor = {OWN_MOMENTS[t.control]: t.factor for t in found}[own]
+    factor = {COEFFICIENTS[t.control][0]: t.factor for t in found}[own]
     assert factor == pytest.approx(1.0 / scale, rel=0.2)
     assert not any(t.reversed for t in found)
 

@@ -22,7 +22,7 @@ from testbench.questions.gap.explain import (
 )
 from testbench.questions.gap.figures import _REGIONS, _region, part_plate
 from testbench.questions.gap.parts import part_names, parts_of
-from testbench.questions.gap.verdict import Verdict
+from testbench.questions.gap.result import Verdict
 from testbench.sensors import load_suite
 
 EFFECTS = {

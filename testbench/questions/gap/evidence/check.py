@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from testbench.core.errors import RecordError, Refusal
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.effects.servo import WORDS
+from testbench.effects.servo import COEFFICIENTS, WORDS
 from testbench.estimators.trajectories import driven
 from testbench.inference.instruments import Agreement, agreement, without_errors
 from testbench.logs.plausible import questions_of, refusal
@@ -23,7 +23,6 @@ from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.commanded import commands
 from testbench.sensors import SensorSuite
 
-OWN_MOMENTS = {"de": "Cm_de", "da": "Cl_da", "dr": "Cn_dr"}
 _ABOUT = {"de": ("q", ("V", "alpha", "q")), "da": ("p", ("beta", "p", "r")), "dr": ("r", ("beta", "p", "r"))}
 """Control -> the rate that it turns, and the motion that turns it, too."""
 _SMOOTH_S = 0.05  # standard deviation of Gauss's filter
@@ -69,12 +68,12 @@ def check_signs(believed: Believed, records: Mapping[str, FlightRecord]) -> None
     if asked:  # values in another unit are the cause
         raise RecordError(refusal("the records", asked))
     for one in wrong:
-        word = WORDS[one.control]
+        word, moment = WORDS[one.control], COEFFICIENTS[one.control][0]
         raise RecordError(
             f"the {word} of the records must turn the aircraft the way in which the believed one turns, got a moment "
-            f"by {one.control} of {one.factor:.2f} times the believed {OWN_MOMENTS[one.control]}: one of them counts "
+            f"by {one.control} of {one.factor:.2f} times the believed {moment}: one of them counts "
             f"the {word} the other way. In a log, turn its sign where it is described (testbench import LOG "
-            f"--describe; scale = -1) and import it again; in the model, turn {OWN_MOMENTS[one.control]}"
+            f"--describe; scale = -1) and import it again; in the model, turn {moment}"
         )
 
 

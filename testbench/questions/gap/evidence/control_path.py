@@ -14,15 +14,11 @@ import numpy as np
 
 from testbench.core.record import FlightRecord
 from testbench.effects import SERVOS
+from testbench.effects.feedback import FED_TO
 from testbench.effects.servo import WORDS
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.explain import Naming, percent
 
-_FED_TO = {
-    "de": ("pitch_damper", "washed_pitch_damper", "filtered_pitch_damper"),
-    "da": ("roll_damper", "filtered_roll_damper", "bank_hold", "limited_bank_hold", "heading_hold"),
-    "dr": ("yaw_damper", "filtered_yaw_damper", "interconnect", "late_interconnect"),
-}
 # Behind the recorded surface, too: it may work better or worse, or stand elsewhere than it reads.
 _BEHIND = ("gain", "offset", "curved linkage")
 
@@ -49,7 +45,7 @@ class SurfacePath:
         """Names of the library's effects that act in it; where it is not seen, those that do not show."""
         kinds = [kind for kind, control in SERVOS if control == self.control and not (self.why and kind in _BEHIND)]
         clock = ("clock_offset",) if self.why and self.control == "de" else ()
-        return (*(SERVOS[kind, self.control].name for kind in kinds), *_FED_TO[self.control], *clock)
+        return (*(SERVOS[kind, self.control].name for kind in kinds), *FED_TO[self.control], *clock)
 
     @property
     def sentence(self) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
 from testbench.core.channels import channel
@@ -92,14 +93,12 @@ class Structure:
         band_Hz: (low, high).
         energy: mean squared residual within it, 1 is the noise.
         probability: that white noise holds as much in any channel and band (Bonferroni's bound).
-        excess: chi-square of the channel within the band, less that of noise.
     """
 
     channel: str
     band_Hz: tuple[float, float]
     energy: float
     probability: float
-    excess: float
 
     @property
     def sentence(self) -> str:
@@ -142,8 +141,7 @@ def structure(
     probability = min(1.0, float(p[band, c]) * p.size)
     if probability > false_alarm:
         return None
-    energy, excess = float(sums[band, c] / bins[band]), 2.0 * float(sums[band, c] - bins[band])
-    return Structure(channels[c], BANDS_HZ[band], energy, probability, excess)
+    return Structure(channels[c], BANDS_HZ[band], float(sums[band, c] / bins[band]), probability)
 
 
 def left_by(amended: Believed, records: Sequence[FlightRecord]) -> Structure | None:
@@ -219,7 +217,8 @@ def locate_regions(
     for name in (*_REGIONS, *(_LATERAL_REGIONS if moves_laterally(records) else ())):
         if not all(name in r for r in records):
             continue
-        x = np.concatenate([_smooth(r[name], r.dt_s) for r in records])
+        length = [max(1, round(_SMOOTH_S / r.dt_s)) for r in records]
+        x = np.concatenate([uniform_filter1d(r[name], n, mode="nearest") for r, n in zip(records, length, strict=True)])
         low, high = np.percentile(x, [0.5, 99.5])
         if high - low < 1e-6:
             continue
@@ -233,12 +232,6 @@ def locate_regions(
         edges = np.where(np.abs(edges) < 1e-6 * (high - low), 0.0, edges)  # rounding would be printed
         out.append(RegionMap(name, edges, tuple(channels), mean, samples))
     return tuple(out)
-
-
-def _smooth(x: FloatArray, dt_s: float) -> FloatArray:
-    length = max(1, round(_SMOOTH_S / dt_s))
-    padded = np.pad(x, (length // 2, length - 1 - length // 2), mode="edge")
-    return np.convolve(padded, np.full(length, 1.0 / length), mode="valid")
 
 
 def largest_errors(believed: Believed, records: Sequence[FlightRecord]) -> Mapping[str, float]:
