@@ -157,50 +157,42 @@ def mended(
     base = evidence(model, samples)
     ways = [_Way("nothing", 0.0, entry, model)]
     for name, other in _deterministic(entry, model):
-        there, gain = _gained(fit, other, base, samples)
-        if not any(abs(gain - way.gain) < _SAME for way in ways[1:]):
-            ways.append(_Way(name, gain, other, there))
+        way = _tried(fit, name, other, base, samples)
+        if not any(abs(way.gain - known.gain) < _SAME for known in ways[1:]):
+            ways.append(way)
     lags = sorted(ways[1:], key=lambda way: -way.gain)
-    tried = [Tried(way.name, way.gain) for way in lags]
-    taken = ways[0]
-    if lags and lags[0].settled and lags[0].gain > _enough(lags[0].model):
-        taken, tried[0] = lags[0], Tried(tried[0].name, tried[0].gain, True)
+    taken = lags[0] if lags and lags[0].settled and lags[0].gain > _enough(lags[0].model) else ways[0]
     assert taken.model is not None
     best, base = (taken.entry, taken.model), base + taken.gain
-    if not (wanting(model) or _late(model) or taken is not ways[0]):
-        tried = []
+    seen = lags if wanting(model) or _late(model) or taken is not ways[0] else []
     named = set() if not gusts else {c["code"] for c in with_causes(best[1], records).diagnostics.get("causes", ())}
     if not gusts or not wanting(best[1]) or named & BY_INPUT:
-        return *best, tuple(tried), _rivals(taken, ways)
+        return *best, _told(seen, taken), _rivals(taken, ways)
     gusty = []
     before = [taken, *(way for way in lags if way is not taken and way.settled)]
     for way in before:
         assert way.model is not None
         name = "gusts" if way is taken else f"gusts and {way.name}"
-        other = _gusty(way.entry, way.model)
-        there, gain = _gained(fit, other, base, samples)
-        tried.append(Tried(name, gain))
-        gusty.append(_Way(name, gain, other, there))
+        gusty.append(_tried(fit, name, _gusty(way.entry, way.model), base, samples))
     best_gust = gusty[0]
     for more in gusty[1:]:  # what else it takes must be needed beside gusts
         if not best_gust.settled or (more.settled and more.gain - best_gust.gain > _enough(more.model)):
             best_gust = more
     colour = _Way(COLOUR, _by_colour(best[1], records, samples), *best)
-    tried.append(Tried(colour.name, colour.gain))
+    seen = [*seen, *gusty, colour]
     if best_gust.model is None or not best_gust.settled or best_gust.gain <= max(colour.gain, _ENOUGH):
         beside = _rivals(colour, [colour, *gusty])
         left = 1.0 - sum(r.probability for r in beside)
         others = (replace(r, probability=left * r.probability) for r in _rivals(taken, ways))
-        return *best, tuple(tried), (*beside, *others)
+        return *best, _told(seen, taken), (*beside, *others)
     found = next(i for i, way in enumerate(gusty) if way is best_gust)
-    tried[found - len(gusty) - 1] = Tried(best_gust.name, best_gust.gain, True)
     # One that gusts could not be fitted to is as likely beside them as it was without: its model stays in doubt.
     more_likely = best_gust.gain - before[found].gain
     gusty = [
         way if way.settled else way._replace(gain=at.gain + more_likely, entry=at.entry, model=at.model)
         for way, at in zip(gusty, before, strict=True)
     ]
-    return best_gust.entry, best_gust.model, tuple(tried), _rivals(best_gust, [colour, *gusty])
+    return best_gust.entry, best_gust.model, _told(seen, taken, best_gust), _rivals(best_gust, [colour, *gusty])
 
 
 class _Way(NamedTuple):
@@ -215,6 +207,11 @@ class _Way(NamedTuple):
     def settled(self) -> bool:
         """Whether its fit has converged."""
         return self.model is not None and bool(self.model.diagnostics.get("converged", True))
+
+
+def _told(ways: Sequence[_Way], *taken: _Way) -> tuple[Tried, ...]:
+    """Return what was tried, and whether it is among what was taken."""
+    return tuple(Tried(way.name, way.gain, any(way is one for one in taken)) for way in ways)
 
 
 def _rivals(taken: _Way, ways: Sequence[_Way]) -> tuple[Rival, ...]:
@@ -304,11 +301,9 @@ def _by_colour(model: ParametricModel, records: Sequence[FlightRecord], samples:
     return float(0.5 * len(E) * (before - after)) - sum(n != "V" for n in model.outputs) * math.log(samples)
 
 
-def _gained(
-    fit: Callable[[Any], ParametricModel], other: Any, base: float, samples: int
-) -> tuple[ParametricModel | None, float]:
+def _tried(fit: Callable[[Any], ParametricModel], name: str, entry: Any, base: float, samples: int) -> _Way:
     try:
-        there = fit(other)
+        model = fit(entry)
     except Refusal:
-        return None, -math.inf
-    return there, evidence(there, samples) - base
+        return _Way(name, -math.inf, entry, None)
+    return _Way(name, evidence(model, samples) - base, entry, model)
