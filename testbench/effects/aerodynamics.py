@@ -122,7 +122,7 @@ def wake_lag(aircraft: Aircraft, values: Values) -> Amendment:
 
 def _row(
     title: str, place: str, term: Term, size: Parameter, physics: str, mistaken_for: str, separated_by: str,
-    flown: bool = False, lateral: bool = False, form_error: float = 0.03,
+    flown: bool = False, lateral: bool = False, form_error: float = Effect.form_error,
 ) -> Effect:  # fmt: skip
     return Effect(
         term.name, title, place, physics, (size,), partial(added, term), mistaken_for, separated_by,

@@ -169,8 +169,7 @@ def on_path(
     return aircraft.amended(law(aircraft, path, values)), suite
 
 
-_AFTER_S = 600.0  # time after take-off of an aircraft that is amended without a record
-_EVEN_S = 600.0  # after take-off, when as much is gone as at the mean rate, whatever the power
+_TEN_MIN_S = 600.0  # when as much is gone as at the mean rate, whatever the power; and of what no record tells when
 _LEAST = 0.05  # of what there was, which is left at any time
 POWER = Parameter("power", "1", 0.3, 4.0, (0.6, 1.8))
 """Of time by which more is gone, where an effect grows unevenly, see :func:`left`."""
@@ -182,8 +181,8 @@ def left(values: Values, at_s: float) -> float:
     Where a "power" is given, the rate is the mean one of the first ten minutes, and what is gone grows as that power of
     time.
     """
-    even = at_s / _EVEN_S
-    gone = values["per_min"] * _EVEN_S / 60.0 * math.copysign(abs(even) ** values.get("power", 1.0), even)
+    even = at_s / _TEN_MIN_S
+    gone = values["per_min"] * _TEN_MIN_S / 60.0 * math.copysign(abs(even) ** values.get("power", 1.0), even)
     return max(1.0 - gone, _LEAST)
 
 
@@ -191,7 +190,7 @@ def ten_minutes_after(
     grown: OverTime, aircraft: Aircraft, suite: SensorSuite, values: Values
 ) -> tuple[Aircraft, SensorSuite]:
     """Return what an effect that grows during the flight has made of both ten minutes after take-off."""
-    return grown(aircraft, suite, values, _AFTER_S)
+    return grown(aircraft, suite, values, _TEN_MIN_S)
 
 
 def together(*effects: Effect) -> Effect:

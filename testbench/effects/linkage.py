@@ -109,11 +109,11 @@ def offset(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
 def one_sided(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
     """Multiply the positive part of what the servo is told, as a deviation from what it was told in trim."""
     scale = values["scale"]
-    label, c = labelled(path.control, "one-sided"), prop(path.command)
-    kept = prop(f"gap/{label}-trim")
-    forth = f"<max> <difference> {c} {kept} </difference> {value(0.0)} </max>"
-    body = f"<sum> {c} {product(value(scale - 1.0), forth)} </sum>"
-    edit = reroute(path.command, label, body, (("trim", moving(kept, c)),))
+
+    def weaker(x: str) -> str:
+        return f"<sum> {x} {product(value(scale - 1.0), f'<max> {x} {value(0.0)} </max>')} </sum>"
+
+    edit = about_trim(path, labelled(path.control, "one-sided"), weaker)
     text = f"{path.word} turns {scale:.4g} times the command where that is positive, counted from trim"
     return Amendment(named(path.control, "one_sided_linkage"), text, (edit,))
 

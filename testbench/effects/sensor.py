@@ -190,7 +190,7 @@ def sensor_effects(channels: Iterable[str], pitot: bool = False) -> dict[str, Ef
                 mistaken_for=mistaken_for,
                 separated_by=separated_by,
                 flown=True,  # flights do not depend on sensors: those of the model without the error are read again
-                form_error=_FORM.get(kind, 0.03),
+                form_error=_FORM.get(kind, Effect.form_error),
             )
     return out
 

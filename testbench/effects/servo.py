@@ -22,7 +22,7 @@ from testbench.aircraft.seams import control_path, moving, product, prop, rememb
 from testbench.core.errors import ModelError
 from testbench.core.keyed import Keyed
 from testbench.core.record import FloatArray
-from testbench.effects.base import FORCES, LINK, SERVO, Effect, Parameter, Values, on_path
+from testbench.effects.base import LINK, SERVO, Effect, Parameter, Values, on_path
 from testbench.sensors import SensorSuite
 
 CONTROLS = ("de", "da", "dr", "thr")
@@ -36,7 +36,7 @@ Corner = Callable[[], float]
 ColumnLaw = Callable[[FloatArray, float, Values, Corner], FloatArray]
 """Commands (n,), sample time, values, corner of the believed servo in rad/s -> what the commands become."""
 BAND = 0.05  # form error of play and dead bands
-_SHORTEST_S = 1e-6  # below any frame time: what is late by less is not late
+SHORTEST_S = 1e-6  # below any frame time: what is late by less is not late
 
 
 def named(control: str, name: str) -> str:
@@ -82,10 +82,10 @@ class Kind:
     shape: ColumnLaw | None = None
     searched: Sequence[str] = ("de",)
     contains: tuple[str, ...] = ()
-    upstream: int = FORCES
+    upstream: int = Effect.upstream
     flown: bool = False
     ground_check: str = ""
-    form_error: float = 0.03
+    form_error: float = Effect.form_error
 
     def effect(self, control: str) -> Effect:
         """Return the effect for a control."""
@@ -404,7 +404,7 @@ def banded(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> FloatA
 def throttle_band(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
     """Let what the engine is told follow what its error exceeds the band by, as a first-order lag; exact for a command
     held from frame to frame."""
-    half, lag_s = values["half_width"], max(values["lag_s"], _SHORTEST_S)
+    half, lag_s = values["half_width"], max(values["lag_s"], SHORTEST_S)
     c, last = prop(path.command), prop("gap/throttle-band")
     error = f"<difference> {c} {last} </difference>"
     excess = f"<difference> {error} <min> <max> {error} {value(-half)} </max> {value(half)} </min> </difference>"
@@ -417,7 +417,7 @@ def throttle_band(aircraft: Aircraft, path: ControlPath, values: Values) -> Amen
 
 def throttle_banded(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> FloatArray:
     """Return commands (n,) of the throttle behind the dead band, the mean over each sample."""
-    half, lag_s = values["half_width"], max(values["lag_s"], _SHORTEST_S)
+    half, lag_s = values["half_width"], max(values["lag_s"], SHORTEST_S)
     left = math.exp(-dt_s / lag_s)
     mean = (1.0 - left) * lag_s / dt_s
     y, out = float(u[0]), []

@@ -20,11 +20,10 @@ from testbench.core.record import FloatArray
 from testbench.effects import linkage
 from testbench.effects.aerodynamics import ALPHA, force, over_design_speed
 from testbench.effects.base import GEARING, POWER, Effect, Parameter, Values, added, left, on_path, ten_minutes_after
-from testbench.effects.servo import PLAY_CHECK, Corner, shaped
+from testbench.effects.servo import PLAY_CHECK, SHORTEST_S, Corner, shaped
 from testbench.sensors import SensorSuite
 
 _THRUST = "fcs/throttle-pos-norm"  # share of the static thrust, after all that stands between command and engine
-_SMALLEST_S = 1e-6  # below any frame time: the throttle passes unchanged
 _QBAR_S = product(f"<max> {prop('aero/qbar-psf')} {value(1e-6)} </max>", prop("metrics/Sw-sqft"))
 _PROPELLER = 0.1  # form error of what a propeller and its slipstream do
 
@@ -68,7 +67,7 @@ def thrust_lag(aircraft: Aircraft, values: Values) -> Amendment:
 
 def _lagged(name: str, command: str, lag_s: float) -> str:
     """Return the XML of a first-order lag behind ``command``, whose last value is that of the property ``name``."""
-    decay = f"<exp> {product(value(-1.0 / max(lag_s, _SMALLEST_S)), prop('simulation/dt'))} </exp>"
+    decay = f"<exp> {product(value(-1.0 / max(lag_s, SHORTEST_S)), prop('simulation/dt'))} </exp>"
     past = f"<difference> {prop(name)} {prop(command)} </difference>"
     return f"<sum> {prop(command)} {product(decay, past)} </sum>"
 
@@ -78,7 +77,7 @@ def lagging(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> Float
     from scipy.signal import lfilter
 
     for lag in (values["lag_s"], values.get("second_lag_s", 0.0)):
-        if lag >= _SMALLEST_S:
+        if lag >= SHORTEST_S:
             a = math.exp(-dt_s / lag)
             begin = np.asarray(lfilter([0.0, 1.0 - a], [1.0, -a], u - u[0])) + u[0]
             u = u + (begin - u) * (1.0 - a) * lag / dt_s

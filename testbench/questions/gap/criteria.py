@@ -21,8 +21,7 @@ class Criteria:
     """What is found. Chi-square: weighted sum of squares, nuisances re-tuned; gain: its fall by what is found.
 
     Attributes:
-        false_alarm: see :data:`FALSE_ALARM`.
-        air_false_alarm: probability of hearing turbulence in still air. Judged.
+        false_alarm: see :data:`FALSE_ALARM`; also of hearing turbulence in still air.
         least: gain below which nothing is found; noise reaches it less often than any threshold. Calibrated, seed
             20261208.
         turned_rad: a surface that moves by more with other coefficients is turned by what the believed model measures.
@@ -41,7 +40,6 @@ class Criteria:
     """
 
     false_alarm: float = FALSE_ALARM
-    air_false_alarm: float = 1e-3
     least: float = 25.0
     turned_rad: float = 1e-6
     faintest_rad: float = 2e-5
@@ -55,9 +53,9 @@ class Criteria:
     def air_refuted(self) -> float:
         """Fall of twice the log-likelihood of the quiet flight that turbulence does not survive.
 
-        Derived: 2 ln(1 / air_false_alarm), Markov's bound on a likelihood ratio.
+        Derived: 2 ln(1 / false_alarm), Markov's bound on a likelihood ratio.
         """
-        return float(2.0 * np.log(1.0 / self.air_false_alarm))
+        return float(2.0 * np.log(1.0 / self.false_alarm))
 
 
 CRITERIA = Criteria()

@@ -50,7 +50,7 @@ class AirFound:
         rms_m_s: vertical rms; 0 if it does not move.
         height_m: above ground, as the scale lengths of the turbulence tell it.
         gain: likelihood-ratio statistic of turbulence against none: twice the gain in log-likelihood.
-        threshold: what noise alone exceeds with probability ``Criteria.air_false_alarm``.
+        threshold: what noise alone exceeds with probability ``Criteria.false_alarm``.
         quiet_s: quiet flight that was listened to, all records together.
         in_quiet: False if it was not found in the quiet flight but over all records, more likely than any effect.
     """
@@ -108,7 +108,7 @@ def listen(believed: Believed, records: Sequence[FlightRecord]) -> AirFound:
     height = max(believed.condition.h_m, LOWEST_M)
     if not quiet:
         return AirFound(False, 0.0, height, 0.0, float("inf"), 0.0)
-    threshold = float(chi2.isf(2.0 * CRITERIA.air_false_alarm, 1))
+    threshold = float(chi2.isf(2.0 * CRITERIA.false_alarm, 1))
     rms, gain = _likeliest(plain, quiet, height)
     if gain > threshold:
         rms, gain = _likeliest(plain, _steadied(plain, quiet, height), height)
@@ -241,7 +241,7 @@ def _steadied(
         return out
     times = [record.t_s - record.t_s.mean() for record, _ in out]
     squares = np.array([float(t @ t) for t in times])
-    scatter = float(chi2.isf(CRITERIA.air_false_alarm, len(out) - 1))
+    scatter = float(chi2.isf(CRITERIA.false_alarm, len(out) - 1))
     while True:
         own = np.array([t @ r for t, (_, r) in zip(times, out, strict=True)])  # (records, outputs)
         slopes = own.sum(axis=0) / squares.sum()
