@@ -16,7 +16,7 @@ from testbench.sensors import SensorSuite
 _TABLES = (structure, servo, linkage, thrust, mass, aerodynamics, stall, feedback, air, sensor)
 _OF_AIRCRAFT: dict[str, Effect] = {e.name: e for table in _TABLES for e in table.EFFECTS}
 
-SERVOS: Mapping[tuple[str, str], Effect] = servo.SERVOS | linkage.SERVOS | thrust.SERVOS
+SERVOS: Mapping[tuple[str, str], Effect] = servo.SERVOS | linkage.SERVOS
 """(kind, control) -> effect between command and surface, of every control."""
 
 OTHER_SERVOS: dict[str, Effect] = {e.name: e for e in (*servo.ON_REQUEST, *linkage.ON_REQUEST)}

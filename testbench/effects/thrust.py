@@ -293,10 +293,3 @@ EFFECTS = (
         separated_by="yaw by rudder with the pitch rate recorded, at two throttle settings",
         lateral=True, form_error=_PROPELLER),
 )
-_NAMED = {e.name: e for e in EFFECTS}
-SERVOS = {
-    ("lag", "thr"): _NAMED["thrust_lag"],
-    ("second order", "thr"): _NAMED["second_order_thrust_lag"],
-    ("gain", "thr"): _NAMED["thrust_scale"],
-}
-"""What stands for a servo's lag and gain where there is none."""

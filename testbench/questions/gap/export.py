@@ -15,9 +15,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.door import read_text
 from testbench.core.escape import markdown_cell, one_line, real
-from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, resolve
-from testbench.core.store import ResultFolder
 from testbench.effects.base import MetGust
 from testbench.flight import FlightCondition
 from testbench.page.labels import file_stem
@@ -30,13 +28,6 @@ if TYPE_CHECKING:
 
 AIRFRAME = "airframe.xml"  # of a folder whose modes are in aircraft.toml: the same model without their equations
 _HEADER = re.compile(r"^\s*\[\[?([^\]]+)\]\]?", re.MULTILINE)
-
-
-def write_amended(result: GapResult, folder: Path) -> list[Path]:
-    """Write what :func:`amended_files` returns into a folder; return the paths."""
-    with ResultFolder(folder) as place:
-        return [folder / write_file(place.new / name, text).relative_to(place.new)
-                for name, text in amended_files(result).items()]  # fmt: skip
 
 
 def amended_files(result: GapResult) -> dict[str, str]:

@@ -191,12 +191,17 @@ def plan_gap(
         still = comparing(Believed(aircraft, suite, condition_of(scenario.condition), rate))
     known = {n: e for n, e in library(suite, aircraft).items() if e.met is None}  # nobody plans to meet a gust
     records = [as_record(still, spec) for spec in scenario.manoeuvre]
-    air = _air(scenario)
+    rms, height = scenario.air.turbulence_rms_m_s, scenario.air.height_m or scenario.condition.h_m
+    air = AirFound(rms > 0.0, rms, height, 0.0, 0.0, 0.0)  # as if it had been heard
     believed = in_air(still, air)
     say("fly the library")
     sought = [e for e in known.values() if e.over_time is None]
     foreseen = Foreseen.of(believed, records, usual_sizes(sought), drawn=SIZES)
-    unseen = {n: _why(foreseen, e) for n, e in known.items() if n not in foreseen.effects}
+    unseen = {
+        n: not_sought(foreseen.base, e) or "these manoeuvres change no more by them than coefficients do"
+        for n, e in known.items()
+        if n not in foreseen.effects
+    }
     drawn, planned = Reliability(()), Addition("as planned", {})
     additions: list[Addition] = []
     skipped: dict[str, str] = {}
@@ -226,16 +231,6 @@ def plan_gap(
     additions.sort(key=lambda a: a.worth, reverse=True)
     names = tuple(m.name for m in scenario.manoeuvre)
     return GapPlan(scenario, still, names, known, unseen, drawn, interrupted, planned, tuple(additions), skipped)
-
-
-def _air(scenario: Scenario) -> AirFound:
-    """Return the air of a scenario as if it had been heard."""
-    rms, height = scenario.air.turbulence_rms_m_s, scenario.air.height_m or scenario.condition.h_m
-    return AirFound(rms > 0.0, rms, height, 0.0, 0.0, 0.0)
-
-
-def _why(foreseen: Foreseen, effect: Effect) -> str:
-    return not_sought(foreseen.base, effect) or "these manoeuvres change no more by them than coefficients do"
 
 
 def as_record(believed: Believed, spec: Manoeuvre) -> FlightRecord:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from testbench.core.record import FlightRecord
 from testbench.effects import Effect
 from testbench.inference.compare import compare_hypotheses
+from testbench.questions.gap.ask import GapResult
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.explain import Explanation, Naming
+from testbench.questions.gap.export import amended_files
 from testbench.questions.gap.name import Sought, _Asker, _split, name_effect
 from testbench.questions.gap.search.gust_search import sought
 
@@ -51,3 +54,12 @@ def check_sizes(found: Explanation | None, true: Mapping[str, float], share: flo
     assert found is not None
     off = {n: abs(found.values[n] - x) / max(share * abs(x), 2.0 * found.errors[n]) for n, x in true.items()}
     assert max(off.values()) < 1.0, (found.size, true)
+
+
+def write_amended(result: GapResult, folder: Path) -> list[Path]:
+    """Write what was named as the page of a result does; return the paths."""
+    files = amended_files(result)
+    for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text, encoding="utf-8")
+    return [folder / name for name in files]

@@ -8,12 +8,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from gap_fits import write_amended
 from gap_flights import CONDITION, believe
 
 from testbench.core.paths import AIRCRAFT_MODELS
 from testbench.effects import EFFECTS
 from testbench.flight import linearise, load_aircraft, trim
-from testbench.questions.gap.export import aircraft_files, write_amended
+from testbench.questions.gap.export import aircraft_files
 
 
 def written(aircraft, folder: Path) -> Path:

@@ -10,6 +10,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from gap.gap_fits import write_amended
 from gap.gap_flights import among
 from gap.hidden_truths import NOTHING, measure_truth
 
@@ -281,7 +282,6 @@ def test_the_amended_model_flies_in_stock_jsbsim_and_the_amended_suite_is_read_b
     """What is written needs nothing of this project: JSBSim loads, trims and flies it from the folder alone."""
     import jsbsim
 
-    from testbench.questions.gap.export import write_amended
     from testbench.sensors import load_suite
 
     _, result, _ = vane
