@@ -55,7 +55,6 @@ class Shrink:
         before, after: (n, p) predictions of the believed and of the amended model, offset to the record's mean.
         energy_before, energy_after: (p,) mean squared residual per channel, 1 is the noise floor.
         taken: (p,) number of samples that were taken.
-        map_before, map_after: where the residual sits.
     """
 
     manoeuvre: str
@@ -65,8 +64,6 @@ class Shrink:
     energy_before: FloatArray
     energy_after: FloatArray
     taken: FloatArray
-    map_before: ResidualMap
-    map_after: ResidualMap
 
     @property
     def visible(self) -> bool:

@@ -470,11 +470,10 @@ def _map(believed: Believed, name: str, record: FlightRecord) -> ResidualMap:
 def _shrink(believed: Believed, amended: Believed, name: str, record: FlightRecord) -> Shrink:
     measured, taken = record.columns(believed.outputs), believed.taken(record)
     count = taken.sum(axis=0).astype(float)
-    predictions, energy, maps = [], [], []
+    predictions, energy = [], []
     for model in (believed, amended):
         y = model.predict(record)
         residuals = model.residuals(record)
         predictions.append(y + ((measured - y) * taken).sum(axis=0) / np.maximum(count, 1.0))
         energy.append((residuals**2).sum(axis=0) / np.maximum(count, 1.0))
-        maps.append(locate(name, residuals, model.outputs, record.dt_s, taken))
-    return Shrink(name, record, predictions[0], predictions[1], energy[0], energy[1], count, maps[0], maps[1])
+    return Shrink(name, record, predictions[0], predictions[1], energy[0], energy[1], count)
