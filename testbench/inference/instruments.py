@@ -20,6 +20,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.ndimage import gaussian_filter1d
+from scipy.signal import lfilter
 from scipy.special import logsumexp
 from scipy.stats import norm
 
@@ -81,6 +82,7 @@ _LITTLE = 0.1  # in ln p
 _ROUNDS = 3
 _AGAIN = 2  # times that sound instruments are put about their own errors
 _STILL = 0.2  # of a standard error
+_UNTOLD = 1e-3  # of the precision of priors: what records tell by less is nothing
 
 
 @dataclass(frozen=True)
@@ -299,12 +301,14 @@ class EveryError:
             those that are lost included; biases and the wind are among them.
         told: those that the records decide, to a third of what they may be, -> the same if all of them are there.
         lost: the others -> standard error beside all others, and what they may be.
+        rivals: error found -> others that would explain the records as well in its place -> the same of them.
         foretold: of every record, with the errors found.
     """
 
     found: Mapping[str, tuple[float, float]]
     told: Mapping[str, tuple[float, float]]
     lost: Mapping[str, tuple[float, float]]
+    rivals: Mapping[str, Mapping[str, tuple[float, float]]]
     foretold: tuple[Foretold, ...]
 
     @property
@@ -345,12 +349,10 @@ def every_error(records: Sequence[FlightRecord], gravity_m_s2: float = G0_M_S2) 
     for _ in range(_ROUNDS):
         row = asked.coloured(asked.origin.about(row.at, "", every=True), "", row)
     names, prior = tuple(row.at), np.array(list(asked.std.values()))
-    covariance = row.covariance + np.diag([_mean_noise(parts, n) ** 2 for n in names])
-    precision = np.linalg.inv(covariance)
-    right = precision @ np.array(list(row.at.values()))
+    precision, right = asked.told(row)
 
-    def among(places: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-        P = np.linalg.inv(precision[np.ix_(places, places)])
+    def among(places: Sequence[int], known: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        P = np.linalg.inv(precision[np.ix_(places, places)] + known * np.diag(prior[places] ** -2.0))
         return P @ right[places], np.sqrt(np.diag(P))
 
     def named(places: Sequence[int]) -> dict[str, tuple[float, float]]:
@@ -358,7 +360,7 @@ def every_error(records: Sequence[FlightRecord], gravity_m_s2: float = G0_M_S2) 
 
     told = list[int]()
     for i in range(len(names)):
-        if np.all(among([*told, i])[1] <= prior[[*told, i]] / 3.0):
+        if np.all(among([*told, i], 1.0)[1] <= prior[[*told, i]] / 3.0):
             told.append(i)
     left, sure = list[int](), float(norm.isf(0.5 * _FALSE / max(len(told), 1)))
 
@@ -371,21 +373,18 @@ def every_error(records: Sequence[FlightRecord], gravity_m_s2: float = G0_M_S2) 
         left.append(new[max(new)])
         while (z := surety(left)).min() < sure:  # what was taken for it
             left.pop(int(np.argmin(z)))
-    found, std = named(left), np.sqrt(np.diag(covariance))
+    found, std = named(left), among(range(len(names)), 1.0)[1]
     lost = {n: (float(std[i]), float(prior[i])) for i, n in enumerate(names) if i not in told and prior[i] > 0.0}
+    rivals: dict[str, dict[str, tuple[float, float]]] = {}
+    for i in left:
+        others = [j for j in left if j != i]
+        least = surety([*others, i])[-1] ** 2 - 2.0 * _CLEARLY
+        for j in (j for j, n in enumerate(names) if n not in found and prior[j] > 0.0):
+            x, s = (float(of[-1]) for of in among([*others, j], 1.0))
+            if (x / s) ** 2 > least and abs(x) < 3.0 * prior[j]:
+                rivals.setdefault(names[i], {})[names[j]] = x, s
     sizes = {n: x for n, (x, _) in found.items()}
-    return EveryError(found, named(told), lost, tuple(Foretold.of(part, sizes) for part in parts))
-
-
-def _mean_noise(parts: Sequence[Kinematics], error: str) -> float:
-    """Return the mean of the noise of all that is integrated with a rate or force: it looks like its bias."""
-    c, kind = error.rpartition("_")[::2]
-    if kind != "bias" or c not in _BIAS:
-        return 0.0
-    V, g = (float(np.mean(parts[0].x["V"])) if "V" in parts[0].x else 0.0), parts[0].gravity_m_s2
-    beside = {"ax": {"theta": g, "alpha": g}, "ay": {"r": V, "phi": g}, "az": {"q": V}}.get(c, {})
-    noise = [factor * _white(parts, n) for n, factor in {c: 1.0, **beside}.items() if n in parts[0].x]
-    return math.hypot(*noise) / math.sqrt(sum(len(part.x[c]) for part in parts))
+    return EveryError(found, named(told), lost, rivals, tuple(Foretold.of(part, sizes) for part in parts))
 
 
 def _steady(parts: Sequence[Kinematics]) -> dict[str, float]:
@@ -404,7 +403,7 @@ def _steady(parts: Sequence[Kinematics]) -> dict[str, float]:
     out |= {"wind_bias": 3.0} if "h" in first.compared else {}
     out |= {"north_bias": 20.0, "east_bias": 20.0} if "Vg" in first.compared else {}
     out |= of("scale", 0.2, ("theta", "phi")) | of("scale", 0.1, RATES)
-    return out | of("bias", 0.01, ("theta", "phi", *FLOW)) | of("bias", 0.5, ("V",))  # much like those of forces
+    return out | of("bias", 0.02, ("theta", "phi", *FLOW)) | of("bias", 0.5, ("V",))  # much like those of forces
 
 
 def agreement_of(parts: Sequence[Kinematics], known_std: Mapping[str, float]) -> Agreement:
@@ -578,20 +577,47 @@ class _Point:
         if (c, time, size) not in self._whitened:
             grams, log_det = [], 0.0
             for part, table in zip(self.parts, self.tables, strict=True):
-                a, w = math.exp(-part.dt_s / _TIMES_S[time]), _SIZES[size]
-                Z, white = table[:, c], np.array([1.0, -a])
-                Z = Z[1:] - a * Z[:-1]
-                if part.compared[c] == "h":  # its rate has gusts
-                    Z, white = np.diff(Z, axis=0), np.convolve(white, [1.0, -1.0])
-                bands = np.zeros((len(white), len(Z)))
-                for lag in range(len(white)):
-                    bands[lag] = white[lag:] @ white[: len(white) - lag]
-                bands[0] += w**2
-                factor = cholesky_banded(bands, lower=True, check_finite=False)
+                Z = _filtered(_taps(part, c, time), table[:, c])
+                factor = _factor(part, c, time, size)
                 grams.append(Z.T @ cho_solve_banded((factor, True), Z, check_finite=False))
                 log_det += 2.0 * float(np.sum(np.log(factor[0])))
             self._whitened[c, time, size] = grams, log_det
         return self._whitened[c, time, size]
+
+    def weights(self, r: int, c: int, colour: _Colour, scale: float) -> FloatArray:
+        """Return by what a channel (n,) of a record is multiplied to give the scores (n, k), its start integrated."""
+        part, table = self.parts[r], self.tables[r][:, c]
+        taps = _taps(part, c, colour.time[c])
+        factor = _factor(part, c, colour.time[c], colour.size[c])
+        solved = cho_solve_banded((factor, True), _filtered(taps, table), check_finite=False) / scale**2
+        out = np.zeros_like(table)
+        for lag, tap in enumerate(taps):
+            out[len(taps) - 1 - lag : len(table) - lag] += tap * solved
+        start, weighted = out[:, -2], out[:, :-2]
+        across = (start @ table[:, :-2]) / (1.0 + start @ table[:, -2])
+        return weighted - start[:, None] * across
+
+
+def _taps(part: Kinematics, c: int, time: int) -> FloatArray:
+    """Return the filter that turns a process of first order into white noise; a height's is its rate's."""
+    white = np.array([1.0, -math.exp(-part.dt_s / _TIMES_S[time])])
+    return np.convolve(white, [1.0, -1.0]) if part.compared[c] == "h" else white
+
+
+def _filtered(taps: FloatArray, y: FloatArray) -> FloatArray:
+    """Return samples (n, k) through a filter, from the first on for which all of its inputs are there."""
+    first = len(taps) - 1
+    return np.asarray(sum(tap * y[first - lag : len(y) - lag] for lag, tap in enumerate(taps)))
+
+
+def _factor(part: Kinematics, c: int, time: int, size: int) -> FloatArray:
+    """Return the Cholesky factor, by diagonals, of the covariance of white noise so filtered, and innovations."""
+    taps = _taps(part, c, time)
+    bands = np.zeros((len(taps), len(part.x[part.compared[c]]) - len(taps) + 1))
+    for lag in range(len(taps)):
+        bands[lag] = taps[lag:] @ taps[: len(taps) - lag]
+    bands[0] += _SIZES[size] ** 2
+    return np.asarray(cholesky_banded(bands, lower=True, check_finite=False))
 
 
 def _beside(time: int, size: int) -> Iterator[tuple[int, int]]:
@@ -618,17 +644,15 @@ class _Asked:
         V = float(np.median(parts[0].x["V"])) if "V" in parts[0].x else 1.0
         self.most = np.array([_SOUND.get(c, _GUSTS_M_S / V) for c in self.compared])
         self.dt_s = parts[0].dt_s
-        self.wandered = np.array([self._wandered(c, V) for c in self.compared])
+        self.wandered = self._wandered()
         self.met = [(i, self.compared.index(n.split("_")[0])) for i, n in enumerate(self.std) if "_met" in n]
         self.moved = np.array([max(float(np.std(part.x[c])) for part in parts) for c in self.compared])
 
-    def _wandered(self, c: str, V: float) -> float:
-        """Return how far the noise of gyro and accelerometer makes a flow angle wander from sample to sample, rad."""
-        driven = {"alpha": ("az", "q"), "beta": ("ay", "r")}.get(c)
-        if driven is None:
-            return 0.0
-        force, rate = (_white(self.parts, n) for n in driven)
-        return self.dt_s * math.hypot(force / V, rate)
+    def _wandered(self) -> FloatArray:
+        """Return how far noise of all instruments makes what is left of each channel wander from sample to sample."""
+        noise = {m: _white(self.parts, m) for m in self.parts[0].instruments}
+        squares = [sum(part.moved_by({}, m, s)[1:] ** 2 for m, s in noise.items()) for part in self.parts]
+        return np.asarray(np.sqrt(np.mean(np.concatenate(squares), axis=0)))
 
     def weigh(self, point: _Point, colour: _Colour, fault: str, bounded: bool, scales: FloatArray | None) -> _Weighed:
         """Return the evidence if one error, or none, is that of a faulty instrument, with one colour."""
@@ -656,6 +680,36 @@ class _Asked:
         return _Weighed(
             log_evidence, colour, found.scales, known, float(values[at]), error, covariance[np.ix_(own, own)]
         )
+
+    def told(self, row: _Weighed) -> tuple[FloatArray, FloatArray]:
+        """Return what the records alone say of the errors: precision (k, k), and its product with their estimate.
+
+        The scores g = X' W (y - f), with the weights W of channels one by one, have the mean A theta, A = X' W X, and
+        the covariance K that noise gives them on all its ways: that of an instrument is in what it reads and, summed
+        from sample to sample, in all that is foretold with it. So A K^-1 A is the precision (L. P. Hansen, Econometrica
+        50, 1982). Gusts are what of a process of first order is larger than noise so summed.
+        """
+        point = self.origin.about(row.at, "", every=True)
+        std, k = np.array(list(self.std.values())), len(self.std)
+        g, A, K = np.zeros(k), np.zeros((k, k)), np.zeros((k, k))
+        for r, (part, table) in enumerate(zip(self.parts, point.tables, strict=True)):
+            H = np.stack([point.weights(r, c, row.colour, s) for c, s in enumerate(row.scales)], axis=1) * std
+            A += np.tensordot(H, table[:, :, :k] * std, ((0, 1), (0, 1)))
+            g += np.tensordot(H, table[:, :, -1], ((0, 1), (0, 1)))
+            H = H / self.noise[:, None]
+            H[0] -= H.sum(axis=0)  # residuals count from the first
+            for m in part.instruments:
+                i = self.compared.index(m) if m in self.compared else None
+                size = _white(self.parts, m) if i is None else self.noise[i] * row.scales[i]
+                score = part.scored(row.at, H, part.moved_by(row.at, m, size)) + (0.0 if i is None else size * H[:, i])
+                K += score.T @ score
+            for c, time in enumerate(row.colour.time):
+                gusts = (_SIZES[row.colour.size[c]] * self.noise[c] * row.scales[c]) ** 2 - self.wandered[c] ** 2
+                score = lfilter([1.0], _taps(part, c, time), H[::-1, c], axis=0)
+                K += max(gusts, 0.0) * score.T @ score
+        g += A @ (np.array(list(row.at.values())) / std)
+        solved = np.linalg.solve(K + _UNTOLD * np.eye(k), np.column_stack([A, g]))
+        return A @ solved[:, :k] / np.outer(std, std), A @ solved[:, k] / std
 
     def rms(self, colour: _Colour, scales: FloatArray) -> FloatArray:
         """Return the rms (p,) of the process of first order."""

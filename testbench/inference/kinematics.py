@@ -28,6 +28,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
@@ -159,10 +160,11 @@ class Kinematics:
             elif c == "psi":
                 y = self._integral((q * np.sin(phi) + r * np.cos(phi)) / np.cos(theta))
             elif c == "alpha":
-                y = (w[0] + sink) / V
+                y = alpha + (w[0] + sink) / u - np.tan(alpha)  # of what was measured and its sine: linear in sinking
             elif c == "beta":
                 slip = self._integral(ay + g * np.cos(theta) * np.sin(phi) + p * w - r * u)
-                y = (v[0] + slip - errors.get("ay_place", 0.0) * (r - r[0])) / V
+                slip = slip - errors.get("ay_place", 0.0) * (r - r[0])
+                y = beta + (v[0] + slip) / (V * np.cos(beta)) - np.tan(beta)
             elif c == "V":  # by the work of all forces, in which turning has no part
                 along = (ax - g * np.sin(theta)) * np.cos(alpha) + (az + g * np.cos(theta) * np.cos(phi)) * np.sin(
                     alpha
@@ -179,6 +181,39 @@ class Kinematics:
                 y = self._integral(climb - errors.get("wind_bias", 0.0))
             out.append(self._read(c, y, errors))
         return np.stack(out, axis=1)
+
+    def moved_by(self, errors: Mapping[str, float], c: str, size: float) -> FloatArray:
+        """Return by how much noise of an instrument in one sample moves what is left of each channel (n, p), SI.
+
+        From that sample on, as the sum of all samples is what a bias does; a speed over ground, which nothing
+        integrates, in that sample alone. The noise of what is read is not in it, but where a channel is foretold.
+
+        Args:
+            errors: of the instruments.
+            c: instrument.
+            size: of its noise.
+        """
+        bias, V = f"{c}_bias", self._divisors(errors)
+        moved = self.readings(errors) - self.readings({**errors, bias: errors.get(bias, 0.0) - size})
+        return np.where(self._at_once, moved, np.diff(V * moved, axis=0, prepend=0.0) / V)
+
+    def scored(self, errors: Mapping[str, float], weights: FloatArray, moved: FloatArray) -> FloatArray:
+        """Return what weights (n, p, k) of the channels make of noise in each sample (n, k), see :meth:`moved_by`."""
+        V = self._divisors(errors)[:, :, None]
+        later = V * np.cumsum((weights / V)[::-1], axis=0)[::-1]
+        return np.asarray(np.einsum("npk,np->nk", np.where(self._at_once[:, None], weights, later), moved))
+
+    @property
+    def _at_once(self) -> NDArray[np.bool_]:
+        return np.array([c == "Vg" for c in self.compared])
+
+    def _divisors(self, errors: Mapping[str, float]) -> FloatArray:
+        """Return by what the integral of each channel is divided (n, p): of a flow angle by the airspeed along it."""
+        right = {c: self._right(c, errors) for c in (*FLOW, "V") if c in self.x}
+        one = np.ones(len(next(iter(self.x.values()))))
+        across = (self._smooth(right["V"]) if "V" in right else one) * np.cos(right.get("beta", 0.0))
+        of = {"alpha": across * np.cos(right.get("alpha", 0.0)), "beta": across}
+        return np.stack([of.get(c, one) for c in self.compared], axis=1)
 
     def _smooth(self, y: FloatArray) -> FloatArray:
         """Return the smoothed samples, and what is smooth of what that took away: peaks keep their height."""

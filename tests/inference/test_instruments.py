@@ -123,9 +123,9 @@ def test_something_that_is_no_single_error_is_unknown():
     assert found.p_unknown > 0.5
 
 
-def biased(seed: int, errors: dict[str, float]) -> FlightRecord:
+def biased(seed: int, errors: dict[str, float], level: float = 0.5) -> FlightRecord:
     """What instruments with several biases and scales read of the motion."""
-    columns = dict(zip((r := record(seed, level=0.5)).channels, r.data.T, strict=True))
+    columns = dict(zip((r := record(seed, level=level)).channels, r.data.T, strict=True))
     for name, size in errors.items():
         c, kind = name.rsplit("_", 1)
         columns[c] = columns[c] + size if kind == "bias" else (1.0 + size) * columns[c]
@@ -148,6 +148,31 @@ def test_errors_are_found_together_and_none_beside_them(errors):
             assert abs(size - errors[name]) < max(4.0 * std, 0.05 * abs(errors[name]))
         assert not set(every.told) & set(every.lost)
         assert not every_error([without_errors(biased(seed, errors), every.sizes)], G).found
+
+
+def test_intervals_of_errors_hold_as_often_as_they_say():
+    errors, held = {"q_bias": 0.01, "az_bias": 0.3, "alpha_scale": 0.15}, []
+    for seed in (0, 1, 3, 4, 6, 7):
+        told = every_error([biased(seed, errors, 1.0)], G).told
+        held += [abs(told[n][0] - x) < 1.96 * told[n][1] for n, x in errors.items()]
+    assert sum(held) >= 14  # of 18: fewer by chance in 1 of 600 sets, were they independent
+
+
+def test_noise_that_is_summed_is_in_the_intervals():
+    channels, rng = ("q", "theta"), np.random.default_rng(0)
+    quiet = record(1, channels=channels)
+    found = every_error([quiet.with_columns({"q": quiet["q"] + 0.02 * rng.standard_normal(len(quiet))})], G)
+    # Of a constant that is seen through its integral alone, noise of the rate itself leaves s / sqrt(n).
+    assert found.told["q_bias"][1] == pytest.approx(0.02 / np.sqrt(len(quiet)), rel=0.2)
+
+
+def test_an_attitude_that_an_accelerometer_cannot_be_told_from_is_said():
+    true = record(4, channels=("V", "alpha", "theta", "az", "ax"))
+    every = every_error([true.with_columns({"ax": true["ax"] - 0.25})], G)
+    assert set(every.found) == {"ax_bias"}
+    size, std = every.rivals["ax_bias"]["theta_bias"]
+    assert size == pytest.approx(0.25 / G, rel=0.1)
+    assert std < 0.1 * size
 
 
 def test_no_error_is_found_in_sound_instruments():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from testbench.estimators.coverage import approximate
+from testbench.inference.instruments import EveryError
 from testbench.page.words import Line, advice_lines, sentence, some
 from testbench.questions.compatibility.ask import Compared
 from testbench.questions.identify.instruments import agreement_in_words, error_in_words
@@ -11,14 +12,20 @@ _NAMED = 5  # errors in a sentence; the table has one row for each
 _LOCAL_GRAVITY = 0.05  # m/s2: gravity at sea level lies between 9.780 and 9.832
 
 
+def with_rivals(every: EveryError, name: str, size: float, std: float) -> str:
+    """Return what an error means, and what those mean that would explain the records as well."""
+    each = {name: (size, std), **every.rivals.get(name, {})}
+    return " or else ".join(error_in_words(n, *of) for n, of in each.items())
+
+
 def compatibility_answer(found: Compared) -> list[Line]:
     """Return what was found, in sentences."""
     agreed, every = found.agreed, found.every
     texts, surest = list(agreement_in_words(agreed)), dict[str, tuple[float, float]]()
     if every is not None and not (agreed.contradicted and agreed.fault):  # else all errors share a large one
         surest = dict(sorted(every.found.items(), key=lambda item: -abs(item[1][0]) / item[1][1]))
-    if surest:
-        words = some((error_in_words(n, *size) for n, size in surest.items()), _NAMED)
+    if surest and every is not None:
+        words = some((with_rivals(every, n, *size) for n, size in surest.items()), _NAMED)
         texts.insert(0 if not agreed.contradicted else len(texts), f"with all errors sought at once, {words}")
     lines = [Line("finding" if k else "lead", sentence(text)) for k, text in enumerate(texts)]
     lines += advice_lines(approximate("data compatibility", "the errors'")) if surest else []

@@ -9,9 +9,8 @@ from testbench.page.figure import COLOURS, MEASURED, Chart, Curve, Panel, Plate,
 from testbench.page.labels import axis_label, file_stem, shown_unit, symbol
 from testbench.page.page import COMPUTED, Page, source_of
 from testbench.page.tables import Column, Table
-from testbench.questions.compatibility.answer import compatibility_answer
+from testbench.questions.compatibility.answer import compatibility_answer, with_rivals
 from testbench.questions.compatibility.ask import Compared
-from testbench.questions.identify.instruments import error_in_words
 
 if TYPE_CHECKING:
     from testbench.core.record import FlightRecord
@@ -85,7 +84,7 @@ def error_tables(every: EveryError) -> list[Table]:
             Column("words", "in words"),
         ),
         tuple(
-            (n, x, s, abs(x) / s, n in every.found, error_in_words(n, x, s))
+            (n, x, s, abs(x) / s, n in every.found, with_rivals(every, n, x, s))
             for n, (x, s) in {**every.told, **every.found}.items()
         ),
         wide=True,
