@@ -2,7 +2,7 @@
 
 HELD: dict[str, tuple[int, int, int]] = {
     "bootstrap": (86, 100, 400),
-    "data compatibility": (74, 92, 399),
+    "data compatibility": (95, 100, 400),
     "ekf": (88, 98, 400),
     "equation_error": (78, 100, 400),
     "equivalent, windowed": (62, 100, 400),

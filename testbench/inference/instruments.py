@@ -374,12 +374,12 @@ def every_error(records: Sequence[FlightRecord], gravity_m_s2: float = G0_M_S2) 
         while (z := surety(left)).min() < sure:  # what was taken for it
             left.pop(int(np.argmin(z)))
     found, std = named(left), among(range(len(names)), 1.0)[1]
-    lost = {n: (float(std[i]), float(prior[i])) for i, n in enumerate(names) if i not in told and prior[i] > 0.0}
+    lost = {n: (float(std[i]), float(prior[i])) for i, n in enumerate(names) if i not in told}
     rivals: dict[str, dict[str, tuple[float, float]]] = {}
     for i in left:
         others = [j for j in left if j != i]
         least = surety([*others, i])[-1] ** 2 - 2.0 * _CLEARLY
-        for j in (j for j, n in enumerate(names) if n not in found and prior[j] > 0.0):
+        for j in (j for j, n in enumerate(names) if n not in found):
             x, s = (float(of[-1]) for of in among([*others, j], 1.0))
             if (x / s) ** 2 > least and abs(x) < 3.0 * prior[j]:
                 rivals.setdefault(names[i], {})[names[j]] = x, s
