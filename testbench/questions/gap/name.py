@@ -567,7 +567,10 @@ class _Asker:
             return np.asarray(form_error * np.nan_to_num(change))
 
         def begun(values: Mapping[str, float]) -> Hypothesis | None:
-            better = model(values).better_starts(self.records)
+            try:
+                better = model(values).better_starts(self.records)
+            except _NOT_FLOWN:  # a fit may end where it cannot fly
+                return None
             return self._asked(name, parameters, values, flown, form_error, better) if better else None
 
         def predict(record: FlightRecord, values: Mapping[str, float]) -> FloatArray:
