@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import ends
+from gap.gap_fits import write_amended
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ModelError
@@ -22,7 +23,7 @@ from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.ask import GapResult
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.brought import choose
-from testbench.questions.gap.export import amended_files, write_amended
+from testbench.questions.gap.export import amended_files
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS
 from testbench.questions.gap.workflow import GapSearch, find_gap
 from testbench.sensors import load_suite

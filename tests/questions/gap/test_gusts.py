@@ -183,8 +183,9 @@ def test_manoeuvres_held_out_and_the_aircraft_are_untouched(finding, held_out):
 
 
 def test_the_air_is_written_as_a_scenario_reads_it(finding, tmp_path):
+    from gap.gap_fits import write_amended
+
     from testbench.questions.gap.ask import GapResult
-    from testbench.questions.gap.export import write_amended
 
     result = GapResult("case", "title", "", "taurus", {}, finding)
     paths = write_amended(result, tmp_path)
