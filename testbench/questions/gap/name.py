@@ -137,7 +137,10 @@ def name_effect(
     seen = max(1, len(known) - len(rejected.keys() & known.keys()))
 
     def weighed(before: Weighed | None = None) -> Weighed:
-        found = asker.compared(asked, what.held_out, None if before is None else before.table)
+        some, known = list(asked.values()), None if before is None else before.table
+        found = compare_hypotheses(
+            asker.records, some, asker.noise, asker.unknown, what.held_out, samples=0, ahead=asker.ahead, before=known
+        )
         named = tuple(t.name for t in terms if t.name in shown)
         return Weighed.of(found, dict(shown), seen, len(base.priors), tried, named)
 
@@ -524,15 +527,6 @@ class _Asker:
             if (hypothesis := self.effect(_Near(rest, begins, row.log_evidence, 0.0))) is not None:
                 out.append((rest, hypothesis))
         return out
-
-    def compared(
-        self, asked: dict[str, Hypothesis], held_out: Sequence[FlightRecord], before: Comparison | None
-    ) -> Comparison:
-        """Compare hypotheses."""
-        some = list(asked.values())
-        return compare_hypotheses(
-            self.records, some, self.noise, self.unknown, held_out, samples=0, ahead=self.ahead, before=before
-        )
 
     def _asked(
         self,

@@ -270,7 +270,6 @@ class _Asked:
             if noise.differs(beside_it):
                 noise, believed = beside_it, beside_it.corrects(given.stated)
                 found = self._found(believed, noise, alone, found)
-                near = _nearest(found.naming)
         weighed = found.naming.weighed
         if weighed.open:  # one of hundreds of terms may do what an effect does in a part of the flights
             begun = self._begun(found)
@@ -345,8 +344,6 @@ class _Asked:
         logs = [max(near.values(), default=-np.inf) for near in acting]
         of_all = zip(places, acting, logs, strict=True)  # of those that differ by nothing, first what needs no cut
         there = sorted(of_all, key=lambda one: (-round(one[2], 1), bool(one[0].record)))
-        along = Hypothesis.towards_unknown(found.believed, tuple(records.values()), found.naming.beside_unknown)
-        tuned = found.believed.with_nuisances(along.by_name)
         naming = found.naming
         alone = replace(self.sought, further={}, open_terms=False, pairs=False)
         alone = replace(alone, terms=naming.flown_terms, rested=naming.rested)
@@ -354,6 +351,9 @@ class _Asked:
         for place, near, _ in there[:PLACES]:
             cut, begins = onset.divided(believed, records, place), believed
             if place.record:
+                flown_in, beside = found.believed, found.naming.beside_unknown
+                along = Hypothesis.towards_unknown(flown_in, tuple(records.values()), beside)
+                tuned = flown_in.with_nuisances(along.by_name)
                 begins = onset.begin_there(believed, cut, place, records[place.record], tuned)
             effects = onset.later({n: of[n] for n in list(near)[:NEAR] if n in of}, place)
             flown = list(cut.values())
