@@ -485,6 +485,11 @@ class _Asker:
         ]
         if effect.name in self.rested:
             begins = [dict(self.rested[effect.name])]
+        elif scales:
+            begins += [
+                {own[n]: float(np.log(v)) if n in scales else v for n, v in zip(own, x.tolist(), strict=True)}
+                for x in self._scales_of(effect)
+            ]
 
         def flown(values: Mapping[str, float]) -> Believed:
             at = {n: float(np.exp(values[name])) if n in scales else values[name] for n, name in own.items()}
@@ -498,6 +503,16 @@ class _Asker:
             if self._flies(asked):
                 return replace(asked, more=begins[k + 1 :])
         return None
+
+    def _scales_of(self, effect: Effect) -> list[FloatArray]:
+        """Return sizes (p,) whose scales go through all that records can show, a factor of two apart.
+
+        Re-tuned coefficients do most of what a limit takes away that is lower than any usual one. A fit from beside
+        them comes to rest there, so that believed coefficients stand beside each.
+        """
+        each = [(effect, x) for x in scaled(effect)]
+        shown = zip(each, changes(self.start, each), strict=True)
+        return [x for (_, x), change in shown if change is not None and change @ change > INVISIBLE]
 
     def ahead(self, points: Points) -> None:
         """Fly points of several hypotheses together; they are found when they are asked for."""
@@ -668,6 +683,17 @@ def columns_of(base: Point, columns: FloatArray, directions: Sequence[Motion]) -
 def starts_of(effect: Effect) -> list[FloatArray]:
     """Return every combination of the parameters' starts, each (p,)."""
     return [np.array(s) for s in product(*(p.starts for p in effect.parameters))]
+
+
+def scaled(effect: Effect) -> list[FloatArray]:
+    """Return its usual starts (p,), and on from the ends of these with all scales a factor of two apart, in bounds."""
+    out, some = starts_of(effect), np.array([is_scale(p) for p in effect.parameters])
+    low, high = (np.array([getattr(p, end) for p in effect.parameters]) for end in ("low", "high"))
+    for ends, factor in ((min, np.exp(-SCALE)), (max, np.exp(SCALE))):
+        x = np.array([ends(p.starts) if s else p.starts[0] for p, s in zip(effect.parameters, some, strict=True)])
+        while np.all((low <= (x := np.where(some, factor * x, x))) & (x <= high)):
+            out.append(x)
+    return out
 
 
 def multiplied(effect: Effect, x: FloatArray, multiple: float) -> list[float]:
