@@ -11,6 +11,9 @@ from testbench.core.schema import NonNegative, Positive, Strict
 
 LOWEST_M = 10.0 * FT_M  # MIL-F-8785C gives the scale lengths of turbulence from 10 ft above ground
 
+CALM_RMS_M_S = 0.3
+"""Vertical rms of the turbulence of a calm morning: a tenth of a wind of 3 m/s at 20 ft (MIL-F-8785C)."""
+
 
 class GustSpec(Strict):
     """One 1-cosine gust from ``start_s`` on the clock of the inputs; positive air moves north, east or down."""

@@ -13,7 +13,6 @@ from testbench.design.limits import limit_words
 from testbench.design.realise import CAUSES
 from testbench.page.labels import number, shown_unit, symbol
 from testbench.page.words import counted, grouped, listed
-from testbench.questions.design.pose import LIGHT_KG
 
 if TYPE_CHECKING:
     from testbench.core.record import FloatArray
@@ -148,9 +147,9 @@ def air_words(result: DesignResult) -> str:
     given = "air" in result.scenario.model_fields_set
     rms = result.air.turbulence_rms_m_s
     if rms == 0.0:
-        return "air without turbulence" + ("" if given else f", as for aircraft of {LIGHT_KG:g} kg and more")
+        return "air without turbulence"
     text = f"turbulence of {rms:g} m/s vertical rms"
-    return text if given else f"{text}, as for aircraft below {LIGHT_KG:g} kg where [air] is not given"
+    return text if given else f"{text}, a calm morning, as [air] is not given"
 
 
 def _realised(result: DesignResult) -> list[str]:

@@ -13,7 +13,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.constants import PERCENT
 from testbench.core.errors import LimitError, located
 from testbench.core.record import FloatArray
-from testbench.core.scenario.air import LOWEST_M, AirSpec
+from testbench.core.scenario.air import CALM_RMS_M_S, LOWEST_M, AirSpec
 from testbench.design.ensemble import Flier, Member, Placed, Setting
 from testbench.design.identified import identified_by, starts_free
 from testbench.design.limits import Limits, Prediction
@@ -30,10 +30,6 @@ from testbench.line import trim_for
 from testbench.questions.design.scenario import DesignScenario
 from testbench.sensors import SensorSuite
 
-LIGHT_KG = 25.0
-"""Mass below which light turbulence is expected if a scenario does not say."""
-LIGHT_RMS_M_S = 0.3
-"""Vertical rms of that turbulence: a tenth of a wind of 3 m/s at 20 ft (MIL-F-8785C), a calm morning."""
 _LOWEST_RATE_HZ = 40.0  # of the inputs
 _SPEEDS = 11  # that the onset of vibration is sought over
 
@@ -88,12 +84,12 @@ def setting_of(scenario: DesignScenario, believed: Member, suite: SensorSuite) -
     return Setting(scenario.plane, partial(place, scenario), like)
 
 
-def expected_air(scenario: DesignScenario, aircraft: Aircraft) -> AirSpec:
-    """Return the air that a scenario expects: as given, else light turbulence for a light aircraft, else still."""
-    if "air" in scenario.model_fields_set or aircraft.mass.mass_kg >= LIGHT_KG:
+def expected_air(scenario: DesignScenario) -> AirSpec:
+    """Return the air that a scenario expects: as given, else light turbulence."""
+    if "air" in scenario.model_fields_set:
         return scenario.air
     height = None if scenario.condition.h_m >= LOWEST_M else LOWEST_M
-    return AirSpec(turbulence_rms_m_s=LIGHT_RMS_M_S, height_m=height)
+    return AirSpec(turbulence_rms_m_s=CALM_RMS_M_S, height_m=height)
 
 
 def limits_of(
@@ -168,7 +164,7 @@ def problem_of(
     free_start = starts and starts_free(structure)
     turbulence = None
     if starts and scenario.realise:
-        air, V, h = expected_air(scenario, aircraft), scenario.condition.V_m_s, scenario.condition.h_m
+        air, V, h = expected_air(scenario), scenario.condition.V_m_s, scenario.condition.h_m
         driven = _noise_of_inputs(deflected, structure, suite)
         turbulence = Turbulence.of(structure, sensors, air, h, V, trimmed.theta, driven)
     experiment = Experiment(
@@ -249,7 +245,7 @@ def range_of(scenario: DesignScenario, believed: Member, suite: SensorSuite, fli
     """Return where designs are flown and identified."""
     problem = believed.problem
     assert problem.deflected is not None
-    air = expected_air(scenario, believed.aircraft)
+    air = expected_air(scenario)
     moves = air.turbulence_rms_m_s > 0.0
     identified = identified_by(problem.deflected, suite, problem.servo_lag_s, problem.experiment.samples, moves)
     return Range(believed, suite, identified, air, scenario.condition.h_m, scenario.seed, flier)

@@ -56,8 +56,8 @@ class DesignScenario(FlownInAir):
     ``robust`` chooses input and amplitude for the worst of them.
 
     ``realise`` is how often the best design is flown and identified, so that its errors are promised and realised; 0:
-    not at all. The air is that of ``[air]``; if that is left out, light turbulence for aircraft below 25 kg, else
-    still. In turbulence amplitudes are lowered until the next flight meets a limit with ``breach_percent``.
+    not at all. The air is that of ``[air]``; if that is left out, light turbulence. In turbulence
+    amplitudes are lowered until the next flight meets a limit with ``breach_percent``.
     """
 
     unnamed: ClassVar[str] = "design"

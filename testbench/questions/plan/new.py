@@ -14,6 +14,7 @@ from testbench.core.door import read_text
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.escape import one_line, quoted, toml_value
 from testbench.core.paths import not_found, suite_names
+from testbench.core.scenario.air import CALM_RMS_M_S
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.store import settle
 from testbench.evaluation.modes import longitudinal_modes
@@ -113,6 +114,7 @@ def _head(
     above = _above_m(aircraft)
     field = max(0.0, round(min(heights) - above, -1)) if min(heights) > 0.0 else min(heights) - above
     wings = [f"wings = {quoted(designs[0].scenario.wings)}"] if designs else []
+    rms = max((d.scenario.air.turbulence_rms_m_s for d in designs), default=CALM_RMS_M_S)
     stall_words = "" if stall is None else f"; level flight at {stall:.3g} m/s takes the highest angle of attack"
     lines = [
         "# A flight plan, made by `testbench plan new`. It runs as it is: change what is yours, then",
@@ -130,7 +132,7 @@ def _head(
         "scale = true                  # lower the amplitude of a card that meets a limit, instead of refusing it",
         f"suite = {quoted(chosen)}" + ("" if own else "  # YOURS: these are the sensors of another aircraft"),
         "uncertainty_percent = 15.0    # of each derivative of the model, one standard deviation",
-        "turbulence_rms_m_s = 0.3      # vertical air that the expected bands allow for",
+        f"turbulence_rms_m_s = {rms:g}      # vertical air that the expected bands allow for",
         "onset_margin_percent = 10.0   # below the onset of an elastic instability",
         "",
         "# What is left out here comes from the aircraft: alpha, sideslip and stops by its own limits, speed between",

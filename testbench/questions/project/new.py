@@ -101,7 +101,7 @@ by = "autopilot"  # or "pilot": who flies the cards
 
 [limits]                     # YOURS: of designs and plans that say nothing of them
 load_factor = [0.3, 1.7]
-# [air]                      # designs of aircraft below 25 kg take a calm morning, heavier ones still air
+# [air]                      # a calm morning, if it is not given; 0.0 is still air
 # turbulence_rms_m_s = 0.3
 """
 
