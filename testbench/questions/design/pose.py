@@ -13,7 +13,6 @@ from testbench.aircraft import Aircraft
 from testbench.core.constants import PERCENT
 from testbench.core.errors import LimitError, located
 from testbench.core.record import FloatArray
-from testbench.core.scenario.air import CALM_RMS_M_S, LOWEST_M, AirSpec
 from testbench.design.ensemble import Flier, Member, Placed, Setting
 from testbench.design.identified import identified_by, starts_free
 from testbench.design.limits import Limits, Prediction
@@ -82,14 +81,6 @@ def setting_of(scenario: DesignScenario, believed: Member, suite: SensorSuite) -
         return Member(*at, problem, believed.onsets)
 
     return Setting(scenario.plane, partial(place, scenario), like)
-
-
-def expected_air(scenario: DesignScenario) -> AirSpec:
-    """Return the air that a scenario expects: as given, else light turbulence."""
-    if "air" in scenario.model_fields_set:
-        return scenario.air
-    height = None if scenario.condition.h_m >= LOWEST_M else LOWEST_M
-    return AirSpec(turbulence_rms_m_s=CALM_RMS_M_S, height_m=height)
 
 
 def limits_of(
@@ -164,7 +155,7 @@ def problem_of(
     free_start = starts and starts_free(structure)
     turbulence = None
     if starts and scenario.realise:
-        air, V, h = expected_air(scenario), scenario.condition.V_m_s, scenario.condition.h_m
+        air, V, h = scenario.expected_air, scenario.condition.V_m_s, scenario.condition.h_m
         driven = _noise_of_inputs(deflected, structure, suite)
         turbulence = Turbulence.of(structure, sensors, air, h, V, trimmed.theta, driven)
     experiment = Experiment(
@@ -245,7 +236,7 @@ def range_of(scenario: DesignScenario, believed: Member, suite: SensorSuite, fli
     """Return where designs are flown and identified."""
     problem = believed.problem
     assert problem.deflected is not None
-    air = expected_air(scenario)
+    air = scenario.expected_air
     moves = air.turbulence_rms_m_s > 0.0
     identified = identified_by(problem.deflected, suite, problem.servo_lag_s, problem.experiment.samples, moves)
     return Range(believed, suite, identified, air, scenario.condition.h_m, scenario.seed, flier)

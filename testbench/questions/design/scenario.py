@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from testbench.core.scenario.air import CALM_RMS_M_S, LOWEST_M, AirSpec
 from testbench.core.scenario.base import FlownInAir, ManoeuvreLimits, SuiteName
 from testbench.core.scenario.inputs import Control
 from testbench.core.schema import Names, NonNegative, Positive, Strict
@@ -113,6 +114,14 @@ class DesignScenario(FlownInAir):
     def plane(self) -> Literal["longitudinal", "lateral"]:
         """The motion that the controls move."""
         return "longitudinal" if set(self.controls) <= _LONGITUDINAL else "lateral"
+
+    @property
+    def expected_air(self) -> AirSpec:
+        """The air that is expected: as given, else that of a calm morning."""
+        if "air" in self.model_fields_set:
+            return self.air
+        height = None if self.condition.h_m >= LOWEST_M else LOWEST_M
+        return AirSpec(turbulence_rms_m_s=CALM_RMS_M_S, height_m=height)
 
     @property
     def shortest_s(self) -> float:

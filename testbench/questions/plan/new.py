@@ -114,7 +114,8 @@ def _head(
     above = _above_m(aircraft)
     field = max(0.0, round(min(heights) - above, -1)) if min(heights) > 0.0 else min(heights) - above
     wings = [f"wings = {quoted(designs[0].scenario.wings)}"] if designs else []
-    rms = max((d.scenario.air.turbulence_rms_m_s for d in designs), default=CALM_RMS_M_S)
+    airs = [d.scenario.air if d.asked is None else d.asked.expected_air for d in designs]
+    rms = max((air.turbulence_rms_m_s for air in airs), default=CALM_RMS_M_S)
     stall_words = "" if stall is None else f"; level flight at {stall:.3g} m/s takes the highest angle of attack"
     lines = [
         "# A flight plan, made by `testbench plan new`. It runs as it is: change what is yours, then",

@@ -21,7 +21,7 @@ from testbench.flight import load_aircraft
 from testbench.questions.design.answer import design_sentences
 from testbench.questions.design.ask import run_design
 from testbench.questions.design.page import design_page, elsewhere_table, realised_table
-from testbench.questions.design.pose import expected_air, limits_of, place, problem_of
+from testbench.questions.design.pose import limits_of, place, problem_of
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import load_suite
@@ -123,9 +123,9 @@ def test_a_bias_alone_is_found_and_no_estimates_promise_nothing():
 
 def test_the_air_that_is_expected():
     scenario = DesignScenario.load(SCENARIOS / "design" / "taurus_short_period.toml")
-    assert expected_air(scenario).turbulence_rms_m_s == 0.3
+    assert scenario.expected_air.turbulence_rms_m_s == 0.3
     still = DesignScenario.of({**read_toml(scenario.file), "air": {}}, scenario.file)
-    assert expected_air(still) == AirSpec()
+    assert still.expected_air == AirSpec()
 
 
 def test_a_suite_without_noise_keeps_all_else_that_its_files_say():
