@@ -16,10 +16,10 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_solve
 
 from testbench.core.record import FloatArray
-from testbench.inference.linear import KAPPAS, Motion
+from testbench.inference.linear import KAPPAS, Motion, factored
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +189,7 @@ class FirstOrder:
         k, out = len(std), []
         for A, squares, log_det, b, c in zip(sums.A, sums.squares, sums.log_det, left.b, left.c, strict=True):
             M = np.eye(k) + std[:, None] * A[:k, :k] * std
-            factor = cho_factor(M, check_finite=False)
+            factor = factored(M)
             v = b - (A[:k].T @ mean)[:, None]
             q = c - mean @ (b[:k] + v[:k])
             shared = std[:, None] * v[:k]

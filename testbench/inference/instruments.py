@@ -217,13 +217,13 @@ def without_errors(record: FlightRecord, errors: Mapping[str, float]) -> FlightR
         y, at = columns[c].copy(), np.arange(len(record))
         late, lag = done.get(f"{c}_delay", 0.0), done.get(f"{c}_lag", 0.0)
         if lag > 0.0:
-            reach = max(1, round(0.5 * lag / record.dt_s))
+            reach = max(1, round(min(0.5 * lag / record.dt_s, y.size)))
             before, after = np.maximum(at - reach, 0), np.minimum(at + reach, y.size - 1)
             y = y + lag * (y[after] - y[before]) / ((after - before) * record.dt_s)
         if late:
             t, i = record.t_s - record.t_s[0], record.channels.index(c)
             y = np.interp(t + late, t, y)
-            source = np.clip(np.rint((t + late) / record.dt_s).astype(int), 0, y.size - 1)
+            source = np.rint(np.clip((t + late) / record.dt_s, 0, y.size - 1)).astype(int)
             valid[:, i] = valid[source, i] & (t + late >= 0.0) & (t + late <= t[-1] + 1e-9)
         columns[c] = (y - done.get(f"{c}_bias", 0.0)) / done.get(f"{c}_scale", 1.0)
     if not columns:

@@ -14,14 +14,16 @@ The sizes come to rest by fixed points of the evidence (D. J. C. MacKay, Bayesia
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 
 KAPPAS = (0.0, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)
@@ -224,7 +226,7 @@ class Grams:
         if kappa not in known:
             D = self.deviations(kappa)
             G = self._weighted(scales, len(D))
-            factor = cho_factor(np.eye(len(D)) + D[:, None] * G * D, check_finite=False)
+            factor = factored(np.eye(len(D)) + D[:, None] * G * D)
             known[kappa] = D, factor, 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
         return known[kappa]
 
@@ -234,6 +236,25 @@ class Grams:
         for inside, s in zip(self.inside, scales, strict=True):
             out += s**-2.0 * inside[:r, :r]
         return out
+
+
+def factored(M: FloatArray) -> tuple[FloatArray, bool]:
+    """Return the Cholesky factor of the unit matrix plus a sum of squares, also where rounding hides that it has one.
+
+    Eigenvalues are then no less than 1; those of sums of very large numbers are less by rounding.
+
+    Raises:
+        EstimationError: the sums are too large for a number.
+    """
+    if not np.isfinite(M).all():
+        raise EstimationError(
+            "readings must be small enough for the sum of their squares, got one beyond 1e150 of its noise"
+        )
+    with suppress(LinAlgError):
+        return cho_factor(M, check_finite=False)
+    values, E = np.linalg.eigh(M)
+    R = np.linalg.qr(np.sqrt(np.maximum(values, 1.0))[:, None] * E.T, mode="r")
+    return np.sign(np.diag(R))[:, None] * R, False
 
 
 def whitened(record: Linearised, sums: Grams, scales: FloatArray, kappa: float) -> tuple[FloatArray, FloatArray]:
@@ -285,7 +306,7 @@ class Reduced:
         v = b - A @ mean
         q = self.c - 2.0 * mean @ b + mean @ A @ mean
         M = np.eye(len(mean)) + std[:, None] * A * std
-        factor = cho_factor(M, check_finite=False)
+        factor = factored(M)
         log_det = self.log_det + 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
         q -= (std * v) @ cho_solve(factor, std * v, check_finite=False)
         return -0.5 * (self.samples * float(np.log(2.0 * np.pi)) + log_det + float(q))
@@ -296,7 +317,7 @@ class Reduced:
         """Return mean and covariance of theta - theta0 given the records."""
         A, b = self._some(which)
         M = np.eye(len(mean)) + std[:, None] * A * std
-        factor = cho_factor(M, check_finite=False)
+        factor = factored(M)
         covariance = std[:, None] * cho_solve(factor, np.diag(std), check_finite=False)
         return mean + covariance @ (b - A @ mean), covariance
 

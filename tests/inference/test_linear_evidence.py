@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import LinAlgError, cho_factor
 from scipy.stats import multivariate_normal
 
+from testbench.core.errors import EstimationError
 from testbench.inference.first_order import Columns, FirstOrder, Left, sum_of
-from testbench.inference.linear import KAPPAS, Grams, Linearised, Motion, fewer, reduced, sized, whitened
+from testbench.inference.linear import KAPPAS, Grams, Linearised, Motion, factored, fewer, reduced, sized, whitened
 
 
 def problem(seed, records=2, n=30, p=2, k=3, m=4, q=0, gaps=True):
@@ -187,3 +189,16 @@ def test_whitened_records_have_the_sums_that_are_left_once_all_else_is_integrate
     assert X.T @ r == pytest.approx(found.b, rel=1e-9)
     assert r @ r == pytest.approx(found.c, rel=1e-9)
     assert r.shape == (60 * 2,)
+
+
+def test_sums_of_very_large_numbers_have_a_factor_and_infinite_ones_are_refused():
+    rng = np.random.default_rng(0)
+    x = 1e60 * rng.standard_normal((5, 2))
+    M = np.eye(5) + x @ x.T  # three eigenvalues are 1, which rounding hides
+    with pytest.raises(LinAlgError):
+        cho_factor(M)
+    factor = factored(M)
+    np.testing.assert_allclose(factor[0].T @ factor[0], M, atol=1e-12 * np.abs(M).max())
+    assert (np.diag(factor[0]) > 0.0).all()
+    with pytest.raises(EstimationError, match="small enough"):
+        factored(np.full((2, 2), np.inf))
