@@ -20,9 +20,9 @@ from testbench.flight.air import air_of
 from testbench.flight.batch.jobs import Job
 from testbench.flight.simulate import Manoeuvre
 from testbench.inputs import InputSignal
-from testbench.line import Flight, fly_and_measure
+from testbench.line import truth_of
 from testbench.questions.plan.response import scaled
-from testbench.questions.plan.result import Card, Plan
+from testbench.questions.plan.result import Plan, Run
 from testbench.questions.plan.scenario import commanded
 
 QUIET_S = 3.0
@@ -44,19 +44,20 @@ def rehearse(
 
     Raises:
         RecordError: the plan has no run.
-        TestbenchError: an aircraft that does not trim there, or a run that leaves its limits.
+        TestbenchError: an aircraft that does not trim there, or that leaves its limits before a run begins.
     """
     if not plan.runs:
         raise RecordError("a rehearsal needs a card that can be flown, but every card of the plan is refused")
     flown: dict[int, list[FlightRecord]] = {}
     for run in plan.runs:
         say(f"fly run {run.number} of {len(plan.runs)}")
-        flown.setdefault(run.flight, []).append(_measured(plan, run.card, aircraft, seed + 1000 * run.number))
+        flown.setdefault(run.flight, []).append(_measured(plan, run, aircraft, seed + 1000 * run.number, say))
     return {flight: _joined(parts) for flight, parts in flown.items()}
 
 
-def _measured(plan: Plan, card: Card, other: Aircraft | None, seed: int) -> FlightRecord:
+def _measured(plan: Plan, run: Run, other: Aircraft | None, seed: int, say: Callable[[str], None]) -> FlightRecord:
     """Return what is logged of one run: the sensors, and the commands that they do not read."""
+    card = run.card
     point, suite, scenario = card.point, plan.suite, plan.scenario
     rate = suite.rate_hz * math.ceil(point.trimmed.rate_hz / suite.rate_hz - 1e-9)  # the sensors' rate divides it
     aircraft, trimmed = other or plan.aircraft, point.trimmed
@@ -67,20 +68,26 @@ def _measured(plan: Plan, card: Card, other: Aircraft | None, seed: int) -> Flig
     spec = card.spec
     given = commanded(scaled(spec.input, card.factor), spec.duration_s, rate, scenario.held_ms)
 
-    def flown(after_s: float) -> Flight:
+    def flown(after_s: float) -> FlightRecord:
         still = np.zeros((round(after_s * rate), given.u.shape[1]))
         u = np.vstack([given.u, still])
         signal = InputSignal(np.arange(len(u)) / rate, u, given.channels)
         manoeuvre = Manoeuvre(spec.name, signal, spec.settle_s + QUIET_S)
-        return fly_and_measure(Job(aircraft, trimmed, manoeuvre, rate, air=air), [suite], seed)
+        return truth_of(Job(aircraft, trimmed, manoeuvre, rate, air=air))
 
     after_s = AFTER_S
     try:
-        flight = flown(after_s)
+        truth = flown(after_s)
     except FlightAborted:  # nobody would leave it alone as long
         after_s = 0.0
-        flight = flown(after_s)
-    record, truth = flight.measured[suite.name], flight.flown
+        try:
+            truth = flown(after_s)
+        except FlightAborted as error:  # the run is broken off at the limit, and the next one begins at trim
+            if error.record is None or error.time_s <= spec.settle_s + QUIET_S:
+                raise
+            say(f"run {run.number} of {len(plan.runs)} is broken off: {error}")
+            truth = error.record
+    record = suite.measure(truth, seed)
     told = [f"{c}_cmd" for c in plan.aircraft.controls if f"{c}_cmd" in truth and f"{c}_cmd" not in record]
     rows = np.minimum(np.searchsorted(truth.t_s, record.t_s - 1e-9), len(truth) - 1)
     record = record.with_columns({name: truth[name][rows] for name in told})

@@ -348,3 +348,17 @@ def test_a_rehearsal_is_the_runs_one_after_the_other_and_repeats_itself(flown):
     np.testing.assert_array_equal(again.data, log.data)
     (other,) = rehearse(plan, seed=6).values()
     assert np.abs(other["q"] - log["q"]).max() > 0.0
+
+
+def test_a_rehearsed_run_that_meets_a_limit_of_the_aircraft_is_broken_off_there(flown):
+    plan, log, *_ = flown
+    p = float(np.abs(log["p"]).max())  # of the aileron doublet
+    narrow = replace(plan.aircraft, limits={**plan.aircraft.limits, "p": (-0.95 * p, 0.95 * p)})
+    said = []
+    (short,) = rehearse(plan, narrow, seed=5, say=said.append).values()
+    told = [text for text in said if "is broken off" in text]
+    assert len(told) == 1
+    assert "p <=" in told[0]
+    assert 0 < len(log) - len(short) < round((max(r.card.length_s for r in plan.runs) + AFTER_S) / log.dt_s)
+    runs = close_plan(plan, [("log", short)]).runs
+    assert [r.card.spec.name for r in runs if r.broken_s is not None] == ["aileron"]
