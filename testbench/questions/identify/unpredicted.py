@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from testbench.core.constants import DEG_RAD, WHITE
+from testbench.core.constants import DEG_RAD
 from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.relative import percent_in_words
 from testbench.estimators import estimate
 from testbench.estimators.parametric.model import ParametricModel
-from testbench.evaluation import Scores, evaluate
+from testbench.evaluation import evaluate
 from testbench.line import Case
 from testbench.page.labels import number
 
@@ -66,23 +66,30 @@ def missed(cases: Sequence[Case], inputs: Sequence[str], decided: Collection[int
         scores = case.evaluation.validation
         if i not in decided or not isinstance(case.model, ParametricModel) or not scores.predictions:
             continue
-        errors = dict(zip(case.model.outputs, _beyond_noise(case.model, scores).tolist(), strict=True))
+        errors = dict(zip(case.model.outputs, _beyond_noise(case).tolist(), strict=True))
         bad = {o: e for o, e in errors.items() if e > MISSED_PERCENT and o not in case.evaluation.untested}
         if bad and not _disturbed(case, bad):
             out.append(Missed(i, bad, _why(case, list(bad), inputs)))
     return tuple(out)
 
 
-def _beyond_noise(model: ParametricModel, scores: Scores) -> FloatArray:
-    """Return the MRSE (p,), percent, less the noise that the fit left of each output, if that was white."""
+def _beyond_noise(case: Case) -> FloatArray:
+    """Return the MRSE (p,) of the records kept back, percent, less the white noise that the errors of prediction hold.
+
+    Third differences of what is slow are small beside those of white noise, whose square is 20 times its variance.
+    """
+    scores, outputs = case.evaluation.validation, case.model.outputs
     if scores.rms_error is None:
         return scores.mrse_percent
-    white = np.asarray(model.diagnostics.get("whiteness_p", 0.0), float) > WHITE
-    noise = np.where(white, np.sqrt(np.diag(model.noise_covariance)), 0.0)
-    if model.method == "equation_error":  # which leaves residuals of its equations
-        noise = np.zeros_like(noise)
-    left = 1.0 - (noise / np.maximum(scores.rms_error, 1e-300)) ** 2
-    return np.asarray(scores.mrse_percent * np.sqrt(np.maximum(left, 0.0)))
+    squares, count = np.zeros(len(outputs)), np.zeros(len(outputs))
+    for record, predicted in zip(case.validation, scores.predictions, strict=True):
+        part = record.select(outputs)
+        error = np.diff(np.where(part.valid, part.data - predicted, np.nan), 3, axis=0)
+        squares += np.nansum(error**2, axis=0)
+        count += np.sum(np.isfinite(error), axis=0)
+    noise = squares / (20.0 * np.maximum(count, 1.0))
+    left = 1.0 - noise / np.maximum(scores.rms_error, 1e-300) ** 2
+    return np.asarray(scores.mrse_percent * np.sqrt(np.clip(left, 0.0, 1.0)))
 
 
 def _disturbed(case: Case, bad: Mapping[str, float]) -> bool:

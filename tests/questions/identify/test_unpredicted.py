@@ -1,12 +1,15 @@
 """Derivatives that the data decide and that predict nothing else: said first, with the cause."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from testbench.core.record import FlightRecord
 from testbench.questions.identify.answer import identify_answer
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.scenario import RecordDescription
-from testbench.questions.identify.unpredicted import missed
+from testbench.questions.identify.unpredicted import _beyond_noise, missed
 
 RATE = 50.0
 DESCRIPTION = """title = "Two records"
@@ -151,3 +154,17 @@ def test_gusts_that_the_filter_counts_on_are_not_held_against_its_derivatives(tm
     assert case.model.settings["process_noise"]
     assert max(case.evaluation.validation.mrse_percent) > 50.0
     assert found.missed == ()
+
+
+def test_white_noise_beside_a_slow_error_is_taken_out():
+    n, rng = 2000, np.random.default_rng(0)
+    t = np.arange(n) / RATE
+    slow, white = 0.3 * np.sin(0.5 * t), rng.standard_normal(n)
+    record = FlightRecord(t, ("V",), (slow + white)[:, None], "measured")
+    rms = np.array([np.sqrt(np.mean((slow + white) ** 2))])
+    scores = SimpleNamespace(mrse_percent=np.array([100.0]), rms_error=rms, predictions=[np.zeros((n, 1))])
+    case = SimpleNamespace(
+        evaluation=SimpleNamespace(validation=scores), model=SimpleNamespace(outputs=("V",)), validation=[record]
+    )
+    share = np.std(slow) / rms[0]
+    assert 100.0 * share - 10.0 < _beyond_noise(case)[0] < 100.0 * share + 10.0
