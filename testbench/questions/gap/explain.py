@@ -40,6 +40,7 @@ P_IMITATED = 0.5  # that something which the library lacks is imitated, better t
 P_IN_PART = 0.41  # that it then acts in the same part: 35 of 86 calls of the blind test that named nothing
 VISIBLE = 4.0  # standard deviations of the noise's chi-square by which an excess is shared out
 SAID = 0.01  # probability from which an explanation is spoken of
+_TOLD = 4  # explanations, while others are sought
 IMITATES = 0.1  # share of what the library lacks from which an effect is said to imitate it
 SEPARATES = "flights at another airspeed or of another amplitude, or a sensor on the surface"
 
@@ -261,6 +262,18 @@ class Weighed(Weights):
         kept = [row for row in table.rows if row.name not in out.terms or row.held_out is None or row.held_out >= 0.0]
         top = max((row.posterior for row in kept), key=lambda found: found.log_evidence).misfit
         return replace(out, logs={r.name: (r.posterior.log_whole / top, r.posterior.log_part / top) for r in kept})
+
+
+def told(logs: Mapping[str, float], how: str) -> str:
+    """Return what is probable so far, while others are sought: "weighed: symmetric wing bending 99.3 %; ...".
+
+    Args:
+        logs: what is told -> ln of its probability, up to a number that all have in common.
+        how: before the colon.
+    """
+    total = float(logsumexp(list(logs.values()))) if logs else 0.0
+    first = sorted(logs.items(), key=lambda item: -item[1])[:_TOLD]
+    return f"{how}: " + "; ".join(f"{name} {100.0 * math.exp(log - total):.2f} %" for name, log in first)
 
 
 def percent(p: float) -> str:

@@ -26,7 +26,7 @@ from testbench.inference.linear import Motion, fewer
 from testbench.inference.parameters import Noise, Parameter, Source
 from testbench.inference.unknown import pulses
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.explain import Explanation, Naming, Weighed, share_of_excess, wrong_coefficient
+from testbench.questions.gap.explain import Explanation, Naming, Weighed, share_of_excess, told, wrong_coefficient
 from testbench.questions.gap.open_set import OpenTerm, rank_terms
 from testbench.questions.gap.search.gust_search import sought
 from testbench.questions.gap.search.hypothesis import Hypothesis as Point
@@ -119,6 +119,7 @@ def name_effect(
     flown, (terms, tried) = near[:MOST], what.terms
     wrong = asker.wrong()[:COEFFICIENTS]
     say(f"fly {len(flown)} explanations that come nearest")
+    say(told({one.effect.title: one.log for one in flown}, "weighed to first order"))
     asked = {"nothing": asker.nothing(), **{n: asker.coefficient(n) for n in wrong}}
     shown = {n: wrong_coefficient(n) for n in wrong}
 
@@ -138,11 +139,22 @@ def name_effect(
 
     def weighed(before: Weighed | None = None) -> Weighed:
         some, known = list(asked.values()), None if before is None else before.table
+        moving, new = [0], {h.name for h in some} - (set() if known is None else known.fits.keys())
+
+        def ahead(points: Points) -> None:
+            now = len({hypothesis.name for hypothesis, _ in points} & new)
+            if now != moving[0] and max(now, moving[0]) > 1:  # the first is fitted alone, for the noise
+                say(f"fit explanations, {len(new) - now} of {len(new)} at rest")
+            moving[0] = now
+            asker.ahead(points)
+
         found = compare_hypotheses(
-            asker.records, some, asker.noise, asker.unknown, what.held_out, samples=0, ahead=asker.ahead, before=known
+            asker.records, some, asker.noise, asker.unknown, what.held_out, samples=0, ahead=ahead, before=known
         )
         named = tuple(t.name for t in terms if t.name in shown)
-        return Weighed.of(found, dict(shown), seen, len(base.priors), tried, named)
+        out = Weighed.of(found, dict(shown), seen, len(base.priors), tried, named)
+        say(told({shown[n].title if n in shown else n: np.log(p) for n, p in out.stated.items() if p > 0.0}, "weighed"))
+        return out
 
     out = weighed()
     if what.open_terms and out.nothing <= 0.5 and out.unknown > NEEDS:
