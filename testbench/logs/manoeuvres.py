@@ -74,6 +74,44 @@ def find_manoeuvres(record: FlightRecord, controls: Sequence[str], lead_s: float
     """
     if not (QUIET_S <= lead_s < np.inf and QUIET_S <= tail_s < np.inf):
         raise RecordError(f"lead_s and tail_s must be at least {QUIET_S:g} s and finite, got {lead_s:g} and {tail_s:g}")
+    spans, said, known = _moved(record, controls, tail_s)
+    groups = _joined(sorted(spans), round(JOIN_S / record.dt_s))
+    return Search(tuple(_cut(record, groups, i, known, lead_s, tail_s) for i in range(len(groups))), tuple(said))
+
+
+def cut_at(record: FlightRecord, controls: Sequence[str], cuts: Sequence[tuple[float, float]]) -> Search:
+    """Return what moves within cuts that somebody chose, as :func:`find_manoeuvres` returns what it finds.
+
+    Args:
+        record: uniformly sampled.
+        controls: the channels to look at.
+        cuts: first and last time of each, s of the record.
+
+    Raises:
+        RecordError: a cut does not lie in the record, or no control moves in it.
+    """
+    spans, said, _ = _moved(record, controls, QUIET_S)
+    t, out = record.t_s, []
+    for low, high in sorted(cuts):
+        if not t[0] <= low < high <= t[-1] + record.dt_s:
+            raise RecordError(
+                f"a cut must be START:END within the record, {t[0]:g} to {t[-1]:g} s, got {low:g}:{high:g}; see --cut"
+            )
+        own = [(max(t[a], low), min(t[b], high), name) for a, b, name in spans if t[a] < high and t[b] > low]
+        if not own:
+            raise RecordError(f"a control must move within a cut, got {low:g}:{high:g} s, where none does; see --cut")
+        names = tuple(dict.fromkeys(name for *_, name in own))
+        inside = record.between(low, high)
+        sizes = tuple(float(np.max(np.abs(inside[name] - inside[name][0]))) for name in names)
+        first, last = min(a for a, *_ in own), max(b for _, b, _ in own)
+        out.append(Manoeuvre(names, float(first), float(last), sizes, (low, high)))
+    return Search(tuple(out), tuple(said))
+
+
+def _moved(
+    record: FlightRecord, controls: Sequence[str], tail_s: float
+) -> tuple[list[tuple[int, int, str]], list[str], NDArray[np.bool_]]:
+    """Return first and last index of each movement with its control, what was used, and where all was taken (n,)."""
     dt = record.dt_s
     said: list[str] = []
     spans: list[tuple[int, int, str]] = []
@@ -89,8 +127,7 @@ def find_manoeuvres(record: FlightRecord, controls: Sequence[str], lead_s: float
         often = _times(len(found))
         said.append(f"{name}: moves where its range within {WINDOW_S:g} s exceeds {_sized(name, threshold)}, {often}")
         spans += [(a, b, name) for a, b in _large(x, found, round(tail_s / dt))]
-    groups = _joined(sorted(spans), round(JOIN_S / dt))
-    return Search(tuple(_cut(record, groups, i, known, lead_s, tail_s) for i in range(len(groups))), tuple(said))
+    return spans, said, known
 
 
 def _times(n: int) -> str:

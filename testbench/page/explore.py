@@ -46,10 +46,10 @@ class View:
     link: str = ""
 
 
-def to_json(views: Sequence[View]) -> str:
-    """Return a figure as one line of JSON; what is not finite is a gap in its curve."""
+def to_json(views: Sequence[View], values: int = MOST_VALUES) -> str:
+    """Return a figure of about so many values as one line of JSON; what is not finite is a gap in its curve."""
     curves = sum(len(p.curves) for v in views for p in v.panels)
-    most = max(_LEAST_POINTS, MOST_VALUES // max(curves, 1))
+    most = max(_LEAST_POINTS, values // max(curves, 1))
     axes: dict[Any, int] = {}
     shown = [_view(v, most, axes) for v in views]
     return json.dumps({"x": list(map(_clock, axes)), "views": shown}, ensure_ascii=False, separators=(",", ":"))
@@ -93,7 +93,7 @@ def _panel(panel: Panel, most: int, axes: dict[Any, int]) -> dict[str, Any]:
     out |= _given(logX=panel.log_x, logY=panel.log_y, hidden=panel.hidden)
     if panel.y_range is not None and all(v is not None and math.isfinite(v) for v in panel.y_range):
         out["limits"] = panel.y_range
-    out |= _given(band=next(((d.low, d.high) for d in panel.draws if isinstance(d, Span) and d.colour == BAND), None))
+    out |= _given(bands=[(d.low, d.high) for d in panel.draws if isinstance(d, Span) and d.colour == BAND])
     rules = [d for d in panel.draws if isinstance(d, Rule) and d.of == "x" and math.isfinite(d.at)]
     out |= _given(marks=[(float(d.at), d.text.rsplit("\n")[0]) for d in rules])
     stretch = -(-2 * longest // most)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from testbench.core.constants import DEG_RAD
+from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord
-from testbench.logs.manoeuvres import _movements, find_manoeuvres
+from testbench.logs.manoeuvres import _movements, cut_at, find_manoeuvres
 
 RATE = 50.0
 seconds = np.arange(round(60.0 * RATE)) / RATE
@@ -94,3 +95,18 @@ def test_a_control_that_flies_the_aircraft_finds_no_manoeuvres():
     found = find_manoeuvres(record(busy, doublet(50.0)), ["de", "da"])
     assert found.said[0] == "de: moves for more than 60 % of the record, not used to find manoeuvres"
     assert [m.controls for m in found.manoeuvres] == [("da",)]
+
+
+def test_a_cut_that_somebody_chose_holds_what_moves_in_it():
+    flown = record(doublet(20.0) + doublet(40.0), box(21.5, 22.0, 3.0))
+    found = cut_at(flown, ["de", "da"], [(38.5, 44.0), (19.0, 21.2)]).manoeuvres
+    assert [m.cut_s for m in found] == [(19.0, 21.2), (38.5, 44.0)]
+    assert [m.controls for m in found] == [("de",), ("de",)]
+    np.testing.assert_allclose([(m.start_s, m.end_s) for m in found], [(20.0, 21.0), (40.0, 41.0)], atol=0.021)
+    (both,) = cut_at(flown, ["de", "da"], [(19.0, 25.0)]).manoeuvres
+    assert set(both.controls) == {"de", "da"}
+    with pytest.raises(RecordError, match=r"a control must move within a cut, got 30:35 s"):
+        cut_at(flown, ["de", "da"], [(30.0, 35.0)])
+    for wrong in ((-1.0, 5.0), (50.0, 61.0), (25.0, 20.0)):
+        with pytest.raises(RecordError, match=r"a cut must be START:END within the record, 0 to 59\.98 s"):
+            cut_at(flown, ["de"], [wrong])

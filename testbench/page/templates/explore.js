@@ -3,9 +3,10 @@
 (() => {
   const REACH = 400; // px below the screen at which a plot is made
   const LINKS = new Map(); // link -> plots that share their horizontal axis
+  const LIGHTER = { "#0072B2": "#56B4E9", "#56B4E9": "#B5DCF5" }; // on a dark page
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  const colour = name => ({ ink: css("--ink"), quiet: css("--quiet"), measured: css("--measured") })[name] ?? name;
+  const colour = name => ({ ink: css("--ink"), quiet: css("--quiet"), measured: css("--measured") })[name] ?? (dark.matches ? LIGHTER[name] : null) ?? name;
   const floats = text => new Float32Array(Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer);
   const clock = x => typeof x === "string" ? floats(x) : Float64Array.from({ length: x[2] }, (_, i) => x[0] + i * x[1]);
 
@@ -139,7 +140,7 @@
         button("◀", "move left", () => this.pan(-0.25)), button("▶", "move right", () => this.pan(0.25)), button("all", "show all", () => this.whole()));
       this.bar.append(zoom);
       if (this.view.ref) this.bar.append(button("residuals", "", () => { this.residuals = !this.residuals; this.fill(); }, this.residuals));
-      this.bar.append(button("as drawn", "show the figure as drawn", b => {
+      if (this.figure.querySelector("img")) this.bar.append(button("as drawn", "show the figure as drawn", b => {
         const on = this.figure.classList.toggle("as-drawn");
         b.setAttribute("aria-pressed", String(on));
         if (!on) this.resize();
@@ -266,14 +267,15 @@
       if (this.pointing) return;
       this.pointing = true;
       const x = u.posToVal(left, "x");
+      this.tell("cursor", x);
       for (const other of this.plots) if (other !== u) other.setCursor({ left: other.valToPos(x, "x"), top: 0 });
       this.pointing = false;
     }
     under(u, panel) {
       const c = u.ctx, { left, top, width, height } = u.bbox;
       c.save(); c.beginPath(); c.rect(left, top, width, height); c.clip();
-      if (panel.band) {
-        const [a, b] = panel.band.map(x => u.valToPos(x, "x", true));
+      for (const band of panel.bands ?? []) {
+        const [a, b] = band.map(x => u.valToPos(x, "x", true));
         c.fillStyle = css("--soft"); c.fillRect(a, top, b - a, height);
       }
       if (this.view.plane) {
@@ -313,10 +315,17 @@
       this.range = all ? null : [min, max];
       this.move(min, max, true, u);
     }
+    tell(what, detail) { this.figure.dispatchEvent(new CustomEvent(what, { detail })); }
+    cursorAt(x) { // as if the pointer stood there
+      const u = this.plots[0];
+      if (u) u.setCursor({ left: Math.max(0, Math.min(u.over.clientWidth - 1, u.valToPos(x, "x"))), top: 0 });
+    }
+    show(low, high) { this.change(() => [low, high]); }
     move(min, max, tell, from) {
       this.moving = true;
       for (const u of this.plots) if (u !== from) u.setScale("x", { min, max });
       this.moving = false;
+      this.tell("range", [min, max]);
       if (tell && this.link) for (const other of LINKS.get(this.link)) if (other !== this) other.join(this.range);
     }
     join(range) { // take the range of a linked figure, as far as there is anything in it to show
@@ -398,8 +407,10 @@
   const near = new IntersectionObserver(seen => {
     for (const s of seen) if (s.isIntersecting) { near.unobserve(s.target); s.target.explorer.start(); }
   }, { rootMargin: `${REACH}px` });
-  for (const figure of document.querySelectorAll("figure[data-explore]")) {
+  window.explore = figure => {
     figure.explorer = new Figure(figure);
     near.observe(figure);
-  }
+    return figure.explorer;
+  };
+  document.querySelectorAll("figure[data-explore]").forEach(window.explore);
 })();

@@ -7,7 +7,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from testbench.logs.dataflash import HEAD, read_dataflash
 from testbench.logs.foreign import looks_like_text, refuse_foreign
 from testbench.logs.instances import number_of
 from testbench.logs.layout import SUFFIXES, ChannelColumn, find_data_folder
-from testbench.logs.manoeuvres import QUIET_S, SMALLEST, Manoeuvre, Search, find_manoeuvres
+from testbench.logs.manoeuvres import QUIET_S, SMALLEST, Manoeuvre, Search, cut_at, find_manoeuvres
 from testbench.logs.noise import Noise, jump_of, noise_of, true_rate
 from testbench.logs.paparazzi import is_paparazzi, read_paparazzi
 from testbench.logs.plausible import implausible, refusal, to_set
@@ -66,11 +66,14 @@ _REPEATS = 0.8  # of the rate at which it was logged: below it samples repeat th
 _LONG_S = 60.0  # of flight: beyond it windows are taken
 WINDOW_S, MOST_WINDOWS = 15.0, 8
 """Windows of flight without designed inputs: ten periods of a slow short period, and enough of them to tell values."""
+LOG = "log.json"
+"""What a folder of records says of their log: its stretches, manoeuvres, questions with answers, and settings."""
 WHOLE = "whole"
 """Name of the record of a whole log, and of its description."""
 _WITHOUT_SURFACES = ("rotorcraft", "other")
 _COMMANDS = tuple(f"{name}_cmd" for name in CONTROLS)
 _WORD = re.compile(r"[a-z]+")
+_OPTION = re.compile(r"--(?:unit|throw|axes) [\w=.-]*\w")  # of the command, as a question names it
 _SURFACES = set(_WORD.findall("elev elevator elevon elevons ail aileron ailerons ailrn rud rudder ruddr stabilator"))
 UNUSABLE = "no_recipe"
 """Key of the provenance of a whole record: why there is no recipe for it or for its cuts."""
@@ -83,7 +86,7 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
     ``channels`` are those of ``record``, in its order, and ``noise`` is theirs; ``stretches`` say what kind of flight
     each part of it is; ``balance`` says what became of every other signal; ``questions`` are values that are hardly
     meant. ``lead_s`` and ``tail_s`` are quiet flight before and response after
-    each manoeuvre.
+    each manoeuvre; ``cuts`` were chosen by hand, in place of those that were found.
     """
 
     log: Log
@@ -98,6 +101,7 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
     description: Path | None = None
     lead_s: float = LEAD_S
     tail_s: float = TAIL_S
+    cuts: tuple[tuple[float, float], ...] = ()
 
     @cached_property
     def members(self) -> dict[str, dict[str, tuple[Manoeuvre | None, FlightRecord]]]:
@@ -160,7 +164,7 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
     def _at(self, rate_hz: float) -> Imported:
         """Return what the same log gives at another rate."""
         record = resample(self.channels, rate_hz, self.record.provenance, CONTROLS, _COMMANDS)
-        noise, search, stretches = _flown(record, self.log, self.lead_s, self.tail_s)
+        noise, search, stretches = _flown(record, self.log, self.lead_s, self.tail_s, self.cuts)
         return replace(self, record=record, rate_hz=rate_hz, search=search, stretches=stretches, noise=noise)
 
     @property
@@ -268,6 +272,18 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
             )
         return f"--unit {name}={unit} reads '{column}' so"
 
+    def to_json(self) -> str:
+        """Return what a folder of its records says of the log, as JSON; times in s of the record."""
+        content = {
+            "log": self.log.file.name,
+            "format": self.log.kind,
+            "stretches": [{**asdict(s), "flown": s.flown} for s in self.stretches],
+            "manoeuvres": [asdict(m) for m in self.search.manoeuvres],
+            "questions": [{"asks": text, "answers": [w.split() for w in _OPTION.findall(text)]} for text in self.asked],
+            "parameters": {name: value for name, value in self.log.parameters.items() if np.isfinite(value)},
+        }
+        return json.dumps(content, ensure_ascii=False, allow_nan=False)
+
 
 NOT_FLOWN = "not_flown"
 """Key of the provenance of records: how much of the log does not fly, in words."""
@@ -358,6 +374,7 @@ def import_log(
     strict: bool = False,
     units: Mapping[str, str] | None = None,
     axes: str | None = None,
+    cuts: Sequence[tuple[float, float]] = (),
 ) -> Imported:
     """Read a log, map it to the channel table, put it on one clock and find its manoeuvres.
 
@@ -373,6 +390,7 @@ def import_log(
         strict: refuse values that are hardly meant (``questions``).
         units: channel -> unit of its column, for a table that states none, or a wrong one.
         axes: "frd" or "flu", those of the vectors in a table.
+        cuts: first and last time of each manoeuvre, s of the record, in place of those that would be found.
 
     Raises:
         RecordError: the log cannot be read, holds no channel of the table or not the sensor asked for, a number given
@@ -421,7 +439,7 @@ def import_log(
         "sensors": list(balance.sensors),
     }
     record = replace(record, provenance={**record.provenance, **said})
-    noise, search, stretches = _flown(record, log, lead_s, tail_s)
+    noise, search, stretches = _flown(record, log, lead_s, tail_s, cuts)
     noise |= {c.name: replace(noise[c.name], rate_hz=true_rate(c.values, c.rate_hz)) for c in channels}
     questions = implausible(
         {c.name: (c.t_s, c.values) for c in channels},
@@ -432,8 +450,9 @@ def import_log(
     rest = "" if log.vehicle in _WITHOUT_SURFACES else not_flown(stretches)
     record = replace(record, provenance={**record.provenance, **({NOT_FLOWN: rest} if rest else {})})
     imported = Imported(
-        log, channels, record, rate, search, stretches, noise, balance, questions, described, lead_s, tail_s
-    )
+        log, channels, record, rate, search, stretches, noise, balance, questions, described, lead_s, tail_s,
+        tuple(cuts),
+    )  # fmt: skip
     if strict and imported.asked:
         raise RecordError(refusal(path, imported.asked))
     return imported
@@ -448,11 +467,11 @@ def _digest(file: Path) -> str:
 
 
 def _flown(
-    record: FlightRecord, log: Log, lead_s: float, tail_s: float
+    record: FlightRecord, log: Log, lead_s: float, tail_s: float, cuts: Sequence[tuple[float, float]]
 ) -> tuple[dict[str, Noise], Search, tuple[Stretch, ...]]:
     """Return the noise of each channel of a record, where its controls move, and what kind of flight each stretch is.
 
-    What moves where nothing flies is not cut out.
+    What moves where nothing flies is not cut out; ``cuts`` that somebody chose take the place of all that was found.
     """
     taken = {name: record.valid[:, i] for i, name in enumerate(record.channels)}
     noise = {name: noise_of(record.t_s[ok], record[name][ok]) for name, ok in taken.items()}
@@ -461,6 +480,8 @@ def _flown(
     controls = tuple(name for name in every if seen[name] * _HALF_S >= 1.0)  # a slower one shows no manoeuvre
     search = find_manoeuvres(record, controls, lead_s, tail_s) if controls else Search((), ())
     stretches = stretches_of(record, log, search.manoeuvres, noise)
+    if cuts:
+        return noise, cut_at(record, controls, cuts), stretches
     found = beyond_ground(search.manoeuvres, stretches, record, noise)
     busy = set(busy_controls(record, stretches, controls))
     found = tuple(replace(m, cut_s=None, reason=_STEERED) if m.cut_s and busy & set(m.controls) else m for m in found)
@@ -493,6 +514,22 @@ def parse_units(given: Sequence[str]) -> dict[str, str]:
         name, _, unit = text.partition("=")
         unit_factor(name, unit)
         out[name] = unit
+    return out
+
+
+def parse_cuts(given: Sequence[str]) -> list[tuple[float, float]]:
+    """Return first and last time, s, from texts such as "12.5:20".
+
+    Raises:
+        RecordError: a text is not of that form.
+    """
+    out = []
+    for text in given:
+        low, _, high = text.partition(":")
+        try:
+            out.append((float(low), float(high)))
+        except ValueError:
+            raise RecordError(f"a cut must be START:END in s of the record, as 12.5:20, got '{text}'") from None
     return out
 
 
@@ -544,7 +581,8 @@ def write_import(imported: Imported, folder: Path | str | ResultFolder) -> list[
     Descriptions are named after the log: FILE_longitudinal.toml, FILE_lateral.toml, FILE_combined.toml; if no manoeuvre
     can be cut out, FILE_whole.toml, which splits the whole record. What cannot support a recipe (``imported.unusable``)
     is written as a record and has no description. Each is read back as ``testbench identify`` would
-    read it. All of it takes the place of what an earlier import wrote there. The page is not among the paths.
+    read it. All of it takes the place of what an earlier import wrote there. Neither the page is among the paths, nor
+    log.json, which says of the log what the pages of the workbench show.
 
     Raises:
         BusyError: another process writes into the folder.
@@ -559,6 +597,7 @@ def write_import(imported: Imported, folder: Path | str | ResultFolder) -> list[
     said = {UNUSABLE: list(imported.unusable)} if imported.unusable else {}
     whole = replace(imported.record, provenance={**imported.record.provenance, **said})
     paths = [whole.save(new / f"{WHOLE}.nc")]
+    write_file(new / LOG, imported.to_json())
     cuts = {name: record for name, (_, record) in cut(imported).items()}
     cuts |= {name: r for own in imported.members.values() for name, (_, r) in own.items() if name != WHOLE}
     paths += [record.save(new / f"{name}.nc") for name, record in cuts.items()]

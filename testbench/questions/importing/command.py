@@ -11,7 +11,8 @@ from testbench.page.terminal import console, stages
 from testbench.questions.options import StrictOption, refuse, with_figures
 
 _NOT_TO_DESCRIBE = (
-    "out", "rate", "throw", "unit", "axes", "lead", "tail", "record", "imu", "airspeed", "gps", "baro", "ekf", "strict"
+    "out", "rate", "throw", "unit", "axes", "lead", "tail", "cut", "record", "imu", "airspeed", "gps", "baro", "ekf",
+    "strict",
 )  # fmt: skip
 
 
@@ -45,6 +46,11 @@ def command(
     ] = None,
     lead: Annotated[float, typer.Option(help="Quiet flight to keep before each manoeuvre, s.")] = 2.0,
     tail: Annotated[float, typer.Option(help="Response to keep after each manoeuvre, s.")] = 5.0,
+    cut: Annotated[
+        list[str] | None,
+        typer.Option(help="Cut here, START:END in s of the record, not where manoeuvres are found; may be repeated.",
+                     show_default=False),
+    ] = None,
     describe: Annotated[
         Path | None,
         typer.Option(help="Write a description of a table to this new .toml file, to fill in.", show_default=False),
@@ -58,7 +64,7 @@ def command(
     baro: Annotated[int | None, _sensor("barometer")] = None,
     ekf: Annotated[int | None, _sensor("lane of the filter")] = None,
     strict: StrictOption = False,
-) -> None:
+) -> None:  # fmt: skip
     """Show what a flight log holds, and with -o cut its manoeuvres into records ready for `testbench identify`.
 
     The command lists channels, rates, gaps and manoeuvres, says what each conversion assumes and what was left out and
@@ -77,7 +83,7 @@ def command(
     from contextlib import nullcontext
 
     from testbench.core.store import PAGE, ResultFolder
-    from testbench.questions.importing.ask import import_log, parse_throws, parse_units, write_import
+    from testbench.questions.importing.ask import import_log, parse_cuts, parse_throws, parse_units, write_import
     from testbench.questions.importing.page import print_import
 
     with stages() as say, nullcontext() if out is None else ResultFolder(out) as place:
@@ -85,7 +91,8 @@ def command(
         given = {"imu": imu, "airspeed": airspeed, "gps": gps, "baro": baro, "ekf": ekf}
         sensors = {kind: number for kind, number in given.items() if number is not None}
         found = import_log(
-            log, rate, parse_throws(throw or []), lead, tail, record, sensors, strict, parse_units(unit or []), axes
-        )
+            log, rate, parse_throws(throw or []), lead, tail, record, sensors, strict, parse_units(unit or []), axes,
+            parse_cuts(cut or []),
+        )  # fmt: skip
         paths = [] if place is None else [*write_import(found, place), place.path / PAGE]
     print_import(found, console(), paths)

@@ -292,12 +292,12 @@ def _plate(imported: Imported) -> Plate:
     def explore() -> list[View]:
         """Return every channel, manoeuvres numbered; those that are not drawn are switched off at first."""
         marks = [Rule(at=s.low, text=str(k)) for k, s in enumerate(spans, 1)]
-        shown = [replace(p, draws=[*p.curves, *marks], hidden=k >= _DRAWN) for k, p in enumerate(panels)]
+        shown = [replace(p, draws=[*p.draws, *marks], hidden=k >= _DRAWN) for k, p in enumerate(panels)]
         return [View(name="record", panels=shown)]
 
     caption = (
         f"The record on one clock of {number(imported.rate_hz)} Hz. At the top the kind of flight: blue flies, yellow "
-        "does not. Shaded as drawn, and numbered where they start "
+        "does not. Shaded, and numbered where they start "
         "when explored: the manoeuvres that were found."
     )
     if len(order) > _DRAWN:

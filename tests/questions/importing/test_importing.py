@@ -1,6 +1,7 @@
 """The whole chain: a log or a table in, manoeuvres cut, records and a description out, a model identified from them."""
 
 import io
+import json
 
 import numpy as np
 import pytest
@@ -10,10 +11,10 @@ from writers import G0, M_ALPHA, M_Q, THROW, Z_ALPHA, dataflash_bin, elevator, s
 
 from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2
 from testbench.core.errors import RecordError
-from testbench.core.record import FlightRecord
+from testbench.core.record import FlightRecord, load_record
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.scenario import RecordDescription
-from testbench.questions.importing.ask import import_log, parse_throws, write_import
+from testbench.questions.importing.ask import import_log, parse_cuts, parse_throws, write_import
 from testbench.questions.importing.page import import_answer, print_import
 
 T = np.arange(0.0, 35.0, 0.02)
@@ -83,6 +84,34 @@ def test_a_table_is_read_by_the_names_and_units_of_its_columns(tmp_path):
         np.testing.assert_allclose(found.record[name], expected, rtol=1e-7, atol=1e-8)
     assert [m.controls for m in found.search.manoeuvres] == [("de",), ("de",)]
     assert len(import_answer(found)) == 4  # with a surface that jumps
+
+
+def test_cuts_that_somebody_chose_are_cut_and_said_again_by_the_log_s_file(tmp_path):
+    log = table(tmp_path / "flight.csv")
+    first = import_log(log).search.manoeuvres[0]
+    low, high = round(first.start_s - 1.0, 2), round(first.end_s + 2.0, 2)
+    found = import_log(log, cuts=parse_cuts([f"{low}:{high}"]))
+    write_import(found, tmp_path / "flown")
+    whole, part = (load_record(tmp_path / "flown" / f"{name}.nc") for name in ("whole", "01_de"))
+    np.testing.assert_array_equal(part["q"], whole.between(low, high + 0.01)["q"])
+    said = json.loads((tmp_path / "flown" / "log.json").read_text("utf-8"))
+    assert [m["cut_s"] for m in said["manoeuvres"]] == [[low, high]]
+    assert said["stretches"][-1]["end_s"] == pytest.approx(whole.t_s[-1], abs=0.1)
+    with pytest.raises(RecordError, match=r"a cut must be START:END in s of the record, as 12.5:20, got '12-20'"):
+        parse_cuts(["12-20"])
+
+
+def test_a_question_has_its_answers_as_options_and_each_is_taken(tmp_path):
+    q, theta, _ = short_period(T)
+    rows = np.column_stack([T, 3.0 * q / DEG_RAD, theta / DEG_RAD, elevator(T)])
+    log = tmp_path / "flight.csv"
+    np.savetxt(log, rows, delimiter=",", header="t,q,theta,elevator", comments="")
+    asked = json.loads(import_log(log).to_json())["questions"]
+    answers = [tuple(words) for question in asked for words in question["answers"]]
+    assert answers == [("--axes", "flu"), ("--throw", "de=25"), ("--unit", "de=deg")]
+    answered = import_log(log, axes="flu", throw_rad=parse_throws(["de=25"]))
+    assert answered.record["de"].max() == pytest.approx(25.0 * DEG_RAD * import_log(log).record["de"].max(), rel=1e-6)
+    assert not [text for text in answered.asked if "--throw de=25" in text or "--axes" in text]
 
 
 def test_an_import_says_how_to_name_unknown_columns_and_what_a_model_of_the_aircraft_answers(tmp_path):
