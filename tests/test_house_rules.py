@@ -53,7 +53,7 @@ ASKS = {
     "reproduce": {"run", "plan"},
     "exercise": set(),
     "results": set(),
-    "app": {"results"},  # it serves the files and the index of a folder of results
+    "app": {"results", "campaign"},  # it serves the files and the index of a folder of results; runs as they come
     "dataset": {"campaign", "gap"},
     "project": set(),
 }

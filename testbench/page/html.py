@@ -99,7 +99,7 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
     )
     # The one script of a page: named by its hash, so that no other runs, not even one smuggled in by a text.
-    out.globals.update(script_of=lambda live: Markup(_script(live)), hash_of=lambda live: Markup(_hash(live)))
+    out.globals.update(script_of=lambda *of: Markup(_script(*of)), hash_of=lambda *of: Markup(_hash(*of)))
     out.globals.update(first_screen=first_screen, notes_of=notes_of, advice_lines=advice_lines)
     out.globals.update(plot_style=Markup((_UPLOT / "uPlot.min.css").read_text(encoding="utf-8")))
     out.filters.update(sentence=sentence, typeset=typeset, breakable=_breakable)
@@ -114,19 +114,19 @@ def _breakable(text: str) -> str:
     return Markup(escape(" ".join(words)).replace("\0", Markup("<wbr>")))
 
 
-@lru_cache(maxsize=2)
-def _script(live: bool) -> str:
-    """Return the script of a page: of its tables, and if ``live`` of the figures that are explored, with uPlot."""
-    own = ["sort.js", "page.js", *(["explore.js"] if live else [])]
-    parts = [(_TEMPLATES / name).read_text(encoding="utf-8") for name in own]
+@lru_cache(maxsize=3)
+def _script(live: bool, more: tuple[Path, ...] = ()) -> str:
+    """Return the script of a page: of its tables, if ``live`` of figures that are explored, with uPlot, and more."""
+    own = [_TEMPLATES / name for name in ("sort.js", "page.js", *(["explore.js"] if live else []))]
+    parts = [file.read_text(encoding="utf-8") for file in (*own, *more)]
     if live:
         licence = (_UPLOT / "LICENSE").read_text(encoding="utf-8")
         parts = [f"/* uPlot\n{licence}*/", (_UPLOT / "uPlot.iife.min.js").read_text(encoding="utf-8"), *parts]
     return "\n".join(parts)
 
 
-def _hash(live: bool) -> str:
-    return f"sha256-{base64.b64encode(hashlib.sha256(_script(live).encode()).digest()).decode()}"
+def _hash(*of: Any) -> str:
+    return f"sha256-{base64.b64encode(hashlib.sha256(_script(*of).encode()).digest()).decode()}"
 
 
 def first_screen(answer: Answer) -> tuple[list[Line], list[Line]]:
@@ -153,15 +153,15 @@ def notes_of(answer: Answer) -> list[str]:
     return [line.text for line in answer_lines(answer) if line.kind == "note"]
 
 
-def render(template: str, live: bool = False, **context: Any) -> str:
+def render(template: str, live: bool = False, scripts: Sequence[Path] = (), **context: Any) -> str:
     """Return the page made from ``templates/template``; text is escaped, and a name that is not given raises.
 
-    ``live`` gives it the script of figures that are explored.
+    ``live`` gives it the script of figures that are explored, ``scripts`` those of its own.
 
     Pages of questions extend ``page.html.j2``; others ``base.html.j2``, which holds the style, the script that sorts
     tables, and the macros ``show_table``, ``show_picture``, ``show_answer``, ``show_facts`` and ``show_section``.
     """
-    return _environment().get_template(template).render(live=live, **context)
+    return _environment().get_template(template).render(live=live, scripts=tuple(scripts), **context)
 
 
 _SYMBOL = re.compile(r"([A-Za-z]+?)(dot)?(?:_(\w+|\([^)]*\)))?(?:\^(-?\w+|\([^)]*\)))?(?![A-Za-z_])")

@@ -1,7 +1,7 @@
-"""May I drop a log in a browser and see what it tells?
+"""May I work in a browser: drop a log, look into it, ask, watch, compare?
 
-A page on this machine alone takes logs, runs the command that a terminal would, says how far it is, and shows the page
-of the result.
+A page on this machine alone shows flights, runs the commands that a terminal would, says how far they are, and shows
+the pages of their results.
 """
 
 from testbench.core.lazily import lazily

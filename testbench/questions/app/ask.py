@@ -10,6 +10,7 @@ import secrets
 import shlex
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from http import HTTPStatus
@@ -19,21 +20,31 @@ from types import TracebackType
 from typing import Any, Self
 
 from testbench.core.door import sha256
-from testbench.core.errors import RecordError, WriteError
+from testbench.core.errors import RecordError, TestbenchError, WriteError
 from testbench.core.files import write_file
 from testbench.core.paths import not_found
+from testbench.core.project import FILE
 from testbench.page.serve import Answer
+from testbench.questions import QUESTIONS
+from testbench.questions.app.campaigns import campaign_told, list_campaigns
 from testbench.questions.app.page import app_page
+from testbench.questions.app.records import (
+    channels_figure,
+    list_records,
+    motion_told,
+    record_told,
+    settings_told,
+    spectra_figure,
+)
 from testbench.questions.results.ask import list_results
-from testbench.questions.results.page import files_of, index_html
+from testbench.questions.results.page import files_of
 
 LOGS, RESULTS = "logs", "results"
 """Folders in that of a workbench: of the logs that were dropped, and of results."""
-ASKED = {
-    "identify": ("identify", "{}", "--out", RESULTS),
-    "look": ("import", "{}", "--out", f"{RESULTS}/{{name}}_log"),
-}
-"""What a page may ask of logs -> words of the command; ``{}`` stands for the logs, ``{name}`` for the first's."""
+SERVERS = ("app", "studio", "live")
+"""Questions that do not end by themselves: a terminal asks them."""
+ASKED = frozenset(q.command.split()[0] for q in QUESTIONS) - frozenset(SERVERS)
+"""What a page may ask: the commands of the table of questions."""
 _MOST_WORDS = 1_000_000  # bytes of a question
 _JSON, _EVENTS = "application/json", "text/event-stream"
 _WIDE = "1000"  # columns: the browser breaks lines
@@ -45,32 +56,42 @@ class Job:
 
     Attributes:
         words: after ``testbench``.
-        lines: that it printed.
+        lines: that it printed, each with the seconds since it began.
+        begun: when, s of the clock.
+        ended: the same at its end.
         status: its exit status; None while it runs.
         process: that runs it.
     """
 
     words: tuple[str, ...]
-    lines: list[str] = field(default_factory=list)
+    lines: list[tuple[float, str]] = field(default_factory=list)
+    begun: float = field(default_factory=time.time)
+    ended: float | None = None
     status: int | None = None
     process: subprocess.Popen[str] | None = None
 
     def told(self, number: int) -> dict[str, Any]:
-        """Return what a page shows of it."""
-        pages = [line.removeprefix("Report: ") for line in self.lines if line.startswith("Report: ")]
-        folders = [word for word in self.words if word.endswith("_log")]
-        if self.status == 0 and not pages:
-            pages = [f"{folder}/report.html" for folder in folders]
-        command = shlex.join(("testbench", *self.words))
-        return {"number": number, "command": command, "status": self.status, "pages": pages}
+        """Return what a page shows of it; its pages are those that it says it wrote."""
+        heads = ("Report: ", "Written: ")
+        said = [line.partition(": ")[2] for _, line in self.lines if line.startswith(heads)]
+        return {
+            "number": number,
+            "words": list(self.words),
+            "command": shlex.join(("testbench", *self.words)),
+            "begun": self.begun,
+            "lasted": (self.ended or time.time()) - self.begun,
+            "status": self.status,
+            "pages": [page for page in said if page.endswith(".html")],
+        }
 
 
 class Workbench:
     """What a page in a browser works with: the logs, commands and results of one folder.
 
-    Every path begins with a token, so that nobody else on this machine can ask. Below it lie the page, ``jobs`` (a
-    list), ``jobs/N`` (events of the Nth), ``results/...``; ``logs/NAME`` takes a log and ``ask/identify`` or
-    ``ask/look`` the names of logs, as a JSON list.
+    Every path begins with a token, so that nobody else on this machine can ask. Below it lie the page, ``board``,
+    ``records``, ``campaigns``, ``jobs`` (lists), ``jobs/N`` (events of the Nth), ``results/...``; ``logs/NAME`` takes
+    a log, ``ask`` the words of a command as a JSON list, ``stop/N`` ends the Nth, and ``show/WHAT`` a JSON object that
+    says of which records or campaign it is.
 
     Args:
         folder: to work in.
@@ -86,8 +107,9 @@ class Workbench:
         self.home = f"/{secrets.token_urlsafe(16)}/"
         self.jobs: list[Job] = []
         self._changed = Condition()
-        results = self.folder / RESULTS
-        self._files = files_of(results, lambda: index_html(list_results(results) if results.is_dir() else [], results))
+        self._page = app_page(self.folder.name).encode()
+        self._results = results = self.folder / RESULTS
+        self._files = files_of(results)
 
     def __enter__(self) -> Self:
         return self
@@ -104,14 +126,20 @@ class Workbench:
         what, _, rest = path.removeprefix(self.home).partition("/")
         if what == RESULTS:
             return self._files(rest)
-        if what == "jobs" and not rest:
-            return _as_json([job.told(k) for k, job in enumerate(self.jobs)])
         if what == "jobs" and rest.isdecimal() and int(rest) < len(self.jobs):
             return Answer(self._events(int(rest)), _EVENTS)
-        return Answer(app_page(self.folder.name).encode()) if not what else None
+        lists = {
+            "jobs": lambda: [job.told(k) for k, job in enumerate(self.jobs)],
+            "records": lambda: list_records(self.folder),
+            "campaigns": lambda: list_campaigns(self._results),
+            "board": self._board,
+        }
+        if what in lists and not rest:
+            return _as_json(lists[what]())
+        return Answer(self._page) if not what else None
 
     def take(self, path: str, body: Iterator[bytes]) -> Answer | None:
-        """Return what POST to a path gives: the name that a log got, or the command that was started."""
+        """Return what POST to a path gives: the name that a log got, the command that was started, what is shown."""
         if not path.startswith(self.home):
             return None
         what, _, rest = path.removeprefix(self.home).partition("/")
@@ -120,9 +148,51 @@ class Workbench:
                 return _as_json({"log": self._kept(rest, body)})
             except WriteError as error:
                 return _as_json({"error": str(error)}, HTTPStatus.INSUFFICIENT_STORAGE)
-        if what == "ask" and rest in ASKED:
-            return self._asked(rest, body)
-        return None
+        if what == "ask" and not rest:
+            return self._asked(_content(body))
+        if what == "stop" and rest.isdecimal() and int(rest) < len(self.jobs):
+            job = self.jobs[int(rest)]
+            if job.process is not None and job.status is None:
+                job.process.terminate()  # the command keeps what is finished, as after Ctrl-C
+            return _as_json(job.told(int(rest)))
+        return self._shown(rest, _content(body)) if what == "show" else None
+
+    def _shown(self, what: str, given: Any) -> Answer | None:
+        """Return a figure or figures of records or of a campaign."""
+        figures = {"channels": channels_figure, "spectra": spectra_figure}
+        told = {"record": record_told, "settings": settings_told, "motion": motion_told}
+        if not isinstance(given, dict):
+            return _as_json({"error": "what is to be shown must be a JSON object"}, HTTPStatus.BAD_REQUEST)
+        try:
+            if what in figures:
+                return Answer(figures[what](self.folder, given).encode(), _JSON)
+            if what == "campaign":
+                return _as_json(campaign_told(self._results, given))
+            return _as_json(told[what](self.folder, given)) if what in told else None
+        except TestbenchError as error:
+            return _as_json({"error": str(error)}, HTTPStatus.BAD_REQUEST)
+
+    def _listed(self) -> list[Any]:
+        with contextlib.suppress(RecordError):  # there are none yet
+            return list_results(self._results)
+        return []
+
+    def _board(self) -> dict[str, Any]:
+        """Return every result by its question, the newest first, and where the campaign of the folder stands."""
+        words, stands = [sys.executable, "-m", "testbench"], b""
+        if (self.folder / FILE).is_file():
+            stands = subprocess.run(
+                words, check=False, cwd=self.folder, capture_output=True, env=_surroundings()
+            ).stdout
+        results = [
+            {
+                "folder": f"{RESULTS}/{r.folder.resolve().relative_to(self._results).as_posix()}",
+                "page": r.page, "kind": r.kind, "title": r.title, "answer": r.answer,
+                "written": f"{r.written:%Y-%m-%d %H:%M}",
+            }
+            for r in self._listed()
+        ]  # fmt: skip
+        return {"stands": stands.decode("utf-8", "replace").strip(), "results": results}
 
     def _kept(self, name: str, body: Iterator[bytes]) -> str:
         """Write a log and return its path in the folder: never over one of another content."""
@@ -146,23 +216,13 @@ class Workbench:
             new.unlink()
         return f"{LOGS}/{path.name}"
 
-    def _asked(self, what: str, body: Iterator[bytes]) -> Answer:
-        """Start what is asked of logs."""
-        content = b""
-        for part in body:
-            content += part
-            if len(content) > _MOST_WORDS:
-                break
-        try:
-            logs = json.loads(content)
-        except ValueError:
-            logs = None
-        if not (isinstance(logs, list) and logs and all(isinstance(log, str) and log for log in logs)):
-            return _as_json({"error": "logs must be a JSON list of names"}, HTTPStatus.BAD_REQUEST)
-        paths = [f"./{log}" if log.startswith("-") else log for log in logs]
-        words: list[str] = []
-        for word in ASKED[what]:
-            words += paths if word == "{}" else [word.format(name=Path(paths[0]).stem)]
+    def _asked(self, words: Any) -> Answer:
+        """Start a command."""
+        if not (isinstance(words, list) and words and all(isinstance(w, str) and w and "\0" not in w for w in words)):
+            return _as_json({"error": "a command must be a JSON list of words"}, HTTPStatus.BAD_REQUEST)
+        if words[0] not in ASKED:
+            law = f"a command must be one of {', '.join(sorted(ASKED))}, got '{words[0][:80]}'"
+            return _as_json({"error": law}, HTTPStatus.BAD_REQUEST)
         self.jobs.append(Job(tuple(words)))
         number = len(self.jobs) - 1
         Thread(target=self._run, args=(self.jobs[number],), daemon=True).start()
@@ -173,16 +233,16 @@ class Workbench:
         job.process = subprocess.Popen(
             [sys.executable, "-m", "testbench", *job.words], cwd=self.folder, text=True, encoding="utf-8",
             errors="replace", stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            env=os.environ | {"COLUMNS": _WIDE, "PYTHONUTF8": "1"},
+            env=_surroundings(),
         )  # fmt: skip
         assert job.process.stdout is not None
         for line in job.process.stdout:
             with self._changed:
-                job.lines.append(line.strip())
+                job.lines.append((round(time.time() - job.begun, 1), line.strip()))
                 self._changed.notify_all()
         status = job.process.wait()
         with self._changed:
-            job.status = status
+            job.status, job.ended = status, time.time()
             self._changed.notify_all()
 
     def _events(self, number: int) -> Iterator[bytes]:
@@ -198,6 +258,23 @@ class Workbench:
             if ended and sent == len(job.lines):
                 yield f"event: end\ndata: {json.dumps(job.told(number))}\n\n".encode()
                 return
+
+
+def _surroundings() -> dict[str, str]:
+    return os.environ | {"COLUMNS": _WIDE, "PYTHONUTF8": "1"}
+
+
+def _content(body: Iterator[bytes]) -> Any:
+    """Return what a body holds as JSON; None for what is none, or too long."""
+    content = b""
+    for part in body:
+        content += part
+        if len(content) > _MOST_WORDS:
+            return None
+    try:
+        return json.loads(content)
+    except ValueError:
+        return None
 
 
 def _as_json(content: Any, status: HTTPStatus = HTTPStatus.OK) -> Answer:

@@ -12,7 +12,7 @@ def command(
     folder: Annotated[Path, typer.Argument(help="Folder to work in, such as that of a campaign.")] = Path(),
     port: Annotated[int, typer.Option(help="Port on this machine; 0 for any that is free.")] = 8700,
 ) -> None:
-    """Work in a browser: drop logs, watch them being identified, read the pages of all results.
+    """Work in a browser: drop logs and look into them, ask questions and watch them, compare all results.
 
     Logs go to logs/ and results to results/ in the folder; every step shows the command that does the same in a
     terminal. The page is served on 127.0.0.1 only, at an address that nobody can guess, until Ctrl-C. Example:

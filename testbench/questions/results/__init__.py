@@ -1,6 +1,6 @@
 """What did I find so far, and what differs between two runs?
 
-An index of a folder of results with titles, answers and dates; two results side by side, table by table; whether one
+The results of a folder with titles, answers and dates; two results side by side, table by table; whether one
 still is what was written, and what it was made from.
 """
 

@@ -18,9 +18,9 @@ from testbench.page.shown import Shown
 
 _HEAD_BYTES = 100_000  # of a page; title and answer stand before the first figure
 _DEEPEST = 4  # folders below the one that is listed
-_MOST = 2000  # pages of one index
+_MOST = 2000  # pages of one list
 KICKER = "flight-testbench: testbench results"
-"""Above the title of an index, which is no result itself."""
+"""Above the title of an index that an earlier version wrote, which is no result itself."""
 
 
 @dataclass(frozen=True)

@@ -26,19 +26,18 @@ def command(
         bool, typer.Option("--verify", help="Say of one result whether every file still is what was written.")
     ] = False,
 ) -> None:
-    """Write an index of a folder of results, with titles, answers and dates; or look at one result, or at two.
+    """List the results of a folder with titles, answers and dates; or look at one result, or at two.
 
     Of one result the command says what it was made from: command, versions, inputs, files. With --verify it says which
     files have changed, what would change if it were made again, and ends with 1 if the result is no longer what was
-    written. Examples: `testbench results` writes results/index.html, which `testbench app` serves; `testbench
+    written. Examples: `testbench results`, which the board of `testbench app` shows with their pages; `testbench
     results results/a --verify`; `testbench results results/a results/b` compares two.
     """
-    from testbench.core.files import write_file
-    from testbench.core.store import INDEX, ResultFolder, manifest_of
+    from testbench.core.store import manifest_of
     from testbench.page.terminal import print_rows
     from testbench.page.words import sentence
     from testbench.questions.results.ask import compare_results, list_results, verify_results
-    from testbench.questions.results.page import compared_page, index_html, made_from, states, verdict
+    from testbench.questions.results.page import compared_page, made_from, states, verdict
 
     if other is not None:
         refuse(context, "where two results are compared", "verify")
@@ -57,13 +56,8 @@ def command(
             print(f"The same command again: {shlex.join(verified.manifest.command)}")
         raise typer.Exit(0 if verified.whole else 1)
     made = manifest_of(folder) if folder.is_dir() else None
-    if made is not None and made.files.keys() != {INDEX}:
+    if made is not None:
         print_rows(console(), ("what", "name", "bytes", "SHA-256"), made_from(made), (False, False, True, False))
         return
-    found = list_results(folder)
-    with ResultFolder(folder, adds=True) as place:  # first: who reads what is printed may stop
-        place.check(INDEX)
-        write_file(place.new / INDEX, index_html(found, folder))
-    rows = [(r.title, r.answer, f"{r.written:%Y-%m-%d %H:%M}") for r in found]
+    rows = [(r.title, r.answer, f"{r.written:%Y-%m-%d %H:%M}") for r in list_results(folder)]
     print_rows(console(), ("result", "answer", "written"), rows)
-    print(f"Written: {folder / INDEX}")

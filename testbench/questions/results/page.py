@@ -1,4 +1,4 @@
-"""The index of a folder of results, and the page of two results side by side."""
+"""The page of two results side by side, and the files of a folder of results as they are served."""
 
 from __future__ import annotations
 
@@ -8,17 +8,13 @@ import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import quote
 
 from testbench.core.door import read_bytes
 from testbench.core.errors import RecordError
-from testbench.core.store import INDEX
-from testbench.page.html import render
 from testbench.page.page import Page
 from testbench.page.serve import Answer as Served
 from testbench.page.tables import Column, Table
 from testbench.page.words import counted
-from testbench.questions.results.ask import KICKER
 
 if TYPE_CHECKING:
     from testbench.core.store import Entry, Manifest
@@ -27,21 +23,6 @@ if TYPE_CHECKING:
 _LARGEST_BYTES = 200_000_000  # of a file that is served
 _MOST_ROWS = 500
 _DIGITS = 16  # of a hash that is shown
-
-
-def index_html(found: Sequence[ResultSummary], folder: Path) -> str:
-    """Return the index as one page: a row per result, with a link, its answer and when it was written."""
-    rows = [
-        {
-            "link": quote(f"{r.folder.relative_to(folder).as_posix()}/{r.page}"),
-            "title": r.title,
-            "kind": r.kind,
-            "answer": r.answer,
-            "written": f"{r.written:%Y-%m-%d %H:%M}",
-        }
-        for r in found
-    ]
-    return render("questions/results/index.html.j2", rows=rows, folder=folder.resolve().name, kicker=KICKER)
 
 
 def compared_page(compared: ResultsCompared) -> Page:
@@ -155,15 +136,13 @@ def _relative(d: Difference) -> float:
     return abs(d.second - d.first) / (abs(d.first) + abs(d.second) or 1.0)
 
 
-def files_of(folder: Path, index: Callable[[], str]) -> Callable[[str], Served | None]:
-    """Return what answers a path below a folder: the index, or a file; nothing outside, and no link that leads out."""
+def files_of(folder: Path) -> Callable[[str], Served | None]:
+    """Return what answers a path below a folder: a file; nothing outside, and no link that leads out."""
     root = folder.resolve()
 
     def answer(path: str) -> Served | None:
         """Return the file at a path."""
         parts = [part for part in path.split("/") if part]
-        if not parts or parts == [INDEX]:
-            return Served(index().encode())
         if any(part.startswith(".") or "\0" in part or "\\" in part for part in parts):
             return None
         try:

@@ -1,16 +1,19 @@
-"""The app: what it takes and refuses by http, and the journey from a dropped log to the page of its result."""
+"""The app: what it takes and refuses by http, and the journeys of its users in a browser."""
 
 import json
 from collections.abc import Iterator
 from http.client import HTTPConnection
+from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
 from typing import Any
 
 import pytest
 from short_flight import DE, Q, T
+from two_flights import RECORD, write_results_of
 
 from testbench.core.errors import RecordError
+from testbench.core.paths import SCENARIOS
 from testbench.page.serve import serving
 from testbench.questions.app.ask import Workbench
 
@@ -64,9 +67,12 @@ def test_without_the_token_or_from_another_page_nothing_is_said_or_taken(bench):
     for path in ("/logs/a.csv", f"{home}logs/..", f"{home}logs/.hidden", f"{home}logs/a/b", f"{home}ask/run", home):
         assert asked(bench, path, b"1")[0] == 404, path
     assert not list(bench.folder.iterdir())
-    for body in (b"", b"{}", b"[]", b"[1]", b"\xff"):
-        status, said = asked(bench, f"{home}ask/identify", body)
-        assert (status, json.loads(said)) == (400, {"error": "logs must be a JSON list of names"})
+    for body in (b"", b"{}", b"[]", b"[1]", b"\xff", b'["run", ""]', b'["run\\u0000"]'):
+        assert asked(bench, f"{home}ask", body)[0] == 400, body
+    for words in (["rm"], ["app"], ["live"], ["--help"], ["-v", "run"]):
+        status, said = asked(bench, f"{home}ask", json.dumps(words).encode())
+        assert status == 400
+        assert "a command must be one of" in json.loads(said)["error"]
     assert bench.jobs == []
 
 
@@ -79,8 +85,8 @@ def test_a_log_is_kept_as_it_was_sent_and_never_over_another(bench):
     assert sorted(p.name for p in (bench.folder / "logs").iterdir()) == ["a.csv", "a_2.csv"]
 
 
-def test_a_command_is_followed_to_its_end_and_its_words_are_no_options(bench):
-    started = json.loads(asked(bench, f"{bench.home}ask/look", b'["-o"]')[1])
+def test_a_command_is_followed_to_its_end(bench):
+    started = json.loads(asked(bench, f"{bench.home}ask", b'["import", "./-o", "--out", "results/-o_log"]')[1])
     assert started["command"] == "testbench import ./-o --out results/-o_log"
     events = asked(bench, f"{bench.home}jobs/0")[1].decode()
     end = json.loads(events.split("event: end\ndata: ")[1])
@@ -94,32 +100,142 @@ def test_a_folder_that_is_not_there_is_refused(tmp_path):
         Workbench(tmp_path / "nowhere")
 
 
-def test_a_dropped_log_becomes_the_page_of_its_result_by_keyboard(bench, browser, tmp_path_factory):
-    """From a file to the page in the frame; a second tab and a reload show the same, and nothing is fetched outside."""
+def test_flights_are_chosen_overlaid_and_cut_by_keyboard_on_a_narrow_screen(bench, browser):
+    """What is chosen stands in the address; a cut is moved by keys; a reload shows the same; nothing is fetched."""
+    write_results_of(bench.folder)
+    context = browser.new_context(viewport={"width": 400, "height": 800})
+    outside: list[str] = []
+    context.on("request", lambda r: r.url.startswith((bench.at, "data:")) or outside.append(r.url))
+    page = context.new_page()
+    page.on("pageerror", lambda e: outside.append(str(e)))
+    page.goto(bench.at)
+    page.get_by_label("whole log").press("Space")
+    page.get_by_role("button", name="cruise, 10 to 39.98 s").press("Enter")
+    edge = page.get_by_role("slider", name="end of cut 1")
+    edge.press("Shift+ArrowLeft")
+    assert float(edge.get_attribute("aria-valuenow")) == 24.0
+    page.get_by_role("button", name="V", exact=True).press("Enter")
+    page.wait_for_url("**c=de&c=q&z=log&from=10&to=39.98")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    page.reload()
+    page.locator("#plot .u-over").nth(1).wait_for()
+    assert page.evaluate("flight.explorer.range") == [10.0, 39.98]
+    page.get_by_label("other", exact=True).press("Space")
+    page.get_by_role("button", name="first").wait_for()
+    assert page.get_by_label("Channels").locator("[aria-pressed=true]").all_inner_texts() == ["δe", "q"]
+    assert page.locator("#plot .u-over").count() == 2
+    assert outside == []
+    context.close()
+
+
+@pytest.mark.slow  # it starts three commands
+def test_a_dropped_log_is_cut_anew_and_identified_by_keyboard(bench, browser, tmp_path_factory):
+    """From a file to its timeline, an edge moved, the import with that cut; a second tab and a reload show the same."""
     log = flight(tmp_path_factory.mktemp("elsewhere"))
     context = browser.new_context(viewport={"width": 400, "height": 800})
     outside: list[str] = []
-    context.on("request", lambda r: r.url.startswith(bench.at) or outside.append(r.url))
+    context.on("request", lambda r: r.url.startswith((bench.at, "data:")) or outside.append(r.url))
     page = context.new_page()
     wrong: list[str] = []
     page.on("pageerror", lambda e: wrong.append(str(e)))
     page.goto(bench.at)
-    page.get_by_role("button", name="Identify").press("Enter")
+    page.get_by_role("button", name="Look into it").press("Enter")
     page.get_by_text("a log must be dropped, chosen or named first").wait_for()
-    page.get_by_label("Drop logs here").set_input_files(log)
-    page.get_by_role("button", name="Only look").press("Enter")
-    page.get_by_text("testbench import 'logs/my flight.csv' --out 'results/my flight_log'").wait_for()
-    page.get_by_text("done", exact=True).wait_for(timeout=60_000)
-    frame = page.frame_locator("iframe")
-    assert "my flight" in frame.locator("h1").inner_text()
+    page.get_by_label("Drop logs anywhere").set_input_files(log)
+    page.get_by_role("button", name="Look into it").press("Enter")
+    page.get_by_text("testbench import 'logs/my flight.csv' --out results/my_flight_log").first.wait_for()
+    page.get_by_role("button", name="manoeuvre").first.wait_for(timeout=60_000)
+    edge = page.get_by_role("slider", name="end of cut 1")
+    before = float(edge.get_attribute("aria-valuenow"))
+    edge.press("Shift+ArrowLeft")
+    assert float(edge.get_attribute("aria-valuenow")) == pytest.approx(before - 1.0)
+    page.get_by_role("button", name="Cut so").press("Enter")
+    page.get_by_role("button", name="As found").wait_for(state="detached", timeout=60_000)
+    assert float(edge.get_attribute("aria-valuenow")) == pytest.approx(before - 1.0, abs=0.01)
+    assert bench.jobs[-1].words[-2] == "--cut"
+    page.get_by_role("button", name="Spectra").press("Enter")
+    page.locator("#spectra .u-over").first.wait_for()
+    page.get_by_role("button", name="Replay in 3D").press("Enter")
+    page.get_by_text("0.0 s: roll").wait_for()
+    page.locator("#plot .plot").first.press("ArrowRight")
+    page.get_by_text("0.0 s: roll").wait_for(state="detached")  # it goes with the cursor
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
     page.reload()
     second = context.new_page()
-    second.goto(bench.at)
+    second.goto(page.url)
     for tab in (page, second):
-        tab.frame_locator("iframe").locator("h1").wait_for()
-        assert tab.get_by_role("article").count() == 1
-    second.get_by_text("All results of this folder").click()
-    second.get_by_role("link").first.wait_for()
+        tab.locator("#plot .u-over").first.wait_for()
+        tab.get_by_role("link", name="Work").press("Enter")
+        assert tab.get_by_role("article").count() == 2
+    second.get_by_role("link", name="Board").press("Enter")
+    second.get_by_role("link", name="my flight.csv").press("Enter")
+    assert "my flight" in second.frame_locator("#frame").locator("h1").inner_text()
     assert (outside, wrong) == ([], [])
+    context.close()
+
+
+@pytest.mark.slow  # a campaign takes half a minute
+def test_a_campaign_is_watched_stopped_and_resumed(bench, browser):
+    """Runs arrive while it flies; a limit on an axis chooses among them; a run is looked at; it is stopped, resumed."""
+    text = (SCENARIOS / "campaign" / "taurus_scatter.toml").read_text(encoding="utf-8")
+    (bench.folder / "mine.toml").write_text(text.replace("runs = 24", "runs = 300"), encoding="utf-8")
+    page = browser.new_context().new_page()
+    page.goto(f"{bench.at}#work")
+    page.get_by_label("testbench").fill("campaign run mine.toml")
+    page.get_by_label("testbench").press("Enter")
+    counts = page.locator("#counts")
+    page.locator("#table tbody tr").nth(3).wait_for(timeout=60_000)
+    page.get_by_role("button", name="Stop").press("Enter")
+    counts.filter(has_text="not at work").wait_for(timeout=60_000)
+    kept = page.locator("#done").evaluate("e => e.value")
+    assert 3 < kept < 300
+    page.get_by_role("button", name="Resume").press("Enter")
+    counts.filter(has_text="300 of 300 runs").wait_for(timeout=300_000)
+    speeds = page.evaluate("[...campaign.rows.values()].map(r => r.inputs['condition.V_m_s'])")
+    page.get_by_label("least of condition.V_m_s").fill("12.2")
+    page.get_by_label("least of condition.V_m_s").press("Enter")
+    chosen = sum(V >= 12.2 for V in speeds)
+    page.get_by_text(f"{chosen} of 300 runs.").wait_for()
+    page.get_by_role("button", name="run 299").or_(page.locator("#table tbody button").first).first.press("Enter")
+    assert "seed" in page.locator("#detail").inner_text()
+
+
+@pytest.mark.slow  # a search takes half a minute
+def test_probabilities_fill_up_while_a_gap_is_sought(bench, browser):
+    page = browser.new_context().new_page()
+    page.goto(f"{bench.at}#work")
+    page.get_by_label("testbench").fill("gap flexible_wings")
+    page.get_by_label("testbench").press("Enter")
+    page.get_by_text("To first order, before any is flown").wait_for(timeout=120_000)
+    page.get_by_text("done in").wait_for(timeout=300_000)
+    first = page.locator(".found").inner_text().split("\n")
+    assert first[0] == "symmetric wing bending"
+    assert float(first[1].removesuffix(" %")) > 99.0
+    page.get_by_role("button", name="Read results/gap_flexible_wings").press("Enter")
+    assert "the wings bend" in page.frame_locator("#frame").locator("h1").inner_text()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_no_view_has_a_serious_fault_of_accessibility(bench, browser, scheme):
+    """By axe-core (MPL-2.0), which is only used here."""
+    found = find_spec("axe_playwright_python")
+    if found is None or found.origin is None:
+        pytest.skip("axe-core needs axe-playwright-python to be tried")
+    axe = Path(found.origin).with_name("axe.min.js").read_text(encoding="utf-8")
+    write_results_of(bench.folder)
+    context = browser.new_context(color_scheme=scheme, bypass_csp=True)
+    page = context.new_page()
+    for view in (f"flights?r={RECORD}", "work", "campaigns", "board"):
+        page.goto("about:blank")
+        page.goto(f"{bench.at}#{view}")
+        page.get_by_role("link", name="Board").wait_for()
+        if view.startswith("flights"):
+            page.get_by_role("button", name="Spectra").click()
+            page.locator("#spectra .u-over").first.wait_for()
+            page.get_by_role("button", name="Replay in 3D").click()
+        page.wait_for_timeout(300)
+        page.evaluate("text => (0, eval)(text)", axe)
+        faults = page.evaluate("axe.run().then(r => r.violations.map(v => [v.impact, v.id]))")
+        assert [fault for fault in faults if fault[0] in ("serious", "critical")] == [], view
     context.close()

@@ -126,13 +126,8 @@ def test_a_users_figures_models_tables_and_cards_are_never_touched(tmp_path, mon
     assert not Path("tables/differences.csv").exists()
 
 
-def test_an_index_and_a_table_of_the_users_are_not_replaced(tmp_path, monkeypatch, said):
+def test_a_table_of_the_users_is_not_replaced(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    page().write("r1")
-    Path("index.html").write_text("mine")
-    status, text = said("results", ".")
-    assert (status, "no manifest lists 'index.html'" in text) == (2, True)
-    assert Path("index.html").read_text() == "mine"
     Path("tables").mkdir()
     Path("tables/sizes.csv").write_text("mine")
     with pytest.raises(WriteError, match=r"no manifest lists 'tables/sizes.csv'; the new result is in 'result'"):
