@@ -6,24 +6,26 @@ import contextlib
 import itertools
 import json
 import os
+import re
 import secrets
 import shlex
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from http import HTTPStatus
 from pathlib import Path
 from threading import Condition, Thread
 from types import TracebackType
 from typing import Any, Self
 
-from testbench.core.door import sha256
+from testbench.core.door import read_json, sha256
 from testbench.core.errors import RecordError, TestbenchError, WriteError
 from testbench.core.files import write_file
 from testbench.core.paths import not_found
 from testbench.core.project import FILE
+from testbench.core.store import OWN
 from testbench.page.serve import Answer
 from testbench.questions import QUESTIONS
 from testbench.questions.app.campaigns import campaign_told, list_campaigns
@@ -36,6 +38,7 @@ from testbench.questions.app.records import (
     settings_told,
     spectra_figure,
 )
+from testbench.questions.files import kinds_of
 from testbench.questions.results.ask import list_results
 from testbench.questions.results.page import files_of
 
@@ -43,8 +46,12 @@ LOGS, RESULTS = "logs", "results"
 """Folders in that of a workbench: of the logs that were dropped, and of results."""
 SERVERS = ("app", "studio", "live")
 """Questions that do not end by themselves: a terminal asks them."""
-ASKED = frozenset(q.command.split()[0] for q in QUESTIONS) - frozenset(SERVERS)
-"""What a page may ask: the commands of the table of questions."""
+ASKED = {q.command: q for q in QUESTIONS if q.command not in SERVERS}
+"""What a page may ask: command -> question of the table."""
+KEPT = "app.json"
+"""In the hidden folder of that of a workbench: its address and commands, for the server that comes after."""
+_MOST_KEPT, _MOST_LINES = 50, 200  # commands, and lines of each
+_TOKEN = re.compile(r"[\w-]{22}")
 _MOST_WORDS = 1_000_000  # bytes of a question
 _JSON, _EVENTS = "application/json", "text/event-stream"
 _WIDE = "1000"  # columns: the browser breaks lines
@@ -104,10 +111,11 @@ class Workbench:
         if not folder.is_dir():
             raise RecordError(f"a folder to work in must exist, got {not_found(folder, files=Path.is_dir)}")
         self.folder = folder.resolve()
-        self.home = f"/{secrets.token_urlsafe(16)}/"
-        self.jobs: list[Job] = []
         self._changed = Condition()
-        self._page = app_page(self.folder.name).encode()
+        token, self.jobs = self._kept_before()
+        self.home = f"/{token}/"
+        self._keep()
+        self._page = app_page(self.folder.name, list(ASKED.values())).encode()
         self._results = results = self.folder / RESULTS
         self._files = files_of(results)
 
@@ -172,6 +180,27 @@ class Workbench:
         except TestbenchError as error:
             return _as_json({"error": str(error)}, HTTPStatus.BAD_REQUEST)
 
+    def _kept_before(self) -> tuple[str, list[Job]]:
+        """Return the token and the commands of the server before, or new ones; what ran then was interrupted."""
+        with contextlib.suppress(RecordError, KeyError, TypeError, ValueError):
+            kept = read_json(self.folder / OWN / KEPT, "journal")
+            if _TOKEN.fullmatch(kept["token"]):
+                return kept["token"], [_again(**job) for job in kept["jobs"]]
+        return secrets.token_urlsafe(16), []
+
+    def _keep(self) -> None:
+        """Write the token and the commands for the next server, for the user's eyes alone."""
+        jobs = [asdict(replace(job, process=None, lines=job.lines[-_MOST_LINES:])) for job in self.jobs[-_MOST_KEPT:]]
+        text = json.dumps({"token": self.home.strip("/"), "jobs": jobs})
+
+        def fill(part: Path) -> None:
+            """Write it to a file that nobody else may read."""
+            part.chmod(0o600)
+            part.write_text(text, encoding="utf-8")
+
+        with contextlib.suppress(WriteError), self._changed:  # a folder that is only read is worked in all the same
+            write_file(self.folder / OWN / KEPT, fill)
+
     def _listed(self) -> list[Any]:
         with contextlib.suppress(RecordError):  # there are none yet
             return list_results(self._results)
@@ -192,7 +221,17 @@ class Workbench:
             }
             for r in self._listed()
         ]  # fmt: skip
-        return {"stands": stands.decode("utf-8", "replace").strip(), "results": results}
+        return {"stands": stands.decode("utf-8", "replace").strip(), "results": results, "files": self._files_to_ask()}
+
+    def _files_to_ask(self) -> list[list[str]]:
+        """Return the words of a command for each file of a question that lies in the folder."""
+        found = []
+        for file in sorted(self.folder.glob("*.toml")):
+            with contextlib.suppress(TestbenchError):
+                command = kinds_of(file)[0].command
+                if file.name != FILE and command in ASKED:
+                    found.append([command, *(["run"] if command == "campaign" else []), file.name])
+        return found
 
     def _kept(self, name: str, body: Iterator[bytes]) -> str:
         """Write a log and return its path in the folder: never over one of another content."""
@@ -225,6 +264,7 @@ class Workbench:
             return _as_json({"error": law}, HTTPStatus.BAD_REQUEST)
         self.jobs.append(Job(tuple(words)))
         number = len(self.jobs) - 1
+        self._keep()
         Thread(target=self._run, args=(self.jobs[number],), daemon=True).start()
         return _as_json(self.jobs[number].told(number))
 
@@ -244,6 +284,7 @@ class Workbench:
         with self._changed:
             job.status, job.ended = status, time.time()
             self._changed.notify_all()
+        self._keep()
 
     def _events(self, number: int) -> Iterator[bytes]:
         """Yield the lines of a command as server-sent events, and at last an event "end" with what became of it."""
@@ -258,6 +299,15 @@ class Workbench:
             if ended and sent == len(job.lines):
                 yield f"event: end\ndata: {json.dumps(job.told(number))}\n\n".encode()
                 return
+
+
+def _again(words: Any, lines: Any, begun: float, ended: float | None, status: int | None, process: None) -> Job:
+    """Return a command of an earlier server; one that ran when it ended was interrupted with it."""
+    said = [(float(second), str(line)) for second, line in lines]
+    if status is None:
+        said.append((said[-1][0] if said else 0.0, "interrupted, for the server ended: what was finished is kept"))
+        ended, status = begun + said[-1][0], 1
+    return Job(tuple(map(str, words)), said, begun, ended, status)
 
 
 def _surroundings() -> dict[str, str]:

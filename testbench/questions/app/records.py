@@ -27,7 +27,7 @@ from testbench.page.labels import axis_label, shown_unit
 
 LOG = "log.json"
 _MOST, _MOST_SHOWN = 2000, 12  # records that are listed, and that are laid over each other
-_POINTS = 60_000  # of a curve: ten minutes at 100 Hz are sent whole
+_POINTS = 400_000  # of a curve: an hour at 100 Hz is sent whole
 _FRAMES = 20_000  # of a replay
 _SILENT_S, _MISSED = 1.0, 5.0  # without samples for so long, and for so many of a channel's steps, its line is broken
 _SEGMENTS = 8  # of a stretch whose spectra are taken

@@ -14,8 +14,9 @@ from two_flights import RECORD, write_results_of
 
 from testbench.core.errors import RecordError
 from testbench.core.paths import SCENARIOS
+from testbench.core.store import OWN
 from testbench.page.serve import serving
-from testbench.questions.app.ask import Workbench
+from testbench.questions.app.ask import Job, Workbench
 
 pytestmark = pytest.mark.drawn
 
@@ -66,7 +67,7 @@ def test_without_the_token_or_from_another_page_nothing_is_said_or_taken(bench):
         assert asked(bench, f"{home}logs/a.csv", b"1", origin)[0] == 403, origin
     for path in ("/logs/a.csv", f"{home}logs/..", f"{home}logs/.hidden", f"{home}logs/a/b", f"{home}ask/run", home):
         assert asked(bench, path, b"1")[0] == 404, path
-    assert not list(bench.folder.iterdir())
+    assert [p.name for p in bench.folder.iterdir()] == [OWN]
     for body in (b"", b"{}", b"[]", b"[1]", b"\xff", b'["run", ""]', b'["run\\u0000"]'):
         assert asked(bench, f"{home}ask", body)[0] == 400, body
     for words in (["rm"], ["app"], ["live"], ["--help"], ["-v", "run"]):
@@ -93,6 +94,25 @@ def test_a_command_is_followed_to_its_end(bench):
     assert (end["status"], end["pages"]) == (2, [])
     assert "error: a log must be a file that exists" in events
     assert json.loads(asked(bench, f"{bench.home}jobs")[1]) == [end]
+
+
+def test_a_new_server_has_the_address_and_the_commands_of_the_one_before(tmp_path):
+    with Workbench(tmp_path) as first:
+        first.jobs += [Job(("run", "a"), [(0.5, "Report: results/a/report.html")], 1.0, 2.5, 0), Job(("gap", "b"))]
+        first._keep()
+    file = tmp_path / OWN / "app.json"
+    assert file.stat().st_mode & 0o077 == 0  # the token is for its user alone
+    with Workbench(tmp_path) as second:
+        assert second.home == first.home
+        told = [job.told(k) for k, job in enumerate(second.jobs)]
+        assert [(t["command"], t["status"]) for t in told] == [("testbench run a", 0), ("testbench gap b", 1)]
+        assert (told[0]["pages"], told[0]["lasted"]) == (["results/a/report.html"], 1.5)
+        assert "interrupted" in second.jobs[1].lines[-1][1]
+    for content in ("{}", "[]", "null", "x", '{"token": "../x", "jobs": []}', '{"token": 5, "jobs": 5}'):
+        file.write_text(content, encoding="utf-8")
+        with Workbench(tmp_path) as third:
+            assert third.home != first.home
+            assert third.jobs == []
 
 
 def test_a_folder_that_is_not_there_is_refused(tmp_path):

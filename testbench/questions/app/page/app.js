@@ -86,6 +86,7 @@ async function ask(words) { // start a command; what it is once it has ended
   const job = await send("ask", JSON.stringify(words));
   say(`$ ${job.command}`);
   const ended = await follow(job);
+  say(`done: ${job.command}`);
   if (ended.status) say(ended.printed.trim().split("\n").pop() || `${job.command} ended with ${ended.status}`, true);
   return ended;
 }
@@ -175,6 +176,7 @@ views.set("board", async () => {
   const next = board.stands.match(/^Next: testbench (.*)$/m);
   at("next").hidden = !next;
   if (next) { at("next").textContent = `Next: testbench ${next[1]}`; at("next").onclick = () => { ask(apart(next[1])).then(turn).catch(failed); go("work"); }; }
+  at("files-to-ask").replaceChildren(...board.files.map(words => press(shell(words), () => { at("words").value = shell(words); go("work"); at("words").focus(); })));
   const only = at("only").value;
   at("only").replaceChildren(new Option("all", ""), ...kinds.map(k => new Option(k, k, false, k === only)));
   const fill = () => {
