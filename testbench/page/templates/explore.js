@@ -320,7 +320,10 @@
       const u = this.plots[0];
       if (u) u.setCursor({ left: Math.max(0, Math.min(u.over.clientWidth - 1, u.valToPos(x, "x"))), top: 0 });
     }
-    show(low, high) { this.change(() => [low, high]); }
+    show(low, high) {
+      this.range = [low, high]; // what is drawn later is drawn so
+      this.change(() => [low, high]);
+    }
     move(min, max, tell, from) {
       this.moving = true;
       for (const u of this.plots) if (u !== from) u.setScale("x", { min, max });

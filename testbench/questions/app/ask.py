@@ -20,7 +20,7 @@ from threading import Condition, Thread
 from types import TracebackType
 from typing import Any, Self
 
-from testbench.core.door import read_json, sha256
+from testbench.core.door import read_json, read_text, sha256
 from testbench.core.errors import RecordError, TestbenchError, WriteError
 from testbench.core.files import write_file
 from testbench.core.paths import not_found
@@ -32,6 +32,7 @@ from testbench.questions.app.campaigns import campaign_told, list_campaigns
 from testbench.questions.app.page import app_page
 from testbench.questions.app.records import (
     channels_figure,
+    inside,
     list_records,
     motion_told,
     record_told,
@@ -47,7 +48,7 @@ LOGS, RESULTS = "logs", "results"
 SERVERS = ("app", "studio", "live")
 """Questions that do not end by themselves: a terminal asks them."""
 ASKED = {q.command: q for q in QUESTIONS if q.command not in SERVERS}
-"""What a page may ask: command -> question of the table."""
+"""What a page may ask: command -> question of the table; and ``check``, of a file that it has written."""
 KEPT = "app.json"
 """In the hidden folder of that of a workbench: its address and commands, for the server that comes after."""
 _MOST_KEPT, _MOST_LINES = 50, 200  # commands, and lines of each
@@ -95,10 +96,10 @@ class Job:
 class Workbench:
     """What a page in a browser works with: the logs, commands and results of one folder.
 
-    Every path begins with a token, so that nobody else on this machine can ask. Below it lie the page, ``board``,
-    ``records``, ``campaigns``, ``jobs`` (lists), ``jobs/N`` (events of the Nth), ``results/...``; ``logs/NAME`` takes
-    a log, ``ask`` the words of a command as a JSON list, ``stop/N`` ends the Nth, and ``show/WHAT`` a JSON object that
-    says of which records or campaign it is.
+    Every path begins with a token, so that nobody else on this machine can ask. Below it lie the page; the lists
+    ``board``, ``records``, ``campaigns`` and ``jobs``; ``jobs/N``, the events of the Nth; and ``results/...``.
+    ``logs/NAME`` takes a log, ``ask`` the words of a command as a JSON list; ``stop/N`` ends the Nth; ``show/WHAT``
+    takes a JSON object that says of which records or campaign it is, ``save`` one with the new text of a TOML file.
 
     Args:
         folder: to work in.
@@ -163,22 +164,29 @@ class Workbench:
             if job.process is not None and job.status is None:
                 job.process.terminate()  # the command keeps what is finished, as after Ctrl-C
             return _as_json(job.told(int(rest)))
-        return self._shown(rest, _content(body)) if what == "show" else None
+        if what in ("show", "save"):
+            try:
+                return self._shown(rest or what, _content(body))
+            except TestbenchError as error:
+                return _as_json({"error": str(error)}, HTTPStatus.BAD_REQUEST)
+        return None
 
     def _shown(self, what: str, given: Any) -> Answer | None:
-        """Return a figure or figures of records or of a campaign."""
+        """Return a figure or figures of records or of a campaign, or the text of a TOML file that may be saved."""
         figures = {"channels": channels_figure, "spectra": spectra_figure}
         told = {"record": record_told, "settings": settings_told, "motion": motion_told}
         if not isinstance(given, dict):
             return _as_json({"error": "what is to be shown must be a JSON object"}, HTTPStatus.BAD_REQUEST)
-        try:
-            if what in figures:
-                return Answer(figures[what](self.folder, given).encode(), _JSON)
-            if what == "campaign":
-                return _as_json(campaign_told(self._results, given))
-            return _as_json(told[what](self.folder, given)) if what in told else None
-        except TestbenchError as error:
-            return _as_json({"error": str(error)}, HTTPStatus.BAD_REQUEST)
+        if what in figures:
+            return Answer(figures[what](self.folder, given).encode(), _JSON)
+        if what == "campaign":
+            return _as_json(campaign_told(self._results, given))
+        if what in ("text", "save"):
+            file = inside(self.folder, given.get("file"), ".toml")
+            if what == "save":
+                write_file(file, str(given.get("text", "")))
+            return _as_json({"text": read_text(file, "scenario")})
+        return _as_json(told[what](self.folder, given)) if what in told else None
 
     def _kept_before(self) -> tuple[str, list[Job]]:
         """Return the token and the commands of the server before, or new ones; what ran then was interrupted."""
@@ -259,8 +267,8 @@ class Workbench:
         """Start a command."""
         if not (isinstance(words, list) and words and all(isinstance(w, str) and w and "\0" not in w for w in words)):
             return _as_json({"error": "a command must be a JSON list of words"}, HTTPStatus.BAD_REQUEST)
-        if words[0] not in ASKED:
-            law = f"a command must be one of {', '.join(sorted(ASKED))}, got '{words[0][:80]}'"
+        if words[0] not in (*ASKED, "check"):
+            law = f"a command must be one of check, {', '.join(sorted(ASKED))}, got '{words[0][:80]}'"
             return _as_json({"error": law}, HTTPStatus.BAD_REQUEST)
         self.jobs.append(Job(tuple(words)))
         number = len(self.jobs) - 1

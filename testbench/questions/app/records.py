@@ -46,17 +46,17 @@ class Shown:
     log: Mapping[str, Any]
 
 
-def inside(folder: Path, path: object) -> Path:
-    """Return a file of a folder by its path there.
+def inside(folder: Path, path: object, kind: str = ".nc") -> Path:
+    """Return a file of a folder by its path there, whose name ends as its kind does.
 
     Raises:
         RecordError: it is not one, or lies elsewhere.
     """
     text = str(path)
     file = (folder / text).resolve() if "\0" not in text else folder
-    if not file.is_relative_to(folder.resolve()) or not file.is_file():
+    if not file.is_relative_to(folder.resolve()) or not file.is_file() or file.suffix != kind:
         raise RecordError(
-            f"a record must be a file in the folder of the app, got '{text[:200]}'; choose one of its list"
+            f"a {kind} file in the folder of the app must be named, got '{text[:200]}'; choose one it lists"
         )
     return file
 

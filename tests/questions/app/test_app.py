@@ -96,6 +96,19 @@ def test_a_command_is_followed_to_its_end(bench):
     assert json.loads(asked(bench, f"{bench.home}jobs")[1]) == [end]
 
 
+def test_a_file_of_a_question_is_changed_and_no_other(bench):
+    file = bench.folder / "mine.toml"
+    file.write_text("old", encoding="utf-8")
+    (bench.folder / "notes.txt").write_text("mine", encoding="utf-8")
+    given = {"file": "mine.toml", "text": "title = 'ä'\n"}
+    assert json.loads(asked(bench, f"{bench.home}show/text", json.dumps(given).encode())[1]) == {"text": "old"}
+    assert json.loads(asked(bench, f"{bench.home}save", json.dumps(given).encode())[1]) == {"text": given["text"]}
+    assert file.read_text("utf-8") == given["text"]
+    for name in ("notes.txt", "new.toml", "../mine.toml", "", None):
+        assert asked(bench, f"{bench.home}save", json.dumps(given | {"file": name}).encode())[0] == 400, name
+    assert (bench.folder / "notes.txt").read_text("utf-8") == "mine"
+
+
 def test_a_new_server_has_the_address_and_the_commands_of_the_one_before(tmp_path):
     with Workbench(tmp_path) as first:
         first.jobs += [Job(("run", "a"), [(0.5, "Report: results/a/report.html")], 1.0, 2.5, 0), Job(("gap", "b"))]

@@ -48,7 +48,7 @@ def test_every_record_is_listed_and_none_is_read_from_elsewhere(folder):
     assert {r["path"] for r in list_records(folder)} == {RECORD, OTHER}
     assert {r["of"] for r in list_records(folder)} == {"results/first_log", "results/second"}
     for path in ("../x.nc", "/etc/passwd", "results", "results/\0.nc", None, f"{RECORD}/../../../../etc/passwd"):
-        with pytest.raises(RecordError, match="must be a file in the folder of the app"):
+        with pytest.raises(RecordError, match=r"a \.nc file in the folder of the app must be named"):
             shown(folder, path)
 
 

@@ -167,6 +167,22 @@ at("command").addEventListener("submit", event => {
 });
 views.set("work", () => {});
 
+// A file of a question, which is what is asked: structure, estimators, limits. Saved, it is checked as a terminal would.
+async function edit(file) {
+  at("text").value = (await show("text", { file })).text;
+  at("file").textContent = file; at("checked").textContent = ""; at("editor").hidden = false;
+  at("text").focus(); at("editor").scrollIntoView({ behavior: "smooth" });
+  at("save").onclick = async () => {
+    try {
+      at("checked").textContent = "saved; checking …";
+      await send("save", JSON.stringify({ file, text: at("text").value }));
+      at("checked").textContent = (await ask(["check", file])).printed.trim();
+    } catch (error) { failed(error); }
+  };
+}
+at("editor-close").addEventListener("click", () => { at("editor").hidden = true; });
+at("text").addEventListener("keydown", event => { if ((event.ctrlKey || event.metaKey) && event.key === "s") { event.preventDefault(); at("save").click(); } });
+
 // --- the board --------------------------------------------------------------------------------------------------------
 
 const question = kind => kind.split(":")[0];
@@ -176,7 +192,10 @@ views.set("board", async () => {
   const next = board.stands.match(/^Next: testbench (.*)$/m);
   at("next").hidden = !next;
   if (next) { at("next").textContent = `Next: testbench ${next[1]}`; at("next").onclick = () => { ask(apart(next[1])).then(turn).catch(failed); go("work"); }; }
-  at("files-to-ask").replaceChildren(...board.files.map(words => press(shell(words), () => { at("words").value = shell(words); go("work"); at("words").focus(); })));
+  at("files-to-ask").replaceChildren(...board.files.flatMap(words => [
+    press(shell(words), () => { at("words").value = shell(words); go("work"); at("words").focus(); }),
+    press(`Edit ${words.at(-1)}`, () => edit(words.at(-1)).catch(failed)),
+  ]));
   const only = at("only").value;
   at("only").replaceChildren(new Option("all", ""), ...kinds.map(k => new Option(k, k, false, k === only)));
   const fill = () => {

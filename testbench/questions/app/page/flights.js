@@ -121,7 +121,7 @@ async function plot() {
   const c = picked(), { r, z } = wanted(), mine = ++asked;
   for (const b of at("flight").querySelectorAll("[data-channel]")) b.setAttribute("aria-pressed", String(c.includes(b.dataset.channel)));
   const key = JSON.stringify([r, c, z, flight.met.get(r[0])?.log.manoeuvres]);
-  if (at("plot").dataset.key === key) return;
+  if (at("plot").dataset.key === key) return aim();
   const json = await show("channels", { records: r, channels: c, align: z });
   if (mine !== asked) return;
   at("plot").dataset.key = key;
@@ -145,6 +145,11 @@ async function plot() {
   sight();
 }
 
+function aim() { // show what the address says, as after a step back
+  const { from, to } = wanted(), now = flight.explorer.range;
+  if (from == null || to == null) { if (now) flight.explorer.whole(); } else if (!now || Math.abs(now[0] - from) + Math.abs(now[1] - to) > 2e-3) flight.explorer.show(from, to);
+}
+
 // --- the timeline -----------------------------------------------------------------------------------------------------
 
 const share = x => { const m = flight.met.get(flight.shown[0]); return Math.max(0, Math.min(100, 100 * (x - m.begin_s) / (m.end_s - m.begin_s || 1))); };
@@ -156,7 +161,7 @@ function sight() {
 function timeline(m, box) {
   const line = make("div", { className: "timeline", id: "timeline", role: "group", ariaLabel: "Timeline: kinds of flight, and manoeuvres that are cut out" });
   for (const s of m.log.stretches) {
-    const b = press(s.kind, () => flight.explorer?.show(s.start_s, s.end_s), `stretch${s.flown ? " flown" : ""}`);
+    const b = press(s.kind, () => change({ from: s.start_s, to: s.end_s }), `stretch${s.flown ? " flown" : ""}`);
     b.style.left = `${share(s.start_s)}%`; b.style.width = `${share(s.end_s) - share(s.start_s)}%`;
     b.title = `${s.kind}, ${told(s.start_s)} to ${told(s.end_s)} s${s.mode ? `, ${s.mode}` : ""}${s.why ? `: ${s.why}` : ""}`;
     b.setAttribute("aria-label", b.title);
@@ -197,7 +202,7 @@ function cuts(m, line, row, off, changed) {
     const way = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
     if (way) held(k, side, way * (event.shiftKey ? 1 : 0.1));
     else if (event.key === "Delete" || event.key === "Backspace") { flight.cuts.splice(k, 1); again(); }
-    else if (event.key === "Enter") flight.explorer?.show(...flight.cuts[k]);
+    else if (event.key === "Enter") change({ from: flight.cuts[k][0], to: flight.cuts[k][1] });
     else return;
     event.preventDefault();
   });
@@ -205,7 +210,7 @@ function cuts(m, line, row, off, changed) {
     const body = make("div", { className: "cut", tabIndex: 0, role: "button", title: `cut ${k + 1}: ${c[0].toFixed(2)} to ${c[1].toFixed(2)} s; drag or arrows move it, Delete takes it away, Enter shows it` }, String(k + 1));
     body.setAttribute("aria-label", body.title); body.dataset.edge = `${k} 2`;
     body.style.left = `${share(c[0])}%`; body.style.width = `${share(c[1]) - share(c[0])}%`;
-    body.addEventListener("dblclick", () => flight.explorer?.show(...c));
+    body.addEventListener("dblclick", () => change({ from: c[0], to: c[1] }));
     drag(body, k, 2); keys(body, k, 2); line.append(body);
     [0, 1].forEach(side => {
       const edge = make("div", { className: "edge", tabIndex: 0, role: "slider" });
@@ -220,7 +225,7 @@ function cuts(m, line, row, off, changed) {
   row.replaceChildren(press("Cut what is in sight", () => { if (flight.range) { flight.cuts.push([...flight.range].map((v, i) => i ? Math.min(v, m.end_s) : Math.max(v, m.begin_s))); flight.cuts.sort((a, b) => a[0] - b[0]); again(); } }));
   if (changed && base[0] === "import" && flight.cuts.length) row.append(press("Cut so", () => redo(words), "main"), make("code", { className: "hint" }, `testbench ${shell(words)}`));
   if (changed) row.append(press("As found", () => { flight.cuts = m.log.manoeuvres.filter(c => c.cut_s).map(c => [...c.cut_s]); cuts(m, line, row, off, false); }));
-  if (!changed) for (const d of m.descriptions) row.append(press(`Identify ${d.replace(/\.toml$/, "").split("_").pop()}`, async () => {
+  if (!changed) for (const d of m.descriptions) row.append(press(`Edit ${d.replace(/\.toml$/, "").split("_").pop()}`, () => edit(`${m.folder}/${d}`).catch(failed)), press(`Identify ${d.replace(/\.toml$/, "").split("_").pop()}`, async () => {
     const end = await ask(["identify", `${m.folder}/${d}`, "--out", "results"]).catch(failed);
     if (end?.pages[0]) open(end.pages[0]);
   }, "main"));
