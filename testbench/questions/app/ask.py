@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import itertools
 import json
 import os
@@ -22,10 +23,9 @@ from typing import Any, Self
 
 from testbench.core.door import read_json, read_text, sha256
 from testbench.core.errors import RecordError, TestbenchError, WriteError
-from testbench.core.files import write_file
+from testbench.core.files import kept_in, write_file
 from testbench.core.paths import not_found
 from testbench.core.project import FILE
-from testbench.core.store import OWN
 from testbench.page.serve import Answer
 from testbench.questions import QUESTIONS
 from testbench.questions.app.campaigns import campaign_told, list_campaigns
@@ -49,9 +49,7 @@ SERVERS = ("app", "studio", "live")
 """Questions that do not end by themselves: a terminal asks them."""
 ASKED = {q.command: q for q in QUESTIONS if q.command not in SERVERS}
 """What a page may ask: command -> question of the table; and ``check``, of a file that it has written."""
-KEPT = "app.json"
-"""In the hidden folder of that of a workbench: its address and commands, for the server that comes after."""
-_MOST_KEPT, _MOST_LINES = 50, 200  # commands, and lines of each
+_MOST_KEPT, _MOST_LINES = 50, 200  # commands and folders that are kept for the server that comes after, and lines
 _TOKEN = re.compile(r"[\w-]{22}")
 _MOST_WORDS = 1_000_000  # bytes of a question
 _JSON, _EVENTS = "application/json", "text/event-stream"
@@ -113,6 +111,8 @@ class Workbench:
             raise RecordError(f"a folder to work in must exist, got {not_found(folder, files=Path.is_dir)}")
         self.folder = folder.resolve()
         self._changed = Condition()
+        home, name = kept_in("app"), hashlib.sha256(os.fsencode(self.folder)).hexdigest()[:16]
+        self._kept_in = None if home is None else home / f"{name}.json"
         token, self.jobs = self._kept_before()
         self.home = f"/{token}/"
         self._keep()
@@ -191,7 +191,7 @@ class Workbench:
     def _kept_before(self) -> tuple[str, list[Job]]:
         """Return the token and the commands of the server before, or new ones; what ran then was interrupted."""
         with contextlib.suppress(RecordError, KeyError, TypeError, ValueError):
-            kept = read_json(self.folder / OWN / KEPT, "journal")
+            kept = {} if self._kept_in is None else read_json(self._kept_in, "journal")
             if _TOKEN.fullmatch(kept["token"]):
                 return kept["token"], [_again(**job) for job in kept["jobs"]]
         return secrets.token_urlsafe(16), []
@@ -206,8 +206,12 @@ class Workbench:
             part.chmod(0o600)
             part.write_text(text, encoding="utf-8")
 
-        with contextlib.suppress(WriteError), self._changed:  # a folder that is only read is worked in all the same
-            write_file(self.folder / OWN / KEPT, fill)
+        if self._kept_in is not None:
+            with contextlib.suppress(WriteError, OSError), self._changed:  # what cannot be kept is lost with the server
+                write_file(self._kept_in, fill)
+                every = sorted(self._kept_in.parent.glob("*.json"), key=lambda file: file.stat().st_mtime)
+                for old in every[:-_MOST_KEPT]:
+                    old.unlink()
 
     def _listed(self) -> list[Any]:
         with contextlib.suppress(RecordError):  # there are none yet

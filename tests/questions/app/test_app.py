@@ -8,17 +8,26 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
+import numpy as np
 import pytest
-from short_flight import DE, Q, T
 from two_flights import RECORD, write_results_of
+from writers import G0, THROW, elevator, short_period
 
+from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError
 from testbench.core.paths import SCENARIOS
-from testbench.core.store import OWN
 from testbench.page.serve import serving
 from testbench.questions.app.ask import Job, Workbench
 
 pytestmark = pytest.mark.drawn
+
+
+@pytest.fixture(autouse=True)
+def kept(tmp_path_factory, monkeypatch) -> Path:
+    """Where servers keep their address and commands."""
+    folder = tmp_path_factory.mktemp("kept")
+    monkeypatch.setattr("testbench.questions.app.ask.kept_in", lambda kind: folder / kind)
+    return folder / "app"
 
 
 @pytest.fixture
@@ -43,10 +52,13 @@ def asked(bench: Any, path: str, body: bytes | None = None, origin: str | None =
 
 
 def flight(folder: Path) -> Path:
-    """Write the log of a short flight with a doublet: a table with names and units."""
-    lines = ["time [s],de [deg],q [deg/s]", *(f"{t:.2f},{de:.6f},{q:.6f}" for t, de, q in zip(T, DE, Q, strict=True))]
+    """Write the log of a short flight with two doublets, whose short period answers: a table with names and units."""
+    t = np.arange(0.0, 35.0, 0.02)
+    q, theta, az = short_period(t)
     file = folder / "my flight.csv"
-    file.write_text("\n".join(lines), encoding="utf-8")
+    columns = np.column_stack([t, q / DEG_RAD, theta / DEG_RAD, -THROW * elevator(t) / DEG_RAD, az / G0])
+    names = "time [s],q [deg/s],theta [deg],de [deg],az [g]"
+    np.savetxt(file, columns, delimiter=",", header=names, comments="", fmt="%.9g")
     return file
 
 
@@ -67,7 +79,7 @@ def test_without_the_token_or_from_another_page_nothing_is_said_or_taken(bench):
         assert asked(bench, f"{home}logs/a.csv", b"1", origin)[0] == 403, origin
     for path in ("/logs/a.csv", f"{home}logs/..", f"{home}logs/.hidden", f"{home}logs/a/b", f"{home}ask/run", home):
         assert asked(bench, path, b"1")[0] == 404, path
-    assert [p.name for p in bench.folder.iterdir()] == [OWN]
+    assert not list(bench.folder.iterdir())
     for body in (b"", b"{}", b"[]", b"[1]", b"\xff", b'["run", ""]', b'["run\\u0000"]'):
         assert asked(bench, f"{home}ask", body)[0] == 400, body
     for words in (["rm"], ["app"], ["live"], ["--help"], ["-v", "run"]):
@@ -109,11 +121,11 @@ def test_a_file_of_a_question_is_changed_and_no_other(bench):
     assert (bench.folder / "notes.txt").read_text("utf-8") == "mine"
 
 
-def test_a_new_server_has_the_address_and_the_commands_of_the_one_before(tmp_path):
+def test_a_new_server_has_the_address_and_the_commands_of_the_one_before(tmp_path, kept):
     with Workbench(tmp_path) as first:
         first.jobs += [Job(("run", "a"), [(0.5, "Report: results/a/report.html")], 1.0, 2.5, 0), Job(("gap", "b"))]
         first._keep()
-    file = tmp_path / OWN / "app.json"
+    (file,) = kept.iterdir()
     assert file.stat().st_mode & 0o077 == 0  # the token is for its user alone
     with Workbench(tmp_path) as second:
         assert second.home == first.home
@@ -193,15 +205,23 @@ def test_a_dropped_log_is_cut_anew_and_identified_by_keyboard(bench, browser, tm
     page.locator("#plot .plot").first.press("ArrowRight")
     page.get_by_text("0.0 s: roll").wait_for(state="detached")  # it goes with the cursor
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    page.get_by_role("button", name="Identify longitudinal").press("Enter")
+    page.get_by_text("all outputs predicted well").first.wait_for(timeout=120_000)
+    page.locator("#verdict figure").first.scroll_into_view_if_needed()  # it is drawn when it comes near
+    page.locator("#verdict .u-over").first.wait_for()
+    page.get_by_role("button", name="Poles found").press("Enter")
+    page.get_by_text("Im s, rad/s").wait_for()
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
     page.reload()
     second = context.new_page()
     second.goto(page.url)
     for tab in (page, second):
         tab.locator("#plot .u-over").first.wait_for()
+        tab.get_by_text("all outputs predicted well").first.wait_for()
         tab.get_by_role("link", name="Work").press("Enter")
-        assert tab.get_by_role("article").count() == 2
+        assert tab.get_by_role("article").count() == 3
     second.get_by_role("link", name="Board").press("Enter")
-    second.get_by_role("link", name="my flight.csv").press("Enter")
+    second.get_by_role("link", name="my flight.csv: what it holds").press("Enter")
     assert "my flight" in second.frame_locator("#frame").locator("h1").inner_text()
     assert (outside, wrong) == ([], [])
     context.close()

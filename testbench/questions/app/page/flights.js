@@ -1,5 +1,6 @@
 // Flights: logs come in, their timeline, channels laid over each other, spectra, settings that differ, and the replay.
-// The address holds which records (r), which channels (c), what is at 0 s (z) and what is in sight (from, to).
+// The address holds which records (r), which channels (c), what is at 0 s (z), what is in sight (from, to), and the page of
+// what was identified from it (v).
 const flight = { met: new Map(), cuts: null, shown: [], replay: null };
 const CUTS = 0.5; // s, the least that a cut may last
 
@@ -12,7 +13,8 @@ async function take(files, path, identify) {
   if (!logs.length) throw new Error("a log must be dropped, chosen or named first");
   if (identify) {
     const end = await ask(["identify", ...logs, "--out", "results"]);
-    return end.pages[0] && open(end.pages[0]);
+    const whole = `results/${logs[0].split("/").pop().replace(/\.[^.]*$/, "")}/whole.nc`, there = logs.length === 1 && (await listed("records")).some(r => r.path === whole);
+    return end.pages[0] && (there ? go("flights", { r: [whole], v: end.pages[0] }) : open(end.pages[0]));
   }
   const stem = log => log.split("/").pop().replace(/\.[^.]*$/, "").replace(/[^\w.-]+/g, "_");
   const found = [];
@@ -38,7 +40,7 @@ const wanted = () => {
   const values = place()[1];
   const number = key => values.has(key) && Number.isFinite(+values.get(key)) ? +values.get(key) : null;
   const sight = flight.moving ?? [number("from"), number("to")]; // the address follows a pan when it rests
-  return { r: values.getAll("r"), c: values.getAll("c"), z: values.get("z") ?? "log", from: sight[0], to: sight[1], page: values.get("page") };
+  return { r: values.getAll("r"), c: values.getAll("c"), z: values.get("z") ?? "log", v: values.get("v"), from: sight[0], to: sight[1], page: values.get("page") };
 };
 function change(values, keep) {
   const next = { ...wanted(), ...values };
@@ -56,6 +58,7 @@ views.set("flights", async () => {
   flight.shown = want.r;
   if (!same || first || !at("plot")) head(want.r.map(r => flight.met.get(r)));
   await plot();
+  await verdict(want.v);
 });
 
 async function choices(chosen) {
@@ -103,7 +106,7 @@ function head(met) {
   row.append(press("Replay in 3D", () => replay(main).catch(failed)));
   const report = main.folder && main.log.format ? `${main.folder}/report.html` : "";
   if (report) row.append(press("What the log holds", () => open(report)));
-  box.append(chips, make("div", { id: "plot" }), row, make("div", { id: "spectra" }), make("div", { id: "replay" }), make("div", { id: "settings" }));
+  box.append(chips, make("div", { id: "plot" }), row, make("div", { id: "spectra" }), make("div", { id: "replay" }), make("div", { id: "settings" }), make("div", { id: "verdict" }));
 }
 const picked = () => {
   const met = flight.shown.map(r => flight.met.get(r)), c = wanted().c.filter(n => met.some(m => m.channels.some(k => k.name === n)));
@@ -227,7 +230,7 @@ function cuts(m, line, row, off, changed) {
   if (changed) row.append(press("As found", () => { flight.cuts = m.log.manoeuvres.filter(c => c.cut_s).map(c => [...c.cut_s]); cuts(m, line, row, off, false); }));
   if (!changed) for (const d of m.descriptions) row.append(press(`Edit ${d.replace(/\.toml$/, "").split("_").pop()}`, () => edit(`${m.folder}/${d}`).catch(failed)), press(`Identify ${d.replace(/\.toml$/, "").split("_").pop()}`, async () => {
     const end = await ask(["identify", `${m.folder}/${d}`, "--out", "results"]).catch(failed);
-    if (end?.pages[0]) open(end.pages[0]);
+    if (end?.pages[0]) { at("verdict").dataset.page = ""; change({ v: end.pages[0] }); at("verdict").scrollIntoView({ behavior: "smooth" }); }
   }, "main"));
   sight();
 }
@@ -272,6 +275,31 @@ async function settings(met) {
     make("thead", {}, make("tr", {}, ...["setting", ...found.names].map(t => make("th", { scope: "col" }, t)))),
     make("tbody", {}, ...rows.map(([name, a, b]) => make("tr", {}, make("th", { scope: "row" }, name), make("td", { className: "number" }, told(a)), make("td", { className: "number" }, told(b)))))))] : [];
   at("settings").replaceChildren(make("h2", {}, "Settings of the autopilot"), make("p", {}, `${found.equal} are equal in both.`), ...part(both, "differ"), ...part(alone, "stand in one log only"));
+}
+
+// What was identified, from its page: the answer, then models over measurement, poles and responses as plots of their own,
+// and the derivatives. One at a time; the whole page beside it.
+async function verdict(page) {
+  const box = at("verdict");
+  if (!page) return box.replaceChildren();
+  if (box.dataset.page === page) return;
+  box.dataset.page = page;
+  const answer = await fetch(link(page));
+  if (!answer.ok) return box.replaceChildren(make("p", { className: "wrong" }, `${page} is gone`));
+  const told = new DOMParser().parseFromString(await answer.text(), "text/html"), figures = [...told.querySelectorAll("figure[data-explore]")];
+  const part = element => { for (const e of [element, ...element.querySelectorAll("[id]")]) e.removeAttribute("id"); return document.adoptNode(element); };
+  const holder = make("div"), chips = make("div", { className: "chips", role: "group", ariaLabel: "Figures" });
+  const name = fig => fig.querySelector("figcaption strong").textContent.replace(/\.$/, "");
+  const draw = fig => {
+    for (const b of chips.children) b.setAttribute("aria-pressed", String(b.textContent === name(fig)));
+    figure(holder, JSON.parse(fig.dataset.explore));
+  };
+  chips.append(...figures.map(fig => press(name(fig), () => draw(fig))));
+  const derivatives = told.querySelector("#table-derivatives");
+  box.replaceChildren(make("h2", {}, told.querySelector("h1").textContent), part(told.querySelector(".answer")), chips, holder,
+    ...derivatives ? [part(derivatives)] : [], make("div", { className: "row" }, press("The whole page", () => open(page)), press("Close", () => change({ v: null }))));
+  const first = figures.find(f => f.id === "figure-time_histories") ?? figures[0];
+  if (first) draw(first);
 }
 
 listed("jobs").then(found => { for (const job of found) follow(job); }).catch(failed);
