@@ -40,7 +40,7 @@ P_IMITATED = 0.5  # that something which the library lacks is imitated, better t
 P_IN_PART = 0.41  # that it then acts in the same part: 35 of 86 calls of the blind test that named nothing
 VISIBLE = 4.0  # standard deviations of the noise's chi-square by which an excess is shared out
 SAID = 0.01  # probability from which an explanation is spoken of
-_TOLD = 4  # explanations, while others are sought
+_TOLD, _SURE = 4, 0.9999  # explanations, while others are sought, none of which is told to be more probable
 IMITATES = 0.1  # share of what the library lacks from which an effect is said to imitate it
 SEPARATES = "flights at another airspeed or of another amplitude, or a sensor on the surface"
 
@@ -273,7 +273,7 @@ def told(logs: Mapping[str, float], how: str) -> str:
     """
     total = float(logsumexp(list(logs.values()))) if logs else 0.0
     first = sorted(logs.items(), key=lambda item: -item[1])[:_TOLD]
-    return f"{how}: " + "; ".join(f"{name} {100.0 * math.exp(log - total):.2f} %" for name, log in first)
+    return f"{how}: " + "; ".join(f"{name} {100.0 * min(math.exp(log - total), _SURE):.2f} %" for name, log in first)
 
 
 def percent(p: float) -> str:

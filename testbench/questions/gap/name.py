@@ -153,7 +153,8 @@ def name_effect(
         )
         named = tuple(t.name for t in terms if t.name in shown)
         out = Weighed.of(found, dict(shown), seen, len(base.priors), tried, named)
-        say(told({shown[n].title if n in shown else n: np.log(p) for n, p in out.stated.items() if p > 0.0}, "weighed"))
+        titles = {n: e.title for n, e in shown.items()} | {"unknown": "something unknown"}
+        say(told({titles.get(n, n): np.log(p) for n, p in out.stated.items() if p > 0.0}, "weighed"))
         return out
 
     out = weighed()

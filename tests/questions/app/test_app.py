@@ -264,7 +264,8 @@ def test_probabilities_fill_up_while_a_gap_is_sought(bench, browser):
     first = page.locator(".found").inner_text().split("\n")
     assert first[0] == "symmetric wing bending"
     assert float(first[1].removesuffix(" %")) > 99.0
-    page.get_by_role("button", name="Read results/gap_flexible_wings").press("Enter")
+    page.get_by_role("heading", name="EOLO: the wings bend").wait_for()
+    page.get_by_role("button", name="The whole page").press("Enter")
     assert "the wings bend" in page.frame_locator("#frame").locator("h1").inner_text()
 
 

@@ -85,7 +85,7 @@ const jobs = new Map(); // number -> its box
 async function ask(words) { // start a command; what it is once it has ended
   const job = await send("ask", JSON.stringify(words));
   say(`$ ${job.command}`);
-  const ended = await follow(job);
+  const ended = await follow({ ...job, asked: true });
   say(`done: ${job.command}`);
   if (ended.status) say(ended.printed.trim().split("\n").pop() || `${job.command} ended with ${ended.status}`, true);
   return ended;
@@ -122,7 +122,10 @@ function follow(job) {
       jobs.set(job.number, { at: false, words: job.words });
       busy();
       stop.remove(); bar.hidden = true;
-      for (const page of ended.pages) row.append(press(`Read ${page}`, () => open(page), "main"));
+      const here = make("div");
+      for (const page of ended.pages) row.append(press(`Show ${page}`, () => digest(here, page).catch(failed), "main"));
+      lines.after(here);
+      if (job.asked && ended.pages.length === 1 && place()[0] === "work") digest(here, ended.pages[0]).catch(failed);
       if (ended.status) row.append(press("Again", () => ask(resumed(job.words)).catch(failed)));
       if (!row.children.length || row.children.length === 1) row.append(press("Ask again", () => { at("words").value = shell(job.words); at("words").focus(); }));
       done({ ...ended, printed: lines.textContent });
@@ -154,6 +157,34 @@ function stage(box, found, bar, text, second) {
     found.append(make("span", {}, name), make("div", { className: "meter" }, meter), make("output", {}, `${percent} %`));
     requestAnimationFrame(() => { meter.style.width = size; });
   }
+}
+
+// What a page says, beside the work that asked for it: the answer, one figure at a time, those that hold their numbers as
+// plots of their own, and derivatives if there are any.
+async function digest(box, page, close) {
+  if (box.dataset.page === page) return;
+  box.dataset.page = page;
+  const answer = await fetch(link(page));
+  if (!answer.ok) return box.replaceChildren(make("p", { className: "wrong" }, `${page} is gone`));
+  const told = new DOMParser().parseFromString(await answer.text(), "text/html"), figures = [...told.querySelectorAll("figure.picture")];
+  const part = element => { for (const e of [element, ...element.querySelectorAll("[id]")]) e.removeAttribute("id"); return document.importNode(element, true); };
+  const holder = make("div"), chips = make("div", { className: "chips", role: "group", ariaLabel: "Figures" });
+  const name = fig => fig.querySelector("figcaption strong").textContent.replace(/\.$/, "");
+  const draw = fig => {
+    for (const b of chips.children) b.setAttribute("aria-pressed", String(b.textContent === name(fig)));
+    if (fig.dataset.explore) figure(holder, JSON.parse(fig.dataset.explore)); else holder.replaceChildren(part(fig));
+  };
+  chips.append(...figures.map(fig => press(name(fig), () => draw(fig))));
+  const first = figures.find(f => f.id === "figure-time_histories") ?? figures[0], derivatives = told.querySelector("#table-derivatives"), said = told.querySelector(".answer");
+  box.replaceChildren(make("h2", {}, told.querySelector("h1").textContent), ...said ? [part(said)] : [], chips, holder,
+    ...derivatives ? [part(derivatives)] : [], make("div", { className: "row" }, press("The whole page", () => open(page)), press("Close", () => { box.dataset.page = ""; box.replaceChildren(); close?.(); })));
+  if (first) draw(first);
+}
+function figure(holder, json) { // a plot of numbers: its element, and what explores it
+  const fig = make("figure", { className: "live" }, make("picture"));
+  fig.dataset.explore = JSON.stringify(json);
+  holder.replaceChildren(fig);
+  return [fig, explore(fig)];
 }
 
 // Words of a command as a shell takes them apart.

@@ -58,7 +58,7 @@ views.set("flights", async () => {
   flight.shown = want.r;
   if (!same || first || !at("plot")) head(want.r.map(r => flight.met.get(r)));
   await plot();
-  await verdict(want.v);
+  if (want.v) await digest(at("verdict"), want.v, () => change({ v: null })); else at("verdict").replaceChildren();
 });
 
 async function choices(chosen) {
@@ -113,12 +113,6 @@ const picked = () => {
   return c.length ? c : met[0].first;
 };
 
-function figure(holder, json) {
-  const fig = make("figure", { className: "live" }, make("picture"));
-  fig.dataset.explore = JSON.stringify(json);
-  holder.replaceChildren(fig);
-  return [fig, explore(fig)];
-}
 let asked = 0;
 async function plot() {
   const c = picked(), { r, z } = wanted(), mine = ++asked;
@@ -275,31 +269,6 @@ async function settings(met) {
     make("thead", {}, make("tr", {}, ...["setting", ...found.names].map(t => make("th", { scope: "col" }, t)))),
     make("tbody", {}, ...rows.map(([name, a, b]) => make("tr", {}, make("th", { scope: "row" }, name), make("td", { className: "number" }, told(a)), make("td", { className: "number" }, told(b)))))))] : [];
   at("settings").replaceChildren(make("h2", {}, "Settings of the autopilot"), make("p", {}, `${found.equal} are equal in both.`), ...part(both, "differ"), ...part(alone, "stand in one log only"));
-}
-
-// What was identified, from its page: the answer, then models over measurement, poles and responses as plots of their own,
-// and the derivatives. One at a time; the whole page beside it.
-async function verdict(page) {
-  const box = at("verdict");
-  if (!page) return box.replaceChildren();
-  if (box.dataset.page === page) return;
-  box.dataset.page = page;
-  const answer = await fetch(link(page));
-  if (!answer.ok) return box.replaceChildren(make("p", { className: "wrong" }, `${page} is gone`));
-  const told = new DOMParser().parseFromString(await answer.text(), "text/html"), figures = [...told.querySelectorAll("figure[data-explore]")];
-  const part = element => { for (const e of [element, ...element.querySelectorAll("[id]")]) e.removeAttribute("id"); return document.adoptNode(element); };
-  const holder = make("div"), chips = make("div", { className: "chips", role: "group", ariaLabel: "Figures" });
-  const name = fig => fig.querySelector("figcaption strong").textContent.replace(/\.$/, "");
-  const draw = fig => {
-    for (const b of chips.children) b.setAttribute("aria-pressed", String(b.textContent === name(fig)));
-    figure(holder, JSON.parse(fig.dataset.explore));
-  };
-  chips.append(...figures.map(fig => press(name(fig), () => draw(fig))));
-  const derivatives = told.querySelector("#table-derivatives");
-  box.replaceChildren(make("h2", {}, told.querySelector("h1").textContent), part(told.querySelector(".answer")), chips, holder,
-    ...derivatives ? [part(derivatives)] : [], make("div", { className: "row" }, press("The whole page", () => open(page)), press("Close", () => change({ v: null }))));
-  const first = figures.find(f => f.id === "figure-time_histories") ?? figures[0];
-  if (first) draw(first);
 }
 
 listed("jobs").then(found => { for (const job of found) follow(job); }).catch(failed);
