@@ -202,6 +202,7 @@ views.set("work", () => {});
 async function edit(file) {
   at("text").value = (await show("text", { file })).text;
   at("file").textContent = file; at("checked").textContent = ""; at("editor").hidden = false;
+  at("look").hidden = !/\[\[channel\]\]/.test(at("text").value); // it describes a record
   at("text").focus(); at("editor").scrollIntoView({ behavior: "smooth" });
   at("save").onclick = async () => {
     try {

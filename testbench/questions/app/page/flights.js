@@ -20,10 +20,17 @@ async function take(files, path, identify) {
   const found = [];
   for (const log of logs) { // one after the other: each takes a core
     const end = await ask(["import", log, "--out", `results/${stem(log)}_log`]);
+    const template = end.printed.match(/--describe (\S+\.toml)/);
+    if (end.status && template) at("said").append(" ", press("Describe it", () => describe(log, template[1]).catch(failed), "main"));
     if (!end.status) found.push(`results/${stem(log)}_log/whole.nc`);
   }
   if (found.length) { say(""); flight.met.clear(); go("flights", { r: found }); }
 }
+async function describe(log, file) { // a table without names gets a file that says which column is what
+  const end = await ask(["import", log, "--describe", file]);
+  if (!end.status) await edit(file);
+}
+at("look").addEventListener("click", () => take([], at("file").textContent, false).catch(failed));
 at("drop").addEventListener("submit", event => {
   event.preventDefault();
   take(at("files").files, at("path").value.trim(), event.submitter?.value === "identify").catch(failed);
