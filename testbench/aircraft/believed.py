@@ -104,15 +104,6 @@ def with_priors(aircraft: Aircraft) -> Aircraft:
     return replace(aircraft, uncertainty=handbook)
 
 
-def as_it_may_be(aircraft: Aircraft, seed: int) -> Aircraft:
-    """Return the aircraft with its coefficients drawn by :func:`with_priors`.
-
-    Raises:
-        ModelError: see :func:`stated_deviations`.
-    """
-    return drawn(with_priors(aircraft), seed, 0)
-
-
 @lru_cache(maxsize=16)
 def _zeros(xml: str) -> frozenset[str]:
     """Return the functions of a JSBSim model whose factor is zero; kept, as a study draws thousands of aircraft."""

@@ -175,12 +175,12 @@ def rehearse(
 
     Example: `testbench plan rehearse my_plan.toml`, then `testbench plan close my_plan.toml logs/*.csv`.
     """
-    from testbench.aircraft.believed import as_it_may_be
     from testbench.core.named import obtain
     from testbench.core.project import remember
     from testbench.core.store import ResultFolder
     from testbench.flight import load_aircraft
     from testbench.questions.plan.ask import make_plan
+    from testbench.questions.plan.rehearse import as_drawn
     from testbench.questions.plan.rehearse import rehearse as fly_all
     from testbench.questions.plan.scenario import PlanScenario
 
@@ -189,7 +189,7 @@ def rehearse(
         plan = make_plan(loaded, progress=say)
         other = None if aircraft is None else load_aircraft(aircraft, loaded.wings)
         if drawn is not None:
-            other = as_it_may_be(other or plan.aircraft, drawn)
+            other = as_drawn(plan, other or plan.aircraft, drawn, say)
         logs = fly_all(plan, other, loaded.seed if seed is None else seed, say)
         files = [r.save_csv(place.new / f"{loaded.name}_flight_{k}.csv").name for k, r in logs.items()]
     for name in files:

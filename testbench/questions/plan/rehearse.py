@@ -12,7 +12,8 @@ from collections.abc import Callable
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.core.errors import RecordError
+from testbench.aircraft.believed import drawn, with_priors
+from testbench.core.errors import LimitError, RecordError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.air import LOWEST_M, AirSpec
 from testbench.flight import FlightCondition, trim
@@ -25,6 +26,8 @@ from testbench.questions.plan.response import scaled
 from testbench.questions.plan.result import Plan, Run
 from testbench.questions.plan.scenario import commanded
 
+DRAWS = 20
+"""Draws of an aircraft of which one must trim."""
 QUIET_S = 3.0
 """Undisturbed flight before the settling time of every run."""
 AFTER_S = 5.5
@@ -53,6 +56,36 @@ def rehearse(
         say(f"fly run {run.number} of {len(plan.runs)}")
         flown.setdefault(run.flight, []).append(_measured(plan, run, aircraft, seed + 1000 * run.number, say))
     return {flight: _joined(parts) for flight, parts in flown.items()}
+
+
+def as_drawn(plan: Plan, aircraft: Aircraft, seed: int, say: Callable[[str], None] = lambda text: None) -> Aircraft:
+    """Return an aircraft drawn by its uncertainty, or by what handbooks reach: the first draw that trims as planned.
+
+    Nobody takes one into the air that does not.
+
+    Args:
+        plan: whose speeds and heights are flown.
+        aircraft: as believed.
+        seed: of the draws.
+        say: called with why a draw is left out.
+
+    Raises:
+        ModelError: the aircraft states a deviation that cannot be drawn.
+        TrimError, LimitError: none of ``DRAWS`` draws trims at all speeds and heights.
+    """
+    believed = with_priors(aircraft)
+    for k in range(DRAWS):
+        other = drawn(believed, seed, k)
+        try:
+            for point in plan.points:
+                trim(other, FlightCondition(point.V_m_s, point.h_m))
+        except (TrimError, LimitError) as error:
+            if k == DRAWS - 1:
+                raise
+            say(f"draw again, as this aircraft cannot be flown: {error}")
+        else:
+            return other
+    raise AssertionError
 
 
 def _measured(plan: Plan, run: Run, other: Aircraft | None, seed: int, say: Callable[[str], None]) -> FlightRecord:
