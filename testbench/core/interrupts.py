@@ -134,7 +134,12 @@ def ended_by_signals() -> Generator[list[int], None, None]:
 
 
 def leave_to_the_system() -> None:
-    """Let signals end the process at once, as they end one that knows nothing of them."""
+    """Let signals end the process at once, as they end one that knows nothing of them; those that came are over.
+
+    An interrupt that passed through ``exec`` of a text, as modules are imported that make classes so, would end Python
+    by SIGINT, whatever its status, unless another text is run (CPython's pythonrun.c).
+    """
+    exec("")
     for number in (signal.SIGINT, *_ENDING):
         signal.signal(number, signal.SIG_DFL)
 

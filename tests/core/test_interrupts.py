@@ -3,6 +3,8 @@
 import contextlib
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 
@@ -144,3 +146,22 @@ def test_a_signal_as_the_command_ends_has_its_status_and_is_no_traceback(monkeyp
     with pytest.raises(SystemExit) as end:
         cli.main()
     assert end.value.code == 128 + signal.SIGTERM
+
+
+ENDED = """
+import sys
+from testbench.core.interrupts import leave_to_the_system
+try:
+    exec("raise KeyboardInterrupt")  # as where a module is imported that makes classes from texts
+except KeyboardInterrupt:
+    leave_to_the_system()
+sys.exit(143)
+"""
+
+
+def test_python_ends_with_the_status_that_was_given_wherever_an_interrupt_struck(tmp_path):
+    (tmp_path / "ended.py").write_text(ENDED, encoding="utf-8")
+    paths = os.pathsep.join([str(tmp_path), *sys.path])
+    command = [sys.executable, "-S", "-m", "ended"]
+    done = subprocess.run(command, env={"PYTHONPATH": paths}, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (143, "")
