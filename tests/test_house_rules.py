@@ -315,12 +315,9 @@ def test_captions_name_no_colour_that_dark_pages_turn_round():
 
 # What a module of a question or environment may write but into the ``new`` of a ResultFolder, and why that is safe.
 WRITERS = {
-    "one file that the user names": {
-        "envs/baselines.py", "envs/train.py", "questions/export/ask.py", "questions/gap/command.py",
-        "questions/studio/command.py", "questions/exercise/command.py", "questions/dataset/command.py",
-    },
+    "handed the path of write_beside": {"questions/export/ask.py"},
     "a file of the user's own, as they asked for": {
-        "questions/exercise/answers.py", "questions/plan/verdicts.py", "questions/files.py",
+        "questions/exercise/answers.py", "questions/plan/verdicts.py",
         "questions/app/ask.py",
     },
     "handed the folder that a page or a result is made in": {
@@ -332,7 +329,6 @@ WRITERS = {
         "questions/campaign/ask.py", "questions/campaign/store.py", "questions/compare/benchmark/ask.py",
         "questions/gap/again.py", "questions/live/command.py",
     },
-    "a new folder that the user names": {"questions/project/new.py"},
     "a folder for temporary files": {"questions/exercise/catalogue/wrong_sign.py", "questions/export/aircraft.py"},
 }  # fmt: skip
 _WRITES = frozenset({
@@ -505,7 +501,7 @@ _READERS = re.compile(
     r"(\.read_text|\.read_bytes|\bgenfromtxt|\bnp\.load|\bjson\.load|\btomllib\.load|\bparse|\bloadmat|\bopen)$"
 )
 _BY_LIBRARY = re.compile(
-    r"(read_csv|loadtxt|read_parquet|fromfile|memmap|sqlite3\.connect|open_dataset|ParquetFile|h5py\.File)$"
+    r"(read_csv|loadtxt|ZipFile|read_parquet|fromfile|memmap|sqlite3\.connect|open_dataset|ParquetFile|h5py\.File)$"
 )
 
 

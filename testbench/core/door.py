@@ -84,10 +84,8 @@ class Kind(NamedTuple):
 
 _MB = 1e6
 KINDS = {
-    **dict.fromkeys(
-        ("scenario", "suite", "aircraft", "geometry", "ground test", "structure", "prior", "answers"),
-        Kind("TOML file", 2 * _MB),
-    ),
+    **dict.fromkeys(("scenario", "suite", "aircraft", "geometry", "masses beside AVL"), Kind("TOML file", 2 * _MB)),
+    **dict.fromkeys(("ground test", "structure", "prior", "project", "writer", "answers"), Kind("TOML file", 2 * _MB)),
     "JSBSim model": Kind("JSBSim file in XML", 20 * _MB),
     "AVL": Kind("AVL file", 10 * _MB),
     "airfoil": Kind("file of an airfoil", 10 * _MB),
@@ -98,6 +96,7 @@ KINDS = {
     "campaign store": Kind("campaign's store"),
     "journal": Kind("journal of finished work", 200 * _MB),
     "python": Kind("Python file", 10 * _MB),
+    "agent": Kind("file of an agent (.zip)", 500 * _MB),
     "key": Kind("file with the teacher's key", 1 * _MB),
     "roster": Kind("file with one name a line", 1 * _MB),
     "log": Kind("log"),

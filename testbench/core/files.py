@@ -158,29 +158,34 @@ def write_file(path: Path, content: str | bytes | Callable[[Path], object], law:
     return path
 
 
-def write_new(path: Path, content: str, what: str, law: str = LAW) -> Path:
+def must_be_new(path: Path, what: str) -> None:
+    """Check that nothing lies where a file is to be written that a user will edit.
+
+    Raises:
+        RecordError: something does.
+    """
+    if os.path.lexists(path):
+        raise RecordError(f"{what} must be a new file, got '{path}', which exists; give another name")
+
+
+def write_new(path: Path, content: str, what: str) -> Path:
     """Write a file as :func:`write_file` does, but never in the place of one that is there, and return ``path``.
 
     Args:
         path: the file.
         content: its text.
         what: it is, as the error says it: "a new plan".
-        law: what must hold, as the error says it where the file cannot be written.
 
     Raises:
         RecordError: the file is there.
         WriteError: it cannot be written.
     """
-    there = RecordError(f"{what} must be a new file, got '{path}', which exists; give another name")
-    if os.path.lexists(path):
-        raise there
-    made = write_file(
-        path.with_name(f"{path.name}.new"), content, law
-    )  # of one name: what a kill leaves goes next time
+    must_be_new(path, what)
+    made = write_file(path.with_name(f"{path.name}.new"), content)  # of one name: what a kill leaves goes next time
     try:
         os.link(made, path)  # unlike a rename, this fails if somebody has just made the file
-    except FileExistsError as error:
-        raise there from error
+    except FileExistsError:  # as it is now
+        must_be_new(path, what)
     except OSError:  # a file system without links
         made.replace(path)
     finally:

@@ -16,17 +16,17 @@ from testbench.core.door import open_file
 from testbench.core.errors import RecordError, ScenarioError, nearest
 from testbench.core.plugins import installed, is_plugin, place
 
-_PACKAGE = Path(__file__).resolve().parents[1]
+PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def _folder(name: str) -> Path:
-    packaged = _PACKAGE / "data" / name
-    return packaged if packaged.is_dir() else _PACKAGE.parent / name
+    packaged = PACKAGE / "data" / name
+    return packaged if packaged.is_dir() else PACKAGE.parent / name
 
 
 AIRCRAFT_MODELS = _folder("aircraft_models")
 SCENARIOS = _folder("scenarios")
-SUITES = _PACKAGE / "sensors" / "suites"
+SUITES = PACKAGE / "sensors" / "suites"
 
 
 def aircraft_names() -> list[str]:

@@ -19,6 +19,7 @@ from testbench.core.errors import ScenarioError
 from testbench.core.escape import table_lines
 from testbench.core.files import write_file
 from testbench.core.schema import Positive, Strict, Text, parse
+from testbench.core.store import one_writer
 
 FILE = "project.toml"
 _OWN = {"aircraft", "suite", "speeds_m_s"}  # keys by which a file of this name is told to be of the testbench
@@ -97,9 +98,17 @@ def project_here() -> Project | None:
         ScenarioError: its file breaks a law.
     """
     file = Path(FILE)
-    if not file.is_file() or not set(content := read_toml(file)) >= _OWN:
-        return None
-    project, faults = parse(Project, content, file)
+    return read_project(file) if file.is_file() and set(read_toml(file, "project")) >= _OWN else None
+
+
+def read_project(file: Path) -> Project:
+    """Return what a project's file says.
+
+    Raises:
+        RecordError: it cannot be read.
+        ScenarioError: it breaks a law.
+    """
+    project, faults = parse(Project, read_toml(file, "project"), file)
     if project is None or faults:
         raise ScenarioError(faults)
     return project
@@ -123,7 +132,9 @@ def remember(result: Path | str, says: str) -> None:
     """Add what the command that runs found to the project of the working directory, if it is one."""
     if project_here() is None:
         return
-    file = Path(FILE)
+    file = Path(FILE).resolve()  # a link stays one
     command = " ".join(sys.argv[1:]) or "python"
     found = {"at": time.strftime("%Y-%m-%d %H:%M:%S"), "command": command, "result": str(result), "says": says}
-    write_file(file, "\n".join([read_text(file, "scenario").rstrip("\n"), "", *table_lines({"history": [found]}), ""]))
+    with one_writer(file):  # of two commands that end at once, neither's entry is lost
+        text = read_text(file, "project").rstrip("\n")
+        write_file(file, "\n".join([text, "", *table_lines({"history": [found]}), ""]))

@@ -18,6 +18,7 @@ import contextlib
 import hashlib
 import json
 import os
+import re
 import shutil
 import sys
 import warnings
@@ -33,7 +34,7 @@ from testbench.core.door import READ, read_text
 from testbench.core.errors import BusyError, RecordError, WriteError
 from testbench.core.files import not_written, write_file
 from testbench.core.interrupts import held_back
-from testbench.core.paths import AIRCRAFT_MODELS, SCENARIOS, SUITES, stock_root
+from testbench.core.paths import AIRCRAFT_MODELS, PACKAGE, SCENARIOS, SUITES, stock_root
 
 if TYPE_CHECKING:
     from filelock import FileLock
@@ -49,6 +50,7 @@ WAIT_S = 10.0
 """Who adds a file to a folder waits this long for another writer, as one command for each file may run at once."""
 _FORMAT = "testbench result 1"
 _DEVICES = frozenset({"con", "prn", "aux", "nul", *(f"{port}{k}" for port in ("com", "lpt") for k in range(1, 10))})
+_NO_NAME = re.compile(r'[\x00-\x1f\x7f-\x9f\u2028\u2029\\/:*?"<>|]')
 _LOCKS = Path("/proc/locks")
 
 Entry = tuple[int, str] | None
@@ -94,10 +96,10 @@ def folder_in(place: Path, name: str) -> Path:
     """Return the folder ``name`` in ``place``; a name comes from a file, and must not lead elsewhere.
 
     Raises:
-        RecordError: it is not the name of one folder on every system: dots, a path, a device of Windows.
+        RecordError: it is not the name of one file or folder on every system: see :func:`is_plain`.
     """
-    if not _is_plain(name):
-        raise RecordError(f"a folder of results must have a plain name, got '{name}'; change the name")
+    if not is_plain(name):
+        raise RecordError(f"what is written must have a plain name, got {name!r}; change the name")
     return place / name
 
 
@@ -134,7 +136,7 @@ class ResultFolder:
         self._resume, self._adds, self._sealed = resume, adds, sealed
         self._lock: FileLock | None = None
         self._before = {} if _command() else dict(READ)  # a program may have read much for other results
-        folder_in(self.path.parent, self.path.name or "root")
+        folder_in(self.path.parent, Path(os.path.abspath(self.path)).name or "root")
         self._made = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
         try:
             within(self.path, self.path / OWN / LOCK)
@@ -248,8 +250,9 @@ class ResultFolder:
 
     def _inputs(self, files: Mapping[str, Entry]) -> dict[str, Entry]:
         """Return name -> entry of the files that were read for this result, but for its own."""
-        own = {self.path.absolute() / name for name in files}
-        read = {path: then for path, then in READ.items() if path not in own and self._before.get(path) != then}
+        own, new = {self.path.absolute() / name for name in files}, self.new.absolute()
+        mine = {path for path in READ if path in own or path.is_relative_to(new)}
+        read = {path: then for path, then in READ.items() if path not in mine and self._before.get(path) != then}
         return dict(sorted((_name_of(path), _entry_then(path, *then[:2])) for path, then in read.items()))
 
     def _saved(self, manifest: Manifest) -> Path:
@@ -260,20 +263,27 @@ class ResultFolder:
         return place
 
 
-def write_beside(path: Path, write: Callable[[Path], Any]) -> Path:
+def write_beside(path: Path, content: str | bytes | Callable[[Path], object]) -> Path:
     """Write one file that a user names beside what else is in its folder, and return its path.
 
     Args:
         path: the file; one that is there is replaced if the testbench wrote it.
-        write: writes the file whose path it is given.
+        content: as :func:`testbench.core.files.write_file` takes it.
 
     Raises:
         BusyError: another process goes on writing into the folder.
-        WriteError: the file is there and no manifest lists it, or it cannot be written.
+        RecordError: its name is not plain.
+        WriteError: the file is there and no manifest lists it, or it is not written.
     """
     with ResultFolder(path.parent, adds=True) as place:
+        new = folder_in(place.new, path.name)
         place.check(path.name)
-        write(place.new / path.name)
+        if callable(content):
+            content(new)
+        else:
+            write_file(new, content)
+        if not new.is_file():
+            raise WriteError(f"what writes '{path}' must write a file, but it wrote none")
     return path
 
 
@@ -386,9 +396,18 @@ def _not_ours(path: Path, saved: Path | None = None) -> WriteError:
     )
 
 
-def _is_plain(name: str) -> bool:
+def is_plain(name: str) -> bool:
+    """Return whether a name is that of one file on every system: no path, line end, device of Windows or last dot."""
     device = name.split(".")[0].strip().lower() in _DEVICES
-    return bool(name.strip(". ")) and name == PurePath(name).name and not set(name) & set('\\/:*?"<>|\0') and not device
+    whole = name == PurePath(name).name and name == name.rstrip(". ") and not _NO_NAME.search(name)
+    return bool(name.strip()) and whole and not device
+
+
+def is_fresh(folder: Path) -> bool:
+    """Return whether a folder is not there, or holds nothing but what an interrupted command left."""
+    if not os.path.lexists(folder):
+        return True
+    return folder.is_dir() and manifest_of(folder) is None and all(path.name == OWN for path in folder.iterdir())
 
 
 def _read(path: Path) -> tuple[Manifest, dict[str, Any]] | None:
@@ -443,6 +462,25 @@ def locked(folder: Path, name: str = LOCK, wait_s: float = 0.0) -> FileLock:
     return lock
 
 
+@contextlib.contextmanager
+def one_writer(file: Path) -> Iterator[None]:
+    """Let nobody else change a user's own file, as a project's is, within the block; who is at it is waited for.
+
+    Raises:
+        BusyError: it takes them too long.
+        WriteError: its folder cannot be written to.
+    """
+    try:
+        (file.parent / OWN).mkdir(exist_ok=True)
+        lock = locked(file.parent, f"{file.name}.{LOCK}", WAIT_S)
+    except OSError as error:
+        raise not_written(file, error) from error
+    try:
+        yield
+    finally:
+        lock.release()
+
+
 def _holder(lock: Path) -> str:
     """Return the process that holds a lock, in words; Linux lists them with the numbers of their files."""
     with contextlib.suppress(OSError, ValueError):
@@ -483,7 +521,7 @@ def _entry_then(path: Path, size: int, time_ns: int) -> Entry:
 def _packaged() -> Iterator[tuple[str, Path]]:
     """Yield what names begin with of files that are packaged, and the folder that it stands for."""
     yield from (("testbench:aircraft/", AIRCRAFT_MODELS), ("testbench:scenarios/", SCENARIOS))
-    yield "testbench:suites/", SUITES
+    yield from (("testbench:suites/", SUITES), ("testbench:", PACKAGE))
     if (root := stock_root()) is not None:
         yield "jsbsim:", root
 

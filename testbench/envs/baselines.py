@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from testbench.core.errors import LimitError, TestbenchError
-from testbench.core.files import write_file
 from testbench.core.record import FloatArray
+from testbench.core.store import write_beside
 from testbench.design.refine import Steps, Switching, designed_signs
 from testbench.envs.train import TRUST, agent_actions
 from testbench.information.fisher import cost
@@ -259,8 +259,7 @@ def _print(settings: Mapping[str, Any], given: argparse.Namespace) -> None:
     rows = baselines(env, given.seed, given.flights, given.agent, settings, given.trust)
     print(as_text(rows))
     if given.out is not None:
-        write_file(given.out, as_csv(rows), "a table must be written to a folder that can be written to")
-        print(f"Written: {given.out}")
+        print(f"Written: {write_beside(given.out, as_csv(rows))}")
 
 
 if __name__ == "__main__":

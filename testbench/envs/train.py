@@ -21,9 +21,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from testbench.core.door import checked, open_file
 from testbench.core.errors import LimitError, MissingPackage, RecordError, TestbenchError
-from testbench.core.files import not_written, parsed, reason_of
+from testbench.core.files import parsed, reason_of
 from testbench.core.record import FloatArray
+from testbench.core.store import ResultFolder, write_beside
 
 if TYPE_CHECKING:
     from testbench.envs.excitation import ExcitationDesign  # needs gymnasium, which --help does not
@@ -74,18 +76,37 @@ def train(task: str, steps: int, seed: int, out: Path, hold: int = 6, **settings
         raise MissingPackage(NEEDS_RL) from error
     from testbench.envs.excitation import ExcitationDesign
 
+    place = ResultFolder(out.parent, adds=True)  # before hours of work
+    try:
+        place.check(out.name)
+    finally:
+        place.leave()
     torch.set_num_threads(1)
     decision_s = hold * ExcitationDesign(task, **settings).decision_s
     copies = DummyVecEnv([lambda: ExcitationDesign(task, decision_s=decision_s, **settings) for _ in range(_COPIES)])
     agent = PPO("MlpPolicy", copies, seed=seed, device="cpu", **_SETTINGS)
     agent.learn(steps)
     agent.task, agent.decision_s = task, decision_s  # kept with the agent in its file
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        agent.save(out)
-    except OSError as error:
-        raise not_written(out, error, "an agent must be written to a folder that can be written to") from error
-    return out
+    whole = io.BytesIO()
+    agent.save(whole)
+    return write_beside(out, whole.getvalue())
+
+
+def read_agent(file: Path) -> tuple[str, float, io.BytesIO]:
+    """Return the task of an agent, how long it holds a choice, s, and the file of its policy's numbers; no code runs.
+
+    Raises:
+        RecordError: it is no agent that :func:`train` wrote.
+    """
+    with (
+        open_file(file, "agent") as whole,
+        parsed(file, "an agent that testbench.envs.train wrote"),
+        zipfile.ZipFile(whole) as entries,
+    ):
+        if max(entries.getinfo(name).file_size for name in ("data", "policy.pth")) > _LARGEST:
+            raise RecordError(f"entries of an agent must be at most {_LARGEST:g} bytes, got more in '{file}'")
+        told = json.loads(entries.read("data"))
+        return str(told["task"]), float(told["decision_s"]), io.BytesIO(entries.read("policy.pth"))
 
 
 def agent_actions(
@@ -109,20 +130,12 @@ def agent_actions(
         raise MissingPackage(NEEDS_RL) from error
     from testbench.envs.excitation import ExcitationDesign
 
-    if not file.is_file():
-        raise RecordError(
-            f"an agent must be a file that exists, got '{file}'; train one: python -m testbench.envs.train"
-        )
     if trust:
-        with parsed(file, "an agent that testbench.envs.train wrote"):
+        with parsed(checked(file, "agent"), "an agent that testbench.envs.train wrote"):
             agent = PPO.load(file, device="cpu")
         task, decision_s = getattr(agent, "task", None), getattr(agent, "decision_s", env.decision_s)
     else:
-        with parsed(file, "an agent that testbench.envs.train wrote"), zipfile.ZipFile(file) as entries:
-            if max(entries.getinfo(name).file_size for name in ("data", "policy.pth")) > _LARGEST:
-                raise RecordError(f"entries of an agent must be at most {_LARGEST:g} bytes, got more in '{file}'")
-            told, numbers = json.loads(entries.read("data")), io.BytesIO(entries.read("policy.pth"))
-            task, decision_s = str(told["task"]), float(told["decision_s"])
+        task, decision_s, numbers = read_agent(file)
     fault = f"the agent in '{file}' must be one for task {settings['task']} and these settings, got one for {task}"
     if task != settings["task"]:
         raise RecordError(fault)

@@ -115,7 +115,7 @@ def writer_of(table: Table) -> Writer | None:
         ScenarioError: a file of the user is wrong.
     """
     for folder in dict.fromkeys((table.file.resolve().parent / _FOLDER, Path.cwd() / _FOLDER, _PACKAGED)):
-        found = [writer for writer in _writers(folder) if writer.wrote(table)]
+        found = [writer for writer in writers_in(folder) if writer.wrote(table)]
         if found:
             return max(found, key=lambda writer: len(writer.columns))
     return None
@@ -126,10 +126,15 @@ def _labels(table: Table) -> Sequence[str]:
 
 
 @cache
-def _writers(folder: Path) -> tuple[Writer, ...]:
+def writers_in(folder: Path) -> tuple[Writer, ...]:
+    """Return the writers that the TOML files of a folder describe.
+
+    Raises:
+        RecordError, ScenarioError: a file cannot be read, or breaks its schema.
+    """
     out = []
     for file in sorted(folder.glob("*.toml")):
-        writer, faults = parse(Writer, read_toml(file), file)
+        writer, faults = parse(Writer, read_toml(file, "writer"), file)
         if writer is None or faults:
             raise ScenarioError("\n".join(faults))
         out.append(writer)

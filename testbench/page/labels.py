@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD, PERCENT
+from testbench.core.store import is_plain
 
 _POWERS = str.maketrans("23", "²³")
 
@@ -56,8 +57,8 @@ def unique(names: Sequence[str]) -> list[str]:
 
 def file_stem(name: str) -> str:
     """Return ``name`` with all but letters, digits, dot, minus and underscore replaced by "_", fit for a file name."""
-    stem = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._")
-    return stem[:120] or "unnamed"
+    stem = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._")[:120].rstrip(".") or "unnamed"
+    return stem if is_plain(stem) else f"_{stem}"
 
 
 def number(value: float, digits: int = 3) -> str:

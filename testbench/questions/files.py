@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 from collections.abc import Callable, Collection
 from difflib import get_close_matches
 from importlib import import_module
@@ -13,7 +12,7 @@ from typing import Any, TypeVar
 
 from testbench.core.door import read_toml
 from testbench.core.errors import RecordError, ScenarioError
-from testbench.core.files import LAW, write_file, write_new
+from testbench.core.files import must_be_new, write_file, write_new
 from testbench.core.paths import (
     AIRCRAFT,
     AIRCRAFT_MODELS,
@@ -27,12 +26,15 @@ from testbench.core.paths import (
 )
 from testbench.core.plugins import installed
 from testbench.core.scenario.base import Asked
-from testbench.core.schema import Strict
+from testbench.core.schema import Strict, parse
+from testbench.core.store import ResultFolder
 from testbench.questions import BY_COMMAND, QUESTIONS, Question
 
 Rows = list[tuple[str, ...]]
 WITH_FILES = tuple(q for q in QUESTIONS if q.kind)
 """The questions that are asked in a file."""
+SCHEMAS = "schemas"
+"""Folder of the JSON schemas beside a file to edit."""
 PROMISES = "promises"
 """Folder beside ``designs`` where `testbench design` writes what it promises of each."""
 Kind = TypeVar("Kind", bound=Asked)
@@ -85,7 +87,7 @@ def kinds_of(file: Path) -> list[Question]:
     content = read_toml(file)
     if not content:
         raise ScenarioError(f"{file} must say what is asked, but it is empty; `testbench list scenarios` has examples")
-    scores = {q.command: _score(q, content.keys()) for q in WITH_FILES}
+    scores = {q.command: _score(q.keys, content.keys()) for q in WITH_FILES}
     best = max(scores.values())
     if not best:
         raise ScenarioError(
@@ -95,11 +97,26 @@ def kinds_of(file: Path) -> list[Question]:
     return [q for q in WITH_FILES if scores[q.command] == best]
 
 
-def _score(question: Question, given: Collection[str]) -> float:
-    """Return how many of the given keys a question knows, one that is near a key of it as a half."""
-    strange = set(given) - question.keys
-    near = sum(bool(get_close_matches(key, question.keys, 1, _NEAR)) for key in strange)
+def _score(known: Collection[str], given: Collection[str]) -> float:
+    """Return how many of the given keys a kind of file knows, one that is near a key of it as a half."""
+    strange = set(given) - set(known)
+    near = sum(bool(get_close_matches(key, known, 1, _NEAR)) for key in strange)
     return len(given) - len(strange) + 0.5 * near
+
+
+def kind_of(file: Path) -> str:
+    """Return the kind of :func:`file_classes` that knows most keys of a TOML file.
+
+    Of several it is a question's, else one whose laws the file keeps.
+
+    Raises:
+        RecordError, ScenarioError: the file cannot be read, or is not TOML.
+    """
+    content, classes = read_toml(file), file_classes()
+    scores = {kind: _score(known.model_fields, content) for kind, known in classes.items()}
+    best = [kind for kind, score in scores.items() if score == max(scores.values())]
+    asked = {q.kind for q in WITH_FILES} & {*best}
+    return best[0] if asked else next((k for k in best if not parse(classes[k], content, file)[1]), best[0])
 
 
 def file_classes() -> dict[str, type[Strict]]:
@@ -109,6 +126,7 @@ def file_classes() -> dict[str, type[Strict]]:
     from testbench.aircraft.strips.ground_test import GroundTestFile
     from testbench.core.project import Project
     from testbench.estimators.equations import Equations
+    from testbench.logs.catalogue import Writer
     from testbench.questions.identify.pool.prior import PriorFile
     from testbench.sensors.suite import SensorEntry, SuiteFile
 
@@ -119,7 +137,8 @@ def file_classes() -> dict[str, type[Strict]]:
         "geometry": GeometryFile,
     }
     brought |= {"masses beside AVL": BesideAvl, "ground test": GroundTestFile, "structure": Equations}
-    return {q.kind: q.file_class for q in WITH_FILES} | brought | {"prior": PriorFile, "project": Project}
+    brought |= {"prior": PriorFile, "project": Project, "writer": Writer}
+    return {q.kind: q.file_class for q in WITH_FILES} | brought
 
 
 def json_schemas() -> dict[str, dict[str, Any]]:
@@ -137,34 +156,50 @@ def json_schemas() -> dict[str, dict[str, Any]]:
     }
 
 
-def write_schemas(folder: Path, kinds: Collection[str], law: str = LAW) -> list[Path]:
-    """Write the JSON schemas of some kinds of file as ``KIND.json``, with "_" for spaces; return the files."""
+def _schema_name(kind: str) -> str:
+    return f"{kind.replace(' ', '_')}.json"
+
+
+def schema_files(kinds: Collection[str]) -> dict[str, str]:
+    """Return name -> text of the files of some kinds' JSON schemas."""
     schemas = json_schemas()
-    return [
-        write_file(folder / f"{kind.replace(' ', '_')}.json", json.dumps(schemas[kind], indent=1) + "\n", law)
-        for kind in kinds
-    ]
+    return {_schema_name(kind): json.dumps(schemas[kind], indent=1) + "\n" for kind in kinds}
 
 
-def write_to_edit(path: Path, text: str, kind: str, what: str, law: str = LAW) -> Path:
-    """Write a new TOML file for the user to edit, and the schema that its first line names to editors; return it.
+def write_schemas(folder: Path, kinds: Collection[str]) -> list[Path]:
+    """Write the JSON schemas of some kinds of file into a folder beside what else is there; return the files.
+
+    Raises:
+        WriteError: the folder cannot be written to, or a file is there that the testbench did not write.
+    """
+    with ResultFolder(folder, adds=True) as place:
+        return [folder / write_file(place.new / name, text).name for name, text in schema_files(kinds).items()]
+
+
+def to_edit(text: str, kind: str) -> str:
+    """Return the text of a TOML file for the user to edit, whose first line names its schema to editors.
 
     The line ``#:schema`` is taplo's, which editors use for TOML: it completes keys and marks what breaks their ranges.
+    """
+    return f"#:schema {SCHEMAS}/{_schema_name(kind)}\n{text}"
+
+
+def write_to_edit(path: Path, text: str, kind: str, what: str) -> Path:
+    """Write a new TOML file for the user to edit, and the schema that :func:`to_edit` names beside it; return it.
 
     Args:
         path: the file, which must not be there.
         text: of the file.
         kind: a key of :func:`file_classes`.
         what: it is, as the error says it: "a new plan".
-        law: what must hold, as the error says it where it cannot be written.
 
     Raises:
         RecordError: the file is there.
         WriteError: it cannot be written.
     """
-    if not os.path.lexists(path):  # the file that stops another try is the last one
-        write_schemas(path.parent / "schemas", [kind], law)
-    return write_new(path, f"#:schema schemas/{kind.replace(' ', '_')}.json\n{text}", what, law)
+    must_be_new(path, what)  # the file that stops another try is the last one
+    write_schemas(path.parent / SCHEMAS, [kind])
+    return write_new(path, to_edit(text, kind), what)
 
 
 def _packaged() -> list[str]:

@@ -26,7 +26,7 @@ from testbench.core.door import checked
 from testbench.core.errors import BusyError, DiskError, RecordError, WriteError
 from testbench.core.files import mat_bytes, write_file
 from testbench.core.interrupts import ended_by_signals, held_back
-from testbench.core.paths import SUITES
+from testbench.core.paths import PACKAGE, SUITES
 from testbench.core.store import (
     COMMIT,
     KEPT,
@@ -39,8 +39,10 @@ from testbench.core.store import (
     ResultFolder,
     folder_in,
     input_at,
+    is_fresh,
     locked,
     manifest_of,
+    one_writer,
     write_beside,
 )
 
@@ -234,14 +236,17 @@ def test_a_manifest_lists_the_files_that_were_read_by_names_that_hold_elsewhere(
         checked(Path(name), "scenario")
     Path("changed.toml").write_text("changed")
     checked(SUITES / "taurus_8hz.toml", "scenario")
+    checked(PACKAGE / "logs" / "writers" / "garmin.toml", "writer")
     with pytest.raises(RecordError):
         checked(tmp_path / "absent.toml", "scenario")
-    write("results/a", a_csv="1")
+    with ResultFolder("results/a") as place:
+        checked(write_file(place.new / "a.csv", "1"), "scenario")  # of its own: no input
     inputs = manifest_of("results/a").inputs
     assert inputs["mine.toml"][0] == len("mine.toml")
     assert inputs["changed.toml"] is None
     assert "testbench:suites/taurus_8hz.toml" in inputs
-    assert not any("absent" in name for name in inputs)
+    assert "testbench:logs/writers/garmin.toml" in inputs
+    assert not any("absent" in name or OWN in name for name in inputs)
     monkeypatch.chdir("/")
     folder = tmp_path / "results" / "a"
     assert input_at("mine.toml", folder) == tmp_path / "mine.toml"
@@ -251,7 +256,7 @@ def test_a_manifest_lists_the_files_that_were_read_by_names_that_hold_elsewhere(
 
 def test_names_that_lead_elsewhere_are_refused(tmp_path):
     assert folder_in(tmp_path, "my flight.v2") == tmp_path / "my flight.v2"
-    for name in ("..", ".", "", " ", "a/b", "/etc", "..\\x", "c:", "NUL", "com1.txt", "a\0b"):
+    for name in ("..", ".", "", " ", "a/b", "/etc", "..\\x", "c:", "NUL", "com1.txt", "a\0b", "a\nb", "a."):
         with pytest.raises(RecordError, match="plain name"):
             folder_in(tmp_path, name)
 
@@ -320,10 +325,35 @@ def test_one_file_beside_a_users_own(tmp_path):
     for text in ("1", "2"):
         assert write_beside(tmp_path / "r.csv", lambda path, text=text: path.write_text(text)) == tmp_path / "r.csv"
     with pytest.raises(WriteError, match=r"no manifest lists '.*mine\.csv'"):
-        write_beside(tmp_path / "mine.csv", lambda path: path.write_text("3"))
+        write_beside(tmp_path / "mine.csv", "3")
+    with pytest.raises(RecordError, match=r"plain name, got 'con\.csv'"):
+        write_beside(tmp_path / "con.csv", "3")
+    with pytest.raises(WriteError, match="must write a file, but it wrote none"):
+        write_beside(tmp_path / "none.csv", lambda path: None)
     assert {p.name: p.read_text() for p in tmp_path.iterdir() if p.is_file()} == {
         "report.html": "mine", "mine.csv": "mine", "r.csv": "2",
     }  # fmt: skip
+
+
+def test_a_folder_is_fresh_until_it_holds_something_of_a_user_or_a_result(tmp_path):
+    folder = tmp_path / "new"
+    assert is_fresh(folder)
+    (folder / OWN / NEW).mkdir(parents=True)
+    (folder / OWN / NEW / "half.toml").write_text("half")  # of a command that was killed
+    assert is_fresh(folder)
+    write(folder)
+    assert not is_fresh(folder)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("mine")
+    assert not is_fresh(tmp_path / "mine")
+    assert not is_fresh(tmp_path / "mine" / "thesis.txt")
+
+
+def test_one_writer_of_a_users_own_file_at_a_time(tmp_path, monkeypatch):
+    monkeypatch.setattr(store, "WAIT_S", 0.0)
+    file = tmp_path / "project.toml"
+    with one_writer(file), ResultFolder(tmp_path), pytest.raises(BusyError), one_writer(file):
+        pass  # a result may be written beside it; another writer of it may not come
 
 
 HOLD_ADDING = (

@@ -107,7 +107,7 @@ def test_agents_of_another_task_and_files_that_are_none_are_refused(monkeypatch,
     (tmp_path / "text.zip").write_bytes(b"an agent")
     with pytest.raises(RecordError, match=r"must be an agent that testbench\.envs\.train wrote"):
         agent_actions(env, tmp_path / "text.zip", 0, {"task": "taurus"})
-    with pytest.raises(RecordError, match="must be a file that exists"):
+    with pytest.raises(RecordError, match=r"a readable file of an agent .* got: No such file"):
         agent_actions(env, tmp_path / "none.zip", 0, {"task": "taurus"})
 
 

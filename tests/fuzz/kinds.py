@@ -1,7 +1,9 @@
 """A small valid file of every kind that the door knows, and its reader: what the fuzzers damage."""
 
+import io
 import json
 import shutil
+import zipfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -14,9 +16,12 @@ from testbench.aircraft.geometry.shape import read_coordinates
 from testbench.aircraft.model import read_aircraft
 from testbench.aircraft.strips.ground_test import read_ground_test
 from testbench.core.bring import declared
-from testbench.core.paths import AIRCRAFT_MODELS, SCENARIOS, SUITES
+from testbench.core.paths import AIRCRAFT_MODELS, PACKAGE, SCENARIOS, SUITES
+from testbench.core.project import read_project
 from testbench.core.record import load_record
+from testbench.envs.train import read_agent
 from testbench.estimators.contract import Text
+from testbench.logs.catalogue import writers_in
 from testbench.questions.campaign.flying import Outcome
 from testbench.questions.campaign.load import load_campaign
 from testbench.questions.campaign.store import FILE, Store
@@ -36,6 +41,7 @@ from testbench.sensors import load_suite
 
 PLANS = Path(__file__).resolve().parents[1] / "aircraft" / "geometry" / "plans"
 SHAPES = SCENARIOS / "ground_tests"
+WRITERS = PACKAGE / "logs" / "writers"
 EXERCISE = load_exercise("log_to_derivatives")
 PRIOR = """source = "a tunnel"
 [coefficient]
@@ -73,6 +79,21 @@ class Example(NamedTuple):
         path = folder / self.name
         path.write_bytes(content)
         return self.read(path)
+
+
+PROJECT = (
+    'title = "one"', 'aircraft = "taurus"', 'suite = "taurus_8hz"', "speeds_m_s = [12.0, 14.0]", "h_m = 100.0",
+    "[limits]", "load_factor = [0.3, 1.7]", "[accuracies]", "M_q = 10.0", "[[history]]", 'at = "2026-01-01 10:00:00"',
+    'command = "design longitudinal.toml"', 'result = "results/design_longitudinal"',
+)  # fmt: skip
+
+
+def _agent() -> bytes:
+    whole = io.BytesIO()
+    with zipfile.ZipFile(whole, "w") as entries:
+        entries.writestr("data", json.dumps({"task": "eolo", "decision_s": 0.1}))
+        entries.writestr("policy.pth", b"numbers")
+    return whole.getvalue()
 
 
 def _avl(path: Path) -> object:
@@ -127,6 +148,12 @@ def examples(place: Path) -> dict[str, Example]:
         "JSBSim model": Example(
             "eolo.xml", model[0].read_bytes(), lambda p: read_aircraft(p.parent), (eolo / "aircraft.toml", model[1])
         ),
+        "project": Example("project.toml", _text(*PROJECT), read_project),
+        "writer": Example("garmin.toml", (WRITERS / "garmin.toml").read_bytes(), lambda p: writers_in(p.parent)),
+        "masses beside AVL": Example(
+            "trainer_mass.toml", (PLANS / "trainer_mass.toml").read_bytes(),
+            lambda p: _avl(p.with_name("trainer.avl")), (PLANS / "trainer.avl", PLANS / "tail.dat"),
+        ),
         "AVL": Example(
             "trainer.avl", (PLANS / "trainer.avl").read_bytes(), _avl, (PLANS / "trainer_mass.toml", PLANS / "tail.dat")
         ),
@@ -141,6 +168,7 @@ def examples(place: Path) -> dict[str, Example]:
         "campaign store": Example(FILE, _finished_store(place / "campaign"), _store),
         "journal": Example("cells.jsonl", _text(*[json.dumps(CELL)] * 5), lambda p: Kept(p).cells),
         "python": Example("m.py", _text("import math", "GAIN = 2.0", "def estimate(d):", "    return d"), declared),
+        "agent": Example("a.zip", _agent(), read_agent),
         "key": Example("key", _text("0123456789abcdef0123"), read_key),
         "roster": Example("class.txt", _text("Ada", "Grace", "Émilie"), lambda p: students_of(str(p))),
         "log": Example("l.csv", inputs._csv(), import_log),

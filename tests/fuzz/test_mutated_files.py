@@ -6,6 +6,7 @@ Each kind of file that the door knows has an example, which is damaged: a new ki
 """
 
 import os
+import re
 import zlib
 from collections.abc import Callable
 from functools import cache, partial
@@ -18,9 +19,11 @@ from fuzz.kinds import examples
 from fuzz.mutations import damaged, mistyped, of_text
 from fuzz.survive import broken
 
+import testbench
 from testbench.core.door import KINDS
 from testbench.core.errors import TestbenchError
 from testbench.questions.export.ask import export_model, export_record, load_matrices
+from testbench.questions.files import WITH_FILES, file_classes
 from testbench.questions.importing.ask import import_log, write_import
 
 SEEDS = int(os.environ.get("FUZZ_SEEDS", "0"))
@@ -143,10 +146,22 @@ def test_every_kind_has_an_example_that_is_read(place, tmp_path):
         assert example.tried(example.content, folder) is not None, example.name
 
 
+def test_every_class_of_keys_that_files_have_is_of_a_kind_that_is_damaged_and_checked():
+    """A class that a file is parsed by stands in the table of the schemas; each kind of it is damaged here."""
+    brought = file_classes().keys() - {question.kind for question in WITH_FILES} - {"sensor of a suite"}
+    assert brought <= KINDS.keys()
+    known = {found.__name__ for found in file_classes().values()} | {"Card", "Cleared"}  # the testbench wrote those
+    package = Path(testbench.__file__).parent
+    read = re.compile(r"\bparse\((\w+), (?:read_|content|given|found)[^\n]*, (?!None)\w+\)")
+    used = {name for path in package.rglob("*.py") for name in read.findall(path.read_text(encoding="utf-8"))}
+    assert len(used) > 8
+    assert used <= known
+
+
 def mutant(example, kind, seed):
     """Return the damaged content of an example: bytes, values of another kind, or text."""
     rng = rng_of(kind, seed)
-    if kind in ("campaign store", "record"):
+    if kind in ("agent", "campaign store", "record"):
         return damaged(example.content, rng)
     if example.name.endswith(".toml") and seed % 3:
         return mistyped(example.content.decode(), rng).encode("utf-8", "surrogateescape")

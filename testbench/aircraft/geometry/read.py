@@ -99,7 +99,7 @@ def _nose_down(plane: Plane, cg_x_m: float) -> Plane:
 
 
 def _from_avl(path: Path, beside: Path) -> Plan:
-    said, faults = parse(BesideAvl, read_toml(beside, "geometry"), beside)
+    said, faults = parse(BesideAvl, read_toml(beside, "masses beside AVL"), beside)
     if said is None or faults:
         raise ScenarioError(faults)
     avl = read_avl(path, {n: c.avl for n, c in said.control.items()}, said.spare_airfoil, said.length_unit_m)

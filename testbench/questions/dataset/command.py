@@ -73,7 +73,6 @@ def score(
     is "no gap", "unexplained", or names of effects with " | " between them. Example: `testbench dataset score my_set
     answers.csv`.
     """
-    from testbench.core.files import write_file
     from testbench.core.store import write_beside
     from testbench.questions.dataset.score import score_predictions
 
@@ -84,7 +83,7 @@ def score(
 
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows([heads, *rows])
-        write_beside(out, lambda path: write_file(path, text.getvalue()))
+        write_beside(out, text.getvalue())
     print_rows(console(), heads, rows, right)
 
 

@@ -11,7 +11,7 @@ from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.escape import quoted
 from testbench.core.files import write_file
 from testbench.core.schema import Strict, parse
-from testbench.core.store import OWN, ResultFolder, entry_of, manifest_of
+from testbench.core.store import ResultFolder, entry_of, is_fresh, manifest_of
 from testbench.page.html import text_page
 from testbench.questions.exercise.answers import ANSWERS, template
 from testbench.questions.exercise.exercise import Case, Exercise, Handout
@@ -94,15 +94,11 @@ def _empty(folder: Path) -> None:
     Raises:
         RecordError: it does.
     """
-    if manifest_of(folder) is not None or (folder.exists() and (not folder.is_dir() or _holds(folder))):
+    if not is_fresh(folder):
         begun = f", or go on with `testbench exercise check {folder}`" if (folder / CARD).is_file() else ""
         raise RecordError(
             f"an exercise must go into a new or empty folder, got '{folder}'; choose another with -o{begun}"
         )
-
-
-def _holds(folder: Path) -> bool:
-    return any(path.name != OWN for path in folder.iterdir())
 
 
 def _hand_out(folder: Path, name: str, student: str, exercise: Exercise, sealed: Seal, case: Case) -> None:

@@ -97,7 +97,6 @@ def exercise_marks(
 
     Example: `testbench exercise marks class`. The key is that of --key-file, else key.txt in the first folder.
     """
-    from testbench.core.files import write_file
     from testbench.core.store import write_beside
     from testbench.questions.exercise.check import check_class
     from testbench.questions.exercise.roster import KEY, MARKS, folders_of, marks_text
@@ -108,7 +107,7 @@ def exercise_marks(
     key = read_key(key_file or (own if own.is_file() else None))
     results = check_class(folders_of(places), key)
     text = marks_text(results)
-    table = write_beside(out or places[0] / MARKS, lambda path: write_file(path, text))  # first: a reader may stop
+    table = write_beside(out or places[0] / MARKS, text)  # first: a reader may stop
     print_class(results, console())
     console().print(f"Table: {table}", highlight=False, soft_wrap=True)
 

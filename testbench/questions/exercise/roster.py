@@ -12,7 +12,7 @@ from pathlib import Path
 from testbench.core.door import read_text
 from testbench.core.errors import RecordError, Refusal, ScenarioError
 from testbench.core.files import write_file
-from testbench.core.store import ResultFolder, manifest_of, settle
+from testbench.core.store import ResultFolder, is_plain, manifest_of, settle
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.exercise.ask import CARD, restore, start
 from testbench.questions.exercise.check import Result
@@ -60,7 +60,7 @@ def students_of(words: str) -> tuple[str, ...]:
     except RecordError as error:
         raise RecordError(f"a class must be a number of students or a file of names; {error.message}") from error
     names = tuple(name for name in (line.strip() for line in lines) if name)
-    folders = [_folder(name) for name in names]
+    folders = [_folder(name).casefold() for name in names]  # some systems know no capitals
     twice = sorted({n for n, f in zip(names, folders, strict=True) if folders.count(f) > 1})
     if twice or not names:
         got = f"{', '.join(twice)} twice" if twice else "no name"
@@ -149,7 +149,8 @@ def marks_text(results: Mapping[Path, Result | Refusal]) -> str:
 
 
 def _folder(student: str) -> str:
-    return re.sub(r"[^\w.-]+", "_", student.strip()).strip(".") or "_"
+    name = re.sub(r"[^\w.-]+", "_", student.strip()).strip(".") or "_"
+    return name if is_plain(name) else f"_{name}"
 
 
 def _csv(name: str, heads: Sequence[str], rows: Sequence[tuple[Value, ...]]) -> str:

@@ -208,27 +208,23 @@ def new(
     sensor suite with the noise that the records show lies beside the case. Example: `testbench import flight.csv -o
     flown`, `testbench gap new mine.toml --aircraft eolo flown`, then `testbench gap mine.toml`.
     """
-    from testbench.core.files import write_file
+    from testbench.core.door import read_text
+    from testbench.core.files import must_be_new, write_new
     from testbench.questions.gap.new import new_case, sensors_file
 
     if case.suffix != ".toml":
         raise RecordError(f"a new gap case must be a .toml file, got '{case}'")
-    _must_be_new(case)
+    must_be_new(case, what := "a new gap case")
     with stages() as say:
         say("read records")
         made = new_case(case, aircraft, records, sensors, wings.value, airspeed, altitude)
     if made.sensors is not None:
-        _must_be_new(sensors_file(case))
-        print(f"Sensors: {write_file(sensors_file(case), made.sensors)}")
-    print(f"Gap case: {write_file(case, made.text)}")
+        sensors_at = sensors_file(case)
+        if not sensors_at.is_file() or read_text(sensors_at, "suite") != made.sensors:  # as another try has left them
+            write_new(sensors_at, made.sensors, what)
+        print(f"Sensors: {sensors_at}")
+    print(f"Gap case: {write_new(case, made.text, what)}")
     for asked in made.questions:
         print(f"Question: {asked}")
     print(f"Held out: {made.held_out.sentence}")
     print(f"Next: look at the lines with YOURS, then testbench check {case} and testbench gap {case}")
-
-
-def _must_be_new(file: Path) -> None:
-    if file.exists():
-        raise RecordError(
-            f"a new gap case must go to new files, got '{file}', which is there already: give another name"
-        )

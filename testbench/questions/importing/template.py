@@ -59,9 +59,8 @@ def write_template(path: Path | str, out: Path | str) -> Path:
     if out.suffix.lower() != ".toml":
         raise RecordError(f"a description must be a .toml file, got '{out}'")
     folder = os.path.relpath(path.resolve().parent, out.resolve().parent)
-    law = "a description must be written where that is possible"
     kind = "description of recorded flights"
-    return write_to_edit(out, description_template(path, folder), kind, "a description to fill in", law)
+    return write_to_edit(out, description_template(path, folder), kind, "a description to fill in")
 
 
 def description_template(path: Path | str, folder: str = ".") -> str:

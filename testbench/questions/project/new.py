@@ -10,11 +10,13 @@ from pathlib import Path
 from testbench.aircraft import Aircraft
 from testbench.core.errors import RecordError
 from testbench.core.escape import quoted, real
+from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT, SENSOR_SUITES, STOCK, resolve
 from testbench.core.project import FILE
+from testbench.core.store import ResultFolder, is_fresh
 from testbench.flight import load_aircraft
 from testbench.flight.linear_model import PLANE_CONTROLS
-from testbench.questions.files import write_to_edit
+from testbench.questions.files import SCHEMAS, schema_files, to_edit
 from testbench.sensors import SensorSuite, load_suite
 from testbench.sensors.suite import needed
 
@@ -35,7 +37,7 @@ def new_project(name: Path | str, aircraft: str, sensors: str, speeds_m_s: Seque
         speeds_m_s: true airspeeds to fly at; the aircraft's design speed if none is given.
 
     Raises:
-        RecordError: the folder is there, or its sensors see no motion that a control moves.
+        RecordError: the folder holds something, or its sensors see no motion that a control moves.
         ScenarioError, ModelError: no such aircraft or suite.
 
     Example:
@@ -43,8 +45,7 @@ def new_project(name: Path | str, aircraft: str, sensors: str, speeds_m_s: Seque
         >>> tb.new_project("my_project", "taurus", "eolo_alpha")  # doctest: +SKIP
     """
     folder = Path(name)
-    if folder.exists():
-        raise RecordError(f"a new project must go to a new folder, got '{folder}', which is there; give another name")
+    _must_be_new(folder)
     flown, suite = load_aircraft(aircraft), load_suite(sensors)
     designs = {motion: _targets(motion, flown, suite) for motion in WANTED}
     if not any(designs.values()):
@@ -58,14 +59,19 @@ def new_project(name: Path | str, aircraft: str, sensors: str, speeds_m_s: Seque
     text += "\n[accuracies]                 # wanted standard errors, percent: what these sensors can tell\n"
     text += "".join(f"{n} = {real(x)}\n" for wanted in designs.values() for n, x in wanted.items())
     text += "".join(f"# Nothing of the {m} motion: that needs {needed(m)} among the sensors.\n" for m in unseen)
-    folder.mkdir(parents=True)
-    files = [write_to_edit(folder / FILE, text, "project", "a new project")]
-    for motion, wanted in designs.items():
-        if wanted:
-            files.append(
-                write_to_edit(folder / f"{motion}.toml", _design(motion, flown), "design scenario", "a new design")
-            )
-    return files
+    files = {FILE: to_edit(text, "project")}
+    files |= {f"{m}.toml": to_edit(_design(m, flown), "design scenario") for m, wanted in designs.items() if wanted}
+    with ResultFolder(folder) as place:
+        _must_be_new(folder)  # another process may have been there
+        schemas = {f"{SCHEMAS}/{n}": x for n, x in schema_files(("project", "design scenario")).items()}
+        for file, content in (schemas | files).items():
+            write_file(place.new / file, content)
+    return [folder / file for file in files]
+
+
+def _must_be_new(folder: Path) -> None:
+    if not is_fresh(folder):
+        raise RecordError(f"a new project must go to a new folder, got '{folder}', which is there; give another name")
 
 
 def _targets(motion: str, aircraft: Aircraft, suite: SensorSuite) -> dict[str, float]:

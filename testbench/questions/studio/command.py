@@ -25,7 +25,7 @@ def command(
     The page is served on 127.0.0.1 only, until Ctrl-C. Example: `testbench studio eolo`.
     """
     from testbench.core.errors import RecordError
-    from testbench.core.files import write_file
+    from testbench.core.store import write_beside
     from testbench.page.serve import Answer, serving
     from testbench.questions.studio.ask import studio_models
     from testbench.questions.studio.page import studio_page
@@ -35,8 +35,7 @@ def command(
     with stages() as say:
         page = studio_page(studio_models(aircraft or (), say))
     if write is not None:
-        write_file(write, page)
-        print(f"Written: {write}")
+        print(f"Written: {write_beside(write, page)}")
         return
     with serving({"/": Answer(page.encode())}.get, port) as server:
         server.until_ended()

@@ -13,7 +13,7 @@ from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.store import OWN, entry_of, manifest_of
 from testbench.questions.exercise.answers import write_answers
 from testbench.questions.exercise.ask import reopen
-from testbench.questions.exercise.roster import KEY, TABLE, exercises_of, make_roster, students_of
+from testbench.questions.exercise.roster import KEY, TABLE, _folder, exercises_of, make_roster, students_of
 from testbench.questions.exercise.seal import NAMES, PUBLIC_KEY, load_exercise, read_key
 
 EXERCISE = "doublet_length"
@@ -98,6 +98,10 @@ def test_names_that_would_share_a_folder_are_refused(tmp_path):
     (tmp_path / "names.txt").write_text("Ann Lee\nAnn/Lee\n")
     with pytest.raises(ScenarioError, match="must differ, in letters and digits, got Ann Lee, Ann/Lee twice"):
         students_of(str(tmp_path / "names.txt"))
+    (tmp_path / "names.txt").write_text("Ann\nann\n")  # one folder where capitals do not count
+    with pytest.raises(ScenarioError, match="got Ann, ann twice"):
+        students_of(str(tmp_path / "names.txt"))
+    assert _folder("con") == "_con"
     (tmp_path / "names.txt").write_text("\n")
     with pytest.raises(ScenarioError, match="got no name"):
         students_of(str(tmp_path / "names.txt"))

@@ -76,7 +76,7 @@ def test_a_new_case_is_complete_and_its_sensors_are_those_of_the_records(folder,
     assert laws is not None
     assert all(law.holds for law in laws[1])
     again = said(monkeypatch, capsys, *words, "one", "two")
-    assert "which is there already" in again
+    assert "must be a new file" in again
 
 
 def test_every_key_in_a_comment_is_one(folder, monkeypatch, capsys):

@@ -180,7 +180,7 @@ def test_bad_requests_are_one_line_each(tmp_path):
         (tmp_path / "none.csv", tmp_path / "x.toml", "must be a file that exists"),
         (tmp_path, tmp_path / "x.toml", "must be a file that exists"),
         (tmp_path / "empty.csv", tmp_path / "x.toml", "empty file"),
-        (file, file / "x.toml", "must be written where that is possible"),
+        (file, file / "x.toml", "must go to a folder that can be written to"),
     ):
         with pytest.raises((RecordError, WriteError), match=law):
             write_template(source, out)

@@ -154,3 +154,27 @@ def test_a_folder_that_is_being_written_is_no_result(tmp_path):
     page(2.0)._write_into(place.new)
     assert [r.folder.name for r in list_results(tmp_path)] == ["r1"]
     place.leave()
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ("mine.html", "studio taurus --write mine.html"),
+        ("design_scenario.json", "schema design -o ."),
+        ("schemas/flight_plan.json", "plan new taurus -o p.toml"),
+    ],
+)
+def test_a_single_file_of_the_users_is_not_replaced_either(tmp_path, monkeypatch, said, file, words):
+    monkeypatch.chdir(tmp_path)
+    Path(file).parent.mkdir(exist_ok=True)
+    Path(file).write_text("mine")
+    status, text = said(*words.split())
+    assert (status, f"no manifest lists '{file}'" in text) == (2, True)
+    assert Path(file).read_text() == "mine"
+
+
+def test_a_file_may_be_named_in_the_folder_above(tmp_path, monkeypatch, said):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    assert said("schema", "design", "-o", "..")[0] == 0
+    assert (tmp_path / "design_scenario.json").is_file()
