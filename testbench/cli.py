@@ -190,7 +190,7 @@ def check(
     things: Annotated[
         list[Path],
         typer.Argument(
-            help="Files or names of scenarios, aircraft folders, sensor suites, structures, FILE.py:NAME.",
+            help="TOML files or names of any kind (`testbench schema` lists them), aircraft folders, FILE.py:NAME.",
             show_default=False,
         ),
     ],

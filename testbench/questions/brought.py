@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ from testbench.core.door import read_toml
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import AIRCRAFT, SENSOR_SUITES, find_scenario
 from testbench.core.processes import apart
+from testbench.core.schema import parse
+from testbench.questions.files import file_classes, kind_of
 
 LIMIT_S = 600.0
 """How long what a Python file holds may take for all of its laws, s."""
@@ -56,22 +59,42 @@ def found_at(what: Path) -> Found | None:
         from testbench.sensors.contract import suite_laws
 
         return Found("sensor suite", lambda: load_suite(suite), lambda: suite_laws(load_suite(suite)))
-    test = find_scenario(what)
-    keys = set(read_toml(test)) if test.suffix == ".toml" and test.is_file() else set()
-    if {"states", "equations"} & keys:
+    file = find_scenario(what)
+    kind = kind_of(file) if file.suffix == ".toml" and file.is_file() else ""
+    if kind == "structure":
         from testbench.estimators.contract import tried
         from testbench.estimators.equations import read_equations
 
-        return Found("structure", lambda: read_equations(test), lambda: list(tried(str(what))))
-    if {"mode", "normalisation"} <= keys:
+        return Found(kind, lambda: read_equations(file), lambda: list(tried(str(what))))
+    if kind == "ground test":
         from testbench.aircraft.strips.ground_test import ground_test_laws, read_ground_test
 
         return Found(
-            "ground vibration test",
-            lambda: read_ground_test(test),
-            lambda: ground_test_laws(read_ground_test(test)),
+            "ground vibration test", lambda: read_ground_test(file), lambda: ground_test_laws(read_ground_test(file))
         )
+    if kind in _DESCRIBED:
+        read = partial(_described, kind, file)
+        return Found(kind, read, lambda: [Law("its values are lawful", bool(read()))])
     return None
+
+
+_DESCRIBED = ("aircraft", "geometry", "masses beside AVL", "prior", "project", "writer")
+
+
+def _described(kind: str, file: Path) -> Any:
+    """Return what a file of such a kind says, once its keys and, where there are more, its laws have been checked."""
+    if kind == "geometry":
+        from testbench.aircraft.geometry.read import read_plan
+
+        return read_plan(file)
+    if kind == "prior":
+        from testbench.questions.identify.pool.prior import prior_of_file
+
+        return prior_of_file(file)
+    said, faults = parse(file_classes()[kind], read_toml(file), file)
+    if said is None or faults:
+        raise ScenarioError(faults)
+    return said
 
 
 def place_of(name: str) -> tuple[Path, str]:

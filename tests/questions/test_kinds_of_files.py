@@ -1,10 +1,13 @@
 """Which kind of question a file is, told by its keys: every packaged file, and files with faults."""
 
+from pathlib import Path
+
 import pytest
 
 from testbench.core.errors import ScenarioError
-from testbench.core.paths import SCENARIOS
+from testbench.core.paths import AIRCRAFT_MODELS, PACKAGE, SCENARIOS
 from testbench.questions import QUESTIONS
+from testbench.questions.brought import laws_of
 from testbench.questions.files import FAMILIES, WITH_FILES, check_file, find, kinds_of
 
 PACKAGED = sorted(p for q in WITH_FILES for p in (SCENARIOS / q.folder).glob("*.toml"))
@@ -59,6 +62,26 @@ def test_a_file_that_is_just_begun_is_a_scenario_to_run(tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text('title = "Mine"\naircraft = "taurus"\n', encoding="utf-8")
     assert kinds_of(file)[0].command == "run"
+
+
+BROUGHT = {
+    "geometry": AIRCRAFT_MODELS / "eolo" / "geometry.toml",
+    "writer": PACKAGE / "logs" / "writers" / "garmin.toml",
+    "masses beside AVL": Path(__file__).parents[1] / "aircraft" / "geometry" / "plans" / "trainer_mass.toml",
+    "aircraft": AIRCRAFT_MODELS / "b1" / "aircraft.toml",
+}
+
+
+@pytest.mark.parametrize(("kind", "file"), BROUGHT.items(), ids=BROUGHT)
+def test_what_users_bring_is_checked_as_what_it_is(tmp_path, kind, file):
+    text = file.read_text(encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    found = laws_of(tmp_path / "mine.toml")
+    assert found is not None
+    assert (found[0], [law.holds for law in found[1]]) == (kind, [True])
+    (tmp_path / "mine.toml").write_text(f"{text}\n[nonsense]\n", encoding="utf-8")
+    with pytest.raises(ScenarioError, match="unknown key 'nonsense'"):
+        laws_of(tmp_path / "mine.toml")
 
 
 def test_a_file_of_another_question_names_the_command_that_takes_it():
