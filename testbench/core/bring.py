@@ -32,6 +32,19 @@ MARK = ".py:"
 _EXIT, _MODULE = os._exit, "brought_"
 
 
+class _Unclosed:
+    """A standard stream as a user's code has it: to close it does nothing, so that the command can go on to speak."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def close(self) -> None:
+        """Leave it open."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
 class BroughtCodeError(EstimationError):
     """An error of a user's code that is not one of the testbench, or its try to end the program: file and line."""
 
@@ -42,7 +55,7 @@ def running(path: Path | None, law: str) -> Iterator[None]:
 
     An interrupt (Ctrl-C, or a signal of the system that ends the command) acts, also where the code takes it for an
     error; one that the code raises itself is an error of the code. ``os._exit`` is an error in this process; in those
-    that the code starts it ends them.
+    that the code starts it ends them. Standard streams that it closes or replaces are afterwards as they were.
 
     Args:
         path: the user's file, whose line is said; None if it is not known.
@@ -71,6 +84,8 @@ def running(path: Path | None, law: str) -> Iterator[None]:
     for number in before:
         signal.signal(number, interrupt)
     os._exit = leave
+    streams = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = (s if isinstance(s, _Unclosed) else _Unclosed(s) for s in streams)
     try:
         yield
     except (TestbenchError, TimeUp):
@@ -80,6 +95,7 @@ def running(path: Path | None, law: str) -> Iterator[None]:
             raise BroughtCodeError(f"{law}, got {said(error, path)}") from error
     finally:
         os._exit = _EXIT
+        sys.stdout, sys.stderr = streams
         for number, handler in before.items():
             signal.signal(number, handler)
         if came:

@@ -3,6 +3,7 @@
 Work of others in processes of its own: how one ends that gave no answer is said, and no crash is repeated here.
 """
 
+import io
 import os
 import pickle
 import signal
@@ -100,6 +101,16 @@ def test_code_that_ends_the_program_is_an_error_in_one_line(tmp_path, statement,
         with pytest.raises(SystemExit) as ends:
             f()
         assert bring.ends_in_brought(ends.value)
+
+
+def test_streams_that_the_code_closes_or_replaces_are_as_they_were(capsys):
+    with bring.running(None, "f must work"):
+        print("seen")
+        sys.stdout.close()
+        sys.stderr = io.StringIO()
+    print("still", file=sys.stderr)
+    print("heard")
+    assert capsys.readouterr() == ("seen\nheard\n", "still\n")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
