@@ -21,11 +21,12 @@ from threading import Condition, Thread
 from types import TracebackType
 from typing import Any, Self
 
-from testbench.core.door import read_json, read_text, sha256
+from testbench.core.door import read_json, read_text
 from testbench.core.errors import RecordError, TestbenchError, WriteError
-from testbench.core.files import kept_in, write_file
+from testbench.core.files import kept_in, not_written, write_file
 from testbench.core.paths import not_found
 from testbench.core.project import FILE
+from testbench.core.store import entry_of, is_plain
 from testbench.page.serve import Answer
 from testbench.questions import QUESTIONS
 from testbench.questions.app.campaigns import campaign_told, list_campaigns
@@ -152,7 +153,7 @@ class Workbench:
         if not path.startswith(self.home):
             return None
         what, _, rest = path.removeprefix(self.home).partition("/")
-        if what == LOGS and rest and Path(rest).name == rest and not rest.startswith((".", "-")) and rest.isprintable():
+        if what == LOGS and is_plain(rest) and not rest.startswith((".", "-")) and rest.isprintable():
             try:
                 return _as_json({"log": self._kept(rest, body)})
             except WriteError as error:
@@ -261,8 +262,10 @@ class Workbench:
                 with contextlib.suppress(FileExistsError):
                     os.link(new, path)
                     break
-                if sha256(path, "log") == sha256(new, "log"):
+                if entry_of(path) == entry_of(new):  # a pipe or a device has none
                     break
+        except OSError as error:
+            raise not_written(folder / name, error) from error
         finally:
             new.unlink()
         return f"{LOGS}/{path.name}"
@@ -282,17 +285,21 @@ class Workbench:
 
     def _run(self, job: Job) -> None:
         """Run a command and keep what it prints, line by line."""
-        job.process = subprocess.Popen(
-            [sys.executable, "-m", "testbench", *job.words], cwd=self.folder, text=True, encoding="utf-8",
-            errors="replace", stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            env=_surroundings(),
-        )  # fmt: skip
-        assert job.process.stdout is not None
-        for line in job.process.stdout:
-            with self._changed:
-                job.lines.append((round(time.time() - job.begun, 1), line.strip()))
-                self._changed.notify_all()
-        status = job.process.wait()
+        status = 3
+        try:
+            job.process = subprocess.Popen(
+                [sys.executable, "-m", "testbench", *job.words], cwd=self.folder, text=True, encoding="utf-8",
+                errors="replace", stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                env=_surroundings(),
+            )  # fmt: skip
+            assert job.process.stdout is not None
+            for line in job.process.stdout:
+                with self._changed:
+                    job.lines.append((round(time.time() - job.begun, 1), line.strip()))
+                    self._changed.notify_all()
+            status = job.process.wait()
+        except (OSError, ValueError) as error:  # more words than the system takes, none of a word's signs, no memory
+            job.lines.append((0.0, f"error: the command cannot be started: {error}"))
         with self._changed:
             job.status, job.ended = status, time.time()
             self._changed.notify_all()
@@ -335,7 +342,7 @@ def _content(body: Iterator[bytes]) -> Any:
             return None
     try:
         return json.loads(content)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
 
 

@@ -81,6 +81,8 @@ def command(
                 session.notes.append("ended by hand")
         page = live_page(session)
         page.write(place)
+    if view.unheard is not None:
+        raise view.unheard
     page.show(console(), place.path)
 
 
@@ -104,6 +106,7 @@ class _View:
         self.session, self.radio, self.begun = session, radio, False
         self.quiet = manner().how in ("quiet", "json")
         self.active: tuple[str, ...] = ()
+        self.unheard: BaseException | None = None  # what kept a call from being shown: the flight is still recorded
         self.screen = console()
 
     def show(self, update: Update) -> None:
@@ -127,4 +130,9 @@ class _View:
         self.active = update.active
 
     def _say(self, text: str, style: str = "") -> None:
-        self.screen.print(text, style=style, highlight=False, soft_wrap=True)
+        if self.unheard is not None:
+            return
+        try:
+            self.screen.print(text, style=style, highlight=False, soft_wrap=True)
+        except (OSError, SystemExit) as error:  # rich ends the program at a pipe that nobody reads
+            self.unheard = error

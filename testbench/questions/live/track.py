@@ -259,6 +259,8 @@ class Plane:
             return
         assert self._trim is not None
         valid, m = np.array(self._valid[self._done :], bool), len(self.sources)
+        if not valid.any(axis=0).all():  # a channel that the link drops is waited for
+            return
         z = new - self._trim
         first = z.shape[1] - m - self.speed
         states, ok = z[:, :first], valid[:, :first]

@@ -1,6 +1,7 @@
 """The app: what it takes and refuses by http, and the journeys of its users in a browser."""
 
 import json
+import os
 from collections.abc import Iterator
 from http.client import HTTPConnection
 from importlib.util import find_spec
@@ -60,6 +61,27 @@ def flight(folder: Path) -> Path:
     names = "time [s],q [deg/s],theta [deg],de [deg],az [g]"
     np.savetxt(file, columns, delimiter=",", header=names, comments="", fmt="%.9g")
     return file
+
+
+def test_what_cannot_be_a_log_or_started_is_said_and_nothing_hangs(bench):
+    (bench.folder / "logs").mkdir()
+    os.mkfifo(bench.folder / "logs" / "pipe.csv")
+    (bench.folder / "logs" / "zero.csv").symlink_to("/dev/zero")
+    for name in ("pipe.csv", "zero.csv"):
+        assert asked(bench, f"{bench.home}logs/{name}", b"1") == (
+            200, json.dumps({"log": f"logs/{name.replace('.', '_2.')}"}).encode(),
+        )  # fmt: skip
+    for name in ("CON", "a:b.csv", "a%0ab.csv", "a."):
+        assert asked(bench, f"{bench.home}logs/{name}", b"1")[0] == 404
+    status, answer = asked(bench, f"{bench.home}logs/{'x' * 300}", b"1")
+    assert (status, b"File name too long" in answer) == (507, True)
+    for body in (b"[" * 100_000, b'["check", "a\\u0000b"]'):
+        assert asked(bench, f"{bench.home}ask", body)[0] == 400
+    for number, word in enumerate(("\ud800", "x" * 200_000)):
+        assert asked(bench, f"{bench.home}ask", json.dumps(["check", word]).encode())[0] == 200
+        events = asked(bench, f"{bench.home}jobs/{number}")[1]
+        assert b"error: the command cannot be started" in events
+        assert b"event: end" in events
 
 
 def test_without_the_token_or_from_another_page_nothing_is_said_or_taken(bench):

@@ -6,6 +6,8 @@ import threading
 import time
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from testbench.questions.live.answer import called, link_lines
 from testbench.questions.live.ask import Session, fly_along
 from testbench.questions.live.clock import Clock, Rate
 from testbench.questions.live.stream import Sample, Source, followed, mavlink, open_source
+from testbench.questions.live.track import Plane
 
 KNOWN = {"CL_alpha": 0.1, "Cm_alpha": 0.1, "Cm_q": 0.1, "Cm_de": 0.1}
 CHANNELS = ("V", "h", "alpha", "q", "theta", "az", "ax", "de", "p", "r", "phi")
@@ -134,6 +137,29 @@ def test_the_command_records_a_session_that_plays_again_the_same(tmp_path, monke
     assert "".join(u.line() for u in again) == said
     line = json.loads((tmp_path / "out" / "live_flight" / "stream.jsonl").read_text().splitlines()[0])
     assert set(line[2]) <= set(CHANNELS)
+
+
+def test_who_no_longer_reads_what_is_called_loses_no_flight(tmp_path, monkeypatch, capsys):
+    from testbench.questions.live import command
+
+    monkeypatch.chdir(tmp_path)
+    replace(flown().decimate(3).select(["V", "h", "alpha", "q", "az", "de"]), kind="measured").save("flight.nc")
+    screen = SimpleNamespace(is_terminal=False, print=Mock(side_effect=BrokenPipeError))
+    monkeypatch.setattr(command, "console", lambda: screen)
+    assert ends(monkeypatch, capsys, "live", "flight.nc", "--aircraft", "taurus", "-o", "out") == (141, [])
+    assert (tmp_path / "out" / "live_flight" / "report.html").is_file()
+    last = (tmp_path / "out" / "live_flight" / "stream.jsonl").read_text().splitlines()[-1]
+    assert json.loads(last)[0] > flown().t_s[-1] - 0.1
+    assert screen.print.call_count == 1
+
+
+def test_a_channel_that_the_link_drops_in_a_run_is_waited_for():
+    plane = object.__new__(Plane)
+    plane.sources, plane._trim, plane._done, plane.regression = {"de": "de"}, np.zeros(3), 0, Mock()
+    plane._run, plane._valid = [np.zeros(3)] * 9, [np.array([True, False, True])] * 9
+    plane._feed()
+    assert plane._done == 0  # so that these samples come with the next ones, or end the run
+    plane.regression.add.assert_not_called()
 
 
 def test_a_file_that_grows_is_followed_to_its_end(tmp_path):
