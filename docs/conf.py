@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -53,6 +55,11 @@ def equations_stay_as_written(_app: Any, _what: str, _name: str, _object: Any, _
     lines[:] = out
 
 
+def types_are_no_links(_app: Any, _what: str, _name: str, _object: Any, _options: Any, lines: list[str]) -> None:
+    """Keep the last underscore of a type, such as ``np.bool_``, from making a link of it."""
+    lines[:] = [re.sub(r"(?<=\w)_(?!\w)", r"\\_", x) if x.startswith(":vartype") else x for x in lines]
+
+
 def _inside_list(before: list[str]) -> bool:
     last = next((line for line in reversed(before) if line.strip() and not line.startswith("    ")), "")
     return last.lstrip().startswith((":", "-", "*", "..")) or last.endswith("::")
@@ -72,8 +79,12 @@ def setup(app: Any) -> None:
         self.body.append(f'<div class="math">{convert(node.astext(), display="block")}</div>')
         raise nodes.SkipNode
 
+    # Autodoc adds to the annotations of pydantic's classes, after which no class that takes any key can be made.
+    for name in re.findall(r"automodule:: (\S+)", (ROOT / "docs" / "reference" / "python.md").read_text("utf-8")):
+        importlib.import_module(name)
     app.add_html_math_renderer("mathml", (inline, None), (block, None))
     app.connect("autodoc-process-docstring", equations_stay_as_written, priority=1)
+    app.connect("autodoc-process-docstring", types_are_no_links, priority=900)  # behind napoleon, which adds them
 
 
 html_math_renderer = "mathml"

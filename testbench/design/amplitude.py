@@ -29,7 +29,7 @@ from scipy.stats import t as student
 from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.design.candidates import sampled
-from testbench.design.ensemble import Draws, Flight, Member, OverDraws, lost, told
+from testbench.design.ensemble import Draws, HeldFlight, Member, OverDraws, lost, told
 from testbench.design.limits import Tightest
 from testbench.design.problem import Design, Problem, Screened, best_share, rescaled, total_errors
 from testbench.design.realise import Range, Realised
@@ -91,7 +91,7 @@ class Part:
     deviations: float | None = None
     least: float = 0.0
 
-    def bound(self, flights: Sequence[Flight], factor: float, still: FloatArray | float) -> tuple[Bound, float]:
+    def bound(self, flights: Sequence[HeldFlight], factor: float, still: FloatArray | float) -> tuple[Bound, float]:
         """Return what flights at ``factor`` say, and the factor on it at which a limit would just be met.
 
         Args:
@@ -243,7 +243,7 @@ class Ensemble:
             answers = {i: next(designs if part is None else flights) for i, (_, part) in wanted.items()}
         return [out[i] for i in range(len(searches))]
 
-    def _flights(self, asked: Sequence[Ask]) -> list[list[Flight]]:
+    def _flights(self, asked: Sequence[Ask]) -> list[list[HeldFlight]]:
         """Return the flights of designs with their parts of the ensemble; records only of the believed aircraft."""
         jobs = [[(m, d, air) for m in part.members for air in part.airs] for d, part in asked if part is not None]
         found = iter(self.range_.flier.held([job for own in jobs for job in own]))
@@ -299,7 +299,7 @@ class Ensemble:
 
     def _largest(
         self, design: Design, part: Part, top: float, still: FloatArray | float = 0.0
-    ) -> Generator[Ask, list[Flight], tuple[bool, Design, list[Flight], Bound, str]]:
+    ) -> Generator[Ask, list[HeldFlight], tuple[bool, Design, list[HeldFlight], Bound, str]]:
         """Search for the largest amplitude at which a part of the ensemble keeps the limits.
 
         Args:
@@ -312,7 +312,7 @@ class Ensemble:
             whether some amplitude keeps the limits, the largest that does, or else the smallest that was tried, with
             its flights and what they ask for, and what broke at first; "" if nothing did.
         """
-        factor, low, high, tried = min(1.0, top), 0.0, np.inf, list[tuple[Design, list[Flight], Bound]]()
+        factor, low, high, tried = min(1.0, top), 0.0, np.inf, list[tuple[Design, list[HeldFlight], Bound]]()
         for _ in range(_ROUNDS):
             now = design if factor == 1.0 else rescaled(self.problem, design, factor)
             flights = yield now, part
@@ -386,7 +386,7 @@ class Ensemble:
 
     # --- over the draws, and realised -----------------------------------------------------------------------------
 
-    def _over(self, design: Design, flights: Sequence[Flight] = ()) -> OverDraws:
+    def _over(self, design: Design, flights: Sequence[HeldFlight] = ()) -> OverDraws:
         assert self.draws is not None
         return OverDraws(told(design, self.draws.judged, self.problem.targets.names), tuple(flights))
 

@@ -95,7 +95,7 @@ class Setting:
 # --- flights ----------------------------------------------------------------------------------------------------------
 
 
-class Flight(NamedTuple):
+class HeldFlight(NamedTuple):
     """A flight held against the limits.
 
     Attributes:
@@ -125,7 +125,7 @@ class Flier:
         fewest = 1 if self.tally.batch else FEWEST  # a model that has been judged is worth it for few flights, too
         return fly_jobs(jobs, self.simulator, self.tally, fewest)
 
-    def held(self, flights: Sequence[tuple[Member, Design, Air | None]]) -> list[Flight | Refusal]:
+    def held(self, flights: Sequence[tuple[Member, Design, Air | None]]) -> list[HeldFlight | Refusal]:
         """Fly designs with members of an ensemble through some air, and hold the flights against their limits."""
         jobs, envelopes = [], [member.problem.envelope for member, *_ in flights]
         for (member, design, air), envelope in zip(flights, envelopes, strict=True):
@@ -134,7 +134,7 @@ class Flier:
             manoeuvre = Manoeuvre.of(design.family, design.specs, design.duration_s, rate)
             log = rate / max(1, int(rate // _LOG_HZ))
             jobs.append(Job(member.aircraft, member.trimmed, manoeuvre, log, tuple(dict.fromkeys(names)), air))
-        out: list[Flight | Refusal] = []
+        out: list[HeldFlight | Refusal] = []
         for record, job, envelope in zip(self.fly(jobs), jobs, envelopes, strict=True):
             if isinstance(record, Refusal):
                 out.append(record)
@@ -145,7 +145,7 @@ class Flier:
             else:
                 broken = envelope.broken(record)
                 said = broken[0] if broken else ""
-                out.append(Flight(envelope.shares(record), envelope.tightest(record), said, record))
+                out.append(HeldFlight(envelope.shares(record), envelope.tightest(record), said, record))
         return out
 
     def rested(self, members: Sequence[Member], design: Design) -> tuple[tuple[Member, ...], tuple[Lost, ...]]:
@@ -162,9 +162,9 @@ class Flier:
         return tuple(judged), tuple(out)
 
 
-def lost(limits: int, why: str, t_s: float = 0.0, record: FlightRecord | None = None) -> Flight:
+def lost(limits: int, why: str, t_s: float = 0.0, record: FlightRecord | None = None) -> HeldFlight:
     """Return a flight that ends before its time: it uses up more than all of every limit."""
-    return Flight(np.full(limits, ABORTED), Tightest("", ABORTED, t_s), why, record)
+    return HeldFlight(np.full(limits, ABORTED), Tightest("", ABORTED, t_s), why, record)
 
 
 # --- drawn aircraft ---------------------------------------------------------------------------------------------------
@@ -215,10 +215,10 @@ class OverDraws:
     """One design over all drawn aircraft: what it tells of each, and one flight per draw if it was flown with them."""
 
     told: Told
-    flights: tuple[Flight, ...] = ()
+    flights: tuple[HeldFlight, ...] = ()
 
     @property
-    def broken(self) -> tuple[Flight, ...]:
+    def broken(self) -> tuple[HeldFlight, ...]:
         """The flights in which the input breaks a limit."""
         return tuple(f for f in self.flights if f.breach)
 

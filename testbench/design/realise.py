@@ -23,7 +23,7 @@ from testbench.core.processes import cores, processes, spread
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.air import AirSpec
 from testbench.core.scenario.base import Preparation
-from testbench.design.ensemble import FACTORS, Flier, Flight, Member, Setting, mode_words, with_mode
+from testbench.design.ensemble import FACTORS, Flier, HeldFlight, Member, Setting, mode_words, with_mode
 from testbench.design.identified import Identified
 from testbench.design.problem import Design, misled, rescaled, seen_in
 from testbench.estimators.prepare import prepared
@@ -363,7 +363,7 @@ class Elsewhere:
     predicted: FloatArray | None = None
     values: FloatArray | None = None
     found: Errors | None = None
-    flight: Flight | None = None
+    flight: HeldFlight | None = None
     why_not: str = ""
 
 

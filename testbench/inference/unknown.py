@@ -37,7 +37,7 @@ def pulses(linear: LinearModel, channels: Sequence[str], V_m_s: float, record: F
         record: measured; gives times and the size of the motion.
 
     Returns:
-        (n, p, m) in SI: m = states that are forced times stretches, and surfaces times knots.
+        (n, p, m) in SI; m counts states that are forced times stretches, and surfaces times knots.
 
     Raises:
         EstimationError: the model has no state of motion.

@@ -11,7 +11,7 @@ from testbench.core.errors import Refusal
 from testbench.design import amplitude as module
 from testbench.design import ensemble as ensemble_module
 from testbench.design.amplitude import AIR, BELIEVED, BIAS, DRAWS, STABILITY, Ensemble, Flown
-from testbench.design.ensemble import Draws, Flight
+from testbench.design.ensemble import Draws, HeldFlight
 from testbench.design.limits import Tightest
 from testbench.design.problem import best_share
 from testbench.design.realise import Errors, Realised
@@ -30,8 +30,8 @@ class Design:
     family: str = "2-1-1"
 
 
-def flight(share: float) -> Flight:
-    return Flight(np.array([share]), Tightest("bank", share, 1.0), "bank passes" if share > 1.0 else "", "record")  # type: ignore[arg-type]
+def flight(share: float) -> HeldFlight:
+    return HeldFlight(np.array([share]), Tightest("bank", share, 1.0), "bank passes" if share > 1.0 else "", "record")  # type: ignore[arg-type]
 
 
 def member(sensitivity: Any) -> Any:
@@ -61,7 +61,7 @@ class Range:
 
     def held(self, flights):
         self.flown += [d.size for _, d, _ in flights]
-        out: list[Flight | Refusal] = []
+        out: list[HeldFlight | Refusal] = []
         for m, d, air in flights:
             refused = isinstance(m.sensitivity, Refusal)
             one = m.sensitivity if refused else flight(m.sensitivity * d.size + (air or 0.0))
