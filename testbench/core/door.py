@@ -101,6 +101,7 @@ KINDS = {
     "roster": Kind("file with one name a line", 1 * _MB),
     "log": Kind("log"),
     "record": Kind("record file"),
+    "recording": Kind("recording of a flight that was followed"),
     "definitions": Kind("file of message definitions (XML)", 50 * _MB),
     "table": Kind("table of results"),
     "text": Kind("text", 50 * _MB),

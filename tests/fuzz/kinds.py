@@ -37,6 +37,8 @@ from testbench.questions.export.ask import load_matrices
 from testbench.questions.files import load
 from testbench.questions.identify.pool.prior import prior_of_file
 from testbench.questions.importing.ask import import_log
+from testbench.questions.live.clock import Clock
+from testbench.questions.live.stream import recorded
 from testbench.sensors import load_suite
 
 PLANS = Path(__file__).resolve().parents[1] / "aircraft" / "geometry" / "plans"
@@ -98,6 +100,18 @@ def _agent() -> bytes:
 
 def _avl(path: Path) -> object:
     return read_plan(path, path.with_name("trainer_mass.toml"))
+
+
+def _followed(path: Path) -> object:
+    clock, begun = Clock(), False
+    for sample in recorded(path):
+        clock.add(sample)
+        if begun and (names := [*clock.rates()]):
+            clock.block(names)
+        elif clock.newest_s - clock.first_s > 1.0 and clock.rates():
+            clock.start(20.0)
+            begun = True
+    return clock
 
 
 def _store(path: Path) -> object:
@@ -173,6 +187,9 @@ def examples(place: Path) -> dict[str, Example]:
         "roster": Example("class.txt", _text("Ada", "Grace", "Émilie"), lambda p: students_of(str(p))),
         "log": Example("l.csv", inputs._csv(), import_log),
         "record": Example("record.nc", record, load_record),
+        "recording": Example(
+            "stream.jsonl", _text(*(json.dumps([0.05 * k] * 2 + [{"q": 0.1, "V": 12.0}]) for k in range(60))), _followed
+        ),
         "definitions": Example(
             "f.log", definitions.encode(), lambda p: import_log(p.with_suffix(".data")), (place / "f.data",)
         ),

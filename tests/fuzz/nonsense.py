@@ -66,6 +66,9 @@ VALUES: tuple[tuple[str, str, str], ...] = (
     ("ground test", "f_hz", "1e9"),
     ("ground test", "zeta", "1.0"),
     ("structure", "value", "1e300"),
+    ("project", "speeds_m_s", "[1e30]"),
+    ("project", "h_m", "1e308"),
+    ("masses beside AVL", "mass_kg", "1e30"),
     ("prior", "std", "1e300"),
     ("prior", "percent", "-5.0"),
 )

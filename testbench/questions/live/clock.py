@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from testbench.core.channels import channel
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.schema import OF_CHANNELS
 from testbench.questions.live.stream import Sample
 
 FASTEST_HZ = 50.0
@@ -17,6 +19,7 @@ FASTEST_HZ = 50.0
 _GAP = 2.5  # times the usual step: samples between are lost
 _STALL_S = 1.0  # a channel that is late by more is not waited for
 _MEMORY_S = 60.0
+_LATEST_S = 1e12
 
 
 @dataclass
@@ -48,8 +51,15 @@ class Clock:
         self._next: float | None = None
 
     def add(self, sample: Sample) -> None:
-        """Take a sample; of a channel only what is newer than what it has: reordered and repeated ones are dropped."""
+        """Take a sample; of a channel only what is newer than what it has: reordered and repeated ones are dropped.
+
+        So is what no clock and no instrument can give: a message that was never filled, a line that was damaged.
+        """
+        if not max(abs(sample.t_s), abs(sample.arrived_s)) <= _LATEST_S:
+            return
         for name, value in sample.values.items():
+            if not abs(value) <= OF_CHANNELS[channel(name).unit]:
+                continue
             c = self._channels.setdefault(name, _Channel(first_s=sample.t_s))
             if c.t and sample.t_s <= c.t[-1]:
                 continue
@@ -87,6 +97,8 @@ class Clock:
         assert self._next is not None
         last = min(self._channels[n].t[-2] for n in names)
         end = max(last, self.newest_s - _STALL_S) - 0.5 * self.dt_s
+        if end - self._next > _MEMORY_S:  # nothing is made of so long a silence
+            self._next = float(np.ceil((end - _STALL_S) / self.dt_s) * self.dt_s)
         count = int(np.floor((end - self._next) / self.dt_s + 1e-6)) + 1
         if count < 1:
             return None
@@ -121,5 +133,5 @@ class Clock:
     def _forget(self, before_s: float) -> None:
         for c in self._channels.values():
             if len(c.t) > 2 and c.t[0] < before_s - _MEMORY_S:
-                k = int(np.searchsorted(c.t, before_s))
+                k = min(int(np.searchsorted(c.t, before_s)), len(c.t) - 2)  # a block looks at the last two
                 del c.t[:k], c.x[:k], c.late[:k]

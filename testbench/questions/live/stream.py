@@ -122,12 +122,12 @@ def recorded(file: Path) -> Iterator[Sample]:
     Raises:
         RecordError: a line is no sample.
     """
-    lines = read_text(file, "log").split("\n")
+    lines = read_text(file, "recording").split("\n")
     for number, line in enumerate(lines[:-1], 1):
         try:
             t_s, arrived_s, values = json.loads(line)
             yield Sample(float(t_s), {str(k): float(v) for k, v in values.items()}, float(arrived_s))
-        except (ValueError, TypeError, AttributeError) as error:
+        except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
             raise RecordError(
                 f"line {number} of '{file}' must be [time, arrival, channels], got {line[:40]!r}"
             ) from error

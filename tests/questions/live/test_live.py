@@ -153,6 +153,27 @@ def test_who_no_longer_reads_what_is_called_loses_no_flight(tmp_path, monkeypatc
     assert screen.print.call_count == 1
 
 
+def test_what_no_clock_or_instrument_can_give_is_dropped():
+    clock = Clock()
+    for k in range(100):
+        clock.add(Sample(0.02 * k, {"q": 0.1}, 0.02 * k))
+    clock.start(50.0)
+    for wrong in (np.nan, np.inf, 1e308, -2000.0):
+        clock.add(Sample(2.0, {"q": wrong}, 2.0))
+        clock.add(Sample(wrong if wrong != -2000.0 else np.nan, {"q": 0.1}, 2.0))
+    assert clock.rates()["q"].lost == 0.0
+    assert clock.newest_s == 2.0
+    clock.add(Sample(1e5, {"q": 0.2}, 1e5))
+    leapt = clock.block(("q",))
+    assert leapt is None or len(leapt) < 100
+    for k in range(100):  # a clock that was set, or hours without a link: their samples are not made up
+        clock.add(Sample(1e9 + 0.02 * k, {"q": 0.2}, 1e9))
+    block = clock.block(("q",))
+    assert block is not None
+    assert len(block) < 200
+    assert block["q"][-1] == pytest.approx(0.2)
+
+
 def test_a_channel_that_the_link_drops_in_a_run_is_waited_for():
     plane = object.__new__(Plane)
     plane.sources, plane._trim, plane._done, plane.regression = {"de": "de"}, np.zeros(3), 0, Mock()
