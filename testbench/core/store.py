@@ -67,6 +67,7 @@ class Manifest:
         inputs: file that was read -> what it was then.
         files: path in the folder, with "/" -> what was written.
         packages: those that decide figures -> version.
+        added: names of the files that came beside a result, which another one does not take away.
     """
 
     command: tuple[str, ...] = ()
@@ -74,11 +75,13 @@ class Manifest:
     inputs: Mapping[str, Entry] = field(default_factory=dict)
     files: Mapping[str, Entry] = field(default_factory=dict)
     packages: Mapping[str, str] = field(default_factory=dict)
+    added: tuple[str, ...] = ()
 
     def text(self, **more: Any) -> str:
         """Return the manifest as JSON."""
         head = {"format": _FORMAT, "command": self.command, "version": self.version, "packages": self.packages}
-        return json.dumps({**head, "inputs": self.inputs, "files": self.files, **more}, indent=1) + "\n"
+        lists = {"inputs": self.inputs, "files": self.files, "added": self.added}
+        return json.dumps({**head, **lists, **more}, indent=1) + "\n"
 
 
 def manifest_of(folder: Path | str) -> Manifest | None:
@@ -231,10 +234,14 @@ class ResultFolder:
             elif name not in old and _changed(there, files[name]):
                 raise _not_ours(there, self._saved(self._manifest(files)))
         pattern = self._adds if isinstance(self._adds, str) else "" if self._adds else "*"
-        gone = {n for n, entry in old.items() if entry is not None and n not in files and fnmatchcase(n, pattern)}
+        beside = {n for n in self._old.added if self._adds or n not in files}
+        ours = {n for n, entry in old.items() if entry is not None and n not in files and fnmatchcase(n, pattern)}
+        gone = ours if self._adds else ours - beside
         stale = sorted(n for n in gone if not _changed(self.path / n, old[n]))
         kept = {n: e for n, e in old.items() if n not in gone and (self._adds or (self.path / n).exists())}
-        write_file(self.path / OWN / COMMIT, self._manifest(kept | files).text(aside=aside, stale=stale))
+        added = tuple(sorted((beside | (files.keys() - old.keys() if self._adds else set())) - gone))
+        whole = replace(self._manifest(kept | files), added=added)
+        write_file(self.path / OWN / COMMIT, whole.text(aside=aside, stale=stale))
         _settle(self.path)
 
     def _manifest(self, files: Mapping[str, Entry]) -> Manifest:
@@ -428,7 +435,8 @@ def _read(path: Path) -> tuple[Manifest, dict[str, Any]] | None:
         if any(PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts for name in files):
             raise ValueError("a path that leaves the folder")
         command, made_by, others = (content.pop(k) for k in ("command", "version", "packages"))
-        return Manifest(tuple(command), made_by, inputs, files, dict(others)), content
+        added = tuple(map(str, content.pop("added", ())))
+        return Manifest(tuple(command), made_by, inputs, files, dict(others), added), content
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise RecordError(
             f"'{path}' must be the manifest of a folder of results, but it is damaged; remove it: the files beside it "

@@ -312,6 +312,18 @@ def test_of_added_files_those_that_match_a_pattern_are_replaced(tmp_path):
     assert {*manifest_of(tmp_path).files} == {"a_flight_1.csv", "b_flight_1.csv"}
 
 
+def test_what_was_added_stays_beside_another_result(tmp_path):
+    """A table that was exported into the folder is none of what the next import takes the place of."""
+    write(tmp_path, report_html="1", a_csv="1")
+    write_beside(tmp_path / "mine.csv", "exported")
+    write(tmp_path, report_html="2")
+    write(tmp_path, report_html="3", b_csv="3")
+    found = {p.name: p.read_text() for p in tmp_path.iterdir() if p.is_file()}
+    assert found == {"report.html": "3", "b.csv": "3", "mine.csv": "exported"}
+    assert {*manifest_of(tmp_path).files} == found.keys()
+    assert manifest_of(tmp_path).added == ("mine.csv",)
+
+
 def test_what_is_added_does_not_change_what_the_folder_says_it_is(tmp_path, monkeypatch):
     for k, word in enumerate(("run", "export")):
         monkeypatch.setattr("sys.argv", ["testbench", word])
