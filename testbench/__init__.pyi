@@ -6,7 +6,6 @@ from testbench.core.record import FlightRecord as FlightRecord
 from testbench.core.record import load_record as load_record
 from testbench.estimators import METHODS as METHODS
 from testbench.estimators import estimate as estimate
-from testbench.estimators.causes import with_causes as with_causes
 from testbench.estimators.model import IdentifiedModel as IdentifiedModel
 from testbench.estimators.parametric.structures.written import structure_from_equations as structure_from_equations
 from testbench.evaluation import Evaluation as Evaluation
@@ -45,6 +44,7 @@ from testbench.flight.tangents import tangents as tangents
 from testbench.flight.trim import trim as trim
 from testbench.inference.calibrate import Reliability as Reliability
 from testbench.inference.calibrate import calibrate as calibrate
+from testbench.inference.causes import with_causes as with_causes
 from testbench.inference.compare import (
     Comparison as Comparison,
 )

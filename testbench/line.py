@@ -250,7 +250,7 @@ def identify_and_judge(
                     given = spec, fit, identification.inputs, outputs, judge
                     model = need_numbers(estimate(*given) if aside is None else aside.estimate(*given, limit_s=limit_s))
                     if causes:
-                        from testbench.estimators.causes import with_causes
+                        from testbench.inference.causes import with_causes
 
                         model = with_causes(model, fit)
                     scores = evaluate(model, fit, judge, noise_std=noise.get(suite), **told_of(truth, model, fit))

@@ -20,11 +20,11 @@ from scipy.signal import lfilter
 from testbench.core.advice import doubt
 from testbench.core.errors import Refusal
 from testbench.core.record import FlightRecord
-from testbench.estimators.causes import with_causes
 from testbench.estimators.parametric.likelihood import Likelihood
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.settings import FilterErrorEntry, OutputErrorEntry
 from testbench.estimators.structured import Servo
+from testbench.inference.causes import ODDS, P_CAUSE, with_causes
 from testbench.inference.considered import at_rest
 from testbench.inference.form import BY_INPUT
 
@@ -32,9 +32,7 @@ COLOUR = "coloured noise of the sensors"
 """What is said of a fit whose errors hold what its residuals are."""
 COLOURED = 1e-3
 """Probability of white residuals below which a cure is looked for."""
-P_CURE, CLEAR = 0.1, 0.9
-"""Prior probability of each cure, and probability from which one is taken."""
-_ENOUGH = math.log(CLEAR / (1.0 - CLEAR)) + math.log((1.0 - P_CURE) / P_CURE)
+_ENOUGH = ODDS + math.log((1.0 - P_CAUSE) / P_CAUSE)
 _LATE = 3.0  # standard errors of lateness from which it may be that of a servo
 _FASTER, _MOMENTS = 3.0, ("L_", "M_", "N_")
 _SAME = 0.1  # in ln of the evidence: two maxima that are one
@@ -221,7 +219,7 @@ def _rivals(taken: _Way, ways: Sequence[_Way]) -> tuple[Rival, ...]:
     coloured residuals counts less; with their colour or gusts in the hypotheses, these are alike.
     """
     white = ways[0].name != COLOUR
-    prior = [1.0 - P_CURE if white else P_CURE] + [P_CURE / max(len(ways) - 1, 1)] * (len(ways) - 1)
+    prior = [1.0 - P_CAUSE if white else P_CAUSE] + [P_CAUSE / max(len(ways) - 1, 1)] * (len(ways) - 1)
     counts = _enough(taken.model) / _ENOUGH if white else 1.0
     ln_p = np.array([math.log(p) + way.gain / counts for p, way in zip(prior, ways, strict=True)])
     share = np.exp(ln_p - ln_p.max())

@@ -17,8 +17,8 @@ from testbench.core.errors import excerpt
 from testbench.core.proportion import proportion_interval
 from testbench.core.relative import percent_in_words, share_in_words
 from testbench.core.words import array_found, with_error
-from testbench.estimators.causes.found import Found, in_words
 from testbench.evaluation import Scores, _prediction_verdict
+from testbench.inference.causes import Found, in_words
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def drift(relative, moved="", errors=math.nan):
         advice = ()
         outputs = ("alpha", "q")
 
-    return in_words(Model(), Found("drift", "", 0.0, 0.0, errors, moved, relative, 0.0, 1))
+    return in_words(Model(), Found("drift", "", 0.0, 0.0, errors, moved, relative))
 
 
 def test_a_pole_near_the_origin_moves_by_rad_s_and_not_by_percent():

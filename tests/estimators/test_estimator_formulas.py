@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from testbench.estimators.causes.leavings import _hat
 from testbench.estimators.equations import DEEPEST, ExpressionError, tree
 from testbench.estimators.frequency.equivalent import sampled_response
 from testbench.estimators.frequency.response import _conditioned
@@ -18,6 +17,7 @@ from testbench.estimators.subspace.data import Stretch
 from testbench.estimators.subspace.dsr_e import shortage
 from testbench.estimators.subspace.family import _strides
 from testbench.estimators.subspace.projections import factorise
+from testbench.inference.causes import _hat
 
 RNG = np.random.default_rng(21)
 

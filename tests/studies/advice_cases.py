@@ -55,7 +55,7 @@ CASES = {
     "colour": Case("noise of the sensors coloured over a period", ("coloured_residuals",)),
     "delay": Case("the surface follows late", _LATE),
     "servo": Case("a servo lies behind the recorded command", (*_LATE, "order_too_low")),
-    "rate": Case("a servo that is limited in rate lies behind it", (*_LATE, "bend")),
+    "rate": Case("a servo that is limited in rate lies behind it", (*_LATE, "rate_limit", "bend")),
     "clock": Case("the clock of the rate gyro is late", (*_LATE, "order_too_low", "coloured_residuals")),
     "held": Case("the input is held, and taken for straight lines between slow samples", ("held", *_LATE)),
     "drift": Case("biases and drifts of the sensors", ("drift",)),

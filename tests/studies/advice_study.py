@@ -28,7 +28,7 @@ from tables import write_rows
 
 from testbench.core.errors import EstimationError
 from testbench.estimators import estimate
-from testbench.estimators.causes import with_causes
+from testbench.inference.causes import with_causes
 
 TABLE = results("estimators", "advice.csv")
 KEPT = build("advice_study.jsonl")

@@ -17,13 +17,13 @@ from testbench.core.errors import Refusal, ScenarioError, located, nearest
 from testbench.core.named import Named, obtain
 from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
-from testbench.estimators.causes import with_causes
 from testbench.estimators.cells import FailedCell
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.settings import OutputErrorEntry, Settings
 from testbench.estimators.structured import Servo, Structured
 from testbench.evaluation import evaluate
 from testbench.flight import load_aircraft
+from testbench.inference.causes import with_causes
 from testbench.inference.considered import considered
 from testbench.inference.form import formed
 from testbench.inference.instruments import Agreement, InstrumentFault, agreement, taken_for_sure, without_errors

@@ -140,8 +140,12 @@ def contradiction(found: Agreement, channels: Sequence[str]) -> str:
 
 
 def in_doubt(derivatives: Sequence[FoundDerivative], channel: str) -> tuple[FoundDerivative, ...]:
-    """Return derivatives of which none is determined, as an instrument that they come from is contradicted."""
-    return tuple(replace(d, believed=f"{channel} contradicted") if d.determined else d for d in derivatives)
+    """Return derivatives of which none is determined, as an instrument that they come from is contradicted.
+
+    Whatever else its residuals put in doubt, the instrument is the reason to look at first.
+    """
+    why = f"{channel} contradicted"
+    return tuple(replace(d, believed=why) if d.determined or d.believed == "in doubt" else d for d in derivatives)
 
 
 def widened(
