@@ -81,7 +81,7 @@ SLOW = "slow motion"
 # --- a cause that was found, and what is said of it -------------------------------------------------------------------
 
 
-_ERRORS, _TENTH = 4.0, 0.1  # shift in standard errors, and relative, beyond which an estimate is wrong
+_ERRORS, _TENTH = 4.0, 0.1  # shift in standard errors, and relative or of the motion, beyond which a model is wrong
 _HARDLY, _LITTLE = 2.0, 0.02  # the same below which a cause is only worth a note: a 95 % interval holds it
 _SCATTER = 3.0  # errors that a method less efficient than the best may be off by chance, in any of some five estimates
 _MOST = 0.5  # share of the residuals beyond which missing dynamics make a model wrong, and any cause a doubt
@@ -99,6 +99,7 @@ class Found(NamedTuple):
         moved: name of that parameter; without standard errors the pole that moves most and its shift, in words.
         relative: its shift over its value; without standard errors that of the pole that moves most.
         probability: of the cause, among the hypotheses that were compared; NaN where it was tested by itself.
+        of_motion: size of what it explains, as a share of the motion of the output where that is largest.
     """
 
     code: str
@@ -109,6 +110,7 @@ class Found(NamedTuple):
     moved: str
     relative: float
     probability: float = math.nan
+    of_motion: float = math.nan
 
 
 class Cause(NamedTuple):
@@ -200,6 +202,7 @@ def in_words(model: IdentifiedModel, c: Found) -> Advice:
     if c.share > 0.005:  # estimates far from the best of their kind may fit better by another step than by the cause
         said += f": {'the residuals explain' if loop else 'this explains'} {100.0 * c.share:.0f} % "
         said += "of what is new in it" if loop else "of the residuals"
+        said += f", {100.0 * c.of_motion:.2g} % of the motion" if c.of_motion < 1.0 and not loop else ""
     if loop and model.method == "filter_error" and "coloured_residuals" not in {a.code for a in ranked(model.advice)}:
         # gusts are estimated, and nothing of them is left in what is new
         return Advice(f"{said}; {model.method} as it is set here is not biased by it", "note", c.code)
@@ -219,10 +222,11 @@ def _shifted(c: Found) -> str:
 
 def _severity(c: Found) -> Severity:
     much = c.share > _MOST
+    large = c.of_motion > _TENTH
     if c.code in ("coloured_residuals", "order_too_low"):
-        return "wrong" if much and c.code == "order_too_low" else "doubt"
+        return "wrong" if much and large and c.code == "order_too_low" else "doubt"
     known = np.isfinite(c.errors)
-    if c.relative > _TENTH and (c.errors > _ERRORS or not known):
+    if c.relative > _TENTH and (c.errors > _ERRORS if known else large):
         return "wrong"
     chance = _SCATTER if c.code == "far_from_best" else _HARDLY
     moved = c.errors > chance if known else c.relative > _LITTLE
@@ -482,6 +486,9 @@ def named(model: IdentifiedModel, records: list[FlightRecord]) -> list[Found]:
         else:
             base, terms = best, {}
     share, shift = _explained(start, fit), _shift(model, base, fit)
+    gone = np.hstack(start.left) - np.hstack(fit.left)
+    motion = np.var(np.vstack([r.columns(model.outputs) for r in records]), axis=0)
+    of_motion = float(np.sqrt(np.max(np.mean(gone**2, axis=1) / np.where(motion > 0.0, motion, np.inf))))
     out: list[Found] = []
     for k, t in terms.items():
         probability, subject = float(p.take(at[k], k).sum()), t.subject
@@ -490,15 +497,19 @@ def named(model: IdentifiedModel, records: list[FlightRecord]) -> list[Found]:
         if t.code == "drift" and but(k, at[k]) - but(k, len(compared.places[k]) - 1) < ODDS:
             subject = SLOW  # a slow response to the inputs, such as of a phugoid, does it as well
         moved = (np.nan, "", np.nan) if t.code == "order_too_low" else shift
-        out.append(Found(t.code, subject, t.amount, share, *moved, probability))
+        out.append(Found(t.code, subject, t.amount, share, *moved, probability, of_motion))
     if not out:  # what a cause leaves moves the best of the kind as well
         # estimates of output error are the best but for the colour of the noise, which its own advice weighs
         far = model.method != "output_error" and still - fit.criterion > chi2.isf(_CHANCE, max(len(best.near), 1))
-        out += [Found("far_from_best", "", 0.0, share, *shift)] if far and best.model is not model else []
+        out += (
+            [Found("far_from_best", "", 0.0, share, *shift, of_motion=of_motion)]
+            if far and best.model is not model
+            else []
+        )
         out += [c for c in [_coloured(best, fit)] if c is not None]
     if loop is not None:  # what else is found presumes inputs that know nothing of the outputs
         errors, moved_most, relative = shift
-        out.insert(0, loop._replace(errors=errors, moved=moved_most, relative=relative))
+        out.insert(0, loop._replace(errors=errors, moved=moved_most, relative=relative, of_motion=of_motion))
     return out[:_NAMED]
 
 
