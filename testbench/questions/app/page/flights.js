@@ -132,9 +132,13 @@ async function plot() {
   const [fig, explorer] = figure(at("plot"), json);
   at("plot").classList.toggle("alone", r.length === 1);
   const { from, to } = wanted();
+  let before = from != null && to != null ? [from, to] : null;
   fig.addEventListener("range", event => {
     if (flight.explorer !== explorer) return;
     flight.range = event.detail; sight();
+    const same = String(before) === String(explorer.range); // a first drawing that comes late moves nothing
+    before = explorer.range;
+    if (same) return;
     flight.moving = explorer.range == null ? [null, null] : event.detail.map(v => +v.toFixed(3));
     clearTimeout(flight.later);
     flight.later = setTimeout(() => { if (place()[0] === "flights") change({}, true); flight.moving = null; }, 300); // it stays after a reload
@@ -144,7 +148,7 @@ async function plot() {
     if (flight.replay && !flight.replay.playing) flight.replay.at(event.detail);
   });
   flight.explorer = explorer;
-  explorer.range = from != null && to != null ? [from, to] : null;
+  explorer.range = before;
   flight.range = explorer.range ?? [flight.met.get(r[0]).begin_s, flight.met.get(r[0]).end_s];
   sight();
 }
