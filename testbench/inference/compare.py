@@ -12,7 +12,7 @@ posterior is not Gaussian, it is corrected by importance sampling; the effective
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -76,6 +76,7 @@ _SEGMENT_S = 1.0  # of records, whose log-likelihoods tell how sure a difference
 _WORTH = 5  # segments that the belief in the model's likelihood is worth; judged
 _OVERSTATES = 2.0  # misfit from which it is said
 _LAGS = 10
+_AT_ONCE = 64  # points that are flown together: enough for a batch, few enough to be kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,11 +341,14 @@ def compare_hypotheses(
     def run(some: Sequence[Hypothesis], scales: FloatArray | None = None) -> list[_Fit]:
         """Return the best fit of each."""
         new = [(i, h) for i, h in enumerate(some) if h.name not in known or known[h.name][0] is not h]
-        begins = [(i, replace(h, begin=b)) for i, h in new for b in (h.begin, *h.more)]
-        fits = _together([_Fit.of(h, records, noise, unknown, air, shared, scales) for _, h in begins], fly)
-        of = [[f for (j, _), f in zip(begins, fits, strict=True) if j == i] for i in range(len(some))]
-        of = [[*each, *([known[h.name][1]] if h.name in known else [])] for each, h in zip(of, some, strict=True)]
-        return [max(each, key=lambda f: f.log_evidence) for each in of]
+        best = {i: known[h.name][1] for i, h in enumerate(some) if h.name in known}
+        for k in range(1 + max((len(h.more) for _, h in new), default=0)):  # what others reached ends what is hopeless
+            begins = [(i, replace(h, begin=(h.begin, *h.more)[k])) for i, h in new if k <= len(h.more)]
+            runs = [_Fit.of(h, records, noise, unknown, air, shared, scales) for _, h in begins]
+            for (i, _), found in zip(begins, _together(runs, fly), strict=True):
+                if i not in best or found.log_evidence > best[i].log_evidence:
+                    best[i] = found
+        return [best[i] for i in range(len(some))]
 
     (first,) = run(hypotheses[:1])
     shared.first = shared.most if math.isinf(shared.first) else shared.first
@@ -405,22 +409,30 @@ _Run = Generator[_Asks, None, "_Fit"]
 
 
 def _together(runs: Sequence[_Run], fly: Callable[[Points], None]) -> list[_Fit]:
-    """Bring fits to rest side by side, so that all that they predict next is flown together."""
+    """Bring fits to rest side by side, so that what they predict next is flown together, so many points at once."""
     ended: dict[int, _Fit] = {}
     wanted: dict[int, _Asks] = {}
 
-    def go_on(some: Iterable[int]) -> None:
-        wanted.clear()
-        for i in some:
-            try:
-                wanted[i] = next(runs[i])
-            except StopIteration as end:
-                ended[i] = end.value
+    def go_on(i: int) -> None:
+        try:
+            wanted[i] = next(runs[i])
+        except StopIteration as end:
+            ended[i] = end.value
 
-    go_on(range(len(runs)))
+    for i in range(len(runs)):
+        go_on(i)
     while wanted:
-        fly([(hypothesis, x) for hypothesis, points in wanted.values() for x in points])
-        go_on(list(wanted))
+        waiting = list(wanted)
+        while waiting:
+            some: list[int] = []
+            points: list[tuple[Hypothesis, Mapping[str, float]]] = []
+            while waiting and len(points) < _AT_ONCE:
+                some.append(waiting.pop(0))
+                hypothesis, own = wanted.pop(some[-1])
+                points += [(hypothesis, x) for x in own]
+            fly(points)
+            for i in some:
+                go_on(i)
     return [ended[i] for i in range(len(runs))]
 
 
