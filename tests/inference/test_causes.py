@@ -43,6 +43,7 @@ def serious(case, method, seed):
     return [a.code for a in model.advice if a.severity != "note"], model.diagnostics.get("causes", [])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_delay_is_named_with_its_size(method, seed):
     codes, causes = serious("delay", method, seed)
@@ -61,6 +62,7 @@ def test_a_servo_of_limited_rate_is_named_with_its_rate(method):
     assert found["amount"] == pytest.approx(true, rel=0.02)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", [m for m in METHODS if m != "filter_error"])
 def test_a_stall_is_a_bend_in_alpha_and_no_closed_loop(method, seed):
     codes, causes = serious("stall", method, seed)
@@ -90,6 +92,7 @@ def test_noise_alone_is_no_fault_of_the_aircraft(case, method, seed):
     assert named <= {"far_from_best", "coloured_residuals"}
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_clean_fit_is_good(method, seed):
     assert serious("clean", method, seed)[0] == []  # false alarm: 1e-3 for each of some three tests of a fit

@@ -175,6 +175,7 @@ class Case:
         most: it is one of the ten that write most.
         workers: it works in several processes.
         prepare: called in the process before the command, see :mod:`studies.reliability.shorter`.
+        ends: what it has when it is told to stop is its result, which is shorter.
     """
 
     words: str
@@ -184,6 +185,7 @@ class Case:
     most: bool = False
     workers: bool = False
     prepare: Callable[[], object] | None = None
+    ends: bool = False
 
 
 _GAP = "gap {at}gap.toml -o {at}out --windows off"
@@ -214,7 +216,7 @@ CASES = {
     "plan rehearse": Case("plan rehearse {at}plan.toml -o {at}out", ("plan.toml",)),
     "plan close": Case("plan close {at}plan.toml {at}logs/plan_flight_1.csv -o {at}out", ("plan.toml", "logs"),
                        most=True),
-    "live": Case("live {at}g0.csv --aircraft taurus -o {at}out", ("g0.csv",)),
+    "live": Case("live {at}g0.csv --aircraft taurus -o {at}out", ("g0.csv",), ends=True),
     "campaign run": Case(
         _CAMPAIGN.format("run"), ("short.toml",), (_CAMPAIGN.format("resume"), _CAMPAIGN.format("run")), most=True,
         workers=True,
