@@ -59,8 +59,17 @@ def noise_of(t_s: FloatArray, x: FloatArray) -> Noise:
     rate = 1.0 / float(np.median(np.diff(t_s)))
     spread = _spread(x, rate)[0]
     std = float(np.quantile(spread, QUIET)) if spread.size else 0.0
-    white = float(np.sqrt(np.mean(np.diff(x, 3) ** 2) / 20.0)) if x.size > 3 else 0.0
-    return Noise(std, _step(x), true_rate(x, rate), white)
+    return Noise(std, _step(x), true_rate(x, rate), white_std(x))
+
+
+def white_std(x: FloatArray) -> float:
+    """Return the standard deviation of white noise in samples (n,), of which those that are NaN are left out.
+
+    Third differences of what is slow are small beside those of white noise, whose square is 20 times its variance.
+    """
+    changes = np.diff(x, 3)
+    changes = changes[np.isfinite(changes)]
+    return float(np.sqrt(np.mean(changes**2) / 20.0)) if changes.size else 0.0
 
 
 def is_noise(x: FloatArray, noise: Noise) -> bool:

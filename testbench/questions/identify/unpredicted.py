@@ -21,6 +21,7 @@ from testbench.estimators import estimate
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.evaluation import evaluate
 from testbench.line import Case
+from testbench.logs.noise import white_std
 from testbench.page.labels import number
 
 MISSED_PERCENT = 50.0
@@ -74,21 +75,16 @@ def missed(cases: Sequence[Case], inputs: Sequence[str], decided: Collection[int
 
 
 def _beyond_noise(case: Case) -> FloatArray:
-    """Return the MRSE (p,) of the records kept back, percent, less the white noise that the errors of prediction hold.
-
-    Third differences of what is slow are small beside those of white noise, whose square is 20 times its variance.
-    """
+    """Return the MRSE (p,) of the records kept back, percent, less the white noise of the errors."""
     scores, outputs = case.evaluation.validation, case.model.outputs
     if scores.rms_error is None:
         return scores.mrse_percent
-    squares, count = np.zeros(len(outputs)), np.zeros(len(outputs))
+    errors = []
     for record, predicted in zip(case.validation, scores.predictions, strict=True):
         part = record.select(outputs)
-        error = np.diff(np.where(part.valid, part.data - predicted, np.nan), 3, axis=0)
-        squares += np.nansum(error**2, axis=0)
-        count += np.sum(np.isfinite(error), axis=0)
-    noise = squares / (20.0 * np.maximum(count, 1.0))
-    left = 1.0 - noise / np.maximum(scores.rms_error, 1e-300) ** 2
+        errors += [np.where(part.valid, part.data - predicted, np.nan), np.full((1, len(outputs)), np.nan)]
+    noise = np.array([white_std(error) for error in np.vstack(errors).T])
+    left = 1.0 - (noise / np.maximum(scores.rms_error, 1e-300)) ** 2
     return np.asarray(scores.mrse_percent * np.sqrt(np.clip(left, 0.0, 1.0)))
 
 
