@@ -12,7 +12,7 @@ posterior is not Gaussian, it is corrected by importance sampling; the effective
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -76,7 +76,6 @@ _SEGMENT_S = 1.0  # of records, whose log-likelihoods tell how sure a difference
 _WORTH = 5  # segments that the belief in the model's likelihood is worth; judged
 _OVERSTATES = 2.0  # misfit from which it is said
 _LAGS = 10
-_AT_ONCE = 64  # points that are flown together: enough for a batch, few enough to be kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -409,30 +408,22 @@ _Run = Generator[_Asks, None, "_Fit"]
 
 
 def _together(runs: Sequence[_Run], fly: Callable[[Points], None]) -> list[_Fit]:
-    """Bring fits to rest side by side, so that what they predict next is flown together, so many points at once."""
+    """Bring fits to rest side by side, so that all that they predict next is flown together."""
     ended: dict[int, _Fit] = {}
     wanted: dict[int, _Asks] = {}
 
-    def go_on(i: int) -> None:
-        try:
-            wanted[i] = next(runs[i])
-        except StopIteration as end:
-            ended[i] = end.value
+    def go_on(some: Iterable[int]) -> None:
+        wanted.clear()
+        for i in some:
+            try:
+                wanted[i] = next(runs[i])
+            except StopIteration as end:
+                ended[i] = end.value
 
-    for i in range(len(runs)):
-        go_on(i)
+    go_on(range(len(runs)))
     while wanted:
-        waiting = list(wanted)
-        while waiting:
-            some: list[int] = []
-            points: list[tuple[Hypothesis, Mapping[str, float]]] = []
-            while waiting and len(points) < _AT_ONCE:
-                some.append(waiting.pop(0))
-                hypothesis, own = wanted.pop(some[-1])
-                points += [(hypothesis, x) for x in own]
-            fly(points)
-            for i in some:
-                go_on(i)
+        fly([(hypothesis, x) for hypothesis, points in wanted.values() for x in points])
+        go_on(list(wanted))
     return [ended[i] for i in range(len(runs))]
 
 
