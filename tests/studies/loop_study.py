@@ -55,11 +55,10 @@ STRUCTURES = ("short_period", "lateral_directional")
 
 @dataclass(frozen=True)
 class Loop:
-    """An aircraft, at a speed or at that of its model, and the seed of what flies."""
+    """An aircraft, and the seed of what flies."""
 
     aircraft: str
     seed: int
-    V_m_s: float | None = None
     plan: str = ""
     sensors: str = "eolo_alpha_beta"
 
@@ -107,8 +106,7 @@ def commands(loop: Loop, folder: Path, done: list[str]) -> None:
     if loop.plan:
         (folder / f"{loop.aircraft}.toml").write_bytes((PLANS / loop.plan).read_bytes())
         run(folder, "aircraft", "new", f"{loop.aircraft}.toml")
-    speed = [] if loop.V_m_s is None else ["--speed", f"{loop.V_m_s:g}"]
-    run(folder, "new", "mine", "--aircraft", loop.named, "--sensors", loop.sensors, *speed)
+    run(folder, "new", "mine", "--aircraft", loop.named, "--sensors", loop.sensors)
     mine = folder / "mine"
     for motion in ("longitudinal", "lateral"):
         if (mine / f"{motion}.toml").exists():

@@ -73,19 +73,17 @@ def as_drawn(plan: Plan, aircraft: Aircraft, seed: int, say: Callable[[str], Non
         ModelError: the aircraft states a deviation that cannot be drawn.
         TrimError, LimitError: none of ``DRAWS`` draws trims at all speeds and heights.
     """
-    believed = with_priors(aircraft)
-    for k in range(DRAWS):
-        other = drawn(believed, seed, k)
+    believed, k = with_priors(aircraft), 0
+    while True:
+        other, k = drawn(believed, seed, k), k + 1
         try:
             for point in plan.points:
                 trim(other, FlightCondition(point.V_m_s, point.h_m))
+            return other
         except (TrimError, LimitError) as error:
-            if k == DRAWS - 1:
+            if k == DRAWS:
                 raise
             say(f"draw again, as this aircraft cannot be flown: {error}")
-        else:
-            return other
-    raise AssertionError
 
 
 def _measured(plan: Plan, run: Run, other: Aircraft | None, seed: int, say: Callable[[str], None]) -> FlightRecord:
