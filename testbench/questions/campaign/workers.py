@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -140,14 +141,18 @@ class LocalWorkers:
 
 
 def _serve(task: Task, job: Job, pipe: connection.Connection) -> None:
-    """Answer batches until whoever hands them out is gone."""
+    """Answer batches until whoever hands them out is gone.
+
+    A batch is flown in a thread: a user's estimator then works in a process aside, which can be ended also while it
+    computes in compiled code, which hears no signal (see :func:`testbench.estimators.cells.aside_for`).
+    """
     import scipy.linalg  # noqa: F401  # brings a library of its own, which must be there to be limited
     from threadpoolctl import threadpool_limits
 
-    with threadpool_limits(1, user_api="blas"), suppress(EOFError, OSError):
+    with threadpool_limits(1, user_api="blas"), suppress(EOFError, OSError), ThreadPoolExecutor(1) as thread:
         while True:
             runs = pipe.recv()
-            pipe.send(answer_to(partial(task, job, runs)))
+            pipe.send(thread.submit(answer_to, partial(task, job, runs)).result())
 
 
 class Workers:
