@@ -45,18 +45,10 @@ from testbench.flight.trim import trim as trim
 from testbench.inference.calibrate import Reliability as Reliability
 from testbench.inference.calibrate import calibrate as calibrate
 from testbench.inference.causes import with_causes as with_causes
-from testbench.inference.compare import (
-    Comparison as Comparison,
-)
-from testbench.inference.compare import (
-    Hypothesis as Hypothesis,
-)
-from testbench.inference.compare import (
-    Posterior as Posterior,
-)
-from testbench.inference.compare import (
-    compare_hypotheses as compare_hypotheses,
-)
+from testbench.inference.evidence import Comparison as Comparison
+from testbench.inference.evidence import compare_hypotheses as compare_hypotheses
+from testbench.inference.fit import Hypothesis as Hypothesis
+from testbench.inference.fit import Posterior as Posterior
 from testbench.inference.instruments import Agreement as Agreement
 from testbench.inference.instruments import agreement as agreement
 from testbench.inference.parameters import Noise as Noise

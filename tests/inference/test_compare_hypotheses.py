@@ -15,7 +15,8 @@ from testbench.core.errors import EstimationError, RecordError
 from testbench.core.record import FlightRecord
 from testbench.flight.linear_model import LinearModel
 from testbench.inference.calibrate import Reliability, Trial, calibrate
-from testbench.inference.compare import Hypothesis, compare_hypotheses
+from testbench.inference.evidence import compare_hypotheses
+from testbench.inference.fit import Hypothesis
 from testbench.inference.parameters import Noise, Parameter
 from testbench.inference.unknown import pulses
 

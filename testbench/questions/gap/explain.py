@@ -2,8 +2,8 @@
 
 Hypotheses are nothing, each effect that comes near, pairs of them, each coefficient that may be wrong and each term
 that forces follow; each as the whole story, or as what imitates something that the library lacks; and an unknown motion
-alone (:mod:`testbench.inference.compare`). All have the re-tuned coefficients, the noise scale of every channel and the
-form error of the effect as unknowns. What is left of the unknown motion beside an effect tells the whole story from a
+alone (:mod:`testbench.inference.evidence`). All have the re-tuned coefficients, the noise scale of every channel and
+the form error of the effect as unknowns. What is left of the unknown motion beside an effect tells the whole story from a
 part of it, whatever the noise.
 """
 
@@ -24,7 +24,7 @@ from testbench.core.words import with_error
 from testbench.effects import Effect
 from testbench.effects.base import Values, together
 from testbench.inference.calibrate import CREDIBLE, SURE, fewest
-from testbench.inference.compare import Comparison
+from testbench.inference.evidence import Comparison
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.parts import part_names
 from testbench.questions.gap.priors import LATERAL_PRIORS

@@ -16,8 +16,8 @@ import numpy as np
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.effects import Effect
 from testbench.effects.base import SIZE
-from testbench.inference.compare import WHOLE, whole_and_part
 from testbench.inference.first_order import Columns, FirstOrder, Left, Sums, sum_of
+from testbench.inference.fit import WHOLE, whole_and_part
 from testbench.inference.linear import KAPPAS, fewer
 from testbench.questions.gap.again import CUT, SEED, sizes_of
 from testbench.questions.gap.believed import Believed

@@ -1,8 +1,8 @@
 """Name what a model lacks: explanations that come near by their signatures are flown to rest and compared.
 
 A first stage sees all of the library at its usual sizes, to first order (:mod:`testbench.inference.first_order`); what
-comes nearest there is fitted by flights (:mod:`testbench.inference.compare`). Where something that the best explanation
-does not account for is probable, another beside it is sought and flown likewise.
+comes nearest there is fitted by flights (:mod:`testbench.inference.evidence`). Where something that the best
+explanation does not account for is probable, another beside it is sought and flown likewise.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.effects import Effect, left_out, library
 from testbench.effects import Parameter as EffectParameter
 from testbench.effects.base import SIZE, together
-from testbench.inference.compare import Comparison, Hypothesis, Points, Predict, Row, compare_hypotheses
+from testbench.inference.evidence import Comparison, Row, compare_hypotheses
 from testbench.inference.first_order import Columns, FirstOrder, Left, Sums, sum_of
+from testbench.inference.fit import Hypothesis, Points, Predict
 from testbench.inference.linear import Motion, fewer
 from testbench.inference.parameters import Noise, Parameter, Source
 from testbench.inference.unknown import pulses

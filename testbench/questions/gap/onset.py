@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.effects import Effect
-from testbench.inference.compare import Comparison
+from testbench.inference.evidence import Comparison
 from testbench.inference.linear import Linearised, Motion
 from testbench.inference.onset import Onset, find_onset
 from testbench.inference.unknown import PULSE_S

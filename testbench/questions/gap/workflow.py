@@ -15,7 +15,7 @@ from testbench.core.processes import Ahead
 from testbench.core.record import FlightRecord
 from testbench.effects import OTHER_SERVOS, Effect, library
 from testbench.flight.batch.jobs import Tally
-from testbench.inference.compare import Comparison
+from testbench.inference.evidence import Comparison
 from testbench.inference.parameters import Source
 from testbench.questions.gap import onset
 from testbench.questions.gap.again import fly_again

@@ -9,7 +9,7 @@ import numpy as np
 
 from testbench.core.record import FlightRecord
 from testbench.effects import Effect
-from testbench.inference.compare import compare_hypotheses
+from testbench.inference.evidence import compare_hypotheses
 from testbench.questions.gap.ask import GapResult
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.explain import Explanation, Naming

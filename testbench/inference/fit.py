@@ -1,8 +1,9 @@
-"""Which of several hypotheses do records support? One table, whatever is asked.
+"""Fit of one hypothesis to measured records: its best point, what they say of its parameters, and its evidence.
 
-Every hypothesis predicts what the sensors read, from parameters with priors. Noise scales and an unknown motion of free
+A hypothesis predicts what the sensors read, from parameters with priors. Noise scales and an unknown motion of free
 size belong to all of them, so that no threshold of chi-square decides: a hypothesis that leaves something needs an
-unknown motion beside it, and pays for it.
+unknown motion beside it, and pays for it. The fit takes Gauss and Newton's steps; fits side by side give what they
+predict next, so that it is flown together.
 
 The evidence of a hypothesis is that of its linearisation at the best point (Laplace's approximation), times the
 probability that lies within the bounds of its parameters. Where flights one standard error away show that the
@@ -15,7 +16,7 @@ import math
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_solve
@@ -23,9 +24,8 @@ from scipy.special import logsumexp
 from scipy.stats import chi2, norm
 
 from testbench.core.constants import WHITE
-from testbench.core.errors import EstimationError, RecordError
+from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.inference.calibrate import CREDIBLE, fewest
 from testbench.inference.linear import (
     KAPPAS,
     Grams,
@@ -39,9 +39,6 @@ from testbench.inference.linear import (
     whitened,
 )
 from testbench.inference.parameters import Noise, Parameter, deviations_of, means_of
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Predict = Callable[[FlightRecord, Mapping[str, float]], FloatArray]
 """(record, parameter -> value) -> what the channels would have read, (n, channels), SI, without noise."""
@@ -71,7 +68,6 @@ _FORM_S = 2.0  # between the knots of what modulates a form error: slower than t
 _AT_REST = 0.02  # in ln p: rounds end where another one promises less
 _NEARBY = 1.0  # in ln p: tangents made afresh hold beyond a step that promises less
 _SKEW = 0.2  # in ln p at one standard error: beyond it the posterior is sampled
-_FAR = 7.0  # in ln p behind the best: beyond it no correction would bring a hypothesis back
 _SEGMENT_S = 1.0  # of records, whose log-likelihoods tell how sure a difference is
 _WORTH = 5  # segments that the belief in the model's likelihood is worth; judged
 _OVERSTATES = 2.0  # misfit from which it is said
@@ -117,6 +113,30 @@ class Hypothesis:
     def first(self) -> dict[str, float]:
         """Parameter -> value that the fit begins at."""
         return {p.name: self.begin.get(p.name, p.value) for p in self.parameters}
+
+    @cached_property
+    def mean(self) -> FloatArray:
+        """Means of the priors (k,)."""
+        return means_of(self.parameters)
+
+    @cached_property
+    def std(self) -> FloatArray:
+        """Standard deviations of the priors (k,)."""
+        return deviations_of(self.parameters)
+
+    @cached_property
+    def low(self) -> FloatArray:
+        """Least values that are possible (k,)."""
+        return np.array([p.low for p in self.parameters])
+
+    @cached_property
+    def high(self) -> FloatArray:
+        """Largest values that are possible (k,)."""
+        return np.array([p.high for p in self.parameters])
+
+    def held(self, mean: FloatArray, std: FloatArray) -> FloatArray:
+        """Return the probability (k,) of what is possible, of Gaussian parameters."""
+        return norm.cdf((self.high - mean) / std) - norm.cdf((self.low - mean) / std)
 
     def at(self, theta: FloatArray) -> dict[str, float]:
         """Return parameter -> value."""
@@ -203,196 +223,35 @@ class Posterior:
         return float(self.values[k]), float(self.errors[k])
 
 
-@dataclass(frozen=True, eq=False)
-class Row:
-    """One hypothesis of a comparison.
+@dataclass(eq=False)
+class Data:
+    """Measured records and all that hypotheses about them share.
 
     Attributes:
-        name: of the hypothesis.
-        probability: posterior, all rows together 1; differences of ``log_evidence`` count as the likelihood of the most
-            probable one deserves (:attr:`Posterior.misfit`).
-        log_evidence: natural logarithm.
-        difference: of ``log_evidence`` to the first row, 0 or less but for prior odds.
-        difference_error: standard error of it, from segments of one second.
-        held_out: ln p of records held out, a sample, less that of the first hypothesis given; None without any.
-        posterior: of its parameters.
+        records: measured.
+        noise: of the channels that are compared.
+        unknown, air: see :func:`.compare_hypotheses`.
+        most: ln p that any fit has reached, at a point that it flew; ``first`` is that of the first hypothesis.
     """
 
-    name: str
-    probability: float
-    log_evidence: float
-    difference: float
-    difference_error: float
-    held_out: float | None
-    posterior: Posterior
-
-
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """Hypotheses, the most probable first, as ``arviz_stats.compare`` tables them."""
-
-    rows: tuple[Row, ...]
-    fits: Mapping[str, tuple[Hypothesis, _Fit]] = field(default_factory=dict, repr=False)
-    """By name; a later comparison of the same records goes on from them."""
-
-    def __getitem__(self, name: str) -> Row:
-        """Return the row of a hypothesis."""
-        return next(row for row in self.rows if row.name == name)
-
-    @property
-    def best(self) -> Row:
-        """The most probable."""
-        return self.rows[0]
-
-    def credible(self, probability: float = CREDIBLE) -> tuple[str, ...]:
-        """Return the fewest hypotheses that hold so much probability together."""
-        return fewest({row.name: row.probability for row in self.rows}, probability)
+    records: Sequence[FlightRecord]
+    noise: Noise
+    unknown: Unknown | None = None
+    air: Pulses | None = None
+    most: float = -math.inf
+    first: float = -math.inf
+    _readings: dict[FlightRecord, tuple[FloatArray, Any]] = field(default_factory=dict, repr=False)
+    _motions: dict[FlightRecord, tuple[Motion, FloatArray]] = field(default_factory=dict, repr=False)
 
     @cached_property
-    def noise(self) -> dict[str, tuple[float, float]]:
-        """Channel -> (true over stated noise, standard error), over all hypotheses by their probabilities."""
-        out = {}
-        for channel in self.best.posterior.noise:
-            values, errors = np.array([row.posterior.noise[channel] for row in self.rows]).T
-            weights = np.array([row.probability for row in self.rows])
-            mean = float(weights @ values)
-            out[channel] = mean, float(np.sqrt(weights @ (errors**2 + (values - mean) ** 2)))
-        return out
+    def stated(self) -> FloatArray:
+        """Stated standard deviations of the noise (p,)."""
+        return np.array(list(self.noise.std.values()))
 
-    def to_pandas(self) -> pd.DataFrame:
-        """Return the table with one row per hypothesis."""
-        import pandas as pd
-
-        return pd.DataFrame(
-            {
-                "probability": row.probability,
-                "ln evidence": row.log_evidence,
-                "difference": row.difference,
-                "difference error": row.difference_error,
-                "whole": row.posterior.p_whole,
-                "kappa": row.posterior.kappa,
-                "whiteness": row.posterior.whiteness,
-                "strain": row.posterior.strain,
-                "held out": row.held_out,
-                "effective": row.posterior.effective,
-            }
-            for row in self.rows
-        ).set_axis([row.name for row in self.rows])
-
-    def __str__(self) -> str:
-        wide = max(len(row.name) for row in self.rows)
-        lines = [f"{'hypothesis':<{wide}}  probability  difference      whole  kappa"]
-        for row in self.rows:
-            difference = f"{row.difference:.1f} +- {row.difference_error:.1f}"
-            lines.append(
-                f"{row.name:<{wide}}  {row.probability:11.3f}  {difference:<14}  {row.posterior.p_whole:5.2f}  "
-                f"{row.posterior.kappa:.0e}"
-            )
-        return "\n".join(lines)
-
-
-def compare_hypotheses(
-    records: Sequence[FlightRecord],
-    hypotheses: Sequence[Hypothesis],
-    noise: Noise,
-    unknown: Unknown | None = None,
-    held_out: Sequence[FlightRecord] = (),
-    air: Pulses | None = None,
-    samples: int = 128,
-    ahead: Callable[[Points], None] | None = None,
-    before: Comparison | None = None,
-) -> Comparison:
-    """Compare hypotheses about measured records by their evidence, noise and unknown motion being uncertain.
-
-    Args:
-        records: measured.
-        hypotheses: at least one; probabilities are relative to those that are given, so that "nothing" is one of them.
-        noise: of the channels that are compared, as stated, and how it is known.
-        unknown: what an unknown motion does, see :func:`testbench.inference.unknown.pulses`; without it every
-            hypothesis must be the whole story.
-        held_out: measured records that judge, and that nothing is fitted to.
-        air: what each standard deviation of the gusts of a record does to the channels, likewise.
-        samples: of importance sampling, where a posterior is not Gaussian; with 0 nothing is sampled.
-        ahead: called with all that is predicted next, of all hypotheses together.
-        before: an earlier comparison of the same records: hypotheses that it holds are not fitted again, and of one of
-            the same name that begins elsewhere the better fit is kept.
-
-    Raises:
-        RecordError: a record is not measured, or lacks a channel that has noise.
-        EstimationError: no hypothesis is given, two have one name, or a prediction has another shape.
-
-    Example:
-        >>> import testbench as tb
-        >>> noise = tb.Noise({"q": 0.003, "theta": 0.002})
-        >>> tb.compare_hypotheses(records, [nothing, lag, delay], noise)  # doctest: +SKIP
-    """
-    names = [h.name for h in hypotheses]
-    if not names or len(set(names)) < len(names):
-        raise EstimationError(f"hypotheses must have names that differ, got {', '.join(names) or 'none'}")
-    for record in (*records, *held_out):
-        if record.kind != "measured":
-            raise RecordError(f"hypotheses are compared on measured records, got one of kind '{record.kind}'")
-        if missing := [c for c in noise.channels if c not in record]:
-            raise RecordError(f"every record must have the channels of the noise, got one without {missing[0]}")
-    fly, known = ahead or (lambda points: None), {} if before is None else before.fits
-    shared = next(iter(known.values()))[1].shared if known else _Shared()
-
-    def run(some: Sequence[Hypothesis], scales: FloatArray | None = None) -> list[_Fit]:
-        """Return the best fit of each."""
-        new = [(i, h) for i, h in enumerate(some) if h.name not in known or known[h.name][0] is not h]
-        best = {i: known[h.name][1] for i, h in enumerate(some) if h.name in known}
-        for k in range(1 + max((len(h.more) for _, h in new), default=0)):  # what others reached ends what is hopeless
-            begins = [(i, replace(h, begin=(h.begin, *h.more)[k])) for i, h in new if k <= len(h.more)]
-            runs = [_Fit.of(h, records, noise, unknown, air, shared, scales) for _, h in begins]
-            for (i, _), found in zip(begins, _together(runs, fly), strict=True):
-                if i not in best or found.log_evidence > best[i].log_evidence:
-                    best[i] = found
-        return [best[i] for i in range(len(some))]
-
-    (first,) = run(hypotheses[:1])
-    shared.first = shared.most if math.isinf(shared.first) else shared.first
-    found = [first, *run(hypotheses[1:], first.scales)]
-    odds = np.log([h.odds for h in hypotheses])
-    top = max(np.array([f.log_evidence for f in found]) + odds)
-    far = [f for f, o in zip(found, odds, strict=True) if samples and f.log_evidence + o > top - _FAR]
-    again = dict(zip(map(id, far), _together([f.sampled(samples) for f in far], fly), strict=True))
-    found = [again.get(id(f), f) for f in found]
-    logs = np.array([f.log_evidence for f in found])
-    weights = logs / found[int(np.argmax(logs + odds))].misfit[0] + odds
-    probabilities = np.exp(weights - logsumexp(weights))
-    order = np.argsort(-probabilities, kind="stable")
-    first = found[order[0]]
-    scores = [f.score(held_out) for f in found] if held_out else []
-    rows = []
-    for k in order:
-        difference = found[k]._segments[0] - first._segments[0]
-        rows.append(
-            Row(
-                names[k],
-                float(probabilities[k]),
-                found[k].log_evidence,
-                found[k].log_evidence - first.log_evidence,
-                float(np.std(difference) * math.sqrt(len(difference))),
-                scores[k] - scores[0] if scores else None,
-                found[k].posterior,
-            )
-        )
-    return Comparison(tuple(rows), dict(zip(names, zip(hypotheses, found, strict=True), strict=True)))
-
-
-class _Shared:
-    """What fits of the same records share.
-
-    Attributes:
-        most: ln p that any of them has reached, at a point that it flew; ``first`` is that of the first hypothesis.
-        measured: record -> readings (n, p) in units of the noise, and what counts.
-        moved: record -> the unknown motion, and gusts (n, p, q), likewise.
-    """
-
-    def __init__(self) -> None:
-        self.most = self.first = -math.inf
-        self.measured: dict[FlightRecord, tuple[FloatArray, Any]] = {}
-        self.moved: dict[FlightRecord, tuple[Motion, FloatArray]] = {}
+    @property
+    def sizes(self) -> range:
+        """Places in KAPPAS that an unknown motion may have."""
+        return range(len(KAPPAS) if self.unknown is not None else 1)
 
     @property
     def least(self) -> float:
@@ -401,16 +260,37 @@ class _Shared:
             return -math.inf
         return self.most - max(_HOPELESS, (1.0 - _LITTLE) * (self.most - self.first))
 
+    def readings(self, record: FlightRecord) -> tuple[FloatArray, Any]:
+        """Return readings (n, p) of a record in units of the noise, and what counts."""
+        if record not in self._readings:
+            at = [record.channels.index(c) for c in self.noise.channels]
+            z = np.column_stack([record[c] for c in self.noise.channels]) / self.stated
+            self._readings[record] = z, record.valid[:, at]
+        return self._readings[record]
 
-_Asks = tuple[Hypothesis, Sequence[Mapping[str, float]]]
-_Run = Generator[_Asks, None, "_Fit"]
+    def motion(self, record: FlightRecord) -> tuple[Motion, FloatArray]:
+        """Return the unknown motion and gusts (n, p, q) of a record, in units of the noise, made once for all."""
+        if record not in self._motions:
+            taken, own = self.readings(record)[1], np.zeros((len(record), len(self.stated), 0))
+            U = Motion.none(taken)
+            if self.unknown is not None:
+                moved = self.unknown(record)
+                U = moved if isinstance(moved, Motion) else fewer(moved / self.stated[:, None], taken)
+            if self.air is not None:
+                own = self.air(record) / self.stated[:, None]
+            self._motions[record] = U, own
+        return self._motions[record]
+
+
+Asks = tuple[Hypothesis, Sequence[Mapping[str, float]]]
+Run = Generator[Asks, None, "Fit"]
 """A fit on its way: gives (hypothesis, points) that it predicts next, and returns itself once it is at rest."""
 
 
-def _together(runs: Sequence[_Run], fly: Callable[[Points], None]) -> list[_Fit]:
+def fit_together(runs: Sequence[Run], fly: Callable[[Points], None]) -> list[Fit]:
     """Bring fits to rest side by side, so that all that they predict next is flown together."""
-    ended: dict[int, _Fit] = {}
-    wanted: dict[int, _Asks] = {}
+    ended: dict[int, Fit] = {}
+    wanted: dict[int, Asks] = {}
 
     def go_on(some: Iterable[int]) -> None:
         wanted.clear()
@@ -428,14 +308,11 @@ def _together(runs: Sequence[_Run], fly: Callable[[Points], None]) -> list[_Fit]
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class Fit:
     """A hypothesis at its best point, and the evidence over all sizes of the unknown motion there."""
 
     hypothesis: Hypothesis
-    records: Sequence[FlightRecord]
-    noise: Noise
-    unknown: Unknown | None
-    air: Pulses | None
+    data: Data
     theta: FloatArray
     blocks: Sequence[Linearised]
     grams: Sequence[Grams]
@@ -446,21 +323,11 @@ class _Fit:
     correction: float = 0.0  # of the evidence, by bounds and by importance samples
     effective: float = 1.0
     flown: dict[tuple[FlightRecord, bytes], FloatArray] = field(default_factory=dict)  # predictions; they cost most
-    shared: _Shared = field(default_factory=_Shared)
     tangents: Sequence[Mapping[str, FloatArray]] | None = None  # of each record, those that are known, per deviation
     fresh: bool = False  # they were made where the fit is
 
     @classmethod
-    def of(
-        cls,
-        hypothesis: Hypothesis,
-        records: Sequence[FlightRecord],
-        noise: Noise,
-        unknown: Unknown | None,
-        air: Pulses | None,
-        shared: _Shared,
-        scales: FloatArray | None = None,
-    ) -> _Run:
+    def of(cls, hypothesis: Hypothesis, data: Data, scales: FloatArray | None = None) -> Run:
         """Fit by Gauss and Newton's steps; noise scales come to rest where these do, from ``scales`` if they are given.
 
         A fit that promises far less than another has reached is not followed to its end.
@@ -468,39 +335,38 @@ class _Fit:
         Beside an unknown motion the noise hardly depends on what the model lacks, so that few rounds of either do.
         """
         begin = np.array(list(hypothesis.first.values()))
-        here = cls(hypothesis, records, noise, unknown, air, begin, (), (), np.ones(len(noise.std)), shared=shared)
+        here = cls(hypothesis, data, begin, (), (), np.ones(len(data.stated)))
         if hypothesis.slopes is not None:
-            stated = np.array(list(noise.std.values()))
-            known = [{n: s / stated for n, s in hypothesis.slopes(r).items()} for r in records]
+            known = [{n: s / data.stated for n, s in hypothesis.slopes(r).items()} for r in data.records]
             here = replace(here, tangents=known)
         here = yield from here._linearised(begin)
         here = here._at_rest() if scales is None else replace(here, scales=scales, k=here._best_of(scales))
         for _ in range(_REST):
-            here = yield from here._started(shared)
+            here = yield from here._started()
             before, here = here.scales, here._at_rest()
             if np.max(np.abs(np.log(here.scales / before)), initial=0.0) < _SAME:
                 break
         if hypothesis.form is not None:
             here = yield from here._linearised(here.theta, fresh=here.fresh)
         here = here._judged()
-        if KAPPAS[here.k] > WHOLE and here.promised > shared.most - _HOPELESS:
+        if KAPPAS[here.k] > WHOLE and here.promised > data.most - _HOPELESS:
             # A large unknown motion does what the parameters have left undone: they go on where it is small.
-            small = replace(here, k=max(j for j in here._every if KAPPAS[j] <= WHOLE), fresh=here.tangents is None)
-            there = yield from small._started(shared, beyond=here.promised)
+            small = replace(here, k=max(j for j in data.sizes if KAPPAS[j] <= WHOLE), fresh=here.tangents is None)
+            there = yield from small._started(beyond=here.promised)
             there = there._at_rest()
             if hypothesis.form is not None:
                 there = yield from there._linearised(there.theta, fresh=there.fresh)
             here = max(here, there._judged(), key=lambda f: f.log_evidence)
         return here._bounded()
 
-    def _started(self, shared: _Shared, beyond: float | None = None) -> _Run:
+    def _started(self, beyond: float | None = None) -> Run:
         """Return the fit at the best point, see :meth:`_descended`, with flights that begin where they suit it.
 
         Starts are fitted to all that is left: a large unknown motion would be in it, and does what they leave undone.
         """
-        here = yield from self._descended(shared, beyond)
+        here = yield from self._descended(beyond)
         for _ in range(_REST):
-            if here.hypothesis.begun is None or KAPPAS[here.k] > WHOLE or here.promised < shared.most - _REACH:
+            if here.hypothesis.begun is None or KAPPAS[here.k] > WHOLE or here.promised < self.data.most - _REACH:
                 break
             begun = here.hypothesis.begun(here.hypothesis.at(here.theta))
             if begun is None:
@@ -508,38 +374,35 @@ class _Fit:
             there = yield from replace(here, hypothesis=begun, flown={})._linearised(here.theta, form=False)
             if there.promised < here.promised + _BEGUN:
                 break
-            here = yield from there._descended(shared, beyond)
+            here = yield from there._descended(beyond)
         return here
 
-    def _judged(self) -> _Fit:
+    def _judged(self) -> Fit:
         """Return the fit with its evidence for every size of the unknown motion."""
         assert self.sized is not None
         # Where the descent stopped before it was at rest, what another step promises is none of its evidence.
         more = self.sized.price - max(self._step()[1], 0.0)
-        every = {j: self._reduced(self.scales, j).log_evidence(self._offset, self._std) for j in self._every}
-        return replace(self, at={j: density + more for j, density in every.items()})
-
-    @property
-    def _every(self) -> range:
-        return range(len(KAPPAS) if self.unknown is not None else 1)
+        return replace(self, at={j: self._density(self.scales, j) + more for j in self.data.sizes})
 
     def _reduced(self, scales: FloatArray, k: int) -> Reduced:
         return reduced(self.grams, scales, KAPPAS[k])
 
+    def _density(self, scales: FloatArray, k: int) -> float:
+        """Return ln p of the linear model at its best point, but for a constant of the records."""
+        return self._reduced(scales, k).log_evidence(self._offset, self.hypothesis.std)
+
     def _best_of(self, scales: FloatArray, places: Sequence[int] | None = None) -> int:
         """Return the most probable place of kappa at these scales."""
-        prior = _log_prior([KAPPAS[j] for j in self._every])
+        prior = _log_prior([KAPPAS[j] for j in self.data.sizes])
 
-        def density(j: int) -> float:
-            return self._reduced(scales, j).log_evidence(self._offset, self._std) + float(prior[j])
+        some = self.data.sizes if places is None else places
+        return max(some, key=lambda j: self._density(scales, j) + float(prior[j]))
 
-        return max(self._every if places is None else places, key=density)
-
-    def _at_rest(self) -> _Fit:
+    def _at_rest(self) -> Fit:
         """Return the fit with noise scales at rest at the most probable kappa."""
         k, scales, found = self.k, self.scales, self.sized
         for _ in range(_REST):
-            found = sized(self.grams, self._offset, self._std, self.noise.spread, KAPPAS[k], scales)
+            found = sized(self.grams, self._offset, self.hypothesis.std, self.data.noise.spread, KAPPAS[k], scales)
             scales, before = found.scales, k
             k = self._best_of(scales)
             if k == before:
@@ -550,23 +413,23 @@ class _Fit:
     @property
     def promised(self) -> float:
         """Ln p that the linear model promises at its best point, but for a constant of the records."""
-        return self._reduced(self.scales, self.k).log_evidence(self._offset, self._std)
+        return self._density(self.scales, self.k)
 
-    def _descended(self, shared: _Shared, beyond: float | None = None) -> _Run:
+    def _descended(self, beyond: float | None = None) -> Run:
         """Return the fit at the best point for its noise scales.
 
         Where it has to come ``beyond`` a promise, it holds its size of the unknown motion, and ends once it would not
         come near if all rounds that are left gained as much as the promise moved in the last one.
         """
-        here, hold, last = self, beyond is not None, -math.inf
+        here, data, hold, last = self, self.data, beyond is not None, -math.inf
         for done in range(_ROUNDS):
             step, promised = here._step()
             reach, last = here.promised + (_ROUNDS - done) * abs(here.promised - last), here.promised
             if beyond is not None and done >= _PATIENCE and reach < beyond - _HOPELESS:
                 break
-            shared.most = max(shared.most, here.promised - promised)
-            far = not hold and here.promised < shared.most - _HOPELESS
-            if done >= _PATIENCE and not hold and here.promised < shared.least:
+            data.most = max(data.most, here.promised - promised)
+            far = not hold and here.promised < data.most - _HOPELESS
+            if done >= _PATIENCE and not hold and here.promised < data.least:
                 break
             if promised < _AT_REST:
                 if here.fresh or far:
@@ -575,7 +438,7 @@ class _Fit:
                 continue
             there, before = None, here._log_joint(here.theta)
             for share in _SHARES:
-                theta = np.clip(here.theta + share * step, here._low, here._high)
+                theta = np.clip(here.theta + share * step, here.hypothesis.low, here.hypothesis.high)
                 # A whole step hardly ever fails, and its neighbours are flown with it: a few more cost a batch nothing.
                 few = here._beside(theta)[0].values() if share == 1.0 else ()
                 yield here._wanted([theta, *few])
@@ -589,103 +452,79 @@ class _Fit:
                 continue
             kept = here.fresh and promised < _NEARBY
             here = replace((yield from here._linearised(there, form=False)), fresh=kept or here.tangents is None)
-            near = [here.k] if hold else [j for j in (here.k - 1, here.k, here.k + 1) if j in here._every]
+            near = [here.k] if hold else [j for j in (here.k - 1, here.k, here.k + 1) if j in data.sizes]
             here = replace(here, k=here._best_of(here.scales, near))
         return here
 
-    def _wanted(self, points: Sequence[FloatArray]) -> _Asks:
+    def _wanted(self, points: Sequence[FloatArray]) -> Asks:
         """Return what is predicted next."""
         return self.hypothesis, [self.hypothesis.at(x) for x in points]
 
     @cached_property
     def log_weights(self) -> dict[int, float]:
         """Place in KAPPAS -> ln of the evidence there and of the prior of kappa."""
-        prior = _log_prior([KAPPAS[j] for j in self._every])
+        prior = _log_prior([KAPPAS[j] for j in self.data.sizes])
         return {j: density + float(prior[j]) for j, density in self.at.items()}
-
-    @property
-    def _low(self) -> FloatArray:
-        return np.array([p.low for p in self.hypothesis.parameters])
-
-    @property
-    def _high(self) -> FloatArray:
-        return np.array([p.high for p in self.hypothesis.parameters])
-
-    @property
-    def _std(self) -> FloatArray:
-        return deviations_of(self.hypothesis.parameters)
-
-    @property
-    def _log_held(self) -> float:
-        """Ln of the prior probability that the parameters lie within their bounds."""
-        prior = means_of(self.hypothesis.parameters)
-        held = norm.cdf((self._high - prior) / self._std) - norm.cdf((self._low - prior) / self._std)
-        return float(np.sum(np.log(held)))
 
     @property
     def _offset(self) -> FloatArray:
         """Prior means less the point that the columns belong to."""
-        return means_of(self.hypothesis.parameters) - self.theta
+        return self.hypothesis.mean - self.theta
 
     def _predicted(self, record: FlightRecord, theta: FloatArray) -> FloatArray:
         key = record, theta.tobytes()
         if key not in self.flown:
             y = np.asarray(self.hypothesis.predict(record, self.hypothesis.at(theta)), dtype=float)
-            wanted = (len(record), len(self.noise.channels))
+            wanted = (len(record), len(self.data.noise.channels))
             if y.shape != wanted:
                 raise EstimationError(
                     f"'{self.hypothesis.name}' must predict {wanted} samples and channels, got {y.shape}"
                 )
-            self.flown[key] = y / np.array(list(self.noise.std.values()))
+            self.flown[key] = y / self.data.stated
         return self.flown[key]
 
-    def _measured(self, record: FlightRecord) -> tuple[FloatArray, Any]:
-        if record not in self.shared.measured:
-            at = [record.channels.index(c) for c in self.noise.channels]
-            z = np.column_stack([record[c] for c in self.noise.channels]) / np.array(list(self.noise.std.values()))
-            self.shared.measured[record] = z, record.valid[:, at]
-        return self.shared.measured[record]
-
-    def _linearised(self, theta: FloatArray, form: bool = True, fresh: bool = False) -> _Run:
+    def _linearised(self, theta: FloatArray, form: bool = True, fresh: bool = False) -> Run:
         """Return the fit about a point, with the form error there or, to save flights, as it was before.
 
         Tangents that are known are taken, also from another point, until a step fails or none is left to take: then
         those of a fit that is not far behind are made afresh.
         """
-        known: Sequence[Mapping[str, FloatArray]] = [{}] * len(self.records)
-        if self.tangents is not None and not fresh:
-            known = self.tangents
+        data, parameters, tangents = self.data, self.hypothesis.parameters, self.tangents
         beside, steps = self._beside(theta, fresh)
         yield self._wanted([theta, *beside.values()])
+        formed = self.hypothesis.form is not None and (form or not self.blocks)
         blocks = []
-        stated = np.array(list(self.noise.std.values()))
-        for number, (record, slopes) in enumerate(zip(self.records, known, strict=True)):
-            y, (z, valid) = self._predicted(record, theta), self._measured(record)
+        for number, record in enumerate(data.records):
+            y, (z, valid) = self._predicted(record, theta), data.readings(record)
             columns = np.empty((*y.shape, len(theta)))
-            for i, p in enumerate(self.hypothesis.parameters):
+            for i, p in enumerate(parameters):
                 if i in beside:
                     columns[:, :, i] = np.nan_to_num((self._predicted(record, beside[i]) - y) / steps[i])
-                else:
-                    columns[:, :, i] = slopes[p.name]
-            U, own = self._of_record(record)
-            if self.hypothesis.form is not None and not form and self.blocks:
-                own = self.blocks[number].all_own
+                elif tangents is not None:
+                    columns[:, :, i] = tangents[number][p.name]
+            U, own = data.motion(record)
+            if formed:
+                own = np.concatenate([own, self._form(record, theta)], axis=2)
             elif self.hypothesis.form is not None:
-                t = record.t_s - record.t_s[0]
-                knots = np.arange(0.0, t[-1] + _FORM_S, _FORM_S)
-                hats = np.maximum(0.0, 1.0 - np.abs(t[:, None] - knots) / _FORM_S)
-                signature = self.hypothesis.form(record, self.hypothesis.at(theta)) / stated
-                own = np.concatenate([own, signature[:, :, None] * hats[:, None, :]], axis=2)
+                own = self.blocks[number].all_own
             blocks.append(Linearised(np.where(valid, z - y, 0.0), columns, U, valid, own))
-        kept = self.grams if self.grams and (self.hypothesis.form is None or not form) else [None] * len(blocks)
+        before = self.grams if self.grams and not formed else [None] * len(blocks)
         same = [i for i in range(len(theta)) if i not in beside]  # their tangents are known, and so are their sums
-        sums = [Grams.made(block, before, same) for block, before in zip(blocks, kept, strict=True)]
-        tangents = self.tangents
+        sums = [Grams.made(block, of, same) for block, of in zip(blocks, before, strict=True)]
         if fresh and tangents is not None:
-            names = [p.name for p in self.hypothesis.parameters]
+            names = [p.name for p in parameters]
             tangents = [{n: b.columns[:, :, names.index(n)] for n in tangents[0]} for b in blocks]
         fresh = fresh or tangents is None
         return replace(self, theta=theta, blocks=blocks, grams=sums, tangents=tangents, fresh=fresh)
+
+    def _form(self, record: FlightRecord, theta: FloatArray) -> FloatArray:
+        """Return what an error of the form of the hypothesis does to a record (n, p, knots), in units of the noise."""
+        assert self.hypothesis.form is not None
+        t = record.t_s - record.t_s[0]
+        knots = np.arange(0.0, t[-1] + _FORM_S, _FORM_S)
+        hats = np.maximum(0.0, 1.0 - np.abs(t[:, None] - knots) / _FORM_S)
+        signature = self.hypothesis.form(record, self.hypothesis.at(theta)) / self.data.stated
+        return np.asarray(signature[:, :, None] * hats[:, None, :])
 
     def _beside(self, theta: FloatArray, fresh: bool = False) -> tuple[dict[int, FloatArray], list[float]]:
         """Return parameter -> neighbour of a point (k,), of those whose tangents are differences, and all steps."""
@@ -698,26 +537,11 @@ class _Fit:
         wanted = [i for i, p in enumerate(parameters) if not known or any(p.name not in k for k in known)]
         return {i: theta + steps[i] * (np.arange(len(theta)) == i) for i in wanted}, steps
 
-    def _of_record(self, record: FlightRecord) -> tuple[Motion, FloatArray]:
-        """Return the unknown motion and gusts (n, p, q) of a record, in units of the noise, made once for all."""
-        known = self.shared.moved
-        if record not in known:
-            stated = np.array(list(self.noise.std.values()))
-            taken, own = self._measured(record)[1], np.zeros((len(record), len(stated), 0))
-            U = Motion.none(taken)
-            if self.unknown is not None:
-                moved = self.unknown(record)
-                U = moved if isinstance(moved, Motion) else fewer(moved / stated[:, None], taken)
-            if self.air is not None:
-                own = self.air(record) / stated[:, None]
-            known[record] = U, own
-        return known[record]
-
     def _step(self) -> tuple[FloatArray, float]:
         """Return the step to the best point of the linear model, and what it promises in ln p."""
         found = self._reduced(self.scales, self.k)
-        H, g = found.A + np.diag(self._std**-2.0), found.b + self._offset / self._std**2
-        low, high = self._low - self.theta, self._high - self.theta
+        H, g = found.A + np.diag(self.hypothesis.std**-2.0), found.b + self._offset / self.hypothesis.std**2
+        low, high = self.hypothesis.low - self.theta, self.hypothesis.high - self.theta
         step, free = np.zeros(len(g)), np.ones(len(g), dtype=bool)
         while free.any():  # what would leave its bounds stays at them, and the others go along
             step[free] = np.linalg.solve(H[np.ix_(free, free)], g[free] - H[np.ix_(free, ~free)] @ step[~free])
@@ -731,29 +555,33 @@ class _Fit:
     def _log_joint(self, theta: FloatArray) -> float:
         """Return ln p(y, theta) but for constants, predicted at theta, at the scales and the kappa of the fit."""
         grams = []
-        for record, block, sums in zip(self.records, self.blocks, self.grams, strict=True):
-            y, (z, valid) = self._predicted(record, theta), self._measured(record)
+        for record, block, sums in zip(self.data.records, self.blocks, self.grams, strict=True):
+            y, (z, valid) = self._predicted(record, theta), self.data.readings(record)
             if not np.all(np.isfinite(y[valid])):
                 return -math.inf
             grams.append(sums.left_by(block, z - y))
         c = reduced(grams, self.scales, KAPPAS[self.k]).c
-        return -0.5 * (c + float(np.sum(((theta - means_of(self.hypothesis.parameters)) / self._std) ** 2)))
+        return -0.5 * (c + float(np.sum(((theta - self.hypothesis.mean) / self.hypothesis.std) ** 2)))
 
-    def _bounded(self) -> _Fit:
+    def _bounded(self) -> Fit:
         """Return the fit with its evidence multiplied by the posterior probability of the bounds over the prior one."""
         if not self.hypothesis.parameters:
             return self
         centre, covariance = self._gaussian()
-        errors = np.sqrt(np.diag(covariance))
-        mass = norm.cdf((self._high - centre) / errors) - norm.cdf((self._low - centre) / errors)
+        mass = self.hypothesis.held(centre, np.sqrt(np.diag(covariance)))
         return replace(self, correction=float(np.sum(np.log(np.maximum(mass, 1e-12)))) - self._log_held)
+
+    @property
+    def _log_held(self) -> float:
+        """Ln of the prior probability that the parameters lie within their bounds."""
+        return float(np.sum(np.log(self.hypothesis.held(self.hypothesis.mean, self.hypothesis.std))))
 
     def _gaussian(self) -> tuple[FloatArray, FloatArray]:
         """Return centre and covariance of the posterior of the linear model."""
-        mean, covariance = self._reduced(self.scales, self.k).posterior(self._offset, self._std)
+        mean, covariance = self._reduced(self.scales, self.k).posterior(self._offset, self.hypothesis.std)
         return self.theta + mean, covariance
 
-    def sampled(self, samples: int) -> _Run:
+    def sampled(self, samples: int) -> Run:
         """Return the fit with its evidence by importance sampling, where the posterior is far from Gaussian."""
         if not self.hypothesis.parameters:
             return self
@@ -761,7 +589,7 @@ class _Fit:
         errors = np.sqrt(np.diag(covariance))
         top = self._log_joint(self.theta)
         ends = [self.theta + sign * covariance[:, i] / errors[i] for i in range(len(centre)) for sign in (1.0, -1.0)]
-        ends = [x for x in ends if np.all((x >= self._low) & (x <= self._high))]
+        ends = [x for x in ends if np.all((x >= self.hypothesis.low) & (x <= self.hypothesis.high))]
         yield self._wanted(ends)
         worst = max((abs(self._log_joint(x) - top + 0.5) for x in ends), default=0.0)
         if worst <= _SKEW:
@@ -774,7 +602,7 @@ class _Fit:
         d = len(centre)
         scaled = draws / np.sqrt(wide)[:, None]
         points = centre + scaled @ root.T
-        held = np.all((points >= self._low) & (points <= self._high), axis=1)
+        held = np.all((points >= self.hypothesis.low) & (points <= self.hypothesis.high), axis=1)
         yield self._wanted(list(points[held]))
         for s, (z, theta) in enumerate(zip(scaled, points, strict=True)):
             if held[s]:
@@ -792,7 +620,7 @@ class _Fit:
     @property
     def log_evidence(self) -> float:
         """ln p(records | hypothesis)."""
-        stated = np.log(list(self.noise.std.values()))
+        stated = np.log(self.data.stated)
         taken = sum(float(b.taken.sum(axis=0) @ stated) for b in self.blocks)
         return float(logsumexp(list(self.log_weights.values()))) - taken + self.correction
 
@@ -810,10 +638,10 @@ class _Fit:
         return out
 
     @cached_property
-    def _segments(self) -> tuple[FloatArray, FloatArray]:
+    def segments(self) -> tuple[FloatArray, FloatArray]:
         """Return of segments of one second ln p (s,) but for a constant, and its gradient by the parameters (s, k)."""
         logs, gradients = [], []
-        for record, block, sums in zip(self.records, self.blocks, self.grams, strict=True):
+        for record, block, sums in zip(self.data.records, self.blocks, self.grams, strict=True):
             left, columns = whitened(block, sums, self.scales, KAPPAS[self.k])
             starts = np.arange(0, len(record), max(1, round(_SEGMENT_S / record.dt_s)))
             each = -0.5 * left**2 - np.where(block.taken, np.log(self.scales), 0.0)
@@ -833,7 +661,7 @@ class _Fit:
         k = len(self.theta)
         if not k:
             return 1.0, np.ones(0)
-        covariance, (logs, g) = self._gaussian()[1], self._segments
+        covariance, (logs, g) = self._gaussian()[1], self.segments
         A, scatter = self._reduced(self.scales, self.k).A, g.T @ g
         n = len(logs)
         excess = np.einsum("ij,jk,ki->i", covariance, scatter - A, covariance) / np.diag(covariance)
@@ -846,8 +674,8 @@ class _Fit:
         """Return ln p of records that were not used, a sample, at the best point."""
         grams = []
         for record in records:
-            y, (z, valid) = self._predicted(record, self.theta), self._measured(record)
-            U, own = self._of_record(record)
+            y, (z, valid) = self._predicted(record, self.theta), self.data.readings(record)
+            U, own = self.data.motion(record)
             grams.append(Grams.made(Linearised(np.where(valid, z - y, 0.0), np.zeros((*y.shape, 0)), U, valid, own)))
         found = reduced(grams, self.scales, KAPPAS[self.k])
         return -0.5 * (math.log(2.0 * math.pi) + (found.log_det + found.c) / found.samples)
@@ -858,50 +686,43 @@ class _Fit:
         assert self.sized is not None
         inflation = np.sqrt(self.misfit[1])
         covariance = inflation[:, None] * self._gaussian()[1] * inflation
-        values = self.theta
         total = logsumexp(list(self.log_weights.values()))
         whiteness = _whiteness(self._left)
         whole = sum(math.exp(w - total) for j, w in self.log_weights.items() if KAPPAS[j] <= WHOLE)
         sizes, densities = [KAPPAS[j] for j in self.at], np.array(list(self.at.values()))
         log_whole, log_part = (float(x) for x in whole_and_part(densities, sizes) + (self.log_evidence - total))
-        doubts = []
+        noise = zip(self.scales.tolist(), (self.scales * self.sized.log_errors).tolist(), strict=True)
+        return Posterior(
+            parameters=self.hypothesis.parameters,
+            values=self.theta,
+            covariance=covariance,
+            noise=dict(zip(self.data.noise.channels, noise, strict=True)),
+            kappa=KAPPAS[self.k],
+            log_evidence=self.log_evidence,
+            log_whole=log_whole,
+            log_part=log_part,
+            p_whole=whole,
+            whiteness=whiteness,
+            strain=float(np.sum((self._offset / self.hypothesis.std) ** 2)),
+            effective=self.effective,
+            misfit=self.misfit[0],
+            inflation=inflation,
+            doubts=tuple(self._doubts(whiteness, np.sqrt(np.diag(covariance)))),
+        )
+
+    def _doubts(self, whiteness: float, errors: FloatArray) -> Iterable[str]:
+        """Yield what speaks against the posterior."""
         if whiteness < WHITE:
-            doubts.append(f"what is left is coloured (noise would be so with a probability of {whiteness:.1g})")
+            yield f"what is left is coloured (noise would be so with a probability of {whiteness:.1g})"
         if self.effective < 0.1:
-            doubts.append(f"only {100 * self.effective:.0f} % of the samples of its posterior count")
-        at_bound = [
-            p.name
-            for p, v, e in zip(self.hypothesis.parameters, values, np.sqrt(np.diag(covariance)), strict=True)
-            if min(v - p.low, p.high - v) < 0.1 * e
-        ]
+            yield f"only {100 * self.effective:.0f} % of the samples of its posterior count"
         if self.misfit[0] > _OVERSTATES:
             times = math.sqrt(self.misfit[0])
-            doubts.append(f"what is left is no white noise: errors are {times:.2g} times what they were if it were")
-        if at_bound:
-            doubts.append(f"{', '.join(at_bound)} rests at the end of what is possible")
-        return Posterior(
-            self.hypothesis.parameters,
-            values,
-            covariance,
-            dict(
-                zip(
-                    self.noise.channels,
-                    zip(self.scales.tolist(), (self.scales * self.sized.log_errors).tolist(), strict=True),
-                    strict=True,
-                )
-            ),
-            KAPPAS[self.k],
-            self.log_evidence,
-            log_whole,
-            log_part,
-            whole,
-            whiteness,
-            float(np.sum(((values - means_of(self.hypothesis.parameters)) / self._std) ** 2)),
-            self.effective,
-            self.misfit[0],
-            inflation,
-            tuple(doubts),
-        )
+            yield f"what is left is no white noise: errors are {times:.2g} times what they were if it were"
+        near = np.minimum(self.theta - self.hypothesis.low, self.hypothesis.high - self.theta) < 0.1 * errors
+        if near.any():
+            names = [p.name for p, ends in zip(self.hypothesis.parameters, near, strict=True) if ends]
+            yield f"{', '.join(names)} rests at the end of what is possible"
 
 
 def whole_and_part(density: FloatArray, kappas: Sequence[float] = KAPPAS) -> FloatArray:
