@@ -6,14 +6,13 @@ A law says what an effect adds to an aircraft; the rows of the tables beside it 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from testbench.aircraft import Aircraft, Amendment
 from testbench.aircraft.paths import ControlPath
 from testbench.aircraft.seams import opened
 from testbench.core.errors import ModelError
-from testbench.core.record import FloatArray
 from testbench.flight import FlightCondition
 from testbench.flight.air import Gust
 from testbench.sensors import SensorSuite
@@ -66,7 +65,6 @@ class MetGust:
 
 Values = Mapping[str, float]
 Amend = Callable[[Aircraft, SensorSuite, Values], tuple[Aircraft, SensorSuite]]
-Shape = Callable[[Sequence[str], FloatArray, float, Aircraft, Values], FloatArray]
 Law = Callable[[Aircraft, Values], Amendment]
 PathLaw = Callable[[Aircraft, ControlPath, Values], Amendment]
 OverTime = Callable[[Aircraft, SensorSuite, Values, float], tuple[Aircraft, SensorSuite]]
@@ -86,9 +84,6 @@ class Effect:
         amend: returns aircraft and suite with the effect added; neither argument is changed.
         mistaken_for: what it cannot be told from, and when.
         separated_by: what flight or measurement tells them apart.
-        shape: (controls, commands (n, m) as deviations from trim, sample time, amended aircraft, values) -> what the
-            commands become. It stands for dynamics between command and surface that a linearisation at rest does not
-            see; only differences of linear predictions use it.
         flown: True if its signature is taken from flights: a linearisation at trim does not show it, or it needs no
             flight of its own.
         lateral: True if it is sought only in records whose aileron or rudder command moves.
@@ -121,7 +116,6 @@ class Effect:
     amend: Amend
     mistaken_for: str
     separated_by: str
-    shape: Shape | None = None
     flown: bool = False
     lateral: bool = False
     contains: tuple[str, ...] = ()

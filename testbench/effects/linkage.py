@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-
-import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment, Insert
 from testbench.aircraft.adapter import PREFIX
 from testbench.aircraft.paths import ControlPath
 from testbench.aircraft.seams import Reroute, component, moving, product, prop, remember, reroute, value
 from testbench.core.errors import ModelError
-from testbench.core.record import FloatArray
 from testbench.effects.aerodynamics import CURVED
 from testbench.effects.base import GEARING, LINKAGE, Parameter, Values, on_path
 from testbench.effects.servo import (
@@ -25,12 +21,9 @@ from testbench.effects.servo import (
     SURFACES,
     WIDEST,
     WIDEST_RAD,
-    Corner,
     Kind,
-    commands_for,
     labelled,
     made,
-    moved,
     named,
 )
 
@@ -92,11 +85,6 @@ def scaled(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
     return Amendment(named(path.control, "surface_scale"), text, (edit,))
 
 
-def multiplied(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> FloatArray:
-    """Return commands (n,), deviations from trim, times the scale."""
-    return values["scale"] * u
-
-
 def offset(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
     """Add a constant to what the servo is told."""
     off = values["offset_rad"]
@@ -116,11 +104,6 @@ def one_sided(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendmen
     edit = about_trim(path, labelled(path.control, "one-sided"), weaker)
     text = f"{path.word} turns {scale:.4g} times the command where that is positive, counted from trim"
     return Amendment(named(path.control, "one_sided_linkage"), text, (edit,))
-
-
-def weaker_one_way(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> FloatArray:
-    """Return commands (n,), deviations from trim, with their positive part times the scale."""
-    return u + (values["scale"] - 1.0) * u.clip(min=0.0)
 
 
 _LEAST = 0.1  # of what is under the root of a curved linkage: a ratio that grows is followed no farther
@@ -144,11 +127,6 @@ def curved(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
     of = "" if path.control == "thr" else " rad^-2"
     text = f"{path.word} turns {scale:.4g} times the command near trim, and loses {loss:.3g}{of} of its square"
     return Amendment(named(path.control, "curved_linkage"), text, (edit,))
-
-
-def bent_by(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> FloatArray:
-    """Return commands (n,), deviations from trim, as a curved linkage hands them on."""
-    return values["scale"] * u / np.sqrt(np.maximum(1.0 + 2.0 * _loss(values) * u**2, _LEAST))
 
 
 # --- laws: play -------------------------------------------------------------------------------------------------------
@@ -193,35 +171,12 @@ def _half_of(width_rad: float) -> float:
     return max(0.5 * width_rad, _LEAST_HALF_RAD)
 
 
-def played(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> FloatArray:
-    """Return commands (n,) that take the servo where the commands ``u`` take a surface with a play of its own."""
-    from scipy.signal import lfilter
-
-    half, creep = _half_of(values["width_rad"]), values.get("creep_1_s", 0.0) * dt_s
-    slower = values.get("power", 1.0) - 1.0
-    start, whole = float(u[0]), math.exp(-corner() * dt_s)
-    servo = np.asarray(lfilter([1.0 - whole], [1.0, -whole], u - start)) + start
-
-    def move(d: float, x: float) -> float:
-        off = x - d
-        step = -math.expm1(-creep * min(1.0, abs(off) / half) ** slower) if creep else 0.0
-        return min(max(d + step * off, x - half), x + half)
-
-    return commands_for(moved(servo, move, start), corner(), dt_s)
-
-
 def throttle_play(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
     """Put a play of the given width between what is commanded and what the engine is told; in its middle at trim."""
     width = values["width"]
     edit = reroute(path.command, "throttle-play", _beside(prop("gap/throttle-play"), prop(path.command), width))
     text = f"throttle linkage with a play of {width:.3g} of full throttle"
     return Amendment("throttle_free_play", text, (edit,))
-
-
-def throttle_played(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> FloatArray:
-    """Return commands (n,) of the throttle behind the play."""
-    half = 0.5 * values["width"]
-    return moved(u, lambda y, c: min(max(y, c - half), c + half))[1:]
 
 
 # --- the table --------------------------------------------------------------------------------------------------------
@@ -237,7 +192,7 @@ _KINDS = (
         parameters=(Parameter("width_rad", "rad", 0.0, WIDEST_RAD, (0.01, 0.03), none=0.0),),
         mistaken_for="a dead band of the servo; a lower {word} effectiveness if all inputs are of one size",
         separated_by="two amplitudes of the same input; a measured deflection, which only the dead band moves",
-        shape=played, upstream=LINKAGE, form_error=BAND),
+        upstream=LINKAGE, form_error=BAND),
     Kind(
         "free play", "free_play", ("thr",), partial(on_path, throttle_play),
         title="free play of the throttle",
@@ -248,7 +203,7 @@ _KINDS = (
         mistaken_for="a lower thrust per throttle if all inputs are of one size; the dead band of a quick throttle "
         "servo, which does the same",
         separated_by="throttle steps of two sizes; for the servo, the motion of its arm on the ground",
-        shape=throttle_played, searched=(), upstream=LINKAGE, ground_check=PLAY_CHECK, form_error=BAND),
+        searched=(), upstream=LINKAGE, ground_check=PLAY_CHECK, form_error=BAND),
     Kind(
         "creeping free play", "creeping_free_play", SURFACES, partial(on_path, play),
         title="free play of the {word} with a surface that creeps",
@@ -260,7 +215,7 @@ _KINDS = (
                     Parameter("power", "1", 1.0, 8.0, (1.5,))),
         mistaken_for="play without creep, where no input is held for long",
         separated_by="a step held for seconds, of the size of the play",
-        shape=played, contains=("free_play",), upstream=LINKAGE, form_error=BAND),
+        contains=("free_play",), upstream=LINKAGE, form_error=BAND),
     Kind(
         "gain", "surface_scale", SURFACES, partial(on_path, scaled),
         title="scale of the {word}'s deflection or effectiveness",
@@ -269,8 +224,7 @@ _KINDS = (
         parameters=(Parameter("scale", "1", 0.2, 3.0, (0.8, 1.3), none=1.0),),
         mistaken_for="an error of {coefficients} together, exactly, so that only what exceeds their prior can be named",
         separated_by="a measured deflection: a linkage error shows in it, a wrong effectiveness does not",
-        shape=multiplied, searched=SURFACES,
-        flown=True,  # larger commands meet the slew limit that is believed, which a linearisation does not see
+        searched=SURFACES,
         upstream=GEARING, form_error=0.01),
     Kind(
         "offset", "surface_offset", SURFACES, partial(on_path, offset),
@@ -280,7 +234,7 @@ _KINDS = (
         parameters=(Parameter("offset_rad", "rad", -0.2, 0.2, (0.02, -0.02), none=0.0),),
         mistaken_for="an error of {moment}0, exactly; it does not show where commands are deviations from trim",
         separated_by="the absolute command at trim at several speeds, beside a weighed centre of gravity",
-        upstream=GEARING, form_error=0.01),
+        flown=False, upstream=GEARING, form_error=0.01),
     Kind(
         "one-sided linkage", "one_sided_linkage", CONTROLS, partial(on_path, one_sided),
         title="{word} linkage that works less one way",
@@ -289,7 +243,7 @@ _KINDS = (
         parameters=(Parameter("scale", "1", 0.0, 3.0, (0.8, 1.2), none=1.0),),
         mistaken_for="a scale of the deflection where all inputs are of one sign; a curved moment",
         separated_by="inputs of both signs; turning the control to both stops on the ground",
-        shape=weaker_one_way, searched=(), flown=True, upstream=GEARING, form_error=CURVED),
+        searched=(), upstream=GEARING, form_error=CURVED),
     Kind(
         "curved linkage", "curved_linkage", SURFACES, partial(on_path, curved),
         title="{word} linkage, or effectiveness, that changes with the deflection",
@@ -298,7 +252,7 @@ _KINDS = (
         parameters=(_GAIN, Parameter("loss_per_rad2", "1/rad^2", -4.0, 40.0, (3.0,), none=0.0)),
         mistaken_for="a scale of the deflection where all inputs are of one size; a rate limit where they differ",
         separated_by="inputs of two sizes; measuring the deflection for several commands on the ground",
-        shape=bent_by, searched=(), flown=True, contains=("surface_scale",), upstream=GEARING, form_error=CURVED),
+        searched=(), contains=("surface_scale",), upstream=GEARING, form_error=CURVED),
     Kind(
         "curved linkage", "curved_linkage", ("thr",), partial(on_path, curved),
         title="{word} linkage, or effectiveness, that changes with the deflection",
@@ -307,7 +261,7 @@ _KINDS = (
         parameters=(_GAIN, Parameter("loss", "1", -4.0, 40.0, (1.0,), none=0.0)),
         mistaken_for="a scale of the deflection where all inputs are of one size; a rate limit where they differ",
         separated_by="inputs of two sizes; measuring the deflection for several commands on the ground",
-        shape=bent_by, searched=(), flown=True, contains=("thrust_scale", "throttle_scale"), upstream=GEARING,
+        searched=(), contains=("thrust_scale", "throttle_scale"), upstream=GEARING,
         form_error=CURVED),
 )
 SERVOS, EFFECTS, ON_REQUEST = made(_KINDS)

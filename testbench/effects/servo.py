@@ -32,9 +32,6 @@ PLACES = {**WORDS, "thr": "thrust"}
 """Control -> the place of effects between its command and its surface."""
 COEFFICIENTS = {"de": ("Cm_de", "CL_de"), "da": ("Cl_da", "Cn_da"), "dr": ("Cn_dr", "CY_dr")}
 """Control -> the coefficients that its effectiveness consists of, the first of them the moment that it is there for."""
-Corner = Callable[[], float]
-ColumnLaw = Callable[[FloatArray, float, Values, Corner], FloatArray]
-"""Commands (n,), sample time, values, corner of the believed servo in rad/s -> what the commands become."""
 BAND = 0.05  # form error of play and dead bands
 SHORTEST_S = 1e-6  # below any frame time: what is late by less is not late
 
@@ -63,7 +60,6 @@ class Kind:
             things that a record of these controls may be mistaken for, each of which costs a search, while most records
             hold no input that tells one servo effect from another of its kind.
         amend: control, aircraft, suite, values -> aircraft and suite; of a law ``partial(on_path, law)``.
-        shape: what becomes of the commands, see :class:`Effect`.
         contains: kinds that are special cases; of the throttle the names of effects.
         title, physics, mistaken_for, separated_by: words in which {word}, {follower}, {moment} and {coefficients} are
             those of the control.
@@ -79,11 +75,10 @@ class Kind:
     parameters: tuple[Parameter, ...]
     mistaken_for: str
     separated_by: str
-    shape: ColumnLaw | None = None
     searched: Sequence[str] = ("de",)
     contains: tuple[str, ...] = ()
     upstream: int = Effect.upstream
-    flown: bool = False
+    flown: bool = True
     ground_check: str = ""
     form_error: float = Effect.form_error
 
@@ -105,7 +100,6 @@ class Kind:
             amend=partial(self.amend, control),
             mistaken_for=self.mistaken_for.format(**words),
             separated_by=self.separated_by.format(**words),
-            shape=partial(shaped, self.shape, control) if self.shape else None,
             flown=self.flown,
             lateral=control in ("da", "dr"),
             contains=self.contains if control == "thr" else tuple(named(control, c) for c in self.contains),
@@ -158,38 +152,6 @@ def _declared(model: Keyed[Aircraft]) -> dict[str, str]:
     return known
 
 
-def moved(u: FloatArray, move: Callable[[float, float], float], start: float | None = None) -> FloatArray:
-    """Return the positions (n + 1,) of a device under commands (n,), from ``start`` or where the first command is.
-
-    ``move(position, command)`` is the position a sample later.
-    """
-    d = [float(u[0]) if start is None else start]
-    for c in u.tolist():
-        d.append(move(d[-1], c))
-    return np.array(d)
-
-
-def commands_for(d: FloatArray, corner: float, dt_s: float) -> FloatArray:
-    """Return the commands (n,) that take a first-order servo of that corner, rad/s, along the positions ``d`` (n + 1,).
-
-    A command held over one sample moves it by d+ = a d + (1 - a) c with a = exp(-corner dt), hence c = (d+ - a d) /
-    (1 - a).
-    """
-    whole = math.exp(-corner * dt_s)
-    return (d[1:] - whole * d[:-1]) / (1.0 - whole)
-
-
-def shaped(
-    law: ColumnLaw, control: str, names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, values: Values
-) -> FloatArray:
-    """Return commands ``u`` (n, m) of controls ``names``, that of one control as a ``law`` hands it on."""
-    if control not in names:
-        return u
-    column, out = list(names).index(control), u.copy()
-    out[:, column] = law(u[:, column], dt_s, values, partial(corner_of, aircraft, control))
-    return out
-
-
 # --- laws: what is late ----------------------------------------------------------------------------------------------
 
 
@@ -220,12 +182,6 @@ def delay(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
     edit = reroute(path.command, label, f"<sum> {' '.join(late)} </sum>", memories)
     text = f"{path.word} command late by {values['delay_s']:.4g} s"
     return Amendment(named(path.control, "transport_delay"), text, (edit,), rate_hz=aircraft.rate_hz)
-
-
-def delayed(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> FloatArray:
-    """Return commands (n,) that come late, averaged over each sample."""
-    t = np.arange(len(u)) * dt_s
-    return np.interp(t - values["delay_s"], t, u)
 
 
 def _step(values: Values, dt_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -265,24 +221,9 @@ def second_order(aircraft: Aircraft, path: ControlPath, values: Values) -> Amend
     return Amendment(named(path.control, "second_order_actuator"), text, (edit,), rate_hz=aircraft.rate_hz)
 
 
-def swung(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> FloatArray:
-    """Return commands (n,) that take the believed servo where the commands ``u`` take the one of second order."""
-    from testbench.estimators.trajectories import Trajectories
-
-    A, B0, B1 = _step(values, dt_s)
-    c = u - u[0]
-    d = Trajectories(A, len(c) + 1).forced((np.append(c, c[-1])[:, None] * (B0 + B1))[:, :, None])[:, 0, 0]
-    return commands_for(d, corner(), dt_s) + u[0]
-
-
 def delayed_servo(control: str, aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Let the command wait, and replace the first-order servo by one of second order."""
     return on_path(second_order, control, *on_path(delay, control, aircraft, suite, values), values)
-
-
-def delayed_and_swung(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> FloatArray:
-    """Return commands (n,) that take the believed servo where the commands ``u``, late, take the other one."""
-    return swung(delayed(u, dt_s, values, corner), dt_s, values, corner)
 
 
 # --- laws: limited rates ----------------------------------------------------------------------------------------------
@@ -334,20 +275,6 @@ def rate_limit(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendme
     return Amendment(named(path.control, "asymmetric_rate_limit"), text, (other, edit))
 
 
-def limited(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> FloatArray:
-    """Return commands (n,) that take the servo without limit where the commands ``u`` take the limited one."""
-    lag, (down, up) = corner(), _rates(values)
-
-    def move(d: float, c: float) -> float:
-        error = c - d
-        limit = down if error > 0.0 else up
-        slewing = min(max(abs(error) / limit - 1.0 / lag, 0.0), dt_s)  # s until the lag asks for less than the limit
-        d += math.copysign(limit * slewing, error)
-        return d if slewing == dt_s else c - math.exp(-lag * (dt_s - slewing)) * (c - d)
-
-    return commands_for(moved(u, move), lag, dt_s)
-
-
 def throttle_rate(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
     """Let what the engine is told move no faster than a limit, or one each way, 1/s."""
     fall, rise = _rates(values)
@@ -361,19 +288,6 @@ def throttle_rate(aircraft: Aircraft, path: ControlPath, values: Values) -> Amen
         return Amendment("throttle_rate_limit", text, (edit,))
     text = f"throttle opens by {rise:.3g} and closes by {fall:.3g} of full throttle a second at most"
     return Amendment("throttle_asymmetric_rate_limit", text, (edit,))
-
-
-def throttle_slewed(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> FloatArray:
-    """Return commands (n,) of the throttle held back to its rates, the mean over each sample."""
-    fall, rise = _rates(values)
-    y, out = float(u[0]), []
-    for c in u.tolist():
-        limit = rise if c > y else fall
-        moves = min(abs(c - y) / limit, dt_s)  # s
-        then = c if moves < dt_s else y + math.copysign(limit * dt_s, c - y)
-        out.append(then + 0.5 * (y - then) * moves / dt_s)
-        y = then
-    return np.array(out)
 
 
 # --- laws: dead bands -------------------------------------------------------------------------------------------------
@@ -390,17 +304,6 @@ def dead_band(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendmen
     return Amendment(named(path.control, "dead_band"), text, (edit,))
 
 
-def banded(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> FloatArray:
-    """Return commands (n,) that take the servo without a dead band where the commands ``u`` take the one with it."""
-    half, lag = values["half_width_rad"], corner()
-
-    def move(d: float, c: float) -> float:
-        error = c - d
-        return d - math.expm1(-lag * dt_s) * (error - max(-half, min(half, error)))
-
-    return commands_for(moved(u, move), lag, dt_s)
-
-
 def throttle_band(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
     """Let what the engine is told follow what its error exceeds the band by, as a first-order lag; exact for a command
     held from frame to frame."""
@@ -413,19 +316,6 @@ def throttle_band(aircraft: Aircraft, path: ControlPath, values: Values) -> Amen
     edit = reroute(path.command, "throttle-band", moving(f"<sum> {last} {step} </sum>", c))
     text = f"throttle servo with a dead band of {half:.3g} of full throttle to either side, late by {lag_s:.3g} s"
     return Amendment("throttle_dead_band", text, (edit,))
-
-
-def throttle_banded(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> FloatArray:
-    """Return commands (n,) of the throttle behind the dead band, the mean over each sample."""
-    half, lag_s = values["half_width"], max(values["lag_s"], SHORTEST_S)
-    left = math.exp(-dt_s / lag_s)
-    mean = (1.0 - left) * lag_s / dt_s
-    y, out = float(u[0]), []
-    for c in u.tolist():
-        excess = c - y - max(-half, min(half, c - y))
-        out.append(y + (1.0 - mean) * excess)
-        y += (1.0 - left) * excess
-    return np.array(out)
 
 
 # --- the table --------------------------------------------------------------------------------------------------------
@@ -453,6 +343,7 @@ def _lag_of(control: str, lost: str, mistaken_for: str, separated_by: str) -> Ki
         mistaken_for=mistaken_for,
         separated_by=separated_by,
         searched=(control,),
+        flown=False,  # a linearisation at trim shows it
         form_error=0.02,
     )
 
@@ -482,7 +373,7 @@ _KINDS = (
         parameters=(Parameter("omega_rad_s", "rad/s", 4.0, 300.0, (25.0,)), Parameter("zeta", "1", 0.1, 2.0, (0.7,))),
         mistaken_for="a delay with a first-order lag, or a lag in two stages, below its frequency",
         separated_by="a sweep through the servo's frequency; a measured deflection",
-        shape=swung, contains=("lag",), upstream=SERVO),
+        contains=("lag",), upstream=SERVO),
     Kind(
         "rate limit", "rate_limit", SURFACES, partial(on_path, rate_limit),
         title="rate limit of the {word} servo",
@@ -491,7 +382,7 @@ _KINDS = (
         parameters=(Parameter("limit_rad_s", "rad/s", 0.02, 10.0, (1.5, 0.5, 0.15)),),
         mistaken_for="a slower servo or a delay if all inputs are of one size; it does not show without fast commands",
         separated_by="two amplitudes of the same input: a lag and a delay scale with it, a rate limit does not",
-        shape=limited, searched=SURFACES),
+        searched=SURFACES),
     Kind(
         "rate limit", "rate_limit", ("thr",), partial(on_path, throttle_rate),
         title="rate limit of the throttle",
@@ -500,7 +391,7 @@ _KINDS = (
         parameters=(Parameter("limit_1_s", "1/s", 0.01, 20.0, (0.5, 0.15, 0.05)),),
         mistaken_for="a lag or a delay of the thrust if all throttle steps are of one size",
         separated_by="throttle steps of two sizes: a lag and a delay scale with them, a rate limit does not",
-        shape=throttle_slewed, searched=(), upstream=SERVO, ground_check=_RATE_CHECK),
+        searched=(), upstream=SERVO, ground_check=_RATE_CHECK),
     Kind(
         "rate limit, another one each way", "asymmetric_rate_limit", SURFACES, partial(on_path, rate_limit),
         title="rate limit of the {word} servo, another one each way",
@@ -510,7 +401,7 @@ _KINDS = (
                     Parameter("up_rad_s", "rad/s", 0.02, 10.0, (1.0, 0.3))),
         mistaken_for="a symmetric rate limit, where only one of the two is ever met",
         separated_by="inputs of both signs at two amplitudes, the larger one beyond both limits",
-        shape=limited, contains=("rate_limit",)),
+        contains=("rate_limit",)),
     Kind(
         "rate limit, another one each way", "asymmetric_rate_limit", ("thr",), partial(on_path, throttle_rate),
         title="rate limit of the throttle, another one each way",
@@ -520,7 +411,7 @@ _KINDS = (
                     Parameter("fall_1_s", "1/s", 0.01, 20.0, (0.5, 0.1))),
         mistaken_for="a symmetric rate limit, where only one of the two is ever met",
         separated_by="throttle steps of both signs and two sizes, the larger one beyond both limits",
-        shape=throttle_slewed, searched=(), contains=("throttle_rate_limit",), upstream=SERVO, ground_check=_RATE_CHECK,
+        searched=(), contains=("throttle_rate_limit",), upstream=SERVO, ground_check=_RATE_CHECK,
     ),
     Kind(
         "delay", "transport_delay", CONTROLS, partial(on_path, delay),
@@ -530,7 +421,7 @@ _KINDS = (
         parameters=(Parameter("delay_s", "s", 0.0, 0.5, (0.03, 0.1), none=0.0),),
         mistaken_for="a slower servo at low frequency; a delay common to all sensors, which a clock offset gives too",
         separated_by="a sweep beyond the servo's corner, where a lag takes amplitude and a delay does not",
-        shape=delayed, searched=SURFACES, upstream=LINK, form_error=0.02),
+        searched=SURFACES, upstream=LINK, form_error=0.02),
     Kind(
         "delay and second order", "delayed_servo", SURFACES, delayed_servo,
         title="{word} servo of second order behind a delay",
@@ -541,7 +432,7 @@ _KINDS = (
                     Parameter("zeta", "1", 0.1, 2.0, (0.8,))),
         mistaken_for="a servo of third order or more; its parts alone, where commands are slow",
         separated_by="a sweep through the servo's frequency; a measured deflection",
-        shape=delayed_and_swung, contains=("lag", "second_order_actuator", "transport_delay"), upstream=SERVO),
+        contains=("lag", "second_order_actuator", "transport_delay"), upstream=SERVO),
     Kind(
         "dead band", "dead_band", SURFACES, partial(on_path, dead_band),
         title="dead band of the {word} servo (hysteresis)",
@@ -550,7 +441,7 @@ _KINDS = (
         parameters=(Parameter("half_width_rad", "rad", 0.0, 0.5 * WIDEST_RAD, (0.005, 0.015), none=0.0),),
         mistaken_for="free play of the linkage",
         separated_by="a measured deflection; small inputs from the rest, in both directions",
-        shape=banded, upstream=SERVO, form_error=BAND),
+        upstream=SERVO, form_error=BAND),
     Kind(
         "dead band", "dead_band", ("thr",), partial(on_path, throttle_band),
         title="dead band of the throttle servo (hysteresis)",
@@ -562,7 +453,7 @@ _KINDS = (
         mistaken_for="free play of the throttle with a lag of the thrust; free play alone, where the servo is quick",
         separated_by="small throttle steps from the rest, in both directions; the motion of the servo's arm on the "
         "ground",
-        shape=throttle_banded, searched=(), contains=("thrust_lag", "throttle_free_play"), upstream=SERVO,
+        searched=(), contains=("thrust_lag", "throttle_free_play"), upstream=SERVO,
         ground_check=PLAY_CHECK, form_error=BAND),
 )
 SERVOS, EFFECTS, ON_REQUEST = made(_KINDS)

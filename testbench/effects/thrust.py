@@ -7,20 +7,16 @@ that turns clockwise as seen from behind; sizes of the other sign are those of o
 
 from __future__ import annotations
 
-import math
 from functools import partial
-
-import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment, Increment, Insert, SetText
 from testbench.aircraft.amend import Change, Thrust, ThrustLine
 from testbench.aircraft.seams import component, control_path, moving, product, prop, reroute, value
 from testbench.core.constants import FT_M, SLUG_KG
-from testbench.core.record import FloatArray
 from testbench.effects import linkage
 from testbench.effects.aerodynamics import ALPHA, force, over_design_speed
 from testbench.effects.base import GEARING, POWER, Effect, Parameter, Values, added, left, on_path, ten_minutes_after
-from testbench.effects.servo import PLAY_CHECK, SHORTEST_S, Corner, shaped
+from testbench.effects.servo import PLAY_CHECK, SHORTEST_S
 from testbench.sensors import SensorSuite
 
 _THRUST = "fcs/throttle-pos-norm"  # share of the static thrust, after all that stands between command and engine
@@ -70,18 +66,6 @@ def _lagged(name: str, command: str, lag_s: float) -> str:
     decay = f"<exp> {product(value(-1.0 / max(lag_s, SHORTEST_S)), prop('simulation/dt'))} </exp>"
     past = f"<difference> {prop(name)} {prop(command)} </difference>"
     return f"<sum> {prop(command)} {product(decay, past)} </sum>"
-
-
-def lagging(u: FloatArray, dt_s: float, values: Values, corner: Corner) -> FloatArray:
-    """Return commands (n,) of the throttle lagged once or twice, the mean over each sample."""
-    from scipy.signal import lfilter
-
-    for lag in (values["lag_s"], values.get("second_lag_s", 0.0)):
-        if lag >= SHORTEST_S:
-            a = math.exp(-dt_s / lag)
-            begin = np.asarray(lfilter([0.0, 1.0 - a], [1.0, -a], u - u[0])) + u[0]
-            u = u + (begin - u) * (1.0 - a) * lag / dt_s
-    return u
 
 
 def scaled(name: str, text: str, aircraft: Aircraft, values: Values) -> Amendment:
@@ -190,7 +174,7 @@ EFFECTS = (
         parameters=(_LAG,), amend=partial(added, thrust_lag),
         mistaken_for="a delay of the throttle where it moves slowly; a lag of the airspeed sensor with throttle alone",
         separated_by="throttle steps, with an accelerometer along x or speed changes by elevator beside them",
-        shape=partial(shaped, lagging, "thr"), form_error=0.02),
+        flown=True, form_error=0.02),
     Effect(
         name="second_order_thrust_lag", title="lag of the thrust in two stages", place="thrust",
         physics="The speed controller follows the throttle late and the propeller, or the spool, follows the "
@@ -200,7 +184,7 @@ EFFECTS = (
         amend=partial(added, thrust_lag),
         mistaken_for="a lag of one stage and a delay of the throttle",
         separated_by="throttle steps, with an accelerometer along x",
-        shape=partial(shaped, lagging, "thr"), contains=("thrust_lag",)),
+        flown=True, contains=("thrust_lag",)),
     Effect(
         name="thrust_scale", title="scale of the thrust", place="thrust",
         physics="Motor, battery and propeller give more or less thrust than on the bench. The same throttle step "
@@ -222,7 +206,7 @@ EFFECTS = (
         mistaken_for="a scale of the thrust, which changes the throttle that trim needs, too, and so where on its "
         "curve the engine works",
         separated_by="the throttle at trim, read at the engine; throttle steps from two airspeeds",
-        shape=partial(shaped, linkage.multiplied, "thr"), flown=True, upstream=GEARING, ground_check=PLAY_CHECK,
+        flown=True, upstream=GEARING, ground_check=PLAY_CHECK,
         own_form="thrust_scale", form_error=0.01),
     Effect(
         name="thrust_lapse", title="thrust that changes with speed", place="thrust",

@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from testbench.aircraft import Aircraft
-from testbench.core.record import FloatArray
 from testbench.effects import Effect
 from testbench.flight import FlightCondition
 from testbench.sensors import SensorSuite
@@ -47,10 +46,3 @@ def moved_by(effect: Effect, values: Mapping[str, float], believed: FlightCondit
     """Return the condition that an effect makes of the believed one."""
     assert effect.elsewhere is not None
     return effect.elsewhere(believed, values)
-
-
-def shaped_by(
-    effect: Effect, aircraft: Aircraft, values: Mapping[str, float], names: tuple[str, ...], u: FloatArray, dt_s: float
-) -> FloatArray:
-    """Return what commands ``u`` (n, controls) become behind an effect that shapes them."""
-    return u if effect.shape is None else effect.shape(names, u, dt_s, aircraft, values)

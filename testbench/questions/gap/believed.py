@@ -26,7 +26,7 @@ from testbench.flight.start import Beginning
 from testbench.inference.linear import prewhitened
 from testbench.inputs.signal import InputSignal
 from testbench.line import flown_already
-from testbench.questions.gap.added import grown_by, in_place, moved_by, raised, shaped_by
+from testbench.questions.gap.added import grown_by, in_place, moved_by, raised
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.commanded import (
     DRIFT_OVER_S,
@@ -67,8 +67,7 @@ NOTHING = 1e-9  # a coefficient of a foreign model that is smaller is what diffe
 class Believed:
     """What is believed of a flight: aircraft, sensor suite and the condition that the manoeuvres start from.
 
-    ``shapes`` say what the commands become before the linear prediction, see :class:`effects.base.Effect`. ``at_rest``
-    is the aircraft that is linearised, without the amendments that shapes stand for. ``whiten`` serves if turbulence
+    ``whiten`` serves if turbulence
     colours the residuals: it takes a record and residuals (n, outputs) in units of the noise and returns as many, each
     white with variance one; it must be linear. ``gusts`` are those that single records met: every other record is
     predicted in still air. ``simulator`` "jsbsim" flies nothing in batches. Records that say so (:mod:`starts`) were
@@ -93,8 +92,6 @@ class Believed:
     suite: SensorSuite
     condition: FlightCondition
     rate_hz: float
-    shapes: tuple[partial[FloatArray], ...] = ()
-    at_rest: Aircraft | None = None
     whiten: Callable[[FlightRecord, FloatArray], FloatArray] | None = None
     gusts: tuple[MetGust, ...] = ()
     simulator: Simulator = "auto"
@@ -149,13 +146,11 @@ class Believed:
             raise ModelError(f"a belief about flights from {self.start} cannot be asked about one from {start}")
         if start not in self._by_start:
             aircraft, suite = start.loaded(replace(self.aircraft, rate_hz=self.rate_hz), self.suite)
-            at_rest = None if self.at_rest is None else start.loaded(self.at_rest, self.suite)[0]
             there = replace(
                 self,
                 aircraft=aircraft,
                 suite=suite,
                 condition=start.condition,
-                at_rest=at_rest,
                 start=start,
                 elsewhere=(),
                 higher_m=0.0,
@@ -175,11 +170,10 @@ class Believed:
 
     def after(self, at_s: float) -> Believed:
         """Return the belief with what has grown so many s after take-off."""
-        aircraft, suite, at_rest = self.aircraft, self.suite, self.at_rest
+        aircraft, suite = self.aircraft, self.suite
         for grown in self.over_time:
-            at_rest = None if at_rest is None else grown(replace(at_rest, rate_hz=self.rate_hz), suite, at_s)[0]
             aircraft, suite = grown(replace(aircraft, rate_hz=self.rate_hz), suite, at_s)
-        return replace(self, aircraft=aircraft, suite=suite, at_rest=at_rest, over_time=())
+        return replace(self, aircraft=aircraft, suite=suite, over_time=())
 
     def at_each(self, records: Sequence[FlightRecord]) -> list[Believed]:
         """Return :meth:`at` of several records, each condition and load once."""
@@ -203,17 +197,8 @@ class Believed:
             return replace(self, over_time=(*self.over_time, partial(grown_by, effect, dict(values))))
         aircraft, suite = effect.amend(replace(self.aircraft, rate_hz=self.rate_hz), self.suite, values)
         aircraft = in_place(aircraft, len(self.aircraft.amendments), effect)
-        shapes, at_rest = self.shapes, self.at_rest
-        if effect.shape is not None:
-            shapes = (*shapes, partial(shaped_by, effect, aircraft, values))
-            shapes = tuple(sorted(shapes, key=lambda s: -s.args[0].upstream))  # from the pilot's command on
-            at_rest = at_rest or self.aircraft
-        elif at_rest is not None:
-            known = len(at_rest.amendments)
-            at_rest = effect.amend(replace(at_rest, rate_hz=self.rate_hz), self.suite, values)[0]
-            at_rest = in_place(at_rest, known, effect)
         gusts = self.gusts if effect.met is None else (*self.gusts, effect.met(values))
-        out = replace(self, aircraft=aircraft, suite=suite, shapes=shapes, at_rest=at_rest, gusts=gusts)
+        out = replace(self, aircraft=aircraft, suite=suite, gusts=gusts)
         return out if effect.elsewhere is None else out._moved(partial(moved_by, effect, dict(values)))
 
     def _moved(self, moved: partial[FlightCondition]) -> Believed:
@@ -226,8 +211,7 @@ class Believed:
         """Return the belief with nuisances at these values: coefficients multiplied by them."""
         changes = tuple(ScaleCoefficient(name, f) for name, f in nuisances.items())
         amendment = Amendment("tuning", "re-tuned coefficients", changes)
-        at_rest = None if self.at_rest is None else self.at_rest.amended(amendment)
-        return replace(self, aircraft=self.aircraft.amended(amendment), at_rest=at_rest)
+        return replace(self, aircraft=self.aircraft.amended(amendment))
 
     def priors_of(self, records: Sequence[FlightRecord]) -> Mapping[str, float]:
         """Return the nuisances of hypotheses about these records, see :func:`priors_of`: those that the aircraft has.
@@ -515,15 +499,13 @@ class Believed:
 
     def _predict_linear(self, records: Sequence[FlightRecord]) -> list[FloatArray]:
         """Return the same of records that were all flown from here."""
-        model, trimmed = self._linear, made(trims([self.linear_flyer])[0])
+        model, trimmed = self.linear, made(trims([self.flyer])[0])
         at_trim = np.array([trimmed.state[c] for c in self.needed])
         rows = [model.outputs.index(c) for c in self.needed]
         alike: dict[tuple[tuple[str, ...], float], list[tuple[int, FloatArray]]] = {}
         for i, record in enumerate(records):
             names, u = self._deviations(record)
             u = held(record, names, u)
-            for shape in self.shapes:
-                u = shape(names, u, record.dt_s)
             alike.setdefault((names, record.dt_s), []).append((i, u))
         starts = {i: self._linear_start(record) for i, record in enumerate(records) if starts_freely(record)}
         out: dict[int, FloatArray] = {}
@@ -541,7 +523,7 @@ class Believed:
         """Return the deviations (states,) from trim that a record that starts freely begins with, at its origin."""
         free = self.free_start_of(record)
         assert free is not None
-        trimmed, model = made(trims([self.linear_flyer])[0]), self._linear
+        trimmed, model = made(trims([self.flyer])[0]), self.linear
         there, trim = (Beginning(trimmed, s, trimmed.controls).placed for s in (free.start(free.origin), None))
         moved = dict(zip("uvw", there.uvw_m_s - trim.uvw_m_s, strict=True))
         moved |= dict(zip("pqr", there.pqr - trim.pqr, strict=True))
@@ -556,8 +538,8 @@ class Believed:
         gust = self.gust_in(record)
         if gust is not None:
             velocity = gust.velocity(record.t_s - record.t_s[0], self.condition.V_m_s)
-            theta = made(trims([self.linear_flyer])[0]).theta
-            outputs = outputs + linear_response(self._linear, theta, gust.axis, velocity, record.dt_s, self.needed)
+            theta = made(trims([self.flyer])[0]).theta
+            outputs = outputs + linear_response(self.linear, theta, gust.axis, velocity, record.dt_s, self.needed)
         return self._read(FlightRecord(t_s=record.t_s, channels=self.needed, data=outputs, kind="truth"))
 
     def gust_in(self, record: FlightRecord) -> Gust | None:
@@ -590,20 +572,9 @@ class Believed:
         return made(linear_models([self.flyer])[0])
 
     @cached_property
-    def _linear(self) -> LinearModel:
-        return made(linear_models([self.linear_flyer])[0])
-
-    @cached_property
     def flyer(self) -> Flyer:
         """What flies."""
         return Flyer.of(raised(self.aircraft, self.higher_m), self.condition, self.rate_hz, self.simulator)
-
-    @cached_property
-    def linear_flyer(self) -> Flyer:
-        """What is linearised."""
-        if self.at_rest is None:
-            return self.flyer
-        return Flyer.of(raised(self.at_rest, self.higher_m), self.condition, self.rate_hz, self.simulator)
 
     @cached_property
     def outputs(self) -> tuple[str, ...]:

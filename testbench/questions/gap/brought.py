@@ -102,8 +102,7 @@ def load_effect(path: Path, attribute: str) -> Effect:
     if not isinstance(found, Effect):
         raise ScenarioError([f"{path.name}:{attribute} must be an Effect, got {type(found).__name__}"])
     amend = Guarded(found.amend, path, f"amend of '{found.name}'")
-    shape = None if found.shape is None else Guarded(found.shape, path, f"shape of '{found.name}'")
-    return replace(found, amend=amend, shape=shape)
+    return replace(found, amend=amend)
 
 
 def faults(names: Sequence[str], suite: SensorSuite | None, beside: Path | None) -> list[str]:

@@ -3,8 +3,8 @@
 Hypotheses are nothing, each effect that comes near, pairs of them, each coefficient that may be wrong and each term
 that forces follow; each as the whole story, or as what imitates something that the library lacks; and an unknown motion
 alone (:mod:`testbench.inference.evidence`). All have the re-tuned coefficients, the noise scale of every channel and
-the form error of the effect as unknowns. What is left of the unknown motion beside an effect tells the whole story from a
-part of it, whatever the noise.
+the form error of the effect as unknowns. What is left of the unknown motion beside an effect tells the whole story from
+a part of it, whatever the noise.
 """
 
 from __future__ import annotations

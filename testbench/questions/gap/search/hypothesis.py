@@ -227,8 +227,7 @@ def changes(base: Hypothesis, effects: Sequence[tuple[Effect, FloatArray]]) -> l
     """Return what effects, each at parameter values (p,), change in the residuals (samples,) of a point.
 
     The difference of two linear predictions is right to second order, although neither prediction is. Flights are used
-    for effects that a linearisation at trim does not see, and for those of sensors, which need no flight of their own;
-    where surfaces are compared also for those that stand there as another command, which has the forces right alone.
+    for effects that a linearisation at trim does not see, and for those of sensors, which need no flight of their own.
     All are flown, or predicted, together; None for one that cannot be.
     """
     models = [
@@ -237,10 +236,7 @@ def changes(base: Hypothesis, effects: Sequence[tuple[Effect, FloatArray]]) -> l
         )
         for e, x in effects
     ]
-    shapes = bool(base.believed.surfaces)
-    flown = [
-        i for i, (e, _) in enumerate(effects) if e.flown or (shapes and any(s.shape is not None for s in e.singles))
-    ]
+    flown = [i for i, (e, _) in enumerate(effects) if e.flown]
     linear = [i for i in range(len(effects)) if i not in flown]
     out: list[FloatArray | None] = [None] * len(models)
     ends = flown_all(base.from_here([models[i] for i in flown]), base.records)
@@ -265,7 +261,7 @@ def flown_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> 
 
 def linear_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> list[FloatArray | None]:
     """Return the linear prediction (samples,) of each model, in units of the noise; None for one without a trim."""
-    linear_models([there.linear_flyer for model in models for there in model.at_each(records)])
+    linear_models([there.flyer for model in models for there in model.at_each(records)])
     return [_or_none(_linear, model, records) for model in models]
 
 
