@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 from testbench.core.errors import EstimationError, RecordError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.inference.calibrate import CREDIBLE, fewest
-from testbench.inference.fit import Data, Fit, Hypothesis, Points, Posterior, Pulses, Unknown, fit_together
+from testbench.inference.fit import Data, Fit, Hypothesis, Points, Posterior, Unknown, fit_together
 from testbench.inference.parameters import Noise
 
 if TYPE_CHECKING:
@@ -121,7 +121,6 @@ def compare_hypotheses(
     noise: Noise,
     unknown: Unknown | None = None,
     held_out: Sequence[FlightRecord] = (),
-    air: Pulses | None = None,
     samples: int = 128,
     ahead: Callable[[Points], None] | None = None,
     before: Comparison | None = None,
@@ -135,7 +134,6 @@ def compare_hypotheses(
         unknown: what an unknown motion does, see :func:`testbench.inference.unknown.pulses`; without it every
             hypothesis must be the whole story.
         held_out: measured records that judge, and that nothing is fitted to.
-        air: what each standard deviation of the gusts of a record does to the channels, likewise.
         samples: of importance sampling, where a posterior is not Gaussian; with 0 nothing is sampled.
         ahead: called with all that is predicted next, of all hypotheses together.
         before: an earlier comparison of the same records: hypotheses that it holds are not fitted again, and of one of
@@ -159,7 +157,7 @@ def compare_hypotheses(
         if missing := [c for c in noise.channels if c not in record]:
             raise RecordError(f"every record must have the channels of the noise, got one without {missing[0]}")
     known = {} if before is None else before.fits
-    data = next(iter(known.values()))[1].data if known else Data(records, noise, unknown, air)
+    data = next(iter(known.values()))[1].data if known else Data(records, noise, unknown)
     fly = ahead or (lambda points: None)
     found = _fitted(hypotheses, data, known, fly)
     odds = np.log([h.odds for h in hypotheses])

@@ -42,10 +42,9 @@ from testbench.inference.parameters import Noise, Parameter, deviations_of, mean
 
 Predict = Callable[[FlightRecord, Mapping[str, float]], FloatArray]
 """(record, parameter -> value) -> what the channels would have read, (n, channels), SI, without noise."""
-Pulses = Callable[[FlightRecord], FloatArray]
-"""record -> what pulses do to the channels, (n, channels, m), SI, see :mod:`.unknown`."""
 Unknown = Callable[[FlightRecord], FloatArray | Motion]
-"""The same of an unknown motion; or its principal directions, in units of the noise."""
+"""record -> what pulses of an unknown motion do to the channels, (n, channels, m), SI, see :mod:`.unknown`; or its principal
+directions, in units of the noise."""
 Slopes = Callable[[FlightRecord], Mapping[str, FloatArray]]
 """record -> parameter -> change of the prediction by one unit of it, (n, channels), SI."""
 Points = Sequence[tuple["Hypothesis", Mapping[str, float]]]
@@ -230,18 +229,17 @@ class Data:
     Attributes:
         records: measured.
         noise: of the channels that are compared.
-        unknown, air: see :func:`.compare_hypotheses`.
+        unknown: see :func:`.compare_hypotheses`.
         most: ln p that any fit has reached, at a point that it flew; ``first`` is that of the first hypothesis.
     """
 
     records: Sequence[FlightRecord]
     noise: Noise
     unknown: Unknown | None = None
-    air: Pulses | None = None
     most: float = -math.inf
     first: float = -math.inf
     _readings: dict[FlightRecord, tuple[FloatArray, Any]] = field(default_factory=dict, repr=False)
-    _motions: dict[FlightRecord, tuple[Motion, FloatArray]] = field(default_factory=dict, repr=False)
+    _motions: dict[FlightRecord, Motion] = field(default_factory=dict, repr=False)
 
     @cached_property
     def stated(self) -> FloatArray:
@@ -268,17 +266,12 @@ class Data:
             self._readings[record] = z, record.valid[:, at]
         return self._readings[record]
 
-    def motion(self, record: FlightRecord) -> tuple[Motion, FloatArray]:
-        """Return the unknown motion and gusts (n, p, q) of a record, in units of the noise, made once for all."""
+    def motion(self, record: FlightRecord) -> Motion:
+        """Return the unknown motion of a record, in units of the noise, made once for all."""
         if record not in self._motions:
-            taken, own = self.readings(record)[1], np.zeros((len(record), len(self.stated), 0))
-            U = Motion.none(taken)
-            if self.unknown is not None:
-                moved = self.unknown(record)
-                U = moved if isinstance(moved, Motion) else fewer(moved / self.stated[:, None], taken)
-            if self.air is not None:
-                own = self.air(record) / self.stated[:, None]
-            self._motions[record] = U, own
+            taken = self.readings(record)[1]
+            moved = Motion.none(taken) if self.unknown is None else self.unknown(record)
+            self._motions[record] = moved if isinstance(moved, Motion) else fewer(moved / self.stated[:, None], taken)
         return self._motions[record]
 
 
@@ -502,12 +495,8 @@ class Fit:
                     columns[:, :, i] = np.nan_to_num((self._predicted(record, beside[i]) - y) / steps[i])
                 elif tangents is not None:
                     columns[:, :, i] = tangents[number][p.name]
-            U, own = data.motion(record)
-            if formed:
-                own = np.concatenate([own, self._form(record, theta)], axis=2)
-            elif self.hypothesis.form is not None:
-                own = self.blocks[number].all_own
-            blocks.append(Linearised(np.where(valid, z - y, 0.0), columns, U, valid, own))
+            own = self._form(record, theta) if formed else self.blocks[number].own if self.blocks else None
+            blocks.append(Linearised(np.where(valid, z - y, 0.0), columns, data.motion(record), valid, own))
         before = self.grams if self.grams and not formed else [None] * len(blocks)
         same = [i for i in range(len(theta)) if i not in beside]  # their tangents are known, and so are their sums
         sums = [Grams.made(block, of, same) for block, of in zip(blocks, before, strict=True)]
@@ -675,8 +664,8 @@ class Fit:
         grams = []
         for record in records:
             y, (z, valid) = self._predicted(record, self.theta), self.data.readings(record)
-            U, own = self.data.motion(record)
-            grams.append(Grams.made(Linearised(np.where(valid, z - y, 0.0), np.zeros((*y.shape, 0)), U, valid, own)))
+            left, none = np.where(valid, z - y, 0.0), np.zeros((*y.shape, 0))
+            grams.append(Grams.made(Linearised(left, none, self.data.motion(record), valid)))
         found = reduced(grams, self.scales, KAPPAS[self.k])
         return -0.5 * (math.log(2.0 * math.pi) + (found.log_det + found.c) / found.samples)
 
