@@ -122,11 +122,11 @@ def wake_lag(aircraft: Aircraft, values: Values) -> Amendment:
 
 def _row(
     title: str, place: str, term: Term, size: Parameter, physics: str, mistaken_for: str, separated_by: str,
-    flown: bool = False, lateral: bool = False, form_error: float = Effect.form_error,
+    lateral: bool = False, form_error: float = Effect.form_error,
 ) -> Effect:  # fmt: skip
     return Effect(
         term.name, title, place, physics, (size,), partial(added, term), mistaken_for, separated_by,
-        flown=flown, lateral=lateral, form_error=form_error,
+        lateral=lateral, form_error=form_error,
     )  # fmt: skip
 
 
@@ -160,7 +160,7 @@ EFFECTS = (
         amend=partial(added, wake_lag),
         mistaken_for="an alpha-dot term, where all motion is slow against the lag",
         separated_by="inputs beyond the lag's corner frequency",
-        flown=True, contains=("alpha_dot",)),
+        contains=("alpha_dot",)),
     _row(
         "curved lift line", "lift",
         Term("nonlinear_lift", "CL", ("x", "alpha", "alpha"), "lift with {:+.3g} alpha^2 more"),
@@ -169,7 +169,7 @@ EFFECTS = (
         "first order lift gets a term in the square of alpha.",
         "another CL_alpha in a narrow band of alpha; the beginning of a stall",
         "a wide range of alpha on both sides of trim",
-        flown=True, form_error=CURVED),
+        form_error=CURVED),
     _row(
         "pitching moment curved over alpha", "pitching moment",
         Term("curved_moment", "Cm", ("x", "alpha", "alpha"), "pitching moment with {:+.3g} alpha^2 more"),
@@ -178,7 +178,7 @@ EFFECTS = (
         "order the moment gets a term in the square of alpha: stability changes with alpha.",
         "another Cm_alpha in a narrow band of alpha; a stall of the tail",
         "a wide range of alpha on both sides of trim",
-        flown=True, form_error=CURVED),
+        form_error=CURVED),
     Effect(
         name="speed_effectiveness", title="elevator effectiveness that depends on speed", place="pitching moment",
         physics="Compressibility, Reynolds number or a tail that twists under load changes the elevator's "
@@ -189,7 +189,7 @@ EFFECTS = (
         amend=partial(added, speed_effectiveness),
         mistaken_for="an error of Cm_de at one speed; slipstream, since thrust falls with speed",
         separated_by="the same elevator input at two speeds with the same throttle",
-        flown=True, form_error=CURVED),
+        form_error=CURVED),
     _row(
         "one wing with more lift slope", "wing",
         Term("asymmetric_lift", "Cl", ("x", "alpha"), "Cl {:+.3g} alpha more, since the wings differ"),
@@ -198,7 +198,7 @@ EFFECTS = (
         "proportion to alpha.",
         "a centre of gravity off the middle; a twisted wing at one alpha",
         "weighing on both main wheels; pull-ups at two speeds",
-        flown=True, lateral=True),
+        lateral=True),
     _row(
         "twisted wing", "wing",
         Term("wing_twist", "Cl", ("x",), "Cl {:+.3g} more, since the wings differ"),
@@ -226,7 +226,7 @@ EFFECTS = (
         "sideslip, the yawing moment gets a term in its cube.",
         "another Cn_beta where all sideslips are of one size",
         "rudder inputs of two sizes, the larger one beyond 10 degrees of sideslip",
-        flown=True, lateral=True, form_error=CURVED),
+        lateral=True, form_error=CURVED),
     _row(
         "dihedral effect that changes with sideslip", "wing",
         Term("cubic_dihedral", "Cl", ("x", "beta beta beta"), "{:+.3g} beta^3 in the rolling moment more"),
@@ -235,7 +235,7 @@ EFFECTS = (
         "is odd in sideslip, the rolling moment gets a term in its cube.",
         "another Cl_beta where all sideslips are of one size",
         "rudder inputs of two sizes, the larger one beyond 10 degrees of sideslip",
-        flown=True, lateral=True, form_error=CURVED),
+        lateral=True, form_error=CURVED),
     _row(
         "dihedral effect that changes with alpha", "wing",
         Term("dihedral_over_alpha", "Cl", ("x", "alpha beta"),
@@ -245,7 +245,7 @@ EFFECTS = (
         "alpha. The rolling moment gets a term in alpha times sideslip.",
         "another Cl_beta at one speed",
         "the same rudder input at two speeds, or in a pull-up",
-        flown=True, lateral=True),
+        lateral=True),
     _row(
         "weathercock stability that changes with alpha", "fin",
         Term("weathercock_over_alpha", "Cn", ("x", "alpha beta"),
@@ -255,7 +255,7 @@ EFFECTS = (
         "sideslip.",
         "another Cn_beta at one speed",
         "the same rudder input at two speeds, or in a pull-up",
-        flown=True, lateral=True),
+        lateral=True),
     _row(
         "adverse yaw that changes with alpha", "aileron",
         Term("adverse_yaw_over_alpha", "Cn", ("x", "alpha da"),
@@ -265,7 +265,7 @@ EFFECTS = (
         "moment gets a term in alpha times aileron.",
         "another Cn_da at one speed; an aileron-rudder interconnect",
         "the same aileron input at two speeds; a measured rudder deflection",
-        flown=True, lateral=True),
+        lateral=True),
     _row(
         "pitching moment of the rudder", "rudder",
         Term("rudder_pitch", "Cm", ("x", "|dr|"), "{:+.3g} |rudder| in the pitching moment more"),
@@ -274,7 +274,7 @@ EFFECTS = (
         "whichever way it turns. The pitching moment gets a term in the size of its deflection.",
         "a pitching moment due to sideslip; the square of the deflection where all inputs are of one size",
         "rudder inputs of two sizes and of both signs, with the pitch rate recorded",
-        flown=True, lateral=True, form_error=CURVED),
+        lateral=True, form_error=CURVED),
     _row(
         "pitching moment of the rudder's square", "rudder",
         Term("rudder_pitch_square", "Cm", ("x", "dr dr"), "{:+.3g} rudder^2 in the pitching moment more"),
@@ -283,7 +283,7 @@ EFFECTS = (
         "the square of its deflection.",
         "a pitching moment in the size of the deflection where all inputs are of one size",
         "rudder inputs of two sizes and of both signs, with the pitch rate recorded",
-        flown=True, lateral=True, form_error=CURVED),
+        lateral=True, form_error=CURVED),
     _row(
         "pitching moment of the ailerons", "aileron",
         Term("aileron_pitch", "Cm", ("x", "|da|"), "{:+.3g} |aileron| in the pitching moment more"),
@@ -292,7 +292,7 @@ EFFECTS = (
         "do not cancel. The pitching moment gets a term in the size of the deflection.",
         "the square of the deflection where all inputs are of one size; spoilers that help in roll",
         "aileron inputs of two sizes and of both signs, with the pitch rate recorded",
-        flown=True, lateral=True, form_error=CURVED),
+        lateral=True, form_error=CURVED),
     _row(
         "pitching moment of the ailerons' square", "aileron",
         Term("aileron_pitch_square", "Cm", ("x", "da da"), "{:+.3g} aileron^2 in the pitching moment more"),
@@ -301,5 +301,5 @@ EFFECTS = (
         "square of the deflection.",
         "a pitching moment in the size of the deflection where all inputs are of one size",
         "aileron inputs of two sizes and of both signs, with the pitch rate recorded",
-        flown=True, lateral=True, form_error=CURVED),
+        lateral=True, form_error=CURVED),
 )

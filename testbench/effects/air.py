@@ -123,7 +123,7 @@ EFFECTS = (
         amend=steady_wind,
         mistaken_for="biases of ground speed and climb rate on one heading; it does not show about means",
         separated_by="reciprocal headings, or a turn: the check of the data finds it there",
-        flown=True, form_error=0.01),
+        form_error=0.01),
     Effect(
         name="ground_effect", title="ground effect", place="air",
         physics="Within a span of the ground the downwash is hindered, so that the wing gives more lift at the same "
@@ -131,7 +131,7 @@ EFFECTS = (
         parameters=(Parameter("k", "1", -0.5, 1.0, (0.2, -0.1), none=0.0),), amend=partial(added, ground_effect),
         mistaken_for="an error of CL_alpha if the height stays the same; it does not show well above the ground",
         separated_by="the same manoeuvre at two heights, one of them below half a span",
-        flown=True, form_error=CURVED),
+        form_error=CURVED),
     Effect(
         name="air_density", title="air thinner or denser than believed", place="air",
         physics="The day is hotter or colder than the standard one, or the flight was higher or lower than believed. "

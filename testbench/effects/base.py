@@ -84,8 +84,6 @@ class Effect:
         amend: returns aircraft and suite with the effect added; neither argument is changed.
         mistaken_for: what it cannot be told from, and when.
         separated_by: what flight or measurement tells them apart.
-        flown: True if its signature is taken from flights: a linearisation at trim does not show it, or it needs no
-            flight of its own.
         lateral: True if it is sought only in records whose aileron or rudder command moves.
         contains: effects that are special cases of this one.
         parts: effects of which this one is put together (see :func:`together`); their parameters are this one's, called
@@ -116,7 +114,6 @@ class Effect:
     amend: Amend
     mistaken_for: str
     separated_by: str
-    flown: bool = False
     lateral: bool = False
     contains: tuple[str, ...] = ()
     parts: tuple[Effect, ...] = ()
@@ -198,7 +195,6 @@ def together(*effects: Effect) -> Effect:
         amend=_amend_all,
         mistaken_for="; ".join(e.mistaken_for for e in effects),
         separated_by="; ".join(e.separated_by for e in effects),
-        flown=any(e.flown for e in effects),
         lateral=any(e.lateral for e in effects),
         parts=effects,
         looks=math.prod(e.looks for e in effects),

@@ -95,7 +95,6 @@ def _row(
     parameters: tuple[Parameter, ...],
     mistaken_for: str,
     separated_by: str,
-    flown: bool = False,
     contains: tuple[str, ...] = (),
     upstream: int = AUTOPILOT,
 ) -> Effect:
@@ -109,7 +108,6 @@ def _row(
         amend=partial(on_path, law, law.control),
         mistaken_for=mistaken_for,
         separated_by=separated_by,
-        flown=flown,
         lateral=law.control != "de",
         contains=contains,
         upstream=upstream,
@@ -140,7 +138,6 @@ _YAW = (_gain(2.0, 0.2), Parameter("washout_rad_s", "rad/s", 0.0, 5.0, (0.3,), n
 _RATIO = Parameter("ratio", "1", -2.0, 2.0, (0.2, -0.2), none=0.0)
 _HOLD = Parameter("gain", "1", -0.02, 3.0, (0.2, -0.01), none=0.0)
 # fmt: off
-# What is "flown" below holds a state, which does not show in a linearisation, in which time stands still.
 EFFECTS = (
     _row(
         Feedback("pitch_damper", *_PITCH_RATE), "pitch damper",
@@ -156,7 +153,7 @@ EFFECTS = (
         (_gain(1.0, 0.15), Parameter("washout_rad_s", "rad/s", 0.0, 5.0, (0.5,), none=0.0)),
         "a plain pitch damper where no pitch rate lasts as long as the washout; an error of Cm_q",
         "a measured deflection, a pull-up held for some seconds, or a flight with the autopilot off",
-        flown=True, contains=("pitch_damper",)),
+        contains=("pitch_damper",)),
     _row(
         Feedback("filtered_pitch_damper", *_PITCH_RATE), "pitch damper with filter",
         "An autopilot turns the elevator in proportion to pitch rate, but behind a filter that keeps out the gyro's "
@@ -164,7 +161,7 @@ EFFECTS = (
         (_gain(1.0, 0.15), _lag(0.3, 0.06)),
         "a plain pitch damper where the filter is faster than the servo; errors of Cm_q and Cm_alpha",
         "a measured deflection, a sweep through the short period, or a flight with the autopilot off",
-        flown=True, contains=("pitch_damper",)),
+        contains=("pitch_damper",)),
     _row(
         Feedback("yaw_damper", *_YAW_RATE), "yaw damper",
         "An autopilot turns the rudder in proportion to yaw rate, behind the recorded command and through the servo; a "
@@ -174,7 +171,7 @@ EFFECTS = (
         "an error of Cn_r, within its prior, where the servo is much faster than the Dutch roll; the washout is not "
         "known where no record holds a turn as long as it lasts",
         "a measured rudder deflection, a flight with the autopilot off, or a turn held for some seconds",
-        flown=True, upstream=FORCES),
+        upstream=FORCES),
     _row(
         Feedback("filtered_yaw_damper", *_YAW_RATE), "yaw damper with filter",
         "An autopilot turns the rudder in proportion to yaw rate, but behind a filter that keeps out the gyro's noise "
@@ -183,7 +180,7 @@ EFFECTS = (
         (*_YAW, _lag(0.5, 0.1)),
         "a plain yaw damper where the filter is faster than the servo; errors of Cn_r and Cn_beta",
         "a measured rudder deflection, a sweep through the Dutch roll, or a flight with the autopilot off",
-        flown=True, contains=("yaw_damper",)),
+        contains=("yaw_damper",)),
     _row(
         Feedback("roll_damper", *_ROLL_RATE), "roll damper",
         "An autopilot turns the ailerons against the roll rate, behind the recorded command and through the servo. The "
@@ -199,7 +196,7 @@ EFFECTS = (
         (_gain(1.0, 0.05), _lag(0.5, 0.06)),
         "a plain roll damper where the filter is faster than the servo; errors of Cl_p and Cl_da",
         "a measured aileron deflection, a sweep of the aileron, or a flight with the autopilot off",
-        flown=True, contains=("roll_damper",)),
+        contains=("roll_damper",)),
     _row(
         Feedback("interconnect", *_AILERON), "aileron-rudder interconnect",
         "A spring, or a mixer of the transmitter, turns the rudder with the ailerons to take their adverse yaw out. "
@@ -215,7 +212,7 @@ EFFECTS = (
         "an interconnect that is not late, where the rudder's servo is slow; a roll rate that the yaw gyro feels, "
         "beside an error of Cn_da",
         "a measured rudder deflection; moving the ailerons by hand and looking at the rudder",
-        flown=True, contains=("interconnect",)),
+        contains=("interconnect",)),
     _row(
         Feedback("bank_hold", *_BANKED), "bank hold",
         "An autopilot turns the ailerons against the bank angle. The spiral mode becomes fast, and the aircraft rolls "
@@ -231,15 +228,14 @@ EFFECTS = (
          Parameter("most_rad", "rad", 0.001, 0.5, (0.01, 0.04))),
         "a bank hold, where banks are small",
         "banks of several sizes, each held for some seconds; a measured aileron deflection",
-        flown=True, contains=("bank_hold",)),
+        contains=("bank_hold",)),
     _row(
         Feedback("heading_hold", *_TURNED), "heading hold",
         "An autopilot turns the ailerons against the change of heading since the beginning. Aircraft that were "
         "disturbed bank back to their heading and may overshoot it, over many seconds.",
         (_HOLD,),
         "a bank hold in records shorter than the return to the heading",
-        "ten seconds without input after a turn; a measured aileron deflection, or a flight with the autopilot off",
-        flown=True),
+        "ten seconds without input after a turn; a measured aileron deflection, or a flight with the autopilot off"),
 )
 FED_TO = {c: tuple(e.name for e in EFFECTS if e.place == place) for c, place in _PLACES.items()}
 """Control -> names of the effects that are fed to its servo."""

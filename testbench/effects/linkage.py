@@ -234,7 +234,7 @@ _KINDS = (
         parameters=(Parameter("offset_rad", "rad", -0.2, 0.2, (0.02, -0.02), none=0.0),),
         mistaken_for="an error of {moment}0, exactly; it does not show where commands are deviations from trim",
         separated_by="the absolute command at trim at several speeds, beside a weighed centre of gravity",
-        flown=False, upstream=GEARING, form_error=0.01),
+        upstream=GEARING, form_error=0.01),
     Kind(
         "one-sided linkage", "one_sided_linkage", CONTROLS, partial(on_path, one_sided),
         title="{word} linkage that works less one way",

@@ -137,7 +137,7 @@ EFFECTS = (
         amend=partial(centre, "lateral_cg"),
         mistaken_for="a twisted wing or an aileron offset at one speed without pull-ups; asymmetric lift",
         separated_by="weighing on both main wheels; pull-ups, which a twist does not feel",
-        flown=True, lateral=True, form_error=_EXACT),
+        lateral=True, form_error=_EXACT),
     Effect(
         name="side_payload", title="load under one wing", place="mass",
         physics="A load far out on one side adds mass and roll inertia and moves the centre of gravity towards it. The "
@@ -147,7 +147,7 @@ EFFECTS = (
         amend=partial(payload, "side_payload"),
         mistaken_for="a centre of gravity off the middle, with errors of Cl_p and Cl_da, if it is light",
         separated_by="weighing on both main wheels; aileron inputs beside pull-ups",
-        flown=True, lateral=True, contains=("lateral_cg", "mass_error"), form_error=_EXACT),
+        lateral=True, contains=("lateral_cg", "mass_error"), form_error=_EXACT),
     Effect(
         name="fuel_burn", title="mass that falls during the flight", place="mass",
         physics="Fuel burns that the believed mass does not know of. Forces accelerate the aircraft more in later "

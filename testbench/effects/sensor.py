@@ -189,7 +189,6 @@ def sensor_effects(channels: Iterable[str], pitot: bool = False) -> dict[str, Ef
                 ground_check=_GROUND[kind] if of_pitot or kind == "drift" else "",
                 mistaken_for=mistaken_for,
                 separated_by=separated_by,
-                flown=True,  # flights do not depend on sensors: those of the model without the error are read again
                 form_error=_FORM.get(kind, Effect.form_error),
             )
     return out
@@ -218,7 +217,6 @@ EFFECTS = (
         mistaken_for="a delay of the elevator command, exactly, where the elevator alone moves and the clock is ahead",
         separated_by="throttle steps, which a delay of the elevator's command leaves in time; a common event on both "
         "logs",
-        flown=True,
         form_error=0.02,
     ),
 )

@@ -63,7 +63,7 @@ class Kind:
         contains: kinds that are special cases; of the throttle the names of effects.
         title, physics, mistaken_for, separated_by: words in which {word}, {follower}, {moment} and {coefficients} are
             those of the control.
-        parameters, upstream, flown, ground_check, form_error: see :class:`Effect`.
+        parameters, upstream, ground_check, form_error: see :class:`Effect`.
     """
 
     kind: str
@@ -78,7 +78,6 @@ class Kind:
     searched: Sequence[str] = ("de",)
     contains: tuple[str, ...] = ()
     upstream: int = Effect.upstream
-    flown: bool = True
     ground_check: str = ""
     form_error: float = Effect.form_error
 
@@ -100,7 +99,6 @@ class Kind:
             amend=partial(self.amend, control),
             mistaken_for=self.mistaken_for.format(**words),
             separated_by=self.separated_by.format(**words),
-            flown=self.flown,
             lateral=control in ("da", "dr"),
             contains=self.contains if control == "thr" else tuple(named(control, c) for c in self.contains),
             upstream=self.upstream,
@@ -343,7 +341,6 @@ def _lag_of(control: str, lost: str, mistaken_for: str, separated_by: str) -> Ki
         mistaken_for=mistaken_for,
         separated_by=separated_by,
         searched=(control,),
-        flown=False,  # a linearisation at trim shows it
         form_error=0.02,
     )
 

@@ -87,7 +87,7 @@ EFFECTS = (
         parameters=_STALL, amend=partial(added, stall),
         mistaken_for="a curved lift line, or a lower CL_alpha, as long as alpha stays in a narrow band",
         separated_by="a slow-down or pull-ups that take alpha beyond the break, and smaller ones that do not",
-        flown=True, form_error=CURVED),
+        form_error=CURVED),
     Effect(
         name="stall_hysteresis", title="stall with hysteresis", place="lift",
         physics="The point of separation takes time to move, so that lift is higher while alpha rises than while it "
@@ -95,7 +95,7 @@ EFFECTS = (
         parameters=(*_STALL, Parameter("time_s", "s", 0.0, 1.0, (0.1,))), amend=partial(added, hysteresis),
         mistaken_for="a static stall, where alpha moves slowly",
         separated_by="pull-ups beyond the break at two rates",
-        flown=True, contains=("stall",), form_error=CURVED),
+        contains=("stall",), form_error=CURVED),
     Effect(
         name="asymmetric_stall", title="stall of one wing first", place="wing",
         physics="One wing separates before the other: another rigging, dirt, damage. The aircraft drops that wing by a "
@@ -104,7 +104,7 @@ EFFECTS = (
         amend=partial(added, partial(with_moment, "asymmetric_stall", "Cl")),
         mistaken_for="one wing with more lift slope, as long as alpha stays below the break",
         separated_by="pull-ups beyond the break with the ailerons held",
-        flown=True, lateral=True, form_error=CURVED),
+        lateral=True, form_error=CURVED),
 )
 ON_REQUEST = (
     Effect(
@@ -115,6 +115,6 @@ ON_REQUEST = (
         amend=partial(added, partial(with_moment, "stall_moment", "Cm")),
         mistaken_for="a stall beside a pitching moment curved over alpha, as long as alpha stays below the break",
         separated_by="pull-ups beyond the break, with the elevator held",
-        flown=True, form_error=CURVED),
+        form_error=CURVED),
 )
 """A stall that pitches is a stall beside a curved moment: one more thing that longitudinal records may be taken for."""

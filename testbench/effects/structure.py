@@ -258,7 +258,7 @@ EFFECTS = (
         parameters=(Parameter("share", "1", -0.9, 0.9, (0.1, -0.1), none=0.0),), amend=partial(lose, lost_wing),
         mistaken_for="a centre of gravity off the middle with errors of CL_alpha and Cl_p",
         separated_by="looking at it; pull-ups beside aileron inputs, which show lift and roll damping fall together",
-        flown=True, lateral=True, form_error=CURVED),
+        lateral=True, form_error=CURVED),
     Effect(
         name="lost_fin", title="part of the fin lost", place="fin", ground_check=_CHECK.format("fin and rudder"),
         physics="A part of fin and rudder is gone. Weathercock stability, yaw damping and rudder power fall by one "

@@ -174,7 +174,7 @@ EFFECTS = (
         parameters=(_LAG,), amend=partial(added, thrust_lag),
         mistaken_for="a delay of the throttle where it moves slowly; a lag of the airspeed sensor with throttle alone",
         separated_by="throttle steps, with an accelerometer along x or speed changes by elevator beside them",
-        flown=True, form_error=0.02),
+        form_error=0.02),
     Effect(
         name="second_order_thrust_lag", title="lag of the thrust in two stages", place="thrust",
         physics="The speed controller follows the throttle late and the propeller, or the spool, follows the "
@@ -184,7 +184,7 @@ EFFECTS = (
         amend=partial(added, thrust_lag),
         mistaken_for="a lag of one stage and a delay of the throttle",
         separated_by="throttle steps, with an accelerometer along x",
-        flown=True, contains=("thrust_lag",)),
+        contains=("thrust_lag",)),
     Effect(
         name="thrust_scale", title="scale of the thrust", place="thrust",
         physics="Motor, battery and propeller give more or less thrust than on the bench. The same throttle step "
@@ -206,7 +206,7 @@ EFFECTS = (
         mistaken_for="a scale of the thrust, which changes the throttle that trim needs, too, and so where on its "
         "curve the engine works",
         separated_by="the throttle at trim, read at the engine; throttle steps from two airspeeds",
-        flown=True, upstream=GEARING, ground_check=PLAY_CHECK,
+        upstream=GEARING, ground_check=PLAY_CHECK,
         own_form="thrust_scale", form_error=0.01),
     Effect(
         name="thrust_lapse", title="thrust that changes with speed", place="thrust",
@@ -217,7 +217,7 @@ EFFECTS = (
         amend=partial(added, thrust_lapse),
         mistaken_for="drag that changes with speed, at one throttle; a mass error in throttle steps alone",
         separated_by="the same elevator input at two throttle settings, and glides",
-        contains=("thrust_scale",), flown=True, form_error=_PROPELLER),
+        contains=("thrust_scale",), form_error=_PROPELLER),
     Effect(
         name="slipstream", title="slipstream on the tail", place="thrust",
         physics="The propeller's slipstream raises the dynamic pressure at the tail in proportion to thrust. Elevator "
@@ -225,7 +225,7 @@ EFFECTS = (
         parameters=(_BLOWN,), amend=partial(added, partial(slipstream, "slipstream")),
         mistaken_for="a thrust line off the centre of gravity, where throttle moves and the elevator rests",
         separated_by=("the same elevator input at two throttle settings, and throttle steps with the elevator at trim"),
-        flown=True, form_error=_PROPELLER),
+        form_error=_PROPELLER),
     Effect(
         name="elevator_slipstream", title="slipstream on the elevator", place="thrust",
         physics="The contracted slipstream covers the elevator and only part of the tail. Elevator power grows with "
@@ -234,7 +234,7 @@ EFFECTS = (
         amend=partial(added, partial(slipstream, "elevator_slipstream")),
         mistaken_for="a slipstream on the whole tail, where the aircraft pitches slowly",
         separated_by="doublets as fast as the short period at two throttle settings",
-        flown=True, contains=("slipstream",), form_error=_PROPELLER),
+        contains=("slipstream",), form_error=_PROPELLER),
     Effect(
         name="thrust_fade", title="thrust that falls during the flight", place="thrust",
         physics="The battery empties, and its voltage falls. The same throttle gives less thrust in later records than "
@@ -266,7 +266,7 @@ EFFECTS = (
         amend=partial(added, p_factor),
         mistaken_for="gyroscopic moments, in pull-ups; an offset of the rudder, at one speed and throttle",
         separated_by="pull-ups at two throttle settings",
-        flown=True, lateral=True, form_error=_PROPELLER),
+        lateral=True, form_error=_PROPELLER),
     Effect(
         name="gyroscopic", title="gyroscopic moments of the propeller", place="thrust",
         physics="A propeller that is turned with the aircraft answers by a moment across: pitching yaws, and yawing "

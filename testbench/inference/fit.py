@@ -43,8 +43,8 @@ from testbench.inference.parameters import Noise, Parameter, deviations_of, mean
 Predict = Callable[[FlightRecord, Mapping[str, float]], FloatArray]
 """(record, parameter -> value) -> what the channels would have read, (n, channels), SI, without noise."""
 Unknown = Callable[[FlightRecord], FloatArray | Motion]
-"""record -> what pulses of an unknown motion do to the channels, (n, channels, m), SI, see :mod:`.unknown`; or its principal
-directions, in units of the noise."""
+"""record -> what pulses of an unknown motion do to the channels, (n, channels, m), SI, see :mod:`.unknown`; or its
+principal directions, in units of the noise."""
 Slopes = Callable[[FlightRecord], Mapping[str, FloatArray]]
 """record -> parameter -> change of the prediction by one unit of it, (n, channels), SI."""
 Points = Sequence[tuple["Hypothesis", Mapping[str, float]]]

@@ -16,13 +16,10 @@ from testbench.core.errors import LimitError, ModelError, RecordError, ScenarioE
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.effects import Effect
 from testbench.effects.base import MetGust
-from testbench.estimators.trajectories import driven
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight
 from testbench.flight.air import Air, Gust
 from testbench.flight.batch.jobs import Simulator
-from testbench.flight.linear_model import SERVO
 from testbench.flight.simulate import commands as absolute_commands
-from testbench.flight.start import Beginning
 from testbench.inference.linear import prewhitened
 from testbench.inputs.signal import InputSignal
 from testbench.line import flown_already
@@ -31,7 +28,6 @@ from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.commanded import (
     DRIFT_OVER_S,
     commands,
-    held,
     key_of_start,
     left_out,
     moves_on,
@@ -39,7 +35,7 @@ from testbench.questions.gap.evidence.commanded import (
     starts_freely,
     surface_noise,
 )
-from testbench.questions.gap.evidence.gusts import linear_response, record_key
+from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.flights import (
     Flyer,
     Wanted,
@@ -481,66 +477,6 @@ class Believed:
     def wanted_to_read(self, record: FlightRecord, at: FloatArray | None = None) -> Wanted:
         """Return what :meth:`predict` flies, likewise."""
         return self.wanted(record, self.at(record).needed, at=at)
-
-    def predict_linear(self, record: FlightRecord) -> FloatArray:
-        """Return the same from the aircraft linearised at trim: faster, and right for small deviations.
-
-        The workflow uses it for differences between hypotheses only, never for a residual.
-        """
-        return self.predict_linear_all([record])[0]
-
-    def predict_linear_all(self, records: Sequence[FlightRecord]) -> list[FloatArray]:
-        """Return :meth:`predict_linear` of several records at once."""
-        out: dict[int, FloatArray] = {}
-        for there in self.at_each(records):
-            own = [i for i, record in enumerate(records) if self.at(record) is there]
-            out |= dict(zip(own, there._predict_linear([records[i] for i in own]), strict=True))
-        return [out[i] for i in range(len(records))]
-
-    def _predict_linear(self, records: Sequence[FlightRecord]) -> list[FloatArray]:
-        """Return the same of records that were all flown from here."""
-        model, trimmed = self.linear, made(trims([self.flyer])[0])
-        at_trim = np.array([trimmed.state[c] for c in self.needed])
-        rows = [model.outputs.index(c) for c in self.needed]
-        alike: dict[tuple[tuple[str, ...], float], list[tuple[int, FloatArray]]] = {}
-        for i, record in enumerate(records):
-            names, u = self._deviations(record)
-            u = held(record, names, u)
-            alike.setdefault((names, record.dt_s), []).append((i, u))
-        starts = {i: self._linear_start(record) for i, record in enumerate(records) if starts_freely(record)}
-        out: dict[int, FloatArray] = {}
-        for (names, dt_s), inputs in alike.items():
-            columns = [model.inputs.index(n if n == "thr" else f"{n}_cmd") for n in names]
-            B, D = model.B[:, columns], model.D[np.ix_(rows, columns)]
-            at_rest = np.zeros(len(model.states))
-            begun = [starts.get(i, at_rest) for i, _ in inputs] if starts else None
-            moved = driven(model.A, B, [u for _, u in inputs], dt_s, begun)
-            for (i, u), x in zip(inputs, moved, strict=True):
-                out[i] = x @ model.C[rows].T + u @ D.T + at_trim
-        return [self._with_gust(record, out[i]) for i, record in enumerate(records)]
-
-    def _linear_start(self, record: FlightRecord) -> FloatArray:
-        """Return the deviations (states,) from trim that a record that starts freely begins with, at its origin."""
-        free = self.free_start_of(record)
-        assert free is not None
-        trimmed, model = made(trims([self.flyer])[0]), self.linear
-        there, trim = (Beginning(trimmed, s, trimmed.controls).placed for s in (free.start(free.origin), None))
-        moved = dict(zip("uvw", there.uvw_m_s - trim.uvw_m_s, strict=True))
-        moved |= dict(zip("pqr", there.pqr - trim.pqr, strict=True))
-        moved |= {"phi": there.phi - trim.phi, "theta": there.theta - trim.theta, "h": there.h_m - trim.h_m}
-        names, u = self._deviations(record)
-        began = free.began(free.origin)
-        moved |= {f"{SERVO}{n}": first + began.get(n, 0.0) for n, first in zip(names, u[0], strict=True)}
-        return np.array([float(moved.get(s, 0.0)) for s in model.states])
-
-    def _with_gust(self, record: FlightRecord, outputs: FloatArray) -> FloatArray:
-        """Return what is read of linear ``outputs`` (n, needed) and of the gust that the record met, if any."""
-        gust = self.gust_in(record)
-        if gust is not None:
-            velocity = gust.velocity(record.t_s - record.t_s[0], self.condition.V_m_s)
-            theta = made(trims([self.flyer])[0]).theta
-            outputs = outputs + linear_response(self.linear, theta, gust.axis, velocity, record.dt_s, self.needed)
-        return self._read(FlightRecord(t_s=record.t_s, channels=self.needed, data=outputs, kind="truth"))
 
     def gust_in(self, record: FlightRecord) -> Gust | None:
         """Return the gust that this very record met, if any.

@@ -181,9 +181,7 @@ def divided(believed: Believed, records: Mapping[str, FlightRecord], begun: Begu
 def later(effects: Mapping[str, Effect], begun: Begun) -> dict[str, Effect]:
     """Return effects that act where something shows alone, beside those that act in all records."""
     own = {
-        f"{n}{LATER}": replace(
-            e, name=f"{n}{LATER}", title=f"{e.title} {begun.when}", later=True, flown=True, looks=begun.places
-        )
+        f"{n}{LATER}": replace(e, name=f"{n}{LATER}", title=f"{e.title} {begun.when}", later=True, looks=begun.places)
         for n, e in effects.items()
         if e.met is None and e.over_time is None
     }

@@ -344,7 +344,6 @@ def effect_of(coefficient: str, term: Term, most: float, usual: float) -> Effect
         amend=partial(_amend, coefficient, term),
         mistaken_for=" or ".join(dict.fromkeys(_MISTAKEN[f.quantity] for f in term.factors)),
         separated_by=f"flights in which {', '.join(_WORDS[q] for q in sorted(term.quantities))} moves by itself",
-        flown=True,
         lateral=coefficient in ("CY", "Cl", "Cn"),
     )
 

@@ -12,7 +12,7 @@ from testbench.page.tables import Column, Table, Value
 from testbench.questions.gap.evidence.control_path import SurfacePath
 from testbench.questions.gap.explain import Naming
 from testbench.questions.gap.open_set import title_of
-from testbench.questions.gap.search.hypothesis import FLOWN_STEP, LINEAR_STEP
+from testbench.questions.gap.search.hypothesis import STEP
 
 if TYPE_CHECKING:
     from testbench.questions.gap.ask import GapResult
@@ -110,8 +110,7 @@ def gap_tables(result: GapResult) -> list[Table]:
             Table(
                 "tuning",
                 "Coefficients re-tuned" + (" together with the effect" if best else ""),
-                "Factors on the believed coefficients. Differences by them: of linear predictions with steps "
-                f"of {100.0 * LINEAR_STEP:g} %, of flights with steps of {100.0 * FLOWN_STEP:g} %."
+                f"Factors on the believed coefficients; tangents are of flights with steps of {100.0 * STEP:g} %."
                 + (" A factor far from 1 means that the effect is not the whole story." if best else ""),
                 (Column("coefficient", "coefficient"), Column("factor", "factor", decimals=3)),
                 tuple((best.nuisances if best else naming.nuisances).items()),

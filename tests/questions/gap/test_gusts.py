@@ -69,20 +69,6 @@ def finding(believed, flights, held_out):
     return find_gap(believed, flights, held_out, GapSearch(effects=FEW))
 
 
-@pytest.mark.parametrize("axis", ["down", "north"])
-@pytest.mark.parametrize("aircraft", ["eolo", "taurus"])
-def test_the_linear_response_to_a_small_gust_is_the_flown_one(aircraft, axis):
-    """2 % of the largest deviation: what is of second order in a gust of 0.1 m/s at 15 m/s is 0.7 %, and channels that
-    hardly answer show it first. Measured 1.2 % at most but for the airspeed in a vertical gust, 2.8 %."""
-    model, record = believe(aircraft), quiet()
-    met = meeting(model, record, Gust(axis, 0.1, 3.013, 1.0))
-    flown = met.predict(record) - model.predict(record)
-    linear = met.predict_linear(record) - model.predict_linear(record)
-    off = np.max(np.abs(flown - linear), axis=0) / np.max(np.abs(flown), axis=0)
-    slow = np.array([c == "V" and axis == "down" for c in model.outputs])
-    assert np.all(off < np.where(slow, 0.05, 0.02)), dict(zip(model.outputs, off, strict=True))
-
-
 def test_a_gust_flies_in_its_own_record_and_in_no_other(believed, flights, held_out):
     first, second = flights.values()
     met = meeting(believed, first, Gust("down", 2.0, 3.0, 1.0))
@@ -90,7 +76,6 @@ def test_a_gust_flies_in_its_own_record_and_in_no_other(believed, flights, held_
     again = replace(first, data=first.data + 1e-9)  # the same manoeuvre with other noise
     for record in (second, again, *held_out.values()):
         assert np.array_equal(met.predict(record), believed.predict(record))
-        assert np.array_equal(met.predict_linear(record), believed.predict_linear(record))
 
 
 def test_a_record_that_met_two_gusts_is_refused(believed, flights):
@@ -138,8 +123,10 @@ def test_the_score_at_a_place_is_that_of_an_ordinary_regression(believed, calm):
     found, p = GustSearch.at(point), len(believed.outputs)
     k, m, s = 1, 11, 130  # the second record, the vertical gust of 0.9 s, 2.6 s
     axis, duration = found.places[m]
-    met = meeting(believed, records[k], Gust(axis, 1.0, s * records[k].dt_s, duration))
-    change = met.predict_linear(records[k]) - believed.predict_linear(records[k])
+    longest = max(records, key=len)
+    first = meeting(believed, longest, Gust(axis, 1.0, 0.0, duration)).predict(longest) - believed.predict(longest)
+    change = np.zeros((len(records[k]), p))
+    change[s:] = first[: len(records[k]) - s]
     d = np.zeros(point.exact.size)
     d[len(records[0]) * p :] = believed.in_noise_units(records[k], change).ravel()
     left = point.tuned(d)[0] - point.tuned(np.zeros_like(d))[0]  # the price of re-tuning is a part of it

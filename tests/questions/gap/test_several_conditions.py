@@ -86,7 +86,6 @@ def test_a_record_from_the_condition_of_the_belief_is_predicted_to_the_last_bit(
     b, (record,) = believe(), measure(DAMPER, Start(FlightCondition(16.0, H_M)))
     plain = replace(record, provenance={})
     assert b.predict(record).tobytes() == b.predict(plain).tobytes()
-    assert b.predict_linear(record).tobytes() == b.predict_linear(plain).tobytes()
     assert b.at(plain) is b
 
 
@@ -98,7 +97,6 @@ def test_each_condition_is_trimmed_once(monkeypatch):
     for _ in range(2):
         for record in records:
             b.predict(record)
-        b.predict_linear_all(records)
     assert sorted(asked, key=str) == [SLOW.condition, FAST.condition]
 
 

@@ -184,15 +184,6 @@ def test_a_window_that_lacks_nothing_leaves_noise(begun):
     assert low < point.chi2 < high
 
 
-def test_linear_predictions_follow_flights_from_a_free_start(begun):
-    """Differences between two models, which is what linear predictions are used for."""
-    believed, (record, *_) = begun
-    other = believed.with_nuisances({"Cm_alpha": 1.02})
-    linear = believed.in_noise_units(record, other.predict_linear(record) - believed.predict_linear(record))
-    flown = other.residuals(record) - believed.residuals(record)
-    assert np.linalg.norm(flown + linear) < 0.15 * np.linalg.norm(flown)
-
-
 def test_a_start_is_asked_for_before_it_is_known(believed, flown):
     (part,) = cut(believed, {"by hand": flown}).records.values()
     with pytest.raises(RecordError, match="the start of a window must be known before it is flown"):

@@ -28,9 +28,10 @@ from testbench.estimators.parametric.kalman.innovations import sampled_noise
 from testbench.flight.air import scale_lengths, turbulence_rms
 from testbench.flight.linear_model import LAW
 from testbench.inference.linear import prewhitened
+from testbench.information.turbulence import INERTIAL
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import jumps, surface_noise
-from testbench.questions.gap.evidence.gusts import INERTIAL, record_key
+from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.flights import linear_along
 from testbench.sensors import Sensor
 

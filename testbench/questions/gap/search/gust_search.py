@@ -30,7 +30,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.commanded import starts_freely
 from testbench.questions.gap.evidence.gusts import manoeuvre_of, record_key
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.hypothesis import Hypothesis, fly_together
 
 DURATIONS_S = (0.3, 0.45, 0.65, 0.9, 1.3, 1.8, 2.6, 3.7)
 STEP_S = 0.1  # between the starts that are looked at
@@ -151,12 +151,11 @@ def _by_start(point: Hypothesis) -> list[tuple[Believed, list[FlightRecord]]]:
 
 def _responses(point: Hypothesis, record: FlightRecord, places: Sequence[tuple[Axis, float]]) -> FloatArray:
     """Return what a gust of 1 m/s from the first sample on changes in the readings (places, n, p), in noise units."""
-    model, out = replace(point.model.with_nuisances(point.by_name), gusts=()), []
-    calm, key = model.predict_linear(record), record_key(record)
-    for axis, duration in places:
-        met = replace(model, gusts=(MetGust(key, "", Gust(axis, 1.0, 0.0, duration)),))
-        out.append((met.predict_linear(record) - calm) / model.noise_std)
-    return np.array(out)
+    model, key = replace(point.model.with_nuisances(point.by_name), gusts=()), record_key(record)
+    met = [replace(model, gusts=(MetGust(key, "", Gust(axis, 1.0, 0.0, d)),)) for axis, d in places]
+    fly_together([model, *met], [record])
+    calm = model.predict(record)
+    return np.array([(m.predict(record) - calm) / model.noise_std for m in met])
 
 
 def sought(point: Hypothesis, effect: Effect) -> Effect:

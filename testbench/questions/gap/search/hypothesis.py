@@ -1,11 +1,11 @@
-"""A hypothesis flown in JSBSim, and what effects change about it, from linear predictions if they suffice.
+"""A hypothesis as flown, and what effects change about it.
 
 Bring the coefficients of a model to rest within their priors: step, fly, repeat.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -20,11 +20,10 @@ from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.effects import Effect
 from testbench.questions.gap.believed import STEPS, Believed
 from testbench.questions.gap.evidence.commanded import starts_freely
-from testbench.questions.gap.flights import AT_ONCE, Wanted, flights, linear_models
+from testbench.questions.gap.flights import AT_ONCE, Wanted, flights
 from testbench.questions.gap.priors import LATERAL_PRIORS
 
-LINEAR_STEP = 0.02  # of central differences of linear predictions by the nuisances, which are factors
-FLOWN_STEP = 0.01  # of forward differences of flights by them
+STEP = 0.01  # of forward differences of flights by the nuisances, which are factors
 _MAX_STEP = 0.15  # largest change of a nuisance per round, so that thrust and trim stay within reach
 _MAX_LATERAL_STEP = 0.5  # the same for lateral nuisances, on which neither depends
 SHORTENED = (1.0, 0.5, 0.2)  # shares of a step that are tried in turn until one flies
@@ -142,33 +141,18 @@ class Hypothesis:
         return float(self.exact @ self.exact + self.deviations @ self.deviations)
 
     @cached_property
-    def linear(self) -> FloatArray:
-        """Linear prediction at the point (samples,), in units of the noise."""
-        return _linear(self.model.with_nuisances(self.by_name), self.records)
-
-    @cached_property
     def tangents(self) -> FloatArray:
-        """Return d residuals / d nuisances, (samples, k): ``slopes``, or central differences of linear predictions.
+        """Return d residuals / d nuisances, (samples, k): ``slopes``, or differences of flights.
 
-        If the model has no trim on one side, the difference to the other side is taken. If it has none on either side,
-        the tangent is 0 and the nuisance stays where it is.
+        If the model cannot fly on one side, the difference to the other side is taken. If it can on neither, the
+        tangent is 0 and the nuisance stays where it is.
         """
         if self.slopes is not None:
             return self.slopes
-        steps = np.full(self.nuisances.size, LINEAR_STEP)
-        found = ends(lambda some: linear_all(self._beside(some), self.records), self.nuisances, steps, both=True)
-        columns = [slope(end, LINEAR_STEP, lambda: self.linear) for end in found]
-        # residuals are measured minus predicted
-        return np.column_stack([np.zeros_like(self.exact) if c is None else -c for c in columns])
-
-    def afresh(self, flown: bool) -> Hypothesis:
-        """Return the point with tangents of its own, from linear predictions or, at several times the cost, flown."""
-        if not flown:
-            return replace(self, slopes=None)
-        steps = np.full(self.nuisances.size, FLOWN_STEP)
+        steps = np.full(self.nuisances.size, STEP)
         found = ends(lambda some: flown_all(self.from_here(self._beside(some)), self.records), self.nuisances, steps)
-        columns = [c for end in found if (c := slope(end, FLOWN_STEP, lambda: self.exact)) is not None]
-        return replace(self, slopes=np.column_stack(columns) if len(columns) == len(found) else None)
+        columns = [slope(end, STEP, lambda: self.exact) for end in found]
+        return np.column_stack([np.zeros_like(self.exact) if c is None else c for c in columns])
 
     def from_here(self, models: Sequence[Believed]) -> list[Believed]:
         """Return neighbours that begin where this point does: what their starts would change is taken out anyway."""
@@ -226,26 +210,12 @@ class Hypothesis:
 def changes(base: Hypothesis, effects: Sequence[tuple[Effect, FloatArray]]) -> list[FloatArray | None]:
     """Return what effects, each at parameter values (p,), change in the residuals (samples,) of a point.
 
-    The difference of two linear predictions is right to second order, although neither prediction is. Flights are used
-    for effects that a linearisation at trim does not see, and for those of sensors, which need no flight of their own.
-    All are flown, or predicted, together; None for one that cannot be.
+    All are flown together; None for one that cannot be.
     """
-    models = [
-        base.model.with_effect(e, dict(zip([p.name for p in e.parameters], x.tolist(), strict=True))).with_nuisances(
-            base.by_name
-        )
-        for e, x in effects
-    ]
-    flown = [i for i, (e, _) in enumerate(effects) if e.flown]
-    linear = [i for i in range(len(effects)) if i not in flown]
-    out: list[FloatArray | None] = [None] * len(models)
-    ends = flown_all(base.from_here([models[i] for i in flown]), base.records)
-    for i, end in zip(flown, ends, strict=True):
-        out[i] = None if end is None else end - base.exact
-    ends = linear_all([models[i] for i in linear], base.records) if linear else []
-    for i, end in zip(linear, ends, strict=True):
-        out[i] = None if end is None else base.linear - end
-    return out
+    each = [(e, dict(zip([p.name for p in e.parameters], x.tolist(), strict=True))) for e, x in effects]
+    models = [base.model.with_effect(e, values).with_nuisances(base.by_name) for e, values in each]
+    flown = flown_all(base.from_here(models), base.records)
+    return [None if end is None else end - base.exact for end in flown]
 
 
 def flown_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> list[FloatArray | None]:
@@ -255,25 +225,12 @@ def flown_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> 
     some = max(1, AT_ONCE // (each * len(records)))
     for k in range(0, len(models), some):
         fly_together(models[k : k + some], records)
-        out += [_or_none(_left, model, records) for model in models[k : k + some]]
+        for model in models[k : k + some]:
+            try:
+                out.append(_left(model, records))
+            except _NOT_FLOWN:
+                out.append(None)
     return out
-
-
-def linear_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> list[FloatArray | None]:
-    """Return the linear prediction (samples,) of each model, in units of the noise; None for one without a trim."""
-    linear_models([there.flyer for model in models for there in model.at_each(records)])
-    return [_or_none(_linear, model, records) for model in models]
-
-
-def _or_none(
-    made: Callable[[Believed, tuple[FlightRecord, ...]], FloatArray],
-    model: Believed,
-    records: tuple[FlightRecord, ...],
-) -> FloatArray | None:
-    try:
-        return made(model, records)
-    except _NOT_FLOWN:
-        return None
 
 
 def fly_together(models: Sequence[Believed], records: Sequence[FlightRecord]) -> None:
@@ -313,11 +270,6 @@ def _left(model: Believed, records: tuple[FlightRecord, ...]) -> FloatArray:
     return np.concatenate([model.residuals(r).ravel() for r in records])
 
 
-def _linear(model: Believed, records: tuple[FlightRecord, ...]) -> FloatArray:
-    read = zip(records, model.predict_linear_all(records), strict=True)
-    return np.concatenate([model.in_noise_units(r, y).ravel() for r, y in read])
-
-
 MAX_ROUNDS = 14
 AT_REST = 0.1  # the rounds end when another one promises to lower chi-square by less
 KEPT = 0.9  # share of a promised gain that a step must reach for its tangents to be kept
@@ -326,15 +278,14 @@ KEPT = 0.9  # share of a promised gain that a step must reach for its tangents t
 def retune(base: Hypothesis) -> Hypothesis:
     """Re-tune the nuisances of the model of ``base`` until they rest; return the best point.
 
-    It uses tangents of linear predictions first and flown ones then. Tangents of a linearisation about trim may rest a
-    few units of chi-square too high, which a false effect would gain.
+    Tangents are those of the first point as long as steps gain what they promise; where they rest, they are taken anew.
     """
     here = _rest(base)
-    return _rest(here.afresh(True), flown=True)
+    return here if here.slopes is None else _rest(replace(here, slopes=None))
 
 
-def _rest(here: Hypothesis, flown: bool = False) -> Hypothesis:
-    """Take steps until they rest; where tangents have failed, take them anew, ``flown`` or from linear predictions."""
+def _rest(here: Hypothesis) -> Hypothesis:
+    """Take steps until they rest; where tangents have failed, take them anew."""
     for _ in range(MAX_ROUNDS):
         left, nuisances = here.tuned(here.exact)
         if here.chi2 - float(left @ left) < AT_REST:
@@ -344,7 +295,7 @@ def _rest(here: Hypothesis, flown: bool = False) -> Hypothesis:
             moved = here.moved(here.model, here.nuisances + share * (here.towards(nuisances) - here.nuisances))
             if moved is not None and moved.chi2 < here.chi2:
                 kept = share == 1.0 and not _broken(here.chi2, float(left @ left), moved.chi2)
-                there = moved if kept else moved.afresh(flown)
+                there = moved if kept else replace(moved, slopes=None)
                 break
         if there is None:
             break
@@ -353,7 +304,7 @@ def _rest(here: Hypothesis, flown: bool = False) -> Hypothesis:
 
 
 def _broken(before: float, promised: float, flown: float) -> bool:
-    """Return whether a step gained so much less than linear predictions promised that new tangents are needed.
+    """Return whether a step gained so much less than its tangents promised that new ones are needed.
 
     Its arguments are chi-square before the step (infinite if not known, as for the first step), as promised, and as
     flown. With old tangents, re-tuning may swing about the best point for all its rounds.
