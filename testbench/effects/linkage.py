@@ -109,15 +109,10 @@ def one_sided(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendmen
 _LEAST = 0.1  # of what is under the root of a curved linkage: a ratio that grows is followed no farther
 
 
-def _loss(values: Values) -> float:
-    """Return what large deflections lose: of surfaces per rad^2, of the throttle per square of full throttle."""
-    return values["loss"] if "loss" in values else values["loss_per_rad2"]
-
-
 def curved(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
     """Turn the surface by scale x / sqrt(1 + 2 loss x^2), x what the servo, or the engine, is told as a deviation from
     trim."""
-    scale, loss = values["scale"], _loss(values)
+    scale, loss = values["scale"], values["loss"] if "loss" in values else values["loss_per_rad2"]
 
     def bent(x: str) -> str:
         under = f"<max> <sum> {value(1.0)} {product(value(2.0 * loss), x, x)} </sum> {value(_LEAST)} </max>"
@@ -144,9 +139,9 @@ def play(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
     text = f"{path.word} linkage with a play of {width_rad:.3g} rad"
     if "creep_1_s" not in values:
         return Amendment(named(path.control, "free_play"), text, (_within(path, last, width_rad),))
-    creep_1_s, power = values["creep_1_s"], values["power"]
+    creep_1_s, power, half = values["creep_1_s"], values["power"], max(0.5 * width_rad, _LEAST_HALF_RAD)
     off = f"<difference> {prop(path.servo)} {last} </difference>"
-    near = f"<min> <value>1</value> {product(f'<abs> {off} </abs>', value(1.0 / _half_of(width_rad)))} </min>"
+    near = f"<min> <value>1</value> {product(f'<abs> {off} </abs>', value(1.0 / half))} </min>"
     slowed = f"<pow> {near} {value(power - 1.0)} </pow>"
     left = f"<exp> {product(value(-creep_1_s / aircraft.rate_hz), slowed)} </exp>"
     crept = f"<sum> {last} {product(f'<difference> <value>1</value> {left} </difference>', off)} </sum>"
@@ -164,11 +159,6 @@ def _beside(drawn: str, middle: str, width: float) -> str:
     """Return the XML of where a play of that width about ``middle`` leaves what stands where ``drawn`` says."""
     low, high = (f"<sum> {middle} {value(s * 0.5 * width)} </sum>" for s in (-1.0, 1.0))
     return moving(f"<min> <max> {drawn} {low} </max> {high} </min>", middle)
-
-
-def _half_of(width_rad: float) -> float:
-    """Return half a play's width, rad, which is never quite nothing: distances are taken over it."""
-    return max(0.5 * width_rad, _LEAST_HALF_RAD)
 
 
 def throttle_play(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:

@@ -145,15 +145,6 @@ def commands(record: FlightRecord) -> tuple[tuple[str, ...], FloatArray]:
     return names, u - u[: quiet_samples(record)].mean(axis=0)
 
 
-def held(record: FlightRecord, names: Sequence[str], u: FloatArray) -> FloatArray:
-    """Return the commands ``u`` (n, m) of some controls as each may be held until the next sample.
-
-    What moves on between samples, a surface that drives a model or a stick, is held at the mean of two.
-    """
-    on = np.column_stack([moves_on(record, name, u[:, i]) for i, name in enumerate(names)])
-    return np.where(on, 0.5 * (u + np.concatenate([u[1:], u[-1:]])), u) if on.any() else u
-
-
 def moves_on(record: FlightRecord, control: str, u: FloatArray) -> NDArray[np.bool_]:
     """Return after which samples (n,) the command ``u`` (n,) of a control moves on until the next one.
 
