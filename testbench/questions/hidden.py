@@ -23,6 +23,7 @@ from testbench.core.scenario.base import AircraftName, FlownAt
 from testbench.core.scenario.base import Manoeuvre as Entry
 from testbench.core.schema import Positive, Strict
 from testbench.effects import Effect, catalogue
+from testbench.effects.base import grown_by, in_place, raised
 from testbench.flight import FlightCondition, TrimmedFlight, load_aircraft, trim
 from testbench.flight.air import Air, Gust
 from testbench.flight.batch.jobs import Job
@@ -31,7 +32,6 @@ from testbench.inputs import build
 from testbench.inputs.signal import InputSignal
 from testbench.line import fly_and_measure
 from testbench.questions.gap import brought
-from testbench.questions.gap.added import grown_by, in_place, raised
 from testbench.questions.gap.starts import Start
 from testbench.sensors import SensorSuite
 

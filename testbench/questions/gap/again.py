@@ -32,10 +32,9 @@ from testbench.inference.calibrate import Reliability, Trial, calibrate
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.air import AirFound, listen
 from testbench.questions.gap.evidence.commanded import surface_noise
-from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.explain import P_EFFECT, P_NOTHING, Naming
 from testbench.questions.gap.name import is_scale, size_of
-from testbench.questions.gap.starts import start_of
+from testbench.questions.gap.starts import record_key, start_of
 
 
 def fingerprint(believed: Believed, records: Sequence[FlightRecord], air: AirFound) -> str:

@@ -15,7 +15,7 @@ from testbench.core.channels import CONTROLS
 from testbench.core.errors import LimitError, ModelError, RecordError, ScenarioError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.effects import Effect
-from testbench.effects.base import MetGust
+from testbench.effects.base import MetGust, grown_by, in_place, moved_by, raised
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight
 from testbench.flight.air import Air, Gust
 from testbench.flight.batch.jobs import Simulator
@@ -23,7 +23,6 @@ from testbench.flight.simulate import commands as absolute_commands
 from testbench.inference.linear import prewhitened
 from testbench.inputs.signal import InputSignal
 from testbench.line import flown_already
-from testbench.questions.gap.added import grown_by, in_place, moved_by, raised
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.commanded import (
     DRIFT_OVER_S,
@@ -35,7 +34,6 @@ from testbench.questions.gap.evidence.commanded import (
     starts_freely,
     surface_noise,
 )
-from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.flights import (
     Flyer,
     Wanted,
@@ -46,7 +44,7 @@ from testbench.questions.gap.flights import (
 )
 from testbench.questions.gap.free_start import Directions, FreeStart
 from testbench.questions.gap.priors import PRIORS, priors_of
-from testbench.questions.gap.starts import Start, start_of
+from testbench.questions.gap.starts import Start, record_key, start_of
 from testbench.sensors import SensorSuite
 from testbench.sensors.sensor import responses
 

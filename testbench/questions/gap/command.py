@@ -9,7 +9,6 @@ import typer
 
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.page.terminal import console, stages
-from testbench.questions.gap.window_length import windows_of
 from testbench.questions.options import (
     ByDefault,
     DrivenBy,
@@ -125,6 +124,7 @@ def show(
     from testbench.questions.gap.ask import run_flights, run_gap
     from testbench.questions.gap.page import gap_page
     from testbench.questions.gap.records import load_flights
+    from testbench.questions.gap.scenario import windows_of
     from testbench.questions.gap.workflow import GapSearch
 
     measured = bool(records) or _is_aircraft(case)

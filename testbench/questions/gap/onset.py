@@ -24,9 +24,9 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import starts_freely
 from testbench.questions.gap.explain import P_ONSET, percent
 from testbench.questions.gap.name import unknown_motion
+from testbench.questions.gap.scenario import SHORTEST_S
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.starts import Start, marked, start_of
-from testbench.questions.gap.window_length import SHORTEST_S
 from testbench.questions.gap.windows import begin_freely, begin_from, part_of
 
 KNOWN = 0.1  # share of the priors of a start that remains where the flight before tells it

@@ -18,9 +18,8 @@ from testbench.logs.read import read_records
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.drive import drive_records
 from testbench.questions.gap.evidence.commanded import not_compared, quiet_samples
-from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.scenario import Drive
-from testbench.questions.gap.starts import Start, marked, start_of, timed
+from testbench.questions.gap.starts import Start, marked, record_key, start_of, timed
 from testbench.questions.gap.windows import restless
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.sensors import SensorSuite, load_suite

@@ -18,8 +18,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.air import AirFound
 from testbench.questions.gap.evidence.control_path import SurfacePath
 from testbench.questions.gap.evidence.held_out import HeldOutFlight
-from testbench.questions.gap.evidence.lacking import Lacking
-from testbench.questions.gap.evidence.locate import RegionMap, ResidualMap, Structure
+from testbench.questions.gap.evidence.locate import Lacking, RegionMap, ResidualMap, Structure
 from testbench.questions.gap.evidence.noise_found import NoiseFound
 from testbench.questions.gap.explain import VISIBLE, Naming, percent
 from testbench.questions.gap.onset import Begun

@@ -2,16 +2,39 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+import math
+from typing import Annotated, ClassVar, Literal, cast
 
 from pydantic import Field, model_validator
 
-from testbench.core.errors import Refusal
+from testbench.core.errors import RecordError, Refusal
 from testbench.core.scenario.base import Condition, FlownAt, Manoeuvre, SuiteName
 from testbench.core.schema import NonNegative, Strict
-from testbench.questions.gap.window_length import SHORTEST_S
 from testbench.questions.hidden import Hidden
 from testbench.sensors import load_suite
+
+Windows = float | Literal["auto", "off"]
+"""Length of the windows, s; "auto" cuts what does not begin with quiet flight, by the fastest unstable mode."""
+SHORTEST_S = 2.0
+"""Of a window: about one short period, without which its coefficients do not show beside a free start."""
+
+
+def windows_of(text: str | None) -> Windows | None:
+    """Return what is wanted of windows; None if nothing is.
+
+    Raises:
+        RecordError: it is no length, nor "auto" or "off".
+    """
+    if text is None or text in ("auto", "off"):
+        return cast(Windows | None, text)
+    try:
+        length_s = float(text)
+    except ValueError:
+        length_s = math.nan
+    if not SHORTEST_S <= length_s < math.inf:
+        raise RecordError(f"--windows must be auto, off, or a length of at least {SHORTEST_S:g} s, got '{text}'")
+    return length_s
+
 
 Drive = Literal["command", "surface", "both"]
 """What drives: "both" are commands, and recorded surfaces where no command is recorded."""

@@ -36,12 +36,11 @@ from testbench.questions.gap.evidence.commanded import (
     starts_freely,
     surface_noise,
 )
-from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.flights import flights
 from testbench.questions.gap.free_start import BEGAN, STATES, FreeStart
+from testbench.questions.gap.scenario import SHORTEST_S, Windows
 from testbench.questions.gap.search.hypothesis import Hypothesis, retune
-from testbench.questions.gap.starts import marked, start_of
-from testbench.questions.gap.window_length import SHORTEST_S, Windows
+from testbench.questions.gap.starts import marked, record_key, start_of
 
 LEAD_S = 0.5
 """Flown before a window is compared: four time constants of a servo of 8 rad/s."""

@@ -25,11 +25,10 @@ from testbench.questions.gap.evidence.air import AirFound, in_air, listen, liste
 from testbench.questions.gap.evidence.check import check_instruments, check_signs
 from testbench.questions.gap.evidence.commanded import starts_freely
 from testbench.questions.gap.evidence.control_path import SurfacePath, paths_seen
-from testbench.questions.gap.evidence.gusts import called
 from testbench.questions.gap.evidence.held_out import differences
-from testbench.questions.gap.evidence.lacking import lacking
 from testbench.questions.gap.evidence.locate import (
     ResidualMap,
+    lacking,
     largest_errors,
     left_by,
     locate,
@@ -41,9 +40,9 @@ from testbench.questions.gap.flights import flights
 from testbench.questions.gap.name import ELSEWHERE, Sought, name_effect, nearest, unknown_motion
 from testbench.questions.gap.plan import separate
 from testbench.questions.gap.result import GapFinding, Shrink
-from testbench.questions.gap.scenario import Drive
+from testbench.questions.gap.scenario import Drive, Windows
 from testbench.questions.gap.search.hypothesis import Hypothesis, retune
-from testbench.questions.gap.window_length import Windows
+from testbench.questions.gap.starts import called
 from testbench.questions.gap.windows import as_they_start, begin_freely, in_windows
 
 SHOWN = 3  # records of which it is shown over time what the model lacks: those with the largest residuals

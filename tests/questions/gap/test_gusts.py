@@ -21,11 +21,11 @@ from testbench.effects import EFFECTS
 from testbench.effects.base import MetGust
 from testbench.flight.air import Gust
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.evidence.gusts import called, manoeuvre_of, record_key
 from testbench.questions.gap.export import air_text
 from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.search.gust_search import GustSearch
 from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.starts import called, manoeuvre_of, record_key
 from testbench.questions.gap.workflow import GapSearch, find_gap
 
 GUST = EFFECTS["gust"]

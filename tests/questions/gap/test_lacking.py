@@ -10,7 +10,7 @@ from gap_flights import believe, measure
 
 from testbench.effects import EFFECTS
 from testbench.inference.unknown import rms_acceleration
-from testbench.questions.gap.evidence.lacking import Lacking, lacking
+from testbench.questions.gap.evidence.locate import Lacking, lacking
 from testbench.questions.gap.name import unknown_motion
 
 

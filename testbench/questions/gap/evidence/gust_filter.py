@@ -31,8 +31,8 @@ from testbench.inference.linear import prewhitened
 from testbench.information.turbulence import INERTIAL
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import jumps, surface_noise
-from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.flights import linear_along
+from testbench.questions.gap.starts import record_key
 from testbench.sensors import Sensor
 
 _LATERAL = {"beta", "v", "p", "r", "phi", "psi", "ay", "pdot", "rdot"}

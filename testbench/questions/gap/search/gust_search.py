@@ -29,8 +29,8 @@ from testbench.flight.air import Gust
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.commanded import starts_freely
-from testbench.questions.gap.evidence.gusts import manoeuvre_of, record_key
 from testbench.questions.gap.search.hypothesis import Hypothesis, fly_together
+from testbench.questions.gap.starts import manoeuvre_of, record_key
 
 DURATIONS_S = (0.3, 0.45, 0.65, 0.9, 1.3, 1.8, 2.6, 3.7)
 STEP_S = 0.1  # between the starts that are looked at
