@@ -15,8 +15,8 @@ from testbench.inference.calibrate import Reliability
 from testbench.inference.instruments import Agreement
 from testbench.page.words import listed
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.drive import SurfacePath
 from testbench.questions.gap.evidence.air import AirFound
-from testbench.questions.gap.evidence.control_path import SurfacePath
 from testbench.questions.gap.evidence.held_out import HeldOutFlight
 from testbench.questions.gap.evidence.locate import Lacking, RegionMap, ResidualMap, Structure
 from testbench.questions.gap.evidence.noise_found import NoiseFound

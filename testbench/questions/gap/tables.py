@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from testbench.inference.calibrate import Reliability
 from testbench.page.labels import symbol
 from testbench.page.tables import Column, Table, Value
-from testbench.questions.gap.evidence.control_path import SurfacePath
+from testbench.questions.gap.drive import SurfacePath
 from testbench.questions.gap.explain import Naming
 from testbench.questions.gap.open_set import title_of
 from testbench.questions.gap.search.hypothesis import STEP

@@ -20,11 +20,10 @@ from testbench.inference.parameters import Source
 from testbench.questions.gap import onset
 from testbench.questions.gap.again import fly_again
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.drive import driven
+from testbench.questions.gap.drive import SurfacePath, driven, paths_seen
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen, listen_again, listen_in_flight, smoothed
 from testbench.questions.gap.evidence.check import check_instruments, check_signs
 from testbench.questions.gap.evidence.commanded import starts_freely
-from testbench.questions.gap.evidence.control_path import SurfacePath, paths_seen
 from testbench.questions.gap.evidence.held_out import differences
 from testbench.questions.gap.evidence.locate import (
     ResidualMap,

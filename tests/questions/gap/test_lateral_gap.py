@@ -29,9 +29,8 @@ from testbench.questions.gap.evidence.check import check_instruments
 from testbench.questions.gap.evidence.commanded import moves_laterally
 from testbench.questions.gap.evidence.locate import locate_regions
 from testbench.questions.gap.explain import Naming
-from testbench.questions.gap.foreseen import Foreseen, usual_sizes
 from testbench.questions.gap.name import Sought, _Asker, name_effect, not_sought
-from testbench.questions.gap.plan import as_record, family
+from testbench.questions.gap.plan import Foreseen, as_record, family, usual_sizes
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS, priors_of
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.result import TOLERANCE

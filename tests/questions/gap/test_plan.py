@@ -16,8 +16,7 @@ from testbench.effects import EFFECTS
 from testbench.inference.calibrate import Reliability, Trial, calibrate_together
 from testbench.inference.first_order import Left, sum_of
 from testbench.questions.gap.explain import P_COEFFICIENT, P_EFFECT, P_NOTHING, P_STRANGER
-from testbench.questions.gap.foreseen import KINDS, Foreseen, usual_sizes
-from testbench.questions.gap.plan import as_record, candidates, family, plan_gap, separate
+from testbench.questions.gap.plan import KINDS, Foreseen, as_record, candidates, family, plan_gap, separate, usual_sizes
 from testbench.questions.gap.search.hypothesis import changes, flown_all
 from testbench.questions.run.scenario import Scenario
 

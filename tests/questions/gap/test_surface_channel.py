@@ -39,9 +39,8 @@ from testbench.questions.gap.again import flown_again
 from testbench.questions.gap.ask import GapResult
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.drive import comparing
+from testbench.questions.gap.drive import SurfacePath, comparing
 from testbench.questions.gap.evidence.air import AirFound
-from testbench.questions.gap.evidence.control_path import SurfacePath
 from testbench.questions.gap.explain import Naming
 from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.parts import parts_of
