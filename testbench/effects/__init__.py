@@ -20,7 +20,7 @@ SERVOS: Mapping[tuple[str, str], Effect] = servo.SERVOS | linkage.SERVOS
 """(kind, control) -> effect between command and surface, of every control."""
 
 OTHER_SERVOS: dict[str, Effect] = {e.name: e for e in (*servo.ON_REQUEST, *linkage.ON_REQUEST)}
-"""Those that are searched only where the search points to the path of their control (further.py), or by name.
+"""Those that are searched only where the search points to the path of their control, or by name.
 
 Those of the elevator come by name alone (``more_effects``).
 """

@@ -13,7 +13,7 @@ import contextlib
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from hashlib import blake2b
 from itertools import count, takewhile
 from pathlib import Path
@@ -35,17 +35,6 @@ from testbench.questions.gap.evidence.commanded import surface_noise
 from testbench.questions.gap.explain import P_EFFECT, P_NOTHING, Naming
 from testbench.questions.gap.name import is_scale, size_of
 from testbench.questions.gap.starts import record_key, start_of
-
-
-def fingerprint(believed: Believed, records: Sequence[FlightRecord], air: AirFound) -> str:
-    """Return a digest of all that flights again depend on."""
-    a = believed.aircraft
-    parts = [__version__, a.xml, repr((a.elastic, a.amendments, a.mass, a.limits, believed.suite, believed.condition))]
-    parts += [] if a.adapter is None else [repr(a.adapter)]
-    parts += [repr(starts)] if any(starts := [start_of(record) for record in records]) else []
-    parts += [repr(sorted(believed.colour.items()))] if believed.colour else []
-    parts += [repr((believed.rate_hz, air.moves, air.rms_m_s, air.height_m)), *map(record_key, records)]
-    return blake2b("\0".join(parts).encode(), digest_size=16).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -97,83 +86,91 @@ DRAWS = 50  # of truths that are tried until one survives the commands
 SEED = 1
 
 
-def fly_again(
-    believed: Believed,
-    records: Sequence[FlightRecord],
-    air: AirFound,
-    effects: Mapping[str, Effect],
-    trials: int,
-    ask: Ask,
-    say: Callable[[str], None],
-    file: Path | None = None,
-) -> Reliability:
-    """Fly the measured records again with drawn truths, and ask about each flight as about the measured ones.
+@dataclass(frozen=True, eq=False)
+class Reflown:
+    """A flight that is flown again with truths drawn from the priors.
 
-    Args:
+    Attributes:
         believed: the model as believed, before any air was found.
         records: the measured records that were named from.
         air: the air that was found.
         effects: the library that was sought in, by name.
-        trials: number of flights again.
-        ask: names what records hold, given the air that was heard in them.
-        say: called with a few words as each begins.
-        file: keeps each as it ends, so that none is flown twice; those of other records or beliefs in it do no harm.
-
-    Raises:
-        TrimError: of many truths that were drawn none can be flown.
-        RecordError: the file cannot be read.
-        WriteError: it cannot be written.
     """
-    log = Kept(file, fingerprint(believed, records, air))
-    kept = log.read()
-    done = len(kept)
 
-    def draw(rng: np.random.Generator) -> tuple[str, list[FlightRecord]]:
-        say(f"flight again {done + 1} of {trials}, with a truth drawn from the priors")
-        return flown_again(believed, records, air, effects, rng)
+    believed: Believed
+    records: Sequence[FlightRecord]
+    air: AirFound
+    effects: Mapping[str, Effect] = field(default_factory=dict)
 
-    def asked(flown: Sequence[FlightRecord]) -> Mapping[str, float]:
-        return ask(flown, listen(believed, flown)).weighed.stated
+    @property
+    def fingerprint(self) -> str:
+        """A digest of all that flights again depend on."""
+        b, air, a = self.believed, self.air, self.believed.aircraft
+        parts = [__version__, a.xml, repr((a.elastic, a.amendments, a.mass, a.limits, b.suite, b.condition))]
+        parts += [] if a.adapter is None else [repr(a.adapter)]
+        parts += [repr(starts)] if any(starts := [start_of(record) for record in self.records]) else []
+        parts += [repr(sorted(b.colour.items()))] if b.colour else []
+        parts += [repr((b.rate_hz, air.moves, air.rms_m_s, air.height_m)), *map(record_key, self.records)]
+        return blake2b("\0".join(parts).encode(), digest_size=16).hexdigest()
 
-    found = Reliability(())
-    for found in calibrate(draw, asked, trials, SEED, kept):
-        log.add(found.trials[done:], done)
-        done = len(found.trials)
-    return found
+    def times(self, trials: int, ask: Ask, say: Callable[[str], None], file: Path | None = None) -> Reliability:
+        """Fly it so often, and ask about each flight as about the measured ones.
 
+        Args:
+            trials: number of flights again.
+            ask: names what records hold, given the air that was heard in them.
+            say: called with a few words as each begins.
+            file: keeps each as it ends, so that none is flown twice; those of other records or beliefs in it do no
+                harm.
 
-def flown_again(
-    believed: Believed,
-    records: Sequence[FlightRecord],
-    air: AirFound,
-    effects: Mapping[str, Effect],
-    rng: np.random.Generator,
-) -> tuple[str, list[FlightRecord]]:
-    """Draw a truth and return its name and what the believed sensors read of it.
+        Raises:
+            TrimError: of many truths that were drawn none can be flown.
+            RecordError: the file cannot be read.
+            WriteError: it cannot be written.
+        """
+        log = Kept(file, self.fingerprint)
+        kept = log.read()
+        done = len(kept)
 
-    Sample times, commands and missing samples are those of ``records``. Coefficients and sizes are drawn from their
-    priors, cut at two standard deviations. The turbulence has the rms and height of ``air``.
+        def draw(rng: np.random.Generator) -> tuple[str, list[FlightRecord]]:
+            say(f"flight again {done + 1} of {trials}, with a truth drawn from the priors")
+            return self.drawn(rng)
 
-    Raises:
-        TrimError: of many truths none survives the commands.
-    """
-    priors = believed.priors_of(records)
-    possible = [e for e in effects.values() if e.met is None and e.over_time is None]
-    for _ in range(DRAWS):
-        drawn = np.clip(rng.standard_normal(len(priors)), -CUT, CUT)
-        real = replace(believed, whiten=None)
-        real = real.with_nuisances({n: 1.0 + s * float(z) for (n, s), z in zip(priors.items(), drawn, strict=True)})
-        name = "nothing"
-        if possible and rng.random() > P_NOTHING / (P_NOTHING + P_EFFECT):
-            effect = possible[int(rng.integers(len(possible)))]
-            name, real = effect.name, real.with_effect(effect, sizes_of(effect, rng))
-        seeds = rng.integers(1, 2**31, size=(len(records), 2)).tolist()
-        try:
-            both = zip(records, seeds, strict=True)
-            return name, [_measured(real, record, _air(air, of_air), noise) for record, (of_air, noise) in both]
-        except (FlightAborted, LimitError, ModelError, TrimError):
-            continue
-    raise TrimError(f"of {DRAWS} truths that were drawn from the priors one must fly the commands, got none")
+        def asked(flown: Sequence[FlightRecord]) -> Mapping[str, float]:
+            return ask(flown, listen(self.believed, flown)).weighed.stated
+
+        found = Reliability(())
+        for found in calibrate(draw, asked, trials, SEED, kept):
+            log.add(found.trials[done:], done)
+            done = len(found.trials)
+        return found
+
+    def drawn(self, rng: np.random.Generator) -> tuple[str, list[FlightRecord]]:
+        """Draw a truth and return its name and what the believed sensors read of it.
+
+        Sample times, commands and missing samples are those of ``records``. Coefficients and sizes are drawn from their
+        priors, cut at two standard deviations. The turbulence has the rms and height of ``air``.
+
+        Raises:
+            TrimError: of many truths none survives the commands.
+        """
+        priors = self.believed.priors_of(self.records)
+        possible = [e for e in self.effects.values() if e.met is None and e.over_time is None]
+        for _ in range(DRAWS):
+            drawn = np.clip(rng.standard_normal(len(priors)), -CUT, CUT)
+            real = replace(self.believed, whiten=None)
+            real = real.with_nuisances({n: 1.0 + s * float(z) for (n, s), z in zip(priors.items(), drawn, strict=True)})
+            name = "nothing"
+            if possible and rng.random() > P_NOTHING / (P_NOTHING + P_EFFECT):
+                effect = possible[int(rng.integers(len(possible)))]
+                name, real = effect.name, real.with_effect(effect, sizes_of(effect, rng))
+            seeds = rng.integers(1, 2**31, size=(len(self.records), 2)).tolist()
+            try:
+                both = zip(self.records, seeds, strict=True)
+                return name, [_measured(real, r, _air(self.air, of_air), noise) for r, (of_air, noise) in both]
+            except (FlightAborted, LimitError, ModelError, TrimError):
+                continue
+        raise TrimError(f"of {DRAWS} truths that were drawn from the priors one must fly the commands, got none")
 
 
 def sizes_of(effect: Effect, rng: np.random.Generator) -> dict[str, float]:

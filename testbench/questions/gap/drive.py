@@ -3,8 +3,11 @@
 A command drives the believed path: its servo, what is fed back, what is joined. A recorded surface drives the model
 behind all of that. Its servo is bypassed, and nothing that lies between command and surface can be seen. The noise of
 the surface moves the prediction as a gust would, and its zero is not known: both are taken out of residuals and
-signatures alike (:mod:`.evidence.gust_model`). A surface that every record holds beside its command is a channel that
+signatures alike (:mod:`.evidence.gust_filter`). A surface that every record holds beside its command is a channel that
 the believed path, driven by the command, predicts.
+
+Where commands drive, a recorded surface is a channel as all others are: servo, linkage and feedback of the model say
+where it stands, and explanations are weighed by it as by any other reading.
 """
 
 from __future__ import annotations

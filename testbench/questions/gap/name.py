@@ -406,9 +406,15 @@ class _Asker:
         self, base: Point, shared: FloatArray, each: FloatArray, mean: FloatArray, std: FloatArray, sizes: FloatArray
     ) -> FirstOrder:
         """Weigh columns ``each`` (samples, h) about a point, beside those that all share, (samples, k)."""
+        parts = self._columns(base, shared, each)
+        return FirstOrder.of(
+            sum_of(c.beside(shared.shape[1]) for c, _ in parts), sum_of(c.left(r) for c, r in parts), mean, std, sizes
+        )
+
+    def _columns(self, base: Point, shared: FloatArray, each: FloatArray) -> list[tuple[Columns, FloatArray]]:
+        """Return of each record its columns about a point and what is left of it there (samples, 1)."""
         parts = columns_of(base, np.column_stack([shared, each]), [self.unknown(r) for r in self.records])
-        left = [c.left(r.reshape(-1, 1)) for c, r in zip(parts, base.by_record(base.exact), strict=True)]
-        return FirstOrder.of(sum_of(c.beside(shared.shape[1]) for c in parts), sum_of(left), mean, std, sizes)
+        return [(c, r.reshape(-1, 1)) for c, r in zip(parts, base.by_record(base.exact), strict=True)]
 
     def acting(
         self, effects: Sequence[Effect], places: Sequence[Sequence[NDArray[np.bool_]]]
@@ -424,15 +430,15 @@ class _Asker:
         seen = [(e.name, c) for e in effects for _, c in known[e.name]]
         if not seen:
             return [{} for _ in places]
-        k, columns = len(base.prior_std), -np.column_stack([base.tangents, *(c for _, c in seen)])
-        parts = columns_of(base, columns, [self.unknown(r) for r in self.records])
-        left = [r.reshape(-1, 1) for r in base.by_record(base.exact)]
+        k = len(base.prior_std)
+        parts = self._columns(base, -base.tangents, -np.column_stack([c for _, c in seen]))
         made: dict[tuple[int, bytes], tuple[Sums, Left]] = {}
 
         def sums(i: int, acts: NDArray[np.bool_]) -> tuple[Sums, Left]:
             if (i, acts.tobytes()) not in made:
-                there = parts[i].acting(np.repeat(acts, len(self.believed.outputs)), k)
-                made[i, acts.tobytes()] = there.beside(k), there.left(left[i])
+                columns, left = parts[i]
+                there = columns.acting(np.repeat(acts, len(self.believed.outputs)), k)
+                made[i, acts.tobytes()] = there.beside(k), there.left(left)
             return made[i, acts.tobytes()]
 
         mean, sizes, out = -base.deviations * base.prior_std, np.full(len(seen), SIZE), []

@@ -1,8 +1,12 @@
 """Before flight: which effects could these manoeuvres show, and what would be stated of them?
 
-The question that will be asked of the records is asked of flights that are drawn from the priors
-(:mod:`testbench.questions.gap.plan`): how often is the truth named, what is it taken for, and what are stated
-probabilities worth? A manoeuvre is added if more effects could then be named, by the same probabilities.
+The question that will be asked of the records is asked of flights that are drawn from the priors, to first order: how
+often is the truth named, what is it taken for, and what are stated probabilities worth? A manoeuvre is added if more
+effects could then be named, by the same probabilities.
+
+Effects are flown at usual sizes and at some that are drawn from their priors. A truth leaves in the residuals what one
+of these changes, what coefficients change, an unknown motion and noise. All of the library is asked about it as the
+first stage of naming asks; of the truth the right size is among those that are weighed, where a search would rest.
 """
 
 from __future__ import annotations
@@ -33,7 +37,7 @@ from testbench.inference.linear import KAPPAS, fewer
 from testbench.inputs import build
 from testbench.line import condition_of
 from testbench.page.words import grouped
-from testbench.questions.gap.again import CUT, SEED, Kept, fingerprint, sizes_of
+from testbench.questions.gap.again import CUT, SEED, Kept, Reflown, sizes_of
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.drive import comparing
 from testbench.questions.gap.evidence.air import AirFound, in_air
@@ -220,7 +224,7 @@ def plan_gap(
     skipped: dict[str, str] = {}
     interrupted = False
     try:
-        kept = Kept(file, fingerprint(believed, records, air))
+        kept = Kept(file, Reflown(believed, records, air).fingerprint)
         drawn = Reliability(tuple(kept.read()[:draws]))
         done, begun = len(drawn.trials), time.monotonic()
         first = done

@@ -18,7 +18,7 @@ from testbench.flight.batch.jobs import Tally
 from testbench.inference.evidence import Comparison
 from testbench.inference.parameters import Source
 from testbench.questions.gap import onset
-from testbench.questions.gap.again import fly_again
+from testbench.questions.gap.again import Reflown
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.drive import SurfacePath, driven, paths_seen
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen, listen_again, listen_in_flight, smoothed
@@ -142,8 +142,8 @@ def find_gap(
             heard_in = smoothed(found.all_in, heard, measured)
             return search(found.all_in, heard_in, heard, lambda stage: None, replace(sought, open_terms=False))[1]
 
-        flown, effects = list(given.records.values()), sought.effects or {}
-        flights_again = fly_again(found.all_in, flown, found.air, effects, how.again, ask, say, how.again_file)
+        flown = Reflown(found.all_in, list(given.records.values()), found.air, sought.effects or {})
+        flights_again = flown.times(how.again, ask, say, how.again_file)
     return replace(_judged(given, found, say), check=checked, again=flights_again)
 
 

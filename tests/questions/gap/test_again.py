@@ -14,7 +14,7 @@ import testbench.questions.gap.again as again_module
 from testbench.core.errors import LimitError, RecordError, TrimError
 from testbench.core.record import FlightRecord
 from testbench.effects import EFFECTS
-from testbench.questions.gap.again import flown_again, fly_again
+from testbench.questions.gap.again import Reflown
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen
 from testbench.questions.gap.evidence.air import measure as measure_air
@@ -39,7 +39,7 @@ def test_a_flight_again_has_commands_and_samples_of_the_measured_one_and_leaves_
     blind = records[0].valid.copy()
     blind[300:340, records[0].channels.index("alpha")] = False
     records = [replace(records[0], valid=blind), records[1]]
-    name, flown = flown_again(believed, records, STILL, {}, np.random.default_rng(1))
+    name, flown = Reflown(believed, records, STILL, {}).drawn(np.random.default_rng(1))
     assert name == "nothing"
     for control, record in zip(flown, records, strict=True):
         assert (control.channels, control.kind) == (record.channels, "measured")
@@ -57,7 +57,7 @@ def test_a_flight_again_has_commands_and_samples_of_the_measured_one_and_leaves_
 def test_truths_are_drawn_from_the_priors(believed, records, monkeypatch):
     """Of 40 draws some 17 hold an effect; fewer than 6 or more than 30 in one set of 3000."""
     monkeypatch.setattr(again_module, "_measured", lambda real, record, air, seed: real)
-    drawn = [flown_again(believed, records[:1], STILL, FEW, np.random.default_rng([1, i])) for i in range(40)]
+    drawn = [Reflown(believed, records[:1], STILL, FEW).drawn(np.random.default_rng([1, i])) for i in range(40)]
     names = [name for name, _ in drawn]
     assert 6 <= sum(n != "nothing" for n in names) <= 30
     assert set(names) == {"nothing", *FEW}
@@ -67,7 +67,7 @@ def test_truths_are_drawn_from_the_priors(believed, records, monkeypatch):
 
 def test_flights_again_meet_the_turbulence_that_was_found(believed, records):
     found = AirFound(True, 0.4, 547.0, 100.0, 9.55, 4.0)
-    _, flown = flown_again(believed, records, found, {}, np.random.default_rng(3))
+    _, flown = Reflown(believed, records, found, {}).drawn(np.random.default_rng(3))
     heard = listen(believed, flown)
     assert heard.moves
     # 28 s of turbulence, scale length 533 m at 16 m/s: its rms as filters see it is told to some 10 %; here three.
@@ -90,7 +90,7 @@ def test_flights_again_are_asked_about_once_and_kept(believed, records, tmp_path
     words: list[str] = []
 
     def fly(count, file=file, air=STILL):
-        return fly_again(believed, records[:1], air, {}, count, ask, words.append, file)
+        return Reflown(believed, records[:1], air).times(count, ask, words.append, file)
 
     first = fly(2)
     assert asked == [(1, False)] * 2
@@ -122,7 +122,7 @@ def test_truths_with_which_nothing_flies_are_drawn_again_and_then_said(believed,
 
     monkeypatch.setattr(again_module, "_measured", fails)
     with pytest.raises(TrimError, match="of 50 truths that were drawn from the priors one must fly the commands"):
-        fly_again(believed, records[:1], STILL, FEW, 1, lambda r, a: None, lambda s: None)
+        Reflown(believed, records[:1], STILL, FEW).times(1, lambda r, a: None, lambda s: None)
     assert len(set(tried)) == 50
 
 

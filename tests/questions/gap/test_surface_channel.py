@@ -35,7 +35,7 @@ from testbench.effects.servo import WORDS
 from testbench.estimators.trajectories import driven
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.inference.unknown import PATH_S, pulses
-from testbench.questions.gap.again import flown_again
+from testbench.questions.gap.again import Reflown
 from testbench.questions.gap.ask import GapResult
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
@@ -260,7 +260,7 @@ def test_a_flight_again_reads_the_surface_again():
     b = believe(NOISE_RAD)
     records = list(measure(b, NOTHING, ELEVATOR).values())
     still = AirFound(False, 0.0, 547.0, 0.0, 10.0, 1.0)
-    _, (again,) = flown_again(comparing(b, records), records, still, {}, np.random.default_rng(1))
+    _, (again,) = Reflown(comparing(b, records), records, still).drawn(np.random.default_rng(1))
     assert np.std(again["de"] - records[0]["de"]) == pytest.approx(np.sqrt(2.0) * NOISE_RAD, rel=0.2)
     np.testing.assert_array_equal(again["de_cmd"], records[0]["de_cmd"])
 
