@@ -103,7 +103,7 @@ def identified(request, tmp_path_factory):
         patch.setattr(ask, "identify", kept)
         # Figures and cures of a fit take longest, and are not asked here.
         patch.setattr("testbench.questions.run.page.plates", lambda result: [])
-        patch.setattr(ask, "_mended", lambda cases, gusts: (tuple(cases), frozenset(), [], {}))
+        patch.setattr(ask, "mended_cases", lambda cases, gusts: (tuple(cases), frozenset(), [], {}))
         assert status(patch, "identify", file, "-o", folder / "results") == 0
     return SimpleNamespace(
         models=folder / "results" / file.stem / "models",

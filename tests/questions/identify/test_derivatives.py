@@ -14,8 +14,8 @@ from testbench.cli import app
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.estimators.settings import EquationErrorEntry
 from testbench.estimators.structured import Servo
-from testbench.questions.identify.answer import identify_answer
-from testbench.questions.identify.ask import _passed, identify
+from testbench.questions.identify.answer import identify_answer, passed
+from testbench.questions.identify.ask import identify
 from testbench.questions.identify.derivatives import _beliefs, servos_of
 from testbench.questions.identify.page import identify_page
 from testbench.questions.identify.scenario import RecordDescription
@@ -167,8 +167,8 @@ def test_it_is_said_which_servo_a_command_passed_where_an_estimator_has_one_of_i
     late = case("third", delays_s={"de_cmd": 0.03})
     said = "the servo of b1 (a lag of 0.05 s, at most 60 deg/s)"
     described = SimpleNamespace(aircraft="b1")
-    assert _passed("de_cmd", stated, described, [of_aircraft]) == [f"de_cmd passes {said}"]
-    assert _passed("de_cmd", stated, described, [of_aircraft, of_its_own, late]) == [
+    assert passed("de_cmd", stated, described, [of_aircraft]) == [f"de_cmd passes {said}"]
+    assert passed("de_cmd", stated, described, [of_aircraft, of_its_own, late]) == [
         f"de_cmd passes {said} in first",
         f"de_cmd passes a lag of 0.02 s, a delay of 10 ms, which stands in place of {said} in second",
         f"de_cmd passes a delay of 30 ms alone, which stands in place of {said} in third",

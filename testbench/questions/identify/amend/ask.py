@@ -66,9 +66,9 @@ from testbench.questions.identify.amend.folder import (
     write_folder,
 )
 from testbench.questions.identify.amend.result import Aim, Amended, Coefficient, Replay, ServoAim
-from testbench.questions.identify.ask import without
 from testbench.questions.identify.derivatives import Before, FoundDerivative, covariance_of, servos_of
 from testbench.questions.identify.instruments import agreement_in_words
+from testbench.questions.identify.mend import without
 from testbench.questions.identify.result import Identified
 from testbench.questions.identify.scenario import RecordDescription
 
