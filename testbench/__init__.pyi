@@ -59,6 +59,10 @@ from testbench.line import Flight as Flight
 from testbench.line import fly_and_measure as fly_and_measure
 from testbench.logs.read import read_records as read_records
 from testbench.page.shown import write_results as write_results
+from testbench.pooling.least_squares import LogCoefficients as LogCoefficients
+from testbench.pooling.pool import Pooled as Pooled
+from testbench.pooling.pool import pool as pool
+from testbench.pooling.prior import Prior as Prior
 from testbench.questions.aircraft.ask import Survey as Survey
 from testbench.questions.aircraft.ask import survey as survey
 from testbench.questions.campaign.ask import Ending as Ending
@@ -96,10 +100,6 @@ from testbench.questions.identify.pool.ask import (
 from testbench.questions.identify.pool.ask import (
     identify_and_pool as identify_and_pool,
 )
-from testbench.questions.identify.pool.least_squares import LogCoefficients as LogCoefficients
-from testbench.questions.identify.pool.pooling import Pooled as Pooled
-from testbench.questions.identify.pool.pooling import pool as pool
-from testbench.questions.identify.pool.prior import Prior as Prior
 from testbench.questions.identify.result import Identified as Identified
 from testbench.questions.identify.scenario import RecordDescription as RecordDescription
 from testbench.questions.importing.ask import Imported as Imported

@@ -27,7 +27,7 @@ RANKS = (
     {"evaluation"},
     {"information"},
     {"line"},
-    {"design"},
+    {"design", "pooling"},
     {"page"},
     {"questions"},
     {"envs"},

@@ -88,7 +88,7 @@ def _described(kind: str, file: Path) -> Any:
 
         return read_plan(file)
     if kind == "prior":
-        from testbench.questions.identify.pool.prior import prior_of_file
+        from testbench.pooling.prior import prior_of_file
 
         return prior_of_file(file)
     said, faults = parse(file_classes()[kind], read_toml(file), file)

@@ -127,7 +127,7 @@ def file_classes() -> dict[str, type[Strict]]:
     from testbench.core.project import Project
     from testbench.estimators.equations import Equations
     from testbench.logs.catalogue import Writer
-    from testbench.questions.identify.pool.prior import PriorFile
+    from testbench.pooling.prior import PriorFile
     from testbench.sensors.suite import SensorEntry, SuiteFile
 
     brought: dict[str, type[Strict]] = {

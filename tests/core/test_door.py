@@ -38,10 +38,10 @@ from testbench.core.record import FlightRecord, load_record
 from testbench.core.scenario.inputs import Doublet, Multisine, Prbs
 from testbench.inputs import build
 from testbench.logs.tables import read_table
+from testbench.pooling.prior import prior_of_file
 from testbench.questions.exercise.roster import students_of
 from testbench.questions.export.ask import load_matrices
 from testbench.questions.files import find
-from testbench.questions.identify.pool.prior import prior_of_file
 from testbench.questions.importing.ask import import_log
 
 

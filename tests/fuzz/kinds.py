@@ -22,6 +22,7 @@ from testbench.core.record import load_record
 from testbench.envs.train import read_agent
 from testbench.estimators.contract import Text
 from testbench.logs.catalogue import writers_in
+from testbench.pooling.prior import prior_of_file
 from testbench.questions.campaign.flying import Outcome
 from testbench.questions.campaign.load import load_campaign
 from testbench.questions.campaign.store import FILE, Store
@@ -35,7 +36,6 @@ from testbench.questions.exercise.roster import TABLE, exercises_of, students_of
 from testbench.questions.exercise.seal import load_exercise, read_key
 from testbench.questions.export.ask import load_matrices
 from testbench.questions.files import load
-from testbench.questions.identify.pool.prior import prior_of_file
 from testbench.questions.importing.ask import import_log
 from testbench.questions.live.clock import Clock
 from testbench.questions.live.stream import recorded

@@ -59,7 +59,7 @@ ROOMS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # room -> its fol
     "gap": (("testbench/questions/gap",), ("tests/questions/gap",)),
     "logs": (("testbench/logs",), ("tests/logs", "tests/cases")),
     "information": (("testbench/information",), ("tests/information", "tests/questions/design/test_known.py")),
-    "pool": (("testbench/questions/identify/pool",), ("tests/questions/identify",)),
+    "pool": (("testbench/pooling", "testbench/questions/identify/pool"), ("tests/questions/identify",)),
     "plan": (("testbench/questions/plan",), ("tests/questions/plan",)),
     "project": (
         ("testbench/questions/project", "testbench/core/project.py"),

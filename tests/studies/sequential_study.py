@@ -36,12 +36,12 @@ from testbench.design.realise import Range
 from testbench.design.search import screen, search
 from testbench.estimators.prepare import prepared
 from testbench.flight import load_aircraft
+from testbench.pooling.prior import Prior
 from testbench.questions.design.known import AllKnown, believe, together
 from testbench.questions.design.pose import pose, range_of
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.identify.amend.choose import with_increments
 from testbench.questions.identify.amend.folder import aircraft_files, base_texts, write_folder
-from testbench.questions.identify.pool.prior import Prior
 from testbench.sensors import load_suite
 
 RESULTS = results("design")

@@ -23,12 +23,12 @@ from testbench.design.search import best_of_families, for_the_worst, screen, sea
 from testbench.flight import load_aircraft
 from testbench.flight.batch.jobs import Simulator
 from testbench.line import Report
+from testbench.pooling.prior import Prior
 from testbench.questions.design.check import draws_of
 from testbench.questions.design.known import believe
 from testbench.questions.design.pose import pose, problem_of, range_of, setting_of
 from testbench.questions.design.result import DesignResult
 from testbench.questions.design.scenario import DesignScenario
-from testbench.questions.identify.pool.prior import Prior
 from testbench.sensors import load_suite
 
 _FLOWN = 7  # designs that are flown,

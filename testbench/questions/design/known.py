@@ -32,11 +32,11 @@ from testbench.flight import TrimmedFlight
 from testbench.information.aircraft_structure import AircraftStructure
 from testbench.information.fisher import accuracy
 from testbench.page.words import listed
+from testbench.pooling.prior import Prior
 from testbench.questions.design.pose import pose
 from testbench.questions.design.ready import promise_of_file
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.identify.amend.choose import REACHED_BY, coefficient_errors, reached
-from testbench.questions.identify.pool.prior import Prior
 from testbench.sensors import SensorSuite
 
 MODEL = 0.5

@@ -12,6 +12,7 @@ from testbench.aircraft.model import Geometry, MassProperties
 from testbench.aircraft.seams import INERTIAS
 from testbench.core.atmosphere import air_density
 from testbench.core.record import FlightRecord
+from testbench.evaluation.coefficients import PartialMass
 from testbench.logs.layout import RecordCondition
 from testbench.questions.identify.scenario import RecordDescription
 
@@ -47,17 +48,6 @@ class FlownCondition:
         """Variable of a trend -> value, SI, of what is known."""
         found = {"V": self.V_m_s, "qbar": self.qbar_Pa, "alpha": self.alpha_rad, "mass": self.mass.mass_kg}
         return {name: value for name, value in found.items() if value is not None}
-
-
-@dataclass(frozen=True)
-class PartialMass:
-    """Mass (kg) and inertia (kg m2) as far as they are known; Ixz positive as in JSBSim's file."""
-
-    mass_kg: float | None = None
-    Ixx: float | None = None
-    Iyy: float | None = None
-    Izz: float | None = None
-    Ixz: float | None = None
 
 
 def flown_condition(

@@ -18,6 +18,7 @@ from testbench.core.schema import Positive, Strict
 from testbench.estimators.identification import Identification
 from testbench.estimators.structured import Servo, Structured
 from testbench.logs.layout import Recorded, Text
+from testbench.pooling import TrendVariable
 
 
 class Reference(Strict):
@@ -50,10 +51,6 @@ class SimulatedErrors(Strict):
     source: Text
     flights: Annotated[int, Field(ge=0)] = 0
     errors: Annotated[dict[str, Positive], Field(min_length=1)]
-
-
-TrendVariable = Literal["auto", "none", "V", "qbar", "alpha"]
-"""Variable that pooled coefficients may be linear in."""
 
 
 class Pooling(Strict):

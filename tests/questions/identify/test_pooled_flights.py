@@ -14,15 +14,14 @@ from testbench.aircraft.geometry.coefficients import relative_deviation
 from testbench.aircraft.model import Geometry
 from testbench.core.atmosphere import air_density
 from testbench.core.errors import EstimationError, RecordError, ScenarioError
+from testbench.evaluation.coefficients import PartialMass, Scaling, weights
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.page.words import MOST_WORDS, brief
+from testbench.pooling.prior import prior_of_file
 from testbench.questions.identify.ask import identify
-from testbench.questions.identify.derivatives import Scaling, weights
-from testbench.questions.identify.flown import PartialMass
 from testbench.questions.identify.pool.answer import pool_answer
 from testbench.questions.identify.pool.ask import identify_and_pool
 from testbench.questions.identify.pool.page import pool_page
-from testbench.questions.identify.pool.prior import prior_of_file
 from testbench.questions.identify.scenario import Pooling, RecordDescription
 
 CONDITIONS = ((12.0, 1.8, 100.0), (15.0, 2.2, 900.0), (19.0, 1.8, 400.0))

@@ -8,9 +8,9 @@ from scipy.stats import binom
 
 import testbench as tb
 from testbench.core.errors import EstimationError, RecordError
-from testbench.questions.identify.pool.least_squares import Trend, fit
-from testbench.questions.identify.pool.pooling import CRITERIA
-from testbench.questions.identify.pool.prior import prior_of_file
+from testbench.pooling.least_squares import Trend, fit
+from testbench.pooling.pool import CRITERIA
+from testbench.pooling.prior import prior_of_file
 
 NAMES = ("Cm_alpha", "Cm_q", "Cm_de", "CZ_alpha")
 TRUE = np.array([-0.7, -12.0, -0.85, -4.6])

@@ -8,11 +8,12 @@ import pytest
 
 import testbench as tb
 from testbench.aircraft.model import MassProperties
+from testbench.evaluation.coefficients import Scaling
 from testbench.page.figure import Area
-from testbench.questions.identify.derivatives import Scaling
-from testbench.questions.identify.pool import answer, least_squares, page, scales
-from testbench.questions.identify.pool.least_squares import Trend, _chance_by_scatter, _conditions, best_trend, fit
-from testbench.questions.identify.pool.pooling import CRITERIA, PooledCoefficient, added, disagreement
+from testbench.pooling import least_squares, scales
+from testbench.pooling.least_squares import Trend, _chance_by_scatter, _conditions, best_trend, fit
+from testbench.pooling.pool import CRITERIA, PooledCoefficient, added, disagreement
+from testbench.questions.identify.pool import answer, page
 
 
 def log(name, values, std, at=None, names=("Cm_alpha",)):

@@ -10,10 +10,9 @@ import testbench as tb
 from testbench.aircraft.model import Geometry, read_aircraft
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import AIRCRAFT_MODELS
-from testbench.questions.identify.derivatives import Scaling, weights
-from testbench.questions.identify.flown import PartialMass
+from testbench.evaluation.coefficients import PartialMass, Scaling, weights
+from testbench.pooling.scales import changes_by_scale, scaled
 from testbench.questions.identify.pool.answer import pool_answer
-from testbench.questions.identify.pool.scales import changes_by_scale, scaled
 
 NAMES = ("L_p", "L_da", "N_p", "N_da")
 SYMBOLS = ("Cl_p", "Cl_da", "Cn_p", "Cn_da")

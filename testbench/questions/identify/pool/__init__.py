@@ -6,4 +6,4 @@ speed, dynamic pressure or angle of attack; logs that disagree are said to; a pr
 
 from testbench.core.lazily import lazily
 
-__getattr__ = lazily(__name__, pool="pooling", identify_and_pool="ask")
+__getattr__ = lazily(__name__, identify_and_pool="ask")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from testbench.core.constants import DEG_RAD
 from testbench.page.labels import number
 from testbench.page.words import Line, counted, listed, sentence, some
+from testbench.pooling.pool import CRITERIA, Cause, Pooled, PooledCoefficient
 from testbench.questions.identify.pool.ask import PooledFlights
-from testbench.questions.identify.pool.pooling import CRITERIA, Cause, Pooled, PooledCoefficient
 
 _MOST = 8
 _FEW = 5  # logs from which a deviation from log to log is itself not well known; judged

@@ -15,10 +15,10 @@ from testbench.line import RECORDED, Keep, Report
 from testbench.page.labels import file_stem, unique
 from testbench.page.shown import Shown
 from testbench.page.words import listed
+from testbench.pooling.pool import Pooled, pool
+from testbench.pooling.prior import Prior, prior_of_aircraft, prior_of_file
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.pool.logs import Contribution, contribution
-from testbench.questions.identify.pool.pooling import Pooled, pool
-from testbench.questions.identify.pool.prior import Prior, prior_of_aircraft, prior_of_file
 from testbench.questions.identify.result import Identified
 from testbench.questions.identify.scenario import Pooling, RecordDescription
 

@@ -12,12 +12,13 @@ from testbench.core.advice import Advice, doubt, ranked
 from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.model import ParametricModel
+from testbench.evaluation.coefficients import PartialMass, Scaling, weights
 from testbench.evaluation.derivatives import true_parameters
 from testbench.line import Case
-from testbench.questions.identify.derivatives import Scaling, covariance_of, weights
-from testbench.questions.identify.flown import FlownCondition, PartialMass
-from testbench.questions.identify.pool.least_squares import LogCoefficients
-from testbench.questions.identify.pool.scales import changes_by_scale
+from testbench.pooling.least_squares import LogCoefficients
+from testbench.pooling.scales import changes_by_scale
+from testbench.questions.identify.derivatives import covariance_of
+from testbench.questions.identify.flown import FlownCondition
 from testbench.questions.identify.result import Identified
 
 _COEFFICIENTS = "aerodynamic_longitudinal"  # the structure whose parameters are coefficients themselves

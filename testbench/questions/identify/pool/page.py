@@ -27,9 +27,9 @@ from testbench.page.figure import (
 from testbench.page.page import COMPUTED, Page
 from testbench.page.tables import Column, Table, Value
 from testbench.page.words import counted
+from testbench.pooling.pool import Pooled
 from testbench.questions.identify.pool.answer import VARIABLES, pool_answer
 from testbench.questions.identify.pool.ask import PooledFlights
-from testbench.questions.identify.pool.pooling import Pooled
 
 if TYPE_CHECKING:
     from testbench.line import Flight

@@ -20,8 +20,8 @@ import numpy as np
 from testbench.aircraft.model import SCALES
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.model import ParametricModel
-from testbench.questions.identify.derivatives import Scaling, weights
-from testbench.questions.identify.pool.least_squares import Fit, LogCoefficients, inverse, rows
+from testbench.evaluation.coefficients import Scaling, weights
+from testbench.pooling.least_squares import Fit, LogCoefficients, inverse, rows
 
 _STEP = 1e-4  # of the logarithm of a quantity, for differences
 _OF_MASS = {"mass": "mass_kg", **{name: name for name in ("Ixx", "Iyy", "Izz", "Ixz")}}

@@ -23,7 +23,7 @@ from scipy.stats import f as f_distribution
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
-from testbench.questions.identify.scenario import TrendVariable
+from testbench.pooling import TrendVariable
 
 _SINGULAR = 1e-13  # least eigenvalue of a correlation matrix that can be inverted with some digits left
 

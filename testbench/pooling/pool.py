@@ -17,7 +17,8 @@ from scipy.stats import chi2 as chi_square
 from testbench.core.blas import on_one_thread
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
-from testbench.questions.identify.pool.least_squares import (
+from testbench.pooling import TrendVariable
+from testbench.pooling.least_squares import (
     Fit,
     LogCoefficients,
     Trend,
@@ -28,9 +29,8 @@ from testbench.questions.identify.pool.least_squares import (
     rows,
     solve,
 )
-from testbench.questions.identify.pool.prior import Prior
-from testbench.questions.identify.pool.scales import shared_errors
-from testbench.questions.identify.scenario import TrendVariable
+from testbench.pooling.prior import Prior
+from testbench.pooling.scales import shared_errors
 
 # --- logs that disagree by more than their errors ---------------------------------------------------------------------
 
@@ -374,7 +374,7 @@ def pool(
         prior: of some of the coefficients, or of others too.
         trend: variable of slopes: "V", "qbar", "alpha"; the best of them ("auto"), or "none".
         scale_uncertainty: quantity of ``LogCoefficients.scales`` -> relative standard deviation of the error that all
-            logs share in it; propagated to first order (:mod:`testbench.questions.identify.pool.scales`).
+            logs share in it; propagated to first order (:mod:`testbench.pooling.scales`).
 
     Raises:
         EstimationError: no log, or no coefficient in them; a variable that is not known of every log.
