@@ -341,24 +341,21 @@ def as_issued(
     return replace(record, data=data)
 
 
-def measure_hidden(
-    real: Real,
+def issued(
     suite: SensorSuite,
     condition: FlightCondition,
     manoeuvres: Sequence[Entry],
     seed: int,
-    rate_hz: float | None = None,
-    progress: Callable[[str], None] | None = None,
     starts: Mapping[str, Start] | None = None,
-) -> dict[str, FlightRecord]:
-    """Fly the manoeuvres of a scenario; see :func:`fly_hidden`.
+) -> list[Commands]:
+    """Return what is commanded in the manoeuvres of a scenario, for :func:`fly_hidden`.
 
     Commands are issued at the rate of the suite's log and held, as an on-board computer does. ``starts`` are those of
     manoeuvres that do not begin from ``condition`` without a load.
     """
-    flights = []
+    out = []
     for i, spec in enumerate(manoeuvres):
-        issued = build(spec.input, spec.duration_s, suite.rate_hz)
+        built = build(spec.input, spec.duration_s, suite.rate_hz)
         start = (starts or {}).get(spec.name, Start(condition))
-        flights.append(Commands(spec.name, issued.channels, issued.u, spec.settle_s, seed + i, start))
-    return fly_hidden(real, suite, flights, rate_hz, progress)
+        out.append(Commands(spec.name, built.channels, built.u, spec.settle_s, seed + i, start))
+    return out

@@ -24,9 +24,7 @@ def description(
     title: str,
     records: Sequence[str],
     channels: Sequence[str],
-    inputs: Sequence[str],
-    outputs: Sequence[str],
-    estimators: Sequence[Mapping[str, Any]],
+    identification: Mapping[str, Any],
     trim_s: float = 0.0,
     held_out: Sequence[str] = (),
 ) -> str:
@@ -36,9 +34,7 @@ def description(
         title: of the exercise.
         records: names of the files in records/.
         channels: that they hold.
-        inputs: of what is to be identified.
-        outputs: of what is to be identified.
-        estimators: of the table ``identification``.
+        identification: the table of that name: inputs, outputs and estimators.
         trim_s: steady flight before the manoeuvre, whose mean is taken off; 0 for records of deviations.
         held_out: names of the files in records/ to judge by.
     """
@@ -56,7 +52,7 @@ def description(
         "record": [{"name": name, "file": f"records/{name}.nc", "use": use} for name, use in uses.items()],
         "channel": [{"name": name, "column": name, "unit": channel(name).unit} for name in channels],
         "preparation": {"bias": "trim" if trim_s else "none", "identification_fraction": 0.7},
-        "identification": {"inputs": inputs, "outputs": outputs, "estimators": estimators},
+        "identification": identification,
     }
     return "\n".join(table_lines(table)) + "\n"
 

@@ -24,7 +24,7 @@ from testbench.questions.gap.result import GapFinding
 from testbench.questions.gap.scenario import GapScenario, Loaded
 from testbench.questions.gap.starts import Start, marked
 from testbench.questions.gap.workflow import GapSearch, find_gap
-from testbench.questions.hidden import measure_hidden
+from testbench.questions.hidden import fly_hidden, issued
 from testbench.sensors import SensorSuite, load_suite
 
 
@@ -107,7 +107,7 @@ def run_gap(
             real = scenario.hidden.real(scenario, suite)
         with located(file, "manoeuvre"):
             own = scenario.simulation.rate_hz
-            records = measure_hidden(real, suite, condition, scenario.manoeuvre, seed, own, progress, starts)
+            records = fly_hidden(real, suite, issued(suite, condition, scenario.manoeuvre, seed, starts), own, progress)
             records = {n: marked(r, starts[n]) if n in starts else r for n, r in records.items()}
         held = {m.name for m in scenario.manoeuvre if m.use == "validation"}
     else:

@@ -16,7 +16,6 @@ from testbench.core.errors import LimitError, Refusal, ScenarioError, located
 from testbench.core.named import Named, obtain
 from testbench.design.ensemble import Flier
 from testbench.evaluation.envelope import Envelope, Onset, fly_envelope
-from testbench.evaluation.modes import elastic_modes
 from testbench.flight import load_aircraft
 from testbench.flight.batch.jobs import Simulator
 from testbench.page.words import counted
@@ -214,7 +213,7 @@ def _card(
     point, spec = task.point, task.spec
     factor, flown, met = within
     status: Status = "refused" if factor == 0.0 else "fly" if factor == 1.0 else "scaled"
-    band = expected_band(scenario, aircraft, suite, point, spec, flown, elastic_modes(aircraft, spec.plane), rough)
+    band = expected_band(scenario, aircraft, suite, point, spec, flown, rough)
     reached: tuple[Reached, ...] = ()
     repeats = spec.repeats or 1
     if status == "refused":

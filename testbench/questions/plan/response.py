@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -18,6 +18,7 @@ from testbench.design.candidates import scaled
 from testbench.design.ensemble import Flier
 from testbench.design.limits import Limits, breaches
 from testbench.estimators.parametric.response import Sampling, respond
+from testbench.evaluation.modes import elastic_modes
 from testbench.flight.air import Air, turbulence_rms
 from testbench.flight.batch.jobs import Job
 from testbench.flight.simulate import Manoeuvre, aborted
@@ -220,7 +221,6 @@ def expected_band(
     point: Point,
     spec: PlannedManoeuvre,
     flown: Flown,
-    modes: Collection[int],
     rough: Mapping[str, float],
 ) -> dict[str, FloatArray]:
     """Return channel -> (n,) half width of the 95 % band about the expected response, for the channels of SHOWN.
@@ -233,7 +233,7 @@ def expected_band(
     Raises:
         EstimationError: the linearised aircraft diverges over the manoeuvre.
     """
-    plane, shown = spec.plane, SHOWN[spec.plane]
+    plane, shown, modes = spec.plane, SHOWN[spec.plane], elastic_modes(aircraft, spec.plane)
     names = parameter_names(spec.controls, plane, ())
     commands = point.model.commands(spec.controls)
     structure = aircraft_structure(point.model, point.V_m_s, point.trimmed.alpha, plane, modes, commands, shown, names)

@@ -14,7 +14,7 @@ from testbench.core.record import FlightRecord
 from testbench.core.scenario.base import Manoeuvre
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.questions.gap.starts import Start
-from testbench.questions.hidden import measure_hidden
+from testbench.questions.hidden import fly_hidden, issued
 from testbench.sensors import SensorSuite
 
 NOTHING = Truth()
@@ -32,7 +32,8 @@ def measure_truth(
 ) -> dict[str, FlightRecord]:
     """Fly a truth through manoeuvres; commands that it changes on their way are recorded as they were issued."""
     as_issued = truth.fed_back or any((truth.elevator, truth.throttle, truth.later))
-    return measure_hidden(truth.real(aircraft, as_issued), suite, condition, manoeuvres, seed, rate_hz, None, starts)
+    commands = issued(suite, condition, manoeuvres, seed, starts)
+    return fly_hidden(truth.real(aircraft, as_issued), suite, commands, rate_hz)
 
 
 def slow_servo(corner_rad_s: float) -> Truth:

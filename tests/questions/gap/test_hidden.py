@@ -14,7 +14,7 @@ from testbench.effects import catalogue
 from testbench.flight import FlightCondition
 from testbench.questions.gap.scenario import GapScenario
 from testbench.questions.gap.starts import Start
-from testbench.questions.hidden import Acting, Hidden, Real, measure_hidden
+from testbench.questions.hidden import Acting, Hidden, Real, fly_hidden, issued
 from testbench.sensors import load_suite
 
 CONDITION = FlightCondition(16.0, 547.0)
@@ -59,7 +59,7 @@ def flown(real: Real, start: Start | None = None):
         }
     )
     starts = {} if start is None else {"both": start}
-    return measure_hidden(real, SUITE, CONDITION, [manoeuvre], 3, 200.0, starts=starts)["both"]
+    return fly_hidden(real, SUITE, issued(SUITE, CONDITION, [manoeuvre], 3, starts), 200.0)["both"]
 
 
 def case(tmp_path, table: str) -> GapScenario:

@@ -47,7 +47,7 @@ from testbench.questions.gap.parts import parts_of
 from testbench.questions.gap.result import GapFinding
 from testbench.questions.gap.tables import gap_tables
 from testbench.questions.gap.workflow import GapSearch, find_gap
-from testbench.questions.hidden import measure_hidden
+from testbench.questions.hidden import fly_hidden, issued
 from testbench.sensors import load_suite
 from testbench.sensors.sensor import Sensor
 
@@ -336,7 +336,7 @@ def test_an_interconnect_that_the_library_lacks_accuses_no_coefficient():
         for c, a in (("da", 4.0), ("dr", 4.0), ("de", 2.0))
     ]
     real = Truth(changes=(interconnect(-0.38),)).real("eolo")
-    records = list(measure_hidden(real, b.suite, b.condition, turns, 3, b.rate_hz).values())
+    records = list(fly_hidden(real, b.suite, issued(b.suite, b.condition, turns, 3), b.rate_hz).values())
     known = few(b, "yaw_damper", "rudder_lag", "beta_scale", "r_cross", "r_scale", "rudder_surface_scale", "dr_scale")
     naming = name_effect(comparing(b, records), records, Sought(known, pairs=False))
     assert naming.outcome in ("partial", "unexplained"), naming.sentence

@@ -113,8 +113,9 @@ def test_the_band_is_the_root_of_three_variances_and_its_input_that_of_the_fligh
     point = stub(model=stub(commands=lambda controls: ("de_cmd",)), V_m_s=20.0, trimmed=stub(alpha=0.05))
     aircraft = stub(uncertainty={"Cm_q": 0.5})
     suite = stub(noise_std={"alpha": 0.6, "q": 0.3})
+    monkeypatch.setattr(response, "elastic_modes", lambda aircraft, plane: ())
     band = response.expected_band(
-        stub(uncertainty_percent=10.0), aircraft, suite, point, spec, flown, (), {"alpha": 0.8, "V": 2.0}
+        stub(uncertainty_percent=10.0), aircraft, suite, point, spec, flown, {"alpha": 0.8, "V": 2.0}
     )
     np.testing.assert_array_equal(given["u"][:, 0], [0.0, 0.0, 1.0, 2.0, 3.0, 0.0])
     assert given["dt"] == pytest.approx(0.1)

@@ -277,7 +277,7 @@ def test_band_is_the_scatter_of_responses_with_uncertain_derivatives(small, taur
     point, shown = card.point, SHOWN["longitudinal"]
     narrow = small.scenario.model_copy(update={"uncertainty_percent": 2.0})
     flown = fly_once(taurus, point, card.spec, limits_of(small.scenario.limits, taurus, None), 1.0)
-    band = expected_band(narrow, taurus, quiet, point, card.spec, flown, (), {})
+    band = expected_band(narrow, taurus, quiet, point, card.spec, flown, {})
     names = parameter_names(("de",), "longitudinal", ())
     s = aircraft_structure(point.model, point.V_m_s, point.trimmed.alpha, "longitudinal", (), ("de_cmd",), shown, names)
     rate = 1.0 / flown.record.dt_s
@@ -298,15 +298,15 @@ def test_band_is_the_scatter_of_responses_with_uncertain_derivatives(small, taur
         at = int(np.argmax(scatter[:, i]))
         assert band[name][at] == pytest.approx(1.96 * scatter[at, i], rel=0.2)
     wide = expected_band(
-        narrow.model_copy(update={"uncertainty_percent": 4.0}), taurus, quiet, point, card.spec, flown, (), {}
+        narrow.model_copy(update={"uncertainty_percent": 4.0}), taurus, quiet, point, card.spec, flown, {}
     )
     np.testing.assert_allclose(wide["q"], 2.0 * band["q"], rtol=1e-9, atol=1e-15)
-    with_noise = expected_band(narrow, taurus, load_suite("taurus_8hz"), point, card.spec, flown, (), {})
+    with_noise = expected_band(narrow, taurus, load_suite("taurus_8hz"), point, card.spec, flown, {})
     noise = load_suite("taurus_8hz").noise_std["q"]
     np.testing.assert_allclose(with_noise["q"] ** 2, band["q"] ** 2 + (1.96 * noise) ** 2, rtol=1e-9)
     windy = narrow.model_copy(update={"turbulence_rms_m_s": 0.5})
     (air,) = roughness(Together(taurus), windy, [Task(point, card.spec, limits_of(windy.limits, taurus, None))])
-    rough = expected_band(windy, taurus, quiet, point, card.spec, flown, (), air)
+    rough = expected_band(windy, taurus, quiet, point, card.spec, flown, air)
     assert np.all(rough["alpha"] > band["alpha"])
     assert rough["alpha"][0] == pytest.approx(1.96 * 0.5 / 12.0, rel=0.9)  # about the gust over the speed
 

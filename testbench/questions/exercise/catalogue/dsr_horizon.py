@@ -45,7 +45,8 @@ def hand_out(case: Case) -> Handout:
         {"method": "dsr_e", "label": f"L = {L}", "order": 2, "past_horizon": past, "future_horizon": L}
         for L in (_SHORT, 2 * _SHORT)
     ]
-    text = description(TITLE, ["3211"], ["de_cmd", "q"], ["de_cmd"], ["q"], estimators, held_out=["doublet"])
+    asked = {"inputs": ["de_cmd"], "outputs": ["q"], "estimators": estimators}
+    text = description(TITLE, ["3211"], ["de_cmd", "q"], asked, held_out=["doublet"])
     given = {"rate_hz": case["rate_hz"], "short_horizon": float(_SHORT)}
     return Handout(_records(case), given, {"dsr_horizon.toml": text})
 

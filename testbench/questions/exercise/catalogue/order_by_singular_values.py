@@ -50,7 +50,8 @@ def hand_out(case: Case) -> Handout:
     y += _NOISE * rng.normal(size=y.shape)
     size = np.array([2.0 * DEG_RAD, 1e-4, 1e-4])
     record = measured({"de_cmd": u, **dict(zip(_OUTPUTS, (y * size).T, strict=True))}, _DT)
-    text = description(TITLE, ["binary_noise"], record.channels, ["de_cmd"], _OUTPUTS, [_ESTIMATOR])
+    asked = {"inputs": ["de_cmd"], "outputs": _OUTPUTS, "estimators": [_ESTIMATOR]}
+    text = description(TITLE, ["binary_noise"], record.channels, asked)
     return Handout({"binary_noise": record}, files={"order_by_singular_values.toml": text})
 
 

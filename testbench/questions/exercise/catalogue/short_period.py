@@ -63,7 +63,8 @@ def hand_out(case: Case) -> Handout:
         flight = fly_and_measure(job, [_SUITE], case.seed + k)
         records[name] = flight.measured[_SUITE.name]
     channels = ["de", "alpha", "q"]
-    text = description(TITLE, ["doublet"], channels, ["de"], channels[1:], [_ESTIMATOR], _TRIM_S, held_out=["held_out"])
+    asked = {"inputs": ["de"], "outputs": channels[1:], "estimators": [_ESTIMATOR]}
+    text = description(TITLE, ["doublet"], channels, asked, _TRIM_S, held_out=["held_out"])
     given = {"V_m_s": case["V_m_s"], "trim_s": _TRIM_S}
     return Handout(records, given, {"short_period.toml": text})
 

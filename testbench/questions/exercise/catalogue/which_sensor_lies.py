@@ -74,7 +74,9 @@ def hand_out(case: Case) -> Handout:
     job = Job(aircraft, trimmed, Manoeuvre("compatibility", signal, 1.0), suite.rate_hz)
     flight = fly_and_measure(job, [suite], case.seed)
     record = flight.measured[suite.name]
-    text = description(TITLE, ["flight"], record.channels, ["ax"], ["q"], [_ESTIMATOR], trim_s=1.0)
+    text = description(
+        TITLE, ["flight"], record.channels, {"inputs": ["ax"], "outputs": ["q"], "estimators": [_ESTIMATOR]}, trim_s=1.0
+    )
     return Handout({"flight": record}, {"g_m_s2": _GRAVITY}, {"which_sensor_lies.toml": text})
 
 

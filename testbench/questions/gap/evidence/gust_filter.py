@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,16 @@ _LAG_SHARE = 0.2  # of a sample: shorter lags and delays of sensors are left out
 # Process noise per step on every state of the aircraft: keeps the filter stable where it feels nothing.
 _UNMODELLED = 1e-5
 _ZERO = "error of zero of "
+
+
+class _Linear(NamedTuple):
+    """The aircraft linear about k points: A (k, n, n) of the states ``names``, C (k, outputs, n), pitch theta (k,)."""
+
+    names: Sequence[str]
+    A: FloatArray
+    C: FloatArray
+    outputs: Sequence[str]
+    theta: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +81,7 @@ class GustModel:
         i = [linear.states.index(s) for s in names]
         theta = np.array([believed.trimmed.theta])
         A, C = linear.A[np.ix_(i, i)][None], linear.C[:, i][None]
-        return cls._of(believed, height_m, dt_s, names, A, C, linear.outputs, theta)
+        return cls._of(believed, height_m, dt_s, _Linear(names, A, C, linear.outputs, theta))
 
     @classmethod
     def along(cls, believed: Believed, height_m: float, record: FlightRecord) -> GustModel:
@@ -78,30 +89,20 @@ class GustModel:
         believed = believed.at(record)
         names, flown = _moving(believed), believed.flown(record)
         A, C, outputs = linear_along(believed.flyer, flown, names)
-        found = cls._of(believed, height_m, record.dt_s, names, A, C, outputs, flown["theta"])
+        found = cls._of(believed, height_m, record.dt_s, _Linear(names, A, C, outputs, flown["theta"]))
         for i, control in enumerate(believed.surface_noise):
             if control in surface_noise(record):
                 found = found._with_jumps(i - len(believed.surface_noise), jumps(record, control))
         return found
 
     @classmethod
-    def _of(
-        cls,
-        believed: Believed,
-        height_m: float,
-        dt_s: float,
-        names: Sequence[str],
-        A: FloatArray,
-        C: FloatArray,
-        outputs: Sequence[str],
-        theta: FloatArray,
-    ) -> GustModel:
-        """Join aircraft (A (k, n, n), C (k, outputs, n), pitch angle theta (k,)), gust and sensors.
+    def _of(cls, believed: Believed, height_m: float, dt_s: float, linear: _Linear) -> GustModel:
+        """Join aircraft, gust and sensors.
 
         The transverse components of the gust are ẋ1 = -a x1 + sqrt(a) n, ẋ2 = a (x1 - x2), w = sqrt(3) x1 +
         (1 - sqrt(3)) x2, the longitudinal one u̇ = -a u + sqrt(2 a) n, with a = V / L (MIL-F-8785C, 3.7.1.2).
         """
-        names, A, C = _with_surfaces(believed, names, A, C)
+        names, A, C = _with_surfaces(believed, linear)
         n, rates = len(names), [believed.condition.V_m_s / length for length in scale_lengths(height_m)]
         G, noise = np.zeros((_FORMING, _FORMING)), [np.sqrt(2.0 * rates[0])]
         G[0, 0] = -rates[0]
@@ -109,11 +110,11 @@ class GustModel:
             G[k, k] = G[k + 1, k + 1] = -a
             G[k + 1, k] = a
             noise.append(np.sqrt(a))
-        E = _felt(names, height_m, theta)
+        E = _felt(names, height_m, linear.theta)
         rows = np.array([0.0 if s in INERTIAL else 1.0 for s in names])[:, None]
         # Climbing is over the ground; attitude angles turn with rates, which E leaves alone.
         sensors = [s for s in believed.suite.sensors if s.channel in believed.outputs]
-        own, direct = _read(believed, sensors, C, outputs, E)
+        own, direct = _read(believed, sensors, C, linear.outputs, E)
         lags = [(k, s.lag_s + s.delay_s) for k, s in enumerate(sensors) if s.lag_s + s.delay_s > _LAG_SHARE * dt_s]
         size, gust = n + _FORMING + len(lags), slice(n, n + _FORMING)
         M, driven = np.zeros((len(A), size, size)), np.zeros(size)
@@ -159,14 +160,13 @@ class GustModel:
         return replace(self, Q0=self.Q0 + more)
 
 
-def _with_surfaces(
-    believed: Believed, names: Sequence[str], A: FloatArray, C: FloatArray
-) -> tuple[list[str], FloatArray, FloatArray]:
+def _with_surfaces(believed: Believed, along: _Linear) -> tuple[list[str], FloatArray, FloatArray]:
     """Return names, A and C with a constant error of every surface that drives the aircraft as a further state.
 
     What a surface does is that about trim.
     """
     linear, driving = believed.linear, list(believed.surface_noise)
+    names, A, C = along.names, along.A, along.C
     if not driving:
         return list(names), A, C
     columns = [linear.inputs.index(control) for control in driving]
