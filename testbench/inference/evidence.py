@@ -103,6 +103,10 @@ class Comparison:
             for row in self.rows
         ).set_axis([row.name for row in self.rows])
 
+    def _repr_html_(self) -> str:
+        """Return the table as a notebook shows it."""
+        return str(self.to_pandas().to_html(float_format="{:.3g}".format))
+
     def __str__(self) -> str:
         wide = max(len(row.name) for row in self.rows)
         lines = [f"{'hypothesis':<{wide}}  probability  difference      whole  kappa"]

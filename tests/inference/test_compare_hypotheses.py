@@ -157,6 +157,7 @@ def test_records_that_are_held_out_judge():
     assert found["lag"].held_out > found["delay"].held_out > 0.0
     assert found["nothing"].held_out == 0.0
     assert found["delay"].difference < -3.0 * found["delay"].difference_error
+    assert [name in found._repr_html_() for name in ("lag", "delay", "held out", "stall")] == [True, True, True, False]
 
 
 @pytest.mark.parametrize(("colour", "least", "most"), [(0.0, 0.91, 0.99), (0.8, 0.77, 0.97)], ids=["white", "coloured"])
