@@ -123,7 +123,7 @@ def show(
     from testbench.page.page import record_keeper
     from testbench.questions.gap.ask import run_flights, run_gap
     from testbench.questions.gap.page import gap_page
-    from testbench.questions.gap.records import load_flights
+    from testbench.questions.gap.records import Said, load_flights
     from testbench.questions.gap.scenario import windows_of
     from testbench.questions.gap.workflow import GapSearch
 
@@ -141,9 +141,8 @@ def show(
         if measured:
             say("read records")
             held = hold_out or ()
-            flights = load_flights(
-                case, records or (), held, sensors, wings.value, airspeed, altitude, data, drive.value
-            )
+            said = Said(sensors, airspeed, altitude, drive.value)
+            flights = load_flights(case, records or (), held, said, wings.value, data)
             result = run_flights(name, flights, say, how, more_effects=effect or (), simulator=simulator.value)
         else:
             keep, more = record_keeper(place), effect or ()

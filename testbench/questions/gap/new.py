@@ -27,6 +27,7 @@ from testbench.questions.gap.new_suite import suite_of_records
 from testbench.questions.gap.records import (
     WHOLE,
     Flights,
+    Said,
     flights_of,
     free_name,
     named_suite,
@@ -97,7 +98,7 @@ def new_case(
     asked = questions_of(records.items())
     try:
         suite, left, made = _suite(case, meant, records, sensors)
-        flights = flights_of(load_aircraft(meant, wings), records, {}, suite, V_m_s, h_m, left)
+        flights = flights_of(load_aircraft(meant, wings), records, {}, Said(suite, V_m_s, h_m), left)
         check_signs(flights.believed, as_they_start(flights.naming))
     except Refusal as error:  # of values in another unit, what they lead to is not the cause
         if not asked:

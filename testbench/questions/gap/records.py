@@ -49,6 +49,25 @@ class Flights:
     drive: Drive = "both"
 
 
+@dataclass(frozen=True)
+class Said:
+    """What is said of measured flights beside their records.
+
+    Attributes:
+        sensors: believed suite, itself, by name or as a file; if not given, the one that the records say made them.
+        V_m_s: airspeed that all flights start from; if not given, its mean over the quiet flight before the commands.
+            Flights whose airspeeds or altitudes differ are then each flown from their own.
+        h_m: altitude, likewise; the aircraft's design altitude where h is not recorded.
+        drive: "both" are commands, and recorded surfaces where no command is recorded; "surface" takes surfaces
+            wherever they are recorded, "command" none.
+    """
+
+    sensors: str | SensorSuite | None = None
+    V_m_s: float | None = None
+    h_m: float | None = None
+    drive: Drive = "both"
+
+
 WHOLE = "whole.nc"
 """Record of a whole log in a folder of `testbench import`, whose cuts lie beside it."""
 
@@ -63,12 +82,9 @@ def load_flights(
     aircraft: str,
     files: Sequence[Path | str],
     hold_out: Sequence[Path | str] = (),
-    sensors: str | None = None,
+    said: Said = Said(),
     wings: str = "flexible",
-    V_m_s: float | None = None,
-    h_m: float | None = None,
     data_folder: Path | str | None = None,
-    drive: Drive = "both",
 ) -> Flights:
     """Read measured flights and set up what is believed of them.
 
@@ -78,14 +94,9 @@ def load_flights(
             for "validation" are held out.
         hold_out: the same; all of their records are held out. If nothing is held out and there are two records or more,
             the last one is.
-        sensors: believed suite, by name or as a file; if not given, the one that the records say made them.
+        said: of them, beside the records.
         wings: "flexible" or "rigid".
-        V_m_s: airspeed that all flights start from; if not given, its mean over the quiet flight before the commands.
-            Flights whose airspeeds or altitudes differ are then each flown from their own.
-        h_m: altitude, likewise; the aircraft's design altitude where h is not recorded.
         data_folder: folder of the files that descriptions name.
-        drive: "both" are commands, and recorded surfaces where no command is recorded; "surface" takes surfaces
-            wherever they are recorded, "command" none.
 
     Raises:
         ModelError: no such aircraft.
@@ -122,18 +133,15 @@ def load_flights(
         )
     if not held:
         notes.append("nothing is held out, so it is not known whether the gap shrinks elsewhere; give --hold-out")
-    return flights_of(believed_aircraft, naming, held, sensors, V_m_s, h_m, notes, drive)
+    return flights_of(believed_aircraft, naming, held, said, notes)
 
 
 def flights_of(
     aircraft: Aircraft,
     naming: Mapping[str, FlightRecord],
     held: Mapping[str, FlightRecord],
-    sensors: str | SensorSuite | None = None,
-    V_m_s: float | None = None,
-    h_m: float | None = None,
+    said: Said = Said(),
     notes: Sequence[str] = (),
-    drive: Drive = "both",
 ) -> Flights:
     """Set up what is believed of records that were read; see :func:`load_flights`.
 
@@ -141,15 +149,15 @@ def flights_of(
         ScenarioError: the suite is wrong.
         RecordError: a record does not hold what is needed.
     """
-    said = list(notes)
-    suite = _suite(sensors, {**naming, **held}, said)
-    records = check_records(suite, {**naming, **held}, said, drive != "command")
-    condition, records = _conditions(aircraft, suite, records, V_m_s, h_m, said)
+    told = list(notes)
+    suite = _suite(said.sensors, {**naming, **held}, told)
+    records = check_records(suite, {**naming, **held}, told, said.drive != "command")
+    condition, records = _conditions(aircraft, suite, records, said, told)
     with located(None, f"sensors '{suite.name}'"):
-        believed = Believed(aircraft, suite, condition, _frame_rate(aircraft, suite, said))
-    said += not_compared(suite)
+        believed = Believed(aircraft, suite, condition, _frame_rate(aircraft, suite, told))
+    told += not_compared(suite)
     named, judged = ({n: records[n] for n in part} for part in (naming, held))
-    return Flights(believed, named, judged, tuple(said), drive)
+    return Flights(believed, named, judged, tuple(told), said.drive)
 
 
 def read_flights(given: Path | str, data_folder: Path | str | None = None) -> Iterable[tuple[str, str, FlightRecord]]:
@@ -302,14 +310,14 @@ def _conditions(
     aircraft: Aircraft,
     suite: SensorSuite,
     records: Mapping[str, FlightRecord],
-    V_m_s: float | None,
-    h_m: float | None,
+    said: Said,
     notes: list[str],
 ) -> tuple[FlightCondition, dict[str, FlightRecord]]:
     """Return the condition of most records, and the records: those flown from elsewhere say so.
 
     What a record says of its start already is believed.
     """
+    V_m_s, h_m = said.V_m_s, said.h_m
     open_ = {n: r for n, r in records.items() if start_of(r) is None}
     if V_m_s is not None:
         check_speeds(suite, records, V_m_s)

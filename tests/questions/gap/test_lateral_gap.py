@@ -32,7 +32,7 @@ from testbench.questions.gap.explain import Naming
 from testbench.questions.gap.name import Sought, _Asker, name_effect, not_sought
 from testbench.questions.gap.plan import Foreseen, as_record, family, usual_sizes
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS, priors_of
-from testbench.questions.gap.records import load_flights
+from testbench.questions.gap.records import Said, load_flights
 from testbench.questions.gap.result import TOLERANCE
 from testbench.questions.gap.search.hypothesis import Hypothesis, retune
 from testbench.questions.gap.workflow import GapSearch, find_gap, in_measured_air
@@ -289,7 +289,7 @@ def test_records_of_rudder_and_aileron_are_read_from_files_and_named(tmp_path):
     specs[2] = specs[2].model_copy(update={"name": "again"})
     records = measure_truth("taurus", DAMPER, suite, CONDITIONS["taurus"], specs, 7, 300.0)
     files = [r.save(tmp_path / f"{i}.nc") for i, r in enumerate(records.values())]
-    flights = load_flights("taurus", files, sensors="eolo_gap_lateral", wings="rigid")
+    flights = load_flights("taurus", files, said=Said("eolo_gap_lateral"), wings="rigid")
     assert list(flights.held_out) == ["again"]
     finding = find_gap(flights.believed, flights.naming, flights.held_out, GapSearch(effects=few))
     assert finding.naming.names == ("yaw_damper",)

@@ -22,7 +22,7 @@ from testbench.questions.files import check_file
 from testbench.questions.gap import new
 from testbench.questions.gap.new import most_different, shared_with
 from testbench.questions.gap.new_suite import suite_of_records
-from testbench.questions.gap.records import flights_of
+from testbench.questions.gap.records import Said, flights_of
 from testbench.questions.gap.scenario import GapScenario
 from testbench.questions.importing.ask import import_log, write_import
 from testbench.sensors import load_suite
@@ -126,7 +126,7 @@ def test_a_judge_that_shares_flight_with_the_others_says_so(flown):
 
 def test_a_record_that_shares_flight_with_another_does_not_judge(flown):
     """The most different one was chosen, and said to judge nothing new in the same file."""
-    flights = flights_of(load_aircraft("eolo", "rigid"), flown, {}, "eolo_gap")
+    flights = flights_of(load_aircraft("eolo", "rigid"), flown, {}, Said("eolo_gap"))
     chosen = most_different(flights).name
 
     def of_log(name, start_s):

@@ -9,7 +9,7 @@ import pytest
 from gap_flights import believe, measure
 
 from testbench.core.errors import RecordError, ScenarioError
-from testbench.questions.gap.records import load_flights
+from testbench.questions.gap.records import Said, load_flights
 from testbench.sensors import load_suite, suite_toml
 
 
@@ -41,7 +41,7 @@ def test_suite_and_condition_are_taken_from_the_records(files):
 
 
 def test_what_is_held_out_may_be_among_the_records(files):
-    flights = load_flights("eolo", files, [files[0]], V_m_s=16.0, h_m=500.0)
+    flights = load_flights("eolo", files, [files[0]], Said(V_m_s=16.0, h_m=500.0))
     assert (list(flights.naming), list(flights.held_out)) == (["b"], ["a"])
     assert (flights.believed.condition.V_m_s, flights.believed.condition.h_m) == (16.0, 500.0)
 
@@ -67,7 +67,7 @@ def test_records_of_a_description_are_used_as_it_says(files, tmp_path):
         '[[identification.estimators]]\nmethod = "dsr_e"\norder = 2\npast_horizon = 5\nfuture_horizon = 5\n',
         encoding="utf-8",
     )
-    flights = load_flights("eolo", [file], sensors="eolo_gap")
+    flights = load_flights("eolo", [file], said=Said("eolo_gap"))
     assert (list(flights.naming), list(flights.held_out)) == (["one"], ["two"])
 
 
@@ -84,7 +84,7 @@ def test_records_of_a_description_are_used_as_it_says(files, tmp_path):
 def test_a_record_that_does_not_do_is_refused_in_one_sentence(flown, tmp_path, change, options, message):
     replace(flown[0], **change).save(tmp_path / "x.nc")
     with pytest.raises(RecordError, match=message) as caught:
-        load_flights("eolo", [tmp_path / "x.nc"], **options)
+        load_flights("eolo", [tmp_path / "x.nc"], said=Said(**options))
     assert "x" in str(caught.value) or "--sensors" in str(caught.value)
 
 
@@ -121,7 +121,7 @@ def test_a_sensor_without_noise_is_refused(files, tmp_path):
     loud = [line for line in text[theta:end].splitlines() if not line.startswith(("noise_std", "quantum"))]
     (tmp_path / "silent.toml").write_text(text[:theta] + "\n".join(loud) + "\n" + text[end:], encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"must have noise_std or quantum > 0.*got none for theta"):
-        load_flights("eolo", files, sensors=str(tmp_path / "silent.toml"))
+        load_flights("eolo", files, said=Said(str(tmp_path / "silent.toml")))
 
 
 def test_files_that_are_no_records_are_refused(files, tmp_path):
@@ -137,4 +137,4 @@ def test_files_that_are_no_records_are_refused(files, tmp_path):
     with pytest.raises(RecordError, match="at least one record must be left"):
         load_flights("eolo", files, files)
     with pytest.raises(ScenarioError, match="did you mean 'eolo_gap'"):
-        load_flights("eolo", files, sensors="eolo_gab")
+        load_flights("eolo", files, said=Said("eolo_gab"))

@@ -25,7 +25,7 @@ from testbench.questions.gap.ask import run_gap
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.air import in_air, listen
 from testbench.questions.gap.name import Sought, name_effect
-from testbench.questions.gap.records import load_flights
+from testbench.questions.gap.records import Said, load_flights
 from testbench.questions.gap.search.gust_search import GustSearch
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.starts import KEY, Start, marked, start_of
@@ -147,7 +147,7 @@ def test_flights_at_several_speeds_are_read_from_their_quiet_flight(tmp_path):
         replace(record, provenance={}).save(files[-1])
     suite = tmp_path / "slow.toml"
     suite.write_text(suite_toml(SUITE), encoding="utf-8")
-    flights = load_flights("eolo", files, sensors=str(suite), wings="rigid")
+    flights = load_flights("eolo", files, said=Said(str(suite)), wings="rigid")
     assert flights.believed.condition.V_m_s == pytest.approx(14.0, abs=0.1)  # that of two of three
     starts = [start_of(r) for r in (*flights.naming.values(), *flights.held_out.values())]
     assert [s is None for s in starts] == [True, False, True]
@@ -157,7 +157,7 @@ def test_flights_at_several_speeds_are_read_from_their_quiet_flight(tmp_path):
     with pytest.raises(
         RecordError, match=r"got (19|20)\.\d\d m/s in 'r1' and 14\.00 m/s as the condition; without --V"
     ):
-        load_flights("eolo", files, sensors=str(suite), wings="rigid", V_m_s=14.0)
+        load_flights("eolo", files, said=Said(str(suite), 14.0), wings="rigid")
 
 
 def test_a_scenario_says_where_its_flights_start(tmp_path, monkeypatch):

@@ -28,7 +28,7 @@ from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.questions.gap.evidence.locate import left_by, locate, structure
 from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.priors import PRIORS
-from testbench.questions.gap.records import load_flights
+from testbench.questions.gap.records import Said, load_flights
 from testbench.questions.gap.scenario import GapScenario
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.workflow import GapSearch, find_gap
@@ -333,7 +333,7 @@ def test_measured_records_on_disk_give_the_same_answer_as_the_case_they_came_fro
     known, error = made.finding.naming.best.values["scale"], made.finding.naming.best.errors["scale"]
     assert found.best.values["scale"] == pytest.approx(known, abs=error)
     naming, held_out = paths.values()
-    flights = load_flights("eolo", [naming], [held_out], "eolo_gap", "rigid", 16.0, 547.0)
+    flights = load_flights("eolo", [naming], [held_out], Said("eolo_gap", 16.0, 547.0), "rigid")
     handed = run_flights("eolo", flights, how=GapSearch(check=False)).finding
     assert handed.naming.names == ("alpha_scale",)
     assert handed.naming.best.values["scale"] == pytest.approx(found.best.values["scale"], rel=1e-6)
