@@ -30,8 +30,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.explain import Explanation, Naming, Weighed, share_of_excess, told, wrong_coefficient
 from testbench.questions.gap.open_set import OpenTerm, rank_terms
 from testbench.questions.gap.search.gust_search import sought
-from testbench.questions.gap.search.hypothesis import Hypothesis as Point
-from testbench.questions.gap.search.hypothesis import changes, fly_together, retune
+from testbench.questions.gap.search.point import Point, changes, fly_together, retune
 from testbench.questions.gap.starts import far_apart, times_of
 
 WIDE = 10.0  # the same of a coefficient that is wrong, in multiples of that of its prior

@@ -25,7 +25,7 @@ from testbench.questions.gap.evidence.commanded import starts_freely
 from testbench.questions.gap.explain import P_ONSET, percent
 from testbench.questions.gap.name import unknown_motion
 from testbench.questions.gap.scenario import SHORTEST_S
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.point import Point
 from testbench.questions.gap.starts import Start, marked, start_of
 from testbench.questions.gap.windows import begin_freely, begin_from, part_of
 
@@ -88,7 +88,7 @@ def seek(believed: Believed, records: Mapping[str, FlightRecord], table: Compari
     scales = np.array([table.noise[channel][0] for channel in believed.outputs])
     found: Sequence[Onset] = ()
     for _ in range(_ROUNDS):
-        point = Hypothesis.towards_unknown(believed, flown, nuisances)
+        point = Point.towards_unknown(believed, flown, nuisances)
         blocks = [
             Linearised(left, -T, Motion.none(taken := believed.taken(r)), taken)
             for r, left, T in zip(flown, point.by_record(point.exact), point.by_record(point.tangents), strict=True)

@@ -34,7 +34,7 @@ from testbench.effects.base import SIZE, Effect, Parameter, Values
 from testbench.inference.first_order import FirstOrder
 from testbench.inference.unknown import forced, rms_acceleration
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.point import Point
 from testbench.sensors import SensorSuite
 from testbench.sensors.sensor import first_order_lag
 
@@ -267,9 +267,7 @@ def response(believed: Believed, record: FlightRecord, coefficient: str, more: F
     return forced(there.linear, believed.outputs, push, read, more, record.dt_s)
 
 
-def rank_terms(
-    point: Hypothesis, weigh: Callable[[FloatArray], Sequence[FirstOrder]]
-) -> tuple[tuple[OpenTerm, ...], int]:
+def rank_terms(point: Point, weigh: Callable[[FloatArray], Sequence[FirstOrder]]) -> tuple[tuple[OpenTerm, ...], int]:
     """Return the terms that records can show, the most probable to first order first, and how many were weighed.
 
     Args:
@@ -312,7 +310,7 @@ def rank_terms(
     return tuple(sorted(out, key=lambda t: -t.log)), tried
 
 
-def _usual(point: Hypothesis, coefficient: str) -> float:
+def _usual(point: Point, coefficient: str) -> float:
     """Return the size of a coefficient that accelerates as much as there is in the motion, the largest of any record.
 
     The same as an unknown motion of size 1 (:mod:`testbench.inference.unknown`).

@@ -54,7 +54,7 @@ from testbench.questions.gap.name import (
     starts_of,
     unknown_motion,
 )
-from testbench.questions.gap.search.hypothesis import Hypothesis, changes
+from testbench.questions.gap.search.point import Point, changes
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import load_suite
 
@@ -400,11 +400,11 @@ KINDS = ("nothing", "effect", "nothing", "coefficient", "nothing", "effect", "un
 SIZES = 3  # of each effect that are drawn from its prior and flown
 _TRIED = 4  # times that those which cannot be flown are drawn again
 _WHOLE, _PART = (tuple(k for k in KAPPAS if (k <= WHOLE) == whole) for whole in (True, False))
-Point = tuple[Effect, FloatArray]
+Sized = tuple[Effect, FloatArray]
 """An effect and its parameter values (p,)."""
 
 
-def usual_sizes(effects: Sequence[Effect]) -> list[Point]:
+def usual_sizes(effects: Sequence[Effect]) -> list[Sized]:
     """Return the usual sizes of effects."""
     return [(e, x) for e in effects for x in starts_of(e)]
 
@@ -420,8 +420,8 @@ class Foreseen:
             each of which may be wrong.
     """
 
-    base: Hypothesis
-    points: tuple[Point, ...]
+    base: Point
+    points: tuple[Sized, ...]
     usual: int
     parts: tuple[Columns, ...]
 
@@ -430,7 +430,7 @@ class Foreseen:
         cls,
         believed: Believed,
         records: Sequence[FlightRecord],
-        points: Sequence[Point],
+        points: Sequence[Sized],
         priors: Mapping[str, float] | None = None,
         drawn: int = 0,
     ) -> Foreseen:
@@ -446,7 +446,7 @@ class Foreseen:
         Raises:
             FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the records.
         """
-        base = Hypothesis.at(believed, believed, tuple(records), priors=priors)
+        base = Point.at(believed, believed, tuple(records), priors=priors)
         own = [np.zeros(base.exact.size) if c is None else c for c in _changes(base, points)]
         points, usual = list(points), len(points)
         rng = np.random.default_rng(SEED)
@@ -579,7 +579,7 @@ class Foreseen:
         return {e.name: w[e.name] for (_, e), w in zip(shown, said, strict=True)}
 
 
-def _changes(base: Hypothesis, points: Sequence[Point]) -> list[FloatArray | None]:
+def _changes(base: Point, points: Sequence[Sized]) -> list[FloatArray | None]:
     """Return what effects change in the residuals (samples,); None for those that cannot fly or are not sought."""
     sought = [i for i, (effect, _) in enumerate(points) if base.lateral or not effect.lateral]
     found = dict(zip(sought, changes(base, [points[i] for i in sought]), strict=True))

@@ -12,7 +12,7 @@ from testbench.page.tables import Column, Table, Value
 from testbench.questions.gap.drive import SurfacePath
 from testbench.questions.gap.explain import Naming
 from testbench.questions.gap.open_set import title_of
-from testbench.questions.gap.search.hypothesis import STEP
+from testbench.questions.gap.search.point import STEP
 
 if TYPE_CHECKING:
     from testbench.questions.gap.ask import GapResult

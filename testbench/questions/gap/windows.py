@@ -39,7 +39,7 @@ from testbench.questions.gap.evidence.commanded import (
 from testbench.questions.gap.flights import flights
 from testbench.questions.gap.free_start import BEGAN, STATES, FreeStart
 from testbench.questions.gap.scenario import SHORTEST_S, Windows
-from testbench.questions.gap.search.hypothesis import Hypothesis, retune
+from testbench.questions.gap.search.point import Point, retune
 from testbench.questions.gap.starts import marked, record_key, start_of
 
 LEAD_S = 0.5
@@ -549,10 +549,10 @@ def _begun(believed: Believed, records: Mapping[str, FlightRecord], held_out: Ma
     """Return the belief with starts of windows, fitted to the re-tuned model in turn with its coefficients."""
     both, naming = {**records, **held_out}, tuple(records.values())
     out = begin_freely(believed, both)
-    tuned = retune(Hypothesis.at(out, out, naming))
+    tuned = retune(Point.at(out, out, naming))
     for _ in range(STARTS_IN_TURN):
         out = begin_freely(out, both, out.with_nuisances(tuned.by_name))
-        better = retune(Hypothesis.at(out, out, naming, tuned.nuisances))
+        better = retune(Point.at(out, out, naming, tuned.nuisances))
         fallen, tuned = tuned.chi2 - better.chi2, better
         if fallen < 1.0:
             break

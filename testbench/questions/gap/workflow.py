@@ -40,7 +40,7 @@ from testbench.questions.gap.name import ELSEWHERE, Sought, name_effect, nearest
 from testbench.questions.gap.plan import separate
 from testbench.questions.gap.result import GapFinding, Shrink
 from testbench.questions.gap.scenario import Drive, Windows
-from testbench.questions.gap.search.hypothesis import Hypothesis, retune
+from testbench.questions.gap.search.point import Point, retune
 from testbench.questions.gap.starts import called
 from testbench.questions.gap.windows import as_they_start, begin_freely, in_windows
 
@@ -350,7 +350,7 @@ class _Asked:
             cut, begins = onset.divided(believed, records, place), believed
             if place.record:
                 flown_in, beside = found.believed, found.naming.beside_unknown
-                along = Hypothesis.towards_unknown(flown_in, tuple(records.values()), beside)
+                along = Point.towards_unknown(flown_in, tuple(records.values()), beside)
                 tuned = flown_in.with_nuisances(along.by_name)
                 begins = onset.begin_there(believed, cut, place, records[place.record], tuned)
             effects = onset.later({n: of[n] for n in list(near)[:NEAR] if n in of}, place)
@@ -458,7 +458,7 @@ def in_measured_air(believed: Believed, records: Sequence[FlightRecord], air: Ai
 
 def _retuned(believed: Believed, flown_in: Believed, records: Sequence[FlightRecord]) -> Believed:
     """Return the believed model with the coefficients that suit the records best in the air of ``flown_in``."""
-    return believed.with_nuisances(retune(Hypothesis.at(flown_in, flown_in, tuple(records))).by_name)
+    return believed.with_nuisances(retune(Point.at(flown_in, flown_in, tuple(records))).by_name)
 
 
 def _map(believed: Believed, name: str, record: FlightRecord) -> ResidualMap:

@@ -18,7 +18,7 @@ from testbench.questions.gap.again import Reflown
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen
 from testbench.questions.gap.evidence.air import measure as measure_air
-from testbench.questions.gap.search.hypothesis import Hypothesis, retune
+from testbench.questions.gap.search.point import Point, retune
 from testbench.questions.gap.workflow import GapSearch, find_gap
 
 STILL = AirFound(False, 0.0, 547.0, 0.0, 9.55, 4.0)
@@ -47,7 +47,7 @@ def test_a_flight_again_has_commands_and_samples_of_the_measured_one_and_leaves_
         for channel in ("de_cmd", "thr_cmd"):
             np.testing.assert_array_equal(control[channel], record[channel])
         assert np.all(np.std(control.columns(believed.outputs) - record.columns(believed.outputs), axis=0) > 0.0)
-    tuned = retune(Hypothesis.at(believed, believed, tuple(flown)))
+    tuned = retune(Point.at(believed, believed, tuple(flown)))
     # White noise alone: chi-square over n samples scatters by sqrt(2 n); five of it are 6e-7 both sides. Means that are
     # taken out and coefficients that are re-tuned take some 15 of it.
     assert abs(tuned.chi2 - tuned.samples) < 5.0 * np.sqrt(2.0 * tuned.samples) + 15.0
@@ -73,7 +73,7 @@ def test_flights_again_meet_the_turbulence_that_was_found(believed, records):
     # 28 s of turbulence, scale length 533 m at 16 m/s: its rms as filters see it is told to some 10 %; here three.
     assert measure_air(believed, flown, heard).rms_m_s == pytest.approx(0.4, rel=0.3)
     white = in_air(believed, replace(found, rms_m_s=0.4))
-    tuned = retune(Hypothesis.at(white, white, tuple(flown)))
+    tuned = retune(Point.at(white, white, tuple(flown)))
     # the filter is linear; six standard deviations of noise
     assert tuned.chi2 == pytest.approx(tuned.samples, rel=0.06)
 

@@ -14,7 +14,7 @@ from testbench.flight import load_aircraft
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import left_out, not_compared
 from testbench.questions.gap.evidence.locate import locate, locate_regions, structure
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.point import Point
 from testbench.questions.gap.workflow import _shrink
 from testbench.sensors import Sensor, SensorSuite, load_suite
 
@@ -43,11 +43,11 @@ def full():
 
 
 def test_samples_that_were_not_taken_are_not_counted(slow, slow_records):
-    point = Hypothesis.at(slow, slow, tuple(slow_records))
+    point = Point.at(slow, slow, tuple(slow_records))
     taken = sum(int(np.count_nonzero(slow.taken(r))) for r in slow_records)
     assert point.samples == taken < 0.7 * point.exact.size
     assert chi2.isf(1.0 - EDGE, taken) < point.chi2 < chi2.isf(EDGE, taken)
-    wrong = Hypothesis.at(slow, slow.with_nuisances({"Cm_de": 1.05}), tuple(slow_records))
+    wrong = Point.at(slow, slow.with_nuisances({"Cm_de": 1.05}), tuple(slow_records))
     assert chi2.isf(EDGE, taken) < wrong.chi2 < point.exact.size  # judged by all samples it would pass for noise
 
 

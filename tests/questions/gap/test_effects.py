@@ -16,7 +16,7 @@ from testbench.flight import FlightCondition, linearise, load_aircraft, trim
 from testbench.questions.gap import effect_contract as contract
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.effect_contract import CONDITION, RATE_HZ
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.point import Point
 from testbench.sensors import load_suite
 
 # Effects that show in no record of a few manoeuvres at one height whose channels are compared about their means.
@@ -142,7 +142,7 @@ def test_an_effect_is_recovered_from_data_without_noise_that_it_made(name, belie
     effect = EFFECTS[name]
     true = TRUE.get(name, {p.name: 0.7 * p.starts[0] + 0.3 * (p.none or 0.0) for p in effect.parameters})
     records = contract.recorded(believed.with_effect(effect, true), commands)
-    start = Hypothesis.at(believed, believed, tuple(records))
+    start = Point.at(believed, believed, tuple(records))
     (found,) = fits(believed, records, effect)
     assert found is not None
     assert found.chi2 < max(0.02 * start.chi2, 1.0), f"{start.chi2:.4g} to {found.chi2:.4g}: {found.values}"

@@ -10,7 +10,7 @@ from gap_fits import check_sizes, fits
 from testbench.effects import EFFECTS, ON_REQUEST, aerodynamics, feedback, mass, stall, structure, thrust
 from testbench.flight import FlightCondition, linearise, trim
 from testbench.questions.gap.effect_contract import recorded
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.point import Point
 
 NEW = {
     e.name: e for table in (aerodynamics, feedback, mass, stall, structure, thrust) for e in table.EFFECTS if e.lateral
@@ -67,7 +67,7 @@ def test_a_lateral_effect_is_found_again_at_its_size_in_data_that_it_made(name):
     """Noise-free records, coefficients free: a fiftieth of the gap is left at most, the size is right to 5 %."""
     b, effect = believe(), NEW[name]
     records = recorded(b.with_effect(effect, values(name)), commands())
-    start = Hypothesis.at(b, b, tuple(records))
+    start = Point.at(b, b, tuple(records))
     (found,) = fits(b, records, effect)
     assert found is not None
     assert found.chi2 < max(0.02 * start.chi2, 1.0), f"{start.chi2:.4g} to {found.chi2:.4g}: {found.values}"

@@ -19,7 +19,7 @@ from testbench.questions.gap.evidence import air
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen, listen_again
 from testbench.questions.gap.evidence.gust_filter import GustFilter, GustModel
 from testbench.questions.gap.name import Sought, name_effect, starts_of
-from testbench.questions.gap.search.hypothesis import Hypothesis, changes, retune
+from testbench.questions.gap.search.point import Point, changes, retune
 from testbench.questions.gap.workflow import in_measured_air
 
 RMS = 0.25
@@ -189,7 +189,7 @@ def test_curved_effects_do_not_stand_out_of_turbulence_alone(believed):
             (in_air(believed, found), along),
             (replace(believed, whiten=lambda record, r, by=by_length: by[len(record)](r)), about),
         ):
-            tuned = retune(Hypothesis.at(point, point, records))
+            tuned = retune(Point.at(point, point, records))
             for name in gains:
                 (flown,) = changes(tuned, [(EFFECTS[name], x) for x in starts_of(EFFECTS[name])])[:1]
                 d = tuned.tuned(tuned.exact + flown)[0] - (r := tuned.tuned(tuned.exact)[0])

@@ -24,7 +24,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.export import air_text
 from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.search.gust_search import GustSearch
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.point import Point
 from testbench.questions.gap.starts import called, manoeuvre_of, record_key
 from testbench.questions.gap.workflow import GapSearch, find_gap
 
@@ -105,7 +105,7 @@ def test_a_gust_is_recovered_from_data_without_noise_that_it_made(believed, axis
         data = r.data.copy()
         data[:, [r.channels.index(c) for c in believed.outputs]] = model.predict(r)
         exact.append(replace(r, data=data))
-    start = Hypothesis.at(believed, believed, tuple(exact))
+    start = Point.at(believed, believed, tuple(exact))
     (found,) = fits(believed, exact, GUST)
     assert found is not None
     # 1 % of each: the descent ends where another round promises a thousandth of what is left
@@ -119,7 +119,7 @@ def test_a_gust_is_recovered_from_data_without_noise_that_it_made(believed, axis
 def test_the_score_at_a_place_is_that_of_an_ordinary_regression(believed, calm):
     """The same as |r|^2 less what least squares leave with the response there as one more column: rounding only."""
     records = tuple(calm.values())
-    point = Hypothesis.at(believed, believed, records)
+    point = Point.at(believed, believed, records)
     found, p = GustSearch.at(point), len(believed.outputs)
     k, m, s = 1, 11, 130  # the second record, the vertical gust of 0.9 s, 2.6 s
     axis, duration = found.places[m]
@@ -138,7 +138,7 @@ def test_noise_alone_stands_out_no_more_often_than_stated(believed, calm):
     would be a false alarm of 1e-6 where the bound is sharp; fewer than one in 400, of a threshold that is far too
     high, has a probability of 1e-3 where 1.7 % exceed it, as measured in 2000."""
     records = tuple(calm.values())
-    point = Hypothesis.at(believed, believed, records)
+    point = Point.at(believed, believed, records)
     search, p = GustSearch.at(point), len(believed.outputs)
     rng = np.random.default_rng(2)
     cuts = np.cumsum([len(r) * p for r in records])[:-1]

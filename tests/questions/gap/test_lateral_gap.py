@@ -34,7 +34,7 @@ from testbench.questions.gap.plan import Foreseen, as_record, family, usual_size
 from testbench.questions.gap.priors import LATERAL_PRIORS, PRIORS, priors_of
 from testbench.questions.gap.records import Said, load_flights
 from testbench.questions.gap.result import TOLERANCE
-from testbench.questions.gap.search.hypothesis import Hypothesis, retune
+from testbench.questions.gap.search.point import Point, retune
 from testbench.questions.gap.workflow import GapSearch, find_gap, in_measured_air
 from testbench.sensors import load_suite
 
@@ -125,7 +125,7 @@ def test_re_tuning_rests_at_the_noise_where_cross_derivatives_are_far_off():
     b = believe("taurus")
     off = b.with_nuisances({"Cn_da": 0.5, "Cl_beta": 1.2, "Cn_dr": 1.1, "Cn_beta": 0.85})
     records = tuple(recorded(off, hidden("taurus", NOTHING)))
-    start = Hypothesis.at(b, b, records)
+    start = Point.at(b, b, records)
     tuned = retune(start)
     assert start.chi2 > 10.0 * start.exact.size
     # White noise alone: chi-square over n samples scatters by sqrt(2 n), here five of it (3e-7); priors cost some.
@@ -146,9 +146,9 @@ def recorded(model: Believed, commands: list[FlightRecord], noise: int = 5) -> l
 
 
 @pytest.fixture(scope="module")
-def base() -> Hypothesis:
+def base() -> Point:
     b = believe("taurus")
-    return retune(Hypothesis.at(b, b, tuple(hidden("taurus", NOTHING))))
+    return retune(Point.at(b, b, tuple(hidden("taurus", NOTHING))))
 
 
 def test_lateral_records_screen_out_what_they_cannot_show(base):
@@ -185,7 +185,7 @@ def test_a_lateral_effect_is_recovered_from_data_without_noise_that_it_made(name
         replace(r, data=np.column_stack([b.with_effect(effect, true).predict(r), r.data[:, len(b.outputs) :]]))
         for r in base.records
     ]
-    start = Hypothesis.at(b, b, tuple(records))
+    start = Point.at(b, b, tuple(records))
     (found,) = fits(b, records, effect)
     assert found.chi2 < max(0.001 * start.chi2, 0.1)
     check_sizes(found, true, 0.03)
@@ -210,7 +210,7 @@ def test_longitudinal_records_are_re_tuned_as_ever_and_not_asked_for_lateral_eff
     records = tuple(measure_longitudinal(b, 4, duration_s=4.0))
     assert not moves_laterally(records)
     assert priors_of(records) is PRIORS
-    point = Hypothesis.at(b, b, records)
+    point = Point.at(b, b, records)
     for name in ("yaw_damper", "rudder_lag", "aileron_lag"):
         assert "neither aileron nor rudder" in not_sought(point, EFFECTS[name])
     still = replace(believe("eolo"), condition=b.condition)

@@ -14,7 +14,7 @@ from testbench.effects import EFFECTS
 from testbench.questions.gap import workflow
 from testbench.questions.gap.name import TERMS, Sought, _Asker, name_effect
 from testbench.questions.gap.open_set import Factor, OpenTerm, Term, along, effect_of, increments, response, title_of
-from testbench.questions.gap.search.hypothesis import changes
+from testbench.questions.gap.search.point import changes
 from testbench.questions.gap.workflow import GapSearch
 
 THR, ALPHA, DR = Factor("thr"), Factor("alpha"), Factor("dr", modulus=True)

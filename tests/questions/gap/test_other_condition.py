@@ -16,7 +16,7 @@ from testbench.questions.gap.ask import GapResult
 from testbench.questions.gap.effect_contract import CONDITION as AT
 from testbench.questions.gap.effect_contract import believed, commands, recorded
 from testbench.questions.gap.export import amended_files
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.point import Point
 from testbench.questions.gap.starts import Start, marked
 from testbench.questions.gap.workflow import find_gap
 
@@ -48,7 +48,7 @@ def test_what_all_records_were_flown_in_is_found_over_two_speeds(name, factor, o
     flown = tuple(marked(c, Start(at)) for at in (AT, FASTER) for c in commands())
     records = recorded(b.with_effect(effect, {SIZE[name]: factor}), flown)
     records = tuple(marked(r, Start(at)) for r, at in zip(records, (AT,) * 3 + (FASTER,) * 3, strict=True))
-    start = Hypothesis.at(b, b, tuple(records))
+    start = Point.at(b, b, tuple(records))
     (found,) = fits(b, records, effect)
     assert found.values[SIZE[name]] == pytest.approx(factor, abs=found.errors[SIZE[name]])  # priors draw, and no noise
     assert found.chi2 < 0.02 * start.chi2

@@ -13,7 +13,7 @@ from testbench.effects import EFFECTS, SERVOS
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.effect_contract import recorded
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.point import Point
 from testbench.sensors import load_suite
 
 LATERAL = {e.name: e for (_, control), e in SERVOS.items() if control in ("da", "dr")}
@@ -67,7 +67,7 @@ def test_an_effect_is_found_again_in_data_that_it_made(name):
     """From noise-free records, nuisances free: no more than a fiftieth of the gap is left, its size to 5 %."""
     believed, effect = believe(), LATERAL[name]
     records = recorded(believed.with_effect(effect, sized(name)), commands())
-    start = Hypothesis.at(believed, believed, tuple(records))
+    start = Point.at(believed, believed, tuple(records))
     (found,) = fits(believed, records, effect)
     assert found is not None
     assert found.chi2 < max(0.02 * start.chi2, 1.0)

@@ -21,7 +21,7 @@ from testbench.questions.gap.export import amended_files
 from testbench.questions.gap.name import not_sought
 from testbench.questions.gap.new import new_case
 from testbench.questions.gap.scenario import GapScenario
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.point import Point
 from testbench.questions.gap.starts import CUT, Start, marked, start_of, timed
 from testbench.questions.gap.windows import cut
 
@@ -49,7 +49,7 @@ def test_what_empties_is_found_at_its_rate_and_one_scale_for_all_records_is_not_
     b = believed()
     effect = EFFECTS[name]
     records = flown(records=recorded(b.with_effect(effect, values), flown()))
-    start = Hypothesis.at(b, b, tuple(records))
+    start = Point.at(b, b, tuple(records))
     (found,) = fits(b, records, effect)
     assert found.values == pytest.approx(values, rel=0.05)
     assert found.chi2 < 0.02 * start.chi2
@@ -77,7 +77,7 @@ def test_half_an_hour_after_take_off_the_aircraft_is_as_much_lighter_as_the_rate
 def test_it_is_not_sought_where_records_do_not_differ_in_time(at):
     b = believed()
     records = flown(at, recorded(b, flown(at)))
-    assert "flown_at_s" in not_sought(Hypothesis.at(b, b, records), EFFECTS["thrust_fade"])
+    assert "flown_at_s" in not_sought(Point.at(b, b, records), EFFECTS["thrust_fade"])
 
 
 def test_a_time_costs_nothing_where_nothing_grows_and_cannot_be_asked_of_another_condition():

@@ -17,7 +17,7 @@ from testbench.inference.calibrate import Reliability, Trial, calibrate_together
 from testbench.inference.first_order import Left, sum_of
 from testbench.questions.gap.explain import P_COEFFICIENT, P_EFFECT, P_NOTHING, P_STRANGER
 from testbench.questions.gap.plan import KINDS, Foreseen, as_record, candidates, family, plan_gap, separate, usual_sizes
-from testbench.questions.gap.search.hypothesis import changes, flown_all
+from testbench.questions.gap.search.point import changes, flown_all
 from testbench.questions.run.scenario import Scenario
 
 FEW = ("actuator_lag", "transport_delay", "thrust_line", "alpha_scale", "q_bias")

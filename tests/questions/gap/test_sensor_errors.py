@@ -13,7 +13,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.effects import EFFECTS, library
 from testbench.questions.gap.effect_contract import recorded
 from testbench.questions.gap.evidence.check import _without_believed
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.point import Point
 from testbench.sensors import Sensor, load_suite
 
 TRUE = {
@@ -34,7 +34,7 @@ def test_an_error_is_found_again_at_its_size_in_data_that_it_made(name):
     b = believe()
     effect = library(b.suite)[name]
     records = recorded(b.with_effect(effect, TRUE[name]), commands())
-    start = Hypothesis.at(b, b, tuple(records))
+    start = Point.at(b, b, tuple(records))
     (found,) = fits(b, records, effect)
     assert found is not None
     assert found.chi2 < max(0.001 * start.chi2, 1.0)

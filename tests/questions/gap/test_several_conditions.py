@@ -27,7 +27,7 @@ from testbench.questions.gap.evidence.air import in_air, listen
 from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.records import Said, load_flights
 from testbench.questions.gap.search.gust_search import GustSearch
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.point import Point
 from testbench.questions.gap.starts import KEY, Start, marked, start_of
 from testbench.questions.gap.workflow import find_gap
 from testbench.sensors import load_suite, suite_toml
@@ -134,9 +134,9 @@ def test_turbulence_is_heard_and_whitened_at_each_speed():
 def test_gusts_are_looked_at_from_each_condition():
     """The filters of gusts are those of a record alone."""
     b, records = believe(), measure(NOTHING, SLOW, FAST, HEAVY)
-    together = GustSearch.at(Hypothesis.at(b, b, tuple(records)))
+    together = GustSearch.at(Point.at(b, b, tuple(records)))
     for i, record in enumerate(records):
-        alone = GustSearch.at(Hypothesis.at(b, b, (record,)))
+        alone = GustSearch.at(Point.at(b, b, (record,)))
         assert np.array_equal(together.filters[i], alone.filters[0])
 
 

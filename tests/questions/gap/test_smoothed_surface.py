@@ -14,7 +14,7 @@ from testbench.questions.gap.drive import driven
 from testbench.questions.gap.evidence.air import filter_in, in_air, smoothed
 from testbench.questions.gap.evidence.commanded import begins_quietly
 from testbench.questions.gap.evidence.gust_filter import GustFilter, GustModel
-from testbench.questions.gap.search.hypothesis import Hypothesis, retune
+from testbench.questions.gap.search.point import Point, retune
 
 HALF_A_DEGREE = 5.0 * NOISE_RAD
 
@@ -65,7 +65,7 @@ def test_noise_of_a_surface_does_not_make_its_control_look_weak():
         by = driven(believed, measure(believed, NOTHING, seed=seed), {}, "both")
         records, whitened = list(by.records.values()), in_air(by.believed, STILL_AIR)
         for freed, given in ((False, records), (True, smoothed(by.believed, STILL_AIR, records))):
-            tuned = retune(Hypothesis.at(whitened, whitened, tuple(given)))
+            tuned = retune(Point.at(whitened, whitened, tuple(given)))
             found[freed].append(tuned.by_name)
     mean = {freed: {n: np.mean([f[n] for f in of]) for n in ("Cm_de", "Cm_q")} for freed, of in found.items()}
     assert mean[False]["Cm_de"] < 0.94

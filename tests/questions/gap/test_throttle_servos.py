@@ -22,7 +22,7 @@ from testbench.flight.batch.model import batch_model
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.effect_contract import OF_AIRCRAFT, OF_WORDS, Trial, recorded
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.point import Point
 from testbench.sensors import load_suite
 
 CONDITIONS = {
@@ -140,7 +140,7 @@ def test_it_is_found_again_in_data_that_it_made(name):
     channels = ("de_cmd", "da_cmd", "dr_cmd", "thr_cmd")
     throttle = FlightRecord(t_s=t, channels=channels, data=data, kind="measured")
     records = recorded(b.with_effect(effect, TRUE[name]), (throttle, commands()[2]))
-    start = Hypothesis.at(b, b, tuple(records))
+    start = Point.at(b, b, tuple(records))
     (found,) = fits(b, records, effect)
     assert found is not None
     assert found.chi2 < max(0.02 * start.chi2, 1.0), f"{start.chi2:.4g} to {found.chi2:.4g}: {found.values}"
@@ -166,7 +166,7 @@ def test_a_linkage_of_another_ratio_is_told_from_a_stronger_engine_where_thrust_
     data = np.column_stack([np.zeros_like(t), thr])
     commanded = FlightRecord(t_s=t, channels=("de_cmd", "thr_cmd"), data=data, kind="measured")
     records = recorded(b.with_effect(EFFECTS[true], {"scale": 1.4}), (commanded,))
-    start = Hypothesis.at(b, b, records)
+    start = Point.at(b, b, records)
     found, mistaken = fits(b, records, EFFECTS[true], EFFECTS[other])
     assert found.values["scale"] == pytest.approx(1.4, rel=0.02)
     assert found.chi2 < 0.02 * start.chi2

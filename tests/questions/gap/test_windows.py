@@ -47,7 +47,7 @@ from testbench.questions.gap.evidence.commanded import (
 from testbench.questions.gap.free_start import FreeStart
 from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.scenario import windows_of
-from testbench.questions.gap.search.hypothesis import Hypothesis, fly_together
+from testbench.questions.gap.search.point import Point, fly_together
 from testbench.questions.gap.windows import LEAD_S, LONGEST_S, begin_freely, cut, in_windows, longest
 from testbench.questions.gap.workflow import GapSearch, find_gap
 
@@ -177,7 +177,7 @@ def test_a_free_start_is_projected_out_as_least_squares_would():
 
 def test_a_window_that_lacks_nothing_leaves_noise(begun):
     believed, records = begun
-    point = Hypothesis.at(believed, believed, records)
+    point = Point.at(believed, believed, records)
     taken = sum(int(np.count_nonzero(believed.taken(r))) for r in records)
     assert 4 * len(records) < taken - point.samples <= 6 * len(records)  # of six parameters each
     low, high = chi2.ppf([RARE, 1.0 - RARE], point.samples)
@@ -286,7 +286,7 @@ def test_a_surface_begins_where_it_is_and_not_where_it_is_commanded(slewing):
     assert free.names[-1] == "de_began"
     found = float(free.origin[-1])
     assert 0.5 * DEG_RAD < abs(found) < 6.0 * DEG_RAD
-    point = Hypothesis.at(began, began, (window,))
+    point = Point.at(began, began, (window,))
     assert chi2.sf(point.chi2, point.samples) > RARE
     held = replace(free, origin=np.where(np.arange(free.origin.size) == free.origin.size - 1, 0.0, free.origin))
     there = replace(began, free_starts={key_of_start(window): held})

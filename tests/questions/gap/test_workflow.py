@@ -30,7 +30,7 @@ from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.priors import PRIORS
 from testbench.questions.gap.records import Said, load_flights
 from testbench.questions.gap.scenario import GapScenario
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.point import Point
 from testbench.questions.gap.workflow import GapSearch, find_gap
 from testbench.sensors import load_suite
 
@@ -142,7 +142,7 @@ def test_re_tuning_recovers_a_changed_coefficient(case):
     wrong = replace(believed, aircraft=believed.with_nuisances({"Cm_alpha": 1.08}).aircraft)
     nuisances = np.ones(len(PRIORS))
     for _ in range(3):
-        point = Hypothesis.at(wrong, wrong, (record,), nuisances)
+        point = Point.at(wrong, wrong, (record,), nuisances)
         nuisances = point.tuned(point.exact)[1]
     assert nuisances[list(PRIORS).index("Cm_alpha")] == pytest.approx(1 / 1.08, abs=0.02)
 

@@ -23,7 +23,7 @@ from testbench.inference.linear import Grams, Linearised, expected, fewer, prewh
 from testbench.inference.parameters import NOISE_SPREAD, Source
 from testbench.inference.unknown import pulses
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.point import Point
 from testbench.sensors import SensorSuite
 
 _KAPPAS = (1e-4, 1e-3, 1e-2, 0.1, 1.0)
@@ -114,7 +114,7 @@ def find_noise(
     Raises:
         FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the commands.
     """
-    point = Hypothesis.at(believed, model or believed, tuple(records))
+    point = Point.at(believed, model or believed, tuple(records))
     parts = []
     for record, left, tangents in zip(
         records, point.by_record(point.exact), point.by_record(point.tangents), strict=True

@@ -29,7 +29,7 @@ from testbench.flight.air import Gust
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.commanded import starts_freely
-from testbench.questions.gap.search.hypothesis import Hypothesis, fly_together
+from testbench.questions.gap.search.point import Point, fly_together
 from testbench.questions.gap.starts import manoeuvre_of, record_key
 
 DURATIONS_S = (0.3, 0.45, 0.65, 0.9, 1.3, 1.8, 2.6, 3.7)
@@ -85,7 +85,7 @@ class GustSearch:
     sizes: tuple[int, ...]
 
     @classmethod
-    def at(cls, point: Hypothesis) -> GustSearch:
+    def at(cls, point: Point) -> GustSearch:
         """Make the filters of the model of ``point`` in still air."""
         records, p = point.records, len(point.believed.outputs)
         axes: tuple[Axis, ...] = ("north", "down")
@@ -143,13 +143,13 @@ class GustSearch:
         return out
 
 
-def _by_start(point: Hypothesis) -> list[tuple[Believed, list[FlightRecord]]]:
+def _by_start(point: Point) -> list[tuple[Believed, list[FlightRecord]]]:
     """Return each condition that the records of a point were flown from, and those flown from there."""
     model = point.model
     return [(b, [r for r in point.records if model.at(r) is b]) for b in model.at_each(point.records)]
 
 
-def _responses(point: Hypothesis, record: FlightRecord, places: Sequence[tuple[Axis, float]]) -> FloatArray:
+def _responses(point: Point, record: FlightRecord, places: Sequence[tuple[Axis, float]]) -> FloatArray:
     """Return what a gust of 1 m/s from the first sample on changes in the readings (places, n, p), in noise units."""
     model, key = replace(point.model.with_nuisances(point.by_name), gusts=()), record_key(record)
     met = [replace(model, gusts=(MetGust(key, "", Gust(axis, 1.0, 0.0, d)),)) for axis, d in places]
@@ -158,7 +158,7 @@ def _responses(point: Hypothesis, record: FlightRecord, places: Sequence[tuple[A
     return np.array([(m.predict(record) - calm) / model.noise_std for m in met])
 
 
-def sought(point: Hypothesis, effect: Effect) -> Effect:
+def sought(point: Point, effect: Effect) -> Effect:
     """Return a gust placed where it explains most of the residual of ``point``; every other effect as it is.
 
     Its place is a record, an axis and a time. A gust that does not stand out, or promises too small a share of the

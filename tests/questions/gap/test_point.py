@@ -18,7 +18,7 @@ from testbench.inputs import build
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.effect_contract import recorded
 from testbench.questions.gap.priors import PRIORS
-from testbench.questions.gap.search.hypothesis import Hypothesis, retune
+from testbench.questions.gap.search.point import Point, retune
 from testbench.sensors import load_suite
 
 
@@ -38,10 +38,10 @@ def test_where_one_side_has_no_trim_the_tangent_is_taken_to_the_other():
     believed = believe("taurus")
     records = tuple(fly_truth("taurus", Truth(), "short", 11).values())[:1]
     least = least_factor_with_trim(believed)
-    names = list(Hypothesis.at(believed, believed, records).priors)
+    names = list(Point.at(believed, believed, records).priors)
     k = names.index("Cm_de")
     edge, inside = (
-        Hypothesis.at(believed, believed, records, np.where(np.arange(len(names)) == k, least + above, 1.0))
+        Point.at(believed, believed, records, np.where(np.arange(len(names)) == k, least + above, 1.0))
         for above in (0.005, 0.025)
     )
     with pytest.raises(TrimError):
@@ -57,8 +57,8 @@ def test_coefficients_that_an_unknown_motion_lets_go_are_flown_as_far_as_there_i
     wanted = 1.0 - 1.5 * (1.0 - least)  # half of the way there still flies
     beside = dict.fromkeys(believed.priors_of(records), 1.0) | {"Cm_de": wanted}
     with pytest.raises(TrimError):
-        Hypothesis.at(believed, believed, records, np.array(list(beside.values())))
-    point = Hypothesis.towards_unknown(believed, records, beside)
+        Point.at(believed, believed, records, np.array(list(beside.values())))
+    point = Point.towards_unknown(believed, records, beside)
     assert point.by_name["Cm_de"] == pytest.approx(0.5 * (1.0 + wanted))
     assert np.all(np.isfinite(point.exact))
 
@@ -71,7 +71,7 @@ def test_re_tuning_finds_the_coefficients_of_an_aircraft_that_is_hardly_stable()
     suite = replace(load_suite("eolo_gap"), rate_hz=50.0)
     believed = Believed(load_aircraft("jsbsim:f16"), suite, FlightCondition(150.0, 2500.0), 100.0)
     true = {"Cm_alpha": 0.8, "Cm_q": 0.97, "Cm_de": 0.956}
-    tuned = retune(Hypothesis.at(believed, believed, recorded(believed.with_nuisances(true), (command,))))
+    tuned = retune(Point.at(believed, believed, recorded(believed.with_nuisances(true), (command,))))
     price = sum(((f - 1.0) / PRIORS[n]) ** 2 for n, f in true.items())
     assert tuned.chi2 < price + 0.1
     assert {n: tuned.by_name[n] for n in true} == pytest.approx(true, abs=0.02)

@@ -1,4 +1,4 @@
-"""A hypothesis as flown, and what effects change about it.
+"""A model as flown with its nuisances at some values, and what effects change about it.
 
 Bring the coefficients of a model to rest within their priors: step, fly, repeat.
 """
@@ -31,8 +31,8 @@ _NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
 
 
 @dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """One hypothesis and its residuals as flown.
+class Point:
+    """A model with its nuisances at some values, and its residuals as flown.
 
     Attributes:
         believed: the believed model without any effect.
@@ -63,7 +63,7 @@ class Hypothesis:
         records: tuple[FlightRecord, ...],
         nuisances: FloatArray | None = None,
         priors: Mapping[str, float] | None = None,
-    ) -> Hypothesis:
+    ) -> Point:
         """Fly ``model`` with its nuisances at the values ``nuisances`` (k,), or as believed.
 
         ``priors``, if not given, are those that the records ask for (:meth:`.Believed.priors_of`).
@@ -80,7 +80,7 @@ class Hypothesis:
     @classmethod
     def towards_unknown(
         cls, believed: Believed, records: tuple[FlightRecord, ...], nuisances: Mapping[str, float]
-    ) -> Hypothesis:
+    ) -> Point:
         """Fly the believed model at nuisances that fit beside an unknown motion, or as near to them as it can fly.
 
         There a coefficient that does what is missing may lie where the aircraft cannot be trimmed.
@@ -187,15 +187,15 @@ class Hypothesis:
             share = min(share, _MAX_LATERAL_STEP / max(float(np.max(np.abs(step[lateral]))), 1e-12))
         return self.nuisances + step * share
 
-    def moved(self, model: Believed, nuisances: FloatArray) -> Hypothesis | None:
+    def moved(self, model: Believed, nuisances: FloatArray) -> Point | None:
         """Fly another model at other values of the nuisances with the tangents of this point; None if it cannot fly."""
         return self.moved_all([model], [nuisances])[0]
 
-    def moved_all(self, models: Sequence[Believed], nuisances: Sequence[FloatArray]) -> list[Hypothesis | None]:
+    def moved_all(self, models: Sequence[Believed], nuisances: Sequence[FloatArray]) -> list[Point | None]:
         """Return :meth:`moved` to each of several places, all flown together."""
         tuned = [m.with_nuisances(self.named(x)) for m, x in zip(models, nuisances, strict=True)]
         tuned = [m.beginning(self.starts) for m in tuned]
-        out: list[Hypothesis | None] = []
+        out: list[Point | None] = []
         for model, x, there, exact in zip(models, nuisances, tuned, flown_all(tuned, self.records), strict=True):
             if exact is None:
                 out.append(None)
@@ -207,7 +207,7 @@ class Hypothesis:
         return out
 
 
-def changes(base: Hypothesis, effects: Sequence[tuple[Effect, FloatArray]]) -> list[FloatArray | None]:
+def changes(base: Point, effects: Sequence[tuple[Effect, FloatArray]]) -> list[FloatArray | None]:
     """Return what effects, each at parameter values (p,), change in the residuals (samples,) of a point.
 
     All are flown together; None for one that cannot be.
@@ -275,7 +275,7 @@ AT_REST = 0.1  # the rounds end when another one promises to lower chi-square by
 KEPT = 0.9  # share of a promised gain that a step must reach for its tangents to be kept
 
 
-def retune(base: Hypothesis) -> Hypothesis:
+def retune(base: Point) -> Point:
     """Re-tune the nuisances of the model of ``base`` until they rest; return the best point.
 
     Tangents are those of the first point as long as steps gain what they promise; where they rest, they are taken anew.
@@ -284,7 +284,7 @@ def retune(base: Hypothesis) -> Hypothesis:
     return here if here.slopes is None else _rest(replace(here, slopes=None))
 
 
-def _rest(here: Hypothesis) -> Hypothesis:
+def _rest(here: Point) -> Point:
     """Take steps until they rest; where tangents have failed, take them anew."""
     for _ in range(MAX_ROUNDS):
         left, nuisances = here.tuned(here.exact)
