@@ -184,6 +184,7 @@ class Ensemble:
         robust: whether input and amplitude are chosen for the worst draw.
         flights: of one design in air that moves, and to realise it; 0: neither, and no bias.
         probability: with which the next flight may meet a limit in air that moves.
+        most: factor by which an amplitude may grow beyond that of a design.
     """
 
     range_: Range
@@ -192,6 +193,7 @@ class Ensemble:
     robust: bool = False
     flights: int = 0
     probability: float = 0.05
+    most: float = _MOST
 
     @property
     def problem(self) -> Problem:
@@ -261,7 +263,7 @@ class Ensemble:
 
     def _start(self, design: Design) -> Search:
         """Search for the amplitude of a design with the believed aircraft: it may grow beyond the linear prediction."""
-        part, top = self.parts[BELIEVED], _room(self.range_.member, design)
+        part, top = self.parts[BELIEVED], min(self.most, _room(self.range_.member, design))
         kept, now, (flight,), bound, said = yield from self._largest(design, part, top)
         assert flight.record is not None
         now = replace(now, limit=bound.limit or now.limit)

@@ -105,8 +105,11 @@ def _verdict(result: DesignResult) -> list[str]:
     )
     if float(errors[k] / t.wanted[k]) <= 1.0:
         return [f"Fly {what}: it reaches {reached}; the least known is {t.names[k]}, {left}"]
-    short = f"No admissible input found in {result.scenario.duration_s:g} s reaches {reached}"
-    out = [f"Fly {what}: it comes nearest to what is wanted", f"{short}; the best leaves {t.names[k]} {left}"]
+    if result.scenario.input:
+        out = [f"{what[0].upper()}{what[1:]} does not reach {reached}: it leaves {t.names[k]} {left}"]
+    else:
+        short = f"No admissible input found in {result.scenario.duration_s:g} s reaches {reached}"
+        out = [f"Fly {what}: it comes nearest to what is wanted", f"{short}; the best leaves {t.names[k]} {left}"]
     if result.obstacles.flights and not robust and not _refuted(result.best):
         out.append(
             f"Flown {result.obstacles.flights} times it would reach them: errors fall with the root of the number of "

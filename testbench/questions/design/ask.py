@@ -17,7 +17,7 @@ from testbench.core.errors import EstimationError, LimitError, located
 from testbench.core.named import Named, obtain
 from testbench.design.amplitude import Ensemble
 from testbench.design.ensemble import Flier, Placed, draw, softer_and_stiffer
-from testbench.design.problem import Screened, obstacles, seen_in, total_errors
+from testbench.design.problem import Screened, design_of, obstacles, seen_in, total_errors
 from testbench.design.realise import Elsewhere, elsewhere, repeats
 from testbench.design.search import best_of_families, for_the_worst, screen, search
 from testbench.flight import load_aircraft
@@ -26,7 +26,7 @@ from testbench.line import Report
 from testbench.pooling.prior import Prior
 from testbench.questions.design.check import draws_of
 from testbench.questions.design.known import believe
-from testbench.questions.design.pose import pose, problem_of, range_of, setting_of
+from testbench.questions.design.pose import own_input, pose, problem_of, range_of, setting_of
 from testbench.questions.design.result import DesignResult
 from testbench.questions.design.scenario import DesignScenario
 from testbench.sensors import load_suite
@@ -43,7 +43,7 @@ def run_design(
     simulator: Simulator = "auto",
     after: Prior | None = None,
 ) -> DesignResult:
-    """Design the input that a scenario asks for.
+    """Design the input that a scenario asks for, or judge the one that it gives.
 
     Args:
         scenario: of :meth:`DesignScenario.load`.
@@ -77,12 +77,18 @@ def run_design(
         say("believe what was flown before")
         believed, known = believe(scenario, believed, suite, after)
     problem, setting = believed.problem, setting_of(scenario, believed, suite)
-    say("screen every family by spectral energy and information")
     start = time.perf_counter()
-    ranked = screen(problem)
+    if scenario.input:
+        with located(where, "input"):
+            ranked = [own_input(scenario, problem)]
+        designs = [design_of(problem, ranked[0])]
+    else:
+        say("screen every family by spectral energy and information")
+        ranked = screen(problem)
     screened = (len(ranked), time.perf_counter() - start)
-    with located(where, "targets"):
-        designs = search(problem, say, ranked)
+    if not scenario.input:
+        with located(where, "targets"):
+            designs = search(problem, say, ranked)
     draws = None
     with located(where, "draws"):
         if count := draws_of(scenario, believed.aircraft):
@@ -98,7 +104,10 @@ def run_design(
     others, _ = flier.rested(changed, designs[0])
     probability = scenario.breach_percent * PERCENT
     ensemble = Ensemble(range_, draws, others, scenario.robust, scenario.realise, probability)
-    further = for_the_worst(problem, designs, draws, say) if draws and scenario.robust else ()
+    if scenario.input:
+        ensemble = replace(ensemble, most=1.0)
+    searched = draws is not None and scenario.robust and not scenario.input
+    further = for_the_worst(problem, designs, draws, say) if draws is not None and searched else ()
     say("fly the designs")
     taken = [*(d for k, d in enumerate(designs) if k < _FLOWN or d.family in _CLASSICS), *further]
     flown = ensemble.started(taken)
@@ -108,7 +117,7 @@ def run_design(
     nominal = next((f.predicted for f in admissible if not any(f.predicted is d for d in further)), None)
     ranking = ensemble.ranked(admissible, say)
     # what the believed aircraft takes least time for is not known to be enough for the others
-    shortest = None if scenario.robust else ensemble.shortest(ranked, ranking[0], say)
+    shortest = None if scenario.robust or scenario.input else ensemble.shortest(ranked, ranking[0], say)
     there: tuple[Elsewhere, ...] = ()
     if scenario.realise:
         ranking = ensemble.realised(ranking, say)

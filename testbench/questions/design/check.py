@@ -6,6 +6,7 @@ from testbench.aircraft import Aircraft
 from testbench.aircraft.believed import stated_deviations, with_priors
 from testbench.core.constants import DEG_RAD, PERCENT
 from testbench.core.errors import Faults, Refusal, ScenarioError, nearest
+from testbench.design.candidates import sampled
 from testbench.evaluation.modes import RIGID_MODES, elastic_modes
 from testbench.flight import load_aircraft
 from testbench.flight.simulate import stride
@@ -62,6 +63,10 @@ def check(scenario: DesignScenario) -> list[str]:
                 f"the rate of {control} can be limited only where a servo moves it, but {aircraft.name} has none: "
                 "give servo_lag_rad_s in its aircraft.toml, or leave the limit out",
             )
+    if scenario.input:
+        left = scenario.duration_s - scenario.start_s
+        rate = scenario.simulation.rate_hz or aircraft.rate_hz
+        faults.attempt("input", sampled, scenario.input, scenario.controls, left, rate)
     for i, name in enumerate(scenario.suites):
         try:
             suite = load_suite(name)

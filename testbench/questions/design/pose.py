@@ -13,10 +13,11 @@ from testbench.aircraft import Aircraft
 from testbench.core.constants import PERCENT
 from testbench.core.errors import LimitError, located
 from testbench.core.record import FloatArray
+from testbench.design.candidates import Candidate
 from testbench.design.ensemble import Flier, Member, Placed, Setting
 from testbench.design.identified import identified_by, starts_free
 from testbench.design.limits import Limits, Prediction
-from testbench.design.problem import ModeBands, Problem
+from testbench.design.problem import ModeBands, Problem, Screened, by_energy, by_information
 from testbench.design.realise import Range
 from testbench.evaluation.envelope import Onset, fly_envelope
 from testbench.evaluation.modes import elastic_modes, modes_of, roots_of
@@ -60,6 +61,20 @@ def pose(scenario: DesignScenario, aircraft: Aircraft, suite: SensorSuite) -> Me
                 f"Hz; give [simulation] rate_hz = {ceil(rate / wanted) * wanted:g}"
             )
         return Member(*at, problem_of(scenario, at, suite, limits, starts=True), onsets)
+
+
+def own_input(scenario: DesignScenario, problem: Problem) -> Screened:
+    """Return the input that a scenario gives, at its own amplitude, judged by spectral energy and by information.
+
+    Raises:
+        ScenarioError: an entry breaks a law of its family.
+    """
+    start = problem.start_s
+    specs = tuple(e.model_copy(update={"start_s": round(e.start_s + start, 9)}) for e in scenario.input)
+    candidate = Candidate(scenario.input[0].signal, "your own", specs, problem.sampled(specs))
+    largest = by_energy(problem, candidate)
+    snr_db = largest.snr_db - 20.0 * np.log10(largest.factor)
+    return by_information(problem, largest._replace(factor=1.0, snr_db=float(snr_db)))
 
 
 def setting_of(scenario: DesignScenario, believed: Member, suite: SensorSuite) -> Setting:

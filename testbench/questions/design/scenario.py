@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from testbench.core.scenario.air import CALM_RMS_M_S, LOWEST_M, AirSpec
 from testbench.core.scenario.base import FlownInAir, ManoeuvreLimits, SuiteName
-from testbench.core.scenario.inputs import Control
+from testbench.core.scenario.inputs import Control, Input
 from testbench.core.schema import Names, NonNegative, Positive, Strict
 
 _LONGITUDINAL, _LATERAL = {"de", "thr"}, {"da", "dr"}
@@ -59,6 +59,9 @@ class DesignScenario(FlownInAir):
     ``realise`` is how often the best design is flown and identified, so that its errors are promised and realised; 0:
     not at all. The air is that of ``[air]``; if that is left out, light turbulence. In turbulence
     amplitudes are lowered until the next flight meets a limit with ``breach_percent``.
+
+    ``input`` is an input of your own, its clock beginning after ``start_s``: it is judged in place of a search. Its
+    amplitude is lowered where that of a search would be, never raised; ``shortest_step_s`` does not bind it.
     """
 
     unnamed: ClassVar[str] = "design"
@@ -78,11 +81,22 @@ class DesignScenario(FlownInAir):
     breach_percent: Annotated[float, Field(gt=0.0, lt=50.0)] = 5.0
     targets: DesignTargets
     limits: DesignLimits = DesignLimits()
+    input: Annotated[tuple[Input, ...], Field(strict=False)] = ()
 
     @model_validator(mode="after")
     def _robust_over_some(self) -> DesignScenario:
         if self.robust and self.draws == 0:
             raise ValueError("robust = true chooses the input over drawn aircraft: draws >= 1 must hold, got 0")
+        return self
+
+    @model_validator(mode="after")
+    def _input_on_the_controls(self) -> DesignScenario:
+        for i, entry in enumerate(self.input):
+            if entry.control not in self.controls:
+                raise ValueError(
+                    f"input[{i}].control must be one of the controls of the design, {', '.join(self.controls)}, got "
+                    f"'{entry.control}'"
+                )
         return self
 
     @model_validator(mode="after")

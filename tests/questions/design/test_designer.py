@@ -19,6 +19,7 @@ from testbench.evaluation.modes import elastic_modes, modes_of
 from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
 from testbench.information.aircraft_structure import seen_by
 from testbench.inputs import build
+from testbench.questions.design.answer import design_sentences
 from testbench.questions.design.ask import run_design
 from testbench.questions.design.pose import limits_of
 from testbench.questions.design.ready import scenario_toml
@@ -345,3 +346,59 @@ def test_the_same_seed_gives_the_same_design():
     first, second = run_design(short), run_design(short)
     np.testing.assert_array_equal(first.best.design.u, second.best.design.u)
     assert first.best.design.cost == second.best.design.cost
+
+
+OWN = """
+[[input]]
+signal = "multistep"
+control = "de"
+amplitude_deg = {amplitude}
+step_s = 1.0
+pattern = [0.5, -0.25, 0.4]
+"""
+
+
+def own(tmp_path, amplitude):
+    file = tmp_path / "own.toml"
+    text = (FOLDER / "taurus_short_period.toml").read_text(encoding="utf-8")
+    file.write_text(text + OWN.format(amplitude=amplitude), encoding="utf-8")
+    return DesignScenario.load(file).changed(realise=0)
+
+
+def test_an_input_of_ones_own_is_judged_as_it_is_in_place_of_a_search(tmp_path):
+    result = run_design(own(tmp_path, 1.0))
+    (only,) = result.ranking
+    assert (result.shortest, result.screened[0]) == (None, 1)
+    assert only.design.peak[0] == pytest.approx(np.radians(1.0))
+    problem = result.problem
+    t = np.arange(len(only.design.u)) / problem.rate_hz - problem.start_s + 1e-9
+    steps = np.select([t < 0.0, t < 0.5, t < 0.75, t < 1.15], [0.0, 1.0, -1.0, 1.0], 0.0)
+    np.testing.assert_allclose(only.design.u[:, 0], np.radians(1.0) * steps, atol=1e-12)
+    covariance = np.linalg.inv(problem.experiment.information(np.radians(1.0) * steps[:, None]))
+    J = problem.targets.jacobian
+    np.testing.assert_allclose(only.design.errors, np.sqrt(np.diag(J @ covariance @ J.T)), rtol=1e-6)
+    assert "does not reach every wanted accuracy" in " ".join(design_sentences(result)) or only.design.cost <= 1.0
+
+
+def test_an_input_of_ones_own_is_lowered_until_it_keeps_the_limits(tmp_path):
+    most = DesignScenario.load(FOLDER / "taurus_short_period.toml").limits.deflection_deg["de"]
+    result = run_design(own(tmp_path, 3.0 * most))
+    assert result.best.design.peak[0] <= np.radians(most)
+    assert result.envelope.broken(result.best.record) == []
+    assert result.best.share("believed") < 0.5
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        (('control = "de"\namplitude', 'control = "da"\namplitude'), r"input\[0\].control must be one of the controls"),
+        (("pattern = [0.5, ", "pattern = [50.0, "), r"input: input\[0\] \(multistep on de\)"),
+        (("pattern = [0.5, ", "pattern = [0.0, "), r"input\[0\]"),
+    ],
+)
+def test_an_input_that_cannot_be_flown_is_refused_with_its_key(tmp_path, change, fault):
+    text = (FOLDER / "taurus_short_period.toml").read_text(encoding="utf-8") + OWN.format(amplitude=1.0)
+    assert change[0] in text
+    (tmp_path / "own.toml").write_text(text.replace(*change), encoding="utf-8")
+    with pytest.raises(ScenarioError, match=fault):
+        DesignScenario.load(tmp_path / "own.toml")
