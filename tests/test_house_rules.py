@@ -53,7 +53,7 @@ ASKS = {
     "reproduce": {"run", "plan"},
     "exercise": set(),
     "results": set(),
-    "app": {"results", "campaign"},  # it serves the files and the index of a folder of results; runs as they come
+    "app": {"results", "campaign", "design", "plan"},  # files of results; runs as they come; inputs while they are drawn
     "dataset": {"campaign", "gap"},
     "project": set(),
 }

@@ -401,6 +401,19 @@
       else return;
       e.preventDefault();
     }
+    update(data) { // other numbers of the same panels, as while an input is dragged: nothing is built anew
+      const named = view => JSON.stringify(view.panels.map(p => [p.title, p.curves.map(c => c.name)])), before = named(this.view);
+      this.data = data; this.decoded?.clear();
+      if (!this.clocks) return; // it is drawn when it comes near
+      this.clocks = data.x.map(clock);
+      if (named(this.view) !== before) { this.fill(); return; }
+      this.open.forEach((panel, i) => {
+        const u = this.plots[i], curves = this.curves(panel).filter(c => !this.off.has(c.name));
+        const next = curves.length ? aligned(curves) : [[0, 1]];
+        u.full = extent(next[0], panel.logX); u.setData(next);
+      });
+      if (this.range) this.move(...this.range, false);
+    }
     resize() {
       const width = this.body.clientWidth;
       if (width > 0) this.plots.forEach((u, i) => { if (u.width !== width) u.setSize({ width, height: this.height() + (i === this.plots.length - 1 ? 34 : 0) }); });

@@ -30,6 +30,7 @@ from testbench.core.store import entry_of, is_plain
 from testbench.page.serve import Answer
 from testbench.questions import QUESTIONS
 from testbench.questions.app.campaigns import campaign_told, list_campaigns
+from testbench.questions.app.drawn import design_text, design_told, input_told, list_designs, plan_words
 from testbench.questions.app.page import app_page
 from testbench.questions.app.records import (
     channels_figure,
@@ -96,9 +97,10 @@ class Workbench:
     """What a page in a browser works with: the logs, commands and results of one folder.
 
     Every path begins with a token, so that nobody else on this machine can ask. Below it lie the page; the lists
-    ``board``, ``records``, ``campaigns`` and ``jobs``; ``jobs/N``, the events of the Nth; and ``results/...``.
-    ``logs/NAME`` takes a log, ``ask`` the words of a command as a JSON list; ``stop/N`` ends the Nth; ``show/WHAT``
-    takes a JSON object that says of which records or campaign it is, ``save`` one with the new text of a TOML file.
+    ``board``, ``records``, ``campaigns``, ``designs`` and ``jobs``; ``jobs/N``, the events of the Nth; and
+    ``results/...``. ``logs/NAME`` takes a log, ``ask`` the words of a command as a JSON list; ``stop/N`` ends the Nth;
+    ``show/WHAT`` takes a JSON object that says of which records, campaign or design it is, ``save`` one with the new
+    text of a TOML file, ``save/design`` one with what was drawn.
 
     Args:
         folder: to work in.
@@ -142,6 +144,7 @@ class Workbench:
             "jobs": lambda: [job.told(k) for k, job in enumerate(self.jobs)],
             "records": lambda: list_records(self.folder),
             "campaigns": lambda: list_campaigns(self._results),
+            "designs": lambda: list_designs(self.folder),
             "board": self._board,
         }
         if what in lists and not rest:
@@ -167,21 +170,28 @@ class Workbench:
             return _as_json(job.told(int(rest)))
         if what in ("show", "save"):
             try:
-                return self._shown(rest or what, _content(body))
+                return self._shown(rest if what == "show" else f"save {rest}".strip(), _content(body))
             except TestbenchError as error:
                 return _as_json({"error": str(error)}, HTTPStatus.BAD_REQUEST)
         return None
 
     def _shown(self, what: str, given: Any) -> Answer | None:
-        """Return a figure or figures of records or of a campaign, or the text of a TOML file that may be saved."""
+        """Return what is shown of records, a campaign or a design; or the text of a TOML file that may be saved."""
         figures = {"channels": channels_figure, "spectra": spectra_figure}
         told = {"record": record_told, "settings": settings_told, "motion": motion_told}
+        told |= {"design": design_told, "input": input_told}
         if not isinstance(given, dict):
             return _as_json({"error": "what is to be shown must be a JSON object"}, HTTPStatus.BAD_REQUEST)
         if what in figures:
             return Answer(figures[what](self.folder, given).encode(), _JSON)
         if what == "campaign":
             return _as_json(campaign_told(self._results, given))
+        if what == "save design":
+            name, text = design_text(self.folder, given)
+            write_file(self.folder / name, text)
+            return _as_json({"file": name})
+        if what == "plan":
+            return _as_json({"words": plan_words(self.folder, given)})
         if what in ("text", "save"):
             file = inside(self.folder, given.get("file"), ".toml")
             if what == "save":

@@ -302,7 +302,7 @@ def test_no_view_has_a_serious_fault_of_accessibility(bench, browser, scheme):
     write_results_of(bench.folder)
     context = browser.new_context(color_scheme=scheme, bypass_csp=True)
     page = context.new_page()
-    for view in (f"flights?r={RECORD}", "work", "campaigns", "board"):
+    for view in (f"flights?r={RECORD}", "design?of=taurus_short_period", "work", "campaigns", "board"):
         page.goto("about:blank")
         page.goto(f"{bench.at}#{view}")
         page.get_by_role("link", name="Board").wait_for()
@@ -310,8 +310,79 @@ def test_no_view_has_a_serious_fault_of_accessibility(bench, browser, scheme):
             page.get_by_role("button", name="Spectra").click()
             page.locator("#spectra .u-over").first.wait_for()
             page.get_by_role("button", name="Replay in 3D").click()
+        if view.startswith("design"):
+            page.locator("#spectrum-drawn .u-over").wait_for(timeout=60_000)
         page.wait_for_timeout(300)
         page.evaluate("text => (0, eval)(text)", axe)
         faults = page.evaluate("axe.run().then(r => r.violations.map(v => [v.impact, v.id]))")
         assert [fault for fault in faults if fault[0] in ("serious", "critical")] == [], view
     context.close()
+
+
+def test_an_input_is_drawn_by_keyboard_and_stays_after_a_reload(bench, browser):
+    """An edge and the amplitude of a first input are moved by keys; errors follow; the address holds all."""
+    context = browser.new_context(viewport={"width": 400, "height": 800})
+    outside: list[str] = []
+    context.on("request", lambda r: r.url.startswith((bench.at, "data:")) or outside.append(r.url))
+    page = context.new_page()
+    page.on("pageerror", lambda e: outside.append(str(e)))
+    page.goto(f"{bench.at}#design")
+    page.get_by_label("of", exact=True).select_option("taurus")
+    page.get_by_role("button", name="Draw an input").press("Enter")
+    edge = page.get_by_role("slider", name="end of step 1, s")
+    edge.wait_for(timeout=60_000)
+    page.get_by_text("wanted accuracies; the worst is").wait_for()
+
+    def errors() -> list[str]:
+        return page.locator("#errors-drawn tbody td:nth-child(4)").all_inner_texts()
+
+    first, before = errors(), float(edge.get_attribute("aria-valuenow"))
+    edge.press("Shift+ArrowRight")
+    assert float(edge.get_attribute("aria-valuenow")) == pytest.approx(before + 0.5, abs=0.011)
+    assert page.evaluate("document.activeElement.dataset.handle") == "step 0 0"
+    page.wait_for_function("() => !design.busy && !design.wanted")
+    assert errors() != first
+    page.get_by_role("slider", name="amplitude, deg").press("ArrowDown")
+    page.get_by_label("δe, deg", exact=True).fill("30")
+    page.get_by_label("δe, deg", exact=True).press("Enter")
+    page.get_by_text("breaks the limit on").wait_for()
+    page.get_by_label("signal", exact=True).select_option("multistep")
+    page.get_by_role("button", name="+ step").press("Enter")
+    page.wait_for_url("**pattern**")
+    page.wait_for_function("() => design.found && !design.busy && design.entries[0].pattern.length === 3")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    kept = page.evaluate("JSON.stringify(design.entries)")
+    page.reload()
+    page.get_by_role("slider", name="end of step 3").wait_for(timeout=60_000)
+    assert page.evaluate("JSON.stringify(design.entries)") == kept
+    page.get_by_role("button", name="Over 20 drawn aircraft").press("Enter")
+    page.get_by_role("columnheader", name="worst drawn").wait_for(timeout=120_000)
+    assert outside == []
+    context.close()
+
+
+@pytest.mark.slow  # a design and a plan take half a minute
+def test_from_a_drawn_input_to_its_cards(bench, browser):
+    """The drawn input is dragged by the pointer, judged by the command, planned, and its cards are there to print."""
+    page = browser.new_context(viewport={"width": 1280, "height": 900}).new_page()
+    page.goto(f"{bench.at}#design?aircraft=taurus")
+    edge = page.get_by_role("slider", name="end of step 1, s")
+    edge.wait_for(timeout=60_000)
+    box, before = edge.bounding_box(), float(edge.get_attribute("aria-valuenow"))
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 140, box["y"] + 5, steps=12)
+    page.mouse.up()
+    assert float(edge.get_attribute("aria-valuenow")) > before + 0.05
+    page.get_by_role("button", name="Judge it in full").press("Enter")
+    page.get_by_text("testbench design taurus_de_input.toml --out results").first.wait_for()
+    page.get_by_role("button", name="Plan it, with cards").press("Enter", timeout=300_000)
+    page.get_by_role("link", name="Cards to print").wait_for(timeout=300_000)
+    for name in ("Cards to print", "Kneeboard"):
+        assert page.request.get(page.get_by_role("link", name=name).evaluate("a => a.href")).body()[:4] == b"%PDF"
+    assert [job.words[0] for job in bench.jobs] == ["design", "plan"]
+    drawn = page.evaluate("design.entries[0].period_s")
+    for name in ("taurus_de_input.toml", "results/plan_taurus_de_input/taurus_de_input.toml"):
+        assert f"period_s = {drawn}" in (bench.folder / name).read_text("utf-8")
+    page.reload()
+    page.get_by_role("link", name="Cards to print").wait_for()

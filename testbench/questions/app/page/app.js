@@ -177,8 +177,17 @@ async function digest(box, page, close) {
   chips.append(...figures.map(fig => press(name(fig), () => draw(fig))));
   const first = figures.find(f => f.id === "figure-time_histories") ?? figures[0], derivatives = told.querySelector("#table-derivatives"), said = told.querySelector(".answer");
   box.replaceChildren(make("h2", {}, told.querySelector("h1").textContent), ...said ? [part(said)] : [], chips, holder,
-    ...derivatives ? [part(derivatives)] : [], make("div", { className: "row" }, press("The whole page", () => open(page)), press("Close", () => { box.dataset.page = ""; box.replaceChildren(); close?.(); })));
+    ...derivatives ? [part(derivatives)] : [], make("div", { className: "row" }, press("The whole page", () => open(page)), ...further(page), press("Close", () => { box.dataset.page = ""; box.replaceChildren(); close?.(); })));
   if (first) draw(first);
+}
+// What follows from a result: of a design its plan with cards, of a plan the cards to print.
+function further(page) {
+  const folder = page.replace(/\/[^/]*$/, ""), kind = folder.match(/^results\/(design|plan)_[^/]*$/)?.[1];
+  if (kind === "design") return [press("Plan it, with cards", async () => {
+    const { words } = await show("plan", { design: folder }), end = await ask(words).catch(failed);
+    if (end?.pages[0]) { const [view, values] = place(); values.set("v", end.pages[0]); go(view === "design" ? view : "work", Object.fromEntries(values)); if (view !== "design") go("work"); }
+  }, "main")];
+  return kind === "plan" ? [make("a", { href: link(`${folder}/cards.pdf`), target: "_blank" }, "Cards to print"), make("a", { href: link(`${folder}/kneeboard.pdf`), target: "_blank" }, "Kneeboard")] : [];
 }
 function figure(holder, json) { // a plot of numbers: its element, and what explores it
   const fig = make("figure", { className: "live" }, make("picture"));
