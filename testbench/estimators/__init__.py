@@ -231,17 +231,26 @@ def estimate(
         return brought.run(entry, flown, inputs, outputs, held)
     row = _row(entry.method)
     if isinstance(entry, Structured):
+        from testbench.estimators.parametric.accuracy import chosen
         from testbench.estimators.parametric.servo import by_surfaces, in_front
         from testbench.estimators.parametric.starts import of_servos, started
         from testbench.estimators.parametric.structures.written import Written
 
         entry = of_servos(entry)
         structure: Any = started(entry, flown, inputs, outputs)
-        fit: Any = row.load()
-        if in_front(structure) and structure.limited and not structure.unknown:
-            model = by_surfaces(flown, structure, entry, fit)
+        run: Any = row.load()
+
+        def fit(of: Any) -> Any:
+            """Fit a structure by the method of the entry."""
+            known = in_front(of) and of.limited and not of.unknown
+            return by_surfaces(flown, of, entry, run) if known else run(flown, of, entry)
+
+        if entry.choose:
+            law = structure.base if in_front(structure) else structure
+            may = [n for n in law.parameter_names if n not in law.trim_constants]
+            model = chosen(structure, {n: entry.start.get(n, 0.0) for n in may}, flown, fit)
         else:
-            model = fit(flown, structure, entry)
+            model = fit(structure)
         whose = {"structure": whose_code(*place(entry.structure))} if is_brought(entry.structure) else {}
         if is_text(entry.structure):
             path = Path(entry.structure)

@@ -106,7 +106,8 @@ class Structured(Fitted):
     ``alpha_deg``, ``theta_deg``) are those that were removed from the records as trim, unless they are given. ``free``
     names the only parameters that are estimated; ``fixed`` holds some of them. ``inputs`` are those of the scenario
     that drive the structure, all unless they are named here. ``servo`` lies between inputs that are commands and their
-    surfaces.
+    surfaces. With ``choose`` the records choose, by evidence, which of the free parameters are estimated; the others
+    are held at their ``start``, or at zero where none is given.
     """
 
     equations: Equations | None = None
@@ -126,6 +127,7 @@ class Structured(Fitted):
     modes_hz: Annotated[tuple[Positive, ...], Field(strict=False)] = ()
     airframe: AirframeConstants | None = None
     servo: dict[str, Servo] = {}
+    choose: bool = False
 
     @model_validator(mode="after")
     def _settings_of_the_structure(self) -> Structured:

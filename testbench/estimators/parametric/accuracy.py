@@ -13,19 +13,19 @@ Introduction to the Bootstrap", 1993, sections 6.5 and 12.5).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
-from testbench.core.advice import AdviceList, doubt, note
+from testbench.core.advice import AdviceList, doubt, note, ranked
 from testbench.core.constants import WHITE
 from testbench.core.errors import EstimationError
-from testbench.core.record import FloatArray
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.words import with_error
 from testbench.estimators.parametric.gauss_newton import Sensitivities, believed_alone, in_blocks, square_root
 from testbench.estimators.residuals import (
@@ -37,6 +37,10 @@ from testbench.estimators.residuals import (
     ljung_box,
     sides,
 )
+
+if TYPE_CHECKING:
+    from testbench.estimators.parametric.model import ParametricModel
+    from testbench.estimators.parametric.structure import ModelStructure
 
 # --- errors are too small where the fit took the colour of residuals away ---------------------------------------------
 
@@ -364,3 +368,53 @@ def whiteness(
                 tests.append(ljung_box(counting, min(WHITENESS_LAGS, counting.size // 4)))
         out[o] = min(1.0, min(tests, default=1.0) * len(tests))  # Bonferroni: the worst of several records
     return out
+
+
+# --- which parameters records ask for ---------------------------------------------------------------------------------
+
+
+def chosen(
+    structure: ModelStructure,
+    held: Mapping[str, float],
+    records: Sequence[FlightRecord],
+    fit: Callable[[ModelStructure], ParametricModel],
+) -> ParametricModel:
+    """Return the fit of a structure of which only those parameters are estimated that the records ask for.
+
+    All are estimated first. Then the one that differs least from what it is held at, by its standard error, is held
+    there and the rest is fitted again, as long as that raises the evidence (G. Schwarz, Annals of Statistics 6, 1978):
+    z^2 < log N_e, N_e the samples over the square by which its error is widened for coloured residuals.
+
+    Args:
+        structure: with all parameters free that may be estimated.
+        held: name -> value at which a parameter is held that is not asked for; others always stay.
+        records: that it is fitted to.
+        fit: fits a structure to them.
+
+    Raises:
+        EstimationError: the records do not decide all parameters.
+    """
+    model = fit(structure)
+    samples = sum(float(np.sum(r.select(structure.outputs).valid.any(axis=1))) for r in records)
+    gone = dict[str, float]()
+    while True:
+        names = [p.name for p in structure.parameters if p.free]
+        errors, plain = model.standard_errors, np.sqrt(np.diag(model.covariance_plain))
+        at = structure.parameter_names.index
+        weak = {
+            n: ((model.values[n] - held[n]) / errors[n]) ** 2
+            - np.log(max(samples * (plain[at(n)] / errors[n]) ** 2, np.e))
+            for n in names
+            if n in held and errors[n] > 0.0
+        }
+        weakest = min(weak, key=lambda n: weak[n], default=None)
+        if weakest is None or weak[weakest] >= 0.0 or len(names) == 1:
+            break
+        gone[weakest] = held[weakest]
+        structure = structure.with_parameters({**{n: model.values[n] for n in names}, **gone}, fixed=gone)
+        model = fit(structure)
+    said = "the records ask for every parameter of the structure"
+    if gone:
+        those = ", ".join(f"{n} = {v:g}" for n, v in gone.items())
+        said = f"the records do not ask for {those}, held so; the other errors do not hold the choice"
+    return replace(model, advice=ranked((*model.advice, note("structure_chosen", said))))

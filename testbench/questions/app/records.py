@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -16,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from testbench.core.channels import CONTROLS
-from testbench.core.door import read_json
-from testbench.core.errors import RecordError
+from testbench.core.door import read_json, read_toml
+from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.record import FlightRecord, FloatArray, load_record
 from testbench.core.store import OWN, manifest_of
 from testbench.estimators.frequency.response import estimate_frequency_response
@@ -114,8 +115,17 @@ def record_told(folder: Path, given: Mapping[str, Any]) -> dict[str, Any]:
         "settings": len(one.log.get("parameters", {})),
         "command": [] if made is None else list(made.command[1:]),
         "folder": place.relative_to(folder.resolve()).as_posix(),
-        "descriptions": [p.name for p in sorted(place.glob("*.toml"))] if one.log else [],
+        "descriptions": [{"name": p.name, "chooses": _fits(p)} for p in sorted(place.glob("*.toml"))]
+        if one.log
+        else [],
     }
+
+
+def _fits(description: Path) -> bool:
+    """Return whether a description of flights has an estimator of a structure, whose parameters can be chosen among."""
+    with suppress(RecordError, ScenarioError, KeyError, TypeError):
+        return any("structure" in e for e in read_toml(description)["identification"]["estimators"])
+    return False
 
 
 def _asked(folder: Path, given: Mapping[str, Any]) -> tuple[list[Shown], list[str]]:

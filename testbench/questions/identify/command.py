@@ -54,6 +54,9 @@ def command(
         Trends | None, typer.Option(help="Variable that pooled coefficients may be linear in.", show_default="auto")
     ] = None,
     method: Annotated[str | None, typer.Option(help="Estimator whose derivatives are pooled.")] = None,
+    choose: Annotated[
+        bool, typer.Option("--choose", help="Let the records choose, by evidence, which derivatives are estimated.")
+    ] = False,
     again: Annotated[
         int | None,
         typer.Option(
@@ -93,7 +96,8 @@ def command(
     for path in descriptions:
         for file in descriptions_of(path, out):
             loaded = RecordDescription.load(file)
-            asked.append(loaded if aircraft is None else loaded.changed(aircraft=aircraft))
+            loaded = loaded if aircraft is None else loaded.changed(aircraft=aircraft)
+            asked.append(loaded.choosing() if choose else loaded)
     given = {"each": each, "prior": prior, "trend": trend and trend.value, "method": method}
     settings = settings_of(asked, several=len(descriptions) > 1 and amend is None, **given)
     if settings is not None:

@@ -12,6 +12,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field
 
+from testbench.core.errors import ScenarioError
 from testbench.core.paths import find_scenario
 from testbench.core.scenario.base import AircraftName, Preparation
 from testbench.core.schema import Positive, Strict
@@ -140,6 +141,20 @@ class RecordDescription(Recorded):
             for e in self.identification.estimators
         )
         return self.identification.model_copy(update={"estimators": estimators})
+
+    def choosing(self) -> Self:
+        """Return the same description, in which the records choose what is estimated of every structure.
+
+        Raises:
+            ScenarioError: no estimator fits a structure.
+        """
+        entries = self.identification.estimators
+        if not any(isinstance(e, Structured) for e in entries):
+            fitted = "an estimator that fits a structure must be among identification.estimators, for its parameters "
+            methods = ", ".join(e.method for e in entries)
+            raise ScenarioError([f"{self.file}: {fitted}to be chosen among, got {methods}"])
+        some = tuple(e.model_copy(update={"choose": True}) if isinstance(e, Structured) else e for e in entries)
+        return self.changed(identification=self.identification.model_copy(update={"estimators": some}))
 
     def believes(self, servos: Mapping[str, Servo]) -> tuple[str, ...]:
         """Return the commands whose lag is to be estimated though ``servos`` state it."""

@@ -170,6 +170,8 @@ def test_a_folder_that_is_not_there_is_refused(tmp_path):
 def test_flights_are_chosen_overlaid_and_cut_by_keyboard_on_a_narrow_screen(bench, browser):
     """What is chosen stands in the address; a cut is moved by keys; a reload shows the same; nothing is fetched."""
     write_results_of(bench.folder)
+    fitted = '[[identification.estimators]]\nmethod = "output_error"\nstructure = "short_period"\n'
+    (bench.folder / RECORD).with_name("first_longitudinal.toml").write_text(fitted, encoding="utf-8")
     context = browser.new_context(viewport={"width": 400, "height": 800})
     outside: list[str] = []
     context.on("request", lambda r: r.url.startswith((bench.at, "data:")) or outside.append(r.url))
@@ -178,6 +180,9 @@ def test_flights_are_chosen_overlaid_and_cut_by_keyboard_on_a_narrow_screen(benc
     page.goto(bench.at)
     page.get_by_label("whole log").press("Space")
     page.get_by_role("button", name="cruise, 10 to 39.98 s").press("Enter")
+    page.get_by_label("Structure of what is identified").select_option("let the records choose")
+    page.get_by_role("button", name="Identify longitudinal").press("Enter")
+    page.get_by_text("first_longitudinal.toml --choose --out results").first.wait_for()
     edge = page.get_by_role("slider", name="end of cut 1")
     edge.press("Shift+ArrowLeft")
     assert float(edge.get_attribute("aria-valuenow")) == 24.0
@@ -227,6 +232,7 @@ def test_a_dropped_log_is_cut_anew_and_identified_by_keyboard(bench, browser, tm
     page.locator("#plot .plot").first.press("ArrowRight")
     page.get_by_text("0.0 s: roll").wait_for(state="detached")  # it goes with the cursor
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    assert page.get_by_label("Structure of what is identified").count() == 0  # without airspeed there is none to fit
     page.get_by_role("button", name="Identify longitudinal").press("Enter")
     page.get_by_text("all outputs predicted well").first.wait_for(timeout=120_000)
     page.locator("#verdict figure").first.scroll_into_view_if_needed()  # it is drawn when it comes near

@@ -233,8 +233,11 @@ function cuts(m, line, row, off, changed) {
   row.replaceChildren(press("Cut what is in sight", () => { if (flight.range) { flight.cuts.push([...flight.range].map((v, i) => i ? Math.min(v, m.end_s) : Math.max(v, m.begin_s))); flight.cuts.sort((a, b) => a[0] - b[0]); again(); } }));
   if (changed && base[0] === "import" && flight.cuts.length) row.append(press("Cut so", () => redo(words), "main"), make("code", { className: "hint" }, `testbench ${shell(words)}`));
   if (changed) row.append(press("As found", () => { flight.cuts = m.log.manoeuvres.filter(c => c.cut_s).map(c => [...c.cut_s]); cuts(m, line, row, off, false); }));
-  if (!changed) for (const d of m.descriptions) row.append(press(`Edit ${d.replace(/\.toml$/, "").split("_").pop()}`, () => edit(`${m.folder}/${d}`).catch(failed)), press(`Identify ${d.replace(/\.toml$/, "").split("_").pop()}`, async () => {
-    const end = await ask(["identify", `${m.folder}/${d}`, "--out", "results"]).catch(failed);
+  const structure = make("select", {}, new Option("structure as described", ""), new Option("let the records choose", "--choose"));
+  structure.setAttribute("aria-label", "Structure of what is identified");
+  if (!changed && m.descriptions.some(d => d.chooses)) row.append(structure);
+  if (!changed) for (const { name: d, chooses } of m.descriptions) row.append(press(`Edit ${d.replace(/\.toml$/, "").split("_").pop()}`, () => edit(`${m.folder}/${d}`).catch(failed)), press(`Identify ${d.replace(/\.toml$/, "").split("_").pop()}`, async () => {
+    const end = await ask(["identify", `${m.folder}/${d}`, ...chooses && structure.value ? [structure.value] : [], "--out", "results"]).catch(failed);
     if (end?.pages[0]) { at("verdict").dataset.page = ""; change({ v: end.pages[0] }); at("verdict").scrollIntoView({ behavior: "smooth" }); }
   }, "main"));
   sight();
