@@ -53,7 +53,7 @@ ASKS = {
     "reproduce": {"run", "plan"},
     "exercise": set(),
     "results": set(),
-    "app": {"results", "campaign", "design", "plan"},  # files of results, runs as they come, inputs as they are drawn
+    "app": {"results", "campaign", "design", "plan", "exercise"},  # what it shows of each, while it is at work
     "dataset": {"campaign", "gap"},
     "project": set(),
 }

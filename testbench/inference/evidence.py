@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 from testbench.core.errors import EstimationError, RecordError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.inference.calibrate import CREDIBLE, fewest
-from testbench.inference.fit import Data, Fit, Hypothesis, Points, Posterior, Unknown, fit_together
+from testbench.inference.fit import Data, Fit, Hypothesis, Keeper, Points, Posterior, Unknown, fit_together
 from testbench.inference.parameters import Noise
 
 if TYPE_CHECKING:
@@ -128,6 +128,7 @@ def compare_hypotheses(
     samples: int = 128,
     ahead: Callable[[Points], None] | None = None,
     before: Comparison | None = None,
+    keeper: Keeper | None = None,
 ) -> Comparison:
     """Compare hypotheses about measured records by their evidence, noise and unknown motion being uncertain.
 
@@ -142,6 +143,7 @@ def compare_hypotheses(
         ahead: called with all that is predicted next, of all hypotheses together.
         before: an earlier comparison of the same records: hypotheses that it holds are not fitted again, and of one of
             the same name that begins elsewhere the better fit is kept.
+        keeper: of fits at rest, where nothing is sampled; those that it knows are not made again.
 
     Raises:
         RecordError: a record is not measured, or lacks a channel that has noise.
@@ -163,7 +165,7 @@ def compare_hypotheses(
     known = {} if before is None else before.fits
     data = next(iter(known.values()))[1].data if known else Data(records, noise, unknown)
     fly = ahead or (lambda points: None)
-    found = _fitted(hypotheses, data, known, fly)
+    found = _fitted(hypotheses, data, known, fly, None if samples else keeper)
     odds = np.log([h.odds for h in hypotheses])
     top = max(np.array([f.log_evidence for f in found]) + odds)
     near = [i for i in range(len(found)) if samples and found[i].log_evidence + odds[i] > top - _FAR]
@@ -197,18 +199,32 @@ def _fitted(
     data: Data,
     known: Mapping[str, tuple[Hypothesis, Fit]],
     fly: Callable[[Points], None],
+    keeper: Keeper | None,
 ) -> list[Fit]:
     """Return the best fit of each, the first one alone: noise scales of the others begin with its own.
 
     What others reached from their first beginnings ends what is hopeless from the next ones.
     """
 
+    def at_rest(begun: Sequence[Hypothesis], scales: FloatArray | None) -> list[Fit]:
+        """Return fits that come to rest together, as they are kept if they are."""
+        head = repr((data.most, data.first, None if scales is None else scales.tolist()))
+        group = "; ".join([head, *(repr((h.name, h.parameters, sorted(h.begin.items()))) for h in begun)])
+        kept = keeper.known(group) if keeper is not None and begun else None
+        if kept is not None:
+            data.most = max(data.most, kept["most"])
+            return [Fit.again(told, h, data) for told, h in zip(kept["fits"], begun, strict=True)]
+        out = fit_together([Fit.of(h, data, scales) for h in begun], fly)
+        if keeper is not None and begun:
+            keeper.keep(group, {"most": data.most, "fits": [f.told() for f in out]})
+        return out
+
     def run(some: Sequence[Hypothesis], scales: FloatArray | None = None) -> list[Fit]:
         best = {h.name: known[h.name][1] for h in some if h.name in known}
         new = [h for h in some if h.name not in known or known[h.name][0] is not h]
         for k in range(1 + max((len(h.more) for h in new), default=0)):
             begun = [replace(h, begin=(h.begin, *h.more)[k]) for h in new if k <= len(h.more)]
-            for found in fit_together([Fit.of(h, data, scales) for h in begun], fly):
+            for found in at_rest(begun, scales):
                 name = found.hypothesis.name
                 if name not in best or found.log_evidence > best[name].log_evidence:
                     best[name] = found

@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.linalg import cho_solve
@@ -49,6 +49,17 @@ Slopes = Callable[[FlightRecord], Mapping[str, FloatArray]]
 """record -> parameter -> change of the prediction by one unit of it, (n, channels), SI."""
 Points = Sequence[tuple["Hypothesis", Mapping[str, float]]]
 """(hypothesis, its parameter -> value), of all that is predicted next, so that it can be flown together."""
+
+
+class Keeper(Protocol):
+    """Keeps fits that came to rest together, as JSON values: a search that was interrupted goes on from them."""
+
+    def known(self, group: str) -> Any:
+        """Return what was kept of the group that comes next, whose name tells all that its fits begin with; or None."""
+
+    def keep(self, group: str, content: Any) -> None:
+        """Keep a group that is at rest."""
+
 
 WHOLE = 1e-3
 """Size of the unknown motion up to which a hypothesis is the whole story; beyond it is a part."""
@@ -275,6 +286,9 @@ class Data:
         return self._motions[record]
 
 
+_SCALARS = ("kappa", "log_evidence", "log_whole", "log_part", "p_whole", "whiteness", "strain", "effective", "misfit")
+_ARRAYS = ("values", "covariance", "inflation")
+"""Of a posterior."""
 Asks = tuple[Hypothesis, Sequence[Mapping[str, float]]]
 Run = Generator[Asks, None, "Fit"]
 """A fit on its way: gives (hypothesis, points) that it predicts next, and returns itself once it is at rest."""
@@ -318,6 +332,41 @@ class Fit:
     flown: dict[tuple[FlightRecord, bytes], FloatArray] = field(default_factory=dict)  # predictions; they cost most
     tangents: Sequence[Mapping[str, FloatArray]] | None = None  # of each record, those that are known, per deviation
     fresh: bool = False  # they were made where the fit is
+    moved: tuple[FloatArray, ...] = ()  # points at which flights were begun anew
+
+    def told(self) -> dict[str, Any]:
+        """Return all that is asked of a fit at rest, as JSON values; floats keep every digit."""
+        p, (logs, gradients) = self.posterior, self.segments
+        own = {name: getattr(p, name) for name in _SCALARS} | {name: getattr(p, name).tolist() for name in _ARRAYS}
+        return {
+            "theta": self.theta.tolist(), "moved": [x.tolist() for x in self.moved], "scales": self.scales.tolist(),
+            "k": self.k, "at": list(self.at.items()), "correction": self.correction, "effective": self.effective,
+            "log_evidence": self.log_evidence, "misfit": [self.misfit[0], self.misfit[1].tolist()],
+            "segments": [logs.tolist(), gradients.tolist()], "noise": p.noise, "doubts": p.doubts, "posterior": own,
+        }  # fmt: skip
+
+    @classmethod
+    def again(cls, told: Mapping[str, Any], hypothesis: Hypothesis, data: Data) -> Fit:
+        """Return a fit at rest from what :meth:`told` said of it; its flights begin where they did."""
+        moved = tuple(np.array(x) for x in told["moved"])
+        for x in moved:
+            hypothesis = (hypothesis.begun and hypothesis.begun(hypothesis.at(x))) or hypothesis
+        here = cls(
+            hypothesis, data, np.array(told["theta"]), (), (), np.array(told["scales"]), told["k"],
+            None, dict(told["at"]), told["correction"], told["effective"], moved=moved,
+        )  # fmt: skip
+        k, own = len(told["theta"]), told["posterior"]
+        arrays = {n: np.array(own[n]).reshape((k, k) if n == "covariance" else k) for n in _ARRAYS}
+        found: dict[str, Any] = {"parameters": hypothesis.parameters, "doubts": tuple(told["doubts"]), **arrays}
+        found |= {"noise": {n: tuple(v) for n, v in told["noise"].items()}, **{n: own[n] for n in _SCALARS}}
+        logs, gradients = told["segments"]
+        here.__dict__.update(
+            log_evidence=told["log_evidence"],
+            misfit=(told["misfit"][0], np.array(told["misfit"][1])),
+            segments=(np.array(logs), np.array(gradients).reshape(len(logs), k)),
+            posterior=Posterior(**found),
+        )
+        return here
 
     @classmethod
     def of(cls, hypothesis: Hypothesis, data: Data, scales: FloatArray | None = None) -> Run:
@@ -367,7 +416,7 @@ class Fit:
             there = yield from replace(here, hypothesis=begun, flown={})._linearised(here.theta, form=False)
             if there.promised < here.promised + _BEGUN:
                 break
-            here = yield from there._descended(beyond)
+            here = replace((yield from there._descended(beyond)), moved=(*here.moved, here.theta))
         return here
 
     def _judged(self) -> Fit:
@@ -606,7 +655,7 @@ class Fit:
         correction = gain - self._log_held
         return replace(self, correction=correction, effective=float(1.0 / np.sum(weights**2)) / samples)
 
-    @property
+    @cached_property
     def log_evidence(self) -> float:
         """ln p(records | hypothesis)."""
         stated = np.log(self.data.stated)

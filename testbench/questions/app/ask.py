@@ -31,6 +31,7 @@ from testbench.page.serve import Answer
 from testbench.questions import QUESTIONS
 from testbench.questions.app.campaigns import campaign_told, list_campaigns
 from testbench.questions.app.drawn import design_text, design_told, input_told, list_designs, plan_words
+from testbench.questions.app.exercises import answer_exercise, list_exercises, page_of
 from testbench.questions.app.page import app_page
 from testbench.questions.app.records import (
     channels_figure,
@@ -97,10 +98,11 @@ class Workbench:
     """What a page in a browser works with: the logs, commands and results of one folder.
 
     Every path begins with a token, so that nobody else on this machine can ask. Below it lie the page; the lists
-    ``board``, ``records``, ``campaigns``, ``designs`` and ``jobs``; ``jobs/N``, the events of the Nth; and
-    ``results/...``. ``logs/NAME`` takes a log, ``ask`` the words of a command as a JSON list; ``stop/N`` ends the Nth;
+    ``board``, ``records``, ``campaigns``, ``designs``, ``exercises`` and ``jobs``; ``jobs/N``, the events of the Nth;
+    ``exercises/...``, the text of one; and ``results/...``.
+    ``logs/NAME`` takes a log, ``ask`` the words of a command as a JSON list; ``stop/N`` ends the Nth;
     ``show/WHAT`` takes a JSON object that says of which records, campaign or design it is, ``save`` one with the new
-    text of a TOML file, ``save/design`` one with what was drawn.
+    text of a TOML file, ``save/design`` one with what was drawn, ``save/answers`` those to an exercise.
 
     Args:
         folder: to work in.
@@ -140,11 +142,15 @@ class Workbench:
             return self._files(rest)
         if what == "jobs" and rest.isdecimal() and int(rest) < len(self.jobs):
             return Answer(self._events(int(rest)), _EVENTS)
+        if what == "exercises" and rest:
+            page = page_of(self.folder, rest)
+            return None if page is None else Answer(read_text(page, "answers").encode())
         lists = {
             "jobs": lambda: [job.told(k) for k, job in enumerate(self.jobs)],
             "records": lambda: list_records(self.folder),
             "campaigns": lambda: list_campaigns(self._results),
             "designs": lambda: list_designs(self.folder),
+            "exercises": lambda: list_exercises(self.folder),
             "board": self._board,
         }
         if what in lists and not rest:
@@ -190,6 +196,8 @@ class Workbench:
             name, text = design_text(self.folder, given)
             write_file(self.folder / name, text)
             return _as_json({"file": name})
+        if what == "save answers":
+            return _as_json(answer_exercise(self.folder, given))
         if what == "plan":
             return _as_json({"words": plan_words(self.folder, given)})
         if what in ("text", "save"):

@@ -4,7 +4,8 @@ The believed aircraft, its coefficients drawn from their priors, with nothing or
 flies the measured commands through the same air; the believed sensors measure it; the same question is asked about
 these records (:mod:`testbench.inference.calibrate`).
 
-A file that keeps flights again, so that none is flown and asked about twice.
+A file that keeps flights again, so that none is flown and asked about twice; and one that keeps the fits of a search,
+so that one that was interrupted goes on where it stood.
 """
 
 from __future__ import annotations
@@ -17,14 +18,16 @@ from dataclasses import asdict, dataclass, field, replace
 from hashlib import blake2b
 from itertools import count, takewhile
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.signal import lfilter
 
 from testbench import __version__
-from testbench.core.door import read_bytes, read_text
+from testbench.core.door import read_bytes, read_text, sha256
 from testbench.core.errors import LimitError, ModelError, TrimError
 from testbench.core.files import not_written
+from testbench.core.paths import PACKAGE
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.effects import Effect
 from testbench.flight.air import Air, turbulence_rms
@@ -36,21 +39,25 @@ from testbench.questions.gap.explain import P_EFFECT, P_NOTHING, Naming
 from testbench.questions.gap.name import is_scale, size_of
 from testbench.questions.gap.starts import record_key, start_of
 
+Made = TypeVar("Made")
+
 
 @dataclass(frozen=True)
-class Kept:
-    """A file that holds flights again, one a line; those of other fingerprints are skipped."""
+class Journal:
+    """A file of JSON values, one a line, by their numbers; those of other fingerprints are skipped."""
 
     file: Path | None
     key: str
 
-    def read(self) -> list[Trial]:
-        """Return the first flights of the fingerprint in their order; a line that was cut off is left out.
+    def rows(self, of: Callable[..., Made]) -> list[Made]:
+        """Return the first rows of the fingerprint in their order, each made by ``of`` from its values.
+
+        A line that was cut off is left out.
 
         Raises:
             RecordError: the file cannot be read.
         """
-        known: dict[int, Trial] = {}
+        known: dict[int, Made] = {}
         if self.file is None or not self.file.exists():
             return []
         lines = read_text(self.file, "journal").splitlines()
@@ -59,25 +66,91 @@ class Kept:
                 row = json.loads(line)
                 if row.pop("of") == self.key:
                     number = row.pop("number")
-                    known[number] = Trial(**row)
+                    known[number] = of(**row)
         return [known[i] for i in takewhile(known.__contains__, count())]
 
-    def add(self, trials: Sequence[Trial], first: int) -> None:
+    def write(self, values: Sequence[Mapping[str, Any]], first: int) -> None:
         """Write more lines, the first of this number.
 
         Raises:
             WriteError: the file cannot be written.
         """
-        if self.file is None or not trials:
+        if self.file is None or not values:
             return
-        rows = [{"of": self.key, "number": n, **asdict(trial)} for n, trial in enumerate(trials, first)]
+        rows = [{"of": self.key, "number": n, **one} for n, one in enumerate(values, first)]
         try:
             cut_off = self.file.exists() and not read_bytes(self.file, "journal").endswith(b"\n")
             with self.file.open("a", encoding="utf-8") as out:
                 out.write("\n" * cut_off + "".join(json.dumps(row) + "\n" for row in rows))
         except OSError as error:
-            law = "flights again must be kept in a file that can be written to"
+            law = "flights again, and fits, must be kept in a file that can be written to"
             raise not_written(self.file, error, law) from error
+
+
+class Kept(Journal):
+    """A file that holds flights again, one a line."""
+
+    def read(self) -> list[Trial]:
+        """Return the first flights in their order.
+
+        Raises:
+            RecordError: the file cannot be read.
+        """
+        return self.rows(Trial)
+
+    def add(self, trials: Sequence[Trial], first: int) -> None:
+        """Write more of them, the first of this number.
+
+        Raises:
+            WriteError: the file cannot be written.
+        """
+        self.write([asdict(trial) for trial in trials], first)
+
+
+class KeptFits:
+    """A file that holds the fits of a search, those that came to rest together on a line: a ``Keeper`` of them.
+
+    Each line names all groups before its own, so that a search that goes another way finds none. Fits that share how
+    far any of them came are taken together or not at all: what they find would be another in its last digits.
+
+    Args:
+        file: of the search; None keeps nothing.
+        key: fingerprint of all that the search depends on.
+        say: called with a few words if there is something to go on with.
+
+    Raises:
+        RecordError: the file cannot be read.
+    """
+
+    def __init__(self, file: Path | None, key: str, say: Callable[[str], None]) -> None:
+        self._journal, self._before, self._number = Journal(file, key), "", 0
+        self._rows: list[dict[str, Any]] = self._journal.rows(dict)
+        if self._rows:
+            fits = sum(len(row["fits"]["fits"]) for row in self._rows)
+            say(f"go on with {fits} fits of the search that was interrupted")
+
+    def known(self, group: str) -> Any:
+        """Return what is kept of the group that comes next, or None."""
+        here, self._before = self._before, self._named(group)
+        row = self._rows[self._number] if self._number < len(self._rows) else None
+        if row is not None and row["group"] == self._before:
+            self._number += 1
+            return row["fits"]
+        self._rows, self._before = self._rows[: self._number], here
+        return None
+
+    def keep(self, group: str, content: Any) -> None:
+        """Write a group that is at rest.
+
+        Raises:
+            WriteError: the file cannot be written.
+        """
+        self._before = self._named(group)
+        self._journal.write([{"group": self._before, "fits": content}], self._number)
+        self._number += 1
+
+    def _named(self, group: str) -> str:
+        return blake2b(f"{self._before}\0{group}".encode(), digest_size=16).hexdigest()
 
 
 Ask = Callable[[Sequence[FlightRecord], AirFound], Naming]
@@ -171,6 +244,20 @@ class Reflown:
             except (FlightAborted, LimitError, ModelError, TrimError):
                 continue
         raise TrimError(f"of {DRAWS} truths that were drawn from the priors one must fly the commands, got none")
+
+
+def search_key(flown: Reflown, more: object) -> str:
+    """Return a digest of all that the fits of a search depend on, the code of effects of one's own among it.
+
+    Raises:
+        RecordError: their code cannot be read.
+    """
+    effects = flown.effects.values()
+    code = (getattr(getattr(e.amend, "func", e.amend), "__code__", None) for e in effects)
+    files = sorted({Path(c.co_filename).resolve() for c in code if c is not None})
+    own = [sha256(f, "python") for f in files if PACKAGE not in f.parents and f.is_file()]
+    parts = [flown.fingerprint, repr([(e.name, e.parameters) for e in effects]), *own, repr(more)]
+    return blake2b("\0".join(parts).encode(), digest_size=16).hexdigest()
 
 
 def sizes_of(effect: Effect, rng: np.random.Generator) -> dict[str, float]:

@@ -22,6 +22,7 @@ from testbench.questions.options import (
 )
 
 AGAIN, DRAWN = "again.jsonl", "drawn.jsonl"  # in a folder of results: flights, of which none is flown twice
+SEARCH = "search.jsonl"  # fits of a search that is not at its end
 FLIGHTS = ("sensors", "hold_out", "wings", "airspeed", "altitude", "data", "drive")  # what is said of measured records
 
 
@@ -101,8 +102,10 @@ def show(
     `testbench gap new` writes a case for your records. Measured manoeuvres are compared with the believed aircraft and
     sensors: `testbench gap eolo flown/*.nc --sensors eolo_gap --wings rigid --hold-out flown/doublets.nc`. A case makes
     its own flights from a hidden truth: `testbench gap flexible_wings`. The instruments are checked against each other
-    first. Before flight, `testbench gap --plan eolo_alpha` says how often the manoeuvres of a scenario would name each
-    effect, and what they would take it for.
+    first. A search that is interrupted goes on when the command is given again, with the same answer.
+
+    Before flight, `testbench gap --plan eolo_alpha` says how often the manoeuvres of a scenario would name each effect,
+    and what they would take it for.
     """
     from testbench.questions.files import find
 
@@ -137,7 +140,8 @@ def show(
         name = file.stem
     with ResultFolder(folder_in(out, f"gap_{name}")) as place, stages() as say, processes(workers or cores()):
         again_file = place.live(AGAIN) if again else None
-        how = GapSearch(windows=windows_of(windows), check=True, again=again, again_file=again_file)
+        search = place.live(SEARCH)
+        how = GapSearch(windows=windows_of(windows), check=True, again=again, again_file=again_file, search_file=search)
         if measured:
             say("read records")
             held = hold_out or ()
@@ -150,6 +154,7 @@ def show(
         say("write report")
         page = gap_page(result)
         page.write(place)
+        search.unlink(missing_ok=True)  # at its end there is nothing to go on with
     page.show(console(), place.path)
 
 

@@ -22,7 +22,7 @@ from testbench.effects import Parameter as EffectParameter
 from testbench.effects.base import SIZE, together
 from testbench.inference.evidence import Comparison, Row, compare_hypotheses
 from testbench.inference.first_order import Columns, FirstOrder, Left, Sums, sum_of
-from testbench.inference.fit import Hypothesis, Points, Predict
+from testbench.inference.fit import Hypothesis, Keeper, Points, Predict
 from testbench.inference.linear import Motion, fewer
 from testbench.inference.parameters import Noise, Parameter, Source
 from testbench.inference.unknown import pulses
@@ -64,6 +64,7 @@ class Sought:
         near: effects that an earlier search flew: they are flown again, and no others are looked for beside none.
         rested: hypothesis -> its parameters where an earlier search, in other air or from other starts, came to rest:
             its fit begins there.
+        keeper: of fits that are at rest, for a search that is interrupted.
     """
 
     effects: Mapping[str, Effect] | None = None
@@ -76,6 +77,7 @@ class Sought:
     terms: tuple[tuple[OpenTerm, ...], int] = ((), 1)
     near: Sequence[str] = ()
     rested: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    keeper: Keeper | None = None
 
 
 def name_effect(
@@ -149,7 +151,7 @@ def name_effect(
             asker.ahead(points)
 
         found = compare_hypotheses(
-            asker.records, some, asker.noise, asker.unknown, what.held_out, samples=0, ahead=ahead, before=known
+            asker.records, some, asker.noise, asker.unknown, what.held_out, None, 0, ahead, known, what.keeper
         )
         named = tuple(t.name for t in terms if t.name in shown)
         out = Weighed.of(found, dict(shown), seen, len(base.priors), tried, named)

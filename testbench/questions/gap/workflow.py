@@ -18,7 +18,7 @@ from testbench.flight.batch.jobs import Tally
 from testbench.inference.evidence import Comparison
 from testbench.inference.parameters import Source
 from testbench.questions.gap import onset
-from testbench.questions.gap.again import Reflown
+from testbench.questions.gap.again import KeptFits, Reflown, search_key
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.drive import SurfacePath, driven, paths_seen
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen, listen_again, listen_in_flight, smoothed
@@ -67,6 +67,7 @@ class GapSearch:
         again: number of the user's own flights that are flown again with truths drawn from the priors, each of which is
             asked about as the measured ones were: what are stated probabilities worth here?
         again_file: keeps each of them, so that none is flown twice.
+        search_file: keeps fits that are at rest: a search that is interrupted goes on from them, with the same answer.
 
     Example:
         >>> import testbench as tb
@@ -82,6 +83,7 @@ class GapSearch:
     check: bool = False
     again: int = 0
     again_file: Path | None = None
+    search_file: Path | None = None
 
 
 @on_one_thread
@@ -106,8 +108,8 @@ def find_gap(
         progress: called with a few words as each stage begins.
 
     Raises:
-        RecordError: a record is not measured, or lacks a channel of the believed suite; or ``again_file`` cannot be
-            used.
+        RecordError: a record is not measured, or lacks a channel of the believed suite; or ``again_file`` or
+            ``search_file`` cannot be used.
         FlightAborted, LimitError, TrimError: the believed aircraft cannot fly these commands.
 
     Example:
@@ -131,6 +133,12 @@ def find_gap(
             held_out=_smoothed(given.believed, air, given.held_out),
         )
         sought = given.sought(how)
+        if how.search_file is not None:
+            flown = [*given.records.values(), *given.held_out.values()]
+            depends_on = Reflown(given.believed, flown, air, {**(sought.effects or {}), **sought.further})
+            more = sought.source, given.believed.simulator, sorted(given.believed.surface_noise.items())
+            key = search_key(depends_on, more)
+            sought = replace(sought, keeper=KeptFits(how.search_file, key, say))
         found = _Asked(given, air, sought, how.noise, say).answer()
         if how.check and checked is None:
             checked = ahead.take("check", instruments)
@@ -140,7 +148,9 @@ def find_gap(
         def ask(measured: Sequence[FlightRecord], heard: AirFound) -> Naming:
             """Ask about a flight as the measured ones were asked about."""
             heard_in = smoothed(found.all_in, heard, measured)
-            return search(found.all_in, heard_in, heard, lambda stage: None, replace(sought, open_terms=False))[1]
+            return search(
+                found.all_in, heard_in, heard, lambda stage: None, replace(sought, open_terms=False, keeper=None)
+            )[1]
 
         flown = Reflown(found.all_in, list(given.records.values()), found.air, sought.effects or {})
         flights_again = flown.times(how.again, ask, say, how.again_file)

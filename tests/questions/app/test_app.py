@@ -19,6 +19,7 @@ from testbench.core.errors import RecordError
 from testbench.core.paths import SCENARIOS
 from testbench.page.serve import serving
 from testbench.questions.app.ask import Job, Workbench
+from testbench.questions.exercise.ask import start
 
 pytestmark = pytest.mark.drawn
 
@@ -288,8 +289,15 @@ def test_probabilities_fill_up_while_a_gap_is_sought(bench, browser):
     page.get_by_label("testbench").fill("gap flexible_wings")
     page.get_by_label("testbench").press("Enter")
     page.get_by_text("To first order, before any is flown").wait_for(timeout=120_000)
+    kept = bench.folder / "results" / "gap_flexible_wings" / "search.jsonl"
+    while not kept.is_file() or kept.read_text("utf-8").count("\n") < 2:
+        page.wait_for_timeout(100)
+    page.get_by_role("button", name="Stop").press("Enter")
+    page.get_by_role("button", name="Resume").press("Enter")
     page.get_by_text("done in").wait_for(timeout=300_000)
-    first = page.locator(".found").inner_text().split("\n")
+    assert any("fits of the search that was interrupted" in line for _, line in bench.jobs[1].lines)
+    assert not kept.exists()
+    first = page.locator(".found").first.inner_text().split("\n")
     assert first[0] == "symmetric wing bending"
     assert float(first[1].removesuffix(" %")) > 99.0
     page.get_by_role("heading", name="EOLO: the wings bend").wait_for()
@@ -306,9 +314,17 @@ def test_no_view_has_a_serious_fault_of_accessibility(bench, browser, scheme):
         pytest.skip("axe-core needs axe-playwright-python to be tried")
     axe = Path(found.origin).with_name("axe.min.js").read_text(encoding="utf-8")
     write_results_of(bench.folder)
+    start("doublet_length", "ada", "of a test", bench.folder / "ada")
     context = browser.new_context(color_scheme=scheme, bypass_csp=True)
     page = context.new_page()
-    for view in (f"flights?r={RECORD}", "design?of=taurus_short_period", "work", "campaigns", "board"):
+    for view in (
+        f"flights?r={RECORD}",
+        "design?of=taurus_short_period",
+        "work",
+        "campaigns",
+        "board",
+        "exercises?of=ada",
+    ):
         page.goto("about:blank")
         page.goto(f"{bench.at}#{view}")
         page.get_by_role("link", name="Board").wait_for()
@@ -392,3 +408,26 @@ def test_from_a_drawn_input_to_its_cards(bench, browser):
         assert f"period_s = {drawn}" in (bench.folder / name).read_text("utf-8")
     page.reload()
     page.get_by_role("link", name="Cards to print").wait_for()
+
+
+@pytest.mark.slow  # it starts two commands
+def test_an_exercise_is_begun_answered_and_checked_by_keyboard(bench, browser, monkeypatch):
+    context = browser.new_context(viewport={"width": 400, "height": 800})
+    page = context.new_page()
+    page.goto(f"{bench.at}#exercises")
+    page.get_by_role("button", name="Begin").press("Enter")
+    page.get_by_text("whose version it is must be said").wait_for()
+    page.get_by_label("Your name or number").fill("ada")
+    page.get_by_label("Exercise", exact=True).select_option("doublet_length")
+    page.get_by_role("button", name="Begin").press("Enter")
+    page.get_by_role("heading", name="the version of ada").wait_for(timeout=60_000)
+    assert "doublet" in page.frame_locator("iframe[title^=Text]").locator("body").inner_text()
+    number = page.locator("form input[name]").first
+    number.fill("3")
+    page.get_by_role("button", name="Save and check").press("Enter")
+    page.get_by_text("right, 1 not answered").or_(page.get_by_text("not answered yet")).first.wait_for(timeout=60_000)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    page.reload()
+    assert number.input_value() == "3"
+    assert [job.words[:2] for job in bench.jobs] == [("exercise", "start"), ("exercise", "check")]
+    context.close()

@@ -11,6 +11,7 @@ import pytest
 from gap_flights import believe, measure
 
 import testbench.questions.gap.again as again_module
+import testbench.questions.gap.flights as flights_module
 from testbench.core.errors import LimitError, RecordError, TrimError
 from testbench.core.record import FlightRecord
 from testbench.effects import EFFECTS
@@ -136,3 +137,66 @@ def test_the_workflow_says_what_stated_probabilities_are_worth(believed):
     for trial in finding.again.trials:
         assert sum(trial.stated.values()) == pytest.approx(1.0)
     assert any("flights again" in s for s in finding.sentences)
+
+
+# --- a search that is interrupted -------------------------------------------------------------------------------------
+
+
+def numbers(finding):
+    """Everything that a search found, to the last digit."""
+    found = [(f.effect.name, f.probability, f.chi2, dict(f.values), dict(f.errors)) for f in finding.naming.ranking]
+    table = finding.naming.weighed.table.rows
+    rows = [(r.name, r.log_evidence, r.difference, r.held_out) for r in table]
+    posteriors = [(p.values.tolist(), p.covariance.tolist(), p.noise, p.doubts) for p in (r.posterior for r in table)]
+    return found, rows, posteriors, finding.sentences
+
+
+class Stopped:
+    """A stage of a search at which it is interrupted, the n-th of its kind."""
+
+    def __init__(self, monkeypatch, at):
+        kept, self.written = again_module.KeptFits.keep, 0
+
+        def keep(keeper, group, content):
+            kept(keeper, group, content)
+            self.written += 1
+            if self.written == at:
+                raise KeyboardInterrupt
+
+        monkeypatch.setattr(again_module.KeptFits, "keep", keep)
+
+
+def fresh_flights(monkeypatch):
+    """As in a new process: nothing that was flown is known."""
+    for name in ("_TRIMS", "_NEAR", "_LINEAR", "_FLOWN"):
+        monkeypatch.setattr(flights_module, name, flights_module._Kept(512))
+
+
+def test_a_search_that_was_interrupted_ends_with_the_answer_of_one_that_was_not(believed, tmp_path, monkeypatch):
+    slow = believed.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 12.0})
+    a, b = measure(slow, 11)[:2]
+    given = believed, {"a": a}, {"b": b}
+    whole = numbers(find_gap(*given, GapSearch(effects=FEW)))
+    file, said = tmp_path / "search.jsonl", list[str]()
+    how = GapSearch(effects=FEW, search_file=file)
+    for at in (1, 1):  # each time one group further
+        fresh_flights(monkeypatch)
+        with monkeypatch.context() as patch:
+            Stopped(patch, at)
+            with pytest.raises(KeyboardInterrupt):
+                find_gap(*given, how)
+    assert len(file.read_text("utf-8").splitlines()) == 2
+    with file.open("a", encoding="utf-8") as out:
+        out.write('{"of": "cut off')  # as a machine that stops leaves it
+    fresh_flights(monkeypatch)
+    with monkeypatch.context() as patch:
+        again = Stopped(patch, 0)
+        assert numbers(find_gap(*given, how, said.append)) == whole
+    assert any("fits of the search that was interrupted" in s for s in said)
+    fresh_flights(monkeypatch)
+    with monkeypatch.context() as patch:  # all of it is known now, and no other search takes it
+        known = Stopped(patch, 0)
+        assert numbers(find_gap(*given, how)) == whole
+        assert (known.written, again.written > 0) == (0, True)
+        find_gap(believed, {"a": b}, {"b": a}, how)
+        assert known.written > 0

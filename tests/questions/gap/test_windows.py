@@ -27,6 +27,7 @@ from real_aircraft import believe as believe_real
 from recorded import flight_data
 from scipy.stats import chi2
 
+import testbench.questions.gap.flights as flights_module
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import LimitError, RecordError
 from testbench.core.record import FlightAborted, FlightRecord
@@ -239,6 +240,30 @@ def test_an_effect_is_named_from_hand_flown_records_and_the_gap_shrinks(believed
     assert found.naming.best.values[name] == pytest.approx(value, rel=within)
     assert all(s.removed > 0.8 for s in found.shrink if s.visible)
     assert any(s.visible for s in found.shrink)
+
+
+@pytest.mark.slow
+def test_a_search_from_free_starts_goes_on_with_the_same_answer(believed, tmp_path, monkeypatch):
+    """Of fits whose flights were begun anew as they moved, too."""
+    truth = believed.with_effect(library(believed.suite, believed.aircraft)["actuator_lag"], {"lag_rad_s": 10.0})
+    records = {f"flight {k}": hand_flown(truth, 70 + k, 13.0) for k in range(2)}
+    known = library(believed.suite, believed.aircraft)
+    how = GapSearch(effects={n: known[n] for n in SOUGHT}, search_file=tmp_path / "search.jsonl")
+
+    def answer():
+        found = find_gap(believed, records, {}, how)
+        rows = found.naming.weighed.table.rows
+        return found.sentences, [(r.name, r.log_evidence, r.posterior.values.tolist()) for r in rows]
+
+    whole = answer()
+    lines = how.search_file.read_text("utf-8").splitlines(keepends=True)
+    assert len(lines) > 2
+    assert any('"moved": [[' in line for line in lines)
+    for count in (1, len(lines) // 2, len(lines)):
+        how.search_file.write_text("".join(lines[:count]), encoding="utf-8")
+        for name in ("_TRIMS", "_NEAR", "_LINEAR", "_FLOWN"):
+            monkeypatch.setattr(f"testbench.questions.gap.flights.{name}", flights_module._Kept(512))
+        assert answer() == whole
 
 
 @pytest.mark.slow

@@ -9,7 +9,9 @@ from testbench.page.html import render
 from testbench.questions import Question
 
 _HERE = Path(__file__).resolve().parent
-_SCRIPTS = tuple(_HERE / name for name in ("app.js", "replay.js", "flights.js", "design.js", "campaigns.js"))
+_SCRIPTS = tuple(
+    _HERE / name for name in ("app.js", "replay.js", "flights.js", "design.js", "exercises.js", "campaigns.js")
+)
 
 
 def app_page(name: str, questions: Sequence[Question]) -> str:
