@@ -77,6 +77,7 @@ from testbench.questions.dataset.ask import Drawn as Drawn
 from testbench.questions.dataset.ask import draw_dataset as draw_dataset
 from testbench.questions.dataset.open import FlightSamples as FlightSamples
 from testbench.questions.dataset.open import open_dataset as open_dataset
+from testbench.questions.dataset.open import open_datatree as open_datatree
 from testbench.questions.design.ask import run_design as run_design
 from testbench.questions.design.known import known_after as known_after
 from testbench.questions.design.result import DesignResult as DesignResult

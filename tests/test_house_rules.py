@@ -327,7 +327,7 @@ WRITERS = {
     },
     "a live file of a ResultFolder": {
         "questions/campaign/ask.py", "questions/campaign/store.py", "questions/compare/benchmark/ask.py",
-        "questions/gap/again.py", "questions/live/command.py",
+        "questions/gap/again.py", "questions/gap/command.py", "questions/live/command.py",
     },
     "a folder for temporary files": {"questions/exercise/catalogue/wrong_sign.py", "questions/export/aircraft.py"},
 }  # fmt: skip

@@ -45,14 +45,15 @@ def test_a_log_that_needs_an_extra_names_it(absent, monkeypatch, capsys, tmp_pat
     assert said[0].endswith(f"need {package}, which is not installed; pip install 'flight-testbench[{extra}]'")
 
 
-def test_parquet_out_names_its_extra(absent, monkeypatch, capsys, tmp_path):
+@pytest.mark.parametrize(("to", "package"), [("parquet", "pyarrow"), ("mcap", "mcap")])
+def test_a_format_out_names_its_extra(absent, monkeypatch, capsys, tmp_path, to, package):
     t = np.arange(8) * 0.1
     file = tmp_path / "x.nc"
     FlightRecord(t, ("q",), np.zeros((8, 1)), "measured").save(file)
-    absent("pyarrow")
-    status, said = ends(monkeypatch, capsys, "export", file, "--to", "parquet")
+    absent(package)
+    status, said = ends(monkeypatch, capsys, "export", file, "--to", to)
     assert (status, len(said)) == (2, 1)
-    assert "pip install 'flight-testbench[parquet]'" in said[0]
+    assert f"pip install 'flight-testbench[{to}]'" in said[0]
     assert ends(monkeypatch, capsys, "export", file, "--to", "csv") == (0, [])
 
 

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -175,3 +176,15 @@ def test_one_version_is_told_everywhere(built):
     assert [p.name for p in built.glob("*.whl")] == [f"flight_testbench-{__version__}-py3-none-any.whl"]
     assert f"version: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"## [{__version__}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_the_conda_recipe_needs_what_the_wheel_needs():
+    """Same names and bounds, but for matplotlib, which conda-forge gives without a toolkit as matplotlib-base."""
+    asked = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    recipe = (ROOT / "conda" / "meta.yaml").read_text(encoding="utf-8")
+    run = recipe.partition("\n  run:\n")[2].partition("\n\n")[0]
+    needs = {line.strip("- ").replace("matplotlib-base", "matplotlib").replace(" ", "") for line in run.splitlines()}
+    assert needs == {*asked["dependencies"], f"python{asked['requires-python']}"}
+    assert f'"TESTBENCH_VERSION", "{__version__}"' in recipe
+    for file in asked["license-files"]:
+        assert f"- {file}\n" in recipe

@@ -6,6 +6,7 @@ project folder of the user: ``aircraft/NAME`` and ``suites/NAME.toml`` beside th
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -217,3 +218,17 @@ def resolve(name: str, family: Family, beside: Path | None = None) -> str:
             f"'{name}'{hint}"
         )
     return str(found)
+
+
+def as_named(name: str, family: Family, project: Path | None = None) -> str:
+    """Return how a file of a project names what :func:`resolve` found, so that the project can be moved.
+
+    What lies in its folder of the family is named as it is there, other paths from the folder of the project (the
+    working directory if not given); what is packaged keeps its name.
+    """
+    path, place = Path(name), (project or Path.cwd()).resolve()
+    if not path.is_absolute():
+        return name
+    if path.parent.resolve() == place / family.folder:
+        return path.name if family.inside else path.stem
+    return Path(os.path.relpath(path, place)).as_posix()

@@ -26,6 +26,7 @@ FORMAT = "testbench-record-1"
 Kind = Literal["truth", "measured"]
 Outcome = Literal["completed", "aborted"]
 FloatArray = NDArray[np.float64]
+NEEDS_MCAP = "recordings in MCAP need mcap, which is not installed; pip install 'flight-testbench[mcap]'"
 NEEDS_PYARROW = "Parquet files need pyarrow, which is not installed; pip install 'flight-testbench[parquet]'"
 _MASK = "_valid"
 _TIME = {"units": "s", "long_name": "time"}
@@ -330,6 +331,46 @@ class FlightRecord:
         columns += [pa.array(self.data[:, i], mask=~self.valid[:, i]) for i in range(len(self.channels))]
         schema = pa.schema(fields, metadata={"testbench": json.dumps(self._attributes())})
         return _write(Path(path), lambda part: pq.write_table(pa.table(columns, schema=schema), part))
+
+    def save_mcap(self, path: Path | str) -> Path:
+        """Write the samples as messages in JSON of a recording in MCAP, and return the path.
+
+        Each channel has a topic of its own, ``/NAME``, with ``value`` and, in its schema, its unit: a viewer draws
+        what was taken, and no more. The clock begins at 0 s with that of the record, whose own may begin before; the
+        metadata ``testbench`` hold kind, outcome, reason and provenance as JSON text.
+
+        Raises:
+            WriteError: the file cannot be written.
+            RecordError: mcap is not installed.
+        """
+        try:
+            from mcap.writer import Writer
+        except ImportError as error:
+            raise RecordError(NEEDS_MCAP) from error
+
+        def fill(part: Path) -> None:
+            """Write the messages in the order of their times."""
+            with part.open("wb") as file:
+                writer = Writer(file)
+                writer.start(profile="", library="testbench")
+                topics = []
+                for name in self.channels:
+                    unit = channel(name).unit
+                    value = {"type": "number", "description": f"{channel(name).description}, {unit}", "unit": unit}
+                    schema = json.dumps({"type": "object", "properties": {"value": value}}).encode()
+                    of = writer.register_schema(name=name, encoding="jsonschema", data=schema)
+                    topics.append(writer.register_channel(topic=f"/{name}", message_encoding="json", schema_id=of))
+                begin = min(0.0, float(self.t_s[0]))
+                for t, row, taken in zip(self.t_s - begin, self.data.tolist(), self.valid, strict=True):
+                    ns = round(1e9 * float(t))
+                    for topic, value, is_taken in zip(topics, row, taken, strict=True):
+                        if is_taken:
+                            told = json.dumps({"value": value}).encode()
+                            writer.add_message(channel_id=topic, log_time=ns, publish_time=ns, data=told)
+                writer.add_metadata("testbench", {"record": json.dumps(self._attributes())})
+                writer.finish()
+
+        return _write(Path(path), fill)
 
     def _with_gaps(self) -> FloatArray:
         return np.where(self.valid, self.data, np.nan)

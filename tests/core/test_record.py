@@ -1,6 +1,7 @@
 """FlightRecord: its rules, its parts, and what comes back from disk."""
 
 import copy
+import json
 import pickle
 
 import numpy as np
@@ -307,3 +308,24 @@ def test_with_columns_replaces_and_adds():
         record.with_columns({"V": np.zeros(49)})
     with pytest.raises(ChannelError, match="alpha"):
         record.with_columns({"alpa": np.zeros(50)})
+
+
+def test_mcap_holds_every_sample_that_was_taken_with_its_time_and_unit(tmp_path):
+    reader = pytest.importorskip("mcap.reader")
+    t = 2.5 + 0.1 * np.arange(20)
+    data = np.random.default_rng(1).standard_normal((20, 2))
+    valid = np.ones((20, 2), bool)
+    valid[5:9, 1] = False
+    record = FlightRecord(t, ("q", "V"), data, "measured", valid, provenance={"log": "a"})
+    with record.save_mcap(tmp_path / "flight.mcap").open("rb") as file:
+        found = reader.make_reader(file)
+        read = {"/q": [], "/V": []}
+        for schema, topic, message in found.iter_messages():
+            assert json.loads(schema.data)["properties"]["value"]["unit"] == {"q": "rad/s", "V": "m/s"}[schema.name]
+            read[topic.topic].append((message.log_time, json.loads(message.data)["value"]))
+        (told,) = found.iter_metadata()
+    for i, name in enumerate(("/q", "/V")):
+        taken = valid[:, i]
+        assert [v for _, v in read[name]] == data[taken, i].tolist()
+        np.testing.assert_allclose([ns * 1e-9 for ns, _ in read[name]], t[taken], atol=1e-9)
+    assert "measured" in told.metadata["record"]

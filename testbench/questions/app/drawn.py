@@ -26,7 +26,7 @@ from testbench.core.constants import DEG_RAD, PERCENT
 from testbench.core.door import read_text, read_toml
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.escape import table_lines
-from testbench.core.paths import AIRCRAFT, SCENARIOS, SENSOR_SUITES, aircraft_names, resolve, suite_names
+from testbench.core.paths import AIRCRAFT, SCENARIOS, SENSOR_SUITES, aircraft_names, as_named, resolve, suite_names
 from testbench.core.record import FloatArray
 from testbench.design.ensemble import Draws, Flier, Member, draw, told
 from testbench.design.limits import limit_words
@@ -162,7 +162,10 @@ def design_text(folder: Path, given: Mapping[str, Any]) -> tuple[str, str]:
         _designed(folder, given)
     file = _file(folder, given)
     if file is None:
-        lines = table_lines({k: v for k, v in posed.scenario.model_dump(exclude_unset=True).items() if k != "input"})
+        table = posed.scenario.model_dump(exclude_unset=True, exclude={"input"})
+        table["aircraft"] = as_named(posed.scenario.aircraft, AIRCRAFT, folder)
+        table["suites"] = [as_named(name, SENSOR_SUITES, folder) for name in posed.scenario.suites]
+        lines = table_lines(table)
         stem = f"{Path(posed.scenario.aircraft).name}_{posed.scenario.controls[0]}"
     else:
         duration = f"duration_s = {posed.scenario.duration_s!r}"

@@ -58,6 +58,30 @@ def open_dataset(folder: Path | str, split: str | None = None, truth: Path | str
     return out if split is None else out.isel(flight=np.flatnonzero(out.split.values == code_of(split)))
 
 
+def open_datatree(folder: Path | str, truth: Path | str | None = None) -> xr.DataTree:
+    """Open a data set as a tree of xarray: /train, /validation and /test, each as :func:`open_dataset` gives it.
+
+    Args:
+        folder: of the data set.
+        truth: as of :func:`open_dataset`.
+
+    Raises:
+        RecordError: there is no data set.
+        DatasetError: it is not complete.
+
+    Example:
+        >>> import testbench as tb
+        >>> drawn = tb.draw_dataset("dataset/identification", "my_set", runs=8, workers=1)
+        >>> sorted(tb.open_datatree("my_set").children)
+        ['test', 'train', 'validation']
+    """
+    import xarray as xr
+
+    whole = open_dataset(folder, truth=truth)
+    rows = {name: np.flatnonzero(whole.split.values == code) for code, name in enumerate(SPLITS)}
+    return xr.DataTree.from_dict({f"/{name}": whole.isel(flight=at) for name, at in rows.items()})
+
+
 class FlightSamples:
     """The flights of a split as a map-style data set: it has a length, and item i is (readings, labels) of a flight.
 

@@ -42,7 +42,7 @@ SUFFIXES = {
 
 
 def export_record(path: Path, to: str, out: Path | None = None) -> Path:
-    """Write a record (NetCDF) as "csv", "mat", "netcdf", "parquet", or by ``PACKAGE:NAME``; return the path.
+    """Write a record (NetCDF) as "csv", "mat", "mcap", "netcdf", "parquet", or by ``PACKAGE:NAME``; return the path.
 
     The last is a writer that an installed package brings: a function of the record and the path to write to.
 
@@ -59,9 +59,9 @@ def export_record(path: Path, to: str, out: Path | None = None) -> Path:
         WriteError: the file cannot be written, or is there and was not written by the testbench.
     """
     writer = bring.find(to, None, "writers") if is_plugin(to) else None
-    if writer is None and to not in ("csv", "mat", "netcdf", "parquet"):
+    if writer is None and to not in ("csv", "mat", "mcap", "netcdf", "parquet"):
         raise RecordError(
-            f"'{path}' is not a model (models/*.json), and records go to csv, mat, netcdf or parquet, got {to}"
+            f"'{path}' is not a model (models/*.json), and records go to csv, mat, mcap, netcdf or parquet, got {to}"
         )
     record = load_record(path)
     out = out or path.with_suffix(".nc" if to == "netcdf" else f".{to.rpartition(':')[2]}")
@@ -70,8 +70,8 @@ def export_record(path: Path, to: str, out: Path | None = None) -> Path:
     if writer is not None:
         with bring.running(writer[0], f"the writer {to} must write"):
             return write_beside(out, partial(bring.load(*writer), record))
-    save = {"csv": record.save_csv, "mat": record.save_mat, "netcdf": record.save, "parquet": record.save_parquet}[to]
-    return write_beside(out, save)
+    save = {"csv": record.save_csv, "mat": record.save_mat, "mcap": record.save_mcap, "netcdf": record.save}
+    return write_beside(out, save.get(to, record.save_parquet))
 
 
 def export_model(model: Matrices, to: str, path: Path) -> Path:

@@ -34,8 +34,8 @@ def export_file(
     to: Annotated[
         str,
         typer.Option(
-            help="csv, mat, netcdf, parquet; of a model also control, json, jsbsim; of a record also PACKAGE:NAME, "
-            "a writer that an installed package brings.",
+            help="csv, mat, netcdf, parquet; of a model also control, json, jsbsim; of a record also mcap, and "
+            "PACKAGE:NAME, a writer that an installed package brings.",
             show_default=False,
         ),
     ],
@@ -43,7 +43,7 @@ def export_file(
         Path | None, typer.Option("--out", "-o", help="File to write. Default: beside the one exported.")
     ] = None,
 ) -> None:
-    """Write a record (csv, mat, netcdf, parquet) or a model (these, control, json, jsbsim) for other programs.
+    """Write a record (csv, mat, mcap, netcdf, parquet) or a model (also control, json, jsbsim) for other programs.
 
     Samples of a record that were not taken are left empty. A model becomes its matrices, a Python module with a
     python-control system, or a system of filters for JSBSim. Examples:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.door import read_text
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.escape import one_line, quoted, toml_value
-from testbench.core.paths import not_found, suite_names
+from testbench.core.paths import AIRCRAFT, SENSOR_SUITES, as_named, not_found, suite_names
 from testbench.core.scenario.air import CALM_RMS_M_S
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.store import settle
@@ -124,14 +125,15 @@ def _head(
         "# Lines with YOURS hold guesses.",
         f"title = {quoted(f'{Path(name).name}: flights to identify it from')}",
         'question = "How many flights does it take, and what stays inside the limits?"',
-        f"aircraft = {quoted(name)}",
+        f"aircraft = {quoted(as_named(name, AIRCRAFT))}",
         *wings,
         "seed = 1                      # of the turbulence that widens the expected bands",
         f"flown_by = {quoted('pilot' if autopilot == 'pilot' else 'autopilot')}",
         f"speeds_m_s = [{_numbers(speeds)}]  # true airspeeds{stall_words}",
         f"heights_m = [{_numbers(heights)}]  # above sea level",
         "scale = true                  # lower the amplitude of a card that meets a limit, instead of refusing it",
-        f"suite = {quoted(chosen)}" + ("" if own else "  # YOURS: these are the sensors of another aircraft"),
+        f"suite = {quoted(as_named(chosen, SENSOR_SUITES))}"
+        + ("" if own else "  # YOURS: these are the sensors of another aircraft"),
         "uncertainty_percent = 15.0    # of each derivative of the model, one standard deviation",
         f"turbulence_rms_m_s = {rms:g}      # vertical air that the expected bands allow for",
         "onset_margin_percent = 10.0   # below the onset of an elastic instability",
@@ -490,7 +492,7 @@ def planned(taken: Taken, manoeuvre: Manoeuvre) -> PlannedManoeuvre:
         "duration_s": manoeuvre.duration_s,
         "settle_s": manoeuvre.settle_s,
         "repeats": 1,
-        "design": taken.file.as_posix(),
+        "design": Path(os.path.relpath(taken.file)).as_posix(),  # from the working directory, as it is looked for
         "use": "validation" if manoeuvre.use == "validation" else "identification",
         "input": [i.model_dump() for i in manoeuvre.input],
     }

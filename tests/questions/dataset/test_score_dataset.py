@@ -40,6 +40,18 @@ def truths(folder):
     return test.isel(flight=np.unique(test.draw.values, return_index=True)[1])
 
 
+def test_a_tree_has_every_flight_once_in_its_split(figures):
+    whole, tree = tb.open_dataset(figures / "set", truth=""), tb.open_datatree(figures / "set", truth="")
+    assert list(tree.children) == ["train", "validation", "test"]
+    flights = np.concatenate([part.flight.values for part in tree.children.values()])
+    assert sorted(flights) == list(range(whole.sizes["flight"]))
+    for name, part in tree.children.items():
+        alone = tb.open_dataset(figures / "set", name, truth="")
+        np.testing.assert_array_equal(part.readings.values, alone.readings.values)
+        np.testing.assert_array_equal(part.truth.values, alone.truth.values)
+        assert part["level"].attrs["names"] == whole.level.attrs["names"]
+
+
 def table(path, heads, rows):
     with path.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([heads, *rows])

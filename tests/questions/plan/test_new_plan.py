@@ -1,9 +1,12 @@
 """New plan files: complete for any aircraft, with designs taken over without retyping, in a box of air."""
 
 import math
+import os
 import re
 import shutil
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ from commands import command
 from test_bounds import scenario_of
 
 from testbench.core.errors import RecordError, ScenarioError
-from testbench.core.paths import SCENARIOS, SUITES
+from testbench.core.paths import AIRCRAFT_MODELS, SCENARIOS, SUITES
 from testbench.core.record import FlightRecord
 from testbench.flight import load_aircraft
 from testbench.inputs import build
@@ -92,7 +95,7 @@ def test_a_design_is_taken_over_as_it_was_designed(designed, tmp_path):
         assert getattr(scenario.limits, key) == getattr(asked.limits, key)
     assert scenario.suite == "taurus_8hz"
     assert (scenario.speeds_m_s, scenario.heights_m) == ((12.0,), (100.0,))
-    assert manoeuvre.design == taken.file.as_posix()
+    assert manoeuvre.design == Path(os.path.relpath(taken.file)).as_posix()
     assert all(f"#     {line}" in text for line in taken.promised)
     assert len(taken.promised) == 5
     plan = make_plan(scenario)
@@ -244,3 +247,28 @@ def test_a_rehearsal_with_fewer_flights_leaves_no_log_of_the_longer_one(tmp_path
         assert done.exit_code == 0, done.output
     logs = sorted(p.name for p in tmp_path.glob("*.csv"))
     assert logs == ["eolo_envelope_flight_1.csv", "mine_flight_1.csv", "taurus_63_flight_1.csv"]
+
+
+def test_a_plan_names_what_is_ones_own_so_that_the_project_can_be_moved(designed, tmp_path, monkeypatch):
+    """Neither the aircraft of the project, nor its sensors, nor the design is named by a path from the root."""
+    project = tmp_path / "project"
+    shutil.copytree(AIRCRAFT_MODELS / "taurus", project / "aircraft" / "mine")
+    shutil.copytree(designed, project / "results" / "design_x")
+    (project / "suites").mkdir()
+    shutil.copy(SUITES / "taurus_8hz.toml", project / "suites" / "own.toml")
+    (file,) = (project / "results" / "design_x" / "designs").glob("1_*.toml")
+    text = file.read_text("utf-8")
+    named = re.sub(r"(?m)^aircraft = .*$", f'aircraft = "{project / "aircraft" / "mine"}"', text)
+    named = re.sub(r"(?m)^suites = .*$", f'suites = ["{project / "suites" / "own.toml"}"]', named)
+    file.write_text(named, encoding="utf-8")
+    monkeypatch.chdir(project)
+    taken = take([project / "results" / "design_x"])
+    text = plan_text(load_aircraft(str(project / "aircraft" / "mine")), taken[0].scenario.aircraft, "own", None, taken)
+    assert str(tmp_path) not in text
+    read = tomllib.loads(text)
+    assert (read["aircraft"], read["suite"]) == ("mine", "own")
+    assert read["manoeuvre"][0]["design"] == file.relative_to(project).as_posix()
+    (project / "plan.toml").write_text(text, encoding="utf-8")
+    project.rename(tmp_path / "moved")
+    monkeypatch.chdir(tmp_path / "moved")
+    assert PlanScenario.load(tmp_path / "moved" / "plan.toml").aircraft == str(tmp_path / "moved" / "aircraft" / "mine")
