@@ -18,7 +18,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
 # work alone, written to FOLDER. ARGS: what the script is told besides, such as make mutants ARGS="--count 60".
 ARGS ?=
 STUDIES = advice-study anybody-test autopilot-log-study believed-study benchmarks blind-test campaign-cost clearance-study coloured-errors-study corpus-study \
-  dataset-study design-study env-study estimator-study filter-error-study gap-in-batches global-study live-study log-input-study loop-study mutants \
+  dataset-study design-study env-study estimator-study filter-error-study gap-in-batches global-study live-study log-input-study loop-study mutants new-users \
   pages-held promise-study reliability same-bytes sequential-study static-margin-study stock surroundings third-party
 
 .PHONY: demo quick lint test test-slow fuzz docs clean reproduction $(STUDIES)
@@ -110,6 +110,11 @@ live-study: $(VENV)/installed-dev
 promise-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/promise_study.py
 	$(BIN)/python tests/studies/robust_study.py
+
+# Writes results/app/new_users.csv and replies.csv: three kinds of new user in Chromium, steps counted; some five minutes.
+# ARGS="--pictures FOLDER": pictures of every view at four widths, light and dark.
+new-users: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/new_users.py $(ARGS)
 
 # Writes results/plan/loop.csv; some 4 min of processor time an aircraft. Interrupted: it goes on where it stopped.
 loop-study: $(VENV)/installed-dev

@@ -24,7 +24,7 @@ from testbench.core.blas import on_one_thread
 from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD, PERCENT
 from testbench.core.door import read_text, read_toml
-from testbench.core.errors import RecordError, ScenarioError
+from testbench.core.errors import LimitError, RecordError, ScenarioError
 from testbench.core.escape import table_lines
 from testbench.core.paths import AIRCRAFT, SCENARIOS, SENSOR_SUITES, aircraft_names, as_named, resolve, suite_names
 from testbench.core.record import FloatArray
@@ -32,6 +32,7 @@ from testbench.design.ensemble import Draws, Flier, Member, draw, told
 from testbench.design.limits import limit_words
 from testbench.design.problem import Design, Problem, design_of
 from testbench.flight import load_aircraft
+from testbench.flight.simulate import stride
 from testbench.information.targets import needed_parameters
 from testbench.inputs.signal import energy_spectrum
 from testbench.page.explore import View, to_json
@@ -276,14 +277,19 @@ def _speed(aircraft: Aircraft, given: object) -> float:
 
 
 def _suite(folder: Path, aircraft: Aircraft, control: str) -> str:
-    """Return a suite of the folder that senses a control, or its command; else the packaged one of the aircraft."""
-    for name in SENSOR_SUITES.own(folder):
-        if {control, f"{control}_cmd"} & {*load_suite(str(folder / "suites" / f"{name}.toml")).channels}:
-            return name
+    """Return a suite that senses a control, or its command, at a rate that divides the aircraft's.
+
+    One of the folder comes first, then those of its name, and those that are lent to others; else what a plan takes.
+    """
     own = [n for n in suite_names() if n.startswith(aircraft.name.split(",")[0])]
-    names = (*own, "eolo_alpha", "eolo_alpha_beta")
-    fit = (n for n in names if {control, f"{control}_cmd"} & {*load_suite(n).channels})
-    return next(fit, suite_of(aircraft)[0])
+    mine = {name: str(folder / "suites" / f"{name}.toml") for name in SENSOR_SUITES.own(folder)}
+    for name in (*mine, *own, "eolo_alpha", "eolo_alpha_beta", *suite_names()):
+        suite = load_suite(mine.get(name, name))
+        with suppress(LimitError):
+            stride(aircraft.rate_hz, suite.rate_hz)
+            if {control, f"{control}_cmd"} & {*suite.channels}:
+                return name
+    return suite_of(aircraft)[0]
 
 
 # --- the input --------------------------------------------------------------------------------------------------------

@@ -1,12 +1,13 @@
 """An input that is drawn in the app: the numbers are those of the design's own rooms, and so is the file."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from testbench.core.errors import RecordError, ScenarioError
-from testbench.core.paths import SCENARIOS
+from testbench.core.paths import AIRCRAFT_MODELS, SCENARIOS
 from testbench.questions.app.drawn import design_text, design_told, input_told, list_designs, plan_words
 from testbench.questions.design.ask import run_design
 from testbench.questions.design.scenario import DesignScenario
@@ -66,17 +67,20 @@ def test_a_file_keeps_its_comments_and_never_takes_the_place_of_another(folder):
 
 
 def test_a_new_design_of_an_aircraft_begins_within_its_limits_and_can_be_asked(folder):
-    for given in ({"aircraft": "taurus"}, {"aircraft": "eolo", "control": "dr", "V_m_s": 17.0}):
+    shutil.copytree(AIRCRAFT_MODELS / "taurus", folder / "aircraft" / "mine")
+    every = {"aircraft": "taurus"}, {"aircraft": "mine"}, {"aircraft": "eolo", "control": "dr", "V_m_s": 17.0}
+    for given in every:
         met = design_told(folder, given)
         said = input_told(folder, {**given, "input": met["input"]})
         assert said["limits"][0]["used"] <= 1.0
         name, text = design_text(folder, {**given, "input": met["input"]})
+        assert str(folder) not in text
         (folder / name).write_text(text, encoding="utf-8")
         asked = DesignScenario.load(folder / name)
         assert asked.condition.V_m_s == met["V_m_s"]
         assert [x["name"] for x in said["errors"]] == [*asked.targets.parameters]
     assert [d["of"] for d in list_designs(folder)["designs"] if d["own"]] == [
-        "eolo_dr_input.toml", "mine.toml", "taurus_de_input.toml",
+        "eolo_dr_input.toml", "mine.toml", "mine_de_input.toml", "taurus_de_input.toml",
     ]  # fmt: skip
 
 
