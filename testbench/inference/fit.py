@@ -336,6 +336,8 @@ class Fit:
 
     def told(self) -> dict[str, Any]:
         """Return all that is asked of a fit at rest, as JSON values; floats keep every digit."""
+        if not math.isfinite(self.log_evidence):  # it cannot fly where it ended: no other is worse, nothing is asked
+            return {"log_evidence": self.log_evidence}
         p, (logs, gradients) = self.posterior, self.segments
         own = {name: getattr(p, name) for name in _SCALARS} | {name: getattr(p, name).tolist() for name in _ARRAYS}
         return {
@@ -348,6 +350,11 @@ class Fit:
     @classmethod
     def again(cls, told: Mapping[str, Any], hypothesis: Hypothesis, data: Data) -> Fit:
         """Return a fit at rest from what :meth:`told` said of it; its flights begin where they did."""
+        if "theta" not in told:
+            begin = np.array(list(hypothesis.first.values()))
+            lost = cls(hypothesis, data, begin, (), (), np.ones(len(data.stated)))
+            lost.__dict__["log_evidence"] = told["log_evidence"]
+            return lost
         moved = tuple(np.array(x) for x in told["moved"])
         for x in moved:
             hypothesis = (hypothesis.begun and hypothesis.begun(hypothesis.at(x))) or hypothesis

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import cache
 
@@ -16,7 +17,7 @@ from testbench.core.record import FlightRecord
 from testbench.flight.linear_model import LinearModel
 from testbench.inference.calibrate import Reliability, Trial, calibrate
 from testbench.inference.evidence import compare_hypotheses
-from testbench.inference.fit import Hypothesis
+from testbench.inference.fit import Data, Fit, Hypothesis
 from testbench.inference.parameters import Noise, Parameter
 from testbench.inference.unknown import pulses
 
@@ -267,3 +268,48 @@ def test_bad_questions_are_one_sentence():
         Parameter("a", "effect", 0.0, 0.0)
     with pytest.raises(EstimationError, match="above 0 and finite"):
         Noise({"q": 0.0})
+
+
+class Kept:
+    """A keeper in memory, of JSON text."""
+
+    def __init__(self, groups=()):
+        self.groups, self.new = dict(groups), {}
+
+    def known(self, group):
+        return json.loads(self.groups[group]) if group in self.groups else None
+
+    def keep(self, group, content):
+        self.new[group] = json.dumps(content)
+
+
+def test_fits_that_are_kept_are_those_that_were_made():
+    t = np.arange(200) * 0.05
+    q = 0.3 * np.sin(2.0 * t) + 0.01 * np.random.default_rng(3).standard_normal(t.size)
+    record = FlightRecord(t, ("q",), q[:, None], "measured")
+
+    def sine(values):
+        return values["a"] * np.sin(values["w"] * t)[:, None]
+
+    a, w = Parameter("a", "effect", 0.0, 1.0), Parameter("w", "effect", 2.1, 0.5, high=9.0)
+    some = [
+        Hypothesis("line", (a,), lambda r, values: values["a"] * t[:, None]),
+        Hypothesis("sine", (a, w), lambda r, values: sine(values), begin={"a": 0.2}, more=({"a": 0.1, "w": 8.0},)),
+    ]
+    noise = Noise({"q": 0.01})
+
+    def rows(keeper):
+        found = compare_hypotheses([record], some, noise, samples=0, keeper=keeper).rows
+        return [(r.name, r.probability, r.log_evidence, r.difference_error, r.posterior.values.tolist(),
+                 r.posterior.covariance.tolist(), r.posterior.noise, r.posterior.doubts) for r in found]  # fmt: skip
+
+    first = Kept()
+    whole = rows(None)
+    assert rows(first) == whole
+    lost = {"log_evidence": float("nan")}  # of a fit that ended where it cannot fly nothing else is kept, or asked
+    found = Fit.again(json.loads(json.dumps(lost)), some[1], Data([record], noise))
+    assert found.told().keys() == lost.keys()
+    assert not found.log_evidence > -np.inf
+    again = Kept(first.new)
+    assert rows(again) == whole
+    assert again.new == {}

@@ -102,7 +102,9 @@ def replies(page: Any, at: str, design: str) -> tuple[str, int, int, str, str]:
     """Drag the amplitude of a design's first input, and return how long replies take, without drawn aircraft."""
     page.goto("about:blank")
     page.goto(f"{at}#design?of={design}")
-    page.locator("#spectrum-drawn .u-over").wait_for(timeout=LONG_MS)
+    page.locator("#verdict-input:not(:empty)").wait_for(timeout=LONG_MS)
+    page.locator("#response-drawn").scroll_into_view_if_needed()  # figures are made when they come near
+    page.locator("#response-drawn .u-over").first.wait_for(timeout=LONG_MS)
     found = page.evaluate("""async moves => {
         const took = [], key = amplitudeKey(design.entries[0]), first = design.entries[0][key];
         for (let k = 0; k < moves; k++) {
