@@ -151,7 +151,7 @@ def name_effect(
             asker.ahead(points)
 
         found = compare_hypotheses(
-            asker.records, some, asker.noise, asker.unknown, what.held_out, None, 0, ahead, known, what.keeper
+            asker.records, some, asker.noise, asker.unknown, what.held_out, 0, ahead, known, what.keeper
         )
         named = tuple(t.name for t in terms if t.name in shown)
         out = Weighed.of(found, dict(shown), seen, len(base.priors), tried, named)
