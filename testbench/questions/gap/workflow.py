@@ -134,8 +134,8 @@ def find_gap(
         )
         sought = given.sought(how)
         if how.search_file is not None:
-            records = [*given.records.values(), *given.held_out.values()]
-            depends_on = Reflown(given.believed, records, air, {**(sought.effects or {}), **sought.further})
+            all_flown = [*given.records.values(), *given.held_out.values()]
+            depends_on = Reflown(given.believed, all_flown, air, {**(sought.effects or {}), **sought.further})
             more = sought.source, given.believed.simulator, sorted(given.believed.surface_noise.items())
             key = search_key(depends_on, more)
             sought = replace(sought, keeper=KeptFits(how.search_file, key, say))
