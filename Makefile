@@ -205,7 +205,7 @@ $(VENV)/installed: pyproject.toml constraints.txt
 	touch $@
 
 $(VENV)/installed-dev: $(VENV)/installed
-	$(BIN)/python -m pip install -q -c constraints.txt -e ".[campaign,envs,geometry,jax,parquet,teaching]" axe-playwright-python fmpy hatchling lupa mypy playwright pymavlink pytest pytest-xdist pyulog ruff
+	$(BIN)/python -m pip install -q -c constraints.txt -e ".[campaign,envs,geometry,jax,logs,parquet,teaching]" axe-playwright-python fmpy hatchling lupa mypy playwright pytest pytest-xdist pyulog ruff
 	touch $@
 
 $(VENV)/installed-rl: $(VENV)/installed-dev

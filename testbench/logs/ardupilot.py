@@ -131,21 +131,9 @@ def ardupilot_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
     preferred.
     """
     preferred, notes = _preferred(log)
-    vehicle, said = _vehicle(log)
-    modes = _modes(log, vehicle)
-    lift = (np.array([m.t_s for m in modes]), np.array([m.name.startswith("Q") for m in modes]))  # QHOVER, QLAND, ...
-    log = replace(
-        log,
-        preferred={**log.preferred, **preferred},
-        notes=(*log.notes, *notes),
-        vehicle=vehicle,
-        modes=modes,
-        flags={"hover": lift} if vehicle == "VTOL" and modes else {},
-        topics=without(log, ("MODE",)),
-        facts={**log.facts, **({"vehicle": said} if said else {})},
-    )
+    log = flown(replace(log, preferred={**log.preferred, **preferred}, notes=(*log.notes, *notes)))
     rules = tuple(_ordered(log))
-    if vehicle in ("", "fixed wing", "VTOL"):  # the outputs of others are motors, wheels and fins
+    if log.vehicle in ("", "fixed wing", "VTOL"):  # the outputs of others are motors, wheels and fins
         rules = (*rules, *servo_rules(log, True), *_demands(log), *servo_rules(log, False))
     strange: list[str] = []
     known = [adapted for rule in rules if (adapted := _in_unit(log, rule, strange)) is not None]
@@ -154,6 +142,21 @@ def ardupilot_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
     imu = {i: place for i, place in places.items() if place}
     return replace(log, notes=(*log.notes, *notes), imu_m=imu, filtered_hz=filters(log.parameters, _FILTERS)), tuple(
         known
+    )
+
+
+def flown(log: Log) -> Log:
+    """Return the log with its vehicle, by firmware and settings, its modes, and where it hovers."""
+    vehicle, said = _vehicle(log)
+    modes = _modes(log, vehicle)
+    lift = (np.array([m.t_s for m in modes]), np.array([m.name.startswith("Q") for m in modes]))  # QHOVER, QLAND, ...
+    return replace(
+        log,
+        vehicle=vehicle,
+        modes=modes,
+        flags={"hover": lift} if vehicle == "VTOL" and modes else {},
+        topics=without(log, ("MODE",)),
+        facts={**log.facts, **({"vehicle": said} if said else {})},
     )
 
 

@@ -29,12 +29,8 @@ _OTHERS = (
     (b"ULog", "a ULog of PX4, which needs no description", "name it .ulg and give it to `testbench import`"),
     (b"\xa3\x95", "an ArduPilot log, which needs no description", "name it .bin and give it to `testbench import`"),
     (b"\x93NUMPY", "an array of NumPy", "save it as CSV with a header, or with scipy.io.savemat"),
-    (
-        b"#ROSBAG",
-        "a bag of ROS",
-        "export its topics as CSV, one file each (rostopic echo -b BAG -p TOPIC), into a folder",
-    ),
-    (b"\x89MCAP", "a recording in MCAP, as of ROS 2", "export its topics as CSV, one file each, into a folder"),
+    (b"#ROSBAG", "a bag of ROS, which needs no description", "name it .bag and give it to `testbench import`"),
+    (b"\x89MCAP", "a recording of ROS 2, which needs no description", "give it to `testbench import` as .mcap"),
     (b"H Product:Blackbox", "a blackbox of Betaflight or iNav", "make a table of it: blackbox_decode FILE"),
     (b"\xb5b", "messages of a u-blox receiver (UBX)", _POSITIONS),
     (b"MDF     ", "an MDF measurement (.mf4)", "export its channels as CSV or MAT"),
@@ -42,11 +38,8 @@ _OTHERS = (
 )
 
 
-_TELEMETRY = re.compile(rb"\x00[\x03-\x07].{6}[\xfd\xfe]", re.DOTALL)  # microseconds since 1970, then a message
-_INSTEAD = (
-    "it holds what came over the radio: give the log of the autopilot itself (.bin, .ulg), or make a table of it "
-    "(mavlogdump.py --format csv --types ATTITUDE) and describe that"
-)
+TELEMETRY = re.compile(rb"\x00[\x03-\x07].{6}[\xfd\xfe]", re.DOTALL)
+"""The beginning of a telemetry log: microseconds since 1970, of the years 1997 to 2041, and the head of a message."""
 
 
 def refuse_foreign(path: Path, head: bytes, kind: str) -> None:
@@ -89,8 +82,8 @@ def _foreign(head: bytes, kind: str) -> tuple[str, str] | None:
             return what, fix
     if head[8:12] == b".FIT":
         return "a recording of a watch (FIT)", _POSITIONS
-    if _TELEMETRY.match(head):
-        return "a telemetry log of MAVLink (.tlog)", _INSTEAD
+    if TELEMETRY.match(head):
+        return "telemetry of MAVLink, which needs no description", "name it .tlog and give it to `testbench import`"
     return _foreign_text(head, kind)
 
 

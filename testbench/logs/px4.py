@@ -299,9 +299,13 @@ def _thrust_rules(log: Log) -> Iterator[Rule]:
 
 
 def _old_rules(log: Log) -> Iterator[Rule]:
-    topic = _OLD_VTOL if "VT_TYPE" in log.parameters and _OLD_VTOL in log.topics else _OLD
+    yield from command_rules(_OLD_VTOL if "VT_TYPE" in log.parameters and _OLD_VTOL in log.topics else _OLD)
+
+
+def command_rules(topic: str, field: str = "control[{}]") -> Iterator[Rule]:
+    """Return the rules for normalised commands before the mixer: roll, pitch, yaw, thrust."""
     mixed = f"{_COMMAND}; the mixer after it, which is not in the log, gives each axis full throw"
     for axis, (name, _, sign) in enumerate(_SURFACES):
-        yield Rule(name, topic, (f"control[{axis}]",), scaled(sign), _commanded(axis, sign), mixed)
+        yield Rule(name, topic, (field.format(axis),), scaled(sign), _commanded(axis, sign), mixed)
     said = "normalised thrust command"
-    yield Rule("thr_cmd", topic, ("control[3]",), scaled(1.0), said, "throttle is the thrust command")
+    yield Rule("thr_cmd", topic, (field.format(3),), scaled(1.0), said, "throttle is the thrust command")

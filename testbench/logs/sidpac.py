@@ -22,10 +22,11 @@ from testbench.logs.catalogue import writer_of
 from testbench.logs.layout import SUFFIXES
 from testbench.logs.mat import read_mat
 from testbench.logs.names import INDICATED, TIME_UNITS, Meaning, meaning
-from testbench.logs.signals import UNSTATED, Log, Rule, Topic, dropped_in_words, make_topic, scaled
+from testbench.logs.ros import read_bag
+from testbench.logs.signals import MIN_SAMPLES, UNSTATED, Log, Rule, Topic, dropped_in_words, make_topic, scaled
 from testbench.logs.tables import Table, read_table
 from testbench.logs.times import clock_unit, find_clock, holds_stamps, read_times
-from testbench.logs.topics import log_of_folder, log_of_matrices, log_of_table
+from testbench.logs.topics import is_px4_file, log_of_matrices, log_of_table, log_of_tables
 from testbench.logs.vectors import vectors_of
 
 
@@ -104,38 +105,65 @@ def read_folder(folder: Path, told: Told = NOTHING) -> tuple[Log, tuple[Rule, ..
     Raises:
         RecordError: no table holds a channel, or their clocks share no time.
     """
-    found = log_of_folder(folder)
+    files = sorted(folder.glob("*.csv"))
+    read = list(filter(is_px4_file, files)) or files  # of the tables that ulog2csv makes most say nothing of motion
+    unread = dict.fromkeys((path.name for path in files if path not in read), 1)
+    return _of_tables(folder, {path.stem: read_table(path, "csv") for path in read}, unread, told)
+
+
+def read_recording(path: Path, told: Told = NOTHING) -> tuple[Log, tuple[Rule, ...]]:
+    """Read a recording of ROS as one log, each topic with a clock of its own; return it and its rules.
+
+    Raises:
+        RecordError: it is damaged, no topic holds a channel, or their clocks share no time.
+        MissingPackage: rosbags is not installed.
+    """
+    bag = read_bag(path)
+    log, rules = _of_tables(path, bag.tables, bag.unread, told)
+    return replace(log, kind=f"a recording of ROS ({len(bag.tables)} topics read)"), rules
+
+
+def _of_tables(
+    place: Path, tables: Mapping[str, Table], unread: Mapping[str, int], told: Told
+) -> tuple[Log, tuple[Rule, ...]]:
+    found = log_of_tables(place, tables)
     if found is not None:
-        return found
-    files, logs = sorted(folder.glob("*.csv")), {}
+        return replace(found[0], unread={**found[0].unread, **unread}), found[1]
+    logs: dict[str, tuple[Log, tuple[Rule, ...]]] = {}
     refused: dict[str, RecordError] = {}
-    for path in files:
+    for name, table in tables.items():
+        if len(table) < MIN_SAMPLES:  # said once, as a home position is
+            refused[table.file.name] = RecordError(f"it holds {len(table)} of at least {MIN_SAMPLES} samples")
+            continue
         try:
-            table = read_table(path, "csv")
-            logs[path.stem] = _plain(path, _after_its_file(table), [], told)
+            logs[name] = _plain(table.file, _after_its_file(table), [], told)
         except RecordError as error:
-            refused[path.name] = error
+            refused[table.file.name] = error
     if not logs:
         raise RecordError(
-            f"a folder must hold the topics of one log as CSV (NAME_vehicle_attitude_0.csv, IMU.csv, "
-            f"NAME-imu-data.csv), got {len(files)} others in '{folder}': {next(iter(refused.values())).message}"
+            f"'{place}' must hold the topics of one log (as CSV NAME_vehicle_attitude_0.csv, IMU.csv, "
+            f"NAME-imu-data.csv), got {len(tables)} others: {_listed(list(tables))}"
+            + "".join(f"; {error.message}" for error in list(refused.values())[:1])
         )
     spans = {name: log.topics[""].t_s[[0, -1]] for name, (log, _) in logs.items()}
     start, end = max(a for a, _ in spans.values()), min(b for _, b in spans.values())
     if start >= end:
         late = max(spans, key=lambda name: spans[name][0])
         raise RecordError(
-            f"the tables in '{folder}' must share a time, but '{late}.csv' begins after others have ended"
+            f"the tables in '{place}' must share a time, but '{tables[late].file.name}' begins after others have ended"
         )
     main = max(logs, key=lambda name: logs[name][0].topics[""].t_s.size)
     first = logs[main][0]
     whole = Log(
-        folder,
+        place,
         f"a folder of {len(logs)} tables",
         {name: replace(log.topics[""], name=name) for name, (log, _) in logs.items()},
         warnings=tuple(text for log, _ in logs.values() for text in log.warnings),
-        unread={f"{name}.{key}": n for name, (log, _) in logs.items() for key, n in log.unread.items()}
-        | dict.fromkeys(refused, 1),
+        unread={
+            **{f"{name}.{key}": n for name, (log, _) in logs.items() for key, n in log.unread.items()},
+            **dict.fromkeys(refused, 1),
+            **unread,
+        },
         reasons={name: error.message for name, error in refused.items()},
         assumed=tuple(dict.fromkeys(text for log, _ in logs.values() for text in log.assumed)),
         notes=tuple(dict.fromkeys(text for log, _ in logs.values() for text in log.notes)),
@@ -253,7 +281,7 @@ def _plain(path: Path, table: Table, warnings: list[str], told: Told) -> tuple[L
     return (
         Log(
             path,
-            ", ".join([f"table ({SUFFIXES[path.suffix.lower()]})", *written, *table.said]),
+            ", ".join([f"table ({SUFFIXES.get(path.suffix.lower(), 'topic')})", *written, *table.said]),
             {"": topic, **own.topics},
             warnings=(*warnings, *dropped_in_words([lost])),
             unread=unread,

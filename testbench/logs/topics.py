@@ -20,7 +20,7 @@ from testbench.logs import ardupilot, px4
 from testbench.logs.mat import CellArray
 from testbench.logs.names import meaning
 from testbench.logs.signals import Dropped, Log, Rule, Topic, dropped_in_words, make_topic
-from testbench.logs.tables import Table, read_table
+from testbench.logs.tables import Table
 
 _CLOCK = "TimeUS"
 _MICRO = 1e-6
@@ -35,7 +35,7 @@ _Columns = dict[str, NDArray[Any]]
 
 def log_of_table(path: Path, table: Table) -> tuple[Log, tuple[Rule, ...]] | None:
     """Return a table as the log that it was made of, and its rules; None if it is of none of these writers."""
-    topics = dict(_px4_topic(path, table)) or dict(_ardupilot_topics(table, path.stem))
+    topics = dict(_px4_topic(path.stem, table)) or dict(_ardupilot_topics(table, path.stem))
     if not topics:
         return None
     columns = {name for _, held in topics.values() for name in held}
@@ -51,27 +51,27 @@ def log_of_table(path: Path, table: Table) -> tuple[Log, tuple[Rule, ...]] | Non
     return _log(path, topics, {}, notes)
 
 
-def log_of_folder(folder: Path) -> tuple[Log, tuple[Rule, ...]] | None:
-    """Return a folder of tables, a topic of one log each, as that log, and its rules.
+def is_px4_file(path: Path) -> bool:
+    """Say whether a table is called as ulog2csv calls one of a topic that is read."""
+    return _PX4_FILE.fullmatch(path.stem) is not None
 
-    None if no table in it is a topic of PX4 or a message of ArduPilot.
 
-    Raises:
-        RecordError: a table is damaged.
+def log_of_tables(place: Path, tables: Mapping[str, Table]) -> tuple[Log, tuple[Rule, ...]] | None:
+    """Return tables, a topic of one log each, as that log, and its rules.
+
+    None if none of them is a topic of PX4 or a message of ArduPilot.
+
+    Args:
+        place: the folder or the recording that they are of.
+        tables: name -> table.
     """
     topics: dict[str, tuple[FloatArray, _Columns]] = {}
     unread: dict[str, int] = {}
-    files = sorted(folder.glob("*.csv"))
-    of_px4 = [path for path in files if _PX4_FILE.fullmatch(path.stem)]
-    for path in of_px4 or files:
-        table = read_table(path, "csv")
-        found = dict(_px4_topic(path, table)) or dict(_ardupilot_topics(table, path.stem))
+    for name, table in tables.items():
+        found = dict(_px4_topic(name, table)) or dict(_ardupilot_topics(table, name))
         topics |= found
-        unread |= {} if found else {path.name: len(table)}
-    if not topics:
-        return None
-    unread |= dict.fromkeys((path.name for path in files if of_px4 and path not in of_px4), 1)
-    return _log(folder, topics, {}, [], unread)
+        unread |= {} if found else {table.file.name: len(table)}
+    return _log(place, topics, {}, [], unread) if topics else None
 
 
 def log_of_matrices(path: Path, content: Mapping[str, Any]) -> tuple[Log, tuple[Rule, ...]] | None:
@@ -126,8 +126,8 @@ def _is_control(name: str) -> bool:
     return found is not None and found.channel.removesuffix("_cmd") in CONTROLS
 
 
-def _px4_topic(path: Path, table: Table) -> Iterator[tuple[str, tuple[FloatArray, _Columns]]]:
-    match = _PX4_FILE.fullmatch(path.stem)
+def _px4_topic(name: str, table: Table) -> Iterator[tuple[str, tuple[FloatArray, _Columns]]]:
+    match = _PX4_FILE.fullmatch(name)
     if match is None or px4.CLOCK not in table.names:
         return
     columns = {name: table.numbers(i + 1) for i, name in enumerate(table.names)}

@@ -66,7 +66,7 @@ NONSENSE = [
     ("print.csv", b"%PDF-1.7\n", "a PDF document"),
     ("base.csv", b"SQLite format 3\0" + bytes(90), "an SQLite database; export the table"),
     ("numpy.csv", b"\x93NUMPY\x01\0" + bytes(90), "an array of NumPy"),
-    ("radio.tlog", b"\x00\x06\x0a\x24\x18\x1e\x40\x00\xfd\x09" + bytes(60), "a telemetry log of MAVLink"),
+    ("radio.tlog", b"\x00\x06\x0a\x24\x18\x1e\x40\x00\xfd\x09" + bytes(60), "heartbeat of a vehicle, but none came"),
     ("gps.nmea", b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\n" * 9, "sentences of a receiver"),
     ("table.csv.bak", TABLE, r"begins as none of them; if it is a table, name it \.csv or \.txt"),
 ]  # fmt: skip

@@ -83,7 +83,7 @@ def test_ulog2csv_s_file_and_folder_are_px4_s(tmp_path):
 
 def test_a_folder_without_topics_is_refused_with_what_it_must_hold(tmp_path):
     (tmp_path / "some.csv").write_text("a,b\n0,1\n1,2\n")
-    with pytest.raises(RecordError, match="the topics of one log as CSV"):
+    with pytest.raises(RecordError, match=r"the topics of one log \(as CSV"):
         import_log(tmp_path)
 
 

@@ -31,6 +31,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from flown_logs import DELAY_S, LAG_S, LOGS, THROWS, fly
 from recorded import shared
+from recordings import write_bag, write_tlog
 from smallest import results, sized
 from tables import read_rows, write_rows
 from writers import quaternion
@@ -222,11 +223,26 @@ def autopilot(kind: str) -> Callable[[Flight, Path], Path]:
     return make
 
 
+def telemetry(f: Flight, folder: Path) -> Path:
+    """Telemetry of MAVLink as pymavlink encodes it."""
+    return write_tlog(folder / "flight.tlog", f, {name: f[name] / throw for name, throw in THROWS.items()})
+
+
+def recording(name: str, f: Flight, folder: Path) -> Path:
+    """A recording of ROS as rosbags writes it."""
+    return write_bag(folder / name, f)
+
+
 OTHERS: tuple[tuple[str, Callable[[Flight, Path], Path], str], ...] = (
     ("Citation II, TU Delft", citation, "V alpha theta phi p q r h de da dr"),
     ("ROS, a folder of topics", topics_of_ros, "phi theta psi p q r ax ay az V Vg h hdot"),
     ("PX4, ULog", autopilot("px4"), "p q r ax ay az phi theta psi V h de_cmd da_cmd dr_cmd"),
     ("ArduPilot, DataFlash", autopilot("ardupilot"), "p q r ax ay az phi theta psi V h de_cmd da_cmd dr_cmd"),
+    ("MAVLink, telemetry (pymavlink)", telemetry, "p q r ax ay az phi theta psi V h alpha de_cmd da_cmd dr_cmd"),
+    *(
+        (f"{what} (rosbags)", partial(recording, name), "phi theta psi p q r ax ay az V Vg h hdot")
+        for what, name in (("ROS, bag", "a.bag"), ("ROS 2, MCAP", "a.mcap"), ("ROS 2, SQLite", "a.db3"))
+    ),
 )
 
 
@@ -356,10 +372,10 @@ _BLACKBOX = b"H Product:Blackbox flight data recorder by Nicholas Sherlock\nH Da
 FOREIGN: Mapping[str, tuple[bytes, str]] = {
     "flight.bbl": (_BLACKBOX, "blackbox_decode"),
     "LOG00001.TXT": (_BLACKBOX, "blackbox_decode"),
-    "flight.mcap": (b"\x89MCAP0\r\n\x01" + bytes(40), "MCAP"),
-    "flight.bag": (b"#ROSBAG V2.0\n" + bytes(60), "bag of ROS"),
-    "flight.db3": (b"SQLite format 3\x00" + bytes(60), "SQLite"),
-    "flight.tlog": (b"\x00\x05\xd0\x11\x22\x33\x44\x55\xfd\x1c\x00\x00" + bytes(60), "telemetry log of MAVLink"),
+    "flight.mcap": (b"\x89MCAP0\r\n\x01" + bytes(40), "damaged"),
+    "flight.bag": (b"#ROSBAG V2.0\n" + bytes(60), "damaged"),
+    "flight.db3": (b"SQLite format 3\x00" + bytes(60), "damaged"),
+    "flight.tlog": (b"\x00\x05\xd0\x11\x22\x33\x44\x55\xfd\x1c\x00\x00" + bytes(60), "heartbeat of a vehicle"),
     "flight.igc": (b"AXXX001\r\nHFDTE040524\r\nB0912014807000N01130000EA0035000360\r\n" * 3, "IGC"),
     "flight.gpx": (b'<?xml version="1.0"?>\n<gpx version="1.1"><trk></trk></gpx>\n', "XML|GPX"),
     "flight.nmea": (b"$GPRMC,091201.00,A,4807.000,N,01130.000,E,10.0,90.0,040524,,*00\r\n" * 3, "NMEA"),
@@ -368,7 +384,7 @@ FOREIGN: Mapping[str, tuple[bytes, str]] = {
     "flight.ubx": (b"\xb5b\x01\x07\x5c\x00" + bytes(96), "u-blox|UBX"),
     "flight.fit": (b"\x0e\x10\xd9\x07\x00\x00\x00\x00.FIT" + bytes(40), "FIT"),
 }
-"""Files of formats that are not read: first bytes, and what the refusal must name."""
+"""Files of formats that are not read, or of which only the head is left: first bytes, what the refusal must name."""
 
 
 def written_rows(f: Flight, folder: Path) -> Iterator[dict[str, str]]:

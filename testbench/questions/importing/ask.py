@@ -26,10 +26,11 @@ from testbench.core.scenario.base import Preparation
 from testbench.core.store import ResultFolder
 from testbench.logs.ardupilot import ardupilot_rules
 from testbench.logs.dataflash import HEAD, read_dataflash
-from testbench.logs.foreign import looks_like_text, refuse_foreign
+from testbench.logs.foreign import TELEMETRY, looks_like_text, refuse_foreign
 from testbench.logs.instances import number_of
 from testbench.logs.layout import SUFFIXES, ChannelColumn, find_data_folder
 from testbench.logs.manoeuvres import QUIET_S, SMALLEST, Manoeuvre, Search, cut_at, find_manoeuvres
+from testbench.logs.mavlink import read_tlog
 from testbench.logs.noise import Noise, jump_of, noise_of, true_rate
 from testbench.logs.paparazzi import is_paparazzi, read_paparazzi
 from testbench.logs.plausible import implausible, refusal, to_set
@@ -38,7 +39,8 @@ from testbench.logs.question import Question
 from testbench.logs.read import read_records
 from testbench.logs.readings import readings, settled, turned
 from testbench.logs.resampling import common_rate, resample
-from testbench.logs.sidpac import NOTHING, Told, read_columns, read_folder
+from testbench.logs.ros import is_bag
+from testbench.logs.sidpac import NOTHING, Told, read_columns, read_folder, read_recording
 from testbench.logs.signals import FULL_COMMAND, UNSTATED, Log, Mapped, Rule, Topic, find_channels, scaled
 from testbench.logs.stretches import Stretch, beyond_ground, flown_parts, not_flown, stretches_of
 from testbench.logs.ulog import MAGIC, read_ulog
@@ -216,7 +218,7 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
             (start, start + WINDOW_S)
             for a, b in parts
             for start in np.arange(a, b - WINDOW_S + 1.5 * self.record.dt_s, WINDOW_S).tolist()
-        ]
+        ] or list(parts)  # each of them shorter than a window
         cuts = [self.record.between(a, b) for a, b in spans]
         spread = np.array([[np.std(part[name]) for name in controls_of(self.record)] for part in cuts])
         usual = np.median(spread, axis=0)
@@ -298,14 +300,18 @@ def read_log(path: Path | str, part: str | None = None, told: Told = NOTHING) ->
         RecordError: the file is missing, empty, of no known format, or damaged beyond use.
     """
     path = Path(path)
-    if told != NOTHING and path.suffix.lower() not in SUFFIXES and not path.is_dir():
-        raise RecordError(f"--unit and --axes are for tables ({', '.join(SUFFIXES)}), which '{path}' is not")
+    head = b""
     if path.is_dir() and any(path.glob("*.csv")):
         return read_folder(path, told)
-    if not path.is_file():
+    if not path.is_file() and not is_bag(path, head):
         raise RecordError(f"a log must be a file that exists, got {not_found(path)}")
-    with open_file(path, "log") as file:
-        head = file.read(8000)
+    if path.is_file():
+        with open_file(path, "log") as file:
+            head = file.read(8000)
+    if is_bag(path, head):
+        return read_recording(path, told)
+    if told != NOTHING and path.suffix.lower() not in SUFFIXES:
+        raise RecordError(f"--unit and --axes are for tables ({', '.join(SUFFIXES)}), which '{path}' is not")
     suffix = path.suffix.lower()
     if not head:
         raise RecordError(f"a log must hold samples, but '{path}' is empty")
@@ -313,6 +319,8 @@ def read_log(path: Path | str, part: str | None = None, told: Told = NOTHING) ->
         return read_described(path, part)
     if part is not None:
         raise RecordError(f"--record chooses among those of a description (.toml), but '{path}' is none")
+    if TELEMETRY.match(head):
+        return read_tlog(path)
     if not head.startswith((MAGIC, HEAD)):
         refuse_foreign(path, head, SUFFIXES.get(suffix, ""))
     if head.startswith(MAGIC) or suffix == ".ulg":
@@ -324,7 +332,8 @@ def read_log(path: Path | str, part: str | None = None, told: Told = NOTHING) ->
     if suffix in SUFFIXES:
         return read_columns(path, told)
     raise RecordError(
-        f"a log must be PX4's ULog (.ulg), ArduPilot's DataFlash (.bin, .log), Paparazzi's messages (.data), a table "
+        "a log must be PX4's ULog (.ulg), ArduPilot's DataFlash (.bin, .log), telemetry of MAVLink (.tlog), a "
+        "recording of ROS (.bag, .mcap, .db3), Paparazzi's messages (.data), a table "
         f"({', '.join(SUFFIXES)}) or the description of one (.toml), got '{path}', which begins as none of them"
         + ("; if it is a table, name it .csv or .txt" if looks_like_text(head) else "")
     )
@@ -408,7 +417,7 @@ def import_log(
             f"'{path}' must hold signals of the channel table, but none of its topics is known as one, or they hold "
             f"fewer than 4 samples or nothing but zeros: {', '.join(name or 'the table' for name in log.topics)}"
         )
-    plain = log.kind.startswith(("table", "a folder"))
+    plain = log.kind.startswith(("table", "a folder", "a recording"))
     described = Path(path) if Path(path).suffix.lower() == ".toml" else None
     unstated = [c.name for c in found.channels if c.assumed.startswith(UNSTATED)]
     stated = [] if described else [c.name for c in found.channels if c.name not in unstated]
@@ -462,7 +471,8 @@ def _digest(file: Path) -> str:
     """Return the SHA-256 of a log, of a folder that of the digests of its tables, in the order of their names."""
     if file.is_file():
         return sha256(file, "log")
-    parts = "".join(sha256(table, "log") for table in sorted(file.glob("*.csv")))
+    files = sorted(file.glob("*.csv")) or sorted(part for part in file.iterdir() if part.is_file())
+    parts = "".join(sha256(part, "log") for part in files)
     return hashlib.sha256(parts.encode()).hexdigest()
 
 

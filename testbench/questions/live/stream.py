@@ -7,16 +7,16 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.door import read_text
 from testbench.core.errors import MissingPackage, RecordError
 from testbench.core.store import OWN
+from testbench.logs.mavlink import NEEDS_PYMAVLINK, values_of
 from testbench.logs.signals import Mapped, find_channels
 from testbench.questions.importing.ask import read_log
 
@@ -165,29 +165,8 @@ def followed(path: Path, throw_rad: Mapping[str, float], idle_s: float) -> Itera
         time.sleep(_SHARE * (arrived - grown_at))
 
 
-def _attitude(m: Any) -> dict[str, float]:
-    return {"phi": m.roll, "theta": m.pitch, "psi": m.yaw, "p": m.rollspeed, "q": m.pitchspeed, "r": m.yawspeed}
-
-
-def _scaled_imu(m: Any) -> dict[str, float]:
-    milli = 1e-3 * G0_M_S2
-    forces = {"ax": milli * m.xacc, "ay": milli * m.yacc, "az": milli * m.zacc}
-    return {**forces, "p": 1e-3 * m.xgyro, "q": 1e-3 * m.ygyro, "r": 1e-3 * m.zgyro}
-
-
-def _highres_imu(m: Any) -> dict[str, float]:
-    return {"ax": m.xacc, "ay": m.yacc, "az": m.zacc, "p": m.xgyro, "q": m.ygyro, "r": m.zgyro}
-
-
-_MESSAGES: dict[str, Callable[[Any], dict[str, float]]] = {
-    "ATTITUDE": _attitude,
-    "HIGHRES_IMU": _highres_imu,
-    "SCALED_IMU": _scaled_imu,
-    "SCALED_IMU2": _scaled_imu,
-    "VFR_HUD": lambda m: {"V": m.airspeed, "h": m.alt},
-    "AOA_SSA": lambda m: {"alpha": m.AOA * DEG_RAD, "beta": m.SSA * DEG_RAD},
-}
-"""Message of MAVLink -> its channels, SI: https://mavlink.io/en/messages/common.html and ardupilotmega.html."""
+_MESSAGES = ("ATTITUDE", "HIGHRES_IMU", "SCALED_IMU", "SCALED_IMU2", "VFR_HUD", "AOA_SSA")
+_HEARD = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "ax", "ay", "az", "h")
 REQUESTS = {"ATTITUDE": 30, "SCALED_IMU": 26, "SERVO_OUTPUT_RAW": 36, "VFR_HUD": 74, "AOA_SSA": 11020}
 """Message that identification lives on -> its number, for MAV_CMD_SET_MESSAGE_INTERVAL."""
 
@@ -204,9 +183,7 @@ def mavlink(address: str, throw_rad: Mapping[str, float], servos: Mapping[str, i
     try:
         from pymavlink import mavutil
     except ImportError as error:
-        raise MissingPackage(
-            "a MAVLink port needs pymavlink, which is not installed; pip install 'flight-testbench[mavlink]'"
-        ) from error
+        raise MissingPackage(NEEDS_PYMAVLINK) from error
     try:
         link = mavutil.mavlink_connection(address, dialect="ardupilotmega")
     except OSError as error:
@@ -223,7 +200,7 @@ def _heard(link: Any, throw_rad: Mapping[str, float], servos: Mapping[str, int],
             system = m.get_srcSystem() if system is None and kind in _MESSAGES else system
             if m.get_srcSystem() != system:
                 continue
-            values = _MESSAGES[kind](m) if kind in _MESSAGES else {}
+            values = {n: x for n, x in values_of(m).items() if n in _HEARD} if kind in _MESSAGES else {}
             if kind == "SERVO_OUTPUT_RAW":
                 values = _deflections(m, throw_rad, servos)
             values = {n: float(x) for n, x in values.items() if source.setdefault(n, kind) == kind and np.isfinite(x)}
