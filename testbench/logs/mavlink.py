@@ -1,9 +1,9 @@
 """Telemetry of MAVLink (.tlog): what came over the radio, each message behind the time at which it arrived.
 
 A ground station writes 8 bytes of microseconds since 1970 before each message; pymavlink decodes the messages
-(https://mavlink.io/en/messages/common.html, ardupilotmega.html). Messages that hold the time since boot keep it, so
-that the radio's delay, which changes, does not shift one channel against another. What a servo output drives is in the
-settings, which ground stations ask for as they connect.
+(https://mavlink.io/en/messages/common.html, ardupilotmega.html). Messages that hold the time since boot keep it,
+and others have that of the last one that did, so that the radio's delay, which changes, does not shift one channel
+against another. What a servo output drives is in the settings, which ground stations ask for as they connect.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ NEEDS_PYMAVLINK = "MAVLink needs pymavlink, which is not installed; pip install 
 _ONE, _CENTI, _MILLI_G = scaled(1.0), scaled(0.01), scaled(1e-3 * G0_M_S2)
 _AIRSPEED = "true airspeed is the airspeed shown, which is indicated: right at sea level, 5 % too low at 1000 m"
 _VANE = "the vane measures the flow at the centre of gravity"
-_ARRIVED = "its times are those of arrival: the message holds none"
+_ARRIVED = "its times are those of the messages before it: it holds none"
 
 
 def _imu(topic: str, milli: bool) -> list[Rule]:
@@ -101,10 +101,11 @@ _BETTER = "SR0_EXTRA1, SR0_RC_CHAN and SR0_RAW_SENS set how often messages are s
 
 
 class _Message(NamedTuple):
-    """A message with the time at which it arrived, s."""
+    """A message with the time at which it arrived, s, and that since boot, s, of the last one that held it."""
 
     t_s: float
     message: Any
+    boot_s: float = np.nan
 
 
 def dialect() -> Any:
@@ -169,6 +170,7 @@ class _Telemetry:
     messages: dict[str, list[_Message]] = field(default_factory=dict)
     parameters: dict[str, float] = field(default_factory=dict)
     texts: list[str] = field(default_factory=list)
+    boot_s: float = np.nan
 
     def __post_init__(self) -> None:
         early: list[_Message] = []  # before it is known whose heartbeat is that of a vehicle
@@ -190,7 +192,8 @@ class _Telemetry:
         elif kind == "STATUSTEXT":
             self.texts.append(str(message.text))
         elif kind != _BEAT or _beats(message):
-            self.messages.setdefault(kind, []).append(each)
+            self.boot_s = 1e-3 * getattr(message, "time_boot_ms", 1e3 * self.boot_s)
+            self.messages.setdefault(kind, []).append(each._replace(boot_s=self.boot_s))
 
     @property
     def beats(self) -> list[_Message]:
@@ -229,14 +232,16 @@ class _Telemetry:
         arrived = {kind: np.array([each.t_s for each in found]) for kind, found in self.messages.items()}
         boots = {kind: clock for kind, columns in held.items() if (clock := _clock(columns)) is not None}
         start = min(float(t[0]) for t in arrived.values())
-        late = [np.min(arrived[kind] - t) for kind, t in boots.items() if not np.any(t > 1e-6 * _UNIX_US)]
+        since_boot = {kind: t for kind, t in boots.items() if not np.any(t > 1e-6 * _UNIX_US)}
+        late = min((float(np.min(arrived[kind] - t)) for kind, t in since_boot.items()), default=0.0)
         topics: dict[str, Topic] = {}
         lost: list[Dropped | None] = []
         for kind, columns in held.items():
-            t = arrived[kind]
+            last = np.array([each.boot_s for each in self.messages[kind]])
+            t = np.where(np.isfinite(last), last + late, arrived[kind])
             if kind in boots:
                 own = boots[kind]
-                t = own + (np.min(t - own) if np.any(own > 1e-6 * _UNIX_US) else min(late))
+                t = own + (np.min(arrived[kind] - own) if np.any(own > 1e-6 * _UNIX_US) else late)
             topic, dropped = make_topic(kind, t - start, columns)
             lost.append(dropped)
             if topic.t_s.size:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby, pairwise
 
 import numpy as np
@@ -24,8 +25,10 @@ SLOWEST_M_S = 3.0
 """Airspeed below which nothing is carried by its wing; judged: the lightest models of the field stall at 4 to 5 m/s."""
 FLOWN = ("cruise", "climb", "descent", "turn", "manoeuvre", "flight")
 """Kinds of flight that a fixed wing is identified from."""
+STALL = "stall"
+"""Flight in which lift is lost as the angle of attack grows: derivatives at a trim do not hold in it."""
 KINDS = (
-    "parked", "control check", "taxi", "take-off roll", *FLOWN, "hover", "transition", "landing roll", "slow",
+    "parked", "control check", "taxi", "take-off roll", *FLOWN, STALL, "hover", "transition", "landing roll", "slow",
     "crash", "not logged",
 )  # fmt: skip
 """Slow is what answers its controls below any speed of flight: in a hover, or the speed is wrong."""
@@ -46,6 +49,12 @@ _ANSWER = {"de": ("q", "alpha", "theta"), "da": ("p", "phi"), "dr": ("r", "beta"
 """Control -> the channels in which the motion shows that it causes."""
 _STILL = ("p", "q", "r", "phi", "theta", "V", "h", "az")
 """Channels that rest where an aircraft rests."""
+_BRIEF_S = 0.1  # within which the angle of attack hardly changes as a wing stalls
+_FEWEST_BLOCKS, _FEWEST_BEYOND = 50, 5  # of flight, from which a line is told, and beyond it
+_BACKWARDS_RAD = 60.0 * DEG_RAD  # of flow: in a tumble or a spin a wing has no line of lift
+_LOST = 0.1  # of the lift that the line has
+_ATTACHED_RAD = 8.0 * DEG_RAD  # above the angle of no lift: the flow about the thinnest plates stays attached so far
+_OFF = 4.0  # standard deviations
 _AFTER_S = 1.0  # the answer goes on after the control has come to rest
 
 
@@ -139,18 +148,21 @@ class _Labels:
         self.logged = np.add.reduceat(record.valid.any(axis=1), np.arange(0, len(record), self.m)) > 0
         self.why = np.full(self.n, "", dtype=object)
 
-    def mean(self, name: str) -> FloatArray:
-        """Return the mean of a channel over each block, that of the block before where it has no sample."""
+    def mean(self, name: str, size: int = 0) -> FloatArray:
+        """Return the mean of a channel over each block, that of the block before where it has no sample.
+
+        ``size`` is that of other blocks, in samples.
+        """
+        edges = np.arange(0, len(self.record), size or self.m)
         if name not in self.record:
-            return np.full(self.n, np.nan)
+            return np.full(edges.size, np.nan)
         taken, x = _taken(self.record, name), self.record[name]
-        edges = np.arange(0, len(self.record), self.m)
         count = np.add.reduceat(taken.astype(float), edges)
         total = np.add.reduceat(np.where(taken, x, 0.0), edges)
-        held = np.maximum.accumulate(np.where(count > 0, np.arange(self.n), -1))
+        held = np.maximum.accumulate(np.where(count > 0, np.arange(edges.size), -1))
         first = int(np.argmax(count > 0))
         held = np.where(held < 0, first, held)
-        return total[held] / np.maximum(count[held], 1.0) if count.any() else np.full(self.n, np.nan)
+        return total[held] / np.maximum(count[held], 1.0) if count.any() else np.full(edges.size, np.nan)
 
     def stretches(self) -> tuple[Stretch, ...]:
         kinds = _without_short(self.aloft(self.flying()), round(_SHORTEST_S / self.step))
@@ -160,7 +172,7 @@ class _Labels:
         for (kind, mode), same in groupby(zip(kinds, modes, strict=True)):
             size = len(list(same))
             reasons = [text for text in self.why[first : first + size] if text]
-            why = str(max(set(reasons), key=reasons.count)) if reasons and kind in _GROUND else ""
+            why = str(max(set(reasons), key=reasons.count)) if reasons and kind in (*_GROUND, STALL) else ""
             end = min((first + size) * self.step, float(self.record.t_s[-1]))
             out.append(Stretch(round(first * self.step, 9), round(end, 9), kind, mode, why))
             first += size
@@ -257,6 +269,10 @@ class _Labels:
             self.ground(kinds, flying)
         if self.log.vehicle == "VTOL":
             kinds[flying & (speed < SLOWEST_M_S)] = "hover"
+        if not rotor:
+            knee, beyond = self.stalled(flying & (kinds != "hover"))
+            kinds[beyond] = STALL
+            self.why[beyond] = f"lift is lost at angles of attack beyond {knee / DEG_RAD:.2g} deg"
         for name in ("hover", "transition"):
             flag = self.flag(name)
             if flag is not None:
@@ -264,6 +280,50 @@ class _Labels:
         kinds[self.n - self.wild() :] = "crash"
         kinds[~self.logged] = "not logged"
         return kinds
+
+    def stalled(self, flying: NDArray[np.bool_]) -> tuple[float, NDArray[np.bool_]]:
+        """Return the angle of attack, rad, from which on lift is lost, and the blocks beyond it.
+
+        Lift is the square of the airspeed times a straight line over the angle of attack. The line is fitted to the
+        lower half of the angles and taken on, degree by degree, as long as lift follows it. The wing is stalled beyond
+        the first degree in which a tenth of the lift is missing (Kirchhoff: the flow is separated from 0.8 of the chord
+        on), and more than the line and its residuals leave open. Without a vane the angle is theta less the path's,
+        with the wings level.
+        """
+        size = max(1, round(_BRIEF_S / self.record.dt_s))
+        block = np.arange(-(-len(self.record) // size)) * size // self.m
+        mean = partial(self.mean, size=size)
+        speed, load, alpha, along, flying = mean("V"), -mean("az"), mean("alpha"), mean("ax"), flying[block]
+        if not np.isfinite(alpha).any():
+            path = np.arcsin(np.clip(mean("hdot") / np.maximum(np.abs(speed), SLOWEST_M_S), -1.0, 1.0))
+            alpha = np.where(np.abs(np.nan_to_num(mean("phi"))) < _TURN_RAD, mean("theta") - path, np.nan)
+        lift = load * np.cos(alpha) + along * np.sin(alpha) if np.isfinite(along).any() else load / np.cos(alpha)
+        ok = flying & np.isfinite(alpha) & np.isfinite(lift) & (np.abs(alpha) < _BACKWARDS_RAD) & (speed > SLOWEST_M_S)
+        nowhere = 0.0, np.zeros(self.n, bool)
+        if np.count_nonzero(ok) < _FEWEST_BLOCKS:
+            return nowhere
+        x, y, square = alpha[ok], lift[ok], speed[ok] ** 2
+        columns = square[:, None] * np.column_stack([np.ones(x.size), x])
+        upto = max(float(np.median(x)), float(np.sort(x)[_FEWEST_BLOCKS // 2]))
+        while np.max(x) > upto:
+            below = x <= upto
+            line, rest = _fitted(columns[below], y[below])
+            alike = max(float(np.corrcoef(rest[1:], rest[:-1])[0, 1]), 0.0) if np.ptp(rest) > 0.0 else 0.0
+            variance = float(rest @ rest) / (rest.size - 2) * (1.0 + min(alike, 0.9)) / (1.0 - min(alike, 0.9))
+            known = np.linalg.pinv(columns[below].T @ columns[below])
+            upto = max(upto + DEG_RAD, float(np.min(x[~below])))
+            bin_ = ~below & (x <= upto)
+            asked = columns[bin_] @ line
+            off = np.sqrt(variance * (1.0 + np.einsum("ij,jk,ik->i", columns[bin_], known, columns[bin_])))
+            missing = float(np.mean(asked - y[bin_]))
+            if missing > _LOST * float(np.mean(asked)) and missing > _OFF * float(np.mean(off)):
+                knee = float(np.min(x[bin_]))
+                attached = knee + line[0] / line[1] if line[1] > 0.0 else 0.0  # from the angle of no lift on
+                beyond = ok & (alpha >= knee)
+                share = np.bincount(block, beyond, self.n) / np.bincount(block, minlength=self.n)
+                enough = attached > _ATTACHED_RAD and np.count_nonzero(beyond) >= _FEWEST_BEYOND
+                return (knee, share > 0.5) if enough else nowhere
+        return nowhere
 
     def wild(self) -> int:
         """Return how many blocks at the end, and in most of them, do what no flight does: tumble, or fly backwards."""
@@ -315,6 +375,12 @@ class _Labels:
         return [self.log.modes[i].said if i >= 0 else "" for i in last]
 
 
+def _fitted(columns: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the values of least squares and what they leave."""
+    values = np.linalg.lstsq(columns, y, rcond=None)[0]
+    return values, y - columns @ values
+
+
 def _smooth(x: FloatArray, width: int) -> FloatArray:
     width = min(max(1, width), x.size)
     if width < 2 or not np.isfinite(x).all():
@@ -344,6 +410,7 @@ def _without_short(kinds: NDArray[np.object_], least: int) -> list[str]:
             "landing roll",
             "transition",
             "crash",
+            STALL,
         )
         if merged and (not kept or merged[-1][0] == kind):
             merged[-1] = (merged[-1][0], merged[-1][1] + size)
@@ -383,7 +450,7 @@ def beyond_ground(
 _WORDS = {
     "slow": "on the ground, in a hover, or the airspeed is wrong", "parked": "on the ground",
     "control check": "a check of controls on the ground", "taxi": "in a taxi", "hover": "in a hover",
-    "transition": "in a transition",
+    "transition": "in a transition", STALL: "in a stall",
 }  # fmt: skip
 
 
@@ -398,7 +465,7 @@ def _within(m: Manoeuvre, stretches: Sequence[Stretch]) -> tuple[float, float]:
     return first, last
 
 
-_LETTERS = dict(zip(KINDS, ".ktT-/\\uM=oxLs! ", strict=True))
+_LETTERS = dict(zip(KINDS, ".ktT-/\\uM=SoxLs! ", strict=True))
 
 
 def strip(stretches: Sequence[Stretch], width: int = 60) -> tuple[str, str]:

@@ -1,13 +1,14 @@
 """What kind of flight each stretch of a log is, by whatever it logs, and that nothing else is identified from."""
 
 import io
+import re
 
 import numpy as np
 import pytest
 from rich.console import Console
 from writers import DATAFLASH, START_S, dataflash_of, short_period, ulog_of
 
-from testbench.core.constants import DEG_RAD
+from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import RecordError
 from testbench.logs.noise import moves, noise_of
 from testbench.questions.identify.logs import descriptions_of
@@ -218,3 +219,65 @@ def test_noise_quantisation_and_true_rate_are_found_and_motion_is_what_exceeds_t
     assert noise_of(t, repeated).rate_hz == pytest.approx(10.0, rel=0.01)
     for moved in (white + 1.0 * ((t > 20.0) & (t < 22.0)), white + 0.05 * t):
         assert moves(moved, 50.0, noise_of(t, moved))
+
+
+def stalled(folder, alpha_s=14.0 * DEG_RAD, vane=True, noise=1.0, seed=3):
+    """A small aircraft in one plane: a pull-up, a gentle one, and a full pull that stalls it if ``alpha_s`` is low.
+
+    Attached lift is a straight line; beyond ``alpha_s`` the flow separates, and the wing is a flat plate.
+    """
+    rng, dt = np.random.default_rng(seed), 0.01
+    m, S, rho, J = 2.0, 0.4, 1.2, 0.12
+    V, path, theta, q, h = 16.0, 0.0, 0.05, 0.0, 200.0
+    rows = []
+    for t in np.arange(0.0, 80.0, dt).tolist():
+        pull = 0.02 * (10.0 < t < 12.0) - 0.02 * (12.0 < t < 14.0)
+        pull += np.interp(t, [30.0, 45.0, 48.0, 50.0], [0.0, 0.30, 0.30, 0.0])
+        alpha = theta - path
+        lost = 1.0 / (1.0 + np.exp(-(alpha - alpha_s) / 0.02))
+        CL = (0.3 + 4.5 * alpha) * (1.0 - lost) + lost * 0.9 * np.sin(2.0 * alpha)
+        CD = 0.03 + 0.05 * CL**2 + lost * 1.8 * np.sin(alpha) ** 2
+        qbar = 0.5 * rho * V**2
+        rows.append((t, V, alpha, q, theta, -qbar * S / m * (CL * np.cos(alpha) + CD * np.sin(alpha)), h,
+                     V * np.sin(path), -pull))  # fmt: skip
+        Cm = 0.02 - 0.45 * alpha - 12.0 * q * 0.1 / V + pull
+        thrust = 3.0 if t < 28.0 else 1.0
+        V += dt * (thrust * np.cos(alpha) / m - qbar * S * CD / m - G0_M_S2 * np.sin(path))
+        path += dt * ((qbar * S * CL + thrust * np.sin(alpha)) / (m * V) - G0_M_S2 * np.cos(path) / V)
+        q += dt * qbar * S * 0.2 * Cm / J
+        theta, h = theta + dt * q, h + dt * V * np.sin(path)
+    x = np.array(rows)[::2]
+    sizes = noise * np.array([0.0, 0.2, 0.005, 0.005, 0.004, 0.3, 0.3, 0.1, 0.0])
+    x += sizes * rng.standard_normal(x.shape)
+    names = ["t", "V", "alpha", "q", "theta", "az", "h", "hdot", "de"]
+    kept = [i for i, name in enumerate(names) if vane or name != "alpha"]
+    path = folder / "stall.csv"
+    units = dict(zip(names, ("s", "m/s", "rad", "rad/s", "rad", "m/s2", "m", "m/s", "rad"), strict=True))
+    header = ",".join(f"{names[i]} [{units[names[i]]}]" for i in kept)
+    np.savetxt(path, x[:, kept], "%.6g", ",", header=header, comments="")
+    return path, x[:, 0], np.array(rows)[::2, 2]
+
+
+@pytest.mark.parametrize("vane", [True, False])
+def test_a_stall_is_named_where_lift_grows_no_more(tmp_path, vane):
+    path, t, alpha = stalled(tmp_path, vane=vane)
+    found = import_log(path)
+    spans = of_kind(found, "stall")
+    assert spans
+    inside = np.zeros(t.size, bool)
+    for low, high in spans:
+        inside |= (t >= low) & (t < high)
+    assert np.mean(alpha[inside] > 12.0 * DEG_RAD) > 0.9
+    assert np.mean(inside[alpha > 17.0 * DEG_RAD]) > 0.9
+    why = next(s.why for s in found.stretches if s.kind == "stall")
+    assert float(re.search(r"beyond ([\d.]+) deg", why)[1]) == pytest.approx(14.0, abs=2.0)
+    assert not any(m.cut_s and m.cut_s[0] < high and m.cut_s[1] > low for m in found.search.manoeuvres
+                   for low, high in spans)  # fmt: skip
+    assert any("stall" in text for _, text in import_answer(found))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_pull_up_without_a_stall_is_none(tmp_path, seed):
+    path, _, alpha = stalled(tmp_path, alpha_s=1.0, vane=bool(seed % 2), noise=2.0, seed=seed)
+    assert np.max(alpha) > 20.0 * DEG_RAD
+    assert "stall" not in kinds(import_log(path))

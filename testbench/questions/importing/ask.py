@@ -26,6 +26,7 @@ from testbench.core.scenario.base import Preparation
 from testbench.core.store import ResultFolder
 from testbench.logs.ardupilot import ardupilot_rules
 from testbench.logs.dataflash import HEAD, read_dataflash
+from testbench.logs.delays import Delay, delays_of
 from testbench.logs.foreign import TELEMETRY, looks_like_text, refuse_foreign
 from testbench.logs.instances import number_of
 from testbench.logs.layout import SUFFIXES, ChannelColumn, find_data_folder
@@ -85,9 +86,9 @@ UNUSABLE = "no_recipe"
 class Imported(Shown, page="testbench.questions.importing.page:import_page"):
     """A log that was read: its channels as logged, one record of them on one clock, and the manoeuvres in it.
 
-    ``channels`` are those of ``record``, in its order, and ``noise`` is theirs; ``stretches`` say what kind of flight
-    each part of it is; ``balance`` says what became of every other signal; ``questions`` are values that are hardly
-    meant. ``lead_s`` and ``tail_s`` are quiet flight before and response after
+    ``channels`` are those of ``record``, in its order, ``noise`` is theirs, ``delays`` those that are told;
+    ``stretches`` say what kind of flight each part of it is; ``balance`` says what became of every other signal;
+    ``questions`` are values that are hardly meant. ``lead_s`` and ``tail_s`` are quiet flight before and response after
     each manoeuvre; ``cuts`` were chosen by hand, in place of those that were found.
     """
 
@@ -98,6 +99,7 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
     search: Search
     stretches: tuple[Stretch, ...]
     noise: Mapping[str, Noise]
+    delays: Mapping[str, Delay]
     balance: Balance
     questions: tuple[Question, ...]
     description: Path | None = None
@@ -459,8 +461,8 @@ def import_log(
     rest = "" if log.vehicle in _WITHOUT_SURFACES else not_flown(stretches)
     record = replace(record, provenance={**record.provenance, **({NOT_FLOWN: rest} if rest else {})})
     imported = Imported(
-        log, channels, record, rate, search, stretches, noise, balance, questions, described, lead_s, tail_s,
-        tuple(cuts),
+        log, channels, record, rate, search, stretches, noise,
+        delays_of(record, channels, flown_parts(stretches)), balance, questions, described, lead_s, tail_s, tuple(cuts),
     )  # fmt: skip
     if strict and imported.asked:
         raise RecordError(refusal(path, imported.asked))

@@ -61,6 +61,8 @@ def import_answer(imported: Imported) -> list[tuple[str, str]]:
     out += [f"a command? {text}" for text in imported.jumps]
     if imported.repeated:
         out.append(f"samples repeat those before, new ones come at {', '.join(imported.repeated)}")
+    late = [f"{name} comes {delay.said}" for name, delay in imported.delays.items() if delay.matters]
+    out += [f"channels are apart in time: {', '.join(late)}"] if late else []
     if imported.fed_back and imported.members:
         windows = [r for own in imported.members.values() for m, r in own.values() if m is None]
         which = (
@@ -124,15 +126,15 @@ def _channel_row(c: Mapped, valid: float) -> tuple[str, ...]:
     return c.name, extent, f"{number(c.rate_hz)} Hz", lost, f"{number(100.0 * valid)} %", c.source, c.said, c.assumed
 
 
-NOISE = ("channel", "noise", "quantisation", "new values", "noise at every sample")
+NOISE = ("channel", "noise", "quantisation", "new values", "noise at every sample", "delay")
 
 
 def noise_rows(imported: Imported) -> list[tuple[str, ...]]:
-    """Return a row per channel: noise where nothing happens, its quantisation, rate of new values, its white part."""
+    """Return a row per channel: noise where nothing happens, quantisation, rate of new values, white part, delay."""
     held = ((c.name, imported.noise[c.name]) for c in imported.channels)
     return [
         (name, shown(name, n.std), shown(name, n.step) if n.step else "none seen", f"{number(n.rate_hz)} Hz",
-         shown(name, n.white))
+         shown(name, n.white), imported.delays[name].said if name in imported.delays else "not told")
         for name, n in held
     ]  # fmt: skip
 
