@@ -14,6 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import flown_logs
 import numpy as np
 import pytest
 from any_aircraft import Visitor, geometry_of_the_guide
@@ -53,13 +54,18 @@ def said_by(line: str, run: Callable[..., Any] = command) -> str:
     return done.stdout
 
 
-@pytest.mark.slow
-def test_the_guide_s_way_from_a_log_to_an_amended_aircraft_runs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def plane_of_taurus() -> None:
+    """Write Taurus as a user's own aircraft, plane."""
     shutil.copytree(AIRCRAFT_MODELS / "taurus", "aircraft/plane")
     Path("aircraft/plane/taurus.xml").rename("aircraft/plane/plane.xml")
     toml = Path("aircraft/plane/aircraft.toml")
     toml.write_text(toml.read_text().replace("taurus.xml", "plane.xml"))
+
+
+@pytest.mark.slow
+def test_the_guide_s_way_from_a_log_to_an_amended_aircraft_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    plane_of_taurus()
     truth = changed_aircraft("taurus", {"Cm_q": 0.6, "Cm_alpha": 1.25})
     first, second = steps(5.0, 0.24, 0.5), steps(25.0, 0.24, 0.5)
     record = flown(truth, 15.0, 100.0, {"de": lambda t: first(t) + second(t)}, 40.0)
@@ -76,6 +82,30 @@ def test_the_guide_s_way_from_a_log_to_an_amended_aircraft_runs(tmp_path, monkey
     assert "laws kept" in said[1]
     old, new = (tb.load_aircraft(name).coefficient("Cm_q") for name in ("plane", "plane_flown"))
     assert new / old == pytest.approx(0.6, abs=0.05)
+
+
+@pytest.mark.slow
+def test_five_commands_lead_from_an_autopilot_s_log_to_derivatives_an_aircraft_and_a_gap(tmp_path, monkeypatch):
+    """The log is pyulog's: what it read of a flight is written again by it."""
+    pyulog = pytest.importorskip("pyulog")
+    monkeypatch.chdir(tmp_path)
+    plane_of_taurus()
+    truth = changed_aircraft("taurus", {"Cm_q": 0.6, "Cm_alpha": 1.25})
+    monkeypatch.setattr(flown_logs, "aircraft", lambda: truth)
+    flown_logs.trimmed.cache_clear()
+    Path("made.ulg").write_bytes(flown_logs.px4_log(1))
+    flown_logs.trimmed.cache_clear()
+    pyulog.ULog("made.ulg").write_ulog("flight.ulg")
+    lines = blocks_of("autopilot_logs", "sh")[0].splitlines()
+    assert len(lines) == 5
+    said = [said_by(line) for line in lines]
+    assert "8 manoeuvres found" in said[0]
+    assert "full command is 25 deg (assumed, the log does not hold it)" in " ".join(said[0].split())
+    assert "'plane_flown'" in said[2]
+    for name, factor in (("Cm_q", 0.6), ("Cm_alpha", 1.25)):
+        old, new = (tb.load_aircraft(a).coefficient(name) for a in ("plane", "plane_flown"))
+        assert new / old == pytest.approx(factor, abs=0.08), name
+    assert "plane_flown" in said[4]
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from testbench.page.shown import Shown
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.brought import choose
 from testbench.questions.gap.evidence.commanded import not_compared
-from testbench.questions.gap.records import Flights, at_its_own, check_records, check_speeds
+from testbench.questions.gap.records import Flights, at_its_own, check_records, check_speeds, frame_rate
 from testbench.questions.gap.result import GapFinding
 from testbench.questions.gap.scenario import GapScenario, Loaded
 from testbench.questions.gap.starts import Start, marked
@@ -91,12 +91,14 @@ def run_gap(
         suite = load_suite(scenario.suite)
     condition = condition_of(scenario.condition)
     aircraft = load_aircraft(scenario.aircraft, scenario.wings)
+    notes = list(not_compared(suite))
     with located(file, "suite"):
-        rate = scenario.simulation.rate_hz or aircraft.rate_hz
+        rate = scenario.simulation.rate_hz or (
+            frame_rate(aircraft, suite, notes) if scenario.hidden is None else aircraft.rate_hz
+        )
         believed = Believed(aircraft, suite, condition, rate, simulator=simulator)
     with located(file, "effects"):
         choice = choose(suite, scenario.effects, (*scenario.more_effects, *more_effects), file, aircraft)
-    notes = not_compared(suite)
     if scenario.hidden is not None:
         starts = {
             m.name: s

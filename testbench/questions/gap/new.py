@@ -266,7 +266,7 @@ def _head(aircraft: str, wings: str, suite: str, made: bool, flights: Flights) -
         "# gamma_deg = 0.0  # flight path angle, climbing positive",
         "",
         "# [simulation]",
-        f"# rate_hz = {real(believed.rate_hz)}  # frames per second of the simulation; the aircraft's own if left out",
+        f"# rate_hz = {real(believed.rate_hz)}  # frames per second of the simulation; this if left out",
         "",
         '# use = "naming": an effect is named and fitted on it. use = "held_out": it only judges what was named.',
         "# Optional keys of a record, where it was not flown as the others were:",

@@ -154,7 +154,7 @@ def flights_of(
     records = check_records(suite, {**naming, **held}, told, said.drive != "command")
     condition, records = _conditions(aircraft, suite, records, said, told)
     with located(None, f"sensors '{suite.name}'"):
-        believed = Believed(aircraft, suite, condition, _frame_rate(aircraft, suite, told))
+        believed = Believed(aircraft, suite, condition, frame_rate(aircraft, suite, told))
     told += not_compared(suite)
     named, judged = ({n: records[n] for n in part} for part in (naming, held))
     return Flights(believed, named, judged, tuple(told), said.drive)
@@ -295,7 +295,7 @@ def at_its_own(suite: SensorSuite, record: FlightRecord, h_m: float) -> FlightCo
     return FlightCondition(_quiet_mean(suite, record, "V"), _quiet_mean(suite, record, "h") if "h" in record else h_m)
 
 
-def _frame_rate(aircraft: Aircraft, suite: SensorSuite, notes: list[str]) -> float:
+def frame_rate(aircraft: Aircraft, suite: SensorSuite, notes: list[str]) -> float:
     """Return the rate to simulate at, Hz: the aircraft's own, or the next multiple of the suite's."""
     rate = math.ceil(aircraft.rate_hz / suite.rate_hz - SAME_RATE) * suite.rate_hz
     if abs(rate - aircraft.rate_hz) > 1e-6 * rate:

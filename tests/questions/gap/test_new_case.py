@@ -19,7 +19,7 @@ from testbench.core.scenario.inputs import Doublet
 from testbench.flight import load_aircraft
 from testbench.questions.brought import laws_of
 from testbench.questions.files import check_file
-from testbench.questions.gap import new
+from testbench.questions.gap import ask, new
 from testbench.questions.gap.new import most_different, shared_with
 from testbench.questions.gap.new_suite import suite_of_records
 from testbench.questions.gap.records import Said, flights_of
@@ -77,6 +77,20 @@ def test_a_new_case_is_complete_and_its_sensors_are_those_of_the_records(folder,
     assert all(law.holds for law in laws[1])
     again = said(monkeypatch, capsys, *words, "one", "two")
     assert "must be a new file" in again
+
+
+def test_a_case_whose_records_do_not_divide_the_aircraft_s_rate_flies_at_a_multiple_of_theirs(
+    folder, monkeypatch, capsys
+):
+    for name in ("one", "two"):  # at 80 Hz, of an aircraft that is simulated at 500 Hz
+        write_import(import_log(folder / f"{name}.csv", rate_hz=80.0), folder / f"{name}_slow")
+    words = ("gap", "new", "mine.toml", "--aircraft", "eolo", "--wings", "rigid", "one_slow", "two_slow")
+    assert ends(monkeypatch, capsys, *words)[0] == 0
+    asked = []
+    monkeypatch.setattr(ask, "find_gap", lambda believed, *_, **__: asked.append(believed) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        ask.run_gap(folder / "mine.toml")
+    assert asked[0].rate_hz == pytest.approx(560.0)
 
 
 def test_every_key_in_a_comment_is_one(folder, monkeypatch, capsys):
