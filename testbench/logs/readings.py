@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -455,15 +456,21 @@ class _Weighed:
             others = [{**at, name: i} for name, every in free.items() for i in every if i != at[name]]
             for members, _ in self.groups:
                 kinds = {self._kind(name, i) for name in members if name in free for i in free[name]}
-                others += [{**at, **self._all_in(kind, members, free)} for kind in sorted(kinds)]
+                others += [{**at, **all_in} for kind in sorted(kinds) for all_in in self._all_in(kind, members, free)]
             other = max(others, key=self.ln_p, default=at)
             if (ln_p := self.ln_p(other)) <= value + 1e-9:
                 return at
             at, value = other, ln_p
 
-    def _all_in(self, kind: str, members: Sequence[str], free: Mapping[str, range]) -> dict[str, int]:
+    def _all_in(self, kind: str, members: Sequence[str], free: Mapping[str, range]) -> Iterator[dict[str, int]]:
+        """Yield the hypotheses in which all channels of a group are in one kind of unit, as ft/s or kt beside ft.
+
+        Signs of surfaces are changed one at a time: the first of each is taken.
+        """
         of = {name: [i for i in free[name] if self._kind(name, i) == kind] for name in members if name in free}
-        return {name: found[0] for name, found in of.items() if found}
+        held = {name: found if name not in SURFACES else found[:1] for name, found in of.items() if found}
+        for each in product(*held.values()):
+            yield dict(zip(held, each, strict=True))
 
     def found(self) -> Iterator[Reading]:
         start = dict.fromkeys(self.choices, 0)

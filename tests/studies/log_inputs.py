@@ -444,12 +444,15 @@ def case_rows() -> Iterator[dict[str, str]]:
 
 
 def public_rows(folder: Path) -> Iterator[dict[str, str]]:
-    """Yield a row per public log that lies in a folder."""
+    """Yield a row per public log: of one that does not lie in the folder as it was."""
+    before = {r["input"]: r for r in read_rows(TABLE) if r["kind"] == "public"}
     for each in read_rows(PUBLIC):
         path, wanted = folder / each["file"], each["wanted"]
         if path.exists():
             look = partial(import_log, path)
             yield row("public", each["file"], each["source"], wanted, *judged(wanted, look))
+        elif each["file"] in before:
+            yield before[each["file"]]
 
 
 def main(argv: Sequence[str]) -> None:

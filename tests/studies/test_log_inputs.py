@@ -30,3 +30,11 @@ def test_what_is_wanted_of_a_log_is_judged(tmp_path):
     came, wrong = log_inputs.judged("refused exists", lambda: log_inputs.import_log(tmp_path / "b.csv"))
     assert came.startswith("refused: ")
     assert wrong == []
+
+
+def test_knots_and_feet_without_a_word_are_asked_together(tmp_path):
+    """An airspeed in knots alone, or a height in feet alone, would be two kinds of unit in one table."""
+    writer = next(w for w in log_inputs.WRITERS if "knots and feet" in w.name)
+    asked = log_inputs.import_log(log_inputs.write(writer, log_inputs.flight(), tmp_path)).asked
+    given = log_inputs.answered(asked)
+    assert given["units"] == {"V": "kt", "h": "ft"}
