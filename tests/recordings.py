@@ -15,6 +15,29 @@ SERVOS = {"da": (1, 4, 1.0), "de": (2, 19, -1.0), "dr": (4, 21, -1.0)}
 _BOOT_S, _UNIX_S, _RADIO_S = 40.0, 1.7e9, 0.15
 
 
+def write_px4_tlog(path: Path, f: Flight, parts: Mapping[str, np.ndarray]) -> Path:
+    """Write a flight as a ground station logs what PX4 sends it: commands before the mixer, landed until 5 s."""
+    from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+    plane, out = dialect.MAVLink(None, srcSystem=1, srcComponent=1), []
+    for i, t in enumerate(f["t"].tolist()):
+        ms = round(1e3 * (t + _BOOT_S))
+        x = {name: float(column[i]) for name, column in f.items() if column.dtype.kind == "f"}
+        da, de, dr = parts["da"][i], parts["de"][i], parts["dr"][i]
+        messages = [
+            dialect.MAVLink_attitude_message(ms, x["phi"], x["theta"], 0.0, x["p"], x["q"], x["r"]),
+            dialect.MAVLink_actuator_control_target_message(1000 * ms, 0, [da, -de, -dr, 0.5, 0, 0, 0, 0]),
+        ]
+        if i % 5 == 0:
+            mode = 6 if t > 20.0 else 1  # OFFBOARD, MANUAL
+            messages.append(dialect.MAVLink_heartbeat_message(1, 12, 1 | (0 if mode == 6 else 64), mode << 16, 4, 3))
+            messages.append(dialect.MAVLink_extended_sys_state_message(0, 1 if t < 5.0 else 2))
+            messages.append(dialect.MAVLink_vfr_hud_message(x["V"], x["Vg"], 0, 40, x["h"], x["hdot"]))
+        out += [int(1e6 * (_UNIX_S + t)).to_bytes(8, "big") + message.pack(plane) for message in messages]
+    path.write_bytes(b"".join(out))
+    return path
+
+
 def write_tlog(path: Path, f: Flight, parts: Mapping[str, np.ndarray], seed: int = 1) -> Path:
     """Write a flight as a ground station logs what ArduPlane sends it.
 

@@ -317,7 +317,7 @@ def _of_outputs(rule: Rule) -> Rule:
 def _px4_modes(beats: list[_Message], topic: Topic) -> tuple[Mode, ...]:
     from pymavlink import mavutil
 
-    names = [str(mavutil.interpret_px4_mode(m.base_mode, m.custom_mode)) for _, m in beats]
+    names = [str(mavutil.interpret_px4_mode(m.base_mode, m.custom_mode)) for _, m, _ in beats]
     numbers = {name: i for i, name in enumerate(dict.fromkeys(names))}
     if len(names) != topic.t_s.size:  # some were left out for their times
         return ()

@@ -377,7 +377,7 @@ class _Labels:
 
 def _fitted(columns: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the values of least squares and what they leave."""
-    values = np.linalg.lstsq(columns, y, rcond=None)[0]
+    values = np.asarray(np.linalg.lstsq(columns, y, rcond=None)[0], dtype=np.float64)
     return values, y - columns @ values
 
 

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from recordings import write_bag, write_tlog
+from recordings import write_bag, write_px4_tlog, write_tlog
 from writers import quaternion
 
 from testbench.core.constants import G0_M_S2
@@ -56,6 +56,21 @@ def test_telemetry_is_read_on_the_clock_of_the_vehicle(tmp_path):
         if c.name in ("de_cmd", "da_cmd", "dr_cmd"):  # as far as a pulse is a whole microsecond
             asked = THROW * np.interp(c.t_s - c.t_s[0], f["t"], parts[c.name[:2]])
             assert np.max(np.abs(c.values - asked)[100:-100]) < 0.003, c.name
+
+
+def test_telemetry_of_px4_has_its_modes_landings_and_commands(tmp_path):
+    f, parts = flown()
+    found = import_log(write_px4_tlog(tmp_path / "px4.tlog", f, parts))
+    assert found.log.vehicle == "fixed wing"
+    assert [m.said for m in found.log.modes] == ["MANUAL (manual)", "OFFBOARD (automatic)"]
+    assert not found.stretches[0].flown
+    assert found.stretches[0].end_s == pytest.approx(5.0, abs=0.6)
+    assert_as_flown(found, ("p", "q", "r", "phi", "theta"))
+    by_name = {c.name: c for c in found.channels}
+    for name in ("de", "da", "dr"):
+        c = by_name[f"{name}_cmd"]
+        np.testing.assert_allclose(c.values, THROW * np.interp(c.t_s - c.t_s[0], f["t"], parts[name]), atol=2e-3)
+    assert by_name["thr_cmd"].source == "ACTUATOR_CONTROL_TARGET.controls[3]"
 
 
 def test_telemetry_with_a_torn_part_says_so_and_keeps_the_rest(tmp_path):

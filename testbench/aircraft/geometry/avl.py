@@ -11,6 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
+from testbench.aircraft.geometry.schema import Cross
 from testbench.aircraft.geometry.shape import (
     Airfoil,
     Flap,
@@ -21,6 +24,7 @@ from testbench.aircraft.geometry.shape import (
     airfoil,
     naca,
     normalised,
+    read_points,
 )
 from testbench.core.door import read_text
 from testbench.core.errors import Refusal, ScenarioError, nearest
@@ -65,11 +69,14 @@ class _Surface:
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
     angle: float = 0.0
     sections: list[_Section] = field(default_factory=list)
+    file: str = ""  # of a body
 
 
 @dataclass(frozen=True)
 class AvlPlane:
-    """An AVL file: title, references (m), lifting surfaces, control names, notes on what was left out."""
+    """An AVL file: title, references (m), lifting surfaces, cross-sections of the body and the file that lists them,
+    notes on what was left out.
+    """
 
     title: str
     S_m2: float
@@ -77,6 +84,8 @@ class AvlPlane:
     b_m: float
     reference_m: tuple[float, float, float]
     surfaces: tuple[LiftingSurface, ...]
+    body: tuple[Cross, ...]
+    body_file: Path | None
     notes: tuple[str, ...]
 
 
@@ -158,7 +167,7 @@ def read_avl(
         profile = lines.numbers("CDp", 1)[0]
         if profile:
             notes.append(f"profile drag CDp = {profile:g} left out: drag is computed from the sections")
-    found = _surfaces(lines, iy == 1.0, notes)
+    found, bodies = _surfaces(lines, iy == 1.0, notes)
     if not found:
         raise lines.fault("the file must hold a SURFACE with sections, got none")
     names = {k.name for s in found for section in s.sections for k in section.controls}
@@ -175,14 +184,16 @@ def read_avl(
         b * unit_m,
         (x * unit_m, y * unit_m, z * unit_m),
         tuple(surfaces),
+        *_body(lines, bodies, unit_m, notes),
         tuple(notes),
     )
 
 
-def _surfaces(lines: _Lines, mirror_all: bool, notes: list[str]) -> list[_Surface]:
-    """Return the surfaces as the file has them."""
+def _surfaces(lines: _Lines, mirror_all: bool, notes: list[str]) -> tuple[list[_Surface], list[_Surface]]:
+    """Return the surfaces as the file has them, and the bodies."""
     out: list[_Surface] = []
-    body, skipped = False, ""
+    bodies: list[_Surface] = []
+    body = False
     while (key := lines.keyword()) is not None:
         word = lines.text("a keyword")
         line = lines.rows[lines.at - 1][0]
@@ -191,8 +202,7 @@ def _surfaces(lines: _Lines, mirror_all: bool, notes: list[str]) -> list[_Surfac
             lines.numbers("Nchordwise Cspace", 2)
             body = False
         elif key == "BODY":
-            skipped = lines.text("the name of the body")
-            notes.append(f"BODY '{skipped}' left out: give the fuselage in the file beside the AVL file")
+            bodies.append(_Surface(lines.text("the name of the body"), line))
             lines.numbers("Nbody Bspace", 2)
             body = True
         elif key == "":
@@ -202,7 +212,7 @@ def _surfaces(lines: _Lines, mirror_all: bool, notes: list[str]) -> list[_Surfac
         elif not out and not body:
             raise lines.fault(f"{key} must follow a SURFACE")
         else:
-            _keyword(lines, key, out[-1] if out and not body else _Surface(skipped, line), notes, body)
+            _keyword(lines, key, bodies[-1] if body else out[-1], notes, body)
     for surface in out:
         if len(surface.sections) < 2:
             raise lines.fault(
@@ -213,7 +223,50 @@ def _surfaces(lines: _Lines, mirror_all: bool, notes: list[str]) -> list[_Surfac
         off = max(abs(s.xyz[1] * surface.scale[1] + surface.shift[1]) for s in surface.sections)
         if mirror_all and off > 0.0:
             surface.mirrored = True
-    return out
+    return out, bodies
+
+
+def _body(
+    lines: _Lines, bodies: Sequence[_Surface], unit_m: float, notes: list[str]
+) -> tuple[tuple[Cross, ...], Path | None]:
+    """Return the cross-sections of the longest body in the plane of symmetry, m, and its file; notes on the others.
+
+    BFILE lists the outline in the plane of symmetry as coordinates of a section do, in units of the file: AVL takes the
+    circle between its upper and its lower side at each x.
+    """
+    found: list[tuple[tuple[Cross, ...], Path, str]] = []
+    for body in bodies:
+        path = lines.path.parent / body.file.strip("\"'")
+        if body.mirrored or body.shift[1] != 0.0:
+            notes.append(f"BODY '{body.name}' left out: it lies beside the plane of symmetry")
+        elif not body.file or not path.is_file():
+            notes.append(
+                f"BODY '{body.name}' left out: no file {body.file or 'of it (BFILE)'} lies there; give [fuselage] "
+                "beside the AVL file"
+            )
+        else:
+            found.append((_crosses(path, body, unit_m), path, body.name))
+    found.sort(key=lambda b: b[0][0].x_m - b[0][-1].x_m)  # the longest first
+    notes += [f"BODY '{name}' left out: the fuselage is '{found[0][2]}', the longest" for _, _, name in found[1:]]
+    return found[0][:2] if found else ((), None)
+
+
+def _crosses(path: Path, body: _Surface, unit_m: float) -> tuple[Cross, ...]:
+    points = read_points(path)
+    nose = int(np.argmin(points[:, 0]))
+    sides = [part[np.argsort(part[:, 0], kind="stable")] for part in (points[: nose + 1], points[nose:])]
+    x = np.unique(points[:, 0])
+    upper, lower = (np.interp(x, part[:, 0], part[:, 1]) for part in sides)
+    if min(part.shape[0] for part in sides) < 2 or not np.any(np.abs(upper - lower) > 0.0):
+        raise ScenarioError(f"{path}: a body must be listed from its tail over the nose and back, got one side only")
+    x, upper, lower = (
+        unit_m * (body.scale[k] * values + body.shift[k]) for k, values in ((0, x), (2, upper), (2, lower))
+    )
+    size = np.abs(upper - lower)
+    return tuple(
+        Cross(x_m=float(a), z_m=float(z), width_m=float(d), height_m=float(d))
+        for a, z, d in zip(x, 0.5 * (upper + lower), size, strict=True)
+    )
 
 
 def _keyword(lines: _Lines, key: str, surface: _Surface, notes: list[str], body: bool) -> None:
@@ -247,7 +300,7 @@ def _keyword(lines: _Lines, key: str, surface: _Surface, notes: list[str], body:
             raise lines.fault(f"the chord of a section must be > 0, got {chord:g}")
         surface.sections.append(_Section(line, (x, y, z), chord, rest[0]))
     elif key == "BFILE":
-        lines.text("the name of a file")
+        surface.file = lines.text("the name of a file")
     elif body or not surface.sections:
         raise lines.fault(f"{key} must follow a SECTION")
     else:

@@ -110,8 +110,12 @@ def _from_avl(path: Path, beside: Path) -> Plan:
             f"moments are about the centre of gravity, x = {cg[0]:g} m, not about Xref = {avl.reference_m[0]:g} m"
         )
     r = said.reference
-    plane = Plane(avl.surfaces, said.body, r.S_m2 or avl.S_m2, r.b_m or avl.b_m, r.cbar_m or avl.cbar_m, tuple(notes))
+    if said.body and avl.body:
+        notes.append("the BODY of the AVL file is left out: the fuselage beside it is taken")
+    body = said.body or avl.body
+    plane = Plane(avl.surfaces, body, r.S_m2 or avl.S_m2, r.b_m or avl.b_m, r.cbar_m or avl.cbar_m, tuple(notes))
     files = {s.airfoil.name: s.airfoil.file for x in plane.surfaces for s in x.stations if s.airfoil.file is not None}
+    files |= {avl.body_file.name: avl.body_file} if avl.body_file is not None and body is avl.body else {}
     sources = {path.name: path, beside.name: beside, **files}
     return _plan(said, plane, said.control, beside, sources, said.title or avl.title)
 

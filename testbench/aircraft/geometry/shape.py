@@ -123,20 +123,28 @@ def read_coordinates(path: Path) -> FloatArray:
         RecordError: it cannot be read.
         ScenarioError: fewer than ten points, or points that are no section.
     """
-    lines = read_text(path, "airfoil", errors="replace").splitlines()
+    return normalised(read_points(path), str(path))
+
+
+def read_points(path: Path) -> FloatArray:
+    """Return the points (n, 2) of a file as it lists them, from the trailing edge over the nose and back.
+
+    Raises:
+        RecordError: it cannot be read.
+        ScenarioError: fewer than ten points.
+    """
     pairs = []
-    for line in lines:
+    for line in read_text(path, "airfoil", errors="replace").splitlines():
         words = line.replace(",", " ").split()
         try:
             x, y = (float(w) for w in words)
         except ValueError:
             continue
         pairs.append((x, y))
-    return normalised(pairs, str(path))
+    return _listed(pairs, str(path))
 
 
-def normalised(pairs: Sequence[Sequence[float]], source: str) -> FloatArray:
-    """Return rows of x and y as the points of a section, see :func:`read_coordinates`; ``source`` is for messages."""
+def _listed(pairs: Sequence[Sequence[float]] | FloatArray, source: str) -> FloatArray:
     points = np.array(pairs, dtype=np.float64).reshape(-1, 2)
     if len(points) and np.all(points[0] > 1.5) and len(points) == 1 + round(float(points[0].sum())):
         n = round(float(points[0, 0]))  # Lednicer: numbers of points first, then either side from the nose
@@ -145,6 +153,12 @@ def normalised(pairs: Sequence[Sequence[float]], source: str) -> FloatArray:
         raise ScenarioError(
             f"a file of coordinates must hold at least ten rows of x and y, got {len(points)}: '{source}'"
         )
+    return points
+
+
+def normalised(pairs: Sequence[Sequence[float]] | FloatArray, source: str) -> FloatArray:
+    """Return rows of x and y as the points of a section, see :func:`read_coordinates`; ``source`` is for messages."""
+    points = _listed(pairs, source)
     end = 0.5 * (points[0] + points[-1])
     nose = points[np.argmax(np.hypot(*(points - end).T))]
     chord = end - nose

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from testbench.aircraft.geometry.avl import read_avl
@@ -55,6 +56,28 @@ def test_a_trainer_with_everything():
     said = "; ".join(plane.notes)
     for words in ("CDp = 0.02", "CLAF", "BODY 'Fuselage'", "gain of the CONTROL taken as da is negative"):
         assert words in said
+
+
+def test_a_body_is_the_fuselage_where_its_file_lies_beside(tmp_path):
+    x = np.linspace(0.0, 1.0, 21)
+    radius = 0.06 * np.sqrt(np.clip(1.0 - (2.0 * x - 1.0) ** 2, 0.0, None))
+    rows = [*zip(x[::-1], radius[::-1], strict=True), *zip(x[1:], -radius[1:], strict=True)]
+    (tmp_path / "fuse.dat").write_text("pod\n" + "\n".join(f"{a:.6f} {b:.6f}" for a, b in rows))
+    wing = surface("Wing", "YDUPLICATE\n0\n", section(0, 0, 0, 0.5), section(0, 1, 0, 0.5))
+    body = "BODY\nPod\n20 1.0\nSCALE\n2.0 1.0 1.5\nTRANSLATE\n-0.4 0 0.1\nBFILE\nfuse.dat\n"
+    found = read(tmp_path, HEAD + wing + body, unit_m=0.5)
+    assert not [note for note in found.notes if "BODY" in note]
+    assert (found.body[0].x_m, found.body[-1].x_m) == (pytest.approx(-0.2), pytest.approx(0.8))
+    middle = found.body[10]
+    assert (middle.width_m, middle.height_m) == (pytest.approx(0.5 * 1.5 * 0.12), pytest.approx(0.5 * 1.5 * 0.12))
+    assert middle.z_m == pytest.approx(0.05)
+    assert found.body[0].width_m == pytest.approx(0.0)
+    twin = read(tmp_path, HEAD + wing + body.replace("BFILE", "YDUPLICATE\n0\nBFILE"))
+    assert not twin.body
+    assert "beside the plane of symmetry" in "; ".join(twin.notes)
+    (tmp_path / "fuse.dat").write_text("pod\n" + "\n".join(f"{a:.6f} {b:.6f}" for a, b in rows[:12]))
+    (law,) = refused(tmp_path, HEAD + wing + body)
+    assert "from its tail over the nose and back" in law
 
 
 def test_scale_unit_and_image_plane(tmp_path):
