@@ -412,7 +412,11 @@ def _without_short(kinds: NDArray[np.object_], least: int) -> list[str]:
             "crash",
             STALL,
         )
-        if merged and (not kept or merged[-1][0] == kind):
+        after = out[i + 1][0] if i + 1 < len(out) else ""
+        apart = merged and (merged[-1][0] in FLOWN) != (kind in FLOWN)
+        if not kept and apart and after and (after in FLOWN) == (kind in FLOWN):
+            out[i + 1] = (after, out[i + 1][1] + size)  # a short climb after a landing is no part of it
+        elif merged and (not kept or merged[-1][0] == kind):
             merged[-1] = (merged[-1][0], merged[-1][1] + size)
         elif not kept and i + 1 < len(out):
             out[i + 1] = (out[i + 1][0], out[i + 1][1] + size)
