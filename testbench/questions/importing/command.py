@@ -26,7 +26,8 @@ def command(
     log: Annotated[
         Path,
         typer.Argument(
-            help="PX4 ULog, ArduPilot .bin or .log, SIDPAC MAT, a table, or the description of one (.toml).",
+            help="PX4 ULog, ArduPilot .bin or .log, MAVLink .tlog, a recording of ROS, SIDPAC MAT, a table, or the "
+            "description of one (.toml).",
             show_default=False,
         ),
     ],
