@@ -23,7 +23,8 @@ from testbench.logs.names import THROWS, Meaning, label_of
 from testbench.logs.tables import Table
 
 _PACKAGED = Path(__file__).parent / "writers"
-_FOLDER = "writers"
+FOLDER = "writers"
+"""Name of the folders in which users have theirs."""
 Texts = Annotated[tuple[Text, ...], Field(strict=False)]
 
 
@@ -114,7 +115,7 @@ def writer_of(table: Table) -> Writer | None:
     Raises:
         ScenarioError: a file of the user is wrong.
     """
-    for folder in dict.fromkeys((table.file.resolve().parent / _FOLDER, Path.cwd() / _FOLDER, _PACKAGED)):
+    for folder in dict.fromkeys((table.file.resolve().parent / FOLDER, Path.cwd() / FOLDER, _PACKAGED)):
         found = [writer for writer in writers_in(folder) if writer.wrote(table)]
         if found:
             return max(found, key=lambda writer: len(writer.columns))

@@ -54,7 +54,11 @@ def command(
     ] = None,
     describe: Annotated[
         Path | None,
-        typer.Option(help="Write a description of a table to this new .toml file, to fill in.", show_default=False),
+        typer.Option(
+            help="Write a description of a table to this new .toml file, to fill in; to writers/NAME.toml: that of all "
+            "tables of its writer.",
+            show_default=False,
+        ),
     ] = None,
     record: Annotated[
         str | None, typer.Option(help="Which record to read of a description that has several.", show_default=False)
@@ -79,7 +83,8 @@ def command(
         from testbench.questions.importing.template import write_template
 
         path = write_template(log, describe)
-        print(f"Written: {path}; fill it in, then: testbench import {path}")
+        what = log if path.resolve().parent.name == "writers" else path
+        print(f"Written: {path}; fill it in, then: testbench import {what}")
         return
     from contextlib import nullcontext
 

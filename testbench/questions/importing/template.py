@@ -1,5 +1,7 @@
 """A description to fill in, made from the table itself: its columns, what they hold, and what to add.
 
+In a folder ``writers`` it is the description of a writer: of all tables whose columns are called as those of this one.
+
 A table without names shows only its numbers, so its owner must say which column is which channel. The description
 proposes what the file shows: names of channels in the header, stated units, a column that counts time.
 """
@@ -9,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +24,7 @@ from testbench.core.errors import RecordError
 from testbench.core.escape import one_line
 from testbench.core.paths import not_found
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.logs.catalogue import FOLDER as WRITERS
 from testbench.logs.foreign import HEAD, refuse_foreign
 from testbench.logs.layout import SUFFIXES
 from testbench.logs.mat import read_mat
@@ -49,7 +53,7 @@ class _Clock(NamedTuple):
 
 
 def write_template(path: Path | str, out: Path | str) -> Path:
-    """Write the template for the table ``path`` to ``out`` and return that.
+    """Write the template for the table ``path`` to ``out`` and return that: of its writer in a folder ``writers``.
 
     Raises:
         RecordError: the table cannot be read, or ``out`` exists.
@@ -58,6 +62,8 @@ def write_template(path: Path | str, out: Path | str) -> Path:
     path, out = Path(path), Path(out)
     if out.suffix.lower() != ".toml":
         raise RecordError(f"a description must be a .toml file, got '{out}'")
+    if out.resolve().parent.name == WRITERS:
+        return write_to_edit(out, writer_template(path), "writer", "the form of a writer to fill in")
     folder = os.path.relpath(path.resolve().parent, out.resolve().parent)
     kind = "description of recorded flights"
     return write_to_edit(out, description_template(path, folder), kind, "a description to fill in")
@@ -70,17 +76,7 @@ def description_template(path: Path | str, folder: str = ".") -> str:
         RecordError: the file is missing, no table, or cannot be read.
     """
     path = Path(path)
-    if not path.is_file():
-        raise RecordError(f"a table must be a file that exists, got {not_found(path)}")
-    kind = SUFFIXES.get(path.suffix.lower())
-    with open_file(path, "log") as file:
-        refuse_foreign(path, file.read(HEAD), kind or "")
-    if kind is None:
-        raise RecordError(
-            f"a description is for a table ({', '.join(SUFFIXES)}), got '{path}'; logs of autopilots need none"
-        )
-    variable, others = _variable(path) if kind == "mat" else ("", [])
-    table = read_table(path, kind, variable or None)
+    table, variable, others = _read(path)
     columns = [table.numbers(i + 1) for i in range(len(table.names))]
     clock = _clock(table, columns)
     q = json.dumps
@@ -115,6 +111,58 @@ def description_template(path: Path | str, folder: str = ".") -> str:
         if clock is None or i != clock.number - 1:
             lines += _column_lines(table, i, values)
     return "\n".join([*lines, *_HEAD, *_proposed(table, columns, clock), ""])
+
+
+def writer_template(path: Path | str) -> str:
+    """Return the form of a writer (TOML), whose tables have the columns of the table ``path``, still to be named.
+
+    Raises:
+        RecordError: the file is missing, no table, cannot be read, or its columns have no names.
+    """
+    path = Path(path)
+    table = _read(path)[0]
+    named = [i for i, name in enumerate(table.names) if name and table.names.count(name) == 1]
+    if not named:
+        raise RecordError(f"a writer is known by the names of its columns, but those of '{path}' have none")
+    columns = [table.numbers(i + 1) for i in range(len(table.names))]
+    clock = _clock(table, columns)
+    q = partial(json.dumps, ensure_ascii=False)
+    lines = [
+        f"# The writer of {one_line(path.name)}. To fill in: remove the # before the columns that are channels, give",
+        "# each its name and unit. SI value = factor of unit * (scale * column + offset). Tables beside this folder,",
+        "# and those that are imported from where it lies, are then read so.",
+        *_channel_list(),
+        f"title = {q(path.stem)}",
+        'source = "say here where the form of this writer is described"',
+        f"columns = {q([table.names[i] for i in named])}  # a table that has all of them is of this writer",
+    ]
+    if clock is not None and clock.number - 1 in named:
+        dates = holds_stamps(table.cells[clock.number - 1])
+        lines += ["", "[time]", f"column = {q(table.names[clock.number - 1])}"]
+        lines += [] if dates else [f'unit = "{clock.unit}"']
+    for i in named:
+        if clock is None or i != clock.number - 1:
+            lines += [line for line in _column_lines(table, i, columns[i]) if "missing = " not in line]
+    return "\n".join([*lines, ""])
+
+
+def _read(path: Path) -> tuple[Table, str, list[str]]:
+    """Return a table, which matrix or structure of a MAT file it is, and the others in it.
+
+    Raises:
+        RecordError: the file is missing, no table, or cannot be read.
+    """
+    if not path.is_file():
+        raise RecordError(f"a table must be a file that exists, got {not_found(path)}")
+    kind = SUFFIXES.get(path.suffix.lower())
+    with open_file(path, "log") as file:
+        refuse_foreign(path, file.read(HEAD), kind or "")
+    if kind is None:
+        raise RecordError(
+            f"a description is for a table ({', '.join(SUFFIXES)}), got '{path}'; logs of autopilots need none"
+        )
+    variable, others = _variable(path) if kind == "mat" else ("", [])
+    return read_table(path, kind, variable or None), variable, others
 
 
 _HEAD = """

@@ -9,6 +9,7 @@ from recorded import flight_data
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError, ScenarioError, WriteError
+from testbench.logs.catalogue import writers_in
 from testbench.logs.tables import read_table
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.scenario import RecordDescription
@@ -214,3 +215,31 @@ def test_what_is_proposed_depends_on_the_channels(names, structure, inputs, outp
     assert entry.get("structure") == structure
     if structure is None:
         assert (entry["method"], entry["order"]) == ("dsr_e", 4)  # roll, spiral and Dutch roll
+
+
+def test_in_a_folder_of_writers_the_form_of_a_writer_is_begun(tmp_path, monkeypatch):
+    """What two columns mean is said once; every table of these columns is then read so."""
+    t = np.arange(0.0, 20.0, 0.02)
+    rows = np.column_stack([1e3 * t, 5.0 * np.sin(t), np.full(t.size, 4.0), 0.3 * np.cos(t)])
+    for name in ("first.csv", "second.csv"):
+        np.savetxt(tmp_path / name, rows, "%.6f", ",", header="tick_ms,G1,A0,q [rad/s]", comments="")
+    (tmp_path / "writers").mkdir()
+    out = write_template(tmp_path / "first.csv", tmp_path / "writers" / "mine.toml")
+    text = out.read_text(encoding="utf-8")
+    assert 'columns = ["tick_ms", "G1", "A0", "q"]' in text
+    writers_in.cache_clear()
+    assert import_log(tmp_path / "second.csv").log.kind == "table (csv), as first writes it"
+    form = text.split("# column 2, G1")[1].split("# column 3")[0]
+    filled = form.replace("# [[", "[[").replace("# name", "name").replace("# column =", "column =")
+    filled = filled.replace("# unit", "unit").replace('"?"', '"theta"', 1).replace('"?"', '"deg"', 1)
+    out.write_text(text.replace(form, filled), encoding="utf-8")
+    writers_in.cache_clear()
+    found = import_log(tmp_path / "second.csv")
+    writers_in.cache_clear()
+    assert set(found.record.channels) == {"theta", "q"}
+    theta = next(c for c in found.channels if c.name == "theta")
+    np.testing.assert_allclose(theta.values, np.radians(rows[:, 1]), atol=1e-6)
+    np.testing.assert_allclose(np.diff(theta.t_s), 0.02, atol=1e-9)
+    np.savetxt(tmp_path / "bare.csv", rows, "%.6f", ",")
+    with pytest.raises(RecordError, match="known by the names of its columns"):
+        write_template(tmp_path / "bare.csv", tmp_path / "writers" / "bare.toml")
