@@ -8,11 +8,13 @@ against another. What a servo output drives is in the settings, which ground sta
 
 from __future__ import annotations
 
+import struct
+from array import array
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,12 +102,7 @@ _UNIX_US = 1e15  # a clock that counts from 1970
 _BETTER = "SR0_EXTRA1, SR0_RC_CHAN and SR0_RAW_SENS set how often messages are sent; the log on board has more"
 
 
-class _Message(NamedTuple):
-    """A message with the time at which it arrived, s, and that since boot, s, of the last one that held it."""
-
-    t_s: float
-    message: Any
-    boot_s: float = np.nan
+_ARRIVED_S, _BOOT_S = "arrived", "since boot"  # of each message, s; the latter of the last one that held it
 
 
 def dialect() -> Any:
@@ -137,7 +134,7 @@ def read_tlog(path: Path | str) -> tuple[Log, tuple[Rule, ...]]:
     """
     path = Path(path)
     found = _Telemetry(read_bytes(path, "log"), dialect())
-    if not found.beats:
+    if _BEAT not in found.held:
         raise RecordError(
             f"'{path}' must hold the heartbeat of a vehicle, but none came among its {found.counts.total()} messages"
         )
@@ -167,24 +164,24 @@ class _Telemetry:
     skipped: int = 0
     counts: Counter[str] = field(default_factory=Counter)
     others: set[int] = field(default_factory=set)
-    messages: dict[str, list[_Message]] = field(default_factory=dict)
+    held: dict[str, dict[str, array[float]]] = field(default_factory=dict)
     parameters: dict[str, float] = field(default_factory=dict)
     texts: list[str] = field(default_factory=list)
     boot_s: float = np.nan
 
     def __post_init__(self) -> None:
-        early: list[_Message] = []  # before it is known whose heartbeat is that of a vehicle
-        for each in self._decoded():
-            early.append(each)
-            if not self.system and _beats(each.message):
-                self.system = each.message.get_srcSystem()
+        early: list[tuple[float, Any]] = []  # before it is known whose heartbeat is that of a vehicle
+        for arrived_s, message in self._decoded():
+            early.append((arrived_s, message))
+            if not self.system and _beats(message):
+                self.system = message.get_srcSystem()
             if self.system:
                 for one in early:
-                    self._take(one)
+                    self._take(*one)
                 early.clear()
 
-    def _take(self, each: _Message) -> None:
-        message, kind = each.message, each.message.get_type()
+    def _take(self, arrived_s: float, message: Any) -> None:
+        kind = message.get_type()
         if message.get_srcSystem() != self.system:
             return
         if kind == "PARAM_VALUE":
@@ -193,14 +190,20 @@ class _Telemetry:
             self.texts.append(str(message.text))
         elif kind != _BEAT or _beats(message):
             self.boot_s = 1e-3 * getattr(message, "time_boot_ms", 1e3 * self.boot_s)
-            self.messages.setdefault(kind, []).append(each._replace(boot_s=self.boot_s))
+            columns = self.held.setdefault(kind, {})
+            values: dict[str, Any] = {_ARRIVED_S: arrived_s, _BOOT_S: self.boot_s}
+            for name in message.fieldnames:  # those of a vector have [0] and so on behind
+                value = getattr(message, name)
+                values |= {f"{name}[{i}]": x for i, x in enumerate(value)} if isinstance(value, list) else {name: value}
+            for name, value in values.items():
+                if isinstance(value, int | float):
+                    columns.setdefault(name, array("d")).append(value)
 
-    @property
-    def beats(self) -> list[_Message]:
-        return self.messages.get(_BEAT, [])
+    def _decoded(self) -> Iterator[tuple[float, Any]]:
+        """Yield the messages that are read, with the times at which they arrived, s; count the bytes that are none.
 
-    def _decoded(self) -> Iterator[_Message]:
-        """Yield the messages that are read, and count what is none: a time, a head, a body, a sum that is right."""
+        A message is a time, a head, a body, and a sum that is right.
+        """
         whole, at = self.whole, 0
         link = self.of.MAVLink(None)
         while at + 20 <= len(whole):
@@ -216,20 +219,21 @@ class _Telemetry:
             wanted = name in _READ and self.system in (0, sender)
             try:
                 message = link.decode(bytearray(whole[at + 8 : at + 8 + size])) if wanted else None
-            except self.of.MAVError:
+            except (self.of.MAVError, struct.error):
                 at, self.skipped = at + 1, self.skipped + 1
                 continue
             self.counts[name] += self.system in (0, sender)
             self.others |= {sender} - {self.system} if self.system else set()
             if message is not None:
-                yield _Message(1e-6 * int.from_bytes(whole[at : at + 8], "big"), message)
+                yield 1e-6 * int.from_bytes(whole[at : at + 8], "big"), message
             at += 8 + size
         self.skipped += len(whole) - at
 
     def topics(self) -> tuple[dict[str, Topic], list[Dropped | None]]:
         """Return the topics, on the clock of the vehicle where a message holds it, and what was left out of them."""
-        held = {kind: _columns(found) for kind, found in self.messages.items()}
-        arrived = {kind: np.array([each.t_s for each in found]) for kind, found in self.messages.items()}
+        held = {kind: {name: np.array(x) for name, x in columns.items()} for kind, columns in self.held.items()}
+        last = {kind: columns.pop(_BOOT_S) for kind, columns in held.items()}
+        arrived = {kind: columns.pop(_ARRIVED_S) for kind, columns in held.items()}
         boots = {kind: clock for kind, columns in held.items() if (clock := _clock(columns)) is not None}
         start = min(float(t[0]) for t in arrived.values())
         since_boot = {kind: t for kind, t in boots.items() if not np.any(t > 1e-6 * _UNIX_US)}
@@ -237,8 +241,7 @@ class _Telemetry:
         topics: dict[str, Topic] = {}
         lost: list[Dropped | None] = []
         for kind, columns in held.items():
-            last = np.array([each.boot_s for each in self.messages[kind]])
-            t = np.where(np.isfinite(last), last + late, arrived[kind])
+            t = np.where(np.isfinite(last[kind]), last[kind] + late, arrived[kind])
             if kind in boots:
                 own = boots[kind]
                 t = own + (np.min(arrived[kind] - own) if np.any(own > 1e-6 * _UNIX_US) else late)
@@ -254,19 +257,6 @@ def _beats(message: Any) -> bool:
     return message.get_type() == _BEAT and message.autopilot != _NOT_A_VEHICLE
 
 
-def _columns(found: list[_Message]) -> dict[str, NDArray[Any]]:
-    """Return the columns of the numbers in messages of one type; those of a vector have [0] and so on behind."""
-    out: dict[str, NDArray[Any]] = {}
-    for name in found[0].message.fieldnames:
-        values = [getattr(each.message, name) for each in found]
-        if isinstance(values[0], int | float):
-            out[name] = np.array(values, dtype=np.float64)
-        elif isinstance(values[0], list | tuple):
-            rows = np.array(values, dtype=np.float64)
-            out |= {f"{name}[{i}]": rows[:, i] for i in range(rows.shape[1])}
-    return out
-
-
 def _clock(columns: Mapping[str, NDArray[Any]]) -> FloatArray | None:
     """Return the times that messages hold themselves, s; None if they do not, or one of them was not set."""
     for name, unit in (("time_boot_ms", 1e-3), ("time_usec", 1e-6)):
@@ -277,13 +267,13 @@ def _clock(columns: Mapping[str, NDArray[Any]]) -> FloatArray | None:
 
 def _with_settings(log: Log, found: _Telemetry) -> tuple[Log, tuple[Rule, ...]]:
     """Return the log with its vehicle and modes, and the rules for it by the settings that came with it."""
-    first = found.beats[0].message
+    beats = log.topics[_BEAT]
+    autopilot, kind = (int(beats.columns[name][0]) for name in ("autopilot", "type"))
     rules: list[Rule] = list(RULES)
-    if first.autopilot == _ARDUPILOT:
+    if autopilot == _ARDUPILOT:
         said = next((text for text in found.texts if any(word in text for word in set(_FIRMWARE.values()))), "")
-        beats = log.topics[_BEAT]
         modes = Topic("MODE", beats.t_s, {"ModeNum": beats.columns["custom_mode"]})
-        software = said or _FIRMWARE.get(first.type, "")
+        software = said or _FIRMWARE.get(kind, "")
         log = replace(log, facts={"software": software} if software else {}, topics={**log.topics, "MODE": modes})
         log = ardupilot.flown(log)
         if log.vehicle in ("", "fixed wing", "VTOL"):
@@ -291,11 +281,11 @@ def _with_settings(log: Log, found: _Telemetry) -> tuple[Log, tuple[Rule, ...]]:
             rules += [_THROTTLE, *map(_of_outputs, ardupilot.servo_rules(log, named=False))]
     else:
         rules = [rule for rule in rules if rule.topic != "RAW_IMU"]  # in units that only its driver knows
-        vehicle = "rotorcraft" if first.type in _ROTARY else "VTOL" if first.type in _VTOLS else ""
-        log = replace(log, vehicle=vehicle or ("fixed wing" if first.type == 1 else ""))
+        vehicle = "rotorcraft" if kind in _ROTARY else "VTOL" if kind in _VTOLS else ""
+        log = replace(log, vehicle=vehicle or ("fixed wing" if kind == 1 else ""))
         rules += [*px4.command_rules(_DEMANDS, "controls[{}]"), _THROTTLE]
-        if first.autopilot == _PX4:
-            log = replace(log, modes=_px4_modes(found.beats, log.topics[_BEAT]))
+        if autopilot == _PX4:
+            log = replace(log, modes=_px4_modes(beats))
     state = log.topics.get(_STATE)
     flags = dict(log.flags)
     if state is not None:
@@ -314,13 +304,10 @@ def _of_outputs(rule: Rule) -> Rule:
     return replace(rule, topic=_SERVOS, fields=fields if len(fields) == len(rule.fields) else ("",))
 
 
-def _px4_modes(beats: list[_Message], topic: Topic) -> tuple[Mode, ...]:
+def _px4_modes(beats: Topic) -> tuple[Mode, ...]:
     from pymavlink import mavutil
 
-    names = [str(mavutil.interpret_px4_mode(m.base_mode, m.custom_mode)) for _, m, _ in beats]
-    numbers = {name: i for i, name in enumerate(dict.fromkeys(names))}
-    if len(names) != topic.t_s.size:  # some were left out for their times
-        return ()
-    column = np.array([float(numbers[name]) for name in names])
-    listed = Topic("MODE", topic.t_s, {"number": column})
-    return modes_of(listed, "number", {i: name for name, i in numbers.items()}, _BY_PX4)
+    each = np.column_stack([beats.columns["base_mode"], beats.columns["custom_mode"]])
+    kinds, numbers = np.unique(each, axis=0, return_inverse=True)
+    names = {i: str(mavutil.interpret_px4_mode(int(a), int(b))) for i, (a, b) in enumerate(kinds.tolist())}
+    return modes_of(Topic("MODE", beats.t_s, {"number": numbers.ravel()}), "number", names, _BY_PX4)

@@ -21,7 +21,7 @@ from testbench.core.channels import unit_factor
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
-from testbench.logs.names import stated_unit
+from testbench.logs.names import LARGEST, stated_unit
 from testbench.logs.signals import AT_IMU, Rule, scaled
 from testbench.logs.tables import Table
 
@@ -125,11 +125,16 @@ def _upright(table: Table, known: list[_Known]) -> tuple[float, list[_Known]]:
     for vector in known:
         if vector.channels == _FORCES:
             force = np.array([table.numbers(column) for column in vector.columns])
-            size = float(np.nanmedian(np.sqrt(np.sum(force**2, axis=0))))
+            size = float(np.nanmedian(np.linalg.norm(_within(force), axis=0)))
             vector = vector._replace(factor=vector.factor or (G0_M_S2 / size if size > 0.0 else 1.0))
             up = vector.factor * float(np.nanmedian(force[2]))
         out.append(vector)
     return up, out
+
+
+def _within(x: FloatArray) -> FloatArray:
+    """Return numbers whose squares can be formed: those that a damaged file makes beyond that are cut to it."""
+    return np.clip(x, -LARGEST, LARGEST)
 
 
 def _plain(base: str) -> str:
@@ -145,7 +150,7 @@ def _quaternion(table: Table, held: Mapping[str, str]) -> tuple[str, ...]:
     for parts in ("wxyz", "0123", "1234"):
         if not set(parts) <= held.keys():
             continue
-        size = np.sum([table.numbers(held[part]) ** 2 for part in parts], axis=0)
+        size = np.sum([_within(table.numbers(held[part])) ** 2 for part in parts], axis=0)
         if np.isfinite(size).any() and np.mean(np.abs(size[np.isfinite(size)] - 1.0) < _UNIT) > _WHOLE:
             return tuple(held[part] for part in parts)
     return ()
@@ -164,6 +169,7 @@ def euler(i: int, axes: str, w: FloatArray, x: FloatArray, y: FloatArray, z: Flo
     The quaternion (w, x, y, z) turns the axes of the body to those of the ground: forward, right, down to north, east,
     down ("frd"), or forward, left, up to east, north, up ("flu").
     """
+    w, x, y, z = map(_within, (w, x, y, z))
     if i == 0:
         angle = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     elif i == 1:

@@ -142,3 +142,25 @@ def test_messages_without_their_library_name_the_extra(tmp_path, monkeypatch):
     for path in logs:
         with pytest.raises(MissingPackage, match=r"pip install 'flight-testbench\[logs\]'"):
             read_log(path)
+
+
+def test_damaged_recordings_are_read_as_far_as_they_are_whole_or_refused(tmp_path):
+    f, parts = ({name: x[:150] for name, x in each.items()} for each in flown())
+    whole = [write_tlog(tmp_path / "a.tlog", f, parts), write_px4_tlog(tmp_path / "b.tlog", f, parts)]
+    whole += [write_bag(tmp_path / name, f) for name in ("c.bag", "d.mcap", "e.db3")]
+    rng, came, refused = np.random.default_rng(5), [], []
+    for path in whole:
+        content = np.frombuffer(path.read_bytes(), np.uint8)
+        for k in range(8):
+            torn = content.copy()
+            at = rng.integers(0, torn.size if k % 2 else 400, int(rng.integers(1, 30)))
+            torn[at] = rng.integers(0, 256, at.size)
+            file = tmp_path / f"torn{path.suffix}"
+            file.write_bytes(torn.tobytes())
+            try:
+                came.append(len(import_log(file).channels) > 0)
+            except RecordError as error:
+                refused.append((file.name, error.message))
+    assert all(came)
+    assert 10 < len(came) < 35
+    assert all(name in message for name, message in refused)
