@@ -48,7 +48,7 @@ AIRCRAFT = ("taurus", "eolo", "b1", "jsbsim:c172p", "jsbsim:J3Cub", "jsbsim:T37"
 FAULTS = ("reversed", "half", "late", "icing", "pitot")
 KNOWN = 0.1
 """Stated standard deviation of the coefficients, of an aircraft that was identified before."""
-SEED, SETTLE_S, RUN_S, BETWEEN_S = 66, 7.0, 8.0, 10.0
+SEED, SETTLE_S, RUN_S, BETWEEN_S = 67, 7.0, 8.0, 10.0
 SERVO_S = 0.08
 NOISE = {"p": 0.003, "q": 0.003, "r": 0.003, "alpha": 0.003, "beta": 0.003, "phi": 0.003, "theta": 0.003, "V": 0.2,
          "ax": 0.05, "ay": 0.05, "az": 0.05, "h": 0.3, "de": 0.0005, "da": 0.0005, "dr": 0.0005}  # fmt: skip
@@ -99,6 +99,25 @@ def sent(
         yield Sample(zero_s + taken, {name: value}, zero_s + arrived)
 
 
+def _trims(aircraft: Aircraft, condition: tb.FlightCondition) -> bool:
+    try:
+        tb.trim(aircraft, condition, aircraft.rate_hz)
+    except Refusal:
+        return False
+    return True
+
+
+def true_one(aircraft: Aircraft, number: int, fault: str) -> Aircraft:
+    """Return a drawn aircraft, iced if that is the fault."""
+    true = drawn(aircraft, SEED + 1, number)
+    if fault != "icing":
+        return true
+    cut = {"CL_alpha": 0.7, "Cm_alpha": 0.6, "Cm_de": 0.5, "CD0": 1.5, "Cl_da": 0.5}
+    known = coefficient_names(true)
+    changes = tuple(ScaleCoefficient(n, f) for n, f in cut.items() if n in known)
+    return true.amended(Amendment("ice", "iced wing and tail", changes))
+
+
 def fly(number: int) -> dict[str, Any]:
     """Fly one aircraft, follow it, and return its row."""
     rng = np.random.default_rng([SEED, number])
@@ -107,13 +126,9 @@ def fly(number: int) -> dict[str, Any]:
     link_hz = float((50.0, 25.0, 50.0, 8.0)[number // 2 % 4])
     rms = float(rng.choice([0.0, 0.3, 0.7]))
     aircraft = believed(name)
-    true = drawn(aircraft, SEED + 1, number)
-    if fault == "icing":
-        cut = {"CL_alpha": 0.7, "Cm_alpha": 0.6, "Cm_de": 0.5, "CD0": 1.5, "Cl_da": 0.5}
-        known = coefficient_names(true)
-        changes = tuple(ScaleCoefficient(n, f) for n, f in cut.items() if n in known)
-        true = true.amended(Amendment("ice", "iced wing and tail", changes))
     condition = tb.FlightCondition(aircraft.design_V_m_s, max(aircraft.design_h_m, 100.0))
+    draws = (true_one(aircraft, number + 1000 * k, fault) for k in range(100))
+    true = next(one for one in draws if _trims(one, condition))  # the first draw that does
     air = air_of(AirSpec(turbulence_rms_m_s=rms), condition.h_m, number) if rms else None
     trimmed = tb.trim(true, condition, aircraft.rate_hz, air)
     model = linearise(true, trimmed)
@@ -143,10 +158,11 @@ def fly(number: int) -> dict[str, Any]:
     for _ in fly_along(Source(name, arriving), aircraft, wanted=WANTED, session=session):
         longest, last = max(longest, since(last)), time.process_time()
     load = since(begun) / (len(flown) * length)
-    there = tb.trim(true, tb.FlightCondition(session.V_m_s, session.h_m))
-    truth = {d.name: d.held if d.static is None else d.static
-             for d in dimensional_derivatives(linearise(true, there), there)}  # fmt: skip
-    held = {} if fault else holds(session, truth)
+    held = {}
+    if not fault:
+        there = tb.trim(true, tb.FlightCondition(session.V_m_s, session.h_m))
+        held = holds(session, {d.name: d.held if d.static is None else d.static
+                               for d in dimensional_derivatives(linearise(true, there), there)})  # fmt: skip
     stops = [c for c in session.calls if c.kind in ("stop", "instrument")]
     after = [c.t_s - at_s for c in stops]
     return dict(zip(COLUMNS, (

@@ -21,6 +21,18 @@ _GOOD_HZ = 25.0
 _NEEDED = ("p", "q", "r", "phi", "theta", "alpha", "beta", "az", "V", "de", "da", "dr", "de_cmd", "da_cmd", "dr_cmd")
 
 
+_EXPLAINED = {
+    "gain": "{of} has {value:.2g} of the effect that is expected",
+    "late": "{of} acts some {value:.2g} s later than expected",
+    "reads": "{of} has the wrong sign: check its instrument",
+    "other": "the aircraft does not answer as the believed one, nor as one within its uncertainty",
+}
+
+
+def _likely(p: float) -> str:
+    return "" if p > 0.99 else f" ({100.0 * p:.0f} % likely)"
+
+
 def sized(name: str, value: float) -> str:
     """Return a value of a channel with its unit; angles in degrees, the load factor as it is."""
     if name == "nz":
@@ -36,12 +48,7 @@ def called(call: Call) -> str:
     if call.kind == "limit":
         return f"limit: {call.channel} is {sized(call.channel, call.value)}, beyond {sized(call.channel, call.other)}"
     if call.kind == "stop":
-        if call.words == "shape":
-            return (
-                f"stop: {call.channel} does not follow the controls as expected ({100.0 * call.other:.0f} % of it is "
-                f"something else)"
-            )
-        return f"stop: {call.channel} is {call.value:.2g} of what was expected"
+        return f"stop: {_EXPLAINED[call.words].format(of=call.channel, value=call.value)}{_likely(call.other)}"
     if call.kind == "instrument":
         if call.words == "frozen":
             return f"stop: {call.channel} stands still at {sized(call.channel, call.value)}: check its instrument"

@@ -14,12 +14,13 @@ from testbench.aircraft.adapter import SURFACES
 from testbench.core.constants import G0_M_S2
 from testbench.core.errors import RecordError, Refusal
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.inference.multiple_models import Weighed
 from testbench.page.shown import Shown
 from testbench.questions.identify.derivatives import servos_of
 from testbench.questions.live.belief import CONTROLS, DRAWS, Believed
 from testbench.questions.live.clock import FASTEST_HZ, Clock, Rate
 from testbench.questions.live.stream import Sample, Source
-from testbench.questions.live.track import Estimate, Gain, Plane
+from testbench.questions.live.track import QUIET_S, Estimate, Plane
 from testbench.questions.plan.close import FlownRun, close_plan
 from testbench.questions.plan.result import Card, Plan
 
@@ -61,12 +62,12 @@ class Call:
 
 @dataclass(frozen=True)
 class Update:
-    """What is known at one time: plane -> derivatives so far, gains of the response, and what is called out."""
+    """What is known at one time: plane -> derivatives so far, whether it answers as believed, and what is called."""
 
     t_s: float
     active: tuple[str, ...]
     estimates: Mapping[str, tuple[Estimate, ...]]
-    gains: Mapping[str, tuple[Gain, ...]]
+    weighed: Mapping[str, tuple[Weighed, ...]]
     calls: tuple[Call, ...]
 
     def line(self) -> str:
@@ -218,22 +219,21 @@ class _Follower:
         self.blocks.append(block)
         while self.blocks and self.blocks[0].t_s[0] < t_s - 180.0:
             self.blocks.popleft()
-        estimates, gains, active = {}, {}, []
+        estimates, weighed, active = {}, {}, []
         for name, plane in self.planes.items():
             ended = plane.take(block)
             if plane.active or ended:
                 active.append(name)
                 estimates[name] = plane.estimates()
-                gains[name] = plane.gains()
-                calls += [
-                    Call(t_s, "stop", g.channel, g.value, g.misfit, "" if not g.low <= g.value <= g.high else "shape")
-                    for g in plane.unexpected(gains[name])
-                ]
+                weighed[name] = plane.weighed()
+                found = plane.unexpected(weighed[name])
+                if found is not None:
+                    calls.append(Call(t_s, "stop", plane.name_of(found), found.value, found.probability, found.kind))
             calls += self._enough(name, estimates.get(name, ()), t_s)
         self.updates += 1
         if self.updates % _CARDS_EVERY == 0:
             calls += self._cards(t_s)
-        return Update(t_s, tuple(active), estimates, gains, tuple(calls))
+        return Update(t_s, tuple(active), estimates, weighed, tuple(calls))
 
     def last(self) -> Update | None:
         """Return the runs of cards that the end of the flight holds; None if there are none."""
@@ -262,10 +262,13 @@ class _Follower:
             servos = servos_of(self.aircraft, list(sources.values()))
             lags = {c: s.lag_s for c, n in sources.items() if (s := servos.get(n)) and isinstance(s.lag_s, float)}
             wanted = {"": self.wanted, **self._of_cards(name)}
-            how = (1.0 / self.rate_hz, self.angles[name], "V" in block)
+            how = (1.0 / self.rate_hz, self.angles[name], "V" in block, self._noise)
             self.planes[name] = Plane(name, sources, lags, believed, wanted, *how)
         self.enough.clear()
         self.believed, self.drawn = believed, 0
+
+    def _noise(self, name: str) -> float:
+        return self.clock.noise(name, QUIET_S)
 
     def _draw(self) -> None:
         """Draw some more aircraft of the uncertainty: all at once would take longer than an update may."""

@@ -2,30 +2,43 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from itertools import product
 
 import numpy as np
-from scipy.linalg import expm
 
 from testbench.aircraft import Aircraft
 from testbench.aircraft.believed import drawn, with_priors
 from testbench.core.errors import Refusal
 from testbench.core.record import FloatArray
+from testbench.core.scenario.air import LOWEST_M
 from testbench.estimators.parametric.structure import LinearStructure
 from testbench.estimators.parametric.structures.lateral import lateral_directional
 from testbench.estimators.parametric.structures.longitudinal import SHORT, longitudinal
 from testbench.estimators.parametric.structures.settings import Trim
 from testbench.evaluation.derivatives import Derivative, dimensional_derivatives, true_parameters
 from testbench.flight import FlightCondition, linearise, trim
+from testbench.flight.air import scale_lengths
+from testbench.inference.form import ALPHA_RAD, FORM_STD
+from testbench.inference.multiple_models import Bank, in_quiet_flight, in_steps
 
 DRAWS = 16
 """Aircraft drawn within the uncertainty of the believed one: their spread is known to 18 %."""
-_GROWS_1_S = 0.5  # a motion that grows faster is flown by a feedback, which an open loop does not predict
+_TURBULENCE_M_S = (0.03, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
+_BY_RATE = (0.1, 1.0, 10.0)
+"""Intensities of turbulence that quiet flight is tried with, and those by which it turns each rate beside the usual."""
+_INTERPOLATED = (0.5, 0.7, 1.0, 1.4)
+"""White noise of a reading on the even clock, of that of its samples as they came."""
+_LATER = (0.25, 1.0, 4.0, 16.0)
+"""Squares of the intensity that there may be in a run, of that in the quiet flight before."""
+LEAST_FORM = 0.03
+"""Share of a derivative by which a linear fit is off on simulated records free of noise, at 25 to 100 Hz."""
+_TAIL = 0.5  # of the damping of a rate that comes by the lag of the flow at the tail
+_POWER = {"V": 0.0, "phi": 0.0, "theta": 0.0, "p": 1.0, "q": 1.0, "r": 1.0}
+ATTITUDES = ("phi", "theta")
 CONTROLS = {"longitudinal": ("de",), "lateral": ("da", "dr")}
-WATCHED = {"longitudinal": ("q", "alpha"), "lateral": ("p", "r", "beta")}
-"""Plane of motion -> what its response is judged by."""
 
 
 def structure_of(plane: str, at: Trim, controls: Sequence[str]) -> LinearStructure:
@@ -83,33 +96,106 @@ class Believed:
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """How the believed aircraft, and the drawn ones, respond to what the controls did: their equations in steps."""
+    """The aircraft that is expected to answer: parameters (k,) of a structure, and how they may differ.
+
+    Attributes:
+        structure: its equations.
+        params: (k,).
+        directions: (d, k) independent ways in which they may differ, by a standard deviation each.
+        dt_s: of the even clock.
+    """
 
     structure: LinearStructure
     params: FloatArray
+    directions: FloatArray
     dt_s: float
 
-    @cached_property
-    def _steps(self) -> tuple[FloatArray, FloatArray]:
-        n, m = len(self.structure.states), len(self.structure.inputs)
-        A, B = [], []
-        for params in self.params:
+    @classmethod
+    def of(cls, structure: LinearStructure, values: FloatArray, dt_s: float) -> Expected:
+        """Return it from the parameters (1 + draws, k) of the believed aircraft and of those drawn of its uncertainty.
+
+        Few draws know some directions far too well, so that the parameters are taken to be independent.
+        """
+        spread = (
+            np.sqrt(np.mean((values[1:] - values[0]) ** 2, axis=0)) if len(values) > 1 else np.zeros(values.shape[1])
+        )
+        return cls(structure, values[0], np.diag(spread)[spread > 0.0], dt_s)
+
+    def bank(
+        self,
+        believed: Believed,
+        read: tuple[int, ...],
+        noise: FloatArray,
+        acting: FloatArray,
+        quiet: FloatArray,
+        u: FloatArray,
+    ) -> Bank:
+        """Return the filters that watch a run, see :class:`testbench.inference.multiple_models.Bank`.
+
+        Gusts turn the flow angle, with the intensity that Dryden turbulence has above its corner frequency, roll the
+        aircraft by their change over the span (MIL-F-8785C, 3.7.2), and pitch and yaw it as they pass the tail. How
+        much each does is taken from the quiet flight before the run, (k, p) readings and (k, m) inputs. The last inputs
+        of the bank are what turns the states beside the linear equations.
+        """
+        names, V, span = self.structure.states, believed.at.V, believed.aircraft.geometry.b_m
+        _, L_v, L_w = scale_lengths(max(believed.condition.h_m, LOWEST_M))
+        forced = tuple(i for i, name in enumerate(names) if name not in ATTITUDES)
+        each, alone = [], []
+        for k, params in enumerate(np.vstack([self.params, self.params + self.directions])):
             s = self.structure.matrices(params)
-            block = expm(self.dt_s * np.block([[s.A, s.B], [np.zeros((m, n + m))]]))
-            A.append(block[:n, :n])
-            B.append(block[:n, n:])
-        return np.array(A), np.array(B)
+            each.append(in_steps(s.A, np.hstack([s.B, np.eye(len(names))]), np.zeros_like(s.A), self.dt_s))
+            if not k:
+                white = np.zeros(len(names))
+                white[0] = 2.0 / ((L_w if names[0] == "alpha" else L_v) * V)
+                for i in forced[1:]:
+                    size = (_TAIL * s.A[i, i]) ** 2 * white[0]
+                    if names[i] == "p":  # sigma_p^2 = 1.9^2 sigma^2 / (L_w b), white below pi V / (4 b)
+                        size = s.A[i, i] ** 2 * 1.9**2 / (L_w * span) * 8.0 * span / (math.pi * V)
+                    white[i] = size
+                ones = np.eye(len(names))
+                alone = [in_steps(s.A, s.B, w * np.outer(e, e), self.dt_s)[2] for w, e in zip(white, ones, strict=True)]
+        A, B = np.array([a for a, _, _ in each]), np.array([b for _, b, _ in each])
+        least, readings = 1e-12 * np.eye(len(names)), len(read)
+        gusts = np.array(
+            [
+                least + rms**2 * (alone[0] + sum(f**2 * alone[i] for f, i in zip(by_rate, forced[1:], strict=True)))
+                for rms in _TURBULENCE_M_S
+                for by_rate in product(_BY_RATE, repeat=len(forced) - 1)
+            ]
+        )
+        noises = noise * np.array([*product(_INTERPOLATED, repeat=readings)])
+        turned = u @ B[0][:, : u.shape[1]].T
+        for _ in range(2):  # in turn, as both at once are thousands
+            these = np.broadcast_to(noise, (len(gusts), readings))
+            found = gusts[int(np.argmax(in_quiet_flight(A[0], read, these, gusts, turned, quiet)))]
+            there = np.broadcast_to(found, (len(noises), *found.shape))
+            noise = noises[int(np.argmax(in_quiet_flight(A[0], read, noises, there, turned, quiet)))]
+        rest = np.full(len(names), noise[0])
+        rest[list(read)] = np.maximum(quiet.std(axis=0), noise)
+        later = np.array([x * found for x in _LATER])
+        bends = np.where(np.arange(len(names)) == 0, FORM_STD["alpha"] / ALPHA_RAD, 0.0)
+        return Bank(A, B, read, noise, rest, later, forced, tuple(range(len(acting))), self.dt_s, acting, bends)
 
-    @property
-    def predicts(self) -> bool:
-        """Whether the believed aircraft flies by itself."""
-        return bool(np.max(np.linalg.eigvals(self.structure.matrices(self.params[0]).A).real) < _GROWS_1_S)
+    def by_speed(self, states: FloatArray, inputs: FloatArray, ratio: FloatArray) -> FloatArray:
+        """Return what a speed that is ``ratio`` (b,) times that of the trim changes of the equations (b, n).
 
-    def respond(self, u: FloatArray) -> FloatArray:
-        """Return the states (N, 1 + draws, n) after inputs (N, m), deviations from trim, that begin at trim."""
-        A, B = self._steps
-        x, out = np.zeros((len(A), A.shape[1])), np.zeros((len(u), len(A), A.shape[1]))
-        for k in range(1, len(u)):
-            x = np.einsum("mij,mj->mi", A, x) + B @ (0.5 * (u[k] + u[k - 1]))
-            out[k] = x
+        Forces and moments go with dynamic pressure, those by rates with airspeed; a flow angle turns by force over
+        airspeed. ``states`` (b, n) and ``inputs`` (b, m) are those measured.
+        """
+        s, names = self.structure.matrices(self.params), self.structure.states
+        power = [_POWER.get(name, 2.0) for name in (*names, *self.structure.inputs)]
+        rows = np.array([[p - (i == 0) if n not in ATTITUDES else 0.0 for p in power] for i, n in enumerate(names)])
+        change = ratio[:, None, None] ** rows - 1.0
+        out: FloatArray = np.einsum("bij,ij,bj->bi", change, np.hstack([s.A, s.B]), np.hstack([states, inputs]))
         return out
+
+    def learnt(self, mean: FloatArray, covariance: FloatArray) -> Expected:
+        """Return what is expected after a run said of multiples z of the directions that z ~ N(mean, covariance).
+
+        No parameter is known better than a linear aircraft holds it.
+        """
+        here = self.params + mean @ self.directions
+        both = self.directions.T @ covariance @ self.directions + np.diag((LEAST_FORM * here) ** 2)
+        sizes, axes = np.linalg.eigh(both)
+        away = (axes * np.sqrt(np.maximum(sizes, 0.0))).T
+        return replace(self, params=here, directions=away[sizes > 0.0])

@@ -12,6 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 from testbench.core.channels import channel
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.schema import OF_CHANNELS
+from testbench.logs.noise import white_std
 from testbench.questions.live.stream import Sample
 
 FASTEST_HZ = 50.0
@@ -20,6 +21,7 @@ _GAP = 2.5  # times the usual step: samples between are lost
 _STALL_S = 1.0  # a channel that is late by more is not waited for
 _MEMORY_S = 60.0
 _LATEST_S = 1e12
+_FEWEST = 20  # samples that noise is told by
 
 
 @dataclass
@@ -86,6 +88,18 @@ class Clock:
         c = self._channels.get(name, _Channel())
         kept = [x for t, x in zip(c.t, c.x, strict=True) if t > self.newest_s - last_s]
         return float(np.mean(kept)) if kept else otherwise
+
+    def noise(self, name: str, last_s: float) -> float:
+        """Return the standard deviation of the white noise of a channel over the last seconds, on the even clock.
+
+        What is interpolated hides its noise from differences: it is told by the samples as they came.
+        """
+        c = self._channels[name]
+        t, x = np.array(c.t), np.array(c.x)
+        kept = t > self.newest_s - last_s
+        kept = kept if kept.sum() >= _FEWEST else np.ones(len(t), bool)
+        averaged = max(self.dt_s / float(np.median(np.diff(t[kept]))), 1.0) if kept.sum() > 1 else 1.0
+        return white_std(x[kept]) / float(np.sqrt(averaged))
 
     def start(self, rate_hz: float) -> None:
         """Begin the even clock at what is newest."""

@@ -4,22 +4,18 @@ A run begins where a control moves beyond its noise and ends some seconds after 
 derivatives are those of recursive Fourier-transform regression
 (:class:`testbench.estimators.parametric.recursive_fourier.InFlight`), all runs of a condition together.
 
-The response y of a run is set against that of the believed aircraft to the same controls, h, both through one washout,
-which takes out what trim and gusts do slowly: gain k = h.y / h.h, and misfit rho = |y - k h| / |h|. Aircraft drawn
-within the uncertainty have k_i and rho_i. With the noise of y before the run, of variance s^2 and correlation time T,
-s_k^2 = s^2 T / (h.h dt); the response is not the one expected where (k - 1)^2 is beyond its share of var(k_i) + s_k^2 +
-form^2, or rho^2 beyond those of the draws and the noise.
+Whether a run is answered as believed is told by :mod:`testbench.inference.multiple_models`, from the undisturbed flight
+before it on. What a run finds of the aircraft is believed in the next one.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 from scipy.stats import t as student
 
 from testbench.core.channels import channel
@@ -27,23 +23,18 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.parametric.recursive_fourier import InFlight
 from testbench.estimators.settings import RecursiveFourier
 from testbench.inference.form import ALPHA_RAD, FORM_STD
+from testbench.inference.multiple_models import Watched, Weighed
 from testbench.information.targets import needed_parameters
 from testbench.logs.manoeuvres import FACTOR, NOISE_QUANTILE, SMALLEST, WINDOW_S
-from testbench.questions.live.belief import WATCHED, Believed, Expected, structure_of
+from testbench.questions.live.belief import LEAST_FORM, Believed, Expected, structure_of
 
 QUIET_S, LEAD_S, TAIL_S, LONGEST_S = 5.0, 1.0, 3.0, 40.0
 """Undisturbed flight that trim and noise are taken from; what counts before and after a movement; the longest run."""
-WASHOUT_S = 2.0
 LOST_S = 1.0  # of samples, beyond which a run has ended
-_BEYOND = (
-    3.0  # standard deviations of a gain, in two updates in a row; most of them is what is not known of the aircraft
-)
-LEAST_FORM = 0.03
-"""Share of a derivative by which the regression is off on simulated records free of noise, at 25 to 100 Hz."""
-_FORM = 0.08  # standard deviation of a gain by what a linear aircraft lacks; judged
-_MISFIT = 0.2  # |y - k h| / |h| by the same
-_CLEAR = 0.15  # standard deviation of a gain by noise, beyond which nothing is said
-_EARLY_S = 0.7  # of response, before which nothing is said
+DOUBTED = 0.01
+"""Probability that a run is answered as believed, from which on it is said not to be."""
+_FEWEST = 8  # drawn aircraft that the uncertainty is known by
+_QUIETEST = 2e-4  # rad, rad/s: noise of an instrument that seems to have none
 SPEED_LAG_S = 0.1
 _FRAME = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta")
 _LEAK_S = 20.0  # of a flow angle that is integrated
@@ -71,23 +62,6 @@ class Estimate:
     reached: bool
 
 
-@dataclass(frozen=True)
-class Gain:
-    """How much of a response there was, of what was expected (1), what the draws allow, and what is left, both / h."""
-
-    channel: str
-    value: float
-    low: float
-    high: float
-    misfit: float
-    allowed: float
-
-    @property
-    def odd(self) -> bool:
-        """Whether it is not the expected response."""
-        return not self.low <= self.value <= self.high or self.misfit > self.allowed
-
-
 class Plane:
     """A plane of motion that is followed.
 
@@ -100,12 +74,14 @@ class Plane:
         dt_s: of the even clock.
         integrated: whether the flow angle is integrated from rates and forces, as nobody measures it.
         speed: whether the airspeed is measured.
+        noise: channel -> standard deviation of its white noise of late.
     """
 
     def __init__(
         self, name: str, sources: Mapping[str, str], lags_s: Mapping[str, float], believed: Believed,
-        wanted: Mapping[str, float], dt_s: float, integrated: bool, speed: bool,
+        wanted: Mapping[str, float], dt_s: float, integrated: bool, speed: bool, noise: Callable[[str], float],
     ) -> None:  # fmt: skip
+        self.noise = noise
         self.name, self.sources, self.lags_s, self.dt_s = name, dict(sources), lags_s, dt_s
         self.believed, self.integrated, self.speed, self.wanted = believed, integrated, speed, wanted
         controls = tuple(sources)
@@ -114,7 +90,7 @@ class Plane:
         )
         values = believed.values(self.structure)
         self.before = dict(zip(self.structure.parameter_names, values[0].tolist(), strict=True))
-        self.expected = Expected(self.structure, values, dt_s)
+        self.expected, self._drawn = Expected.of(self.structure, values, dt_s), len(values) - 1
         self.targets = needed_parameters(name, controls, False, ())
         settings = RecursiveFourier(band_hz=(0.1, min(2.0, 0.2 / dt_s)), step_hz=0.04)
         self.regression = InFlight(self.structure, settings, dt_s)
@@ -128,8 +104,8 @@ class Plane:
         self._trim: FloatArray | None = None
         self._surface: FloatArray | None = None
         self._angle = 0.0
-        self._still_s, self._odd = 0.0, dict.fromkeys(WATCHED[name], 0)
-        self._noise: FloatArray | None = None
+        self._still_s, self._said = 0.0, ""
+        self._watched: Watched | None = None
         self.active, self._lost_s, self._learnt = False, 0.0, False
 
     @property
@@ -189,26 +165,13 @@ class Plane:
     def expect(self, believed: Believed) -> None:
         """Take more of the aircraft that may be flying, unless a run has told already which it is."""
         if not self._learnt:
-            self.expected = Expected(self.structure, believed.values(self.structure), self.dt_s)
+            values = believed.values(self.structure)
+            self.expected, self._drawn = Expected.of(self.structure, values, self.dt_s), len(values) - 1
 
     def _learn(self) -> None:
-        """Let the next run be expected of what this one found, unless it was not the response expected.
-
-        The drawn aircraft are drawn again: about the mean of theirs and the estimates, each by its covariance.
-        """
-        fit = self.regression.fit()
-        if fit is None or min(self._odd.values()) < 0 or len(self.expected.params) < 3:
-            return
-        free, before = self.regression.free, self.expected.params
-        prior = np.cov(before[1:, free].T)
-        gain = prior @ np.linalg.pinv(prior + fit.corrected)
-        left = prior - gain @ prior
-        sizes, axes = np.linalg.eigh(0.5 * (left + left.T))
-        params = before.copy()
-        params[:, free] = before[0, free] + gain @ (fit.step - before[0, free])
-        draws = np.random.default_rng(1).standard_normal((len(before) - 1, free.size))
-        params[1:, free] += draws @ (axes * np.sqrt(np.maximum(sizes, 0.0))).T
-        self.expected, self._learnt = Expected(self.structure, params, self.dt_s), True
+        """Let the next run be expected of what this one found, unless it was not the response expected."""
+        if self._watched is not None and not self._said:
+            self.expected, self._learnt = self.expected.learnt(*self._watched.learnt()), True
 
     def _reached(self, u: FloatArray) -> FloatArray:
         """Return deflections (b, m) behind the servos."""
@@ -240,15 +203,12 @@ class Plane:
         self._trim = quiet.mean(axis=0)
         states = len(self.structure.states)
         lead = quiet[-round(LEAD_S / self.dt_s) :]
-        self._angle, self._slow_V, self._done, self._ratio = 0.0, 0.0, 0, np.ones(0)
+        self._angle, self._slow_V, self._done = 0.0, 0.0, 0
         self._run = [*lead]
         self._known = [*self._lead][-len(lead) :]
         self._valid = [np.ones(quiet.shape[1], bool)] * len(lead)
-        self._noise = None if self.integrated else (quiet - self._trim)[:, :states]
-        self._u: FloatArray = np.zeros((0, len(self.structure.inputs)))
         self._y: FloatArray = np.zeros((0, states))
-        self._t0 = 0.0
-        self._odd = dict.fromkeys(self._odd, 0)
+        self._said, self._watched = "", self._watching(quiet - self._trim)
         self.regression.begin()
         self.active, self._still_s = True, 0.0
 
@@ -277,8 +237,13 @@ class Plane:
         names = (*self.structure.states, *self.structure.inputs)
         block = FlightRecord(t, names, np.hstack([states, inputs]), "measured", np.hstack([ok, sound]))
         self.regression.add(block, self._scales(ratio), known)
-        self._u, self._y = np.vstack([self._u, inputs]), np.vstack([self._y, states])
-        self._ratio = np.concatenate([self._ratio, ratio])
+        self._y = np.vstack([self._y, states])
+        if self._watched is not None:
+            later = slice(self._lead_taken if not self._done else 0, None)
+            read = list(self._watched.bank.read)
+            turned = known - self._known[0] + self.expected.by_speed(states, inputs, ratio)
+            both = np.hstack([inputs, turned])
+            self._watched.take(both[later], states[later][:, read], ok[later][:, read])
         self._done += len(new)
 
     def _smooth_speed(self, V: FloatArray) -> FloatArray:
@@ -340,52 +305,42 @@ class Plane:
             out.append(Estimate(name, value, error, half, believed, goal, reached))
         return tuple(out)
 
-    def gains(self) -> tuple[Gain, ...]:
-        """Return how the response of the run compares with the one expected, of what noise leaves clear."""
-        if not self.active or not self.expected.predicts or len(self._u) * self.dt_s < LEAD_S + _EARLY_S:
-            return ()
-        x = self.expected.respond(self._u)
-        out: list[Gain] = []
-        for name in WATCHED[self.name]:
-            i = self.structure.states.index(name)
-            if self.integrated and i == 0:
-                continue
-            h, y = self._washed(x[:, :, i]), self._washed(self._y[:, i])
-            power = h[:, 0] @ h[:, 0]
-            if not power > 0.0 or self._noise is None:
-                continue
-            noise = self._washed(self._noise[:, i])
-            variance, length = float(noise.var()), correlation_length(noise)
-            by_noise = np.sqrt(variance * length / power)
-            if by_noise > _CLEAR:
-                continue
-            k = h.T @ h[:, 0] / power
-            left = np.sqrt(np.sum((h - h[:, :1] * k) ** 2, axis=0) / power)
-            value = float(h[:, 0] @ y / power)
-            misfit = float(np.sqrt(np.sum((y - value * h[:, 0]) ** 2) / power))
-            drawn = float(np.var(k[1:])) if len(k) > 2 else 0.0
-            form = _FORM + 2.0 * float(np.sqrt(np.mean((self._ratio - 1.0) ** 2)))
-            wide = float(_BEYOND * np.sqrt(drawn + by_noise**2 + form**2))
-            n = len(y)
-            chance = variance * n / power * (1.0 + _BEYOND * np.sqrt(2.0 * length / n))
-            allowed = float(np.sqrt((1.5 * left.max()) ** 2 + chance + (2.0 * _MISFIT) ** 2))
-            out.append(Gain(name, value, 1.0 - wide, 1.0 + wide, misfit, allowed))
-        return tuple(out)
+    def _watching(self, quiet: FloatArray) -> Watched | None:
+        """Return the bank of filters, which has flown the undisturbed flight (n, channels) before a run."""
+        self._lead_taken = 0
+        if self._drawn < _FEWEST or not len(self.expected.directions):
+            return None
+        n, m = len(self.structure.states), len(self.sources)
+        read = tuple(range(1 if self.integrated else 0, n))
+        states, inputs = quiet[:, : len(read)], quiet[:, -m:]
+        noise = np.maximum([self.noise(self.structure.states[i]) for i in read], _QUIETEST)
+        if "V" in self.structure.inputs:
+            inputs = np.column_stack([inputs, self._smooth_speed(quiet[:, -m - 1])])
+        acting = np.array([self.noise(source) for source in self.sources.values()])
+        watched = Watched(self.expected.bank(self.believed, read, noise, acting, states, inputs))
+        watched.take(np.hstack([inputs, np.zeros((len(inputs), n))]), states, np.ones(states.shape, bool))
+        self._slow_V, self._lead_taken = 0.0, len(self._run)
+        return watched
 
-    def unexpected(self, gains: Sequence[Gain]) -> tuple[Gain, ...]:
-        """Return the gains that have been odd in two updates in a row, once in a run."""
-        out = []
-        for g in gains:
-            self._odd[g.channel] = self._odd[g.channel] + 1 if g.odd else min(self._odd[g.channel], 0)
-            if self._odd[g.channel] == 2:
-                self._odd[g.channel] = -(10**6)
-                out.append(g)
-        return tuple(out)
+    def weighed(self) -> tuple[Weighed, ...]:
+        """Return whether the run is answered as believed, and by what it is explained else; () if nothing is told."""
+        return self._watched.weigh() if self.active and self._watched is not None else ()
 
-    def _washed(self, x: FloatArray) -> FloatArray:
-        a = np.exp(-self.dt_s / WASHOUT_S)
-        out: FloatArray = lfilter([1.0, -1.0], [1.0, -a], x - x[0], axis=0)
-        return out
+    def unexpected(self, weighed: Sequence[Weighed]) -> Weighed | None:
+        """Return what explains a run that is not answered as believed, once, and again if it is another thing."""
+        if not weighed or weighed[0].probability > DOUBTED:
+            return None
+        most = max(weighed[1:], key=lambda w: w.probability)
+        if self._said and (most.probability < 1.0 - DOUBTED or self._said == f"{most.kind} {most.at}"):
+            return None
+        self._said = f"{most.kind} {most.at}"
+        return most
+
+    def name_of(self, weighed: Weighed) -> str:
+        """Return the control or the state of an explanation; "" if it is of none."""
+        if weighed.at < 0:
+            return ""
+        return self.structure.states[weighed.at] if weighed.kind == "reads" else self.structure.inputs[weighed.at]
 
 
 def kinematics(plane: str, believed: Believed, block: FlightRecord) -> FloatArray:
@@ -413,16 +368,3 @@ def kinematics(plane: str, believed: Believed, block: FlightRecord) -> FloatArra
     return np.column_stack(
         [turn + fall, (m.Izz * a + m.Ixz * c) / det, (m.Ixz * a + m.Ixx * c) / det, np.zeros(len(p))]
     )
-
-
-def correlation_length(x: FloatArray) -> float:
-    """Return over how many samples noise (n,) is one: 1 + 2 sum of its correlations up to the first below zero."""
-    z = x - x.mean()
-    power = float(z @ z)
-    total = 1.0
-    for lag in range(1, len(z) // 2):
-        r = float(z[lag:] @ z[:-lag]) / power if power > 0.0 else 0.0
-        if r <= 0.0:
-            break
-        total += 2.0 * r
-    return total

@@ -82,11 +82,11 @@ def test_derivatives_in_flight_are_those_of_the_aircraft_and_nothing_is_called()
 
 @pytest.mark.parametrize(("wrong", "said"), [(-1.0, -1.0), (2.0, 0.5)])
 def test_a_control_that_does_something_else_is_called_within_three_seconds(wrong, said):
-    stops = [c for c in follow(arriving(wrong=wrong)).calls if c.kind == "stop" and c.channel == "q"]
+    stops = [c for c in follow(arriving(wrong=wrong)).calls if c.kind == "stop" and c.words == "gain"]
     assert stops
     assert stops[0].t_s < 6.0 + 3.0
     assert stops[0].value == pytest.approx(said, abs=0.15)
-    assert called(stops[0]).startswith("stop: q is ")
+    assert called(stops[0]).startswith("stop: de has ")
 
 
 def test_an_instrument_that_stands_still_is_called():
