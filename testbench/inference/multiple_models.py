@@ -297,7 +297,7 @@ class Watched:
         s = np.append(self._std, 1.0)[order] / scale
         s[:D] *= drawn
         G = self._sums[:, variants][:, :, order][:, :, :, order]
-        L: FloatArray = np.linalg.cholesky(np.eye(len(s)) + s[:, None] * G * s)
+        L = np.asarray(np.linalg.cholesky(np.eye(len(s)) + s[:, None] * G * s), dtype=np.float64)
         diagonal = np.diagonal(L, axis1=2, axis2=3)
         logs: FloatArray = -0.5 * (diagonal[..., -1] ** 2 - 1.0) - np.sum(np.log(diagonal[..., :-1]), axis=2)
         return logs + self._log_det[:, variants] - self._taken * math.log(scale), L
