@@ -128,7 +128,7 @@ def test_records_and_models_that_are_none_are_refused(refused, to):
         ("exercise start short_period --student a -o empty.csv", "got 'empty.csv'"),
         ("exercise start short_period --student a --key-file none", "none"),
         ("exercise check dir", "'dir'"),
-        ("export a.nc --to pdf", "records go to csv, mat, netcdf or parquet, got pdf"),
+        ("export a.nc --to pdf", "records go to csv, mat, mcap, netcdf or parquet, got pdf"),
         ("export a.nc --to netcdf -o a.nc", "over itself"),
         ("export a.nc --to csv -o dir", "'dir'"),
         ("check eolo_alpah", "did you mean 'eolo_alpha'?"),

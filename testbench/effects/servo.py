@@ -394,8 +394,8 @@ _KINDS = (
         title="rate limit of the {word} servo, another one each way",
         physics="The air load helps the servo one way and holds it back the other, so that it turns slower against the "
         "load. Large fast inputs arrive as ramps of two slopes and leave a mean deflection behind.",
-        parameters=(Parameter("down_rad_s", "rad/s", 0.02, 10.0, (1.0, 0.3)),
-                    Parameter("up_rad_s", "rad/s", 0.02, 10.0, (1.0, 0.3))),
+        parameters=(Parameter("down_rad_s", "rad/s", 0.02, 10.0, (1.5, 0.15)),
+                    Parameter("up_rad_s", "rad/s", 0.02, 10.0, (1.5, 0.15))),
         mistaken_for="a symmetric rate limit, where only one of the two is ever met",
         separated_by="inputs of both signs at two amplitudes, the larger one beyond both limits",
         contains=("rate_limit",)),
@@ -404,8 +404,8 @@ _KINDS = (
         title="rate limit of the throttle, another one each way",
         physics="An engine is accelerated with care, lest it stalls or surges, and a propeller slows down by itself. "
         "Large throttle steps arrive as ramps of two slopes and leave a mean thrust behind.",
-        parameters=(Parameter("rise_1_s", "1/s", 0.01, 20.0, (0.5, 0.1)),
-                    Parameter("fall_1_s", "1/s", 0.01, 20.0, (0.5, 0.1))),
+        parameters=(Parameter("rise_1_s", "1/s", 0.01, 20.0, (0.5, 0.05)),
+                    Parameter("fall_1_s", "1/s", 0.01, 20.0, (0.5, 0.05))),
         mistaken_for="a symmetric rate limit, where only one of the two is ever met",
         separated_by="throttle steps of both signs and two sizes, the larger one beyond both limits",
         searched=(), contains=("throttle_rate_limit",), upstream=SERVO, ground_check=_RATE_CHECK,

@@ -27,6 +27,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from browsers import BROWSER
+from clock import since
 from flown_logs import LOGS, fly
 from smallest import results, sized
 from tables import write_rows
@@ -53,7 +54,7 @@ class User:
         begun = time.monotonic()
         act()
         shown.first.wait_for(timeout=LONG_MS)
-        lasted = time.monotonic() - begun
+        lasted = since(begun, time.monotonic)
         text = " ".join((shown.first.inner_text() or "").split())[:90]
         self.rows.append((self.kind, len(self.rows) + 1, done, f"{lasted:.1f}", text))
         print(*self.rows[-1], sep="; ", flush=True)

@@ -206,6 +206,7 @@ def test_a_fault_of_the_servo_that_is_not_held_is_no_effect_of_the_air(hidden):
     assert naming.weighed.table["nothing"].posterior.kappa > 1e-2
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("aircraft", AIRCRAFT)
 @pytest.mark.parametrize("wrong", ["servo", "elevator", "sensor"])
 def test_a_wrong_servo_a_wrong_elevator_and_a_wrong_sensor_of_it_are_told_apart(aircraft, wrong):
