@@ -123,6 +123,18 @@ def test_the_clock_takes_samples_late_twice_and_out_of_order():
     assert clock.rates()["q"] == Rate(pytest.approx(50.0), 0.0, pytest.approx(0.029, abs=0.01))
 
 
+@pytest.mark.parametrize(("source_hz", "clock_hz"), [(50.0, 50.0), (25.0, 25.0), (200.0, 50.0)])
+def test_noise_is_that_of_the_samples_as_they_came_whatever_the_clock_makes_of_them(source_hz, clock_hz):
+    clock, rng = Clock(), np.random.default_rng(2)
+    for k in range(int(20 * source_hz)):
+        t = k / source_hz + 0.003
+        clock.add(Sample(t, {"q": 0.2 * np.sin(t) + 0.01 * rng.standard_normal()}, t))
+        if k == 100:
+            clock.start(clock_hz)
+    averaged = source_hz / clock_hz
+    assert clock.noise("q", 5.0) == pytest.approx(0.01 / np.sqrt(averaged), rel=0.25)  # four deviations of 125 samples
+
+
 def test_the_command_records_a_session_that_plays_again_the_same(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     record = flown().decimate(3)
