@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from http import HTTPStatus
 from pathlib import Path
-from threading import Condition, Thread
+from threading import Condition, Lock, Thread
 from types import TracebackType
 from typing import Any, Self
 
@@ -116,6 +116,7 @@ class Workbench:
             raise RecordError(f"a folder to work in must exist, got {not_found(folder, files=Path.is_dir)}")
         self.folder = folder.resolve()
         self._changed = Condition()
+        self._flies = Lock()  # JSBSim loads one model at a time: two threads at once end the process
         home, name = kept_in("app"), hashlib.sha256(os.fsencode(self.folder)).hexdigest()[:16]
         self._kept_in = None if home is None else home / f"{name}.json"
         token, self.jobs = self._kept_before()
@@ -175,8 +176,10 @@ class Workbench:
                 job.process.terminate()  # the command keeps what is finished, as after Ctrl-C
             return _as_json(job.told(int(rest)))
         if what in ("show", "save"):
+            given = _content(body)
             try:
-                return self._shown(rest if what == "show" else f"save {rest}".strip(), _content(body))
+                with self._flies:
+                    return self._shown(rest if what == "show" else f"save {rest}".strip(), given)
             except TestbenchError as error:
                 return _as_json({"error": str(error)}, HTTPStatus.BAD_REQUEST)
         return None

@@ -1,6 +1,8 @@
 """An input that is drawn in the app: the numbers are those of the design's own rooms, and so is the file."""
 
+import json
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.paths import AIRCRAFT_MODELS, SCENARIOS
+from testbench.questions.app.ask import Workbench
 from testbench.questions.app.drawn import design_text, design_told, input_told, list_designs, plan_words
 from testbench.questions.design.ask import run_design
 from testbench.questions.design.scenario import DesignScenario
@@ -41,6 +44,15 @@ def test_errors_and_limits_while_drawing_are_those_of_the_design(folder):
     assert share == pytest.approx(result.problem.prediction.largest_factor(best.design.u)[0] ** -1.0)
     assert worst in said["answer"]
     assert said["reached"] is bool(best.design.cost <= 1.0)
+
+
+def test_requests_that_come_at_once_are_flown_one_after_the_other(folder, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+    bench = Workbench(folder)
+    asks = [("design", {"of": "mine.toml"}), ("input", {"of": "mine.toml", "input": [STEPS]})] * 3
+    with ThreadPoolExecutor(len(asks)) as several:
+        got = several.map(lambda a: bench.take(f"{bench.home}show/{a[0]}", iter([json.dumps(a[1]).encode()])), asks)
+        assert [answer.status for answer in got] == [200] * len(asks)
 
 
 def test_the_signal_that_is_shown_is_the_one_that_is_flown(folder):
