@@ -288,7 +288,11 @@ def _maps(m: ResidualMap) -> list[Panel]:
 def _lacking_plate(result: GapResult) -> Plate:
     """Return what the believed model lacks over time: a row for each state, a column for each manoeuvre."""
     lacks = result.finding.lacks
-    ratio = {s: max(_largest(one.accelerations[s] / one.std[s]) for one in lacks) for s in lacks[0].accelerations}
+
+    def told(a: FloatArray, std: FloatArray) -> float:  # of a state that nothing moved both are zero
+        return _largest(np.divide(a, std, out=np.zeros_like(a), where=std > 0.0))
+
+    ratio = {s: max(told(one.accelerations[s], one.std[s]) for one in lacks) for s in lacks[0].accelerations}
     states = [s for s in ratio if ratio[s] > _TOLD] or [max(ratio, key=lambda s: ratio[s])]
     panels = []
     for state in states:
