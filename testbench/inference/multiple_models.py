@@ -32,10 +32,10 @@ P_FAULT = 0.05
 """Prior probability that a manoeuvre is not answered as believed; the kinds of explanation share it."""
 DELAYS_S = (0.15, 0.25, 0.4, 0.6)
 """By which a control may be late. A shorter delay is no fault: it is one of what no model has exactly."""
+_LATE_S = 0.05  # standard deviation of such a delay
 REVERSED = -1.0
 """What an instrument of the wrong sign reads of what there is. Other scales would be told by gusts alone as well, whose
 share in each reading is not known so closely; they are another aircraft here."""
-_LATE_S = 0.05  # standard deviation of such a delay
 LEAST = 0.3
 """Share by which a control must differ before anybody would call it a fault."""
 _AT_REST = 3.5  # deviations of the noise of a control that has not moved
@@ -122,10 +122,10 @@ def in_quiet_flight(
     C = np.eye(n)[at]
     P = np.array([solve_discrete_are(A.T, C.T, *each) for each in zip(gusts, R, strict=True)])
     S = P[:, at][:, :, at] + R
-    K = P[:, :, at] @ np.linalg.inv(S)
+    precision = np.linalg.inv(S)
+    K = P[:, :, at] @ precision
     x, logs = np.zeros((len(gusts), n)), -0.5 * len(y) * np.log(np.linalg.det(S))
     x[:, at] = y[0]
-    precision = np.linalg.inv(S)
     for reading, change in zip(y, turned, strict=True):
         x = x @ A.T + change
         v = reading - x[:, at]
@@ -139,7 +139,7 @@ class Weighed:
     """An explanation of a manoeuvre.
 
     Attributes:
-        kind: "believed", "gain", "late", "reads" or "other" (another aircraft within none of its uncertainty).
+        kind: "believed", "gain", "late", "reads" or "other" (an aircraft beyond the uncertainty of the believed one).
         at: place of the control among the inputs, or of the state that is read; -1 if it is of none.
         value: of what is expected, or s of delay; ``std`` its standard deviation.
         probability: of it.
@@ -240,7 +240,7 @@ class Watched:
         forcing = np.einsum("mab,jkb->kmaj", bank.B, np.array(each))
         change = np.diff(here, axis=0) / bank.dt_s
         at_form, c = e - self._knots * 2 * len(forced), len(controls)
-        at_short = int(np.max(np.nonzero(np.any(self._constant[1], axis=0))[0])) + 1
+        at_short = c + n + len(forced) + len(read)
         scales = bank.scales.T[None, :, None, :]
         left, own = np.zeros((k, M, len(read), I, J)), np.zeros((k, I, J, len(read), e))
         ends = np.diff(self._u[max(begin - 2, 0) :, controls], axis=0)
