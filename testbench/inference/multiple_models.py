@@ -23,7 +23,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm, solve_discrete_are
+from scipy.linalg import solve_discrete_are
 from scipy.special import logsumexp, ndtr
 
 from testbench.core.record import FloatArray
@@ -90,19 +90,6 @@ class Bank:
             if kind == "reads":
                 out[j, at] = value
         return out
-
-
-def in_steps(A: FloatArray, B: FloatArray, noise: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return A (n, n), B (n, m) and the covariance (n, n) of process noise over a step, of their continuous ones.
-
-    ``noise`` (n, n) is the intensity of white process noise (C. F. Van Loan, IEEE Transactions on Automatic Control
-    23(3), 1978). Inputs are held at the mean of the ends of the step.
-    """
-    n, m = B.shape
-    held = expm(dt_s * np.block([[A, B], [np.zeros((m, n + m))]]))
-    both = expm(dt_s * np.block([[-A, noise], [np.zeros((n, n)), A.T]]))
-    step = both[n:, n:].T
-    return held[:n, :n], held[:n, n:], step @ both[:n, n:]
 
 
 def in_quiet_flight(

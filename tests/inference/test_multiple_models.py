@@ -5,9 +5,11 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.signal import cont2discrete
 from scipy.stats import multivariate_normal
 
-from testbench.inference.multiple_models import Bank, Watched, in_quiet_flight, in_steps
+from testbench.estimators.parametric.kalman.innovations import sampled_noise
+from testbench.inference.multiple_models import Bank, Watched, in_quiet_flight
 
 DT, NOISE, QUIET = 0.02, 0.003, 250
 BELIEVED = np.array([-2.0, -15.0, -3.0, -20.0])
@@ -17,8 +19,9 @@ TURBULENCE_M_S = (0.03, 0.3, 1.2)
 
 def steps(params, rms=0.0):
     Z, M_alpha, M_q, M_de = params
-    white = np.diag([2.0 * rms**2 / (100.0 * 20.0), (0.02 * rms) ** 2])
-    return in_steps(np.array([[Z, 1.0], [M_alpha, M_q]]), np.array([[-0.1], [M_de]]), white, DT)
+    F, G = np.array([[Z, 1.0], [M_alpha, M_q]]), np.array([[-0.1], [M_de]])
+    white = np.sqrt([2.0 * rms**2 / (100.0 * 20.0), (0.02 * rms) ** 2])
+    return *cont2discrete((F, G, np.eye(2), np.zeros((2, 1))), DT)[:2], sampled_noise(F, white, DT)[1]
 
 
 @cache

@@ -8,12 +8,14 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from scipy.signal import cont2discrete
 
 from testbench.aircraft import Aircraft
 from testbench.aircraft.believed import drawn, with_priors
 from testbench.core.errors import Refusal
 from testbench.core.record import FloatArray
 from testbench.core.scenario.air import LOWEST_M
+from testbench.estimators.parametric.kalman.innovations import sampled_noise
 from testbench.estimators.parametric.structure import LinearStructure
 from testbench.estimators.parametric.structures.lateral import lateral_directional
 from testbench.estimators.parametric.structures.longitudinal import SHORT, longitudinal
@@ -22,7 +24,7 @@ from testbench.evaluation.derivatives import Derivative, dimensional_derivatives
 from testbench.flight import FlightCondition, linearise, trim
 from testbench.flight.air import scale_lengths
 from testbench.inference.form import ALPHA_RAD, FORM_STD
-from testbench.inference.multiple_models import Bank, in_quiet_flight, in_steps
+from testbench.inference.multiple_models import Bank, in_quiet_flight
 
 DRAWS = 16
 """Aircraft drawn within the uncertainty of the believed one: their spread is known to 18 %."""
@@ -143,7 +145,9 @@ class Expected:
         each, alone = [], []
         for k, params in enumerate(np.vstack([self.params, self.params + self.directions])):
             s = self.structure.matrices(params)
-            each.append(in_steps(s.A, np.hstack([s.B, np.eye(len(names))]), np.zeros_like(s.A), self.dt_s))
+            inputs = np.hstack([s.B, np.eye(len(names))])
+            none = np.zeros((0, len(names))), np.zeros((0, inputs.shape[1]))
+            each.append(cont2discrete((s.A, inputs, *none), self.dt_s)[:2])
             if not k:
                 white = np.zeros(len(names))
                 white[0] = 2.0 / ((L_w if names[0] == "alpha" else L_v) * V)
@@ -152,9 +156,8 @@ class Expected:
                     if names[i] == "p":  # sigma_p^2 = 1.9^2 sigma^2 / (L_w b), white below pi V / (4 b)
                         size = s.A[i, i] ** 2 * 1.9**2 / (L_w * span) * 8.0 * span / (math.pi * V)
                     white[i] = size
-                ones = np.eye(len(names))
-                alone = [in_steps(s.A, s.B, w * np.outer(e, e), self.dt_s)[2] for w, e in zip(white, ones, strict=True)]
-        A, B = np.array([a for a, _, _ in each]), np.array([b for _, b, _ in each])
+                alone = [sampled_noise(s.A, row, self.dt_s)[1] for row in np.diag(np.sqrt(white))]
+        A, B = np.array([a for a, _ in each]), np.array([b for _, b in each])
         least, readings = 1e-12 * np.eye(len(names)), len(read)
         gusts = np.array(
             [
