@@ -85,7 +85,23 @@ def trim(
         >>> round(trimmed.alpha, 3) > 0.0
         True
     """
-    aircraft = obtain(Aircraft, aircraft)
+    return trim_and_executive(obtain(Aircraft, aircraft), condition, rate_hz, air, near, thorough, slopes)[0]
+
+
+def trim_and_executive(
+    aircraft: Aircraft,
+    condition: FlightCondition,
+    rate_hz: float | None = None,
+    air: Air | None = None,
+    near: TrimmedFlight | None = None,
+    thorough: bool = True,
+    slopes: FloatArray | None = None,
+) -> tuple[TrimmedFlight, Executive]:
+    """Return what :func:`trim` does, and the executive that was brought to rest there.
+
+    Raises:
+        TrimError: as :func:`trim`.
+    """
     rate = rate_hz or aircraft.rate_hz
     _warn_of_frames(aircraft, rate)
     fdm = Executive(aircraft, rate, condition)
@@ -113,7 +129,7 @@ def trim(
         )
     residual = problem.accelerations(x, to_rest=True)
     most = problem.most if np.max(np.abs(residual)) < problem.most else problem.no_fault(x)
-    return checked_trim(aircraft, condition, rate, problem.values(x), residual, fdm.read(), most)
+    return checked_trim(aircraft, condition, rate, problem.values(x), residual, fdm.read(), most), fdm
 
 
 def slopes_at(aircraft: Aircraft, trimmed: TrimmedFlight) -> FloatArray:

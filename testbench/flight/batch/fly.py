@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 import zlib
-from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -347,19 +346,7 @@ def _engines(models: Sequence[BatchModel], beginnings: Sequence[Beginning]) -> l
     """Return what the engines of flights hold where they begin; nothing if they have no states of their own."""
     if not models[0].settles:
         return []
-    return [_states(model, x.key, x) for model, x in zip(models, beginnings, strict=True)]
-
-
-_HELD: OrderedDict[tuple[object, object], tuple[Beginning, dict[str, float]]] = OrderedDict()
-
-
-def _states(model: BatchModel, key: object, beginning: Beginning) -> dict[str, float]:
-    """Return what engines hold, from JSBSim unless they began there a moment ago."""
-    if (model, key) not in _HELD:
-        _HELD[model, key] = beginning, states_at(model, beginning)  # the key tells as long as its trim lives
-        if len(_HELD) > AT_ONCE:
-            _HELD.popitem(last=False)
-    return _HELD[model, key][1]
+    return [states_at(model, x) for model, x in zip(models, beginnings, strict=True)]
 
 
 def column(beginning: Beginning) -> tuple[FloatArray, FloatArray]:

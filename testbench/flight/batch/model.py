@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -23,7 +24,7 @@ from testbench.flight.batch.translate import Translation, declared, translate
 from testbench.flight.batch.units import convert, triplet
 from testbench.flight.batch.vector import LANES
 from testbench.flight.condition import FlightCondition
-from testbench.flight.executive import Executive
+from testbench.flight.executive import Executive, model_key
 from testbench.flight.start import Beginning
 
 _LB_SLUG = 1.0 / 32.174049
@@ -440,13 +441,47 @@ def _set_weights(start: FloatArray, weights: Weights) -> None:
     start[r.INERTIA : r.INERTIA + 6] = [weights.inertia[i, k] for _, i, k, _ in _INERTIA]
 
 
+_HELD: OrderedDict[object, tuple[BatchModel, Beginning, dict[str, float]]] = OrderedDict()
+_KEPT = 32 * LANES  # beginnings whose engines are known
+
+
 def states_at(model: BatchModel, beginning: Beginning) -> dict[str, float]:
+    """Return what is not motion when a flight begins: property -> value, see :func:`read_states`.
+
+    JSBSim tells it of flights that did not begin there a moment ago.
+    """
+    known = _HELD.get(_key(model, beginning))
+    if known is not None:
+        return known[2]
+    fdm = Executive(model.aircraft, model.rate_hz, beginning.trimmed.condition)
+    return keep_states(model, beginning, read_states(model, beginning, fdm))
+
+
+def keep_states(model: BatchModel, beginning: Beginning, states: dict[str, float]) -> dict[str, float]:
+    """Keep, and return, what is not motion when a flight begins, for flights that begin there soon."""
+    _HELD[_key(model, beginning)] = model, beginning, states
+    if len(_HELD) > _KEPT:
+        _HELD.popitem(last=False)
+    return states
+
+
+def _key(model: BatchModel, beginning: Beginning) -> object:
+    # Addresses tell as long as what they are of lives, which is kept beside.
+    written = model_key(model.aircraft, model.rate_hz, beginning.trimmed.condition)
+    return written, id(model.program), beginning.key
+
+
+def read_states(model: BatchModel, beginning: Beginning, fdm: Executive) -> dict[str, float]:
     """Return what is not motion when a flight begins, from JSBSim: property -> value.
 
     Of engines the speeds, blade angles and pressures, the levers that hold them, and what has no property but follows
     from others; and the angle by which the Earth has turned while engines were held.
+
+    Args:
+        model: of the flight.
+        beginning: of the flight.
+        fdm: of its aircraft, fresh or at rest near by; it is put there.
     """
-    fdm = Executive(model.aircraft, model.rate_hz, beginning.trimmed.condition)
     beginning.put(fdm)
     names = (n for n in model.program.properties if n.startswith("propulsion/") or _LEVERS.fullmatch(n))
     states = {n: fdm.get(n) for n in names if fdm.has(n)}

@@ -16,10 +16,11 @@ from testbench.flight.air import Air
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import judged_at
 from testbench.flight.batch.jobs import Simulator, by_jsbsim
-from testbench.flight.batch.model import BatchModel, filled, put, read, registers
+from testbench.flight.batch.model import BatchModel, filled, keep_states, put, read, read_states, registers
 from testbench.flight.batch.vector import LANES
 from testbench.flight.condition import FlightCondition, TrimmedFlight
 from testbench.flight.executive import body_from_earth
+from testbench.flight.start import Beginning
 from testbench.flight.trim import (
     RADIUS_EAST_M,
     RADIUS_NORTH_M,
@@ -28,6 +29,7 @@ from testbench.flight.trim import (
     checked_trim,
     first_guess,
     trim,
+    trim_and_executive,
     unknowns,
     values_of,
 )  # fmt: skip
@@ -76,13 +78,15 @@ def trim_many(
     out: list[TrimmedFlight | Refusal | None] = [None] * len(planes)
     blowing = airs or [None] * len(planes)
     groups: dict[int, list[tuple[int, BatchModel]]] = {}
+    turning: dict[int, BatchModel] = {}
     for i, (each, condition) in enumerate(zip(planes, conditions, strict=True)):
         try:
             model = None
             if simulator != "jsbsim":
                 at_rest = partial(trim, each, condition, rate_hz, blowing[i])
                 model = judged_at(each, rate_hz or each.rate_hz, condition, at_rest).model
-                model = None if model is None or model.settles else model  # JSBSim brings propellers to rest
+                if model is not None and model.settles:  # JSBSim brings propellers to rest
+                    turning[i], model = model, None
         except Refusal as error:
             out[i] = error
             continue
@@ -95,14 +99,19 @@ def trim_many(
         for i, result in zip(members, found, strict=True):
             out[i] = result
 
-    def alone(i: int) -> TrimmedFlight | Refusal:
+    def alone(i: int) -> tuple[TrimmedFlight | Refusal, dict[str, float]]:
         begin, slopes = (near(i) if near is not None else None) or (None, None)
         try:
-            return trim(planes[i], conditions[i], rate_hz, blowing[i], begin, slopes=slopes)
+            found, fdm = trim_and_executive(planes[i], conditions[i], rate_hz, blowing[i], begin, slopes=slopes)
         except Refusal as error:
-            return error
+            return error, {}
+        return found, read_states(turning[i], Beginning.at(found), fdm) if i in turning else {}
 
-    return by_jsbsim(out, alone)
+    done = by_jsbsim([None if each is None else (each, {}) for each in out], alone)
+    for i, (found, states) in enumerate(done):
+        if states and isinstance(found, TrimmedFlight):  # flights from here need not load the model again
+            keep_states(turning[i], Beginning.at(found), states)
+    return [found for found, _ in done]
 
 
 def _trimmed(
