@@ -1,9 +1,10 @@
 """The judge: a translated model is used only after it has flown beside JSBSim.
 
-The first flight of a model in a batch is preceded by one of 20 s in which every control moves, flown by both. Every
-channel of the simulator must agree within 1e-9 of its range. The verdict is kept on disk, by a hash of the model's
-structure, of the batch's own code and of JSBSim's version: models that differ in numbers only fly by one program, and
-one in two hundred flights is flown by both whatever was found before.
+The first flight of a model in a batch is preceded by one of 20 s in which every control moves, flown by both; of 10 s
+if it is an amended one, in which they move one after the other and for 2 s all at once. Every channel of the simulator
+must agree within 1e-9 of its range. The verdict is kept on disk, by a hash of the model's structure, of the batch's own
+code and of JSBSim's version: models that differ in numbers only fly by one program, and one in two hundred flights is
+flown by both whatever was found before.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from testbench.inputs.signal import InputSignal
 
 TOLERANCE = 1e-9
 """Greatest difference from JSBSim, of a channel's range."""
-_DURATION_S = 20.0
+_DURATION_S, _AMENDED_S = 20.0, 10.0  # a search for what a model lacks amends it in a hundred ways
 _SHARES = (0.02, 0.005, 0.001)  # of a control's range, tried from the greatest on until the flight stays in its limits
 _AGREED = {"rad": 0.01, "rad/s": 0.01, "rad/s2": 0.1, "m/s": 0.1, "m/s2": 0.1, "m": 10.0, "N": 1.0, "Pa": 10.0,
            "1/s": 0.01, "1/s2": 0.1}  # fmt: skip
@@ -231,7 +232,7 @@ def compared(model: BatchModel, trimmed: TrimmedFlight) -> tuple[float, str]:
             truth = fly(model.aircraft, trimmed, manoeuvre, job.log_rate_hz)
         except FlightAborted as error:
             reason = f"the flight that compares it with JSBSim leaves its limits: {error.reason}"
-            if error.record is None or len(error.record) * 4 < _DURATION_S * job.log_rate_hz:
+            if error.record is None or len(error.record) * 4 < _duration_s(model.aircraft) * job.log_rate_hz:
                 continue
             truth = error.record
         except Refusal as error:
@@ -247,6 +248,10 @@ def compared(model: BatchModel, trimmed: TrimmedFlight) -> tuple[float, str]:
     return math.nan, reason
 
 
+def _duration_s(aircraft: Aircraft) -> float:
+    return _AMENDED_S if aircraft.amendments else _DURATION_S
+
+
 def _log_rate(rate_hz: float) -> float:
     return rate_hz / max(1, round(rate_hz / 50.0))
 
@@ -254,7 +259,7 @@ def _log_rate(rate_hz: float) -> float:
 def every_control(aircraft: Aircraft, trimmed: TrimmedFlight, share: float) -> Manoeuvre:
     """Return a manoeuvre in which each control moves by a share of its range, one after the other, then all at once."""
     rate = trimmed.rate_hz
-    t = np.arange(round(_DURATION_S * rate)) / rate
+    t = np.arange(round(_duration_s(aircraft) * rate)) / rate
     names = tuple(aircraft.controls)
     u = np.zeros((t.size, len(names)))
     for i, name in enumerate(names):

@@ -83,7 +83,8 @@ def trim_many(
         try:
             model = None
             if simulator != "jsbsim":
-                at_rest = partial(trim, each, condition, rate_hz, blowing[i])
+                begin, slopes = (near(i) if near is not None else None) or (None, None)
+                at_rest = partial(trim, each, condition, rate_hz, blowing[i], begin, slopes=slopes)
                 model = judged_at(each, rate_hz or each.rate_hz, condition, at_rest).model
                 if model is not None and model.settles:  # JSBSim brings propellers to rest
                     turning[i], model = model, None
