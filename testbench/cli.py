@@ -25,9 +25,9 @@ from testbench.questions.options import UsageError
 
 _HELP = """Fly an identification experiment in simulation before the aircraft does.
 
-A JSBSim aircraft is excited by an input, a sensor suite records it, estimators identify a model, and the report says
-whether this input and these sensors would have been good enough. Turned round, with measured records, it finds what the
-simulation lacks.
+A JSBSim aircraft is excited by an input, a sensor suite records it, estimators identify a model, and a report shows
+whether this input and these sensors are good enough. With measured records it identifies derivatives, and it finds
+what the simulation lacks.
 
 **Start here**
 
@@ -73,11 +73,13 @@ def _manners(
     ] = False,
     as_json: Annotated[
         bool,
-        typer.Option("--json", callback=_speak, expose_value=False, help="Print the result as the Python API has it."),
+        typer.Option(
+            "--json", callback=_speak, expose_value=False, help="Print the result as JSON, as in the Python API."
+        ),
     ] = False,
     version: Annotated[
         bool,
-        typer.Option("--version", callback=_say_version, is_eager=True, expose_value=False, help="Say the version."),
+        typer.Option("--version", callback=_say_version, is_eager=True, expose_value=False, help="Print the version."),
     ] = False,
 ) -> None:
     """Hold the options that every command takes: how it answers, and the version."""
@@ -197,9 +199,9 @@ def check(
 ) -> None:
     """Report every fault of files at once, with file, key, law and value; scenarios are not flown.
 
-    If you bring an aircraft folder, a sensor suite, an estimator, a structure or an effect, it is tried on the laws
-    that all of its kind keep. Examples: `testbench check my_scenario.toml`, `testbench check aircraft/mine
-    suites/my_suite.toml my_method.py:estimate`.
+    An aircraft folder, a sensor suite, an estimator, a structure or an effect of your own is tested against the laws of
+    its kind. Examples: `testbench check my_scenario.toml`, `testbench check aircraft/mine suites/my_suite.toml
+    my_method.py:estimate`.
     """
     from testbench.questions.brought import laws_of
     from testbench.questions.files import check_and_notes

@@ -362,7 +362,7 @@ class Ensemble:
             out.sort(key=lambda f: f.over.rank if f.over else (np.inf, 0.0))
         if not self.flights:
             return out
-        say("fly them in the air that is expected")
+        say("fly them in the expected air")
         out = ordered(self.chosen(out, BIAS))
         return [*ordered(self.chosen(out[:REALISED], AIR, STABILITY)), *out[REALISED:]]
 
@@ -439,7 +439,9 @@ class Ensemble:
             less = max(_HALF, best_share(problem, best.design, self.measured_bias(best)))
             if less >= _LOWER or not self.misleads(best):
                 break
-            say(f"realise the {best.design.family} at {less:.2g} times its amplitude, which bends less: {n} times")
+            say(
+                f"realise the {best.design.family} at {less:.2g} times its amplitude, with less nonlinearity: {n} times"
+            )
             (design,) = self.range_.off([rescaled(problem, best.design, less)])
             found = replace(best.at(design, BIAS, Bound(less)), realised=self.range_.realised(design, n, say))
             if self._cost(found) > CLEARLY * self._cost(best):

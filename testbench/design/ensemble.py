@@ -74,7 +74,7 @@ class Member:
     modes: Mapping[str, complex]
     problem: Problem
     onsets: tuple[Onset, ...] = ()
-    words: str = "the believed aircraft"
+    words: str = "the a-priori model"
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,8 +306,8 @@ def with_mode(setting: Setting, believed: Member, factor: float) -> Member:
     there, more = _changed(setting, believed, square, factor**2)
     if _stiffness(setting.plane, setting.place(believed.aircraft)) > 0.0 >= _stiffness(setting.plane, there):
         raise EstimationError(
-            f"damping makes most of its frequency, so that this takes {coefficient}_{angle} {more:+.3g}, an aircraft "
-            "without static stability"
+            f"damping contributes most of its frequency, so that this requires {coefficient}_{angle} {more:+.3g}, an "
+            "aircraft without static stability"
         )
     words = f"{mode_words(setting.plane, factor)}, {coefficient}_{angle} {more:+.3g}"
     return replace(setting.pose(there.aircraft), words=words)
@@ -340,7 +340,7 @@ def _changed(setting: Setting, believed: Member, of: Callable[[Placed], float], 
         if slope == 0.0:
             break
         old, more = (more, found), more + (wanted - found) / slope
-    raise EstimationError(f"no {coefficient}_{angle} was found that gives {times:.3g} times that of the believed one")
+    raise EstimationError(f"no {coefficient}_{angle} was found that gives {times:.3g} times that of the a-priori model")
 
 
 def mode_words(plane: str, factor: float) -> str:

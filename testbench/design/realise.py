@@ -62,10 +62,10 @@ _FEWEST = 3  # estimates below which nothing is said
 CAUSES = {
     "noise": "noise of the sensors",
     "air": "turbulence",
-    "curvature": "curvature: at this amplitude the aircraft is not linear",
-    "equations": "what the estimator's equations leave out of sensors, servos and commands between samples",
-    "bias": "a bias that linear theory does not have",
-    "scatter": "scatter that linear theory does not have",
+    "curvature": "curvature: at this amplitude the aircraft is nonlinear",
+    "equations": "properties of sensors, servos and commands between samples that the estimator's equations omit",
+    "bias": "a bias beyond linear theory",
+    "scatter": "scatter beyond linear theory",
 }
 """What an error is made of -> in words."""
 

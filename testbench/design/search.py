@@ -121,11 +121,11 @@ def _untold(problem: Problem, ranked: list[Screened]) -> str:
         lost &= {n for n, e in zip(problem.targets.names, errors, strict=True) if not np.isfinite(e)}
         if not lost:
             break
-    which = f"anything of {', '.join(sorted(lost))}" if lost else "all targets apart from one another"
+    which = f"anything of {', '.join(sorted(lost))}" if lost else "all targets separately"
     return (
-        f"a design needs a signal that tells all targets, but through the sensors "
+        "a design needs a signal that determines all targets, but with the sensors "
         f"{', '.join(problem.experiment.structure.outputs)} no signal of any family on {', '.join(problem.controls)} "
-        f"tells {which}; leave targets out, or add sensors or controls"
+        f"determines {which}; leave targets out, or add sensors or controls"
     )
 
 
@@ -167,7 +167,7 @@ def for_the_worst(
         if worst in done:
             break
         done.add(worst)
-        say(f"search for the {members[worst].words}, in which the best design does worst")
+        say(f"search for the {members[worst].words}, in which the best design is worst")
         try:
             found = search(members[worst].problem)[:_EACH]
         except EstimationError:

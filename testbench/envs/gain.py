@@ -55,7 +55,7 @@ class Gain:
 
     def __init__(self, problem: Problem, criterion: Criterion, prior: float, copies: int = 1) -> None:
         if not prior > 0.0:
-            raise EstimationError(f"prior > 0 must hold for what is believed before the flight, got {prior:g}")
+            raise EstimationError(f"prior > 0 must hold, got {prior:g}")
         true = problem.experiment.structure.true
         self.prior = prior * np.where(true == 0.0, 1.0, np.abs(true))
         self.sensitivity_scale = self.prior / problem.experiment.sigma[:, None]

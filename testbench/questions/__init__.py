@@ -94,7 +94,7 @@ QUESTIONS = (
     Question(
         "import",
         "flight.ulg -o my_log",
-        "what a flight log holds",
+        "contents of a flight log",
         "ask:import_log",
         room="importing",
         want="look into a log",
@@ -141,7 +141,7 @@ QUESTIONS = (
     Question(
         "compare",
         "eolo_alpha",
-        "what each sensor buys",
+        "value of each sensor",
         "ask:compare",
         kind="comparison",
         folder="compare",
@@ -182,10 +182,10 @@ QUESTIONS = (
         folder="dataset",
         schema="scenario:DatasetScenario",
     ),
-    Question("aircraft", "eolo", "trims, modes, derivatives", "ask:survey", want="know an aircraft"),
+    Question("aircraft", "eolo", "trims, modes, derivatives", "ask:survey", want="study an aircraft"),
     Question("studio", "", "drag an input in a browser", "ask:studio_models"),
     Question("app", "", "drop a log in a browser", "ask:Workbench"),
-    Question("results", "results", "what was found so far", "ask:list_results"),
+    Question("results", "results", "results so far", "ask:list_results"),
     Question("reproduce", "all", "the papers' figures and ours", "ask:reproduce"),
     Question("exercise", "list", "exercises for students", "ask:start"),
 )

@@ -23,8 +23,8 @@ OutOption = Annotated[Path, typer.Option("--out", "-o", help="Folder for results
 DataOption = Annotated[
     Path | None, typer.Option(help="Folder with the data files, instead of the one in the description.")
 ]
-AircraftOption = Annotated[str | None, typer.Option(help="What flies, instead of the scenario's aircraft.")]
-StrictOption = Annotated[bool, typer.Option("--strict", help="Refuse values that no flight has.")]
+AircraftOption = Annotated[str | None, typer.Option(help="Aircraft that flies, instead of the scenario's.")]
+StrictOption = Annotated[bool, typer.Option("--strict", help="Refuse implausible values.")]
 SeedOption = Annotated[int | None, typer.Option("--seed", min=0, help="Seed, instead of the one in the scenario.")]
 
 UsageError: Any = typer.BadParameter.__base__  # click's, of whichever click typer brings
@@ -140,7 +140,7 @@ _FIGURES = {
             typer.Option(
                 "--figures",
                 help="Formats of figures/, of pdf, svg and png, with a comma between them: pdf,svg. Each figure has "
-                "its data beside it as CSV, and the Python that draws it again.  [default: png, without data]",
+                "its data as CSV, and a Python program that redraws it.  [default: png, without data]",
                 show_default=False,
             ),
         ],

@@ -25,8 +25,9 @@ _ROW_IN = 0.24
 _FEW, _POINTS = 300, 2000  # points below which each is drawn large; most that are drawn
 CALIBRATION = (
     "Estimate minus truth over the standard error that the estimator states, sorted, against the normal distribution. "
-    "On the line the stated errors are true; steeper, the errors are larger than stated; beside it, they are biased. "
-    "Shaded: where each point lies with 95 % if they are true. What is beyond 1000 stated errors is drawn there."
+    "On the line the stated errors are correct; steeper, the errors are larger than stated; beside it, they are "
+    "biased. Shaded: where each point lies with 95 % if they are correct. Points beyond 1000 stated errors are drawn "
+    "at that value."
 )
 _MOST_RATIO = 1000.0  # of errors to stated ones that are drawn
 
@@ -106,9 +107,9 @@ def pair_table(contests: Sequence[Contest]) -> Table:
         rows[row] = (*rows[row][:-1], p)
     caption = (
         "Size of the error of the first estimator minus that of the second, in the same flight with the same noise: "
-        "Hodges-Lehmann pseudo-median with its 95 % interval by Wilcoxon's signed rank test, or beyond "
-        f"{MOST_EXACT} pairs the mean by Student's paired t test. Below zero the first is better. p corrected: for all "
-        "pairs of this table together (Holm). Data on which one of the two gave nothing are left out."
+        f"Hodges-Lehmann pseudo-median with its 95 % interval by Wilcoxon's signed rank test, or beyond {MOST_EXACT} "
+        "pairs the mean by Student's paired t test. Below zero the first is better. p corrected: for all pairs of "
+        "this table together (Holm). Data without a result of one of the two are left out."
     )
     columns = (
         Column("where", "suite, input"),
@@ -146,7 +147,7 @@ def rank_table(contests: Sequence[Contest], over: str) -> Table:
             order = np.argsort(r.mean, kind="stable").tolist()
             rows += [(c.where, c.figure, c.methods[k], float(r.mean[k]), r.critical, r.blocks, r.p) for k in order]
     caption = (
-        f"Rank 1 is the smallest error of a data set; data sets are {over}. An estimator that gave nothing ranks last. "
+        f"Rank 1 is the smallest error of a data set; data sets are {over}. An estimator without a result ranks last. "
         "p: Friedman's test, by the F of Iman and Davenport, that all are alike. Two mean ranks differ at 5 % if they "
         "are further apart than the critical difference (Nemenyi; Demsar 2006)."
     )
@@ -160,8 +161,8 @@ def rank_plates(contests: Sequence[Contest], over: str) -> list[Plate]:
         Plate(
             f"ranks_{n}" if n else "ranks",
             f"Ranks of the estimators: {c.where}",
-            f"Mean rank of the error of {c.figure} over {r.blocks} data sets ({over}); 1 is best. Bars join "
-            f"estimators that Nemenyi's test at 5 % cannot tell apart, closer than {r.critical:.2f} (Demsar 2006).",
+            f"Mean rank of the error of {c.figure} over {r.blocks} data sets ({over}); 1 is best. Bars join estimators "
+            f"that Nemenyi's test at 5 % does not distinguish, closer than {r.critical:.2f} (Demsar 2006).",
             _diagram(c, r),
         )
         for n, (c, r) in enumerate(found)

@@ -112,7 +112,7 @@ def test_long_answers_and_commands_of_many_files_are_kept_and_read_again(tmp_pat
     monkeypatch.chdir(tmp_path / "mine")
     monkeypatch.setattr(sys, "argv", ["testbench", "gap", *(f"records/run_{i}.nc" for i in range(30))])
     remember(
-        "results/gap_taurus", "one of these, which these data cannot tell apart: " + 10 * "a servo that is slower; or "
+        "results/gap_taurus", "one of these, which these data do not separate: " + 10 * "a servo that is slower; or "
     )
     done = command()
     assert (done.returncode, done.stderr) == (0, "")

@@ -107,10 +107,10 @@ def described(adopted: Adopted, model: str) -> str:
             f"commanded_at = {quoted('stick' if aircraft.under_law else 'surface')}",
             "",
         ]
-    lines += ["# What the model is told before it flies.", "[adapter.set]"]
+    lines += ["# Properties that are set before the flight.", "[adapter.set]"]
     lines += [f"{quoted(n)} = {v!r}" for n, v in adapter.settings.items()]
     if adapter.neutral:
-        lines += ["", "# What the model reads and nothing in it defines.", "[adapter.declare]"]
+        lines += ["", "# Properties that the model reads and does not define.", "[adapter.declare]"]
         lines += [f"{quoted(n)} = {v!r}" for n, v in adapter.neutral.items()]
     lines += [
         "",
@@ -180,7 +180,7 @@ def found_table(adopted: Adopted) -> Table:
     return Table(
         "adopted",
         "What was found in the model, and what was assumed",
-        "Found by moving every command of the model in JSBSim and reading what answers.",
+        "Found by moving every command of the model in JSBSim and recording the response.",
         (Column("kind", ""), Column("sentence", "")),
         tuple(rows),
         wide=True,

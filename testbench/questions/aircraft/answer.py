@@ -63,10 +63,10 @@ def _law_words(survey: Survey) -> list[str]:
         if len(poles) != len(was) or any(abs(a - b) > _SAME * abs(a) for a, b in zip(was, poles, strict=True)):
             words = [" and ".join(_motion_words(s, *frequency_and_damping(s)) for s in found) for found in (was, poles)]
             said.append(f"{name}: {words[0]} without it, {words[1]} with it")
-    flies = "flies: commands are the stick" if survey.envelope.aircraft.under_law else (
-        "is left out: commands are those of the surfaces (--commanded-at stick lets it fly)"
+    flies = "is included: commands are the stick" if survey.envelope.aircraft.under_law else (
+        "is left out: commands are those of the surfaces (--commanded-at stick includes it)"
     )  # fmt: skip
-    return [f"the model's own control law {flies}; {'; '.join(said) or 'it moves no pole'}"]
+    return [f"the model's own control law {flies}; {'; '.join(said) or 'it changes no pole'}"]
 
 
 def _pitch_remarks(envelope: Envelope) -> list[str]:
@@ -81,7 +81,7 @@ def _pitch_remarks(envelope: Envelope) -> list[str]:
         with_, without = ("lift", "pitching moment") if lift else ("pitching moment", "lift")
         out.append(
             f"the {with_} of the model has a term in the rate of alpha and its {without} has none: the lag of the "
-            "downwash at a tail, which makes such terms, gives both"
+            "downwash at a tail, the cause of such terms, gives both"
         )
     return out
 

@@ -92,11 +92,13 @@ def adopt_command(
     commanded_at: CommandedAtOption = Point.stick,
     repair: Annotated[
         bool,
-        typer.Option("--repair", help="Mend what JSBSim refuses: functions of one name, missing files of systems."),
+        typer.Option(
+            "--repair", help="Repair faults that JSBSim refuses: functions of one name, missing files of systems."
+        ),
     ] = False,
     report: Annotated[Path, typer.Option("--report", help="Folder for the page.")] = Path("results"),
 ) -> None:
-    """Make a JSBSim model your own: probe its controls, find its trims, and write an aircraft.toml that says so.
+    """Make a JSBSim model your own: probe its controls, find its trims, and write these to an aircraft.toml.
 
     Example: `testbench aircraft adopt models/plane.xml -o aircraft/plane`, then `aircraft = "plane"` in any scenario.
     """

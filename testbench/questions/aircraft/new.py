@@ -31,7 +31,9 @@ def new(
     ] = None,
     mass: Annotated[
         Path | None,
-        typer.Option(help="Beside an AVL file: a TOML file with what it lacks (mass, design speed, throws, motor)."),
+        typer.Option(
+            help="With an AVL file: a TOML file with the data that it lacks (mass, design speed, throws, motor)."
+        ),
     ] = None,
 ) -> None:
     """Make an aircraft from its geometry: a JSBSim model, its limits, and how well each coefficient is known.

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 _UNSTABLE = "#fbe9e0"
 _RESPONSES = ("V", "q", "alpha", "theta")
+_NO_CLEARANCE = " The curves are for the quasi-steady aerodynamics of the flights; they are no flutter clearance."
 
 
 def aircraft_page(survey: Survey) -> Page:
@@ -182,8 +183,8 @@ def limit_table(survey: Survey) -> Table:
         Column("source", "where it comes from"),
     )
     caption = (
-        "First the limits at which a flight is stopped, then what trims, surfaces and engines can do. What the "
-        "testbench assumed is no limit of the aircraft: state your own in [limits] of aircraft.toml."
+        "First the limits at which a flight is stopped, then those of trim, surfaces and engines. Limits assumed by "
+        "the testbench are not limits of the aircraft: state your own in [limits] of aircraft.toml."
     )
     return Table("limits", "Limits, and where they come from", caption, columns, tuple(rows), wide=True)
 
@@ -330,8 +331,8 @@ def coefficient_table(aircraft: Aircraft) -> Table:
         Column("description", "description"),
     )
     caption = (
-        "Values of the JSBSim XML, dimensionless, angles in rad. Where a coefficient is not one number, the table says "
-        "what it is made of. The elastic modes add coefficients of their own."
+        "Values of the JSBSim XML, dimensionless, angles in rad. Where a coefficient is not one number, the table "
+        "gives its terms. The elastic modes add coefficients of their own."
     )
     return Table("coefficients", "Aerodynamic coefficients", caption, columns, tuple(rows), wide=True)
 
@@ -441,8 +442,8 @@ def _mode_plate(survey: Survey, motion: str) -> fig.Plate:
     caption = (
         "Damping ratio (above) and frequency (below) of all poles over speed, each mode followed by the similarity of "
         "its eigenvector. A real root has ratio 1 if it decays, −1 if it grows; a mode that splits into two real "
-        f"roots is drawn as two lines. Shaded: unstable. Onset of instability of an elastic mode: {said}."
-        f"{' Drawn is the quasi-steady air that flies; it is no flutter clearance.' if elastic else ''}"
+        "roots is drawn as two lines. Shaded: unstable. Onset of instability of an elastic mode: "
+        f"{said}.{_NO_CLEARANCE if elastic else ''}"
     )
     name = f"modes_{motion.replace('-', '_')}"
     return fig.Plate(name, f"{motion.capitalize()} modes over speed", caption, fig.Chart(rows, share_x=bool(elastic)))

@@ -35,7 +35,9 @@ def campaign_answer(result: CampaignResult) -> Iterator[tuple[str, str]]:
         text = f"{short_name(a.name, names)}: bias {number(a.bias)} ± {number(a.bias_half, 2)}, {_against(a)}"
         yield "doubt", f"{text}; scatter from run to run {number(a.scatter)}"
     for a in [a for a in summary.accuracies if a.coverage_high < 0.95][:_LINES]:
-        text = f"{short_name(a.name, names)}: the stated 95 % intervals hold the truth in {number(100 * a.coverage)} %"
+        text = (
+            f"{short_name(a.name, names)}: the stated 95 % intervals contain the truth in {number(100 * a.coverage)} %"
+        )
         text += f" of the runs; stated standard error {number(a.stated, 2)}, scatter {number(a.scatter, 2)}"
         yield "doubt", text
     lost = [a for a in summary.accuracies if a.missing > 0.05 * (a.n + a.missing)]
@@ -46,7 +48,7 @@ def campaign_answer(result: CampaignResult) -> Iterator[tuple[str, str]]:
     for c in summary.cells[:_LINES]:
         yield "doubt", f"{c.case} gave no model in {c.cause.count} of {counts.done} runs: {c.cause.example}"
     if len(summary.cells) > _LINES:
-        yield "doubt", f"{len(summary.cells) - _LINES} more reasons stand in the table of failed estimators"
+        yield "doubt", f"{len(summary.cells) - _LINES} more reasons are in the table of failed estimators"
     if summary.causes and counts.done:
         yield "doubt", _cause(result)
 
@@ -55,7 +57,7 @@ def _lead(result: CampaignResult) -> str:
     """Return the answer: what the estimates are worth; without a truth, the predictions; or why there is neither."""
     counts, summary = result.counts, result.summary
     if not counts.finished:
-        return f"nothing is known yet: none of {counts.total} runs is finished"
+        return f"no result yet: none of {counts.total} runs is finished"
     if not counts.done:
         return f"nothing was identified: all {counts.failed} finished runs failed; {_cause(result)}"
     judged = _judged(summary)
@@ -86,11 +88,11 @@ def _judged(summary: Summary) -> list[Accuracy]:
 
 def _of_one(a: Accuracy) -> str:
     bias = f"{number(a.bias)} ± {number(a.bias_half, 2)}"
-    said = f"is off by {bias}, {_against(a)}," if a.biased else f"shows no bias beyond chance ({bias})"
+    said = f"has a bias of {bias}, {_against(a)}," if a.biased else f"shows no bias beyond chance ({bias})"
     covered = (
-        f"its stated 95 % interval holds the truth in {number(100 * a.coverage)} % of {a.n} runs"
+        f"its stated 95 % interval contains the truth in {number(100 * a.coverage)} % of {a.n} runs"
         if math.isfinite(a.coverage)
-        else "its method states no errors to judge"
+        else "its method states no errors"
     )
     return f"{a.name} {said} and scatters by {number(a.scatter, 2)} from run to run; {covered}"
 
@@ -110,7 +112,7 @@ def _of_many(judged: Sequence[Accuracy]) -> str:
     if fair == len(judged):
         return text
     off = [100.0 * _relative(a) for a in judged if a.biased and not a.near_zero]
-    return text + (f"; the others are off by {_span(off)} % of the true value" if off else "")
+    return text + (f"; the others have a bias of {_span(off)} % of the true value" if off else "")
 
 
 def _spread(judged: Sequence[Accuracy]) -> str:
@@ -129,9 +131,9 @@ def _spread(judged: Sequence[Accuracy]) -> str:
     covered = [100.0 * a.coverage for a in judged if math.isfinite(a.coverage)]
     if covered:
         of = "" if len(covered) == len(judged) else f" (of the {len(covered)} estimates that have one)"
-        parts.append(f"the stated 95 % interval{of} holds the truth in {_span(covered)} % of the runs")
+        parts.append(f"the stated 95 % interval{of} contains the truth in {_span(covered)} % of the runs")
     else:
-        parts.append("their method states no errors to judge")
+        parts.append("their method states no errors")
     return "; ".join(parts)
 
 
@@ -151,7 +153,7 @@ def _progress(result: CampaignResult) -> str:
     failed = f", {counts.failed} failed" if counts.failed else ", none failed"
     text = f"{counts.done} of {counts.total} runs are done{failed}"
     if counts.finished < counts.total:
-        text += f"; {counts.total - counts.finished} are still to be flown and do not count yet"
+        text += f"; {counts.total - counts.finished} are still to be flown and are not included"
     if words := flown_words(result.summary.tally, "run"):
         text += f"; {words}"
     rule = result.campaign.spec.stop

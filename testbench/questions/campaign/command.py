@@ -14,7 +14,7 @@ from testbench.questions.options import FlownBy, OutOption, SimulatorOption, wit
 if TYPE_CHECKING:
     from testbench.questions.campaign.load import Campaign
 
-command = typer.Typer(no_args_is_help=True, help="Fly a scenario many times over distributions of anything in it.")
+command = typer.Typer(no_args_is_help=True, help="Fly a scenario many times with distributions of any of its values.")
 
 
 CampaignArgument = Annotated[
@@ -40,7 +40,7 @@ def campaign_run(
 ) -> None:
     """Fly a new campaign and write its store, tables, figures and report.html.
 
-    Example: `testbench campaign run taurus_scatter --workers 2`. If it is interrupted, go on with `campaign resume`.
+    Example: `testbench campaign run taurus_scatter --workers 2`. If it is interrupted, continue with `campaign resume`.
     """
     _fly_campaign(campaign, out, False, workers, scheduler, simulator)
 
@@ -54,13 +54,13 @@ def campaign_resume(
     scheduler: SchedulerOption = None,
     simulator: SimulatorOption = FlownBy.auto,
 ) -> None:
-    """Go on with a campaign that was interrupted or given more runs; finished runs are not flown again."""
+    """Continue a campaign that was interrupted or given more runs; finished runs are not flown again."""
     _fly_campaign(campaign, out, True, workers, scheduler, simulator)
 
 
 @command.command("status")
 def campaign_status(campaign: CampaignArgument, out: OutOption = Path("results")) -> None:
-    """Say how far a campaign is, what failed and what a million such runs would cost; this works while it flies."""
+    """Print the progress of a campaign, its failures and the cost of a million such runs; also while it runs."""
     from testbench.questions.campaign.load import load_campaign
     from testbench.questions.campaign.page import campaign_page
     from testbench.questions.campaign.result import read_campaign
@@ -74,7 +74,7 @@ def campaign_status(campaign: CampaignArgument, out: OutOption = Path("results")
 @command.command("summarise")
 @with_figures
 def campaign_summarise(campaign: CampaignArgument, out: OutOption = Path("results")) -> None:
-    """Write tables, figures and report.html from the runs that are finished; nothing is flown."""
+    """Write tables, figures and report.html from the finished runs, without flights."""
     from testbench.questions.campaign.load import load_campaign
 
     loaded = load_campaign(campaign)
@@ -106,7 +106,10 @@ def _fly_campaign(
                 simulator=simulator.value,
             )
     except KeyboardInterrupt:
-        print(f"finished runs are kept; go on with: testbench campaign resume {campaign} --out {out}", file=sys.stderr)
+        print(
+            f"finished runs are kept; continue with: testbench campaign resume {campaign} --out {out}",
+            file=sys.stderr,
+        )
         raise
     _report_campaign(loaded, folder)
 

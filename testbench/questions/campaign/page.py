@@ -68,7 +68,7 @@ def _own(result: CampaignResult) -> str:
         f"{key.removeprefix(KEY)} {number(law.std / PERCENT)} %" for key, law in laws if isinstance(law, Normal)
     )
     return (
-        "by the uncertainty that the aircraft states, each on its own: factors on the believed values, normal about 1 "
+        "by the stated uncertainty of the aircraft, independently: factors on the a-priori values, normal about 1 "
         f"with the relative standard deviations {listed}"
     )
 
@@ -130,8 +130,8 @@ def accuracy_table(summary: Summary) -> Table:
     caption = (
         "Estimate minus truth of the same run. Bias: mean, with its 95 % confidence interval. Scatter: standard "
         "deviation. Stated error: root mean square of the standard errors that the estimator states. Coverage: share "
-        "of the runs whose stated 95 % interval holds the truth, with the 95 % interval of that share (Wilson 1927). A "
-        "dash: the method states no errors." + _case_words(summary)
+        "of the runs whose stated 95 % interval contains the truth, with the 95 % interval of that share (Wilson "
+        "1927). A dash: the method states no errors." + _case_words(summary)
     )
     return Table.of("accuracy", "Estimates against the truth", caption, columns, summary.accuracies)
 
@@ -190,7 +190,7 @@ def grid_table(result: CampaignResult) -> Table:
 
 def cause_table(summary: Summary) -> Table:
     """Return why runs failed, the most frequent reason first."""
-    caption = "Reasons that differ in numbers only are counted together."
+    caption = "Reasons that differ only in numbers are counted together."
     return Table.of("failures", "Why runs failed", caption, _CAUSE, summary.causes, wide=True)
 
 
@@ -207,7 +207,9 @@ def cell_table(summary: Summary) -> Table:
         Column("case", "suite, estimator"),
         *(replace(column, get=f"cause.{column.get or column.key}") for column in _CAUSE),
     )
-    caption = "The other estimators of these runs are not touched. Reasons that differ in numbers only count together."
+    caption = (
+        "The other estimators of these runs are not affected. Reasons that differ only in numbers are counted together."
+    )
     return Table.of("failed", "Estimators that gave no model", caption, columns, summary.cells, wide=True)
 
 
@@ -267,7 +269,7 @@ def campaign_plates(summary: Summary) -> list[fig.Plate]:
             f"Mean of {what} over the first runs, in the order of their numbers, with its 95 % confidence interval."
         )
         of = [_settling(short_name(n, list(settling)), values) for n, values in settling.items()]
-        plates.append(fig.Plate("convergence", "How the means settle", caption, fig.grid(of, 3)))
+        plates.append(fig.Plate("convergence", "Convergence of the means", caption, fig.grid(of, 3)))
     stated = [a.name for a in summary.accuracies if np.isfinite(a.stated) and a.n > 2]
     of_stated = [name for name in chosen if name in stated] or stated[:_MOST]
     if of_stated:

@@ -60,7 +60,7 @@ def lead(result: CompareResult) -> str:
         best = max(others, key=lambda s: worth(result, s) or 0.0)
         factor = worth(result, best)
         if factor is None:
-            return f"information gives no standard error that every suite tells; {len(others)} compared"
+            return f"no standard error is determined by every suite; {len(others)} compared"
         text = f"by information, {_named_suite(result, best)} divides the standard errors by {number(factor, 2)}"
         return _within(text, ", in the geometric mean")
     found = {s.name: _sure(result, s) for s in others}
@@ -71,8 +71,8 @@ def lead(result: CompareResult) -> str:
     foremost = better[0] if better else worse[0]
     unit = f" {foremost.quantity.unit}" if foremost.quantity.unit else ""
     return _within(
-        f"{_named_suite(result, best)} surely makes {len(better) or 'none'} of {len(tested)} errors smaller",
-        f" and {len(worse) or 'none'} larger",
+        f"{_named_suite(result, best)} significantly reduces {len(better) or 'none'} of {len(tested)} errors",
+        f" and increases {len(worse) or 'none'}",
         f", foremost {quantity_words(foremost.quantity)}",
         f", from {number(foremost.before)} to {number(foremost.after)}{unit}",
     )
@@ -90,9 +90,9 @@ def _placed_in_short(result: CompareResult) -> tuple[str, ...]:
     ratios = {n: float(b / a) for n, b, a in zip(p.names, p.before, p.after, strict=True) if a > 0.0}
     text = f"{len(p.spots)} sensors at the best stations of the wing"
     if not ratios:
-        return (f"{text} tell nothing of {_listed(p.names)}",)
+        return (f"{text} give no information on {_listed(p.names)}",)
     best = max(ratios, key=lambda n: ratios[n])
-    return f"{text} divide the standard error of {best} by {number(ratios[best], 2)}", f", beside {p.base}"
+    return f"{text} divide the standard error of {best} by {number(ratios[best], 2)}", f", in addition to {p.base}"
 
 
 def _within(*clauses: str) -> str:
@@ -127,8 +127,8 @@ def _by_simulation(result: CompareResult, suite: SensorSuite) -> str:
     """Return how many errors a suite makes surely smaller or larger, kind by kind, and the foremost of them."""
     gains, better, worse = _sure(result, suite)
     text = (
-        f"adding {added(result, suite)} to {result.suites[0].name} surely makes {len(better) or 'none'} of "
-        f"{len(gains)} errors smaller and {len(worse) or 'none'} of them larger"
+        f"adding {added(result, suite)} to {result.suites[0].name} significantly reduces {len(better) or 'none'} of "
+        f"{len(gains)} errors and increases {len(worse) or 'none'} of them"
     )
     parts = []
     for kind, words in _KINDS.items():
@@ -156,8 +156,8 @@ def _meaning(result: CompareResult) -> str:
     s, tested = result.scenario, sum(g.p_holm is not None for g in result.gains)
     missed = " (McNemar's where modes are missed)" if any(g.quantity.kind == "missed" for g in result.gains) else ""
     return (
-        f'"surely" means beyond chance by {_TEST[s.test]}{missed} on up to {s.seeds} pairs of the same flight and '
-        f"noise: among all {tested} questions, the chance of even one false finding is at most {100 * s.level:g} % "
+        f'"significantly" means beyond chance by {_TEST[s.test]}{missed} on up to {s.seeds} pairs of the same flight '
+        f"and noise: among all {tested} questions, the chance of even one false finding is at most {100 * s.level:g} % "
         "(Holm)"
     )
 
@@ -185,7 +185,7 @@ def _by_information(result: CompareResult, suite: SensorSuite) -> str:
             if np.isfinite(a) and np.isfinite(b) and b > 0.0:
                 ratios.setdefault(quantity, []).append(float(a / b))
     if not ratios:
-        return f"information gives no standard error through {_listed([s.channel for s in suite.sensors])}"
+        return f"information gives no standard error with {_listed([s.channel for s in suite.sensors])}"
     mean = {q: float(np.exp(np.mean(np.log(r)))) for q, r in ratios.items()}
     best, least = max(mean, key=lambda q: mean[q]), min(mean, key=lambda q: mean[q])
     return (
@@ -203,7 +203,7 @@ def _agreement(result: CompareResult) -> list[str]:
     verdict = (
         f"{apart} of them {'differs' if apart == 1 else 'differ'} by {level}" if apart else f"none differs by {level}"
     )
-    rest = f"; {far} are left out, because the model is not linear over their predicted errors" if far else ""
+    rest = f"; {far} are left out, because the model is nonlinear over their predicted errors" if far else ""
     return [
         f"information and simulation agree to a factor of {number(factor, 2)}: the scatter of the best case is "
         f"{number(least, 2)} to {number(most, 2)} times the predicted standard error, {number(median, 2)} times in the "
@@ -222,7 +222,7 @@ def _never_found(result: CompareResult) -> list[str]:
         found, of = (sum(c[k] for c in counts) for k in (0, 1))
         if found < of:
             out.append(f"{estimator} finds the {mode} in {found} of {of}")
-    return [f"errors of a mode count only where it is found: {'; '.join(out)}"] if out else []
+    return [f"errors of a mode include only the repetitions in which it was found: {'; '.join(out)}"] if out else []
 
 
 def _biases(result: CompareResult) -> list[str]:
@@ -232,18 +232,17 @@ def _biases(result: CompareResult) -> list[str]:
     if not off:
         return []
     text = (
-        f"information knows nothing of bias: {len(off)} of {len(signed)} mean errors of the best case lie beyond their "
+        f"information does not include bias: {len(off)} of {len(signed)} mean errors of the best case lie beyond their "
         "95 % interval about zero"
     )
     if not result.of_flight:
-        return [f"{text}; causes are a flight that is not quite linear and noise of the measured inputs"]
+        return [f"{text}; the causes are a slightly nonlinear flight and noise of the measured inputs"]
     known = [(s.mean, s.of_flight) for s in off if s.mean is not None and s.of_flight is not None]
     same = sum(mean.low <= error <= mean.high for mean, error in known)
     text += (
-        f"; {same} of these intervals hold the error that the same flight gives without any noise, because it is not "
-        "quite linear"
+        f"; {same} of these intervals contain the error of the same flight without noise, which is slightly nonlinear"
     )
-    rest = "; the rest is chance, or noise in an estimate that is not linear in it"
+    rest = "; the rest is chance, or noise in an estimate that is nonlinear in the noise"
     return [text + ("" if same == len(off) else rest)]
 
 
@@ -287,7 +286,7 @@ def _for_the_price(result: CompareResult) -> list[str]:
     if not out:
         return []
     return [
-        "these suites divide the standard errors most for their cost, by information and in the geometric mean: "
+        "these suites reduce the standard errors most for their cost, by information and in the geometric mean: "
         + "; ".join(out)
     ]
 
@@ -301,8 +300,8 @@ def _placement(result: CompareResult) -> str:
         for n, b, a in sure
     )
     return (
-        f"the best stations beside {p.base} are {', '.join(s.words for s in p.spots)}; they change the standard errors "
-        f"of {errors}"
+        f"the best stations in addition to {p.base} are {', '.join(s.words for s in p.spots)}; they change the "
+        f"standard errors of {errors}"
     )
 
 
@@ -311,7 +310,7 @@ def _doubts(result: CompareResult) -> list[str]:
     if result.errors and result.too_few is not None:
         out.append(
             f"{result.scenario.seeds} repetitions cannot show anything beyond chance among {len(result.gains)} "
-            f"questions: at least {result.too_few} are needed; raise seeds, or ask for less"
+            f"questions: at least {result.too_few} are needed; raise seeds, or compare fewer quantities"
         )
     cells: dict[tuple[str, str], list[Failure]] = {}
     for failure in result.failures:
@@ -322,17 +321,17 @@ def _doubts(result: CompareResult) -> list[str]:
         of = len(result.manoeuvres) * result.scenario.seeds
         out.append(f"{suite}, {estimator} gave no model in {len(failures)} of {of}: {failures[0].reason}")
     if len(cells) > _NAMED:
-        out.append(f"{len(cells) - _NAMED} more suites and estimators failed; the table of failures says why")
+        out.append(f"{len(cells) - _NAMED} more suites and estimators failed; the table of failures gives the reasons")
     vague = [s.name for s in result.suites if any(not _near(result, m, s.name) for m in result.manoeuvres)]
     if vague:
         out.append(
-            f"information takes the model as linear over its errors; for some quantities through {_listed(vague)} it "
-            "is not, and information gives their order of magnitude only"
+            f"information assumes that the model is linear over its errors; for some quantities with {_listed(vague)} "
+            "it is not, and information gives only their order of magnitude"
         )
     drifts = (s for x in result.suites for s in x.sensors if s.drift_std > 0.0 or s.bias_walk > 0.0 or s.bias_rate)
     drifting = sorted({s.channel for s in drifts})
     if drifting:
-        out.append(f"information takes noise as white: its figures leave out the drift of {_listed(drifting)}")
+        out.append(f"information assumes white noise: its figures do not include the drift of {_listed(drifting)}")
     return out
 
 

@@ -33,11 +33,11 @@ def suites(
     out: OutOption = Path("results"),
     seed: SeedOption = None,
     information: Annotated[
-        bool, typer.Option("--information", help="Compare by Fisher information alone; nothing is flown.")
+        bool, typer.Option("--information", help="Compare by Fisher information alone, without flights.")
     ] = False,
     simulator: SimulatorOption = FlownBy.auto,
 ) -> None:
-    """Compare sensor suites over the same flights and noise: what each sensor buys, and what is more than chance.
+    """Compare sensor suites over the same flights and noise: the gain of each sensor, and whether it is significant.
 
     `testbench compare SCENARIO` is `testbench compare suites SCENARIO`. Fisher information answers the same
     question without simulation. If the scenario has a `[placement]`, the command also finds the best stations for

@@ -138,14 +138,14 @@ def gain_table(result: CompareResult) -> Table:
     difference = "paired difference"
     return Table.of(
         "gains",
-        f"What each suite buys over {result.suites[0].name}",
-        f"Size of the error with the first suite minus that with this one, in the same flight with the same noise: "
+        f"Gain of each suite over {result.suites[0].name}",
+        "Size of the error with the first suite minus that with this one, in the same flight with the same noise: "
         f"{what} and 95 % interval. p: {test}; p corrected: for all questions of this table together (Holm). A gain is "
-        f"sure where the corrected p is at most {s.level:g}. Information: ratio of the predicted standard errors, this "
-        "suite over the first. Where some repetitions miss a mode, the table also compares how often, in percent, by "
-        "McNemar's exact test with a 95 % interval of Clopper and Pearson. Errors of damping ratios are absolute. "
-        "Errors of predictions are percent of the rms, all others percent of the true value, or absolute where that is "
-        "near zero.",
+        f"significant where the corrected p is at most {s.level:g}. Information: ratio of the predicted standard "
+        "errors, this suite over the first. Where some repetitions miss a mode, the table also compares how often, in "
+        "percent, by McNemar's exact test with a 95 % interval of Clopper and Pearson. Errors of damping ratios are "
+        "absolute. Errors of predictions are percent of the rms, all others percent of the true value, or absolute "
+        "where that is near zero.",
         (
             Column("suite", "suite", get="case.suite"),
             Column("input", "input", get="case.manoeuvre"),
@@ -181,11 +181,11 @@ def error_table(result: CompareResult) -> Table:
         "Errors of every input, suite and estimator",
         f"Over {result.scenario.seeds} repetitions: root mean square with 95 % interval, mean (bias), the best case's "
         "error from the same flight without any noise, standard deviation (scatter), and the standard error that "
-        "information predicts for an estimator that knows the aircraft's equations and its instruments. For that "
-        "estimator the table gives scatter over predicted error with its 95 % interval, which holds 1 where "
+        "information predicts for an estimator with the aircraft's equations and its instruments known. For that "
+        "estimator the table gives scatter over predicted error with its 95 % interval, which contains 1 where "
         "information and simulation agree. The ratio is left empty where the model is not linear over the predicted "
-        "errors (terms of second order are more than half of them): there a linear bound says little. Predictions are "
-        "compared with what the sensors would show without noise and biases.",
+        "errors (terms of second order are more than half of them): a linear bound is not meaningful there. "
+        "Predictions are compared with the readings of sensors without noise and biases.",
         (
             Column("input", "input", get="case.manoeuvre"),
             Column("suite", "suite", get="case.suite"),
@@ -244,7 +244,7 @@ def worth_table(result: CompareResult) -> Table:
                 rows.append((m, suite_name, sensor.channel, sensor.price_eur, sensor.mass_g, *row))
     return Table(
         "without_each",
-        "What each sensor is worth by information",
+        "Value of each sensor by information",
         "Factor by which standard errors grow if this sensor alone is left out of its suite. A dash: without it the "
         "quantity is not identifiable.",
         (
@@ -273,7 +273,7 @@ def placement_tables(result: CompareResult) -> list[Table]:
     )
     path = Table(
         "placement",
-        f"Best stations along the wing, beside {p.base}",
+        f"Best stations along the wing, in addition to {p.base}",
         f"Sensors in the order of their gain. Criterion {p.asked.criterion}, in units of {p.asked.wn_percent:g} % of a "
         f"frequency and {p.asked.zeta:g} of a damping ratio. {how}.",
         (Column("sensor", "sensor"), Column("criterion", "criterion with it", digits=3)),
@@ -294,7 +294,7 @@ def failure_table(result: CompareResult) -> Table:
     return Table(
         "failures",
         "Identifications that gave no model",
-        "These identifications count in none of the errors.",
+        "These identifications are not included in the errors.",
         tuple(Column(k, k) for k in ("input", "suite", "estimator", "repetition", "reason")),
         tuple((*f.case, f.repetition + 1, f.reason) for f in result.failures),
         wide=True,
@@ -326,10 +326,10 @@ def compare_plates(result: CompareResult) -> list[Plate]:
                 "errors",
                 "Errors through each suite",
                 f"Root mean square over {result.scenario.seeds} repetitions with 95 % interval, percent; damping "
-                "ratios in hundredths. Open signs: standard errors that information predicts for the estimator beside "
-                'them. "sure": the difference to the first suite is beyond chance, over all questions of the '
-                "comparison together. 9/12: found in 9 of 12 repetitions. Quantities that only one suite predicts, or "
-                "whose true value is near zero, are in the table.",
+                "ratios in hundredths. Open signs: standard errors that information predicts for the same estimator. "
+                '"sure": the difference from the first suite is beyond chance, over all questions of the comparison '
+                "together. 9/12: found in 9 of 12 repetitions. Quantities that only one suite predicts, or whose true "
+                "value is near zero, are in the table.",
                 _chart(_error_panels(result), suites),
             )
         )
@@ -348,7 +348,7 @@ def compare_plates(result: CompareResult) -> list[Plate]:
         out.append(
             Plate(
                 "placement",
-                "Where sensors along the wing tell most",
+                "Best positions of sensors along the wing",
                 "Left: the criterion that one added sensor reaches, over its station; lower is better, and filled "
                 "signs are the stations of the best set. Right: the criterion as the sensors of the best set are added "
                 "one by one.",

@@ -26,7 +26,7 @@ def compatibility_answer(found: Compared) -> list[Line]:
         surest = dict(sorted(every.found.items(), key=lambda item: -abs(item[1][0]) / item[1][1]))
     if surest and every is not None:
         words = some((with_rivals(every, n, *size) for n, size in surest.items()), _NAMED)
-        texts.insert(0 if not agreed.contradicted else len(texts), f"with all errors sought at once, {words}")
+        texts.insert(0 if not agreed.contradicted else len(texts), f"with all errors estimated at once, {words}")
     lines = [Line("finding" if k else "lead", sentence(text)) for k, text in enumerate(texts)]
     lines += advice_lines(approximate("data compatibility", "the errors'")) if surest else []
     small = [n for n, (x, _) in surest.items() if n in ("ax_bias", "ay_bias", "az_bias") and abs(x) < _LOCAL_GRAVITY]

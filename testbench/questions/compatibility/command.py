@@ -23,13 +23,13 @@ def command(
     gravity: Annotated[float, typer.Option(help="Local gravity, m/s2.")] = G0_M_S2,
     strict: StrictOption = False,
 ) -> None:
-    """Test whether the instruments of recorded flights agree with each other, and by how much each of them errs.
+    """Test whether the instruments of recorded flights agree with each other, and estimate the error of each.
 
-    The answer names the instrument to look at first, its error with a probability, and what would settle it.
+    The answer names the instrument to check first, its error with a probability, and the measurement that would decide.
     The command integrates rates and accelerations and compares them with airspeed, flow angles, attitude and height,
-    and with the speed over ground. It estimates biases, scales, clocks, lags, places and the wind where the data tell
-    them, and writes the corrected records. Example:
-    `testbench compatibility records/attas_full`, `testbench compatibility flight.csv`.
+    and with the speed over ground. It estimates biases, scales, clocks, lags, places and the wind as far as the data
+    determine them, and writes the corrected records. Example: `testbench compatibility records/attas_full`, `testbench
+    compatibility flight.csv`.
     """
     from testbench.core.store import ResultFolder, folder_in
     from testbench.logs.plausible import questions_of

@@ -52,10 +52,10 @@ def fault_table(agreed: Agreement) -> Table:
     rows = [f for k, f in enumerate(agreed.faults) if k < _FEWEST or f.probability > _SHOWN]
     return Table(
         "instrument_faults",
-        "Which instrument to look at",
-        f"All agree: probability {agreed.p_agree:.3g}; no single error explains it: {agreed.p_unknown:.3g}. "
-        "Estimate and its standard error hold if that error, and no other, is there. Scale: share read too much; late "
-        "and lag in s, place in m ahead of the centre of gravity, turned in rad.",
+        "Which instrument to check",
+        f"All agree: probability {agreed.p_agree:.3g}; no single error explains it: {agreed.p_unknown:.3g}. Estimate "
+        "and its standard error are valid if there is that error and no other. Scale: relative excess of the reading; "
+        "late and lag in s, place in m ahead of the centre of gravity, turned in rad.",
         (
             Column("instrument", "instrument"),
             Column("error", "error"),
@@ -71,16 +71,16 @@ def error_tables(every: EveryError) -> list[Table]:
     """Return what each error is if all are sought at once, what the records do not tell, and what is left."""
     errors = Table(
         "instrument_errors",
-        "Errors of the instruments, all sought at once",
-        "Scale: share read too much; late in s, biases in SI units; wind, north and east: where the air moves to, down "
-        "first. Significance: size over its standard error. Those told from none are estimated as if all others "
-        "were none, those below included, and taken out of the corrected records.",
+        "Errors of the instruments, all estimated at once",
+        "Scale: relative excess of the reading; late in s, biases in SI units; wind, north and east: where the air "
+        "moves to, down first. Significance: size over its standard error. Significant ones are estimated as if all "
+        "others were zero, those below included, and removed from the corrected records.",
         (
             Column("error", "error"),
             Column("estimate", "estimate", digits=4),
             Column("standard_error", "± std", digits=2),
             Column("significance", "significance", decimals=1),
-            Column("named", "told from none"),
+            Column("named", "significant"),
             Column("words", "in words"),
         ),
         tuple(
@@ -91,15 +91,15 @@ def error_tables(every: EveryError) -> list[Table]:
     )
     lost = Table(
         "not_identifiable",
-        "What these data do not tell",
-        "Errors that the records do not tell from others, or not to a third of what one may be.",
+        "Errors that these data do not determine",
+        "Errors that the records do not distinguish from others, or do not determine to a third of their prior.",
         (Column("error", "error"), Column("standard_error", "± std", digits=2), Column("before", "before", digits=2)),
         tuple((n, *size) for n, size in every.lost.items()),
     )
     residuals = Table(
         "residuals",
-        "Measured less foretold, root mean square",
-        "Before: without corrections. After: with the errors that are told from none. SI units and radians.",
+        "Measured less predicted, root mean square",
+        "Before: without corrections. After: with the significant errors. SI units and radians.",
         (Column("output", "output"), Column("before", "before", digits=3), Column("after", "after", digits=3)),
         tuple((symbol(c), *every.rms(c)) for c in every.foretold[0].measured),
     )
@@ -113,15 +113,15 @@ def foretold_plates(every: EveryError, names: Sequence[str]) -> list[Plate]:
     """Return every channel that others foretell, of every record; a few records to a figure."""
     chunks = rows_of(list(zip(names, every.foretold, strict=False)), _PER_PLATE)
     caption = (
-        "Grey: measured. Blue: foretold by the kinematics alone from the other instruments, with the errors that were "
-        "found, about the mean of what was measured. The difference is noise, gusts, and errors that were not found."
+        "Grey: measured. Blue: predicted by kinematics alone from the other instruments, with the errors that were "
+        "found, about the mean of the measurement. The difference is noise, gusts, and errors that were not found."
     )
     out = []
     for k, parts in enumerate(chunks, 1):
         rows = [[_panel(c, name, told) for name, told in parts] for c in every.foretold[0].measured]
         name = f"rebuilt_{k}" if len(chunks) > 1 else "rebuilt"
         out.append(
-            Plate(name, "Measured and foretold by the kinematics", caption, Chart(rows, share_x=True, share_y=True))
+            Plate(name, "Measured and predicted by kinematics", caption, Chart(rows, share_x=True, share_y=True))
         )
     return out
 

@@ -37,7 +37,9 @@ from testbench.sensors import load_suite
 
 _TASKS = {
     "identification": "Estimate the derivatives and modes of the aircraft (`truth`) from the flights of each draw.",
-    "naming": "Name what the believed model of the aircraft lacks (`effect`), if anything, from the flights of a draw.",
+    "naming": (
+        "Name the effect that the a-priori model of the aircraft lacks (`effect`), if any, from the flights of a draw."
+    ),
 }
 _PART_BYTES = 16e6  # of a part: some hundred flights, a second's work
 _MOST_PER_PART = 64
@@ -244,7 +246,7 @@ def datasheet(
     parts = [
         f"# {markdown_cell(scenario.title)}\n",
         f"{scenario.question}\n" if scenario.question else "",
-        "## What it holds\n",
+        "## Contents\n",
         f"{layout.flights} simulated flights of {layout.draws} draws, {seconds / 3600.0:.3g} h in all. "
         f"{_TASKS[layout.task]}\n",
         _table(("split", "flights", "draws"), [(n, c, -(-c // layout.per_draw)) for n, c in counts.items()]),
@@ -254,7 +256,7 @@ def datasheet(
         f"One flight takes {layout.row_bytes} bytes, of which the readings are "
         f"{layout.samples * len(layout.channels) * 4}: {layout.samples} samples at {layout.rate_hz:g} Hz of "
         f"{len(layout.channels)} channels of 4 bytes. Nothing is compressed.\n",
-        "## How it was drawn\n",
+        "## Method\n",
         _how(scenario),
         _flown_again_words(again),
         "The flights of a draw share aircraft, condition and hidden effects, and lie in one split: the SHA-256 of what "
@@ -271,10 +273,10 @@ def datasheet(
         "## True figures\n",
         _table(("figure", "unit"), list(zip(layout.figures, (u or "1" for u in layout.figure_units), strict=True))),
         _effects(layout),
-        "## What it is not\n",
-        "The flights are simulated. Aircraft, sensors and air are those of the testbench's models; how far these are "
-        "from an aircraft of yours is not told by any number here. Draws that could not fly are left out, so that "
-        "conditions near the limits of an aircraft are rarer than the laws above say.\n",
+        "## Limits\n",
+        "The flights are simulated. Aircraft, sensors and air are those of the testbench's models; no number here "
+        "gives their difference from your aircraft. Draws that could not fly are left out, so that conditions near "
+        "the limits of an aircraft are rarer than the laws above say.\n",
         "## Licence, version, command\n",
         f"Licence: {markdown_cell(scenario.licence)}. The seed stands in `dataset.json`, as the whole scenario does. "
         f"Versions: {', '.join(f'{k} {v}' for k, v in versions().items())}.\n",

@@ -14,7 +14,7 @@ from testbench.questions.options import ByDefault, FlownBy, ScenarioArgument, Se
 command = typer.Typer(
     no_args_is_help=True,
     cls=ByDefault.first("draw"),
-    help="Draw flights whose truth is known into one store, and score what others find in them.",
+    help="Draw flights with known truth into one store, and score answers about them.",
 )
 
 FolderArgument = Annotated[Path, typer.Argument(help="Folder of a data set.", show_default=False)]
@@ -29,7 +29,7 @@ def draw(
     seed: SeedOption = None,
     simulator: SimulatorOption = FlownBy.auto,
 ) -> None:
-    """Draw a data set; the same command goes on with one that was interrupted.
+    """Draw a data set; the same command continues one that was interrupted.
 
     `testbench dataset SCENARIO` is `testbench dataset draw SCENARIO`. Example: `testbench dataset identification
     --out my_set --runs 200`.
@@ -48,7 +48,7 @@ def draw(
         with show_progress(Console(stderr=True)) as progress:
             drawn = draw_dataset(loaded, out, runs=runs, workers=workers, progress=progress, simulator=simulator.value)
     except KeyboardInterrupt:
-        print("what is finished is kept; the same command goes on", file=sys.stderr)
+        print("finished results are kept; the same command continues", file=sys.stderr)
         raise
     layout, again = drawn.layout, sum(drawn.again.values())
     told = f"{drawn.flown} flown now" if drawn.flown else "all of it was there"
@@ -65,7 +65,7 @@ def score(
     folder: FolderArgument,
     predictions: Annotated[Path, typer.Argument(help="Table of answers (CSV).", show_default=False)],
     truth: Annotated[Path | None, typer.Option(help="Labels of the test split, if they do not lie in FOLDER.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write the scores to this CSV file, too.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Also write the scores to this CSV file.")] = None,
 ) -> None:
     """Score answers about the test split of a data set.
 

@@ -109,7 +109,7 @@ def _verdict(result: DesignResult) -> list[str]:
         out = [f"{what[0].upper()}{what[1:]} does not reach {reached}: it leaves {t.names[k]} {left}"]
     else:
         short = f"No admissible input found in {result.scenario.duration_s:g} s reaches {reached}"
-        out = [f"Fly {what}: it comes nearest to what is wanted", f"{short}; the best leaves {t.names[k]} {left}"]
+        out = [f"Fly {what}: it is nearest to the wanted accuracies", f"{short}; the best leaves {t.names[k]} {left}"]
     if result.obstacles.flights and not robust and not _refuted(result.best):
         out.append(
             f"Flown {result.obstacles.flights} times it would reach them: errors fall with the root of the number of "
@@ -128,18 +128,20 @@ def _known(result: DesignResult) -> list[str]:
     open_ = [k for k, n in enumerate(t.names) if n not in met]
     k = max(open_, key=lambda k: float(known.errors[k] / t.wanted[k]))
     text = f"Of {len(t.names)} targets {listed(met) if met else 'none'} {'are' if met[1:] else 'is'} known as well as "
-    text += f"wanted by what was flown before. The least known is {t.names[k]}: {error_words(result, known.errors, k)} "
+    text += (
+        f"wanted from the previous flights. The least known is {t.names[k]}: {error_words(result, known.errors, k)} "
+    )
     text += f"now, {error_words(result, total, k)} after this flight"
     return [text, *known.notes]
 
 
 _FIX = {
-    "noise": "Quieter or more sensors, more time or more flights make it smaller",
-    "air": "Calmer air or more flights make it smaller",
-    "curvature": "A smaller amplitude has less of it; so has a structure that bends as the aircraft does",
-    "equations": "Sense the deflection, log the commands faster, or give the estimator what the sensors do",
-    "bias": "More flights do not make it smaller; other air or another input may",
-    "scatter": "More flights make it smaller",
+    "noise": "Quieter or more sensors, more time or more flights reduce it",
+    "air": "Calmer air or more flights reduce it",
+    "curvature": "A smaller amplitude reduces it; so does a structure with the nonlinearity of the aircraft",
+    "equations": "Measure the deflection, log the commands faster, or include the sensor dynamics in the estimator",
+    "bias": "More flights do not reduce it; other air or another input may",
+    "scatter": "More flights reduce it",
 }
 
 
@@ -169,18 +171,17 @@ def _realised(result: DesignResult) -> list[str]:
     elif not np.any(r.differs):
         k = worst_target(result, r.headline)
         out.append(
-            f"{head}, it has the promised errors within what {r.found.n} flights can tell: that of {t.names[k]} is "
-            f"{error_words(result, r.found.rms, k)}, {error_words(result, r.promised, k)} was promised"
+            f"{head}, its errors agree with the promised ones within the scatter of {r.found.n} flights: that of "
+            f"{t.names[k]} is {error_words(result, r.found.rms, k)}, {error_words(result, r.promised, k)} was promised"
         )
     else:
         low, high = r.found.interval()
         k = int(np.argmax(np.where(r.differs, r.headline / t.wanted, -1.0)))
         out.append(
-            f"{'All' if r.differs.all() else 'Some'} errors differ from the promised ones when flown, and the realised "
-            f"ones count; {head}, that of {t.names[k]} is {error_words(result, r.found.rms, k)} "
-            f"({error_words(result, low, k)} to {error_words(result, high, k)}), "
-            f"{error_words(result, r.promised, k)} was promised, and the estimator states "
-            f"{error_words(result, r.found.claimed, k)}"
+            f"{'All' if r.differs.all() else 'Some'} realised errors differ from the promised ones, and the realised "
+            f"ones are used; {head}, that of {t.names[k]} is {error_words(result, r.found.rms, k)} "
+            f"({error_words(result, low, k)} to {error_words(result, high, k)}), {error_words(result, r.promised, k)} "
+            f"was promised, and the estimator states {error_words(result, r.found.claimed, k)}"
         )
     for cause, of in grouped({name: r.cause(i) for i, name in enumerate(t.names)}).items():
         out.append(f"Most of the error of {' and '.join(of)} is {CAUSES[cause]}. {_FIX[cause]}")
@@ -190,8 +191,8 @@ def _realised(result: DesignResult) -> list[str]:
         )
     if (curbed := result.best.share(BIAS)) < 1.0:
         out.append(
-            f"The amplitude is {100 * curbed:.0f} % of what the limits allow: a larger one would "
-            "mislead the estimator by more than it tells it"
+            f"The amplitude is {100 * curbed:.0f} % of what the limits allow: a larger one would increase the bias of "
+            "the estimates by more than it reduces their scatter"
         )
     return out + _margin(result)
 
@@ -200,8 +201,8 @@ def _margin(result: DesignResult) -> list[str]:
     best, asked = result.best, result.best.bounds.get(AIR)
     if (share := best.share(STABILITY)) < 1.0:
         return [
-            f"The amplitude is {100 * share:.0f} % of what the believed aircraft allows, so that the limits hold with "
-            f"{listed([m.words for m in result.ensemble.others])}, too"
+            f"The amplitude is {100 * share:.0f} % of what the a-priori model allows, so that the limits also hold "
+            f"with {listed([m.words for m in result.ensemble.others])}"
         ]
     if asked is None:
         return []
@@ -209,7 +210,7 @@ def _margin(result: DesignResult) -> list[str]:
     text = f"Over {asked.flights} flights in that air the input meets a limit in {asked.met}; the extreme uses "
     text += f"{100 * asked.mean:.0f} +- {100 * asked.deviation:.0f} % of the limit on {_limit_words(asked.limit, '')}"
     if asked.share < 1.0:
-        text += f", at {100 * asked.share:.0f} % of the amplitude that still air allows"
+        text += f", at {100 * asked.share:.0f} % of the amplitude that is possible in still air"
     if asked.reach > 1.0:
         return [f"{text}. No amplitude keeps this limit in this air with {chance:g} %: widen it, or wait"]
     told = f"; the flights alone show less than {claim:.0f} % with 95 % confidence" if asked.met == 0 else ""
@@ -220,7 +221,7 @@ def _elsewhere(result: DesignResult) -> list[str]:
     out = []
     for e in result.elsewhere:
         if e.found is None or e.values is None or e.predicted is None:
-            out.append(f"With the {e.what} nothing can be said: {e.why_not}")
+            out.append(f"With the {e.what} no error can be given: {e.why_not}")
             continue
         t = result.problem.targets
         text = f"With the {e.what}"
@@ -243,20 +244,21 @@ def _over_draws(result: DesignResult) -> list[str]:
         if result.scenario.draws == 0:
             return []
         return [
-            f"Errors and limits are those of {name} as it is believed, which states no [uncertainty]: draws = 20 finds "
-            "them over aircraft drawn by what handbooks reach, and robust = true chooses the input for those"
+            f"Errors and limits are those of the a-priori model of {name}, which states no [uncertainty]: draws = 20 "
+            "computes them over aircraft drawn with the accuracy of handbook methods, and robust = true chooses the "
+            "input for those"
         ]
     out = []
     if over is not None:
         n = len(over.told.costs)
-        by = f"the uncertainty that {name} states" if result.aircraft.uncertainty else "what handbooks reach"
+        by = f"the stated uncertainty of {name}" if result.aircraft.uncertainty else "the accuracy of handbook methods"
         worst, median = (over.told.over(how) * result.problem.targets.wanted for how in (np.max, np.median))
         k = worst_target(result, worst)
         out.append(
-            f"Over {counted(n, 'aircraft', 'aircraft')} drawn by {by}, the standard "
-            f"error of {result.problem.targets.names[k]} is {error_words(result, median, k)} in the median and "
-            f"{error_words(result, worst, k)} in the worst, beside "
-            f"{error_words(result, result.best.design.errors, k)} of the believed one; every wanted accuracy is "
+            f"Over {counted(n, 'aircraft', 'aircraft')} drawn with {by}, the standard error of "
+            f"{result.problem.targets.names[k]} is {error_words(result, median, k)} in the median and "
+            f"{error_words(result, worst, k)} in the worst, against "
+            f"{error_words(result, result.best.design.errors, k)} for the a-priori model; every wanted accuracy is "
             f"reached in {over.told.reached} of {n}"
         )
         out += _limits_over_draws(result)
@@ -264,16 +266,16 @@ def _over_draws(result: DesignResult) -> list[str]:
         if nominal is not None and nominal.over is not None:
             more = float(nominal.over.told.costs.max() / over.told.costs.max())
             out.append(
-                "It is the one that the believed aircraft alone would get, too"
+                "The design for the a-priori model alone is the same"
                 if nominal is result.best
-                else f"The design for the believed aircraft alone, the {family_label(nominal.design.family)} "
-                f"({nominal.design.words}), has {number(more, 2)} times its error in the worst of them, within the "
-                "same limits"
+                else f"The design for the a-priori model alone, the {family_label(nominal.design.family)} "
+                f"({nominal.design.words}), has {number(more, 2)} times its error in the worst of them, within "
+                "the same limits"
             )
         out.append(
-            "No prior is counted in these errors, because output error has none: they are what the flight itself tells"
+            "These errors contain no prior, because output error has none: they are those of the flight alone"
             if result.known is None
-            else "These errors count what was flown before"
+            else "These errors include the previous flights"
         )
     if draws.lost:
         out.append(
@@ -288,8 +290,8 @@ def _limits_over_draws(result: DesignResult) -> list[str]:
     n, names = len(over.told.costs), [f.tightest.name for f in over.broken]
     if asked is not None and asked.share < 1.0:
         out.append(
-            f"For the drawn aircraft the amplitude was lowered to {100 * asked.share:.0f} % of what the believed one "
-            f"takes; the limit that binds in the worst of them is {_limit_words(asked.limit)}"
+            f"For the drawn aircraft the amplitude was lowered to {100 * asked.share:.0f} % of what the a-priori model "
+            f"allows; the binding limit of the worst of them is {_limit_words(asked.limit)}"
         )
     if names:
         most = max(dict.fromkeys(names), key=names.count)
@@ -362,7 +364,7 @@ def _in_the_way(result: DesignResult) -> list[str]:
     if not tried:
         return []
     most, *others = [(o.words, f"{100.0 * o.cost / result.best.design.cost:.2g} %") for o in tried]
-    text = f"Without {most[0]} the error would fall to {most[1]} of what it is"
+    text = f"Without {most[0]} the error would fall to {most[1]} of its value"
     return [text + "".join(f"; without {words}, to {share}" for words, share in others)]
 
 
@@ -372,7 +374,7 @@ def _modes(result: DesignResult) -> list[str]:
     if not unseen:
         return ["It excites every mode of this plane above the noise of some sensor"]
     parts = [f"{m} ({energy.seen(m)[1]:+.0f} dB at {energy.seen(m)[0]})" for m in unseen]
-    return [f"It does not excite {'; '.join(parts)}: this flight tells nothing of them"]
+    return [f"It does not excite {'; '.join(parts)}: this flight gives no information on them"]
 
 
 def _other_suites(result: DesignResult) -> list[str]:

@@ -74,7 +74,7 @@ def run_design(
     say("trim and linearise")
     believed, known = pose(scenario, aircraft, suite), None
     if after is not None:
-        say("believe what was flown before")
+        say("use the previous flights")
         believed, known = believe(scenario, believed, suite, after)
     problem, setting = believed.problem, setting_of(scenario, believed, suite)
     start = time.perf_counter()

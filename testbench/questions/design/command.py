@@ -22,7 +22,7 @@ AfterOption = Annotated[
     list[Path] | None,
     typer.Option(
         "--after",
-        help="What was flown before: folder of plan close, identify or run, or a file of its models/; once or more.",
+        help="Previous flights: folder of plan close, identify or run, or a file of its models/; once or more.",
         show_default=False,
     ),
 ]
@@ -37,12 +37,13 @@ def command(
     aircraft: AircraftOption = None,
     simulator: SimulatorOption = FlownBy.auto,
 ) -> None:
-    """Design the input that tells wanted parameters or modes through given sensors, inside given limits.
+    """Design the input that determines wanted parameters or modes with given sensors, within given limits.
 
-    The command screens every signal family, refines the best ones by information, flies them, ranks them and says what
-    to fly. It writes the signals, and scenarios ready for `testbench run`. Example: `testbench design eolo_modes`. With
-    --after the next input is designed for what earlier flights left uncertain: `testbench design mine.toml --after
-    results/close_mine`. Another aircraft than the scenario's: `testbench design eolo_short_period --aircraft mine`.
+    The command screens every signal family, refines the best ones by information, flies them, ranks them and recommends
+    one. It writes the signals, and scenarios ready for `testbench run`. Example: `testbench design eolo_modes`. With
+    --after the next input is designed for the parameters that earlier flights left uncertain: `testbench design
+    mine.toml --after results/close_mine`. Another aircraft than the scenario's: `testbench design eolo_short_period
+    --aircraft mine`.
     """
     from testbench.core.named import obtain
     from testbench.questions.design.ask import run_design

@@ -79,8 +79,8 @@ class AllKnown(EstimationError):
         self.problem, self.known = problem, known
         names = listed(list(problem.targets.names))
         super().__init__(
-            f"a design needs a target that is not known as well as wanted, but {known.prior.source} tells {names}; "
-            "nothing has to be flown for them, or ask for smaller errors"
+            f"a design needs a target that is not known as well as wanted, but {known.prior.source} tells {names}; no "
+            "flight is needed for them; or want smaller errors"
         )
 
 
@@ -125,7 +125,7 @@ def together(parts: Sequence[Prior]) -> Prior:
         EstimationError: there are none.
     """
     if not parts:
-        raise EstimationError("what was flown before must tell some derivative of the design, got none")
+        raise EstimationError("the previous flights must determine some derivative of the design, got none")
     names = tuple(dict.fromkeys(n for p in parts for n in p.names))
     M, y = np.zeros((len(names), len(names))), np.zeros(len(names))
     for p in parts:
@@ -145,8 +145,8 @@ def together(parts: Sequence[Prior]) -> Prior:
         ratio = square / dof
         P = P * ratio
         notes.append(
-            f"the flights differ by {ratio**0.5:.2g} times what their errors say (air, trim or speed differed): what "
-            "is known counts with errors that are so many times as large"
+            f"the flights differ by {ratio**0.5:.2g} times more than their errors (air, trim or speed differed): their "
+            "errors are multiplied by that factor"
         )
     return Prior(names, x, 0.5 * (P + P.T), listed(list(dict.fromkeys(p.source for p in parts))), tuple(notes))
 
@@ -197,11 +197,15 @@ def _read(file: Path, V_m_s: float) -> Prior:
     per = np.array([V_m_s if per_speed(structure, n.partition("_")[0]) else 1.0 for n in names])
     scaled, notes = values[keep] * per, []
     if flown is None:
-        notes.append(f"{file.name} does not say at which speed it was flown: that of the design is taken")
+        notes.append(f"{file.name} does not state its airspeed: that of the design is used")
     if status == "wrong":
-        notes.append(f"the estimator distrusts its model {file.name}: its derivatives and their errors may be wrong")
+        notes.append(
+            f"the estimator has doubts about its model {file.name}: its derivatives and their errors may be wrong"
+        )
     if structure != STRUCTURE:
-        notes.append(f"{file.name} is of the structure {structure}: what it holds fixed counts as known in its errors")
+        notes.append(
+            f"{file.name} is of the structure {structure}: its errors assume that its fixed parameters are known"
+        )
     stated = np.sqrt(np.diag(P)[keep])
     if not errors:
         errors, why = _beyond_stated(dict(zip(names, stated.tolist(), strict=True)), promise)
@@ -222,7 +226,7 @@ def _beyond_stated(stated: Mapping[str, float], promise: Path | None) -> tuple[d
         stated: parameter -> standard error s that the estimator states.
         promise: file of what was promised of the design that was flown; None if the model names none.
     """
-    alone = "its errors are those that its estimator states of itself, and what its equations leave out is not in them"
+    alone = "its errors are those of its estimator alone, without the influence of what its equations omit"
     if promise is None:
         return {}, alone
     if not promise.is_file():
@@ -234,7 +238,7 @@ def _beyond_stated(stated: Mapping[str, float], promise: Path | None) -> tuple[d
     errors = {n: float(np.hypot(stated[n] * found.excess(k), found.lasting(k))) for n, k in at.items()}
     grown = [f"{n} by {e / stated[n]:.2g}" for n, e in errors.items() if e > _GROWN * stated[n]]
     head = f"its errors hold what {found.n} simulated flights of the design had beyond stated ones"
-    return errors, f"{head}: {listed(grown)}" if grown else f"{head}, which is nothing of weight"
+    return errors, f"{head}: {listed(grown)}" if grown else f"{head}, which is negligible"
 
 
 def of_problem(prior: Prior, problem: Problem) -> tuple[Prior, FloatArray]:
@@ -260,7 +264,7 @@ def of_problem(prior: Prior, problem: Problem) -> tuple[Prior, FloatArray]:
     if left:
         notes.append(f"of what was flown before {listed(left)} {'is' if len(left) == 1 else 'are'} not used")
     if lost:
-        notes.append(f"the flights before tell nothing of {listed(lost)}")
+        notes.append(f"the previous flights give no information on {listed(lost)}")
     return replace(part, notes=tuple(notes)), 0.5 * (M + M.T)
 
 

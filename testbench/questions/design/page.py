@@ -69,7 +69,7 @@ def design_page(result: DesignResult) -> Page:
             *([("uncertainty", _drawn_words(result))] if result.draws is not None else []),
             ("air", air_words(result)),
             ("limits", "; ".join(limit_rows(result))),
-            ("estimated", f"{estimated}; everything else is taken as known"),
+            ("estimated", f"{estimated}; all other parameters are assumed known"),
         ],
         flown=result.tally,
         provenance=[("seed", str(scenario.seed))],
@@ -103,11 +103,11 @@ def nothing_page(scenario: DesignScenario, found: AllKnown) -> Page:
 def _drawn_words(result: DesignResult) -> str:
     """Return what was drawn, and what it decides."""
     assert result.draws is not None
-    who = f"{result.aircraft.name} states" if result.aircraft.uncertainty else "handbooks reach"
-    chosen = "the worst of them" if result.scenario.robust else "the believed aircraft"
+    who = f"uncertainty of {result.aircraft.name}" if result.aircraft.uncertainty else "accuracy of handbooks"
+    chosen = "the worst of them" if result.scenario.robust else "the a-priori model"
     return (
-        f"{counted(result.draws.asked, 'aircraft', 'aircraft')} drawn by what {who} of its coefficients; "
-        f"input and amplitude are chosen for {chosen}"
+        f"{counted(result.draws.asked, 'aircraft', 'aircraft')} drawn with the stated {who}; input and amplitude are "
+        f"chosen for {chosen}"
     )
 
 
@@ -172,11 +172,11 @@ def ranking_table(result: DesignResult) -> Table:
         rows.append((*head, *costs, *errors, *limit))
     counted = "" if result.known is None else ", with what was flown before; the errors are those of the flight alone"
     caption = (
-        f"Each design has its largest admissible amplitude in the nonlinear simulator. Criterion "
-        f"{result.scenario.criterion}, in units of the wanted errors{counted}: at 1 or less they are reached. "
-        "Standard errors are Cramér-Rao bounds for these sensors in the air that is expected; sensor offsets, initial "
-        "states of a rigid aircraft and all other free parameters are estimated too. What is realised stands in its "
-        "own table."
+        "Each design has its largest admissible amplitude in the nonlinear simulator. Criterion "
+        f"{result.scenario.criterion}, in units of the wanted errors{counted}: at 1 or less they are reached. Standard "
+        "errors are Cramér-Rao bounds for these sensors in the air that is expected; sensor offsets, initial states "
+        "of a rigid aircraft and all other free parameters are estimated too. Realised errors are in a separate "
+        "table."
     )
     if drawn:
         caption += " Median and worst: the criterion of the same commands over the drawn aircraft" + (
@@ -210,8 +210,8 @@ def known_table(
         rows.append((name, unit, model, float(t.values[k]), *cells, met))
     caption = (
         "Standard errors by all flights before, by this flight alone (realised where it was realised), and by both "
-        "together. The input is designed at the values that are believed now: those of the flights, and of the model "
-        "where they hardly tell."
+        "together. The input is designed at the present estimates: those of the flights, and of the model where the "
+        "flights give little information."
     )
     columns += _columns(verdict="verdict")
     return Table("known", "Known now, promised after this flight", caption, tuple(columns), tuple(rows))
@@ -234,10 +234,10 @@ def draws_table(result: DesignResult) -> Table:
         rows.append((name, unit, *cells, int(np.sum(ratios <= 1.0)), int(np.sum(~np.isnan(ratios)))))
     n = 0 if over is None else len(over.told.costs)
     caption = (
-        f"Predicted standard errors of the recommended input over {n} aircraft whose coefficients are drawn, each on "
-        f"its own, by the uncertainty that {result.aircraft.name} states. Every one is trimmed and linearised anew. "
-        "Errors in percent count from the values of the believed aircraft. A mode that has split into two real roots "
-        "keeps wn = sqrt(s1 s2) and zeta = -(s1 + s2) / (2 wn). No prior is counted: output error has none."
+        f"Predicted standard errors of the recommended input over {n} aircraft whose coefficients are drawn, "
+        f"independently, with the stated uncertainty of {result.aircraft.name}. Every one is trimmed and linearised "
+        "anew. Errors in percent are relative to the values of the a-priori model. A mode that has split into two real "
+        "roots keeps wn = sqrt(s1 s2) and zeta = -(s1 + s2) / (2 wn). No prior is included: output error has none."
     )
     return Table("draws", "Over the aircraft's own uncertainty", caption, tuple(columns), tuple(rows))
 
@@ -263,10 +263,10 @@ def realised_table(result: DesignResult) -> Table:
             rows.append((label, name, unit, *cells, found.n, len(found.failed), counts, head, r.cause(k)))
     caption = (
         f"Flown in {air_words(result)}, sensed by the suite and identified by the estimator of the scenario. Promised: "
-        "by information in that air, and by what the estimates are off by without noise. The interval holds "
-        f"{100 * INTERVAL:g} % for normal errors. Realised errors count where they contradict the promise: chi-square, "
-        f"probability of a false alarm {100 * FALSE_ALARM:g} % per design. Elsewhere both count, the promise like "
-        f"{TRUST} flights."
+        "by information in that air, and the bias of the estimates without noise. The interval holds "
+        f"{100 * INTERVAL:g} % for normal errors. Realised errors are used if they contradict the promise: chi-square, "
+        f"probability of a false alarm {100 * FALSE_ALARM:g} % per design. Otherwise both are combined, the promise "
+        f"with the weight of {TRUST} flights."
     )
     return Table("realised", "Promised and realised", caption, tuple(columns), tuple(rows), wide=True)
 
@@ -298,9 +298,9 @@ def elsewhere_table(result: DesignResult) -> Table:
             _, unit, cells = _errors(name, e.values[k], e.predicted[k], e.found.rms[k], e.found.bias[k])
             rows.append((e.what, name, unit, float(e.values[k]), *cells, e.found.n, *limit))
     caption = (
-        "The commands of the recommended input with an aircraft that is not the believed one; the estimator is that of "
-        "the scenario, which holds what it does not estimate at the believed values. Limits are those of one flight in "
-        "still air."
+        "The commands of the recommended input with an aircraft other than the a-priori model; the estimator is that "
+        "of the scenario, with the parameters that it does not estimate at a-priori values. Limits are those of one "
+        "flight in still air."
     )
     return Table("elsewhere", "If the fast mode lies elsewhere", caption, tuple(columns), tuple(rows), wide=True)
 
@@ -346,7 +346,7 @@ def screening_table(result: DesignResult) -> Table:
         Column("family", "family", get=lambda x: family_label(x[0])),
         Column("candidates", "candidates", get=lambda x: x[1][0]),
         Column("cost", "lowest criterion", digits=3, get=lambda x: x[1][1]),
-        Column("snr", "worst mode of interest, at its best", "dB", decimals=0, get=lambda x: x[1][2]),
+        Column("snr", "worst mode of interest, best candidate", "dB", decimals=0, get=lambda x: x[1][2]),
     )
     caption = (
         f"{result.screened[0]} candidates over the free quantities of every family, each at the largest amplitude that "
@@ -361,13 +361,13 @@ def obstacle_table(result: DesignResult) -> Table:
     columns = (
         Column("what", "what if", get=lambda o: f"without {o.words}"),
         Column("cost", "criterion", digits=3),
-        Column("share", "of what it is", "%", digits=2, get=lambda o: 100.0 * o.cost / now),
+        Column("share", "of its value", "%", digits=2, get=lambda o: 100.0 * o.cost / now),
     )
     caption = (
-        "The same input with one obstacle less: either one sensor has a hundredth of its noise, or the limit that "
-        "binds is gone."
+        "The same input with one obstacle removed: either one sensor has a hundredth of its noise, or the binding "
+        "limit is omitted."
     )
-    title = "What keeps the error from falling further"
+    title = "Obstacles to a smaller error"
     return Table.of("obstacles", title, caption, columns, result.obstacles.tried)
 
 
@@ -471,9 +471,9 @@ def _spectrum_plate(result: DesignResult) -> fig.Plate:
     caption = (
         "Energy spectra of the commands, as means over narrow bands; each design has its own largest admissible "
         "amplitude. Vertical lines: the modes of this plane (green: rigid, over their half-power bands; purple: "
-        "elastic). An input does not excite a mode where its spectrum has little energy."
+        "elastic). An input does not excite a mode if its spectrum has little energy there."
     )
-    return fig.Plate("spectra", "Where each input puts its energy", caption, fig.Chart([[panel]]))
+    return fig.Plate("spectra", "Energy of each input over frequency", caption, fig.Chart([[panel]]))
 
 
 # --- predicted errors -------------------------------------------------------------------------------------------------
@@ -515,7 +515,7 @@ def _error_plate(result: DesignResult) -> fig.Plate:
     )
     if drawn:
         caption += " The thin line runs to the error in the worst of the drawn aircraft."
-    return fig.Plate("errors", "What each input tells", caption, fig.Chart([[panel]]))
+    return fig.Plate("errors", "Expected accuracy of each input", caption, fig.Chart([[panel]]))
 
 
 def _short_error(result: DesignResult, errors: Any, i: int) -> str:

@@ -99,7 +99,7 @@ def _choice(question: Choice, given: Any, right: Answer) -> Verdict:
     if word == right.value:
         return Verdict(question, word, "right", "")
     why = next((m.why for m in right.mistakes if m.value == word), right.hint)
-    return Verdict(question, word, "wrong", why or "not what these records show")
+    return Verdict(question, word, "wrong", why or "not the answer of these records")
 
 
 def _number(question: Number, given: Any, right: Answer) -> Verdict:
@@ -125,7 +125,7 @@ def _number(question: Number, given: Any, right: Answer) -> Verdict:
 def off_by(value: float, truth: float, unit: str) -> str:
     """Say by how much a number is off."""
     if truth == 0.0 or value * truth < 0.0:
-        return f"off by {value - truth:+.3g} {unit}" if truth == 0.0 else "of the wrong sign"
+        return f"an error of {value - truth:+.3g} {unit}" if truth == 0.0 else "of the wrong sign"
     ratio = value / truth
     if 0.5 < ratio < 2.0:
         return f"{'too large' if ratio > 1.0 else 'too small'} by {100.0 * abs(ratio - 1.0):.0f} %"
@@ -155,25 +155,28 @@ def slips(question: Number, truth: float) -> Iterator[Mistake]:
     unit = question.unit
     turn = 2.0 * math.pi
     if unit == "rad/s":
-        yield Mistake(truth / turn, "this is the frequency in Hz; it is asked for in rad/s (times 2 pi)")
+        yield Mistake(truth / turn, "this is the frequency in Hz; the answer is in rad/s (times 2 pi)")
         yield Mistake(truth * turn, "multiplied by 2 pi once too often: it was in rad/s already")
         yield Mistake(turn / truth, "this is the period in s; the angular frequency is 2 pi over it")
     if unit == "Hz":
-        yield Mistake(truth * turn, "this is in rad/s; it is asked for in Hz (over 2 pi)")
+        yield Mistake(truth * turn, "this is in rad/s; the answer is in Hz (over 2 pi)")
         yield Mistake(1.0 / truth, "this is the period in s; the frequency is one over it")
     if unit in ("rad", "1/s2", "1/s", "1"):
-        yield Mistake(truth * _DEGREES, "57.3 times too large: degrees where radians belong")
+        yield Mistake(truth * _DEGREES, "57.3 times too large: degrees in place of radians")
         yield Mistake(
-            truth / _DEGREES, "57.3 times too small: an angle in degrees was divided by, or radians were turned twice"
+            truth / _DEGREES, "57.3 times too small: divided by an angle in degrees, or converted to radians twice"
         )
     if unit == "deg":
-        yield Mistake(truth / _DEGREES, "this is in radians; it is asked for in degrees")
+        yield Mistake(truth / _DEGREES, "this is in radians; the answer is in degrees")
         yield Mistake(truth * _DEGREES, "converted from radians to degrees twice")
     if unit == "%":
-        yield Mistake(truth / 100.0, "this is a fraction; it is asked for in percent")
+        yield Mistake(truth / 100.0, "this is a fraction; the answer is in percent")
     if unit == "1":
-        yield Mistake(truth * 100.0, "this is in percent; it is asked for as a fraction of one")
+        yield Mistake(truth * 100.0, "this is in percent; the answer is a fraction of one")
     signs = ": elevator is positive trailing edge down (nose down), z points down" if unit in _SIGNED else ""
     yield Mistake(-truth, f"right except for the sign{signs}")
-    yield Mistake(2.0 * truth, "twice the right value: was a whole taken for a half, or a variance for something else?")
-    yield Mistake(0.5 * truth, "half the right value: was a half taken for a whole?")
+    yield Mistake(
+        2.0 * truth,
+        "twice the right value: a whole in place of a half, or a variance in place of a standard deviation?",
+    )
+    yield Mistake(0.5 * truth, "half the right value: a half in place of a whole?")

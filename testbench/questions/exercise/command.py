@@ -41,8 +41,8 @@ def exercise_start(
 ) -> None:
     """Write a student's own version: text, records, and a template for the answers.
 
-    Example: `testbench exercise start short_period --student anna`. With a key of the teacher's own (--key-file), only
-    its owner can check or compute the truth.
+    Example: `testbench exercise start short_period --student anna`. With the teacher's own key (--key-file), only its
+    owner can check or compute the truth.
     """
     from testbench.questions.exercise.ask import start
     from testbench.questions.exercise.seal import read_key
@@ -93,7 +93,7 @@ def exercise_marks(
     ] = None,
     key_file: KeyOption = None,
 ) -> None:
-    """Collect the answers of a class into one table: how many are right, what each student missed, and why.
+    """Collect the answers of a class into one table: the number of right answers, and the mistakes of each student.
 
     Example: `testbench exercise marks class`. The key is that of --key-file, else key.txt in the first folder.
     """
@@ -119,7 +119,7 @@ def exercise_check(
     ],
     key_file: KeyOption = None,
 ) -> None:
-    """Judge answers.toml: what is right, what is off by how much, and why. Exit status 1 if not all answers are right.
+    """Judge answers.toml: right answers, the errors of others, and their causes. Exit status 1 if not all are right.
 
     Of several folders, one line each is printed. Example: `testbench exercise check short_period_anna`.
     """

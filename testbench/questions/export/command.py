@@ -91,12 +91,12 @@ def aircraft_command(
         typer.Option("--height", help="Where it begins, m above sea level; else the design height."),
     ] = None,
 ) -> None:
-    """Write an aircraft as C code, as an FMU, or as a plain JSBSim model, that flies from a trim on.
+    """Write an aircraft as C code, as an FMU, or as a plain JSBSim model; it begins at a trim.
 
     c: one header and one source in C99 that need nothing else. fmu2, fmu3: a unit for co-simulation, for Simulink,
     OpenModelica or Dymola, with its source, and compiled for this machine if it has a C compiler. jsbsim: a model that
-    stock JSBSim loads. Licence and sources of the model stand in what is written. Example:
-    `testbench export aircraft taurus --to c`.
+    stock JSBSim loads. The written files contain licence and sources of the model. Example: `testbench export aircraft
+    taurus --to c`.
     """
     from testbench.flight import FlightCondition, load_aircraft
     from testbench.questions.export.aircraft import export_aircraft

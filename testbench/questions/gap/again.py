@@ -127,7 +127,7 @@ class KeptFits:
         self._rows: list[dict[str, Any]] = self._journal.rows(dict)
         if self._rows:
             fits = sum(len(row["fits"]["fits"]) for row in self._rows)
-            say(f"go on with {fits} fits of the search that was interrupted")
+            say(f"continue with {fits} fits of the search that was interrupted")
 
     def known(self, group: str) -> Any:
         """Return what is kept of the group that comes next, or None."""

@@ -80,7 +80,7 @@ def choose(
         path, attribute = bring.find(name, beside, FOLDER)
         effect = load_effect(path, attribute)
         if effect.name in {**catalogue(suite), **chosen}:
-            name_of_its_own = f"an effect that is brought must have a name of its own, got '{effect.name}' of {name}"
+            name_of_its_own = f"an effect of your own must have its own name, got '{effect.name}' of {name}"
             raise ScenarioError([f"{name_of_its_own}, which another effect has"])
         chosen[effect.name] = effect
         notes.append(

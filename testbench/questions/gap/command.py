@@ -38,39 +38,42 @@ command = typer.Typer(
 def show(
     context: typer.Context,
     case: Annotated[
-        str | None, typer.Argument(help="The believed aircraft, or a gap case.", show_default=False)
+        str | None, typer.Argument(help="The a-priori model of the aircraft, or a gap case.", show_default=False)
     ] = None,
     records: Annotated[
         list[Path] | None,
         typer.Argument(help="Measured records (.nc) or descriptions of them (.toml).", show_default=False),
     ] = None,
     sensors: Annotated[
-        str | None, typer.Option(help="Believed sensor suite; if not given, the one that the records name.")
+        str | None, typer.Option(help="Assumed sensor suite; if not given, that of the records.")
     ] = None,
     hold_out: Annotated[
-        list[Path] | None, typer.Option("--hold-out", help="Record to judge on, not to name with; may be repeated.")
+        list[Path] | None, typer.Option("--hold-out", help="Held-out record, for validation only; may be repeated.")
     ] = None,
-    wings: Annotated[Wings, typer.Option(help="Whether the believed aircraft's elastic modes move.")] = Wings.flexible,
+    wings: Annotated[
+        Wings, typer.Option(help="Whether the elastic modes of the a-priori model move.")
+    ] = Wings.flexible,
     airspeed: Annotated[float | None, typer.Option("--V", help="Airspeed at the start, m/s.")] = None,
     altitude: Annotated[float | None, typer.Option("--h", help="Altitude at the start, m.")] = None,
     data: Annotated[Path | None, typer.Option(help="Folder of the files that descriptions name.")] = None,
     drive: Annotated[
         DrivenBy,
         typer.Option(
-            help="What drives the believed model: commands, recorded surfaces, or both: surfaces where no command is "
+            help="Inputs of the a-priori model: commands, recorded surfaces, or both: surfaces where no command is "
             "recorded."
         ),
     ] = DrivenBy.both,
     plan: Annotated[
-        Path | None, typer.Option(help="Scenario: how often would its manoeuvres name each effect, and which to add?")
+        Path | None,
+        typer.Option(
+            help="Scenario: print the rate at which its manoeuvres would name each effect, and the manoeuvre to add."
+        ),
     ] = None,
     out: OutOption = Path("results"),
     seed: SeedOption = None,
     effect: Annotated[
         list[str] | None,
-        typer.Option(
-            "--effect", help="Effect of your own to search beside the library, FILE.py:NAME; may be repeated."
-        ),
+        typer.Option("--effect", help="Effect of your own to search with the library, FILE.py:NAME; may be repeated."),
     ] = None,
     workers: Annotated[
         int | None,
@@ -80,8 +83,8 @@ def show(
     windows: Annotated[
         str | None,
         typer.Option(
-            help="Records without quiet trim flight are cut into windows that start freely: auto, off, or a length, "
-            "s, for all records.  [default: auto, or as the case says]",
+            help="Cut records without quiet trim flight into windows with free initial states: auto, off, or a "
+            "length, s, for all records.  [default: auto, or as the case says]",
             show_default=False,
         ),
     ] = None,
@@ -89,37 +92,38 @@ def show(
         int,
         typer.Option(
             min=0,
-            help="Fly your flights again so often, with truths drawn from the priors: what are stated probabilities "
-            "worth here? Each takes as long as the records; 20 say much.",
+            help="Number of repeated simulations of your flights, with truths drawn from the priors, to calibrate the "
+            "stated probabilities. Each takes as long as the main search; 20 is a good number.",
         ),
     ] = 0,
     draws: Annotated[
-        int, typer.Option(min=1, help="With --plan: number of flights drawn from the priors, each asked about at once.")
+        int,
+        typer.Option(min=1, help="With --plan: number of flights drawn from the priors, each analysed to first order."),
     ] = 900,
 ) -> None:
-    """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
+    """Find where simulation and measurement disagree, name the missing effect, add it, validate the amended model.
 
-    `testbench gap new` writes a case for your records. Measured manoeuvres are compared with the believed aircraft and
-    sensors: `testbench gap eolo flown/*.nc --sensors eolo_gap --wings rigid --hold-out flown/doublets.nc`. A case makes
-    its own flights from a hidden truth: `testbench gap flexible_wings`. The instruments are checked against each other
-    first. A search that is interrupted goes on when the command is given again, with the same answer.
+    `testbench gap new` writes a case for your records. Measured manoeuvres are compared with the a-priori model and its
+    sensors: `testbench gap eolo flown/*.nc --sensors eolo_gap --wings rigid --hold-out flown/doublets.nc`. A case may
+    simulate its own flights with a hidden truth: `testbench gap flexible_wings`. The instruments are checked against
+    each other first. The same command continues an interrupted search, with the same answer.
 
-    Before flight, `testbench gap --plan eolo_alpha` says how often the manoeuvres of a scenario would name each effect,
-    and what they would take it for.
+    Before the flight, `testbench gap --plan eolo_alpha` prints the rate at which the manoeuvres of a scenario would
+    name each effect, and the effects with which they would confuse it.
     """
     from testbench.questions.files import find
 
     if plan is not None:
         refuse(
             context,
-            "with --plan, whose scenario says all",
+            "with --plan, whose scenario states all of it",
             *(*FLIGHTS, "case", "records", "seed", "workers", "again", "effect", "simulator", "windows"),
         )
         _plan_gap(find(plan, "run"), out, draws)
         return
     refuse(context, "with records or a case: flights are drawn by --plan", "draws")
     if case is None:
-        raise RecordError("the believed aircraft must be given with its records, or a gap case, got nothing")
+        raise RecordError("an aircraft must be given with its records, or a gap case, got nothing")
     from testbench.core.paths import STOCK
     from testbench.core.processes import cores, processes
     from testbench.core.store import ResultFolder, folder_in
@@ -132,10 +136,10 @@ def show(
 
     measured = bool(records) or _is_aircraft(case)
     if measured:
-        refuse(context, "with measured records, in which the noise is", "seed")
+        refuse(context, "with measured records, which contain the noise", "seed")
         name = Path(case.removeprefix(STOCK)).name  # of the folder, where a path is given
     else:
-        refuse(context, "with a gap case, whose file says all; or give measured records, too", *FLIGHTS)
+        refuse(context, "with a gap case, whose file states all of it; or give measured records as well", *FLIGHTS)
         file = find(Path(case), "gap")
         name = file.stem
     with ResultFolder(folder_in(out, f"gap_{name}")) as place, stages() as say, processes(workers or cores()):
@@ -193,23 +197,26 @@ def new(
         typer.Argument(help="Measured records (.nc), or folders that testbench import wrote.", show_default=False),
     ],
     aircraft: Annotated[
-        str, typer.Option(help="The believed aircraft: packaged, or a folder of your own.", show_default=False)
+        str,
+        typer.Option(help="The a-priori model of the aircraft: packaged, or a folder of your own.", show_default=False),
     ],
     sensors: Annotated[
         str | None,
         typer.Option(
-            help="Believed sensor suite; if not given, that which the records name, else one made from them.",
+            help="Assumed sensor suite; if not given, that of the records, else one made from them.",
             show_default=False,
         ),
     ] = None,
-    wings: Annotated[Wings, typer.Option(help="Whether the believed aircraft's elastic modes move.")] = Wings.flexible,
+    wings: Annotated[
+        Wings, typer.Option(help="Whether the elastic modes of the a-priori model move.")
+    ] = Wings.flexible,
     airspeed: Annotated[float | None, typer.Option("--V", help="Airspeed at the start, m/s.")] = None,
     altitude: Annotated[float | None, typer.Option("--h", help="Altitude at the start, m.")] = None,
 ) -> None:
-    """Write a complete commented gap case for an aircraft and its records, to change and to run.
+    """Write a complete commented gap case for an aircraft and its records, to edit and run.
 
-    The quiet flight of the records tells the condition. The record that differs most from the others is held out. A
-    sensor suite with the noise that the records show lies beside the case. Example: `testbench import flight.csv -o
+    The condition is that of the quiet flight of the records. The record that differs most from the others is held out.
+    A sensor suite with the noise of the records is written next to the case. Example: `testbench import flight.csv -o
     flown`, `testbench gap new mine.toml --aircraft eolo flown`, then `testbench gap mine.toml`.
     """
     from testbench.core.door import read_text
@@ -231,4 +238,4 @@ def new(
     for asked in made.questions:
         print(f"Question: {asked}")
     print(f"Held out: {made.held_out.sentence}")
-    print(f"Next: look at the lines with YOURS, then testbench check {case} and testbench gap {case}")
+    print(f"Next: check the lines with YOURS, then testbench check {case} and testbench gap {case}")

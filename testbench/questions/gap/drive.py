@@ -180,8 +180,8 @@ def _without_servos(believed: Believed, records: Mapping[str, FlightRecord], con
     for control in turned:
         if _turned(out, control, records):
             raise RecordError(
-                f"a recorded {WORDS[control]} cannot drive a model that turns it by what it measures, as "
-                f"{believed.aircraft.name} does; record {control}_cmd, or believe a model without that feedback"
+                f"a recorded {WORDS[control]} cannot drive a model that moves it by feedback, as "
+                f"{believed.aircraft.name} does; record {control}_cmd, or use a model without that feedback"
             )
     return out
 
@@ -204,8 +204,8 @@ def driven_by(records: Sequence[FlightRecord]) -> str:
     """Return what drives the believed model in these records, in a sentence."""
     words = [WORDS[c] for c in driving(records)]
     if not words:
-        return "The measured commands drive the believed model."
-    return f"What was recorded of {listed(words)} drives the believed model, and measured commands otherwise."
+        return "The measured commands drive the a-priori model."
+    return f"The recorded deflections of {listed(words)} drive the a-priori model, and measured commands otherwise."
 
 
 def as_it_is(aircraft: Aircraft) -> Aircraft:
@@ -284,14 +284,14 @@ class SurfacePath:
         word = WORDS[self.control]
         if self.why:
             return (
-                f"the path of the {word} could not be seen: {self.why}, so what was recorded of the {word} itself "
-                "drives the model. Lag, rate limit, delay, dead band and play of its servo, and what is fed back or "
-                "joined to its command, do not show in these records and are not sought"
+                f"the path of the {word} could not be seen: {self.why}, so the recorded {word} drives the model. Lag, "
+                "rate limit, delay, dead band and play of its servo, its feedbacks and interconnects are not "
+                "observable in these records and are not sought"
             )
         return (
-            f"the path of the {word}: the believed model leaves {self.believed:.3g} times the noise of the recorded "
-            f"surface, what comes nearest {self.nearest:.3g} times; probability that something is missing between its "
-            f"command and surface: {percent(self.probability)}"
+            f"the path of the {word}: the a-priori model leaves {self.believed:.3g} times the noise of the recorded "
+            f"surface, the nearest explanation {self.nearest:.3g} times; probability that something is missing between "
+            f"its command and surface: {percent(self.probability)}"
         )
 
 

@@ -110,9 +110,9 @@ def it_says_in_words_what_it_is(t: Trial) -> None:
     e = t.effect
     need(e.name.isidentifier(), f"name must be a short one without spaces, got '{e.name}'")
     need(bool(e.title), "title must say what it is called")
-    need(e.physics.count(".") >= 2, f"physics must say in two sentences what happens, got '{e.physics}'")
-    need(bool(e.mistaken_for), "mistaken_for must say what it cannot be told from")
-    need(bool(e.separated_by), "separated_by must say which flight or measurement tells them apart")
+    need(e.physics.count(".") >= 2, f"physics must describe the mechanism in two sentences, got '{e.physics}'")
+    need(bool(e.mistaken_for), "mistaken_for must name the effects that it cannot be distinguished from")
+    need(bool(e.separated_by), "separated_by must name the flight or measurement that separates them")
 
 
 def it_names_where_it_acts(t: Trial) -> None:

@@ -64,7 +64,7 @@ def wrong_coefficient(*names: str) -> Effect:
         name=name,
         title=f"a wrong {name}",
         place=place,
-        physics=f"The believed {name} is further off than its prior allows.",
+        physics=f"The a-priori {name} has an error larger than its prior allows.",
         parameters=(),
         amend=_as_it_is,
         mistaken_for="an effect that grows with the same motion",
@@ -117,7 +117,7 @@ class Explanation:
         """Parameters with their standard errors, in words."""
         if self.coefficients:
             told = [with_error(self.nuisances[name], self.spread[name]) for name in self.coefficients]
-            return f"{' and '.join(told)} times the believed value"
+            return f"{' and '.join(told)} times the a-priori value"
         units = {p.name: p.unit for p in self.effect.parameters}
         return ", ".join(
             f"{n} = {with_error(v, self.errors[n])}" + (f" {units[n]}" if units[n] != "1" else "")
@@ -366,29 +366,32 @@ class Naming:
         if best is None:
             sure = percent(w.nothing if self.outcome == "no gap" else w.unknown)
             if self.outcome == "no gap":
-                out = f"no gap: coefficients within what is believed and noise explain all, probability {sure}"
+                out = f"no gap: coefficients within their priors and noise explain the records, probability {sure}"
             else:
-                out = f"unexplained: something that the library lacks and no effect of it imitates, probability {sure}"
+                out = (
+                    "unexplained: something that the library lacks and that no effect of it imitates, probability "
+                    f"{sure}"
+                )
             off = [f"{n} {with_error(f, e)}" for n, (f, e) in self.off.items()]
-            return f"{out}; re-tuned, times what is believed: {', '.join(off)}" if off else out
+            return f"{out}; re-tuned, times the a-priori value: {', '.join(off)}" if off else out
         what = f"{best.effect.title}: {best.size}"
         if far := self._strained(best):
-            what += f", with {', '.join(far)} times what is believed"
+            what += f", with {', '.join(far)} times the a-priori value"
         explained = "" if math.isnan(best.share) else f"; it explains {100 * best.share:.1f} % of the excess over noise"
         if self.outcome == "named":
             return f"{what}; probability {percent(best.probability)}{explained}"
         if self.outcome == "partial":
             return (
-                f"unexplained as a whole: something that the library lacks, probability {percent(w.unknown)}; what "
-                f"comes nearest is {what}{explained}. It is added as a partial model: {100.0 * best.kappa:.2g} % of "
-                "the motion is still needed beside it"
+                f"unexplained as a whole: something that the library lacks, probability {percent(w.unknown)}; the "
+                f"nearest effect is {what}{explained}. It is added as a partial model: {100.0 * best.kappa:.2g} % of "
+                "the motion is still needed in addition"
             )
         named = [f for f in self.ranking if f.effect.name in self.names]
         told = "; or ".join(f"{f.effect.title}, {f.size} ({percent(f.probability)})" for f in named)
         others = [f"nothing {percent(w.nothing)}"] if w.nothing >= SAID else []
         others += [f"something that the library lacks {percent(w.unknown)}"] if w.unknown >= SAID else []
-        head = "one of these, which these data cannot tell apart" if len(named) > 1 or others else "probably"
-        return f"{head}: {'; or '.join([told, *others])}. What separates them: {best.effect.separated_by}"
+        head = "one of these, which these data do not separate" if len(named) > 1 or others else "probably"
+        return f"{head}: {'; or '.join([told, *others])}. To separate them: {best.effect.separated_by}"
 
     @property
     def probabilities(self) -> str:

@@ -74,10 +74,10 @@ def _power_plate(plan: GapPlan) -> Plate:
     ]
     panel = Panel(draws=draws, x="flights, %", x_range=(0.0, 100.0), **rows(list(plan.power), 0.17))
     caption = (
-        "Flights with each effect in them, drawn from its prior. Filled: it is stated with 90 % or more. Outline: it "
-        "is in the set that holds 95 %."
+        "Flights with each effect, drawn from its prior. Filled: it is stated with 90 % or more. Outline: it is in "
+        "the set with 95 %."
     )
-    return Plate("power", "How often each effect would be named", caption, Chart([[panel]], share=0.75))
+    return Plate("power", "Rate at which each effect would be named", caption, Chart([[panel]], share=0.75))
 
 
 def _confusion_plate(plan: GapPlan) -> Plate:
@@ -88,18 +88,18 @@ def _confusion_plate(plan: GapPlan) -> Plate:
     names = [*truths, *others, "nothing", "unknown"]
     given = np.array([[power[t].given.get(n, 0.0) for n in names] for t in truths])
     image = Image(
-        values=given / PERCENT, low=0.0, high=100.0, title="mean probability that is given, %",
+        values=given / PERCENT, low=0.0, high=100.0, title="mean stated probability, %",
         ticks=[(at, f"{at:g}") for at in (0.0, 50.0, 100.0)],
     )  # fmt: skip
     panel = Panel(
         draws=[image], x_ticks=list(enumerate(names)), y_ticks=list(enumerate(truths)), tall_in=0.168 * len(truths)
     )
     caption = (
-        f"Row: an effect that is there; the {len(truths)} that are named least. Column: what it is taken for, by the "
-        "mean probability over its flights. A right answer lies on the diagonal; the last two columns are nothing, and "
+        f"Row: the true effect; the {len(truths)} that are named least. Column: the stated explanation, by the mean "
+        "probability over its flights. A right answer lies on the diagonal; the last two columns are nothing, and "
         "something that the library lacks."
     )
-    return Plate("confusion", "What effects would be taken for", caption, Chart([[panel]]))
+    return Plate("confusion", "Confusion of effects", caption, Chart([[panel]]))
 
 
 # --- where to look ----------------------------------------------------------------------------------------------------
@@ -228,11 +228,12 @@ def _answer_plate(result: GapResult) -> Plate:
         **rows([symbol(o) for o in outputs], 0.28),
     )  # fmt: skip
     caption = (
-        f"The manoeuvre '{shrink.manoeuvre}' was used neither to name nor to fit. Left: {symbol(outputs[k])}, in which "
-        "the believed model is furthest off. Right: residuals of all channels. Open bars are those of the believed "
-        "model, full bars those of the amended one; the dashed line is the noise floor."
+        f"The manoeuvre '{shrink.manoeuvre}' was used neither for the search nor for the fit. Left: "
+        f"{symbol(outputs[k])}, which has the largest error of the a-priori model. Right: residuals of all channels. "
+        "Open bars are those of the a-priori model, full bars those of the amended one; the dashed line is the noise "
+        "floor."
     )
-    title = "What the amendment does to a flight that it has not seen"
+    title = "The amended model on a held-out flight"
     return Plate("answer", title, caption, Chart([[history, energies]]))
 
 
@@ -260,9 +261,9 @@ def _region_plate(result: GapResult) -> Plate:
         panels.append(Panel(x=axis_label(region.quantity), x_ticks=ticks, **shown))
     caption = (
         "The same residuals over angle of attack, airspeed, pitch rate and the commands, all manoeuvres together. A "
-        "gap that sits at one end of a quantity depends on that quantity. Grey: too few samples."
+        "gap at one end of a quantity depends on that quantity. Grey: too few samples."
     )
-    title = "Where in the flight region the residual sits"
+    title = "Residual over the flight region"
     return Plate("residual_regions", title, caption, grid(panels, min(3, len(panels))))
 
 
@@ -270,11 +271,11 @@ def _map_plate(result: GapResult) -> Plate:
     """Return two maps per manoeuvre: by frequency band and by time."""
     maps = [_maps(m) for m in result.finding.maps]
     caption = (
-        "Energy of measured minus predicted, in units of the noise energy, in the manoeuvres that the effect was "
-        "sought in: each channel over frequency bands and over time. The left end of the colour bar is noise, the "
-        "right end what the model does not explain."
+        "Energy of measured minus predicted, in units of the noise energy, in the manoeuvres of the search: each "
+        "channel over frequency bands and over time. The left end of the colour bar is noise, the right end is "
+        "unexplained by the model."
     )
-    return Plate("residual_maps", "Where the residual sits", caption, Chart(maps))
+    return Plate("residual_maps", "Residual by channel, frequency and time", caption, Chart(maps))
 
 
 def _maps(m: ResidualMap) -> list[Panel]:
@@ -314,12 +315,12 @@ def _lacking_plate(result: GapResult) -> Plate:
             )  # fmt: skip
         panels.append(row)
     caption = (
-        "Accelerations that an unknown motion would have to add to the believed model, in stretches of half a second, "
-        "of the manoeuvres with the largest residuals. Grey: two standard errors. States in which they are none to "
-        "within these are left out."
+        "Accelerations that an unknown motion would have to add to the a-priori model, in stretches of half a second, "
+        "of the manoeuvres with the largest residuals. Grey: two standard errors. States in which they are zero "
+        "within these limits are left out."
     )
     chart = Chart(panels, share_x=True, share_y=True)
-    return Plate("lacking", "What the believed model lacks over time", caption, chart)
+    return Plate("lacking", "Missing acceleration over time", caption, chart)
 
 
 def _largest(x: FloatArray) -> float:
@@ -334,9 +335,9 @@ def _ranking_plate(result: GapResult) -> Plate:
     draws = [bars(at, 0.0, whole, 0.55, colour=COLOURS[0]), bars(at, whole, both, 0.55)]
     panel = Panel(draws=draws, x="probability, %", x_range=(0.0, 100.0), **rows([f.effect.title for f in fits], 0.36))
     caption = (
-        "Blue: probability that this is all that the model lacks. Grey: that something which the library lacks does "
-        f"nearly this. Nothing is missing: {percent(weighed.nothing)}; something is, and nothing is near it: "
-        f"{percent(weighed.imitates('nothing'))}."
+        "Blue: probability that this is all that the model lacks. Grey: probability that it only resembles something "
+        f"which the library lacks. Nothing is missing: {percent(weighed.nothing)}; something is, and nothing is near "
+        f"it: {percent(weighed.imitates('nothing'))}."
     )
     return Plate("ranking", "Which effect explains it", caption, Chart([[panel]]))
 
@@ -353,9 +354,9 @@ def _history_plate(result: GapResult, shrink: Shrink, nth: int) -> Plate:
         for i, name in enumerate(result.finding.believed.outputs)
     ]  # fmt: skip
     caption = (
-        "This manoeuvre was used neither to name nor to fit. Numbers above a panel: mean squared residual before and "
-        "after, the noise being 1. Predictions are shifted to the mean of the measurement, as sensor biases are "
-        "unknown."
+        "This manoeuvre was used neither for the search nor for the fit. Numbers above a panel: mean squared residual "
+        "before and after, the noise being 1. Predictions are shifted to the mean of the measurement, as sensor "
+        "biases are unknown."
     )
 
     def explore() -> list[View]:
@@ -385,10 +386,10 @@ def _spectrum_plate(result: GapResult, shrink: Shrink, nth: int) -> Plate:
         )  # fmt: skip
     caption = "Spectrum of the residual in units of the noise density, averaged over overlapping segments."
     if result.finding.air.moves:
-        caption += " Turbulence is taken out by the Kalman filter in which the effect was sought."
+        caption += " Turbulence is removed by the Kalman filter of the search."
     return Plate(
         f"held_out_{nth}_spectrum",
-        f"The same by frequency: {shrink.manoeuvre}",
+        f"The residual by frequency: {shrink.manoeuvre}",
         caption,
         grid(panels, 3, share_x=True),
         lambda: [View(name="spectra", panels=panels)],

@@ -101,9 +101,9 @@ def name_effect(
     for record in records:
         believed.check_commands(record)
     asker = _Asker(believed, tuple(records), what.source, what.rested)
-    say("re-tune the believed model")
+    say("re-tune the a-priori model")
     base = asker.tuned
-    say("fly again what came nearest" if what.near else "look through the library")
+    say("fly the nearest explanations again" if what.near else "search the library")
     known = library(believed.suite, believed.aircraft) if what.effects is None else what.effects
     known = {n: sought(base, e) for n, e in known.items()}
     rejected = {n: why for n, e in known.items() if (why := not_sought(base, e))}
@@ -120,7 +120,7 @@ def name_effect(
         rejected |= dict.fromkeys(known.keys() - {one.effect.name for one in near}, "these records cannot show it")
     flown, (terms, tried) = near[:MOST], what.terms
     wrong = asker.wrong()[:COEFFICIENTS]
-    say(f"fly {len(flown)} explanations that come nearest")
+    say(f"fly {len(flown)} nearest explanations")
     say(told({one.effect.title: one.log for one in flown}, "weighed to first order"))
     asked = {"nothing": asker.nothing(), **{n: asker.coefficient(n) for n in wrong}}
     shown = {n: wrong_coefficient(n) for n in wrong}
@@ -146,7 +146,7 @@ def name_effect(
         def ahead(points: Points) -> None:
             now = len({hypothesis.name for hypothesis, _ in points} & new)
             if now != moving[0] and max(now, moving[0]) > 1:  # the first is fitted alone, for the noise
-                say(f"fit explanations, {len(new) - now} of {len(new)} at rest")
+                say(f"fit explanations, {len(new) - now} of {len(new)} converged")
             moving[0] = now
             asker.ahead(points)
 
@@ -161,7 +161,7 @@ def name_effect(
 
     out = weighed()
     if what.open_terms and out.nothing <= 0.5 and out.unknown > NEEDS:
-        say("look at terms that no effect holds")
+        say("search terms outside the library")
         terms, tried = asker.open_terms()
         ask_terms()
         out = weighed(out)
@@ -219,7 +219,7 @@ def _beside_the_best(
     leading = leading[: 2 if several == 1 and found.unknown > NEEDS else several]
     known = [{e.name for e in effect.singles} for effect in found.effects.values()]
     for first in [e for e in leading if len(e.singles) == several]:
-        say(f"seek another effect beside {first.title}")
+        say(f"seek another effect in addition to {first.title}")
         near = [one for one in asker.beside(first, found.table, others) if one.gain > PARTNER]
         for one in near[:BESIDE]:
             names = {e.name for e in one.effect.singles}

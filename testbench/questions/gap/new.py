@@ -91,7 +91,7 @@ def new_case(
     if len(files) == 1:
         raise RecordError(
             f"a gap case must have a second record to judge on, got one, '{files[0]}': give one of another manoeuvre; "
-            "testbench import LOG -o FOLDER cuts a log with several into records; or name without a judge with "
+            "testbench import LOG -o FOLDER cuts a log with several into records; or search without validation with "
             f"testbench gap {aircraft} {files[0]} --sensors SUITE"
         )
     records = read(files)
@@ -199,7 +199,7 @@ def shared_with(name: str, records: Mapping[str, FlightRecord]) -> str:
             out.append(f"{both_s:.2g} s of its log with '{other}'")
     if not out:
         return ""
-    return f"YOURS: it shares {', '.join(out)}, where it judges nothing new; import with a shorter --lead or --tail"
+    return f"YOURS: it shares {', '.join(out)}, where it is no independent test; import with a shorter --lead or --tail"
 
 
 def _moved(record: FlightRecord) -> set[str]:
@@ -242,21 +242,21 @@ def _head(aircraft: str, wings: str, suite: str, made: bool, flights: Flights) -
     believed = flights.believed
     recorded = all("h" in r for r in flights.naming.values())
     height = "" if recorded else "YOURS: not recorded; "
-    said = "  # made from the records: look at its lines with YOURS" if made else ""
+    said = "  # made from the records: check its lines with YOURS" if made else ""
     return [
-        "# A gap case, made by `testbench gap new`. It runs as it is: change what is yours, then",
+        "# A gap case, made by `testbench gap new`. It can be run unchanged. Enter your own values, then",
         "#     testbench check THIS_FILE",
         "#     testbench gap THIS_FILE",
-        "# Lines with YOURS hold guesses.",
+        "# Lines with YOURS are guesses.",
         f"title = {quoted(f'{believed.aircraft.name}: does the simulation fly as the aircraft does?')}",
         'question = "What does the simulation lack that the aircraft has?"',
-        f"aircraft = {quoted(aircraft)}  # as believed",
+        f"aircraft = {quoted(aircraft)}  # the a-priori model",
         *_wings(believed.aircraft, wings),
         f"suite = {quoted(suite)}{said}",
         'windows = "auto"  # records without quiet trim flight are cut; "off": none; 4.0: all, into windows of 4 s',
         'drive = "both"  # by commands, and surfaces without one; "surface": by all recorded; "command": by none',
         '# effects = ["actuator_lag"]  # searched in place of the whole library (testbench list effects)',
-        '# more_effects = ["my_effect.py:EFFECT"]  # searched beside those: your own, or names of the library',
+        '# more_effects = ["my_effect.py:EFFECT"]  # searched in addition: your own, or names of the library',
         "",
         *(line for note in flights.notes for line in _comment(note)),
         "",
@@ -268,12 +268,12 @@ def _head(aircraft: str, wings: str, suite: str, made: bool, flights: Flights) -
         "# [simulation]",
         f"# rate_hz = {real(believed.rate_hz)}  # frames per second of the simulation; this if left out",
         "",
-        '# use = "naming": an effect is named and fitted on it. use = "held_out": it only judges what was named.',
-        "# Optional keys of a record, where it was not flown as the others were:",
-        '#     condition = "recorded"  # its own quiet flight tells; or { V_m_s = 16.0, h_m = 500.0 }',
-        "#     load_kg = 0.5           # carried beyond what is believed; negative for fuel that was burnt",
-        "#     load_aft_m = 0.1        # place of the load behind the believed centre of gravity",
-        "#     flown_at_s = 600.0      # when it begins, counted from take-off: battery and fuel were emptier then",
+        '# use = "naming": for the search. use = "held_out": for validation only.',
+        "# Optional keys of a record that was not flown like the others:",
+        '#     condition = "recorded"  # that of its quiet flight; or { V_m_s = 16.0, h_m = 500.0 }',
+        "#     load_kg = 0.5           # beyond that of the model; negative for burnt fuel",
+        "#     load_aft_m = 0.1        # place of the load behind the centre of gravity of the model",
+        "#     flown_at_s = 600.0      # its beginning after take-off, for a battery or fuel that empties",
         "",
     ]
 
@@ -294,7 +294,7 @@ def _measured(name: str, file: str, record: FlightRecord, judge: HeldOutFlight, 
     held = name == judge.name
     lines = []
     if held:
-        lines += _comment(f"YOURS to choose: of the records that can judge, this one differs most: {judge.sentence}")
+        lines += _comment(f"YOURS to choose: of the possible held-out records, this one differs most: {judge.sentence}")
     use = "held_out" if held else "naming"
     lines += ["[[measured]]", f"name = {quoted(name)}", f"file = {quoted(file)}", f'use = "{use}"']
     start = start_of(record)

@@ -72,7 +72,7 @@ def suite_of_records(name: str, aircraft: str, records: Mapping[str, FlightRecor
 def _left_out(name: str, records: Mapping[str, FlightRecord]) -> str:
     """Return why a channel becomes no sensor; "" if it does."""
     if name not in _USUAL:
-        return "not compared by a gap case that is made; name it in the suite if you trust it"
+        return "not compared by a generated gap case; add it to the suite if it is reliable"
     lacking = [n for n, r in records.items() if name not in r]
     if lacking:
         return f"'{lacking[0]}' does not hold it"
@@ -104,7 +104,9 @@ def _sensor(name: str, records: Mapping[str, FlightRecord], known: Sensor | None
     noise = float(np.median(found)) if found else 0.0
     white = bool(found) and float(np.median([_correlation(y) for y in own])) < _WHITE
     if noise < (_CLEAN if white else _SMOOTHED) * usual:
-        told = f"YOURS: noise is a guess, as the records are too smooth or too short to show it ({noise:.2g}, SI)"
+        told = (
+            f"YOURS: the noise is assumed, because the records are too smooth or too short to show it ({noise:.2g}, SI)"
+        )
         noise = usual
     else:
         told = "noise from third differences of the records"
@@ -127,8 +129,8 @@ def _command(sent: Sensor, commands: Sequence[FloatArray], dt_s: float) -> Senso
     if still < _RESTS * sum(u.size for u in long) or noise < _EXACT * MOVED:
         return sent
     told = (
-        "YOURS: taken for the position of a lever or stick, as it rests in white noise, which does not drive the "
-        "model; 0.0 if it is the number that was sent"
+        "YOURS: assumed to be the position of a lever or stick, because it has white noise at rest, which does not "
+        "drive the model; 0.0 if it is the number that was sent"
     )
     return replace(sent, noise_std=noise, part="YOURS: which sensor", source=f"noise from third differences; {told}.")
 

@@ -67,7 +67,7 @@ class Begun:
     @property
     def sentence(self) -> str:
         """The same as a sentence."""
-        return f"what is missing acts {self.when}, probability {percent(self.probability)}"
+        return f"the missing effect acts {self.when}, probability {percent(self.probability)}"
 
 
 def seek(believed: Believed, records: Mapping[str, FlightRecord], table: Comparison) -> list[Begun]:

@@ -69,11 +69,11 @@ _MISTAKEN = {
     "dr": "the rudder's effectiveness, linkage or servo",
     "alpha": "a vane whose scale bends",
     "beta": "a vane whose scale bends",
-    "V": "an airspeed that is off",
-    "p": "a damper or a gyro that is off",
-    "q": "a damper or a gyro that is off",
-    "r": "a damper or a gyro that is off",
-    "alphadot": "downwash that comes late, or a damper",
+    "V": "an airspeed error",
+    "p": "a damper or a gyro error",
+    "q": "a damper or a gyro error",
+    "r": "a damper or a gyro error",
+    "alphadot": "a lag of the downwash, or a damper",
     TIME: "fuel that burns, a battery that empties or a sensor that drifts",
 }
 _CONTROLS = ("de", "da", "dr", "thr")
@@ -337,11 +337,11 @@ def effect_of(coefficient: str, term: Term, most: float, usual: float) -> Effect
         name=f"{coefficient} by {term.label}",
         title=title_of(coefficient, term),
         place=PLACES[coefficient],
-        physics="No effect of the library does this.",
+        physics="No effect of the library has this form.",
         parameters=(Parameter("size", "1", -most, most, (usual,), none=0.0),),
         amend=partial(_amend, coefficient, term),
         mistaken_for=" or ".join(dict.fromkeys(_MISTAKEN[f.quantity] for f in term.factors)),
-        separated_by=f"flights in which {', '.join(_WORDS[q] for q in sorted(term.quantities))} moves by itself",
+        separated_by=f"flights in which {', '.join(_WORDS[q] for q in sorted(term.quantities))} moves independently",
         lateral=coefficient in ("CY", "Cl", "Cn"),
     )
 

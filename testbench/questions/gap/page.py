@@ -56,7 +56,7 @@ def gap_plan_page(plan: GapPlan) -> Page:
     """Return the page of what would be stated of planned manoeuvres, and what to add."""
     tables = plan_tables(plan)
     return Page(
-        kicker=f"What could be found: {plan.scenario.name}",
+        kicker=f"Which effects could be named: {plan.scenario.name}",
         title=f"{plan.scenario.title}: which effects would these manoeuvres name?",
         answer=plan.sentences,
         tables=tables,

@@ -26,18 +26,18 @@ class Part:
 
 
 _SURFACE = (
-    "command the {0} in steps and film stick and surface together: delay, lag, limited rate, throw and dead band show; "
-    "then push the surface by hand: play is felt"
+    "command the {0} in steps and film stick and surface together: this shows delay, lag, limited rate, throw and "
+    "dead band; then push the surface by hand to feel play"
 )
-_GYRO = "turn the aircraft about its {0} axis by 90 deg and integrate the gyro: scale and offset show"
+_GYRO = "turn the aircraft about its {0} axis by 90 deg and integrate the gyro: this shows scale and offset"
 _BY_HAND = "by hand to angles of a protractor"
 _SENSOR = {
     **dict.fromkeys(
-        ("alpha", "beta"), "turn the vane by hand to angles of a protractor: scale, offset and stickiness show"
+        ("alpha", "beta"), "turn the vane by hand to angles of a protractor: this shows scale, offset and stickiness"
     ),
-    "V": "press a known height of water on the pitot tube: scale, offset and leaks show",
+    "V": "press a known height of water on the pitot tube: this shows scale, offset and leaks",
     **{c: _GYRO.format(axis) for c, axis in (("p", "roll"), ("q", "pitch"), ("r", "yaw"))},
-    **dict.fromkeys(("theta", "phi"), "tilt the aircraft to angles of an inclinometer: scale and offset show"),
+    **dict.fromkeys(("theta", "phi"), "tilt the aircraft to angles of an inclinometer: this shows scale and offset"),
     "az": "turn the aircraft upside down: the accelerometer must go from -1 g to 1 g; measure where it sits",
     "ay": "lay the aircraft on either side: the accelerometer must go from -1 g to 1 g; measure where it sits",
     **dict.fromkeys(("de", "da", "dr"), f"turn the surface {_BY_HAND}: scale and offset show"),
@@ -46,15 +46,15 @@ _SENSOR = {
 _CHECKS = {
     **{f"{s} path": _SURFACE.format(s) for s in ("elevator", "aileron", "rudder")},
     "control path": _SURFACE.format("surface"),
-    "thrust": "hold the aircraft by a spring scale at half and full throttle: thrust, its rise and its line show",
-    "mass": "weigh the aircraft as it flew and balance it on two points: mass and centre of gravity show",
-    "structure": "push wing tips and tail by hand and let go: what is loose moves, and what rings is heard or filmed",
+    "thrust": "hold the aircraft by a spring scale at half and full throttle: this shows thrust, its rise and its line",
+    "mass": "weigh the aircraft as flown and balance it on two points: this shows mass and centre of gravity",
+    "structure": "push wing tips and tail by hand and let go: loose parts move, and vibrations can be heard or filmed",
     "lift": "look along the wings: dirt, dents, warps, open hatches; measure their incidence with an inclinometer",
-    "drag": "look for what stands in the air and is not in the model: antennas, wheels, gaps, open hatches",
+    "drag": "look for parts in the flow that are not in the model: antennas, wheels, gaps, open hatches",
     "pitching moment": "measure incidence of wing and tail with an inclinometer; balance the aircraft on two points",
     "wing": "measure incidence, twist and dihedral of both wings with an inclinometer; balance it on nose and tail",
     "fin": "look along fin and rudder from behind; measure whether the fin stands upright and in the middle",
-    "autopilot": "turn the aircraft by hand with all switched on: a surface that follows is fed back; read settings",
+    "autopilot": "turn the aircraft by hand with all systems on: a surface that follows has feedback; read settings",
     "air": "none on the ground: fly the manoeuvre again in calm air and compare",
 }
 _OF_PLACE = {"elevator": "elevator path", "aileron": "aileron path", "rudder": "rudder path", "throttle": "thrust"}
@@ -75,6 +75,6 @@ def parts_of(effects: Sequence[Effect]) -> tuple[Part, ...]:
         name = part_names(effect)[0]
         channel = name.removesuffix(" sensor")
         known = _SENSOR.get(channel, "compare the sensor at rest with another one") if channel != name else ""
-        check = effect.ground_check or known or _CHECKS.get(name, "look at it, and measure what the effect says of it")
+        check = effect.ground_check or known or _CHECKS.get(name, "inspect it, and measure the quantity of the effect")
         out.setdefault(name, Part(name, check))
     return tuple(out.values())

@@ -138,17 +138,17 @@ class GapPlan:
         power, flown = self.power, self.drawn.trials
         often = [n for n, p in power.items() if p.sure >= 0.5]
         out = [
-            f"of {len(self.effects)} effects of the library these manoeuvres can show "
+            f"of {len(self.effects)} effects of the library these manoeuvres can reveal "
             f"{len(self.effects) - len(self.unseen)}; drawn from their priors, {len(often)} of them are named in at "
             f"least half of their flights with {100.0 * SURE:g} % or more"
         ]
         if self.interrupted:
-            out.append(f"interrupted: this is what {len(flown)} flights that were drawn say")
+            out.append(f"interrupted: these are the results of {len(flown)} drawn flights")
         if flown:
             wrong, quiet = self.drawn.false_alarms()
             out += [self.drawn.sentence(0.95), self.drawn.sentence(1.0)]
             out.append(
-                f"in {wrong} of {quiet} flights with nothing in them something is stated with {100.0 * SURE:g} % or "
+                f"in {wrong} of {quiet} flights without an effect a false statement is made with {100.0 * SURE:g} % or "
                 "more"
             )
         pairs = [(n, *self.taken_for(n)) for n in power]
@@ -160,7 +160,7 @@ class GapPlan:
         for why, names in grouped(self.unseen).items():
             titles = [self.title(n) for n in names]
             more = f" and {len(titles) - _SAID} more" if len(titles) > _SAID else ""
-            out.append(f"{', '.join(titles[:_SAID])}{more} would not show: {why}")
+            out.append(f"{', '.join(titles[:_SAID])}{more} would not be visible: {why}")
         return (*out, *self._to_fly, *not_compared(self.believed.suite))
 
     @property
@@ -170,7 +170,7 @@ class GapPlan:
         best = self.additions[0] if self.additions else self.planned
         gained = [self.title(n) for n in best.named if n not in self.planned.named]
         if len(best.named) <= len(self.planned.named) or not gained:
-            return ("no manoeuvre that was tried would add an effect that can be named at its usual size",)
+            return ("none of the tried manoeuvres would allow a further effect to be named at its usual size",)
         return (f"fly {best.words} as well: {', '.join(gained)} could then be named at the usual size",)
 
 
@@ -215,7 +215,8 @@ def plan_gap(
     sought = [e for e in known.values() if e.over_time is None]
     foreseen = Foreseen.of(believed, records, usual_sizes(sought), drawn=SIZES)
     unseen = {
-        n: not_sought(foreseen.base, e) or "these manoeuvres change no more by them than coefficients do"
+        n: not_sought(foreseen.base, e)
+        or "in these manoeuvres their influence could equally be absorbed by adjusted coefficients"
         for n, e in known.items()
         if n not in foreseen.effects
     }
@@ -298,12 +299,12 @@ def separate(believed: Believed, records: Sequence[FlightRecord], fits: Sequence
     now, needed = _lead(flown, flown.sums), math.log(SURE / (1.0 - SURE))
     if best < needed:
         return (
-            f"no manoeuvre that was tried would separate them (the true one would lead by {best:.3g} in ln p at most, "
-            f"{needed:.2g} needed); what would separate them: {fits[0].effect.separated_by}"
+            f"none of the tried manoeuvres would separate them (the true one would lead by {best:.3g} in ln p at most, "
+            f"{needed:.2g} needed); to separate them: {fits[0].effect.separated_by}"
         )
     return (
-        f"fly next: {words}; of the two most alike the true one would then lead by {best:.3g} in ln p, where it leads "
-        f"by {now:.3g} now ({needed:.2g} needed)"
+        f"fly next: {words}; the true one of the two most similar would then lead by {best:.3g} in ln p, against "
+        f"{now:.3g} now ({needed:.2g} needed)"
     )
 
 

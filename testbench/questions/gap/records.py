@@ -129,10 +129,10 @@ def load_flights(
         )
     if not naming:
         raise RecordError(
-            "at least one record must be left to name with, got none: give records beside those of --hold-out"
+            "at least one record must be left for the search, got none: give records other than those of --hold-out"
         )
     if not held:
-        notes.append("nothing is held out, so it is not known whether the gap shrinks elsewhere; give --hold-out")
+        notes.append("no record is held out, so the amended model is not validated; give --hold-out")
     return flights_of(believed_aircraft, naming, held, said, notes)
 
 
@@ -196,12 +196,10 @@ def _suite(sensors: str | SensorSuite | None, records: Mapping[str, FlightRecord
     if sensors is not None:
         return load_suite(sensors)
     if name := named_suite(records):
-        notes.append(
-            f"the sensors are believed to be those that the records name, {name}; choose others with --sensors"
-        )
+        notes.append(f"the sensors are assumed to be those of the records, {name}; choose others with --sensors")
         return load_suite(name)
     raise RecordError(
-        "the believed sensors must be known, but these records do not name them; give --sensors with one of "
+        "the sensors must be known, but these records do not name them; give --sensors with one of "
         f"{', '.join(suite_names())}, or a suite file (.toml)"
     )
 
@@ -246,20 +244,21 @@ def check_records(
             lacking = [c for c in suite.channels if c not in record]
             if lacking:
                 raise RecordError(
-                    f"a record must hold every channel of the sensors believed, {suite.name}, but it lacks "
-                    f"{', '.join(lacking)} (it holds {', '.join(record.channels)}); give --sensors a suite without them"
+                    f"a record must have every channel of the assumed sensors, {suite.name}, but it lacks "
+                    f"{', '.join(lacking)} (it holds {', '.join(record.channels)}); give --sensors a suite without "
+                    "them"
                 )
             off = abs(record.dt_s * suite.rate_hz - 1.0)
             if off * len(record) > LATEST:
                 raise RecordError(
-                    f"a record must have the rate of the sensors believed, {suite.rate_hz:g} Hz ({suite.name}), got "
+                    f"a record must have the rate of the assumed sensors, {suite.rate_hz:g} Hz ({suite.name}), got "
                     f"{1.0 / record.dt_s:.7g} Hz; correct rate_hz and the noise in a suite file of your own"
                 )
             if whole_ratio(1.0 / record.dt_s, suite.rate_hz) is None:
                 if notes is not None:
                     notes.append(
                         f"the clock of '{name}' runs at {1.0 / record.dt_s:.7g} Hz, which is {off * len(record):.2g} "
-                        f"samples off at its end; the sensors' {suite.rate_hz:g} Hz is taken in its place"
+                        f"samples off at its end; the sensors' {suite.rate_hz:g} Hz is used in its place"
                     )
                 record = replace(record, t_s=record.t_s[0] + np.arange(len(record)) / suite.rate_hz)
             out[name] = record
@@ -279,8 +278,8 @@ def check_speeds(suite: SensorSuite, records: Mapping[str, FlightRecord], V_m_s:
         if abs(speed - at) > SAME_SPEED * at:
             raise RecordError(
                 f"a record must start within {100 * SAME_SPEED:g} % of the airspeed of its condition, got {speed:.2f} "
-                f"m/s in '{name}' and {at:.2f} m/s as the condition; without --V each record's quiet flight tells its "
-                'own, in a scenario with condition = "recorded" or a condition of its own beside the record'
+                f"m/s in '{name}' and {at:.2f} m/s as the condition; without --V each record has the condition of "
+                'its quiet flight, in a scenario with condition = "recorded" or a separate condition of the record'
             )
 
 
@@ -352,7 +351,7 @@ def _conditions(
         each = "; ".join(
             f"{c.V_m_s:.4g} m/s and {c.h_m:.4g} m in {', '.join(g)}" for c, g in zip(means, groups, strict=True)
         )
-        notes.append(f"the records start from {len(groups)} conditions, which their {tells} tells: {each}")
+        notes.append(f"the records start from {len(groups)} conditions, determined from their {tells}: {each}")
     elif V_m_s is None:
         at = means[0]
         notes.append(f"the condition, {at.V_m_s:.4g} m/s and {at.h_m:.4g} m, is that of the {tells.rstrip(',')}")

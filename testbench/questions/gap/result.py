@@ -39,7 +39,7 @@ TOLERANCE = {
     "r": 2.0 * DEG_RAD,
 }
 _ALLOWED = (
-    "than a flight simulator for training may err (1.5 deg, 2 deg/s, 0.10 g, 3 kt, 2 deg of bank, 1 deg of "
+    "than the tolerance of a flight simulator for training (1.5 deg, 2 deg/s, 0.10 g, 3 kt, 2 deg of bank, 1 deg of "
     "sideslip: 14 CFR 60, table A2A)"
 )
 
@@ -99,9 +99,9 @@ class Verdict:
         sure = percent(self.probability)
         if not self.parts:
             near = f"the nearest effect acts in {self.nearest}, which is the right part with {sure}"
-            return (f"where it sits is not known: {near}",)
+            return (f"its place is not known: {near}",)
         checks = tuple(f"check on the ground, {p.name}: {p.ground_check}" for p in self.parts)
-        return (f"where to look: {self.where}; probability that it sits there: {sure}", *checks)
+        return (f"where to look: {self.where}; probability of that place: {sure}", *checks)
 
     @property
     def where(self) -> str:
@@ -206,7 +206,7 @@ class GapFinding:
                 + (
                     f"{100 * s.removed:.1f} % of the excess is removed"
                     if s.visible
-                    else "the excess is too small to judge by"
+                    else "the excess is too small to judge"
                 )
             )
         out += [h.sentence for h in self.held_out] if self.changed else []
@@ -245,18 +245,20 @@ class GapFinding:
         best = self.naming.best
         if best is None:
             judged = ", ".join(n for n in self.believed.outputs if n in TOLERANCE)
-            words = f"real but immaterial: in {judged} of these records the believed model errs by less {_ALLOWED}"
+            words = (
+                f"real but immaterial: in {judged} of these records the error of the a-priori model is less {_ALLOWED}"
+            )
             return [words] if self.immaterial else []
         out = [] if self.left is None else [self.left.sentence]
         if self.immaterial:
-            words = f"real but immaterial: in the manoeuvres held out it changes every channel by less {_ALLOWED}"
+            words = f"real but immaterial: in the held-out manoeuvres it changes every channel by less {_ALLOWED}"
             if not set(self.believed.outputs) <= {*TOLERANCE, *self.believed.surfaces}:
                 words += "; a channel for which no tolerance is given changes by less than its noise"
             out.append(words)
         if best.effect.met is not None:
             out.append(
-                "it was in the air of that manoeuvre alone; what the manoeuvres held out gain comes from the "
-                f"coefficients re-tuned beside it. It could be mistaken for {best.effect.mistaken_for}. "
-                f"What separates them: {best.effect.separated_by}"
+                "it was in the air of that manoeuvre alone; the gain in held-out manoeuvres comes from the re-tuned "
+                f"coefficients. It could be mistaken for {best.effect.mistaken_for}. To separate them: "
+                f"{best.effect.separated_by}"
             )
         return out

@@ -29,14 +29,14 @@ def _path_table(paths: Sequence[SurfacePath]) -> Table:
     return Table.of(
         "control_paths",
         "Control paths",
-        "A surface that is recorded beside its command is a channel as all others are. Probability: that something is "
-        "missing between command and surface. Left: rms of what the model leaves of the surface, over its noise.",
+        "A surface that is recorded in addition to its command is a channel like all others. Probability: that "
+        "something is missing between command and surface. Left: rms residual of the surface, over its noise.",
         (
             Column("control", "control"),
             Column("probability", "probability", "%", decimals=1, get=lambda p: seen(p, 100.0 * p.probability)),
-            Column("believed", "left by the believed model", decimals=2, get=lambda p: seen(p, p.believed)),
-            Column("nearest", "left by what comes nearest", decimals=2, get=lambda p: seen(p, p.nearest)),
-            Column("why", "why it is not seen"),
+            Column("believed", "left by the a-priori model", decimals=2, get=lambda p: seen(p, p.believed)),
+            Column("nearest", "left by the nearest explanation", decimals=2, get=lambda p: seen(p, p.nearest)),
+            Column("why", "why it is not observable"),
         ),
         paths,
         wide=True,
@@ -61,14 +61,15 @@ def _ranking(naming: Naming) -> Table:
     return Table.of(
         "ranking",
         "Explanations by their probabilities",
-        "Nothing, the effects that come nearest, pairs of them and wrong coefficients, by one likelihood in which "
-        "noise, coefficients and sizes are unknown. Whole: probability that this is all. Imitates: that something "
-        "which the library lacks does nearly this. Gain: fall of chi-square by it; without it, chi-square of the "
-        f"believed model is {naming.chi2_tuned:.0f} with its coefficients re-tuned and {naming.chi2_believed:.0f} "
-        f"before, over {naming.samples} samples. Share: of the excess over noise. Left: share of the motion that an "
-        "unknown motion still needs; a thousandth or less beside the whole story. White: probability that noise would "
-        "look as coloured as what is left. Strain: squares of the distances from the priors, one a parameter if they "
-        "hold. Held out: ln p of a sample of the manoeuvres held out, less that without any effect.",
+        "No effect, the nearest effects, pairs of them and wrong coefficients, by one likelihood in which noise, "
+        "coefficients and sizes are unknown. Whole: probability that the explanation is complete. Imitates: "
+        "probability that it only resembles something which the library lacks. Gain: reduction of chi-square by it; "
+        f"without it, chi-square of the a-priori model is {naming.chi2_tuned:.0f} with its coefficients re-tuned and "
+        f"{naming.chi2_believed:.0f} before, over {naming.samples} samples. Share: of the excess over noise. Left: "
+        "unknown motion that is still needed, as a share of the motion; a thousandth or less with a complete "
+        "explanation. White: probability that noise would look as coloured as the residual. Strain: squares of the "
+        "distances from the priors, about one for each parameter if the priors are right. Held out: ln p of a sample "
+        "of the held-out manoeuvres, less that without any effect.",
         (
             Column("effect", "explanation", get=lambda n: fit(n, "effect.title", "nothing")),
             Column("size", "size, with standard error", get=lambda n: fit(n, "size")),
@@ -83,7 +84,7 @@ def _ranking(naming: Naming) -> Table:
             Column("whiteness", "white", decimals=3, get=lambda n: rows[n].posterior.whiteness),
             Column("strain", "strain", decimals=1, get=lambda n: rows[n].posterior.strain),
             Column("held_out", "held out", decimals=3, get=lambda n: rows[n].held_out),
-            Column("separated", "what separates it", get=lambda n: fit(n, "effect.separated_by")),
+            Column("separated", "how to separate it", get=lambda n: fit(n, "effect.separated_by")),
         ),
         sorted(rows, key=lambda n: -naming.weighed[n]),
         wide=True,
@@ -100,8 +101,8 @@ def gap_tables(result: GapResult) -> list[Table]:
         out.append(_term_table(naming))
     if result.finding.again is not None:
         how = (
-            f"The flights were flown {len(result.finding.again.trials)} times again, with nothing or an effect drawn "
-            "from the priors in them, and asked about likewise."
+            f"The flights were flown {len(result.finding.again.trials)} times again, with no effect or one drawn from "
+            "the priors, and analysed in the same way."
         )
         out.append(_again_table(result.finding.again, how))
     if result.finding.changed:
@@ -110,8 +111,8 @@ def gap_tables(result: GapResult) -> list[Table]:
             Table(
                 "tuning",
                 "Coefficients re-tuned" + (" together with the effect" if best else ""),
-                f"Factors on the believed coefficients; tangents are of flights with steps of {100.0 * STEP:g} %."
-                + (" A factor far from 1 means that the effect is not the whole story." if best else ""),
+                f"Factors on the a-priori coefficients; tangents are of flights with steps of {100.0 * STEP:g} %."
+                + (" A factor far from 1 means that the effect is not a complete explanation." if best else ""),
                 (Column("coefficient", "coefficient"), Column("factor", "factor", decimals=3)),
                 tuple((best.nuisances if best else naming.nuisances).items()),
             )
@@ -122,7 +123,10 @@ def gap_tables(result: GapResult) -> list[Table]:
                 Table(
                     f"held_out_{k}",
                     f"Mean squared residual on the held-out manoeuvre: {shrink.manoeuvre}",
-                    "In units of the noise: 1 is the noise floor. The manoeuvre was used neither to name nor to fit.",
+                    (
+                        "In units of the noise: 1 is the noise floor. The manoeuvre was used neither for the search "
+                        "nor for the fit."
+                    ),
                     (
                         Column("output", "output"),
                         Column("before", "before", decimals=3),
@@ -138,10 +142,10 @@ def _term_table(naming: Naming) -> Table:
     """Return the terms of motion, controls and time that missing forces and moments may follow."""
     return Table.of(
         "terms",
-        "What missing forces and moments may follow",
-        "Terms that no effect of the library holds, the most probable first, by their signatures alone; the first ones "
-        "are flown and stand among the explanations. Gain: ln p of the records more than without any term, an unknown "
-        "motion beside both. Angles in rad, rates times b/2V or c/2V, the throttle from 0 to 1.",
+        "Terms of missing forces and moments",
+        "Terms that no effect of the library contains, the most probable first, by their signatures alone; the first "
+        "ones are flown and listed among the explanations. Gain: increase of ln p of the records by the term, with an "
+        "unknown motion in both cases. Angles in rad, rates times b/2V or c/2V, the throttle from 0 to 1.",
         (
             Column("coefficient", "coefficient"),
             Column("term", "term", get="term.label"),
@@ -158,7 +162,7 @@ def _again_table(found: Reliability, how: str) -> Table:
     """Return what stated probabilities were worth in flights again, and how these were flown."""
     return Table.of(
         "again",
-        "What stated probabilities are worth in these flights",
+        "Calibration of stated probabilities in these flights",
         f"{how} Of all probabilities that were stated in a class, the share that was right, "
         f"with its 95 % interval. Expected calibration error of the answer: {found.calibration_error:.2g}.",
         (
@@ -179,9 +183,9 @@ def plan_tables(plan: GapPlan) -> list[Table]:
     out = [
         Table.of(
             "additions",
-            "What one more manoeuvre would change",
-            "Best first. Shown: seen at the usual size. Named: then given 90 % or more, without noise and with "
-            "coefficients as they are believed, to first order. Right: sum of what the right effects are given."
+            "Gain of one more manoeuvre",
+            "Best first. Shown: visible at the usual size. Named: with 90 % or more, without noise and with a-priori "
+            "coefficients, to first order. Right: sum of the probabilities of the right effects."
             + "".join(f" Not flown: {words} ({why})." for words, why in plan.skipped.items()),
             (
                 Column("manoeuvre", "manoeuvre", get="words"),
@@ -194,10 +198,10 @@ def plan_tables(plan: GapPlan) -> list[Table]:
         ),
         Table.of(
             "power",
-            "How often each effect would be named",
+            "Rate at which each effect would be named",
             "Flights with sizes, coefficients and noise drawn from their priors. Named: stated with 90 % or more. In "
-            "the set: among the fewest that hold 95 % together, whose median number is given. Taken for: what else is "
-            "given most, by its mean probability.",
+            "the set: among the smallest set with 95 % together, whose median size is given. Taken for: the most "
+            "probable other explanation, by its mean probability.",
             (
                 Column("effect", "effect", get=plan.title),
                 Column("flights", "flights", get=lambda n: power[n].flights),
@@ -207,14 +211,14 @@ def plan_tables(plan: GapPlan) -> list[Table]:
                 Column("given", "given", "%", decimals=0, get=lambda n: 100.0 * power[n].given.get(n, 0.0)),
                 Column("other", "taken for", get=lambda n: plan.title(plan.taken_for(n)[0])),
                 Column("instead", "given instead", "%", decimals=0, get=lambda n: 100.0 * plan.taken_for(n)[1]),
-                Column("separated", "what separates it", get=lambda n: plan.effects[n].separated_by),
+                Column("separated", "how to separate it", get=lambda n: plan.effects[n].separated_by),
             ),
             power,
             wide=True,
         ),
         Table(
             "unseen",
-            "Which effects these manoeuvres would not show",
+            "Effects that these manoeuvres would not reveal",
             "",
             (Column("effect", "effect"), Column("why", "why")),
             tuple((plan.title(name), why) for name, why in plan.unseen.items()),
@@ -222,8 +226,8 @@ def plan_tables(plan: GapPlan) -> list[Table]:
     ]
     if plan.drawn.trials:
         how = (
-            f"{len(plan.drawn.trials)} flights with nothing, an effect, a wrong coefficient or an unknown motion in "
-            "them, as often as their priors say, asked about to first order."
+            f"{len(plan.drawn.trials)} flights with no effect, an effect, a wrong coefficient or an unknown motion, in "
+            "proportion to their priors, analysed to first order."
         )
         out.append(_again_table(plan.drawn, how))
     return [table for table in out if table.rows]

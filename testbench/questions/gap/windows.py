@@ -140,7 +140,7 @@ def cut(believed: Believed, records: Mapping[str, FlightRecord], windows: Window
         each = (len(parts[0]) - round(LEAD_S / record.dt_s)) * record.dt_s
         into = f"is cut into {len(parts)} window{'s' if len(parts) > 1 else ''} of {each:.3g} s"
         because = f"{why_free}: it " if why_free else ""
-        notes.append(f"'{name}' {because}{into} ({why}), each started freely")
+        notes.append(f"'{name}' {because}{into} ({why}), each with a free initial state")
     return Cut(out, whole, tuple(notes))
 
 
@@ -232,7 +232,7 @@ def drifting(believed: Believed, record: FlightRecord) -> str:
     if at_trim < _FORETOLD * left or left > _FEW_TIMES * samples:
         return ""
     share = f"{left / at_trim:.2g} of the misfit"
-    return f"is not in trimmed flight as it begins (its quiet flight tells another start, which leaves {share})"
+    return f"is not in trimmed flight as it begins (its quiet flight has another initial state, which leaves {share})"
 
 
 def _noise(samples: int) -> float:

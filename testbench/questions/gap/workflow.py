@@ -125,7 +125,7 @@ def find_gap(
             say("check the instruments against each other")
             ahead.begin("check", instruments)  # the search needs nothing of it
         checked = ahead.take("check", instruments) if how.check and ahead.most == 1 else None
-        say("listen to the air")
+        say("estimate the turbulence")
         air = listen(given.believed, list(given.records.values()))
         given = replace(
             given,
@@ -204,7 +204,7 @@ class _Given:
                 stated.predict(record)
         believed, noise = stated, None
         if how.noise != "simulated":
-            say("measure the noise")
+            say("estimate the noise")
             noise = find_noise(stated, list(records.values()), how.noise)
             believed = noise.corrects(stated)
         return cls(stated, believed, records, held_out, cut.whole, noise, by.paths, cut.notes, others.notes)
@@ -317,7 +317,7 @@ class _Asked:
         near, first = _nearest(found.naming), found.naming
         if not free or near is None or first.weighed.nothing > 0.5:
             return found
-        self.say("fit where windows start beside what comes nearest")
+        self.say("fit initial states of windows with the nearest explanation")
         begins = begin_freely(believed, {**records, **self.given.held_out}, near.added_to(believed))
         effects = [e.name for e in first.weighed.effects.values() if e.parameters and e.name not in first.weighed.terms]
         again = replace(sought, rested=first.rested, near=effects, terms=first.flown_terms, open_terms=False)
@@ -333,7 +333,7 @@ class _Asked:
         Sought once, where it is asked for: most flights are explained without it.
         """
         if self.places is None:
-            self.say("seek what begins in flight")
+            self.say("seek effects that begin in flight")
             self.places = onset.seek(believed, self.given.records, table)
         return self.places
 
@@ -388,9 +388,9 @@ def _judged(given: _Given, found: _Found, say: Callable[[str], None]) -> GapFind
     next_flight = ""
     alike = [f for f in naming.ranking if f.effect.name in naming.names and not f.coefficients]
     if naming.outcome == "set" and len(alike) > 1:
-        say("seek the manoeuvre that would tell the rest apart")
+        say("seek the manoeuvre that would separate the rest")
         next_flight = separate(believed, flown, alike)
-    say("judge on held-out manoeuvres")
+    say("validate on held-out manoeuvres")
     models = [believed, amended] if amended is not believed else [believed]
     return GapFinding(
         believed=believed,
@@ -438,12 +438,12 @@ def search(
     once more.
     """
     if air.moves:
-        say("measure the air")
+        say("estimate the air")
     flown_in, air = in_measured_air(believed, records, air)
     naming = name_effect(flown_in, records, sought, say)
     if not air.moves and naming.outcome in ("no gap", "named", "set"):
         return flown_in, naming, air
-    say("listen to the air again")
+    say("estimate the turbulence again")
     near = _nearest(naming)
     beside = believed.with_nuisances(naming.nuisances) if near is None else near.added_to(believed)
     left = naming.weighed.table["nothing" if near is None else near.effect.name].posterior

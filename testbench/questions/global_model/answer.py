@@ -24,15 +24,15 @@ def global_answer(found: GlobalFound) -> list[Line]:
         said.append(
             (
                 "finding",
-                f"'{found.new[0].name}' has these functions inside of the flown domain and the believed coefficients "
-                f"of {old} from {1.0 + BLEND:g} times its size on, blended in between",
+                f"'{found.new[0].name}' has these functions inside the flown domain and the a-priori coefficients of "
+                f"{old} beyond {1.0 + BLEND:g} times its size, with a linear transition",
             )
         )
     misses = ", ".join(f"{h.coefficient} {100.0 * h.missed / h.span:.1f} %" for h in found.held)
     names = ", ".join(f.name for f in found.of_use("validation"))
-    said.append(("finding", f"held-out {names}: missed by {misses} of the range of each coefficient, noise included"))
+    said.append(("finding", f"held-out {names}: errors of {misses} of the range of each coefficient, noise included"))
     better = ", ".join(h.coefficient for h in found.held if h.missed < h.believed) or "none"
-    said.append(("finding", f"the functions are nearer to them than the believed model in {better}"))
+    said.append(("finding", f"the functions are nearer to them than the a-priori model in {better}"))
     said += [
         (
             "doubt",
@@ -46,12 +46,15 @@ def global_answer(found: GlobalFound) -> list[Line]:
         said.append(
             (
                 "doubt",
-                f"doubt: held-out samples judge little: {100.0 * inside:.0f} % of them lie in the flown domain",
+                (
+                    f"doubt: the held-out flights are a weak test: {100.0 * inside:.0f} % of their samples lie in the "
+                    "flown domain"
+                ),
             )
         )
     still = ", ".join(f.name for f in functions.values() if len(f.terms) == 1)
     if still:
-        said.append(("doubt", f"doubt: no term of {still} has the evidence of these flights; excite it"))
+        said.append(("doubt", f"doubt: these flights support no term of {still}; excite it"))
     zeros = ", ".join(
         f"{n} {number(c)} ± {number(s, 2)} m/s2"
         for f in functions.values()
@@ -64,13 +67,13 @@ def global_answer(found: GlobalFound) -> list[Line]:
         )
     if not found.instrument_std:
         said.append(
-            ("note", "instruments are taken as they read; [instrument_std] of a description says what they err by")
+            ("note", "instruments are assumed to be exact; [instrument_std] of a description gives their errors")
         )
     said.append(
         (
             "note",
-            "beyond the flown domain the model does not answer; the domain is a box about each alpha, its corners cut "
-            "off by an ellipsoid",
+            "outside the flown domain the model gives no value; the domain is a box about each alpha, without the "
+            "corners outside an ellipsoid",
         )
     )
     return [Line(kind, sentence(text)) for kind, text in (*said, *(("note", n) for n in found.notes))]

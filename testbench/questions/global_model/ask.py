@@ -100,7 +100,7 @@ def global_model(
     records = _divided(flights, hold_out)
     cut = cutoff_hz([r for _, _, r in records])
     V_ref = float(np.mean([np.mean(r["V"]) for _, _, r in records]))
-    say("run the believed model along the flights")
+    say("run the a-priori model along the flights")
     forces = forces_of(aircraft, records, cut)
     felt = felt_flights(aircraft, records, forces, V_ref, cut)
     fitted = [f.signals for f in felt if f.use == "identification"]
@@ -112,7 +112,7 @@ def global_model(
         functions[c] = fit(c, fitted, signals, hinges, APART.get(c, ()))
     known = {k: s for k, s in (instrument_std or {}).items() if all(k.rpartition("_")[0] in r for _, _, r in records)}
     if known:
-        say("count the errors of instruments")
+        say("include the errors of instruments")
     own = [k for k, (_, use, _) in enumerate(records) if use == "identification"]
     for error, std in known.items():
         moved = [(records[k][0], "", without_errors(records[k][2], {error: -std})) for k in own]
@@ -178,11 +178,12 @@ def _notes(aircraft: Aircraft, records: Flights) -> tuple[str, ...]:
     commands = [c for c in SURFACES if c in aircraft.controls and any(c not in r for _, _, r in records)]
     if commands:
         out.append(
-            f"{', '.join(commands)} not recorded in all flights: the believed servo turns the command into the surface"
+            f"{', '.join(commands)} not recorded in all flights: the a-priori servo converts the command to the "
+            "deflection"
         )
     if reacts(aircraft.xml):
         out.append(
-            f"{aircraft.name} holds increments of an earlier amendment: the functions are what is beside them, and "
-            "they stay in an aircraft that is written"
+            f"{aircraft.name} contains increments of an earlier amendment: the functions are in addition to them, and "
+            "a written aircraft keeps them"
         )
     return tuple(out)

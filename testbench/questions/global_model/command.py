@@ -23,22 +23,26 @@ def command(
     ],
     aircraft: Annotated[
         str | None,
-        typer.Option(help="A model of what flew: mass, inertia, geometry, engines.", show_default="the descriptions'"),
+        typer.Option(
+            help="Model of the aircraft that flew: mass, inertia, geometry, engines.",
+            show_default="the descriptions'",
+        ),
     ] = None,
     hold_out: Annotated[
-        list[str] | None, typer.Option("--hold-out", help="Name of a flight that judges and is not fitted.")
+        list[str] | None, typer.Option("--hold-out", help="Name of a flight for validation, which is not fitted.")
     ] = None,
     out: OutOption = Path("results"),
     data: DataOption = None,
     amend: Annotated[
-        str | None, typer.Option(help="Write the functions into a new aircraft, aircraft/NAME, where they hold.")
+        str | None,
+        typer.Option(help="Write the functions, inside the flown domain, into a new aircraft, aircraft/NAME."),
     ] = None,
 ) -> None:
-    """Make the coefficients of an aircraft functions of its state, from many flights over its envelope.
+    """Identify the coefficients of an aircraft as functions of its state, from many flights over its envelope.
 
-    Lift, drag, side force and three moments become functions of flow angles, rates, deflections and speed; they may
-    bend over alpha. Terms are chosen by evidence, and flights that are held out judge them. Beyond what was flown
-    there is no answer. Example: `testbench global log*.nc --aircraft jsbsim:T38 --amend t38_flown`.
+    Lift, drag, side force and three moments become functions of flow angles, rates, deflections and speed; they may be
+    nonlinear in alpha. Terms are chosen by evidence and validated on held-out flights. Outside the flown domain there
+    is no value. Example: `testbench global log*.nc --aircraft jsbsim:T38 --amend t38_flown`.
     """
     from testbench.core.errors import ScenarioError
     from testbench.core.store import ResultFolder, folder_in

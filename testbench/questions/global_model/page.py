@@ -39,7 +39,7 @@ def global_page(found: GlobalFound) -> Page:
     return Page(
         kicker=f"Global model: {found.aircraft.name}",
         title=found.aircraft.title,
-        question="What are the coefficients over all that was flown?",
+        question="What are the coefficients over the flown envelope?",
         answer=global_answer(found),
         tables=[held, terms_table(found), domain_table(found)],
         plates=global_plates(found),
@@ -49,7 +49,7 @@ def global_page(found: GlobalFound) -> Page:
                 ", ".join(f"{f.name}{'' if f.use == 'identification' else ' (held out)'}" for f in found.flights),
             ),
             ("filter", f"all channels to {found.cutoff_hz:.3g} Hz"),
-            ("instruments", ", ".join(f"{n} {s:.2g}" for n, s in found.instrument_std.items()) or "taken as they read"),
+            ("instruments", ", ".join(f"{n} {s:.2g}" for n, s in found.instrument_std.items()) or "assumed exact"),
         ],
         files={"model.json": json.dumps(_plain(found), indent=1) + "\n"},
         packages=FLOWN,
@@ -93,9 +93,10 @@ def held_table(found: GlobalFound) -> Table:
         for h in found.held
     ]  # fmt: skip
     caption = (
-        "Root mean square of felt less function, noise of the instruments included, as a share of the range of the "
-        "coefficient in the flights of the fit; zeros of accelerometers are taken out of all alike. Believed: the "
-        f"same of {found.aircraft.name} as it was. R²: share of the energy about the mean that the function explains."
+        "Root mean square of measured less modelled coefficient, noise of the instruments included, as a share of the "
+        "range of the coefficient in the flights of the fit; zeros of accelerometers are removed from all. A priori: "
+        f"the same for {found.aircraft.name} before. R²: share of the energy about the mean that the function "
+        "explains."
     )
     columns = (
         Column("coefficient", "coefficient"),
@@ -103,7 +104,7 @@ def held_table(found: GlobalFound) -> Table:
         Column("range", "range"),
         Column("fitted", "fitted", "%", group="missed by", decimals=2),
         Column("held_out", "held out", "%", group="missed by", decimals=2),
-        Column("believed", "believed, held out", "%", group="missed by", decimals=2),
+        Column("believed", "a priori, held out", "%", group="missed by", decimals=2),
         Column("r2", "R²", decimals=3),
         Column("inside", "in the domain", "%", decimals=0),
     )
@@ -119,10 +120,10 @@ def terms_table(found: GlobalFound) -> Table:
     ]
     count = len(found.of_use("identification"))
     caption = (
-        "Angles and deflections in rad, p b/2V, q c̄/2V, r b/2V; V_rel = V/"
-        f"({found.V_ref_m_s:.4g} m/s) − 1; alpha_over_8deg = max(alpha − 8 deg, 0). Errors hold for these terms; "
-        "those of the functions in the figures count the choice of terms as well. Again: in how many of the "
-        f"{count} fits without one flight the term was chosen, too."
+        f"Angles and deflections in rad, p b/2V, q c̄/2V, r b/2V; V_rel = V/({found.V_ref_m_s:.4g} m/s) − 1; "
+        "alpha_over_8deg = max(alpha − 8 deg, 0). Errors hold for these terms; those of the functions in the figures "
+        f"count the choice of terms as well. Chosen again: in how many of the {count} fits without one flight the term "
+        "was also chosen."
     )
     columns = (
         Column("coefficient", "coefficient"),
@@ -145,7 +146,7 @@ def domain_table(found: GlobalFound) -> Table:
     caption = (
         "Flown range of each signal about that alpha (quantiles 0.01 to 0.99); deg, and without unit. A state is "
         "inside if each signal is in its range, and all together in the ellipsoid that holds 98 % of the samples. "
-        "Beyond, the model does not answer."
+        "Outside, the model gives no value."
     )
     unit = {s: "deg" if s in _ANGLES else "" for s in domain.signals}
     columns = (Column("alpha", "alpha", "deg", decimals=1), *(Column(s, s, unit[s]) for s in domain.signals))
@@ -183,8 +184,8 @@ def global_plates(found: GlobalFound) -> list[Plate]:
         Plate(
             "functions",
             "Coefficients over the angle of attack",
-            "Points: coefficients felt in the flights of the fit, at all deflections, rates and sideslips: where data "
-            f"lie. Line and band: the function and its 95 % interval {middle}.",
+            "Points: coefficients measured in the flights of the fit, at all deflections, rates and sideslips. Line "
+            f"and band: the function and its 95 % interval {middle}.",
             grid(values, 3),
         ),
         Plate(

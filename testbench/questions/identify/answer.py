@@ -65,14 +65,12 @@ def identify_answer(found: Identified) -> list[Line]:
             lines.append(Line("finding", sentence(f"{of}also determined: {also}")))
         changed = [d for d in good if d.changed]
         if changed:
-            lines.append(
-                Line("finding", sentence(f"not as before: {some([_changed(d) for d in changed], _MOST, ', ')}"))
-            )
+            lines.append(Line("finding", sentence(f"changed: {some([_changed(d) for d in changed], _MOST, ', ')}")))
         if bad:
             lines.append(
                 Line(
                     "finding",
-                    sentence(f"not decided by these data: {', '.join(f'{d.name} ({d.believed})' for d in bad)}"),
+                    sentence(f"not determined by these data: {', '.join(f'{d.name} ({d.believed})' for d in bad)}"),
                 )
             )
     lines += [Line("finding", sentence(f"{names[i]}: {_again(f)}")) for i, f in found.again.items()]
@@ -98,12 +96,13 @@ def _again(flights: Reflown) -> str:
     held = 100.0 * flights.held[own]
     more = [flights.names[k] for k in own if flights.added[k] > 0.0]
     out = (
-        f"in {len(flights.estimates)} flights of what was found, with noise as it was left, 95 % intervals hold in "
-        f"{held.mean():.0f} % (least: {flights.names[own[int(np.argmin(held))]]}, {held.min():.0f} %), and some "
-        f"derivative is off by more than four of its errors in {100.0 * flights.wrong:.0f} %"
+        f"in {len(flights.estimates)} simulated flights of the estimated model, with the noise of the residuals, 95 % "
+        f"intervals contain the truth in {held.mean():.0f} % (least: {flights.names[own[int(np.argmin(held))]]}, "
+        f"{held.min():.0f} %), and some derivative has an error of more than four of its standard errors in "
+        f"{100.0 * flights.wrong:.0f} %"
     )
     if more:
-        out += f"; errors of {listed(more)} are widened to what these flights show"
+        out += f"; errors of {listed(more)} are widened accordingly"
     return out + (f"; {flights.failed} more gave no estimate" if flights.failed else "")
 
 
@@ -127,12 +126,15 @@ def tried_in_words(case: Case, tried: Sequence[Tried]) -> list[str]:
     what = "its residuals are not white noise" if wanting(case.model) else "a control acts late"
     out = f"{case.label}: {what}. "
     if taken:
-        out += f"{listed(taken)} {'mend' if len(taken) > 1 else 'mends'} it (ln of the evidence) and stand in the model"
+        out += (
+            f"{listed(taken)} {'mend' if len(taken) > 1 else 'mends'} this (ln of the evidence) and are included in "
+            "the model"
+        )
     elif tried[-1].name == COLOUR and tried[-1].gain > 0.0:
-        out += f"{tried[-1].name} ({tried[-1].gain:+.3g}) explains them better than gusts, and the errors hold it"
+        out += f"{tried[-1].name} ({tried[-1].gain:+.3g}) explains them better than gusts, and the errors include it"
         others.pop()
     else:
-        out += "no cure was found"
+        out += "no remedy was found"
     return [out + (f"; tried without help: {listed(others)}" if others else "")]
 
 
@@ -185,8 +187,8 @@ def simulated_in_words(description: RecordDescription, derivatives: Sequence[Fou
         return []
     larger, stated = listed([d.name for d in found]), listed([f"{d.stated:.2g}" for d in found])
     return [
-        f"errors of {larger} are those of {description.simulated_errors.source}, by [simulated_errors]: what lasts in "
-        f"every flight is in them; the estimator alone states {stated}"
+        f"errors of {larger} are those of {description.simulated_errors.source}, by [simulated_errors], and include "
+        f"the mean error of all flights; the estimator alone states {stated}"
     ]
 
 
@@ -194,22 +196,22 @@ def notes_of(description: RecordDescription, cases: Sequence[Case], servos: Mapp
     """Return what was recognised, taken from the aircraft and left out, in sentences."""
     out = []
     if not any(case.validation for case in cases):
-        out.append("no record is kept back: only those that a model was identified from judge it")
+        out.append("no record is held out: each model is judged only by the records that it was identified from")
     elif at_rest(cases):
         out.append(
-            "no control moves in the records kept back, which test the models little: fly the manoeuvre again and keep "
-            "that one back (use = 'validation')"
+            "no control moves in the held-out records, which are a weak test of the models: fly the manoeuvre again "
+            "and hold that record out (use = 'validation')"
         )
     for case in cases:
         names = str(case.model.settings.get("held", "")).partition(" (recognised")
         if names[1]:
-            out.append(f"recognised as held from sample to sample: {names[0]} (held = [] takes them as linear)")
+            out.append(f"recognised as held from sample to sample: {names[0]} (held = [] treats them as linear)")
     believed = description.believes(servos)
     for name, servo in servos.items():
         if name in believed and isinstance(servo.lag_s, float):
             out.append(
-                f"the lag of {name} is estimated: {description.aircraft} states {servo.lag_s:.3g} s, which counts as a "
-                f"belief (+- {STATED_STD * servo.lag_s:.2g} s) where prior_std asks for one"
+                f"the lag of {name} is estimated: {description.aircraft} states {servo.lag_s:.3g} s, which is its "
+                f"prior (+- {STATED_STD * servo.lag_s:.2g} s) if prior_std is given"
             )
         else:
             out += passed(name, servo, description, cases)
@@ -238,7 +240,7 @@ def passed(name: str, servo: Servo, description: RecordDescription, cases: Seque
     for text in dict.fromkeys(used.values()):
         of = [label for label, said in used.items() if said == text]
         which = f" in {', '.join(of)}" if len(of) < len(used) else ""
-        passed = f"passes {stated}" if text is None else f"passes {text}, which stands in place of {stated}"
+        passed = f"passes {stated}" if text is None else f"passes {text}, which replaces {stated}"
         out.append(f"{name} {passed}{which}")
     return out
 

@@ -111,7 +111,7 @@ def _identified(
         causes=True,
         failed=failed,
     )
-    say("try what may mend the fit")
+    say("try remedies of the fit")
     cases, replaced, cured, rivals = mended_cases(cases, instruments.gusts_felt)
     flown = flown_condition(description, cases[0].identification, aircraft, getattr(cases[0].estimator, "V_m_s", None))
     reflights = flown_again(cases, replaced, again, say)
@@ -119,7 +119,7 @@ def _identified(
         believed = Believed(instruments, taken, description, flown.V_m_s or math.nan)
         cases = tuple(in_doubt_of_all(case, believed, rivals.get(i, ())) for i, case in enumerate(cases))
     known = None if aircraft is None else before(aircraft, flown)
-    say("weigh the derivatives")
+    say("judge the derivatives")
     derivatives = found_derivatives(
         cases, known, scaling_of(flown, known), description.simulated_errors, replaced, reflights
     )
@@ -151,7 +151,7 @@ def _identified(
         ),
         doubts=(
             *(
-                doubt("servo_ignored", f"{name}: a command is taken for the surface, as if no servo lay between")
+                doubt("servo_ignored", f"{name}: the command is used as the surface, as if there were no servo")
                 for name in ignored_servos(cases)
             ),
             *(doubt("rate_limit_met", text) for text in met),

@@ -43,44 +43,47 @@ def command(
     out: OutOption = Path("results"),
     data: DataOption = None,
     aircraft: Annotated[
-        str | None, typer.Option(help="A model of what flew: derivatives before, coefficients, servos.")
+        str | None, typer.Option(help="Model of the aircraft that flew: derivatives before, coefficients, servos.")
     ] = None,
     strict: StrictOption = False,
-    each: Annotated[bool, typer.Option("--each", help="Every record by itself, then all pooled.")] = False,
+    each: Annotated[bool, typer.Option("--each", help="Identify every record separately, then pool all.")] = False,
     prior: Annotated[
-        str | None, typer.Option(help="Believed before: aircraft, handbook, or a file (TOML, pooled.json).")
+        str | None, typer.Option(help="Prior of the coefficients: aircraft, handbook, or a file (TOML, pooled.json).")
     ] = None,
     trend: Annotated[
-        Trends | None, typer.Option(help="Variable that pooled coefficients may be linear in.", show_default="auto")
+        Trends | None,
+        typer.Option(help="Variable with which pooled coefficients may vary linearly.", show_default="auto"),
     ] = None,
     method: Annotated[str | None, typer.Option(help="Estimator whose derivatives are pooled.")] = None,
     choose: Annotated[
-        bool, typer.Option("--choose", help="Let the records choose, by evidence, which derivatives are estimated.")
+        bool, typer.Option("--choose", help="Choose the estimated derivatives by the evidence of the records.")
     ] = False,
     again: Annotated[
         int | None,
         typer.Option(
             min=0,
-            help="How many flights of what was found are identified again, to see whether its errors hold; 0: none.",
+            help=(
+                "Number of simulated flights of the estimated model that are identified again, to check its errors; "
+                "0: none."
+            ),
             show_default="a second's",
         ),
     ] = None,
     amend: Annotated[
         str | None,
         typer.Option(
-            help="Write the derivatives into a new aircraft, aircraft/NAME, and fly the records through both."
+            help="Write the derivatives into a new aircraft, aircraft/NAME, and simulate the records with both."
         ),
     ] = None,
 ) -> None:
     """Identify models from recorded flights, with the same estimators, evaluation and report as a run.
 
     The description names the files, the channel and unit of each column, and the time segments to use; `testbench
-    import LOG --out FOLDER` writes one, and FOLDER stands for it. Of a log itself, what import would write goes to
-    OUT/LOG and is identified at once. Several descriptions or logs of one aircraft are pooled into one set of
-    nondimensional coefficients, with their trend over the condition and what they add to a prior.
-    Examples: `testbench identify records/attas_short_period`, `testbench identify flight.ulg`, `testbench identify
-    day1.toml day2.toml day3.toml --prior aircraft`, `testbench identify flight.ulg --aircraft plane --amend
-    plane_flown`.
+    import LOG --out FOLDER` writes one, and FOLDER may be given in its place. A log is imported to OUT/LOG and
+    identified at once. Several descriptions or logs of one aircraft are pooled into one set of nondimensional
+    coefficients, with their trend over the condition and their information beyond a prior. Examples: `testbench
+    identify records/attas_short_period`, `testbench identify flight.ulg`, `testbench identify day1.toml day2.toml
+    day3.toml --prior aircraft`, `testbench identify flight.ulg --aircraft plane --amend plane_flown`.
     """
     from testbench.core.errors import TestbenchError
     from testbench.core.store import ResultFolder, folder_in

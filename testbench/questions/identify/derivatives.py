@@ -59,10 +59,10 @@ def before(aircraft: Aircraft, flown: FlownCondition) -> Before:
     V, h, qbar, notes = flown.V_m_s, flown.h_m, flown.qbar_Pa, []
     if V is None:
         V = aircraft.design_V_m_s
-        notes.append(f"the records hold no airspeed: {aircraft.name} is taken at its design speed of {V:g} m/s")
+        notes.append(f"the records have no airspeed: {aircraft.name} is assumed at its design speed of {V:g} m/s")
     if h is None:
         h = aircraft.design_h_m
-        notes.append(f"the records hold no height: {aircraft.name} is taken at {h:g} m")
+        notes.append(f"the records have no height: {aircraft.name} is taken at {h:g} m")
     condition = FlightCondition(V, h)
     qbar = condition.qbar_Pa if qbar is None else qbar
     try:

@@ -78,14 +78,14 @@ def flown_condition(
     if pressures and max(pressures) > _SPREAD * min(pressures):
         doubts.append(
             f"one model was fitted to records at dynamic pressures from {min(pressures):.4g} to {max(pressures):.4g} "
-            "Pa, though its derivatives go with that pressure; identify and pool them each by itself (each = true "
-            "under [pool], or --each)"
+            "Pa, although its derivatives are proportional to that pressure; identify each separately and pool them "
+            "(each = true under [pool], or --each)"
         )
     masses = [one.mass for one in single]
     if len(set(masses)) > 1:
         doubts.append(
-            "one model was fitted to records of different mass or inertia, and the mean is taken for coefficients; "
-            "identify and pool them each by itself (each = true under [pool], or --each)"
+            "one model was fitted to records of different mass or inertia, and the mean is used for coefficients; "
+            "identify each separately and pool them (each = true under [pool], or --each)"
         )
     mean = PartialMass(**{n: _mean(getattr(m, n) for m in masses) for n in ("mass_kg", *INERTIAS)})
     mass, said = _completed(mean, aircraft)
@@ -133,7 +133,7 @@ def _completed(given: PartialMass, aircraft: Aircraft | None) -> tuple[PartialMa
     if given.mass_kg is not None and given.mass_kg != own.mass_kg and given.Ixx is given.Iyy is given.Izz is None:
         notes.append(
             f"the mass is {given.mass_kg:g} kg and {aircraft.name} has {own.mass_kg:g} kg, but no inertia is given: "
-            f"that of {aircraft.name} is taken, as if what was added sat at the centre of gravity"
+            f"that of {aircraft.name} is taken, as if the added mass were at the centre of gravity"
         )
     return PartialMass(**values), notes
 

@@ -87,7 +87,7 @@ def settled_by(fault: InstrumentFault) -> str:
 def agreement_in_words(found: Agreement) -> list[str]:
     """Return what is known of the instruments: what is wrong, what else it may be, and what would settle it."""
     if not found.compared:
-        return ["these channels do not bind one another: no instrument can be checked by kinematics"]
+        return ["no kinematic relation connects these channels: no instrument can be checked"]
     out = []
     likely = [f for f in found.faults if f.probability > _TIED][:_NAMED]
     first, others = (likely[0] if likely else None), likely[1:]
@@ -97,19 +97,19 @@ def agreement_in_words(found: Agreement) -> list[str]:
             f"{found.p_agree:.2g}"
         )
         if first is not None:
-            out.append(f"look at this first: {fault_in_words(first)}, with a probability of {first.probability:.2g}")
+            out.append(f"check this first: {fault_in_words(first)}, with a probability of {first.probability:.2g}")
     elif first is None or found.p_unknown > first.probability:
         out.append(
-            f"kinematics contradict the instruments ({', '.join(found.instruments)}), and no single error explains how"
+            f"kinematics contradict the instruments ({', '.join(found.instruments)}), and no single error explains this"
         )
     else:
-        out.append(f"kinematics say that {fault_in_words(first)}, with a probability of {_probability(first)}")
+        out.append(f"kinematics show that {fault_in_words(first)}, with a probability of {_probability(first)}")
     if others and first is not None:
         out.append(
             "it may also be that " + ", or that ".join(f"{fault_in_words(f)} ({f.probability:.2g})" for f in others)
         )
     if first is not None:
-        out.append(f"what would settle it: {settled_by(first)}")
+        out.append(f"to decide: {settled_by(first)}")
     if found.gusty:
         out.append(
             f"gusts moved {' and '.join(found.gusty)}: their instruments could not be compared; repeat in calm air"
@@ -121,7 +121,10 @@ def taken_in_words(found: Agreement, taken: Mapping[str, float]) -> Iterator[str
     """Yield which small errors of sound instruments were taken out of the records before anything was identified."""
     for name, size in taken.items():
         std = math.sqrt(found.errors_covariance[(at := found.errors.index(name)), at])
-        yield f"kinematics say that {error_in_words(name, size, std)}, within what sound ones do: that is taken out"
+        yield (
+            f"kinematics show that {error_in_words(name, size, std)}, within the errors of sound instruments: this is "
+            "corrected"
+        )
 
 
 def _probability(fault: InstrumentFault) -> str:
@@ -166,8 +169,8 @@ def corrected_in_words(fault: InstrumentFault, was: Sequence[FoundDerivative], n
     said = [f"{d.name} {with_error(d.value, d.std)} (was {number(before[d.case, d.name].value)})" for d in moved[:6]]
     size = f"{fault.name} = {fault.estimate:.3g}"
     if not said:
-        return f"with that taken out of the records ({size}) no derivative is determined"
-    return f"with that taken out of the records ({size}): {', '.join(said)}"
+        return f"after correction of the records ({size}) no derivative is determined"
+    return f"after correction of the records ({size}): {', '.join(said)}"
 
 
 def doubts_of(found: Agreement) -> list[Advice]:

@@ -46,7 +46,7 @@ def mended_cases(
             if other is not None:
                 out.append(other)
                 replaced.add(len(out))
-                why = note("replaced", f"{other.label} fits better, and what it finds is said instead")
+                why = note("replaced", f"{other.label} fits better, and its estimates replace those of this one")
                 case = replace(case, model=replace(case.model, advice=(why,)))
         out.append(case)
     return tuple(out), frozenset(replaced), said, rivals
@@ -88,7 +88,7 @@ def flown_again(cases: Sequence[Case], replaced: Collection[int], again: int | N
                 case.identification,
                 np.random.default_rng(0),
                 again,
-                lambda done, of: say(f"fly what was found again ({done} of {of})"),
+                lambda done, of: say(f"simulate flights of the estimated model ({done} of {of})"),
             )
         except Refusal:
             continue

@@ -24,9 +24,9 @@ _READ = (
     "or m/s. Standard errors are corrected for residuals that are correlated in time."
 )
 _BELIEVED = (
-    "Determined: the data decide it. Weak: the error is more than half of the value. Correlated: it stands for another "
-    "one, only both together are known. At bound: the bound set it, not the data. In doubt: something that the model "
-    "lacks is left in the residuals, and the standard error may not cover what that does."
+    "Determined: by the data. Weak: the error is more than half of the value. Correlated: only a combination with "
+    "another one is known. At bound: determined by the bound, not by the data. In doubt: the residuals show missing "
+    "terms of the model, whose influence the standard error may not include."
 )
 
 
@@ -112,11 +112,11 @@ def derivative_table(found: Identified) -> Table | None:
         ]
     if found.again:
         columns += [
-            Column("bias", "mean error again", digits=2, get=lambda d: (d.again or _NONE)[0]),
-            Column("scatter", "scatter again", digits=2, get=lambda d: (d.again or _NONE)[1]),
-            Column("held", "95 % held, %", digits=3, get=lambda d: 100.0 * d.again[2] if d.again else None),
+            Column("bias", "mean error, simulated", digits=2, get=lambda d: (d.again or _NONE)[0]),
+            Column("scatter", "scatter, simulated", digits=2, get=lambda d: (d.again or _NONE)[1]),
+            Column("held", "coverage of 95 %, %", digits=3, get=lambda d: 100.0 * d.again[2] if d.again else None),
         ]
-    columns += [Column("believed", "believed?", get=lambda d: f"{d.believed}{', changed' if d.changed else ''}")]
+    columns += [Column("believed", "verdict", get=lambda d: f"{d.believed}{', changed' if d.changed else ''}")]
     return Table.of("derivatives", "Derivatives", _caption(found, known, scaled), columns, found.derivatives)
 
 
@@ -127,8 +127,8 @@ def _caption(found: Identified, known: bool, scaled: bool) -> str:
         out.append(f"Before: {sources}. Changed: further from it than three standard errors.")
     if found.again:
         out.append(
-            "Again: in flights of what was found, with noise as it was left, identified by the same likelihood; errors "
-            "are widened where these flights show more than is stated."
+            "Simulated: in flights of the estimated model with the noise of the residuals, identified by the same "
+            "likelihood; stated errors are widened if they are smaller than these flights show."
         )
     scaling = None if found.flown is None else scaling_of(found.flown, found.before)
     if scaled and scaling is not None:
@@ -136,7 +136,7 @@ def _caption(found: Identified, known: bool, scaled: bool) -> str:
         mass = "" if scaling.mass.mass_kg is None else f" of {scaling.mass.mass_kg:.4g} kg"
         out.append(
             f"Coefficients with a mass{mass}, inertia and geometry{whose} at {scaling.V_m_s:.4g} m/s and a dynamic "
-            f"pressure of {scaling.qbar_Pa:.4g} Pa, whose own errors are not counted; CX and CZ in stability axes: "
+            f"pressure of {scaling.qbar_Pa:.4g} Pa, whose own errors are not included; CX and CZ in stability axes: "
             "CZ_alpha = −CL_alpha − CD."
         )
     return " ".join(out)

@@ -109,26 +109,29 @@ def _why(case: Case, bad: Sequence[str], inputs: Sequence[str]) -> str:
     poor = [o for o, e in zip(case.model.outputs, fit, strict=True) if o in bad and e > MISSED_PERCENT]
     if poor:
         return (
-            f"nor does it follow the records that it was fitted to ({', '.join(poor)}): the structure lacks what moves "
-            "them, such as gusts, an input that was not measured, or a mode"
+            f"nor does it predict the records that it was fitted to ({', '.join(poor)}): the structure lacks the cause "
+            "of their motion, such as gusts, an input that was not measured, or a mode"
         )
     for name in case.model.inputs:
         here, there = _ranges(case.validation, name), _ranges(case.identification, name)
         if here > 0.0 and there < _RESTS * here:
-            return f"{name} moves in them and rests in the records of the fit, which say nothing of its derivatives"
+            return (
+                f"{name} moves in them and rests in the records of the fit, which give no information on its "
+                "derivatives"
+            )
     for name in case.model.inputs:
         here, there = _largest(case.validation, name), _largest(case.identification, name)
         if here > _BEYOND * there:
             return (
                 f"{name} moves by {number(here / DEG_RAD, 2)} deg in them and by {number(there / DEG_RAD, 2)} deg in "
-                "the records of the fit: the aircraft need not be linear so far"
+                "the records of the fit: the aircraft may be nonlinear over this range"
             )
     for order, what in ((0, "a constant"), (1, "a line")):
         share = _explained(case, bad, order)
         if share > _EXPLAINED:
             return (
-                f"{what} in each output explains {100.0 * share:.0f} % of the error: trim or bias of a sensor is "
-                "another in them; name the outputs in output_biases"
+                f"{what} in each output explains {100.0 * share:.0f} % of the error: trim or bias of a sensor differs "
+                "in them; name the outputs in output_biases"
                 + (" and output_trends" if order else "")
                 + ", or take the trim of each record out (trim_s)"
             )
@@ -143,15 +146,15 @@ def _refitted(case: Case, bad: Sequence[str], inputs: Sequence[str]) -> str:
         scores = evaluate(other, case.validation, []).identification
     except Refusal:
         return (
-            "the same estimator finds no model in them alone: they hold too little motion, or move by what the "
-            "structure lacks"
+            "the same estimator finds no model in them alone: they contain too little motion, or a motion that the "
+            "structure does not describe"
         )
     errors = dict(zip(other.outputs, scores.mrse_percent.tolist(), strict=True))
     still = [o for o in bad if errors[o] > MISSED_PERCENT]
     if still:
         return (
-            f"no values of these derivatives follow {', '.join(still)} there: what moves the aircraft in them is "
-            "not in the structure, such as gusts, an input that was not measured, or a mode"
+            f"no values of these derivatives reproduce {', '.join(still)} there: the structure lacks the cause of "
+            "their motion, such as gusts, an input that was not measured, or a mode"
         )
     apart = [
         (abs(other.values[n] - v) / spread, n)
@@ -165,8 +168,8 @@ def _refitted(case: Case, bad: Sequence[str], inputs: Sequence[str]) -> str:
         return "fitted to them alone the derivatives are the same within their errors: their constants differ"
     listed = ", ".join(f"{n} would be {number(other.values[n])}, not {number(first.values[n])}" for n in named)
     return (
-        f"fitted to them alone {listed}: speed, mass, centre of gravity or the scale of a sensor is another in them; "
-        "identify each by itself, or pool them"
+        f"fitted to them alone {listed}: speed, mass, centre of gravity or the scale of a sensor differs in them; "
+        "identify each separately, or pool them"
     )
 
 

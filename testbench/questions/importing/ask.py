@@ -135,7 +135,7 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
         if not every:
             moved = dict.fromkeys(m.reason for m in self.search.manoeuvres if m.cut_s is None)
             why = some(moved or dict.fromkeys(s.why for s in self.stretches if s.why), 2)
-            alone = [_no_recipe([WHOLE], f"nothing in it flies: {why}")]
+            alone = [_no_recipe([WHOLE], f"it contains no flight: {why}")]
         together = [_no_recipe(list(own), why) for own in self.members.values() if (why := _proposal(self, own)[2])]
         return (*alone, *together)
 
@@ -146,9 +146,8 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
             return ""
         verb = "is" if len(found) == 1 else "are"
         return (
-            f"; {listed(found)} {verb} called after one, but no rule knows the name together with an angle: "
-            "write the unit in the header, [deg], or [norm] for parts of full throw (--throw de=25), or describe the "
-            "table (--describe)"
+            f"; {listed(found)} {verb} named after one, but the name does not state an angle: write the unit in the "
+            "header, [deg], or [norm] for parts of full throw (--throw de=25), or describe the table (--describe)"
         )
 
     def _if_slower(self, record: FlightRecord) -> str:
@@ -243,8 +242,8 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
             if size > SMALLEST["rad"]:
                 out.append(
                     f"{c.name} ('{c.source}') jumps by {size / DEG_RAD:.2g} deg within a sample ("
-                    f"{size / DEG_RAD * c.rate_hz:.0f} deg/s), as a command does and no surface: a servo behind it is "
-                    f'tried; [servo.{c.name}] with lag_s = "estimate" in the description says that there is one'
+                    f"{size / DEG_RAD * c.rate_hz:.0f} deg/s), as only a command can: a servo behind it is "
+                    f'tried; [servo.{c.name}] with lag_s = "estimate" in the description adds one'
                 )
         return tuple(out)
 
@@ -512,7 +511,7 @@ def busy_controls(record: FlightRecord, stretches: Sequence[Stretch], controls: 
     return out
 
 
-_STEERED = "its control moves most of the time: it steers, and nothing was designed"
+_STEERED = "its control moves most of the time: it steers, without a designed input"
 
 
 def parse_units(given: Sequence[str]) -> dict[str, str]:
@@ -666,7 +665,7 @@ def describe(imported: Imported, axis: str, members: Mapping[str, tuple[Manoeuvr
         *_balance_lines(imported, held),
         f"title = {q(f'{log.file.name}: {what}')}",
         f"source = {q(f'{log.file.name}, {log.kind}')}",
-        'rights = "say here whose data these are and who may use them"',
+        'rights = "state here the owner of the data and who may use them"',
         'folder = "."',
         *([f"trim_s = {trim:g}"] if trim >= QUIET_S else []),
         "",
@@ -706,7 +705,7 @@ def _proposal(
     place = next((places.get(number_of(c.source.partition(".")[0])) for c in imported.channels if c.name == "az"), None)
     recipe = propose(inputs, records, imported.rate_hz, place, bool(imported.fed_back))
     if recipe is None:
-        return inputs, None, f"nothing was measured that {', '.join(inputs)} could be seen in"
+        return inputs, None, f"nothing was measured that shows {', '.join(inputs)}"
     share = Preparation.model_fields["identification_fraction"].default
     parts = zip(records, _uses(members), strict=True)
     fit = [r.split(share)[0] if use == "split" else r for r, use in parts if use != "validation"]

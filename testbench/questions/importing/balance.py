@@ -12,7 +12,7 @@ from testbench.logs.clocks import usual_step
 from testbench.logs.names import meaning
 from testbench.logs.signals import ZERO, Found, Log
 
-UNKNOWN = "no rule knows it as a channel"
+UNKNOWN = "no rule assigns it to a channel"
 _OUTAGE_S, _MISSED = 1.0, 5.0  # a silence of all channels this long, and of so many samples of the fastest
 _ENOUGH = 0.5  # of the samples that its rate allows
 

@@ -43,13 +43,15 @@ def command(
         list[str] | None, typer.Option(help="Unit of a table's column, by its channel, e.g. alpha=deg.")
     ] = None,
     axes: Annotated[
-        str | None, typer.Option(help="Axes of a table: frd or flu. Default: told by gravity and the motion.")
+        str | None, typer.Option(help="Axes of a table: frd or flu. Default: from gravity and the motion.")
     ] = None,
     lead: Annotated[float, typer.Option(help="Quiet flight to keep before each manoeuvre, s.")] = 2.0,
     tail: Annotated[float, typer.Option(help="Response to keep after each manoeuvre, s.")] = 5.0,
     cut: Annotated[
         list[str] | None,
-        typer.Option(help="Cut here, START:END in s of the record, not where manoeuvres are found; may be repeated.",
+        typer.Option(help=(
+            "Cut here, START:END in s of the record, instead of at the manoeuvres found; may be repeated."
+        ),
                      show_default=False),
     ] = None,
     describe: Annotated[
@@ -70,13 +72,12 @@ def command(
     ekf: Annotated[int | None, _sensor("lane of the filter")] = None,
     strict: StrictOption = False,
 ) -> None:  # fmt: skip
-    """Show what a flight log holds, and with -o cut its manoeuvres into records ready for `testbench identify`.
+    """Show the contents of a flight log, and with -o cut its manoeuvres into records ready for `testbench identify`.
 
-    The command lists channels, rates, gaps and manoeuvres, says what each conversion assumes and what was left out and
-    why, and questions values that no flight has. Example:
-    `testbench import flight.ulg -o records --throw de=20`. A table whose columns have no names, or no times, needs a
-    description: write one with `testbench import flight.mat --describe flight.toml`, fill it in, then run
-    `testbench import flight.toml`.
+    The command lists channels, rates, gaps and manoeuvres, the assumptions of each conversion, the signals that were
+    left out and why, and implausible values. Example: `testbench import flight.ulg -o records --throw de=20`. A table
+    whose columns have no names, or no times, needs a description: write one with `testbench import flight.mat
+    --describe flight.toml`, fill it in, then run `testbench import flight.toml`.
     """
     if describe is not None:
         refuse(context, "with --describe, which cuts no records", *_NOT_TO_DESCRIBE)

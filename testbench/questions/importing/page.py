@@ -66,12 +66,15 @@ def import_answer(imported: Imported) -> list[tuple[str, str]]:
     if imported.fed_back and imported.members:
         windows = [r for own in imported.members.values() for m, r in own.values() if m is None]
         which = (
-            f"no input was designed: the {counted(len(windows), 'window')} of {WINDOW_S:g} s with the most excitation "
+            (
+                f"without designed inputs: the {counted(len(windows), 'window')} of {WINDOW_S:g} s with the most "
+                "excitation "
+            )
             if len(windows) > 1
             else "what is cut out "
         )
         many = "are" if len(windows) > 1 else "is"
-        out.append(f"{imported.fed_back}, so they answer the motion; {which}{many} identified by filter error")
+        out.append(f"{imported.fed_back}, so they respond to the motion; {which}{many} identified by filter error")
     fastest = max(c.rate_hz for c in imported.channels)
     if fastest > 1.5 * imported.rate_hz:
         out.append(
@@ -178,7 +181,7 @@ def print_import(imported: Imported, console: Console, paths: Sequence[Path] = (
     for heads, texts in (
         (("channel", "range", "rate", "gaps", "taken", "from", "conversion"), [row[:7] for row in rows]),
         (("left out", "from", "samples", "rate", "why"), left),
-        (("channels", "assumed, because the log does not say it"), [(", ".join(n), t) for t, n in assumed.items()]),
+        (("channels", "assumed, because the log does not state it"), [(", ".join(n), t) for t, n in assumed.items()]),
         (STRETCHES, stretches[:_MOST_STRETCHES] if len(stretches) > 1 else []),
         (("controls move", "from, to", "cut"), manoeuvre_rows(imported)),
     ):
@@ -188,9 +191,7 @@ def print_import(imported: Imported, console: Console, paths: Sequence[Path] = (
     unread = [f"{s.source} ({s.samples})" for s in sorted(imported.balance.unknown, key=lambda s: -s.samples)]
     also = [f"no rule knows: {some(unread, _MOST_UNREAD, ', ')}"] if unread else []
     if unread and imported.log.file.suffix.lower() in SUFFIXES:
-        also[0] += (
-            f"; testbench import {imported.log.file.name} --describe FILE.toml lets you say which channels they are"
-        )
+        also[0] += f"; testbench import {imported.log.file.name} --describe FILE.toml lets you name their channels"
     if len(stretches) > _MOST_STRETCHES:
         also.append(f"{len(stretches) - _MOST_STRETCHES} stretches more are on the page (--out)")
     said = [("finding", text) for text in (*imported.log.notes, *imported.search.said, *also)]
@@ -244,7 +245,7 @@ def import_page(imported: Imported) -> Page:
     digest = str(imported.record.provenance.get("sha256", ""))
     return Page(
         kicker=f"Flight log: {name}",
-        title=f"{name}: what it holds",
+        title=f"{name}: contents",
         question="Which channels and manoeuvres are in this log, and can they be used?",
         answer=[("lead", lead), *lines],
         tables=[table for table in tables if table.rows],
@@ -259,7 +260,7 @@ _CHANNELS = ("channel", "range", "rate", "gaps", "taken", "from", "conversion", 
 
 def _table(name: str, title: str, heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
     columns = tuple(Column(head.replace(", ", "_"), head) for head in heads)
-    return Table(name, title, "As the log has them.", columns, tuple(rows), wide=len(heads) > 4)
+    return Table(name, title, "As logged.", columns, tuple(rows), wide=len(heads) > 4)
 
 
 def _plate(imported: Imported) -> Plate:
@@ -298,9 +299,8 @@ def _plate(imported: Imported) -> Plate:
         return [View(name="record", panels=shown)]
 
     caption = (
-        f"The record on one clock of {number(imported.rate_hz)} Hz. At the top the kind of flight: blue flies, yellow "
-        "does not. Shaded, and numbered where they start "
-        "when explored: the manoeuvres that were found."
+        f"The record on one clock of {number(imported.rate_hz)} Hz. At the top the kind of flight: blue in flight, "
+        "yellow not. Shaded, and numbered where they start when explored: the manoeuvres that were found."
     )
     if len(order) > _DRAWN:
         caption += f" {len(order) - _DRAWN} channels more can be switched on."

@@ -111,7 +111,7 @@ def propose(
             outputs += own
             if imu_m is not None and any("accelerometer_m" in text for text in remarks):
                 remarks = tuple(t for t in remarks if "accelerometer_m" not in t)
-                remarks = (*remarks, "the accelerometer sits where the settings of the autopilot say")
+                remarks = (*remarks, "the position of the accelerometer is that of the autopilot's settings")
                 settings = {**settings, "accelerometer_m": [imu_m[0], imu_m[2]]}
             lags = [f"tau_{n.removesuffix('_cmd')}" for n in moved[axis] if n in _commanded(inputs)]
             lags = [] if vane else lags
@@ -121,7 +121,7 @@ def propose(
                 start["Z_q"], spread["Z_q"] = 0.0, float(f"{Z_Q_STD_PER_V * _speed(records):.2g}")
                 remarks = (
                     *remarks,
-                    "without alpha Z_q and Z_alpha are hard to tell apart: Z_q is believed to be small, and Z_alpha",
+                    "without alpha Z_q and Z_alpha are hard to separate: Z_q has a small prior, and Z_alpha",
                     "is below 0, as lift rises with alpha below the stall",
                 )
                 settings = {**settings, "bounds": {"Z_alpha": [float(f"{-LIFT_PER_V_1_S * _speed(records):.2g}"), 0.0]}}
@@ -137,7 +137,7 @@ def propose(
                 how = {"method": "filter_error", "process_noise": [_FLOW[axis]]}
                 remarks = (
                     *remarks,
-                    "controls react to the motion (closed loop): gusts, which they answer, are estimated",
+                    "controls respond to the motion (closed loop): gusts, to which they respond, are estimated",
                 )
             estimators.append((remarks, {**how, **settings, **apart}))
     if not estimators:
@@ -195,7 +195,7 @@ def _left(measured: Sequence[str], inputs: Sequence[str], outputs: Sequence[str]
 
 
 _BIASES = (
-    "gusts and the gyro's offset spoil trim values: every record has constants of its own in place of those of trim"
+    "gusts and the gyro's offset falsify trim values: every record has separate constants in place of those of trim"
 )
 _Found = tuple[tuple[str, ...], list[str], dict[str, Any]]
 
@@ -244,8 +244,8 @@ def _longitudinal(measured: Sequence[str], speed: float | None, autopilot: bool)
             fixed.append("M_0")
             remarks.append(_BIASES)
         else:
-            remarks.append("alpha was not measured: its trim value does what Z_0 does, so Z_0 stays zero")
-        remarks.append("az is taken at the centre of gravity: give accelerometer_m if it is not")
+            remarks.append("alpha was not measured: its trim value has the same influence as Z_0, so Z_0 stays zero")
+        remarks.append("az is assumed at the centre of gravity: give accelerometer_m if it is not")
     return tuple(remarks), outputs, {**settings, **_constants(fixed, biases)}
 
 
@@ -267,9 +267,9 @@ def _lateral(measured: Sequence[str], speed: float | None, autopilot: bool) -> _
     if autopilot and force:
         outputs = ["p", "r", *force]
         remarks += [
-            "phi is not fitted: an autopilot integrates it from the gyro that p is, and adds a lag and a slow drift",
+            "phi is not fitted: an autopilot integrates it from the gyro of p, with a lag and a slow drift",
             _BIASES,
-            "ay is taken at the centre of gravity: give accelerometer_m if it is not",
+            "ay is assumed at the centre of gravity: give accelerometer_m if it is not",
         ]
         return (
             tuple(remarks),
@@ -280,12 +280,14 @@ def _lateral(measured: Sequence[str], speed: float | None, autopilot: bool) -> _
             },
         )
     if not has_phi:
-        remarks.append("phi was not measured: its trim value does what Y_0 does, so Y_0 stays zero")
+        remarks.append("phi was not measured: its trim value has the same influence as Y_0, so Y_0 stays zero")
         fixed.append("Y_0")
     if not has_beta:
         fixed.append("Y_0" if has_phi else "L_0")
-        remarks.append(f"beta was not measured: its trim value does what {fixed[-1]} does, so that stays zero")
-        remarks.append("ay is taken at the centre of gravity: give accelerometer_m if it is not")
+        remarks.append(
+            f"beta was not measured: its trim value has the same influence as {fixed[-1]}, so that stays zero"
+        )
+        remarks.append("ay is assumed at the centre of gravity: give accelerometer_m if it is not")
     return tuple(remarks), outputs, {"structure": "lateral_directional", **_constants(fixed, [])}
 
 
@@ -300,21 +302,29 @@ def _lateral_per_speed(measured: Sequence[str], speed: float | None, autopilot: 
     else:
         start["g_V"] = float(f"{G0_M_S2 / speed:.3g}")
         spread["g_V"] = float(f"{_SPEED_ERROR * start['g_V']:.1g}")
-        remarks.append("Y derivatives per speed; g_V, gravity over speed, is what V says")
+        remarks.append("Y derivatives per speed; g_V, gravity over speed, follows from V")
     if not has_phi:
-        remarks.append("phi was not measured: its trim value does what Y_0 does: Y_0 and theta_trim stay zero")
+        remarks.append(
+            "phi was not measured: its trim value has the same influence as Y_0: Y_0 and theta_trim stay zero"
+        )
         fixed += ["Y_0", "theta_trim"]
     if not has_beta:
         remarks += [
-            "beta was not measured: what its trim value does stays zero, and angle of attack, Y_r and Y_dr, which",
-            "p, r and phi cannot tell from the others, are believed to be usual: give start and prior_std if known",
+            (
+                "beta was not measured: the influence of its trim value stays zero, and angle of attack, Y_r and "
+                "Y_dr, which"
+            ),
+            (
+                "p, r and phi do not separate from the others, have usual values as priors: give start and prior_std "
+                "if known"
+            ),
         ]
         fixed = list(dict.fromkeys([*fixed, "Y_0" if has_phi else "L_0"]))
         start |= {"alpha_trim": ALPHA_RAD, "Y_r": 0.0, "Y_dr": 0.0}
         spread |= {"alpha_trim": ALPHA_STD_RAD, "Y_r": Y_R_STD, "Y_dr": Y_DR_STD_1_S}
     settings: dict[str, Any] = {"start": start, "prior_std": spread} if spread else {}
     if autopilot:
-        remarks.append("a roll that follows at once and a servo's lag may change places: L_p is that of a wing")
+        remarks.append("roll damping and a servo's lag are interchangeable: L_p has the prior of a wing")
         settings["bounds"] = {"L_p": [-ROLL_1_S, 0.0]}
     return tuple(remarks), outputs, {"structure": "lateral_per_speed", **_constants(fixed, []), **settings}
 
@@ -323,7 +333,7 @@ def lines(recipe: Recipe, inputs: Sequence[str]) -> list[str]:
     """Return the tables ``[identification]``, ``[[identification.estimators]]`` and ``[servo.NAME]`` as TOML lines."""
     out = ["", "[identification]", f"inputs = {toml_value(list(inputs))}", f"outputs = {toml_value(recipe.outputs)}"]
     if recipe.left_out:
-        out.append(f"# measured, but used by nothing below: {one_line(', '.join(recipe.left_out))}")
+        out.append(f"# measured, but not used below: {one_line(', '.join(recipe.left_out))}")
     for remarks, entry in recipe.estimators:
         out += ["", *(f"# {one_line(text)}" for text in remarks), "[[identification.estimators]]"]
         out += [f"{key} = {toml_value(value)}" for key, value in entry.items()]
@@ -332,18 +342,18 @@ def lines(recipe: Recipe, inputs: Sequence[str]) -> list[str]:
     if recipe.instrument_std:
         out += [
             "",
-            "# How far sound instruments may err, which the errors of derivatives hold. Assumed: give what you know.",
+            "# Standard errors of sound instruments, included in the errors of derivatives. Assumed: enter your own.",
         ]
         out += ["[instrument_std]", *(f"{name} = {std:.2g}" for name, std in recipe.instrument_std.items())]
-    out += ["", "# How far derivatives vary over 0.1 rad of alpha and over the share of dynamic pressure. Assumed."]
+    out += ["", "# Variation of derivatives over 0.1 rad of alpha and over the share of dynamic pressure. Assumed."]
     out += ["[form_std]", *(f"{name} = {std:.2g}" for name, std in FORM_STD.items())]
     for name in recipe.servos:
         out += [
             "",
             "# A command was logged, not the surface. Where you know its servo, give lag_s, delay_s and",
-            "# rate_limit_deg_s as numbers: what is estimated costs accuracy of the damping.",
+            "# rate_limit_deg_s as numbers: estimating them reduces the accuracy of the damping.",
             *(
-                [f"# The lag is believed to be {LAG_S:g} +- {LAG_STD_S:g} s: start and prior_std above."]
+                [f"# The prior of the lag is {LAG_S:g} +- {LAG_STD_S:g} s: start and prior_std above."]
                 if recipe.delays
                 else []
             ),

@@ -84,13 +84,13 @@ def description_template(path: Path | str, folder: str = ".") -> str:
         f"# {one_line(path.name)}: {len(table)} rows, {len(columns)} columns.",
         "# To fill in: remove the # before the columns that are channels, give each its name and unit, and name inputs",
         "# and outputs below. Then:",
-        "#   testbench check THIS_FILE       says what is still missing",
-        "#   testbench import THIS_FILE      shows what it holds, and with -o cuts its manoeuvres",
+        "#   testbench check THIS_FILE       lists what is still missing",
+        "#   testbench import THIS_FILE      shows its contents, and with -o cuts its manoeuvres",
         "#   testbench identify THIS_FILE    identifies",
         *_channel_list(),
         f"title = {q(path.stem)}",
-        'source = "say here what was flown, by whom and when"',
-        'rights = "say here whose data these are and who may use them"',
+        'source = "state here what was flown, by whom and when"',
+        'rights = "state here the owner of the data and who may use them"',
         f"folder = {q(Path(folder).as_posix())}",
         "",
         "[time]",
@@ -133,7 +133,7 @@ def writer_template(path: Path | str) -> str:
         "# and those that are imported from where it lies, are then read so.",
         *_channel_list(),
         f"title = {q(path.stem)}",
-        'source = "say here where the form of this writer is described"',
+        'source = "state here where the form of this writer is described"',
         f"columns = {q([table.names[i] for i in named])}  # a table that has all of them is of this writer",
     ]
     if clock is not None and clock.number - 1 in named:
@@ -269,7 +269,7 @@ def _time_lines(table: Table, columns: Sequence[FloatArray], clock: _Clock | Non
         given = values[np.isfinite(values)]
         if name.strip().lower() in _RATES and given.size and np.all(given == given[0]) and given[0] > 0.0:
             return [f"rate_hz = {float(given[0])!r}  # no column counts time; column '{one_line(name)}' says this"]
-    return ["# no column counts time: say how many rows there are in a second", "# rate_hz = 100.0"]
+    return ["# no column contains times: give the number of rows per second", "# rate_hz = 100.0"]
 
 
 def _column_lines(table: Table, i: int, values: FloatArray) -> list[str]:

@@ -40,13 +40,13 @@ def modes_answer(result: ModesResult) -> list[Line]:
     lost = [m.true for m in result.matches if m.found is None and m.true is not None]
     inside = [t.name for t in lost if band[0] <= t.frequency_hz <= band[1]]
     if inside:
-        out.append(f"inside the band, but not found: {'; '.join(inside)}")
+        out.append(f"inside the band but not found: {'; '.join(inside)}")
     foreign = [m.found for m in result.matches if m.true is None and m.found is not None]
-    out += [f"no mode of the linear model stands behind the one at {number(m.frequency_hz)} Hz" for m in foreign]
+    out += [f"no mode of the linear model corresponds to the one at {number(m.frequency_hz)} Hz" for m in foreign]
     text = ASSUMPTION
     if result.corners_hz:
         corners = " and ".join(dict.fromkeys(number(f, 2) for f in result.corners_hz))
-        text += f"; the spectra of this turbulence bend at {corners} Hz"
+        text += f"; the break frequencies of this turbulence are {corners} Hz"
     heads = [lead] if not result.at else [_cleared(result), lead]
     lines = [Line("finding", finding) for finding in (*heads[1:], *out, text)]
     return [Line("lead", heads[0]), *lines, *advice_lines(found.advice)]
@@ -68,15 +68,15 @@ def clearance_lines(result: ModesResult) -> Iterator[str]:
     if result.onset is None:
         return
     low, middle, high = (result.onset.quantile(p) for p in (0.05, 0.5, 0.95))
-    far = f"{high:.3g} m/s" if math.isfinite(high) else "no end in sight"
+    far = f"{high:.3g} m/s" if math.isfinite(high) else "no upper limit"
     yield (
         f"flutter begins at {middle:.3g} m/s in the median, with 90 % between {low:.3g} and {far}"
         if math.isfinite(middle)
-        else f"flutter begins beyond {low:.3g} m/s with 95 %; these flights do not tell where"
+        else f"flutter begins beyond {low:.3g} m/s with 95 %; these flights do not determine where"
     )
     if result.cleared_m_s < _WORTH * max(result.at):
         yield (
-            f"fly {max(result.at):.3g} m/s once more and give all records together: the posterior narrows with data, "
+            f"fly {max(result.at):.3g} m/s once more and give all records together: more data narrow the posterior, "
             "unless the onset is near"
         )
 

@@ -70,7 +70,7 @@ def modes_table(result: ModesResult) -> Table:
         Column("damping", "damping ratio", digits=3, get=lambda x: x[1].damping),
         Column("damping_std", "its std", digits=2, get=lambda x: x[1].damping_std),
         Column("orders", "orders", get=lambda x: len(x[1].orders)),
-        Column("remarks", "what is doubtful", get=lambda x: "; ".join(x[1].remarks) or None),
+        Column("remarks", "doubts", get=lambda x: "; ".join(x[1].remarks) or None),
     )
     criteria = result.found.settings["criteria"]
     caption = (
@@ -120,7 +120,7 @@ def _comparison_table(result: ModesResult) -> Table:
         Column("mac", "MAC", decimals=3),
     )  # fmt: skip
     caption = (
-        "Oscillatory modes of the aircraft linearised at trim beside those found. MAC: likeness of the shapes at the "
+        "Oscillatory modes of the aircraft linearised at trim, with those found. MAC: similarity of the shapes at the "
         "sensors, outputs divided by their rms."
     )
     title = "Modes found and those of the linear model"
@@ -194,9 +194,9 @@ def _trend(result: ModesResult, onset: Onset) -> fig.Plate:
 def _stabilisation(result: ModesResult) -> fig.Plate:
     truth = " Ticks at the upper edge: modes of the linear model." if result.true else ""
     caption = (
-        "Every pole of every model order over its frequency. Coloured: modes, which come back at order after order, "
-        "with their 95 % intervals shaded. Rings: stable from one order to the next, but at too few orders or with "
-        f"too large errors. Dots: the rest, which is noise. Grey line: mean spectrum of the outputs.{truth}"
+        "Every pole of every model order over its frequency. Coloured: modes, which recur at order after order, with "
+        "their 95 % intervals shaded. Rings: stable from one order to the next, but at too few orders or with too "
+        f"large errors. Dots: the rest, which is noise. Grey line: mean spectrum of the outputs.{truth}"
     )
     found, draws = result.found, list[fig.Drawn]()
     low, high = found.settings["band_hz"]
@@ -242,7 +242,7 @@ def _shapes(result: ModesResult) -> fig.Plate:
     caption = (
         "Motion of each mode at the sensors along the span, turned to the phase in which it is largest and divided by "
         "the largest. Circles: accelerometers; squares: strain gauges. Line without colour: the matching mode of the "
-        "linear model, with the MAC of the two. A sensor off the elastic axis feels twist as well as bending."
+        "linear model, with the MAC of the two. A sensor off the elastic axis measures twist as well as bending."
     )
     true = {m.index: m for m in result.matches if m.index is not None}
     panels = []

@@ -43,7 +43,7 @@ def plan_answer(plan: Plan) -> Sentences:
             yield kind, f"{len(found)} of {len(plan.cards)} cards {verb}: {named}"
     beyond = [str(c.number) for c in plan.cards if c.status != "refused" and beyond_limits(c)]
     if beyond:
-        which = f"{'cards' if beyond[1:] else 'card'} {listed(beyond)}, which {'say' if beyond[1:] else 'says'} watch"
+        which = f"{'cards' if beyond[1:] else 'card'} {listed(beyond)}, with the status watch"
         yield "doubt", f"the 95 % band of the expected response reaches beyond a limit on {which}"
     yield from _calm_lines(plan)
     yield from _accuracy_lines(plan)
@@ -91,7 +91,7 @@ def _accuracy_lines(plan: Plan) -> Sentences:
     cards = [c for c in plan.cards if c.reached and c.status != "refused"]
     short = [(c, r) for c in cards for r in c.reached if not r.reached <= r.wanted * (1.0 + 1e-9)]
     if cards and not short:
-        yield "finding", f"the wanted accuracy is reached on all {len(cards)} cards that ask for one"
+        yield "finding", f"the wanted accuracy is reached on all {len(cards)} cards that have one"
     for c, r in short[:_MOST]:
         yield "doubt", f"card {c.number}, {r.sentence}; {_in_the_way(c)}"
     if len(short) > _MOST:
@@ -101,5 +101,5 @@ def _accuracy_lines(plan: Plan) -> Sentences:
 def _in_the_way(card: Card) -> str:
     """Return what keeps a card from telling more, in words."""
     if card.status == "scaled":
-        return f"the limit on its amplitude ({card.met[0]}) stands in the way"
-    return f"the noise of the sensors stands in the way at this amplitude and duration, {card.spec.duration_s:g} s"
+        return f"the limit on its amplitude ({card.met[0]}) prevents it"
+    return f"the noise of the sensors prevents it at this amplitude and duration, {card.spec.duration_s:g} s"

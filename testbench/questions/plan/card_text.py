@@ -32,7 +32,7 @@ _WHAT_TO_DO = {
     "beta": "release the rudder, wait; repeat with half the amplitude",
     "phi": "release, level the wings, fly back to height and speed",
     "theta": "release, bring the nose to the horizon, then the speed back",
-    "h": "end the run, fly back to height",
+    "h": "end the run, return to height",
 }
 _RELEASE = {
     "pilot": "release, wings level, throttle to trim, climb away from the box's floor",
@@ -53,7 +53,7 @@ _HAZARDS = {
     "elastic": "flutter: throttle idle, a gentle climb, land; the flight is over",
     "autopilot": "script or servo sticks: start switch low, another flight mode, then power off what sends",
 }
-_NO_EMERGENCY = "nobody has said in [card] emergency what is done at loss of link, fire, landing out"
+_NO_EMERGENCY = "[card] emergency does not state the procedures for loss of link, fire, landing out"
 _NARROW = "\u00a0"  # a unit stays on the line of its number
 _STOPS = "the surface is at its limit: the run is void, trim anew"
 CONTROL_NAMES = {"de": "elevator", "da": "aileron", "dr": "rudder", "thr": "throttle"}
@@ -398,7 +398,7 @@ def before_lines(card: Card, plan: Plan) -> list[str]:
     scenario, space = plan.scenario, plan.scenario.airspace
     beyond = beyond_limits(card)
     out = _cleared_lines(card, plan)
-    out += [f"limits: GO if who watches {listed(beyond)} is ready to end the run"] if beyond else []
+    out += [f"limits: GO if the monitor of {listed(beyond)} is ready to end the run"] if beyond else []
     if space is not None:
         gusts = "" if space.gust_m_s is None else f" and gusts at most {speed(space.gust_m_s, plan)}"
         rms = scenario.turbulence_rms_m_s
@@ -491,7 +491,7 @@ def beyond_limits(card: Card) -> list[str]:
 def _notes(card: Card, plan: Plan) -> list[str]:
     scenario = plan.scenario
     rough = f", and from turbulence of {scenario.turbulence_rms_m_s:g} m/s rms" if scenario.turbulence_rms_m_s else ""
-    own = ", or by what the aircraft states of its coefficients" if plan.aircraft.uncertainty else ""
+    own = ", or by the stated uncertainty of the aircraft" if plan.aircraft.uncertainty else ""
     out = [
         "the 95 % band comes from sensor noise and from derivatives of the rigid motion that are each uncertain by "
         f"{scenario.uncertainty_percent:g} % (one standard deviation){own}{rough}"
@@ -522,5 +522,5 @@ def _system_id(card: Card, plan: Plan) -> list[str]:
     return [
         f"Plane 4.7 and later flies a like sweep at the rate of its loop: SID_AXIS {_SID_AXIS[sweep.control]}, "
         f"SID_MAGNITUDE {part:.3g}, SID_F_START_HZ {sweep.f_start_hz:g}, SID_F_STOP_HZ {sweep.f_end_hz:g}, SID_T_REC "
-        f"{sweep.sweep_s:g}, RCn_OPTION 184; its stabilisation stays on, and it watches none of these limits"
+        f"{sweep.sweep_s:g}, RCn_OPTION 184; its stabilisation stays on, and it monitors none of these limits"
     ]

@@ -309,10 +309,10 @@ def _odd(
         size = float(np.linalg.norm(flown) * np.linalg.norm(expected))
         like = float(flown @ expected) / size if size else 0.0
         if like < -_SHAPE:
-            yield f"{name} answers with the other sign than expected: check the axis of its sensor"
+            yield f"{name} responds with the opposite sign: check the axis of its sensor"
         slope = float(np.linalg.norm(flown) / max(float(np.linalg.norm(expected)), 1e-300))
         if like > _SHAPE and (unit := next((u for u, k in _UNITS.items() if abs(slope / k - 1.0) < _UNIT_OFF), "")):
-            yield f"{name} answers {slope:.3g} times as large as expected: check its unit ({unit})"
+            yield f"{name} responds {slope:.3g} times as large as expected: check its unit ({unit})"
 
 
 def why_none(plan: Plan, records: Sequence[tuple[str, FlightRecord]]) -> str:
@@ -340,7 +340,7 @@ def why_none(plan: Plan, records: Sequence[tuple[str, FlightRecord]]) -> str:
 
 def _faults_of_command(m: _Match, broken_s: float | None) -> Iterator[str]:
     if broken_s is not None:
-        yield f"it was broken off after {broken_s:.1f} of {m.card.spec.duration_s:g} s"
+        yield f"it was aborted after {broken_s:.1f} of {m.card.spec.duration_s:g} s"
     elif m.gain < 0.0:
         yield (
             f"the command was not the card's: it was recorded with the other sign, {100.0 * abs(m.gain):.0f} % of the "

@@ -39,7 +39,10 @@ def close_answer(campaign: Campaign) -> Sentences:
         yield "doubt", f"to be repeated: {some(bad)}"
     strange = [f"card {r.card.number} ({', '.join(r.strange)})" for r in closed.runs if r.strange]
     if strange:
-        yield "finding", f"the response left its band: {some(strange)}; the aircraft is not as believed there"
+        yield (
+            "finding",
+            f"the response left its band: {some(strange)}; the aircraft differs from the a-priori model there",
+        )
     yield from _more_runs(campaign)
     yield from _next(campaign)
 
@@ -62,7 +65,7 @@ def _all(campaign: Campaign, *verdicts: str) -> list[tuple[JudgedCard, Target]]:
 
 
 def _verdicts(campaign: Campaign) -> Sentences:
-    for verdict, words in (("reached", "reached"), ("found", "found, of which nothing was promised")):
+    for verdict, words in (("reached", "reached"), ("found", "found, without a promised error")):
         told = [_value(c, t) for c, t in _all(campaign, verdict)]
         if told:
             yield "finding", f"{words}: {some(told, _MOST, ', ')}"
@@ -70,7 +73,7 @@ def _verdicts(campaign: Campaign) -> Sentences:
         why = f": {t.causes[0]}" if t.causes else ""
         goal = f"{error_words(t, t.goal)} {'is wanted' if math.isfinite(t.wanted) else 'would keep the promise'}"
         short = f"not reached: {_value(c, t)}, where {goal}"
-        yield "doubt", f"{short if t.error > t.goal else f'not to be believed: {_value(c, t)}'}{why}"
+        yield "doubt", f"{short if t.error > t.goal else f'not reliable: {_value(c, t)}'}{why}"
     lost: dict[str, list[str]] = {}
     for c, t in _all(campaign, "not identifiable"):
         lost.setdefault(t.causes[0] if t.causes else "", []).append(f"{t.name} of card {c.card.number}")
@@ -82,13 +85,15 @@ def _verdicts(campaign: Campaign) -> Sentences:
     for c in campaign.cards:
         if c.flown.distrusted and any(t.verdict in ("reached", "found") for t in c.targets):
             assert c.flown.case is not None
-            told_of = "; its like may be in the simulated flights, whose errors are counted" if _simulated(c) else ""
+            told_of = (
+                "; the simulated flights, whose errors are included, may have the same fault" if _simulated(c) else ""
+            )
             advice = c.flown.case.model.advice[0]
-            yield "doubt", f"card {c.card.number}: the estimator distrusts its model: {advice}{told_of}"
+            yield "doubt", f"card {c.card.number}: the estimator has doubts about its model: {advice}{told_of}"
     changed = [(c, t) for c, t in _all(campaign, "reached", "found", "not reached") if abs(t.differs) > _CHANGED]
     if changed:
-        texts = [f"{_value(c, t)}, believed {number(t.here, 3)}" for c, t in changed]
-        yield "finding", f"not as believed: {some(texts, _MOST)}"
+        texts = [f"{_value(c, t)}, a priori {number(t.here, 3)}" for c, t in changed]
+        yield "finding", f"different from the a-priori model: {some(texts, _MOST)}"
 
 
 def _beyond_stated(campaign: Campaign) -> Sentences:
@@ -104,14 +109,14 @@ def _beyond_stated(campaign: Campaign) -> Sentences:
         _, found, t = max(above, key=lambda row: row[0])
         parts = [f"the runs differ by {number(found.scatter, 2)} times that"] if found.scatter > 1.0 else []
         of = "simulated flights of the design" if _simulated(c) else "the expected response of the card"
-        added = [f"scatter by {number(t.beyond, 2)} times what is stated"] if t.beyond > 1.0 else []
-        added += [f"are off by {number(t.lasting, 2)} in the mean"] if t.lasting > 0.0 else []
+        added = [f"scatter by {number(t.beyond, 2)} times the stated error"] if t.beyond > 1.0 else []
+        added += [f"have a mean error of {number(t.lasting, 2)}"] if t.lasting > 0.0 else []
         if added:
             parts.append(f"estimates in {of} {listed(added)}")
         yield (
             "finding",
-            f"of {t.name} (card {c.card.number}) the estimator alone states ± {number(found.stated, 2)}; "
-            f"± {number(t.error, 2)} holds besides that {listed(parts)}",
+            f"for {t.name} (card {c.card.number}) the estimator alone states ± {number(found.stated, 2)}; ± "
+            f"{number(t.error, 2)} includes that {listed(parts)}",
         )
 
 
@@ -140,20 +145,26 @@ def _more_runs(campaign: Campaign) -> Sentences:
             t = max(short, key=lambda t: t.more or 0)
             goal = error_words(t, t.goal)
             verb = "brings" if t.more == 1 else "bring"
-            yield "finding", f"{counted(t.more or 0, 'more run')} of card {c.card.number} {verb} {t.name} to {goal}"
+            yield (
+                "finding",
+                f"{counted(t.more or 0, 'more run')} of card {c.card.number} {verb} the error of {t.name} to {goal}",
+            )
         never = [t for t in c.targets if t.verdict in ("reached", "not reached") and t.more is None]
         if never:
             names = listed([f"{t.name} to {error_words(t, t.goal)}" for t in never])
             yield (
                 "doubt",
-                f"repeating card {c.card.number} does not bring {names}: {_in_the_way(never)}; design another input",
+                (
+                    f"repeating card {c.card.number} does not reduce the error of {names}: {_in_the_way(never)}; "
+                    "design another input"
+                ),
             )
 
 
 def _in_the_way(targets: list[Target]) -> str:
     lasting = any(t.realised is not None and t.realised[0] > t.goal for t in targets)
     return (
-        "the simulated flights of its design have a mean error of that size, which stays"
+        "the simulated flights of its design have a mean error of that size, which repeats do not reduce"
         if lasting
         else "it would take too many runs"
     )
@@ -171,7 +182,7 @@ def _next(campaign: Campaign) -> Sentences:
     elif any(c.more for c in campaign.cards):
         yield "doubt", "no card may be flown next"
     else:
-        yield "finding", "every card is flown as often as it should be"
+        yield "finding", "all planned runs are flown"
 
 
 def _if_cleared(campaign: Campaign, card: Card) -> str:

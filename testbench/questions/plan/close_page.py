@@ -112,10 +112,10 @@ def targets_table(campaign: Campaign) -> Table:
         Column("low", "from", "", shown, digits=2),
         Column("high", "to", "", shown, digits=2),
         Column("flown error", "flown", "", shown, digits=2),
-        Column("differs", "off the believed, in errors", digits=2),
+        Column("differs", "off the a-priori value, in errors", digits=2),
         Column("verdict", "verdict"),
         Column("more", "more runs"),
-        Column("believe", "believed?"),
+        Column("believe", "determined?"),
     )
     rows = tuple(_row(c, t) for c in campaign.cards for t in c.targets)
     return Table("targets", "Promised, realised, flown", _caption(campaign), columns, rows, wide=True)
@@ -155,8 +155,8 @@ def causes_table(campaign: Campaign) -> Table:
     """Return what makes errors larger than promised, one row per card and target that has a cause."""
     columns = (Column("card", "card"), Column("target", "target"), Column("why", "why"))
     rows = tuple((c.card.number, t.name, "; ".join(t.causes)) for c in campaign.cards for t in c.targets if t.causes)
-    caption = "What makes these errors larger than promised, the likeliest first."
-    return Table("causes", "Why a target is not known as well as promised", caption, columns, rows, wide=True)
+    caption = "Causes of errors larger than promised, the likeliest first."
+    return Table("causes", "Targets that are known less well than promised, and why", caption, columns, rows, wide=True)
 
 
 def _number(value: float) -> float | None:
@@ -167,11 +167,11 @@ def _caption(campaign: Campaign) -> str:
     out = [
         "Promised: by Fisher information, of as many runs as were flown. Realised: root mean square of simulated "
         f"flights of the design, with the {100 * INTERVAL:g} % interval of one run's, for as many runs. Flown: the "
-        "error that the estimator states, with the scatter of the runs, with what simulated errors scatter more than "
-        "the stated ones, and with their mean.",
-        f"The promise is kept below the error that simulated flights exceed with {100 * CHANCE:g} %, or {SLACK:g} "
-        "times the promised one. The difference counts in flown errors and in what the stated offset of the airspeed "
-        "sensor makes of the believed value.",
+        "error that the estimator states, with the scatter of the runs, with the excess scatter of simulated errors "
+        "over stated ones, and with their mean.",
+        f"The promise is kept if the error is below the one that simulated flights exceed with {100 * CHANCE:g} %, or "
+        f"{SLACK:g} times the promised one. The difference is in units of the flown error and of the effect of the "
+        "airspeed sensor's stated offset on the a-priori value.",
     ]
     airs = {c.flown.promise.air for c in campaign.cards if c.flown.promise is not None and c.flown.promise.air}
     if airs:

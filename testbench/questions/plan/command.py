@@ -29,7 +29,7 @@ command = typer.Typer(
 FromOption = Annotated[
     list[Path] | None,
     typer.Option(
-        "--from", help="Folder of a design (its best is taken), or one file of its designs/; once or more.",
+        "--from", help="Folder of a design (its best is used), or one file of its designs/; once or more.",
         show_default=False,
     ),
 ]  # fmt: skip
@@ -63,14 +63,14 @@ def show(
     simulator: SimulatorOption = FlownBy.auto,
     after: Annotated[
         Path | None,
-        typer.Option(help="Folder of testbench modes: what flights of slower points cleared.", show_default=False),
+        typer.Option(help="Folder of testbench modes: speeds cleared by flights of slower points.", show_default=False),
     ] = None,
 ) -> None:
     """Turn test points and manoeuvres into a campaign: build-up, flight cards, repeats, times, energy, scripts.
 
     Every card is flown in the simulator first. Example: `testbench plan eolo_envelope` plans 11 to 19 m/s towards
-    flutter; with `--after results/x_modes` its cards say what the records of slower speeds cleared. `testbench plan
-    --from results/design_x` takes a design over: it writes the plan file and plans it.
+    flutter; with `--after results/x_modes` its cards state the speeds that records of slower flights cleared.
+    `testbench plan --from results/design_x` uses a design: it writes the plan file and plans it.
     """
     from testbench.questions.files import find
     from testbench.questions.plan.ask import make_plan
@@ -144,10 +144,10 @@ def new(
     autopilot: AutopilotOption = None,
     suite: SuiteOption = None,
 ) -> None:  # fmt: skip
-    """Write a complete commented plan file for an aircraft, to change and to plan.
+    """Write a complete commented plan file for an aircraft, to edit and plan.
 
     Example: `testbench plan new taurus -o my_plan.toml`, then `testbench plan my_plan.toml`. With --from the manoeuvres
-    are those of a design, as they were designed.
+    are those of a design.
     """
     if aircraft is None and not designs:
         raise UsageError("give an aircraft, or --from with a design")
@@ -163,12 +163,13 @@ def rehearse(
     scenario: Annotated[Path, typer.Argument(help="Plan file, or the name of a packaged one.", show_default=False)],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the logs.")] = Path("logs"),
     aircraft: Annotated[
-        str | None, typer.Option(help="What flies instead of the plan's aircraft: one that is not as believed.")
+        str | None,
+        typer.Option(help="Aircraft that flies, instead of the plan's: one that differs from the a-priori model."),
     ] = None,
     seed: SeedOption = None,
     drawn: Annotated[
         int | None,
-        typer.Option("--drawn", min=0, help="What flies is drawn by the uncertainty of the aircraft, with this seed."),
+        typer.Option("--drawn", min=0, help="Draw the aircraft that flies from its uncertainty, with this seed."),
     ] = None,
 ) -> None:
     """Fly the runs of a plan in the simulator, in its turbulence and through its sensors, and write a log per flight.
@@ -208,11 +209,11 @@ def close(
         list[str] | None, typer.Option(help="Deflection at full command, deg, e.g. de=20; the aircraft's if left out.")
     ] = None,
 ) -> None:
-    """Set a plan against the logs of its flights: promised, realised in simulation, and flown; what is to be repeated.
+    """Compare a plan with the logs of its flights: promised, realised and flown errors, and the runs to repeat.
 
-    Runs are found by the recorded commands and set against the response that their cards expect. Those of a card are
-    identified together, by the estimator of its design. Records lie in records/, descriptions for `testbench identify`
-    in identify/. Example: `testbench plan close my_plan.toml flight_1.bin flight_2.bin`.
+    Runs are found by the recorded commands and compared with the expected response of their cards. Those of a card are
+    identified together, by the estimator of its design. Records are written to records/, descriptions for `testbench
+    identify` to identify/. Example: `testbench plan close my_plan.toml flight_1.bin flight_2.bin`.
     """
     from testbench.core.named import obtain
     from testbench.questions.importing.ask import import_log, parse_throws

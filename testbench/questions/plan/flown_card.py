@@ -150,7 +150,7 @@ def run_stem(card: Card, k: int) -> str:
 def _flown(closed: Closed, card: Card, folder: Path) -> FlownCard:
     plan, runs = closed.plan, tuple(closed.good(card))
     if card.spec.use == "validation":
-        return FlownCard(card, runs, None, False, "it judges what other cards identify")
+        return FlownCard(card, runs, None, False, "it is for validation")
     design = design_file(plan, card)
     promise = None if design is None else read_promise(design)
     by_design = promise is not None
@@ -159,7 +159,7 @@ def _flown(closed: Closed, card: Card, folder: Path) -> FlownCard:
         promise = _promised_by_plan(plan, card)
     else:
         promise, notes = _at_card(plan, card, _scaled(promise, card))
-    flown = FlownCard(card, runs, promise, by_design, "no run was flown as the card says")
+    flown = FlownCard(card, runs, promise, by_design, "no run was flown as on the card")
     if not runs:
         return flown
     records, recipe, file = [r.record for r in runs], None, None
@@ -214,7 +214,7 @@ def description_text(
     table = {
         "title": f"{plan.scenario.title}: card {card.number}, {card.title}",
         "source": f"{logs}, cut by testbench plan close",
-        "rights": "say here whose data these are and who may use them",
+        "rights": "state here the owner of the data and who may use them",
         "folder": f"../{RECORDS}",
         "trim_s": math.floor(100.0 * settled) / 100.0 if by_trim else 0.0,
         "aircraft": plan.scenario.aircraft,
@@ -288,7 +288,9 @@ def _at_trim(records: Sequence[FlightRecord], name: str) -> float | None:
 def _recorded(plan: Plan, card: Card, V: float | None, h: float | None) -> tuple[dict[str, float], tuple[str, ...]]:
     """Return target -> believed value at the recorded speed and height over that at the card's, and notes."""
     if V is None:
-        return {}, ("no airspeed was logged: values are compared with those believed at the speed of the card",)
+        return {}, (
+            "no airspeed was logged: values are compared with those of the a-priori model at the speed of the card",
+        )
     try:
         there = _believed(plan, card, V, card.point.h_m if h is None else h)
     except Refusal as error:

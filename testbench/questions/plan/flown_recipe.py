@@ -81,9 +81,11 @@ def recipe_of(plan: Plan, card: Card, records: Sequence[FlightRecord]) -> FlownR
             ) from error
         if found is not None:
             return found
-        notes.append(f"{design.name} names no estimator with a structure: the logged channels decide")
+        notes.append(
+            f"{design.name} names no estimator with a structure: the estimator follows from the logged channels"
+        )
     elif card.spec.design is not None:
-        notes.append(f"the design {card.spec.design} was not found: the logged channels decide what is identified")
+        notes.append(f"the design {card.spec.design} was not found: the estimator follows from the logged channels")
     return _proposed(plan, card, records, measured, tuple(notes))
 
 

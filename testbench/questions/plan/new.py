@@ -119,10 +119,10 @@ def _head(
     rms = max((air.turbulence_rms_m_s for air in airs), default=CALM_RMS_M_S)
     stall_words = "" if stall is None else f"; level flight at {stall:.3g} m/s takes the highest angle of attack"
     lines = [
-        "# A flight plan, made by `testbench plan new`. It runs as it is: change what is yours, then",
+        "# A flight plan, made by `testbench plan new`. It can be run unchanged. Enter your own values, then",
         "#     testbench check THIS_FILE",
         "#     testbench plan THIS_FILE",
-        "# Lines with YOURS hold guesses.",
+        "# Lines with YOURS are guesses.",
         f"title = {quoted(f'{Path(name).name}: flights to identify it from')}",
         'question = "How many flights does it take, and what stays inside the limits?"',
         f"aircraft = {quoted(as_named(name, AIRCRAFT))}",
@@ -138,7 +138,10 @@ def _head(
         f"turbulence_rms_m_s = {rms:g}      # vertical air that the expected bands allow for",
         "onset_margin_percent = 10.0   # below the onset of an elastic instability",
         "",
-        "# What is left out here comes from the aircraft: alpha, sideslip and stops by its own limits, speed between",
+        (
+            "# Keys that are omitted here come from the aircraft: alpha, sideslip and stops by its own limits, speed "
+            "between"
+        ),
         "# 1.2 stall speeds and its limit, bank and pitch by half its limit but 30 to 45 deg, load factor 0 to 2,",
         "# height by half the height above the field. Each card says where its limits come from and who watches them.",
         *_limits(designs),

@@ -163,7 +163,7 @@ def flights_table(plan: Plan) -> Table:
         Column("share", "of the usable", "%", decimals=0, get=lambda f: 100.0 * f.share),
     )
     caption = (
-        f"A glider pays with height: every flight may sink from {spec.release_m:g} to {spec.lowest_m:g} m."
+        f"A glider uses height: every flight may sink from {spec.release_m:g} to {spec.lowest_m:g} m."
         if (isinstance(spec, Tow))
         else (
             f"Power is thrust times speed at trim over an efficiency of {spec.efficiency_percent:g} %, and "
@@ -395,7 +395,7 @@ def close_plates(campaign: Campaign) -> list[fig.Plate]:
     x = [math.nan if v is None else v for v in wanted]
     draws.append(fig.Curve(x=x, y=at, name="wanted", marker="|", size=18.0, colour=fig.INK, order=4.0))
     panel = fig.Panel(
-        draws=draws, x="standard error, % of the believed value", log_x=True,
+        draws=draws, x="standard error, % of the a-priori value", log_x=True,
         x_range=(low, 2.0 * float(np.nanmax(errors))), **fig.rows([f"{number}: {t.name}" for number, t in shown], 0.42),
     )  # fmt: skip
     return [fig.Plate("errors", "Promised, realised, flown", caption, fig.Chart([[panel]]))]

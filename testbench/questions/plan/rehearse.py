@@ -116,7 +116,7 @@ def _measured(plan: Plan, run: Run, other: Aircraft | None, seed: int, say: Call
         except FlightAborted as error:  # the run is broken off at the limit, and the next one begins at trim
             if error.record is None or error.time_s <= spec.settle_s + QUIET_S:
                 raise
-            say(f"run {run.number} of {len(plan.runs)} is broken off: {error}")
+            say(f"run {run.number} of {len(plan.runs)} is aborted: {error}")
             truth = error.record
     record = suite.measure(truth, seed)
     told = [f"{c}_cmd" for c in plan.aircraft.controls if f"{c}_cmd" in truth and f"{c}_cmd" not in record]

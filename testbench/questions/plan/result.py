@@ -101,7 +101,7 @@ class Reached:
         if self.needed is None:
             return (
                 f"{self.name}: {100.0 * self.wanted:.3g} % cannot be reached by any number of repeats: these sensors "
-                "and this input tell nothing of it alone"
+                "and this input give no information on it alone"
             )
         text = f"{self.name}: {100.0 * self.reached:.2g} % reached, {100.0 * self.wanted:.3g} % wanted"
         return text if self.reached <= self.wanted * (1.0 + 1e-9) else f"{text}; that takes {self.needed} runs"

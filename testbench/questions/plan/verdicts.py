@@ -185,7 +185,7 @@ def no_go(closed: Closed, card: Card) -> str:
     for c in slower:
         strange = [r for r in closed.of(c) if r.unexpected]
         if len(strange) > len(closed.good(c)):
-            return f"card {c.number} met a limit or left its band more often than not: evaluate that on the ground"
+            return f"card {c.number} met a limit or left its band in most runs: evaluate this on the ground"
     return ""
 
 
@@ -241,7 +241,7 @@ def _target(f: FlownCard, k: int, name: str, found: Estimate | None, causes: tup
     told = causes if not reached else ()
     if found.scatter > 1.0 and not reached:
         told = (
-            f"the runs differ by {found.scatter:.2g} times what their errors say: air, trim or speed differed",
+            f"the runs differ by {found.scatter:.2g} times their errors: air, trim or speed differed",
             *told,
         )
     more = 0 if reached and not math.isfinite(wanted) else more_runs(error, goal, runs, lasting)
@@ -387,7 +387,7 @@ def _noisier(plan: Plan, f: FlownCard, records: Sequence[FlightRecord], model: P
     if ratios[name] > _NOISIER:
         yield (
             f"residuals of {name} are {number(ratios[name], 2)} times the noise of its sensor: wind and turbulence, "
-            "noise that its file does not state, or what the model lacks"
+            "noise that its file does not state, or missing terms of the model"
         )
 
 

@@ -20,10 +20,10 @@ def command(
                      show_default=False),
     ] = None,
 ) -> None:  # fmt: skip
-    """Begin a campaign: a folder with project.toml, which says what all questions share and keeps what they find.
+    """Begin a campaign: a folder with project.toml, which states what all questions share and records their results.
 
-    In the folder a scenario needs to say only what is its own, and `testbench` alone says where the campaign stands and
-    what comes next. Example: `testbench new my_project --aircraft taurus --sensors eolo_alpha`.
+    A scenario in the folder needs only its own keys, and `testbench` alone prints the state of the campaign and the
+    next command. Example: `testbench new my_project --aircraft taurus --sensors eolo_alpha`.
     """
     from testbench.questions.project.new import new_project
 

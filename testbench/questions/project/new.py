@@ -56,7 +56,7 @@ def new_project(name: Path | str, aircraft: str, sensors: str, speeds_m_s: Seque
     if not math.isclose(rate_hz, flown.rate_hz):
         text += f"\n[simulation]\nrate_hz = {real(rate_hz)}  # a multiple of the rate of the sensors\n"
     unseen = [m for m, wanted in designs.items() if not wanted]
-    text += "\n[accuracies]                 # wanted standard errors, percent: what these sensors can tell\n"
+    text += "\n[accuracies]                 # wanted standard errors, percent: those that these sensors can determine\n"
     text += "".join(f"{n} = {real(x)}\n" for wanted in designs.values() for n, x in wanted.items())
     text += "".join(f"# Nothing of the {m} motion: that needs {needed(m)} among the sensors.\n" for m in unseen)
     files = {FILE: to_edit(text, "project")}
@@ -96,8 +96,8 @@ def _named(name: str, family: object, folder: Path) -> str:
 
 
 def _text(title: str, aircraft: str, suite: str, flown: Aircraft, speeds: Sequence[float]) -> str:
-    return f"""# A campaign, made by `testbench new`. Files in this folder take what they leave out from here. Commands
-# that are run here add what they found to the end. `testbench` alone says where the campaign stands.
+    return f"""# A campaign, made by `testbench new`. Files in this folder take the keys that they omit from here.
+# Commands that are run here add their results to the end. `testbench` alone prints the state of the campaign.
 title = {quoted(title)}
 aircraft = {quoted(aircraft)}  # structure, servos and stops: in its aircraft.toml
 suite = {quoted(suite)}  # sensors as sold, with places, lags and noise: `testbench list sensors`, or a file of yours
@@ -105,7 +105,7 @@ speeds_m_s = [{", ".join(real(V) for V in speeds)}]  # true airspeeds; designs a
 h_m = {real(flown.design_h_m)}  # above sea level
 by = "autopilot"  # or "pilot": who flies the cards
 
-[limits]                     # YOURS: of designs and plans that say nothing of them
+[limits]                     # YOURS: of designs and plans that do not state them
 load_factor = [0.3, 1.7]
 # [air]                      # a calm morning, if it is not given; 0.0 is still air
 # turbulence_rms_m_s = 0.3
@@ -114,8 +114,8 @@ load_factor = [0.3, 1.7]
 
 def _design(motion: str, aircraft: Aircraft) -> str:
     controls = ", ".join(quoted(c) for c in PLANE_CONTROLS[motion] if c in aircraft.controls)
-    return f"""# What is left out here stands in {FILE}: the targets are the accuracies of this motion.
-title = {quoted(f"Which input tells the {motion} motion?")}
+    return f"""# Keys that are omitted here are in {FILE}: the targets are the accuracies of this motion.
+title = {quoted(f"Which input determines the {motion} motion?")}
 controls = [{controls}]
 duration_s = 10.0
 """

@@ -36,6 +36,6 @@ def response_answer(response: FrequencyResponse) -> Answer:
         )
         if response.window_allowance is not None:
             windows = 100.0 * float(np.median(response.window_allowance[longest, i].min(axis=1)))
-            said += f" and up to {number(windows, 2)} % by the windows"
+            said += f" and up to {number(windows, 2)} % from the windows"
         out.append(f"{said} (medians)")
     return [*out, *advice_lines(response.advice)]

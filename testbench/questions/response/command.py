@@ -19,10 +19,10 @@ def command(
     out: OutOption = Path("results"),
     data: DataOption = None,
 ) -> None:
-    """Estimate the frequency responses of recorded flights with coherence, random error and what the windows do.
+    """Estimate the frequency responses of recorded flights with coherence, random error and the bias of the windows.
 
     All records of the description are taken together; its identification table names inputs and outputs. The method is
-    made for sweeps and multisines. Example: `testbench response records/attas_short_period --window 5 --window 12`.
+    for sweeps and multisines. Example: `testbench response records/attas_short_period --window 5 --window 12`.
     """
     from testbench.core.named import obtain
     from testbench.logs.read import read_records

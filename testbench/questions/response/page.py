@@ -68,8 +68,8 @@ def response_table(response: FrequencyResponse) -> Table:
                     )
                 )
     caption = (
-        "SI units and radians. Coherence is partial: what the other inputs explain is removed. By the windows: how far "
-        "they can have moved the value, computed by a law that answers the recorded inputs."
+        "SI units and radians. Coherence is partial: what the other inputs explain is removed. By the windows: their "
+        "possible change of the value, computed with a model of the response to the recorded inputs."
     )
     return Table("frequency_response", "Frequency responses", caption, columns, tuple(rows))
 
@@ -89,8 +89,8 @@ def _plate(response: FrequencyResponse, i: int, j: int) -> Plate:
     name = f"{symbol(output)} / {symbol(given)}"
     caption = (
         f"Response of {symbol(output)} to {symbol(given)} with its error on either side: one standard deviation by "
-        f"chance, and what the windows do. Shaded: usable (coherence of at least {COHERENT:g}, error of at most "
-        f"{100 * USABLE:g} %). Do not believe the response outside that band."
+        f"chance, and the allowance for the windows. Shaded: usable (coherence of at least {COHERENT:g}, error of at "
+        f"most {100 * USABLE:g} %). The response outside that band is not reliable."
     )
     size, phase, spread = factor * np.abs(H), unwrapped(H), np.minimum(error, 1.0)
     look: dict[str, Any] = {"colour": COLOURS[0], "width": 1.4}

@@ -16,22 +16,22 @@ def command(
     context: typer.Context,
     folder: Annotated[Path, typer.Argument(help="Folder of results, or the first of two results.")] = Path("results"),
     other: Annotated[
-        Path | None, typer.Argument(help="A second result, to set beside the first.", show_default=False)
+        Path | None, typer.Argument(help="A second result, for comparison with the first.", show_default=False)
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Folder for the page of two results. Default: FIRST_and_SECOND."),
     ] = None,
     verify: Annotated[
-        bool, typer.Option("--verify", help="Say of one result whether every file still is what was written.")
+        bool, typer.Option("--verify", help="Verify that the files of one result are unchanged.")
     ] = False,
 ) -> None:
-    """List the results of a folder with titles, answers and dates; or look at one result, or at two.
+    """List the results of a folder with titles, answers and dates; or show one result, or compare two.
 
-    Of one result the command says what it was made from: command, versions, inputs, files. With --verify it says which
-    files have changed, what would change if it were made again, and ends with 1 if the result is no longer what was
-    written. Examples: `testbench results`, which the board of `testbench app` shows with their pages; `testbench
-    results results/a --verify`; `testbench results results/a results/b` compares two.
+    For one result the command lists its provenance: command, versions, inputs, files. With --verify it lists the files
+    that have changed and the changes that a repetition would make, and ends with 1 if the result has changed. Examples:
+    `testbench results`, which the board of `testbench app` shows with their pages; `testbench results results/a
+    --verify`; `testbench results results/a results/b` compares two.
     """
     from testbench.core.store import manifest_of
     from testbench.page.terminal import print_rows

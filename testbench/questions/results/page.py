@@ -73,7 +73,7 @@ def states(found: Verified) -> list[tuple[str, str]]:
     """Return (file, state) of every file of a result, and of those beside it that are the user's."""
     said = {**dict.fromkeys(found.changed, "changed"), **dict.fromkeys(found.missing, "missing")}
     listed = [
-        (name, said.get(name, "as written" if entry else "goes on changing"))
+        (name, said.get(name, "as written" if entry else "still changing"))
         for name, entry in found.manifest.files.items()
     ]
     return [*listed, *((name, "yours") for name in found.extra)]
@@ -83,12 +83,12 @@ def verdict(found: Verified) -> list[str]:
     """Return sentences: whether a result still is what was written, and what would change if it were made again."""
     wrong = len(found.changed) + len(found.missing)
     total = sum(entry is not None for entry in found.manifest.files.values())
-    out = [f"{total - wrong} of {counted(total, 'file')} are as written" if wrong else "all files are as written"]
+    out = [f"{total - wrong} of {counted(total, 'file')} are unchanged" if wrong else "all files are unchanged"]
     out += [f"input {name} has changed since" for name in found.inputs_changed]
     out += [f"input {name} is not found any more" for name in found.inputs_gone]
     out += [f"{name} was {then}, and is {now} here" for name, then, now in found.versions]
     if len(out) == 1:
-        out.append("nothing that it was made from has changed")
+        out.append("its inputs are unchanged")
     return out
 
 
@@ -111,7 +111,7 @@ def _said(a: ResultSummary, b: ResultSummary) -> Table:
     when = ("written", *(f"{r.written:%Y-%m-%d %H:%M}" for r in (a, b)))
     columns = (Column("what", "what"), Column("first", "first"), Column("second", "second"))
     first, second = _names(a, b)
-    return Table("said", "What each says", f"First: {first}. Second: {second}.", columns, (*rows, when), wide=True)
+    return Table("said", "The answers", f"First: {first}. Second: {second}.", columns, (*rows, when), wide=True)
 
 
 def _differences(found: Sequence[Difference]) -> Table:

@@ -25,8 +25,8 @@ def command(
 ) -> None:
     """Fly a scenario, measure it, identify models and judge them; write records, tables, models and report.html.
 
-    Example: `testbench run eolo_alpha` answers what an angle-of-attack vane buys; `testbench run mine.toml
-    --aircraft mine_amended` flies another aircraft through it.
+    Example: `testbench run eolo_alpha` shows the gain of an angle-of-attack vane; `testbench run mine.toml --aircraft
+    mine_amended` flies another aircraft.
     """
     from testbench.core.named import obtain
     from testbench.core.record import FlightAborted

@@ -220,13 +220,13 @@ def error_findings(cases: Sequence[Any]) -> list[str]:
     if good:
         states = f"only {name[good[0]]} states" if len(good) == 1 else f"{listed([name[g] for g in good])} state"
         first = (
-            f"of {len(judged)} methods {states} errors that this "
-            f"flight does not contradict: {listed([count[g] for g in good])} true values lie within two of them"
+            f"of {len(judged)} methods {states} errors that agree with this flight: {listed([count[g] for g in good])} "
+            "true values lie within two of them"
         )
     else:
         first = (
-            f"none of {len(judged)} methods states errors that can be believed; {name[best]} comes nearest, with "
-            f"{count[best]} true values within two standard errors"
+            f"none of {len(judged)} methods states correct errors; {name[best]} is the best, with {count[best]} true "
+            "values within two standard errors"
         )
     told = ", ".join(f"{name[label]} {text}" for label, text in count.items())
     return [first, f"true values within two of the stated errors, where 95 % should be: {told}"]
@@ -297,8 +297,7 @@ def sampling_findings(
     low = [o for o, w in fast.items() if 1.5 * slow < w < 0.5 * true]
     if low:
         out.append(
-            f"the poles of {', '.join(low)} are not the short period: they lie where the input and the filter leave "
-            f"energy. The fits on validation data reach {np.max(fit):.0f} % all the same: a good fit is no proof of a "
-            "mode"
+            f"the poles of {', '.join(low)} are not the short period: they lie where input and filter have energy. The "
+            f"fits on validation data nevertheless reach {np.max(fit):.0f} %: a good fit is no proof of a mode"
         )
     return out

@@ -83,7 +83,7 @@ def seeds_findings(repeats: Repeats, channels: Mapping[str, Sequence[str]]) -> l
     elif any(g.sure and g.after.value < g.before.value for g in gains):
         out = [f"over {repeats.count} seeds another suite lowers only errors above {_FOUND_TO:g} % of the true value"]
     else:
-        out = [f"over {repeats.count} seeds no other suite makes an error smaller by more than chance"]
+        out = [f"over {repeats.count} seeds no other suite reduces an error by more than chance"]
     for suite, estimator in repeats.errors:
         mine = [g for g in gains if (g.suite, g.estimator) == (suite, estimator)]
         if mine or suite != base:
@@ -111,7 +111,7 @@ def _of_estimator(repeats: Repeats, base: str, suite: str, estimator: str, gains
         parts.append(f"{added} changes the error of {kept} by no more than chance")
     if lost:
         names = listed([words_of(g.quantity) for g in lost])
-        parts.append(f"{names}: off by more than {_FOUND_TO:g} % of the true value, without {added} and with it")
+        parts.append(f"{names}: errors of more than {_FOUND_TO:g} % of the true value, without {added} and with it")
     for quantity in repeats.quantities:
         without, with_ = (repeats.found((s, estimator), quantity) for s in (base, suite))
         if max(without, with_) == 0:
@@ -130,7 +130,7 @@ def _alone(repeats: Repeats) -> str:
         last = list(series)[-1]
         mean = repeats.mean((suite, estimator), last)
         if mean is not None:
-            parts.append(f"{estimator} errs in {words_of(last)} by {_span(mean)} %")
+            parts.append(f"{estimator} has an error in {words_of(last)} of {_span(mean)} %")
     return f"over {repeats.count} seeds {listed(parts)}"
 
 

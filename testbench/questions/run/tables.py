@@ -151,8 +151,8 @@ def parameter_table(result: RunResult) -> Table | None:
     if not rows:
         return None
     caption = (
-        "Standard errors are corrected for residuals that are correlated in time. The column beside them gives the "
-        "errors that white residuals would have. Held parameters are in the model files. SI units and radians."
+        "Standard errors are corrected for residuals that are correlated in time. The next column gives the errors "
+        "for white residuals. Held parameters are in the model files. SI units and radians."
     )
     if known:
         caption += (

@@ -20,7 +20,7 @@ def command(
     ] = None,
     port: Annotated[int, typer.Option(help="Port on this machine; 0 for any that is free.")] = 8700,
 ) -> None:
-    """Serve an interactive page: drag an input and see its spectrum, the response and the standard errors it gives.
+    """Serve an interactive page: drag an input and see its spectrum, the response and the expected standard errors.
 
     The page is served on 127.0.0.1 only, until Ctrl-C. Example: `testbench studio eolo`.
     """

@@ -250,7 +250,7 @@ def test_a_dropped_log_is_cut_anew_and_identified_by_keyboard(bench, browser, tm
         tab.get_by_role("link", name="Work").press("Enter")
         assert tab.get_by_role("article").count() == 3
     second.get_by_role("link", name="Board").press("Enter")
-    second.get_by_role("link", name="my flight.csv: what it holds").press("Enter")
+    second.get_by_role("link", name="my flight.csv: contents").press("Enter")
     assert "my flight" in second.frame_locator("#frame").locator("h1").inner_text()
     assert (outside, wrong) == ([], [])
     context.close()

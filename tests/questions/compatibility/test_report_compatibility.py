@@ -45,7 +45,7 @@ def test_the_answer_names_the_error(result):
     assert size == pytest.approx(GYRO_BIAS, abs=4.0 * std)
     assert std < 0.01 * GYRO_BIAS
     lines = compatibility_answer(result)
-    assert lines[0].text.startswith("With all errors sought at once, the pitch-rate gyro reads 1.1")
+    assert lines[0].text.startswith("With all errors estimated at once, the pitch-rate gyro reads 1.1")
     assert lines[0].text.endswith("deg/s too much.")
     assert lines[1].text.startswith("Kinematics do not contradict")
     table = error_tables(result.every)[0]

@@ -298,7 +298,7 @@ def test_an_interrupt_keeps_what_is_finished_and_ends_with_130(small):
     process.send_signal(signal.SIGINT)
     _, said = process.communicate()
     assert process.returncode == 130, said
-    assert "what is finished is kept; the same command goes on" in said
+    assert "finished results are kept; the same command continues" in said
     assert "Traceback" not in said
     with pytest.raises(DatasetError, match="is not complete"):
         tb.open_dataset(folder)

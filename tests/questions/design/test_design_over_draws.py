@@ -58,7 +58,7 @@ def test_the_believed_aircraft_is_judged_as_without_draws(judged):
     assert "draws" not in {t.name for t in design_page(plain).tables}
     said = [s for s in design_sentences(plain) if "drawn" in s]
     assert [s.split(":")[0] for s in said] == [
-        "Errors and limits are those of taurus as it is believed, which states no [uncertainty]"
+        "Errors and limits are those of the a-priori model of taurus, which states no [uncertainty]"
     ]
 
 
@@ -141,7 +141,7 @@ def test_the_answer_tells_believed_median_and_worst_and_the_limits(judged):
     (said,) = [s for s in sentences if s.startswith("Over ")]
     assert "in the median and" in said
     assert f"every wanted accuracy is reached in {over.told.reached} of" in said
-    assert any(s.startswith("No prior is counted in these errors") for s in sentences)
+    assert any(s.startswith("These errors contain no prior") for s in sentences)
     broken = sum(bool(f.breach) for f in over.flights)
     assert broken > 0  # the amplitude of the believed aircraft leaves nothing for those that answer more
     assert any(f"breaks a limit in {broken} of" in s and "robust = true" in s for s in sentences)
@@ -160,7 +160,7 @@ def test_tables_agree_with_the_result(judged, tmp_path):
     ranking = ranking_table(judged)
     column = [c.key for c in ranking.columns].index("worst of draws")
     assert ranking.rows[0][column] == pytest.approx(over.told.costs.max())
-    assert dict(page.asked)["uncertainty"].startswith("8 aircraft drawn by what mine states")
+    assert dict(page.asked)["uncertainty"].startswith("8 aircraft drawn with the stated uncertainty of mine")
 
 
 def test_a_robust_design_keeps_the_limits_in_every_draw_and_has_the_smallest_worst_error(robust, judged):
@@ -173,7 +173,7 @@ def test_a_robust_design_keeps_the_limits_in_every_draw_and_has_the_smallest_wor
     assert max(f.tightest.share for f in robust.best.over.flights) > 0.9  # no smaller than it must be
     assert "in each of" in design_sentences(robust)[0]
     assert "in the worst of them" in design_sentences(robust)[0]
-    assert any("the limit that binds in the worst of them is that on the" in s for s in design_sentences(robust))
+    assert any("the binding limit of the worst of them is that on the" in s for s in design_sentences(robust))
     assert robust.shortest is None
     more = {"switching for all draws"}  # the paper's pilot flies no multisine
     assert {r.design.family for r in robust.ranking} - more == {r.design.family for r in judged.ranking}
@@ -222,4 +222,4 @@ def test_a_robust_design_is_at_least_as_good_in_the_worst_draw_as_the_nominal_on
     assert robust.nominal is not None
     nominal = robust.ranking[robust.nominal]
     assert nominal.over.told.costs.max() >= robust.best.over.told.costs.max()
-    assert any("the believed aircraft alone" in s for s in design_sentences(robust))
+    assert any("the a-priori model alone" in s for s in design_sentences(robust))

@@ -259,7 +259,7 @@ def test_unreachable_targets_are_said_with_what_stands_in_the_way(tmp_path):
     first = brief(verdict)[0].replace("\u00a0", " ")
     assert first == "No admissible input found in 10 s reaches every wanted accuracy."  # on every first screen
     assert re.search("the best leaves M_q with a standard error of .* where 0.10 % is wanted", verdict)
-    assert re.match(r"Fly the .*, peak .* deg: it comes nearest", fly)
+    assert re.match(r"Fly the .*, peak .* deg: it is nearest", fly)
     assert f"Flown {result.obstacles.flights} times it would reach them" in text
     assert "Without the noise of q" in text
     assert result.obstacles.flights == int(np.ceil(result.best.design.cost**2))

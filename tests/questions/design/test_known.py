@@ -121,7 +121,7 @@ def test_a_run_of_a_design_is_not_known_better_than_its_simulated_flights_show(t
     np.testing.assert_allclose(np.sqrt(np.diag(stated.covariance)), [0.1, 0.1])
     assert "not there any more" in stated.notes[0]  # said, not passed over
     bare = model_file(tmp_path / "bare.json", ("M_q",), (-2.0,), [[0.01]], condition={"V_m_s": 12.0})
-    assert "states of itself" in known_after([bare], 12.0).notes[0]
+    assert "those of its estimator alone" in known_after([bare], 12.0).notes[0]
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[1]", '{"structure": "designed_for", "parameters": {"M_q": 3}}'])
@@ -188,7 +188,7 @@ def test_the_next_input_is_made_for_what_is_uncertain(first):
     assert [r[0] for r in table.rows] == list(p.targets.names)
     page = design_page(second)
     assert "known" in {t.name for t in page.tables}
-    assert any("known as well as wanted by what was flown before" in str(line) for line in page.answer)
+    assert any("known as well as wanted from the previous flights" in str(line) for line in page.answer)
 
 
 def test_headline_errors_widen_the_flight_and_nothing_else(first):

@@ -215,7 +215,9 @@ def test_where_only_noise_disturbs_a_small_input_the_promise_is_kept(small):
     assert not best.found.failed
     assert not best.differs.any()
     np.testing.assert_allclose(small.best.errors, small.best.design.errors, rtol=0.3)
-    assert any("it has the promised errors within what 20 flights can tell" in s for s in design_sentences(small))
+    assert any(
+        "its errors agree with the promised ones within the scatter of 20 flights" in s for s in design_sentences(small)
+    )
     assert AIR not in small.best.bounds  # still air has no extremes of its own
 
 
@@ -278,5 +280,5 @@ def test_a_mode_that_damping_makes_is_not_moved_beyond_static_stability(small):
         return at._replace(linear=linear, modes=modes_of(linear, aircraft, scenario.plane))
 
     setting = Setting(scenario.plane, hardly_stable, None)
-    with pytest.raises(EstimationError, match=r"damping makes most .* Cm_alpha \+.* without static stability"):
+    with pytest.raises(EstimationError, match=r"damping contributes most .* Cm_alpha \+.* without static stability"):
         with_mode(setting, small.believed, 0.7)

@@ -44,7 +44,7 @@ def test_a_late_instrument_is_named_by_kinematics_alone(believed, channel):
     found = check_instruments(believed.suite, measure(changed(believed, channel, delay_s=0.1), 12))
     assert found.fault.name == f"{channel}_late"
     assert abs(found.fault.estimate - 0.1) < 4.0 * found.fault.std
-    assert "kinematics say" in agreement_in_words(found)[0]
+    assert "kinematics show" in agreement_in_words(found)[0]
 
 
 def test_channels_that_do_not_suffice_are_said_so(believed):

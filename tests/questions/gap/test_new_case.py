@@ -203,6 +203,6 @@ def test_noise_that_a_filter_took_is_a_guess_and_says_so(flown, monkeypatch, cap
     assert ends(monkeypatch, capsys, *new, "one.nc", "two.nc")[0] == 0
     suite = load_suite(tmp_path / "mine_sensors.toml")
     theta, q = (next(s for s in suite.sensors if s.channel == n) for n in ("theta", "q"))
-    assert theta.source.startswith("YOURS: noise is a guess")
+    assert theta.source.startswith("YOURS: the noise is assumed")
     assert suite.noise_std["theta"] == pytest.approx(load_suite("eolo_gap").noise_std["theta"], rel=0.01)
     assert q.source.startswith("noise from third differences")

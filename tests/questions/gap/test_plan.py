@@ -165,7 +165,7 @@ def test_a_plan_names_what_to_add_and_goes_on_where_it_was_interrupted(monkeypat
     first = plan_gap(Scenario.load("eolo_alpha"), stop, 180, file)
     assert first.interrupted
     assert len(first.drawn.trials) == 60
-    assert any("interrupted: this is what 60 flights" in s for s in first.sentences)
+    assert any("interrupted: these are the results of 60" in s for s in first.sentences)
     assert not first.additions
     found = plan_gap(Scenario.load("eolo_alpha"), said.append, 180, file)
     assert (found.interrupted, len(found.drawn.trials)) == (False, 180)
@@ -173,12 +173,12 @@ def test_a_plan_names_what_to_add_and_goes_on_where_it_was_interrupted(monkeypat
     assert len(file.read_text(encoding="utf-8").splitlines()) == 180
     assert found.manoeuvres == ("3-2-1-1", "doublet")
     assert "q_bias" in found.unseen
-    assert any("bias of the q sensor would not show" in s for s in found.sentences)
-    assert any("0 of 80 flights with nothing in them" in s for s in found.sentences)
+    assert any("bias of the q sensor would not be visible" in s for s in found.sentences)
+    assert any("0 of 80 flights without an effect" in s for s in found.sentences)
     assert set(found.power) == set(FEW) - {"q_bias", "alpha_scale"}  # alpha is not measured
     best, planned = found.additions[0], found.planned
     assert best.worth >= planned.worth
-    assert any(best.words in s or "no manoeuvre that was tried" in s for s in found.sentences)
+    assert any(best.words in s or "none of the tried manoeuvres" in s for s in found.sentences)
     # A manoeuvre that is added hides nothing that was seen before.
     assert all(a.given.keys() >= planned.given.keys() for a in found.additions)
     assert any("throttle" in s for s in said)
@@ -212,7 +212,7 @@ def test_what_small_motion_cannot_separate_gets_a_manoeuvre_in_which_the_airspee
     ]
     words = separate(believed, records, fits)
     assert words.startswith("fly next: an elevator pulse of 1.2 deg nose up, held for 4 s; ")
-    lead, now = (float(words.split(before)[1].split()[0]) for before in ("lead by ", "leads by "))
+    lead, now = (float(words.split(before)[1].split()[0]) for before in ("lead by ", "against "))
     assert lead > 20.0 > 3.0 > now
 
 

@@ -86,7 +86,7 @@ def test_page_figures_tables_and_amended_aircraft(result, tmp_path):
     ):
         assert part in names
     page = paths[-1].read_text(encoding="utf-8")
-    assert page.index("What the amendment does to a flight") < page.index("What was believed, and what was measured")
+    assert page.index("The amended model on a held-out flight") < page.index("What was believed, and what was measured")
     assert "A note." in page
     assert page.count('id="figure-answer"') == 1
     assert page.index('id="answer"') < page.index('id="figure-answer"') < page.index('id="figure-residual_maps"')
@@ -123,8 +123,8 @@ def test_the_page_of_a_plan(monkeypatch, tmp_path):
     paths = gap_plan_page(plan).write(tmp_path)
     page = paths[-1].read_text(encoding="utf-8")
     for words in (
-        "How often each effect would be named",
-        "What effects would be taken for",
+        "Rate at which each effect would be named",
+        "Confusion of effects",
         "bias of the q sensor",
     ):
         assert words in page

@@ -111,7 +111,7 @@ def test_a_surface_stands_in_place_of_a_command_that_is_not_recorded():
     assert names == ("de", "thr")
     assert u[:, 0] == pytest.approx(RAMP, abs=1e-4)  # what moves by less than the noise counts as quiet flight
     assert driven_by([found]) == (
-        "What was recorded of elevator drives the believed model, and measured commands otherwise."
+        "The recorded deflections of elevator drive the a-priori model, and measured commands otherwise."
     )
 
 
@@ -224,7 +224,7 @@ def test_nothing_of_the_servo_is_left_in_the_model_that_surfaces_drive():
 
 def test_a_model_that_turns_the_surface_itself_cannot_be_driven_by_it():
     damped = believe().with_effect(EFFECTS["pitch_damper"], {"gain_s": 0.1})
-    with pytest.raises(RecordError, match="cannot drive a model that turns it by what it measures"):
+    with pytest.raises(RecordError, match="cannot drive a model that moves it by feedback"):
         driven(damped, of_nothing(NOISE_RAD), {}, "both")
 
 
@@ -325,7 +325,7 @@ def test_records_that_hold_surfaces_alone_become_a_case_that_names_what_is_missi
     assert first["effect"] == EFFECTS["drag_increment"].title
     page = (results / "report.html").read_text(encoding="utf-8")
     assert "path of the elevator could not be seen" in page
-    assert "What was recorded of elevator drives the believed model" in page
+    assert "The recorded deflections of elevator drive the a-priori model" in page
     with_commands = few.replace('drive = "both"', 'drive = "command"')
     (tmp_path / "mine.toml").write_text(with_commands, encoding="utf-8")
     status, lines = ends(monkeypatch, capsys, "gap", "mine.toml", "--workers", "1")

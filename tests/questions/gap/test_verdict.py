@@ -36,7 +36,7 @@ def test_every_effect_of_the_library_has_a_part_with_a_check_and_a_place_in_the_
     (part,) = parts_of([effect])
     assert part_names(effect) == (part.name,)
     assert part.name in _REGIONS or part.name == "air" or part.name.endswith("sensor")
-    assert not part.ground_check.startswith(("look at it, and measure", "compare the sensor"))
+    assert not part.ground_check.startswith(("inspect it, and measure", "compare the sensor"))
     assert any(_region(part.name)) or part.name == "air"
 
 
@@ -49,7 +49,7 @@ def test_two_effects_of_one_part_call_it_once_and_a_set_says_or():
     lag, limit, scale = EFFECTS["actuator_lag"], EFFECTS["rate_limit"], EFFECTS["alpha_scale"]
     assert [p.name for p in parts_of([together(lag, limit)])] == ["elevator path"]
     both = Verdict(parts_of([lag, scale]), 0.973, any=True)
-    assert both.sentences[0] == ("where to look: elevator path or alpha sensor; probability that it sits there: 97.3 %")
+    assert both.sentences[0] == "where to look: elevator path or alpha sensor; probability of that place: 97.3 %"
     assert len(both.sentences) == 3
     assert "elevator path or alpha sensor. Probability: 97.3 %" in part_plate(both).caption
 

@@ -81,7 +81,7 @@ def test_a_record_without_quiet_flight_is_cut_and_says_so(believed, flown):
     assert note.startswith(
         "'by hand' does not begin with quiet flight: it is cut into 1 window of 8.5 s (nothing grows"
     )
-    assert note.endswith(", each started freely")
+    assert note.endswith(", each with a free initial state")
     found = cut(believed, {"by hand": flown}, 3.0)
     parts, lead = list(found.records.values()), round(LEAD_S / flown.dt_s)
     assert list(found.records) == ["by hand, 2 to 5.32 s", "by hand, 4.83 to 8.16 s", "by hand, 7.67 to 10.99 s"]
@@ -114,13 +114,13 @@ def test_a_record_that_the_believed_aircraft_cannot_fly_from_trim_is_cut(believe
     (note,) = cut(believed, {"3211": too_strong}).notes
     assert note.startswith("'3211' cannot be flown from trim to its end: it is cut into 1 window of 9.51 s")
     (note,) = cut(believed, {"3211": too_strong}, share=0.5).notes
-    assert "2 windows of 4.76 s (in longer ones the believed aircraft leaves its limits)" in note
+    assert "2 windows of 4.76 s (in longer ones the a-priori model leaves its limits)" in note
 
 
 @pytest.mark.slow
 def test_windows_are_as_short_as_the_believed_aircraft_can_fly(believed, too_strong):
     there, given, _ = in_windows(believed, {"3211": too_strong}, {}, "auto", lambda text: None)
-    assert "4 windows of 2.38 s (in longer ones the believed aircraft leaves its limits)" in given.notes[0]
+    assert "4 windows of 2.38 s (in longer ones the a-priori model leaves its limits)" in given.notes[0]
     assert all(np.isfinite(there.predict(r)).all() for r in given.records.values())
     with pytest.raises(FlightAborted, match="left its limits"):  # a length that was asked for stays
         in_windows(believed, {"3211": too_strong}, {}, 9.0, lambda text: None)
@@ -369,7 +369,7 @@ def test_a_phugoid_that_dies_away_as_the_commands_rest_is_not_flown_from_trim(be
     record = after_another(truth, 4)
     assert begins_quietly(record)
     found = cut(believed, {"second": record})
-    assert "its quiet flight tells another start" in found.notes[0]
+    assert "its quiet flight has another initial state" in found.notes[0]
     began = begin_freely(truth, found.records)
     left = sum(float(np.sum(began.residuals(r) ** 2)) for r in found.records.values())
     samples = sum(int(np.count_nonzero(began.taken(r))) for r in found.records.values())

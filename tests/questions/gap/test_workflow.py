@@ -99,7 +99,7 @@ def test_noise_that_is_a_third_more_than_stated_moves_neither_the_name_nor_its_p
     assert finding.naming.names == ("alpha_scale",)
     for scale, error in finding.noise.scales.values():
         assert abs(scale - 1.3) < 4.0 * error < 0.2  # false alarm 6e-5 a channel
-    assert "times what is stated" in finding.noise.sentence
+    assert "times the stated noise" in finding.noise.sentence
     weighed = finding.naming.weighed
     assert weighed["alpha_scale"] > 0.99
     value, error = weighed.table["alpha_scale"].posterior["alpha_scale.scale"]

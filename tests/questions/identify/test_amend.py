@@ -112,7 +112,10 @@ def test_the_figure_shows_records_that_were_not_used_first(made, tmp_path):
 def test_what_is_left_says_why(made):
     why = {a.name: a.why for a in made.aims if a.aimed is None}
     assert "no coefficient of its own" in why["X_V"]
-    assert why["X_de"] in ("the data say little of it", "not told from what it was: within 3 errors")
+    assert why["X_de"] in (
+        "the data give little information on it",
+        "not significantly different from before: within 3 errors",
+    )
     by_name = {a.name: a for a in made.aims}
     assert by_name["X_de"].reached == pytest.approx(by_name["X_de"].before, abs=1e-6)
 

@@ -98,7 +98,7 @@ def test_a_command_taken_for_the_surface_has_its_servo_tried_or_is_in_doubt(tmp_
     first, *others = [d for d in found.derivatives if d.name == "M_q"]
     if ignored:  # knowingly: no servo is tried
         (doubt,) = found.doubts
-        assert "de_cmd: a command is taken for the surface" in doubt
+        assert "de_cmd: the command is used as the surface" in doubt
         assert [line.kind for line in identify_answer(found)].count("doubt") >= 1
         assert abs(first.value - TRUE["M_q"]) > 4.0 * first.std
         return
@@ -170,8 +170,8 @@ def test_it_is_said_which_servo_a_command_passed_where_an_estimator_has_one_of_i
     assert passed("de_cmd", stated, described, [of_aircraft]) == [f"de_cmd passes {said}"]
     assert passed("de_cmd", stated, described, [of_aircraft, of_its_own, late]) == [
         f"de_cmd passes {said} in first",
-        f"de_cmd passes a lag of 0.02 s, a delay of 10 ms, which stands in place of {said} in second",
-        f"de_cmd passes a delay of 30 ms alone, which stands in place of {said} in third",
+        f"de_cmd passes a lag of 0.02 s, a delay of 10 ms, which replaces {said} in second",
+        f"de_cmd passes a delay of 30 ms alone, which replaces {said} in third",
     ]
 
 

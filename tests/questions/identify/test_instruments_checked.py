@@ -41,7 +41,7 @@ def found(file):
 
 
 def test_the_first_line_names_the_instrument_and_nothing_is_determined(found):
-    assert identify_answer(found)[0].text.startswith("Kinematics say that the pitch-rate gyro reads")
+    assert identify_answer(found)[0].text.startswith("Kinematics show that the pitch-rate gyro reads")
     assert found.instruments.fault.name == "q_scale"
     assert abs(found.instruments.fault.estimate - (SCALE - 1.0)) < 4.0 * found.instruments.fault.std
     assert not any(d.determined for d in found.derivatives)
@@ -57,7 +57,7 @@ def test_the_estimate_without_the_error_stands_beside_and_is_that_of_a_sound_gyr
         assert abs(was[name].value - true[name].value) > 0.1 * abs(true[name].value), name
         assert now[name].determined, name
         assert now[name].std > now[name].stated  # the error of the correction is in it
-    assert "With that taken out of the records (q_scale" in identify_answer(found)[1].text
+    assert "After correction of the records (q_scale" in identify_answer(found)[1].text
 
 
 def test_nothing_is_amended_until_the_error_is_taken_out(found, file, tmp_path):
@@ -102,5 +102,5 @@ def test_compatibility_takes_a_log_and_says_what_to_look_at(tmp_path):
     done = CliRunner().invoke(app, ["compatibility", str(tmp_path / "log.csv"), "-o", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
     said = " ".join(done.output.split())
-    assert "Kinematics say that the pitch-rate gyro reads" in said
-    assert "What would settle it:" in said
+    assert "Kinematics show that the pitch-rate gyro reads" in said
+    assert "To decide:" in said

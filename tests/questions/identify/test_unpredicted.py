@@ -79,7 +79,7 @@ def identified(folder, inputs=("de",), **kept):
 
 CAUSES = {
     "another aircraft": ({"stiffness": -30.0}, "fitted to them alone M_alpha would be −30"),
-    "gusts": ({"gust": 0.01, "size": 0.004}, "no values of these derivatives follow alpha"),
+    "gusts": ({"gust": 0.01, "size": 0.004}, "no values of these derivatives reproduce alpha"),
     "beyond where it is linear": (
         {"size": 0.3, "bend": 100.0},
         "de moves by 17 deg in them and by 1.7 deg in the records",

@@ -119,7 +119,7 @@ def test_an_import_says_how_to_name_unknown_columns_and_what_a_model_of_the_airc
     found = import_log(log)
     out = io.StringIO()
     print_import(found, Console(file=out, width=400), write_import(found, tmp_path / "flown"))
-    assert "testbench import flight.csv --describe FILE.toml lets you say which channels they are" in out.getvalue()
+    assert "testbench import flight.csv --describe FILE.toml lets you name their channels" in out.getvalue()
     assert f"testbench gap new case.toml --aircraft MODEL {tmp_path / 'flown'}" in out.getvalue()
     known = io.StringIO()
     print_import(import_log(table(tmp_path / "known.csv")), Console(file=known, width=400))

@@ -129,7 +129,7 @@ def test_a_command_without_a_unit_is_named_with_what_to_do(tmp_path):
     heads = ["Time", "elevator cmd", "velocities/q-rad_sec"]
     np.savetxt(tmp_path / "log.csv", table, "%.6g", ",", header=",".join(heads), comments="")
     (said,) = import_log(tmp_path / "log.csv").unusable
-    assert "'elevator cmd' is called after one, but no rule knows the name together with an angle" in said
+    assert "'elevator cmd' is named after one, but the name does not state an angle" in said
 
 
 RATE = 50.0

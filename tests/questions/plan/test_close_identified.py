@@ -69,7 +69,7 @@ def test_cards_are_identified_as_designed_and_keep_their_promise(flown):
     page = close_page(campaign)
     assert {p.name for p in page.plates} == {"errors"}
     assert any("known as well as promised" in text for _, text in close_answer(campaign))
-    assert [*close_answer(campaign)][-1] == ("finding", "every card is flown as often as it should be")
+    assert [*close_answer(campaign)][-1] == ("finding", "all planned runs are flown")
 
 
 def test_the_description_identifies_the_same_again(flown):
@@ -234,7 +234,7 @@ def test_broken_off_turned_weak_and_missing_runs_are_told_apart(flown, tmp_path)
         runs = close_plan(plan, [("x", one.with_columns({"de_cmd": stopped}))]).runs
         assert [r.broken_s is None for r in runs] == [False, True]
         assert runs[0].broken_s == pytest.approx(after_s, abs=0.15)
-        assert "broken off after" in runs[0].faults[0]
+        assert "aborted after" in runs[0].faults[0]
     second_s = QUIET_S + length + AFTER_S + QUIET_S + plan.cards[0].spec.settle_s
     ends = one.between(0.0, second_s + 0.8)  # within the second run
     runs = close_plan(plan, [("x", ends)]).runs
@@ -251,7 +251,7 @@ def test_broken_off_turned_weak_and_missing_runs_are_told_apart(flown, tmp_path)
     hand = one.with_columns({"de_cmd": trim + 0.03 * np.sin(0.7 * one.t_s)})  # a pilot who trims
     assert not close_plan(plan, [("x", hand)]).runs
     nothing = identify_cards(close_plan(plan, [("x", hand)]), tmp_path)
-    assert all(c.reason == "no run was flown as the card says" for c in nothing)
+    assert all(c.reason == "no run was flown as on the card" for c in nothing)
 
 
 def test_a_lost_design_and_a_damaged_promise_are_said(flown, tmp_path):

@@ -145,7 +145,7 @@ def test_a_card_says_what_decides_the_next_step(eolo_plan):
     assert card_text(last, eolo_plan).go.startswith("last speed")
     assert "V" in beyond_limits(card)
     assert text.standing.endswith("%, watch")
-    assert text.before[0].startswith("limits: GO if who watches")
+    assert text.before[0].startswith("limits: GO if the monitor of")
 
 
 def test_a_card_is_to_fly_only_where_its_band_keeps_every_limit(taurus_plan, eolo_plan):

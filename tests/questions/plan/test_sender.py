@@ -252,7 +252,7 @@ def test_nothing_starts_where_it_may_not(point, eolo):
     run.start()
     run.frames(5)
     assert not run.vehicle.sent
-    assert "does not tell what it commands" in run.words[-1]
+    assert "does not send its commands" in run.words[-1]
     run = Run({**settings, "demands": [[0.0, 5.0 * row[1], 0.0] for row in settings["demands"]]})
     run.start()
     run.frames(5)

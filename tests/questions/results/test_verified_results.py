@@ -92,10 +92,10 @@ def test_the_command_verifies_one_result_and_ends_with_1_where_it_changed(tmp_pa
     assert "tables/sizes.csv" in text
     assert not (tmp_path / "index.html").exists()
     status, text = said("results", tmp_path, "--verify")
-    assert (status, "All files are as written." in text) == (0, True)
+    assert (status, "All files are unchanged." in text) == (0, True)
     (tmp_path / "tables" / "sizes.csv").write_text("edited")
     status, text = said("results", tmp_path, "--verify")
-    assert (status, "2 of 3 files are as written." in text) == (1, True)
+    assert (status, "2 of 3 files are unchanged." in text) == (1, True)
 
 
 def test_a_result_without_a_manifest_is_one_line(tmp_path):

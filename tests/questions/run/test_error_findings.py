@@ -17,14 +17,14 @@ def case(name: str, off: list[float]) -> SimpleNamespace:
 
 def test_a_method_whose_errors_hold_is_told_from_one_whose_errors_are_too_small() -> None:
     first, told = error_findings([case("good", [0.1] * 10 + [2.5]), case("bad", [0.1] * 5 + [5.0] * 6)])
-    assert first.startswith("of 2 methods only good states errors that this flight does not contradict: 10 of 11")
+    assert first.startswith("of 2 methods only good states errors that agree with this flight: 10 of 11")
     assert told.endswith("good 10 of 11, bad 5 of 11")
     assert len(first.split()) <= MOST_WORDS
 
 
 def test_where_none_holds_the_nearest_is_named() -> None:
     first, _ = error_findings([case("near", [0.1] * 6 + [5.0] * 5), case("far", [5.0] * 11)])
-    assert first.startswith("none of 2 methods states errors that can be believed; near comes nearest, with 6 of 11")
+    assert first.startswith("none of 2 methods states correct errors; near is the best, with 6 of 11")
 
 
 def test_one_method_alone_or_no_truth_is_no_comparison() -> None:

@@ -39,7 +39,7 @@ def test_the_lead_gives_the_largest_sure_gain_with_its_interval_in_few_words():
 
 def test_what_is_no_more_than_chance_is_not_called_a_gain():
     lead = seeds_findings(drawn(20.0, 20.0), SENSED)[0]  # false alarm: 5 % over draws; the draw is fixed
-    assert lead == "over 40 seeds no other suite makes an error smaller by more than chance"
+    assert lead == "over 40 seeds no other suite reduces an error by more than chance"
 
 
 def test_percent_of_a_truth_near_zero_do_not_lead():

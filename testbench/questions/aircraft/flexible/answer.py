@@ -23,7 +23,7 @@ def flexible_answer(found: FlexibleAnswer) -> list[str]:
     matched = [c for c in made.strips.constants if c.source.startswith("the aircraft's own")]
     if matched:
         out.append(
-            f"{len(matched)} constants of the strips are chosen so that they give the aircraft's own derivatives: "
+            f"{len(matched)} constants of the strips are chosen to reproduce the aircraft's own derivatives: "
             + ", ".join(c.source.removeprefix("the aircraft's own ") for c in matched)
         )
     evidence = found.test.content.evidence
@@ -46,7 +46,7 @@ def constant_table(made: Flexible) -> Table:
         Column("unit", "unit"),
         Column("source", "from"),
     )
-    caption = "What the strips are made of."
+    caption = "Data of the strips."
     return Table.of("strips", "Constants of the strips", caption, columns, made.strips.constants)
 
 
@@ -58,6 +58,7 @@ def compared_table(made: Flexible) -> Table:
         Column("strips", "strips", digits=4),
     )
     caption = (
-        "What the strips say of the rigid aircraft; where they differ from its own, so may the modes' coefficients."
+        "Derivatives of the rigid aircraft by the strips. A difference from the aircraft's own indicates an error "
+        "of the modes' coefficients."
     )
     return Table.of("derivatives", "Rigid derivatives", caption, columns, made.strips.compared)

@@ -20,11 +20,11 @@ def flexible(
         typer.Option("--out", "-o", help="Folder of the flexible aircraft; aircraft/NAME_flexible if not given."),
     ] = None,
 ) -> None:
-    """Add the modes of a ground vibration test to an aircraft, and say from what speed on it flutters.
+    """Add the modes of a ground vibration test to an aircraft, and compute the onset of flutter.
 
     The shapes are coupled to the air by strips, scaled so that they give the aircraft's own derivatives. The aircraft
-    is copied into a folder of its own, which every other command flies.
-    Example: `testbench aircraft flexible taurus modes.toml -o aircraft/soft`, then `testbench aircraft soft`.
+    is copied into a separate folder, which every other command accepts. Example: `testbench aircraft flexible taurus
+    modes.toml -o aircraft/soft`, then `testbench aircraft soft`.
     """
     from testbench.questions.aircraft.flexible.answer import compared_table, constant_table, flexible_answer
     from testbench.questions.aircraft.flexible.ask import add_ground_test

@@ -17,7 +17,9 @@ def benchmark(
     seeds: Annotated[int, typer.Option(min=1, help="Flights of each simulated data set.")] = 5,
     method: Annotated[
         list[str] | None,
-        typer.Option(help="Own estimator FILE.py:NAME beside the packaged ones. May be repeated.", show_default=False),
+        typer.Option(
+            help="Own estimator FILE.py:NAME, in addition to the packaged ones. May be repeated.", show_default=False
+        ),
     ] = None,
     only: Annotated[
         list[str] | None,
@@ -28,11 +30,11 @@ def benchmark(
     ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one per processor.")] = None,
 ) -> None:
-    """Compare methods of identification on packaged data sets whose truth is known, and on recorded flights.
+    """Compare methods of identification on packaged data sets with known truth, and on recorded flights.
 
-    The same command goes on with a benchmark that was interrupted, and with more seeds or methods flies only what is
-    missing. Recorded flights are read from the folder TESTBENCH_FLIGHT_DATA. Examples: `testbench compare benchmark`,
-    `testbench compare benchmark --method my_method.py:estimate`.
+    The same command continues an interrupted benchmark, and with more seeds or methods flies only the missing ones.
+    Recorded flights are read from the folder TESTBENCH_FLIGHT_DATA. Examples: `testbench compare benchmark`, `testbench
+    compare benchmark --method my_method.py:estimate`.
     """
     from testbench.questions.compare.benchmark.ask import benchmark as run
 
@@ -48,5 +50,5 @@ def benchmark(
                 progress=a.say,
             )
     except KeyboardInterrupt:
-        print("what is finished is kept; the same command goes on", file=sys.stderr)
+        print("finished results are kept; the same command continues", file=sys.stderr)
         raise

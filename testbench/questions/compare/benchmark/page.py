@@ -25,7 +25,7 @@ def benchmark_page(found: Benchmark) -> Page:
     return Page(
         kicker="Benchmark of identification",
         title=f"{len(found.methods)} methods on {len(found.sets)} data sets",
-        question="Which method finds frequency and damping of the short period, and whose stated errors are true?",
+        question="Which method finds frequency and damping of the short period, and which stated errors are correct?",
         answer=[("lead", _lead(found)), *(("doubt", text) for text in _doubts(found)), ("note", citation(found))],
         tables=[score_table(found), summary_table(found), *([rank_table(ranked, OVER)] if ranked else [])],
         plates=[*rank_plates(ranked, OVER), *calibration_plates(found.calibration())],
@@ -69,9 +69,11 @@ def _lead(found: Benchmark) -> str:
     alike = int(np.sum(r.mean - r.mean[first] < r.critical)) - 1
     rest = len(contest.methods) - 1
     others = "the other method" if rest == 1 else f"the other {rest} methods"
-    said = f"{alike} of {others} cannot be told from it" if alike else f"{others} can be told from it"
-    if rest == alike == 1:
-        said = f"{others} cannot be told from it"
+    said = f"{alike} of {others} {'differ' if alike > 1 else 'differs'} from it by no more than chance"
+    if not alike:
+        said = f"{others} {'differ' if rest > 1 else 'differs'} from it significantly"
+    elif rest == 1:
+        said = f"{others} differs from it by no more than chance"
     return f"{contest.methods[first]} ranks first, {r.mean[first]:.1f} in the mean of {r.blocks} data sets; {said}"
 
 
@@ -110,10 +112,11 @@ def score_table(found: Benchmark) -> Table:
 def _caption(found: Benchmark) -> str:
     return (
         "Errors of natural frequency and damping ratio of the short period: of the pole nearest to the true one, in "
-        "units of the Cramér-Rao bound of that flight, which takes noise, gusts and all but the five derivatives for "
-        "known; and relative to the truth. Recorded flights have printed results in place of the truth, and neither "
-        "bound nor intervals. Truth held: share of the stated 95 % intervals, of derivatives or else of frequency and "
-        f"damping. Time: of the processor, median. SHA-256 of the benchmark: {found.sha256}."
+        "units of the Cramér-Rao bound of that flight, which assumes that noise, gusts and all but the five "
+        "derivatives are known; and relative to the truth. Recorded flights have printed results in place of the "
+        "truth, and neither bound nor intervals. Coverage: share of the stated 95 % intervals, of derivatives or else "
+        "of frequency and damping, that contain the truth. Time: of the processor, median. SHA-256 of the benchmark: "
+        f"{found.sha256}."
     )
 
 
@@ -151,7 +154,7 @@ def summary_table(found: Benchmark) -> Table:
     )
     caption = (
         "Over all data sets; a set for which a method gave no model for more than half of the flights ranks it last. "
-        f"Truth held is {100 * _TRUE:g} % if stated errors are true; sets that break the assumptions of a method "
-        "count, too."
+        f"Coverage is {100 * _TRUE:g} % if stated errors are correct; sets that violate the assumptions of a method "
+        "are included."
     )
     return Table("methods", "Methods over all data sets", caption, columns, tuple(rows))

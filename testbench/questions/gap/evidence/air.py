@@ -68,14 +68,14 @@ class AirFound:
         """What was found, in words."""
         if not self.quiet_s and not self.moves:
             return (
-                "no record begins with quiet flight, in which moving air would show: whether the air moved is not "
-                "known, and the residuals are compared with the noise of the sensors alone"
+                "no record begins with quiet flight, which would show turbulence: it is not known whether the air "
+                "moved, and the residuals are compared with the noise of the sensors alone"
             )
         heard = f"likelihood-ratio statistic {self.gain:.3g}, threshold {self.threshold:.3g}"
         if not self.moves:
             return (
-                f"no turbulence shows in the {self.quiet_s:.3g} s of quiet flight before the commands ({heard}); the "
-                "residuals are compared with the noise of the sensors alone"
+                f"no turbulence is found in the {self.quiet_s:.3g} s of quiet flight before the commands ({heard}); "
+                "the residuals are compared with the noise of the sensors alone"
             )
         where = (
             "the quiet flight before the commands shows turbulence"
@@ -84,7 +84,7 @@ class AirFound:
         )
         return (
             f"the air moved: {where} ({heard}); its vertical rms is {self.rms_m_s:.2g} m/s; a Kalman filter of the "
-            "believed aircraft in this turbulence whitens the residuals of every test"
+            "a-priori model in this turbulence whitens the residuals of every test"
         )
 
 

@@ -70,10 +70,10 @@ def check_signs(believed: Believed, records: Mapping[str, FlightRecord]) -> None
     for one in wrong:
         word, moment = WORDS[one.control], COEFFICIENTS[one.control][0]
         raise RecordError(
-            f"the {word} of the records must turn the aircraft the way in which the believed one turns, got a moment "
-            f"by {one.control} of {one.factor:.2f} times the believed {moment}: one of them counts "
-            f"the {word} the other way. In a log, turn its sign where it is described (testbench import LOG "
-            f"--describe; scale = -1) and import it again; in the model, turn {moment}"
+            f"the {word} of the records must turn the aircraft in the same direction as the a-priori model, got a "
+            f"moment by {one.control} of {one.factor:.2f} times the a-priori {moment}: in one of them the {word} has "
+            "the opposite sign. In a log, change its sign in the description (testbench import LOG --describe; scale "
+            f"= -1) and import it again; in the model, turn {moment}"
         )
 
 

@@ -103,7 +103,7 @@ def left_out(suite: SensorSuite) -> dict[str, str]:
         if s.channel in _OF_PLACE:
             out[s.channel] = "heading and wind are not known"
         elif _OF_STATION.fullmatch(s.channel):
-            out[s.channel] = "effects that bend the wing do not say how it moves there"
+            out[s.channel] = "effects that bend the wing do not predict the motion there"
         elif s.drift_over(DRIFT_OVER_S) > DRIFT * suite.noise_std[s.channel]:
             out[s.channel] = f"the bias wanders by more than {DRIFT:g} times the noise within {DRIFT_OVER_S:g} s"
     return out

@@ -33,10 +33,10 @@ class HeldOutFlight:
     def sentence(self) -> str:
         """That in words."""
         found = (
-            f"held-out {self.name} differs by {100.0 * self.difference:.0f} % from {self.nearest}, the flight used "
-            "that is most like it (control, amplitude and spectrum of the command, dynamic pressure)"
+            f"held-out {self.name} differs by {100.0 * self.difference:.0f} % from {self.nearest}, the most similar "
+            "flight that was used (control, amplitude and spectrum of the command, dynamic pressure)"
         )
-        return f"{found}: so alike a flight warns of little" if self.difference < ALIKE else found
+        return f"{found}: so similar a flight is a weak test" if self.difference < ALIKE else found
 
 
 def differences(

@@ -116,9 +116,9 @@ class Structure:
         """What that says of a name, in words."""
         low, high = self.band_Hz
         return (
-            f"what it leaves is not white: {self.channel} holds {number(self.energy)} times the noise between "
-            f"{low:g} and {high:g} Hz; noise alone does so once in {1.0 / max(self.probability, 1e-99):.2g} cases. Its "
-            "form is not quite right, or the true effect is a relative of it"
+            f"the remaining residual is not white: {self.channel} holds {number(self.energy)} times the noise between "
+            f"{low:g} and {high:g} Hz; noise alone does this once in {1.0 / max(self.probability, 1e-99):.2g} cases. "
+            "Its form is not exact, or the true effect is a similar one"
         )
 
 

@@ -92,9 +92,9 @@ class NoiseFound:
         values, errors = np.array([self.scales[n] for n in off]).T
         mean = float(np.exp(np.mean(np.log(values))))
         if len(off) == len(self.scales) and np.all(np.abs(np.log(values / mean)) < _SURE * errors / values):
-            return f"the noise of every channel is {mean:.2f} times what is stated; it is judged by what was found"
+            return f"the noise of every channel is {mean:.2f} times the stated noise; the estimated noise is used"
         told = ", ".join(f"{n} {s:.2f}" for n, s in off.items())
-        return f"the noise differs from what is stated, times {told}; the records are judged by what was found"
+        return f"the noise differs from the stated noise by factors of {told}; the estimated noise is used"
 
 
 def find_noise(

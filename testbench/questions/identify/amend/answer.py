@@ -54,7 +54,7 @@ def _flown(amended: Amended) -> str:
         did = "did not use" if words else "used"
         which = "the record that it" if n == 1 else f"the {n} records that it"
         return (
-            f"; {channel(told.channel).description} misses by {number(factor * told.before)} → "
+            f"; {channel(told.channel).description} rms residual {number(factor * told.before)} → "
             f"{number(factor * told.after)} {unit} on {which} {did}"
         )
     return ""
@@ -74,16 +74,16 @@ def _doubts(amended: Amended) -> list[str]:
     ]  # fmt: skip
     if worse:
         out.append(
-            f"records that were not used are followed worse than before in {', '.join(worse)}: look for what else "
-            f"differs ({counted(len(worse), 'output')} of {len(amended.misses('validation'))})"
+            f"the prediction of records that were not used is worse than before in {', '.join(worse)}: look for "
+            f"another difference ({counted(len(worse), 'output')} of {len(amended.misses('validation'))})"
         )
     if amended.replays and not amended.misses("validation"):
         out.append("no record was held out, so it is not known whether the amended aircraft is better elsewhere")
     unsure = [a.name for a in amended.written if "in doubt" in a.why]
     if unsure:
         out.append(
-            f"{', '.join(unsure)} are written though in doubt: the residuals hold what the model lacks; believe the "
-            "records that were not used"
+            f"{', '.join(unsure)} are written although in doubt: the residuals show missing terms of the model; rely "
+            "on the records that were not used"
         )
     out += [text for r in amended.replays for text in r.notes]
     return list(dict.fromkeys(out))

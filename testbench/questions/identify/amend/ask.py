@@ -322,8 +322,8 @@ def _pooled(group: Sequence[Told]) -> Told:
     if chi_square.sf(chi2, dof) < _CHANCE:
         P = P * chi2 / dof
         doubts = (
-            f"{listed([one.found.name for one in group])} differ by {np.sqrt(chi2 / dof):.2g} times their errors: "
-            "the aircraft changes with speed otherwise than its model, or the records hold what they do not show",
+            f"{listed([one.found.name for one in group])} differ by {np.sqrt(chi2 / dof):.2g} times their errors: the "
+            "aircraft varies with speed in another way than its model, or the errors of the records are too small",
         )
     return _read(middle, group, names, f, P, doubts)
 
@@ -447,7 +447,7 @@ def amend(found: Sequence[Identified], name: str, progress: Report | None = None
     parts, refused = _parts(found)
     base = parts[0].known.aircraft
     new, coefficients = base, dict[str, float]()
-    say("reach the derivatives")
+    say("fit the coefficients to the derivatives")
     for part in parts:
         targets = {a.name: a.aimed for a in part.aims if a.aimed is not None}
         new, added = reached(new, part.condition, part.structure, targets)
@@ -473,7 +473,7 @@ def amend(found: Sequence[Identified], name: str, progress: Report | None = None
     write_folder({**files, SOURCES: origin}, folder)
     out = {}
     for part in parts:
-        say(f"fly the records of {part.found.name} through both")
+        say(f"simulate the records of {part.found.name} through both")
         own = {a.name.partition("_")[2] for a in part.aims if a.aimed is not None}
         out[part.found.name] = Amended(
             folder.name,
@@ -535,13 +535,14 @@ def check_instruments(found: Identified) -> None:
     if fault is None:
         raise EstimationError(
             f"an aircraft is amended by instruments that agree, but of {found.name} "
-            f"{agreement_in_words(found.instruments)[0]}; mend the instruments, or leave the channel out of the outputs"
+            f"{agreement_in_words(found.instruments)[0]}; correct the instruments, or leave the channel out of the "
+            "outputs"
         )
     size = without(found.source, fault).correct[fault.name]
     raise EstimationError(
         f"an aircraft is amended by instruments that agree, but of {found.name} "
-        f"{agreement_in_words(found.instruments)[0]}; mend the instrument, or put this into {where} before its first "
-        f"table, which takes the error out of the records: correct = {{ {fault.name} = {size:.4g} }}"
+        f"{agreement_in_words(found.instruments)[0]}; correct the instrument, or put this into {where} before its "
+        f"first table, which corrects the records: correct = {{ {fault.name} = {size:.4g} }}"
     )
 
 
@@ -590,7 +591,7 @@ def _with_reached(part: _Part, loaded: Aircraft) -> _Part:
     servos = tuple(replace(s, reached_s=_float(lags.get(s.control))) for s in part.servos)
     far = [
         f"{a.name} is {a.reached:.4g}, not {a.aimed:.4g}: increments of coefficients by the linearised model do not "
-        "reach it; the aerodynamics of the model bends about this trim"
+        "reach it; the aerodynamics of the model is nonlinear about this trim"
         for a in aims
         if a.off is not None
         and a.off > _FAR
@@ -628,8 +629,8 @@ def _trim_note(part: _Part, trimmed: TrimmedFlight) -> str:
             said.append(f"{name} {degrees[0]:.1f} deg in the records and {degrees[1]:.1f} deg in the aircraft")
     beside = f": {', '.join(said)}" if said else ""
     return (
-        f"the equilibrium at {part.condition.V_m_s:.4g} m/s stays what it was, since derivatives say nothing of it"
-        f"{beside}"
+        f"the equilibrium at {part.condition.V_m_s:.4g} m/s is unchanged, because derivatives give no information on "
+        f"it{beside}"
     )
 
 

@@ -192,7 +192,7 @@ def _in_itself(aircraft: Aircraft, changes: Sequence[Change]) -> Aircraft:
 _MOVED = 0.05  # standard errors by which a value must move to be said
 _NO_COEFFICIENT = {
     "V": "it follows from lift, drag and thrust at trim, and has no coefficient of its own",
-    "thr": "the throttle acts through the engine, whose thrust is left as it was",
+    "thr": "the throttle acts through the engine, whose thrust is unchanged",
 }
 
 
@@ -208,7 +208,7 @@ def chosen_case(found: Identified) -> tuple[int, str]:
         raise EstimationError(
             f"an aircraft is amended by derivatives whose meaning is known, but {found.name} has no model with one of "
             f"the structures {', '.join(n for n in STRUCTURE_NAMES if n != 'aerodynamic_longitudinal')}; if "
-            'parameters of equations of your own are those of one of them, say so beside their states: means = "..."'
+            'parameters of equations of your own are those of one of them, state beside their states: means = "..."'
         )
     held = {d.case for d in found.derivatives if d.determined and d.flown}  # in spite of what residuals hold
     good = [i for i in known if found.cases[i].model.status != "wrong" or i in held]
@@ -223,9 +223,9 @@ def chosen_case(found: Identified) -> tuple[int, str]:
         return best, ""
     name = case_names(found.cases)[best]
     if len(good) == 1:
-        return best, f"of {len(known)} models only {name} may be used, so its derivatives are taken"
+        return best, f"of {len(known)} models only {name} may be used, so its derivatives are used"
     which = "predicts the records that were not used" if found.cases[best].validation else "follows the records"
-    return best, f"of {len(known)} models {name} {which} best, so its derivatives are taken"
+    return best, f"of {len(known)} models {name} {which} best, so its derivatives are used"
 
 
 def _has_meaning(case: Case) -> bool:
@@ -260,8 +260,8 @@ def aims_of(found: Identified, index: int) -> tuple[tuple[Aim, ...], tuple[str, 
     }
     if all(reasons.values()):
         raise EstimationError(
-            f"an aircraft is amended by derivatives that the data decide, but of {found.name} none is left: "
-            f"{by_reason(reasons)}; excite the motion more, or mend what the advice names"
+            f"an aircraft is amended by derivatives that the data determine, but of {found.name} none is left: "
+            f"{by_reason(reasons)}; excite the motion more, or follow the advice"
         )
     at = {d.name: d.before for d in own if d.before is not None and d.std > 0.0} | _lags_left(found, index)
     agreeing = [d.name for d in found.derivatives if d.case == index and not _contradicts(d, at.get(d.name))]
@@ -273,23 +273,23 @@ def aims_of(found: Identified, index: int) -> tuple[tuple[Aim, ...], tuple[str, 
             continue
         aimed, why = None, reasons[d.name]
         if not why and d.name not in told:
-            why = f"not told from what it was: within {CRITERIA.changed:g} errors"
+            why = f"not significantly different from before: within {CRITERIA.changed:g} errors"
         elif not why:
             aimed = told[d.name]
             said = [] if d.determined else [d.believed]
             if abs(aimed - d.value) > _MOVED * d.std:
-                said.append("as the data give it with those left as they were")
+                said.append("estimated with the others fixed at their value before")
             why = "; ".join(said)
         aims.append(Aim(d.name, d.unit, d.value, d.std, d.before, aimed, why))
     if not told:
         assert aircraft is not None
         raise EstimationError(
-            f"an aircraft is amended where a flight contradicts it, but {found.name} tells no derivative from what "
+            f"an aircraft is amended if a flight contradicts it, but {found.name} contradicts no derivative of "
             f"{aircraft.name} has ({by_reason({a.name: a.why for a in aims})}): there is nothing to write"
         )
     notes = [
-        f"{d.name} is left at {d.before:.4g} ({reasons[d.name]}), though the data say {d.value:.4g} ± {d.std:.2g}: "
-        "what is written beside it may make up for it"
+        f"{d.name} is left at {d.before:.4g} ({reasons[d.name]}), though the data say {d.value:.4g} ± {d.std:.2g}: the "
+        "written ones may compensate for it"
         for d in own
         if d.before is not None and reasons[d.name] and d.std > 0.0 and _contradicts(d)
     ]
@@ -323,7 +323,7 @@ def _left(d: FoundDerivative, aircraft: str) -> str:
     if d.before is None or d.source != aircraft or (axis, variable) not in REACHED_BY:
         return "the aircraft has no such derivative"
     if d.believed == "weak" and not _contradicts(d):
-        return "the data say little of it"
+        return "the data give little information on it"
     return d.believed if d.believed in ("at bound", "not converged") else ""
 
 
@@ -382,19 +382,19 @@ def servo_aims(found: Identified, index: int) -> tuple[tuple[ServoAim, ...], tup
         if control not in aircraft.controls or control == "thr" or servo.ignore:
             continue
         if lag is not None and not lag.determined:
-            notes.append(f"the lag of {control} is left as it was ({lag.believed})")
+            notes.append(f"the lag of {control} is unchanged ({lag.believed})")
         elif lag is not None:
             out.append(ServoAim(control, before, lag.value, lag.std))
         elif isinstance(servo.lag_s, float) and (before is None or abs(servo.lag_s - before) > 1e-6 * before):
             out.append(ServoAim(control, before, servo.lag_s, None))
         elif servo.wn_rad_s is not None:
-            notes.append(f"the servo of {control} has two poles here and one lag in an aircraft: it is left as it was")
+            notes.append(f"the servo of {control} has two poles here and one lag in an aircraft: it is unchanged")
         late = delay.value if delay is not None else servo.delay_s
         if isinstance(late, float) and late > 0.0:
             notes.append(
-                f"the delay of {control}, {1e3 * late:.3g} ms, is not written, since aircraft.toml has no key for one: "
-                "the flights of the records are given their commands that much later, and in Python "
-                f"SERVOS['delay', '{control}'] of testbench.effects adds it to the loaded aircraft, "
-                "to be flown at its own rate (another is warned of)"
+                f"the delay of {control}, {1e3 * late:.3g} ms, is not written, because aircraft.toml has no key for "
+                "it: in the simulated records the commands act that much later, and in Python SERVOS['delay', "
+                f"'{control}'] of testbench.effects adds it to the loaded aircraft, to be flown at its own rate "
+                "(another one gives a warning)"
             )
     return tuple(out), tuple(notes)

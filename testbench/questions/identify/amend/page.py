@@ -28,9 +28,8 @@ def amended_tables(amended: Amended) -> list[Table]:
 def _aims(amended: Amended) -> Table:
     caption = (
         f"Before: {amended.old.name} at {amended.V_m_s:.4g} m/s and {amended.h_m:.4g} m. Identified: by "
-        f"{amended.model}. Aimed: what the aircraft is to have; those left stay what they were, and the "
-        "others are what the data give with these fixed there. Reached: "
-        f"{amended.name}, loaded from its folder, trimmed and linearised. Off: from the aim."
+        f"{amended.model}. Aimed: the wanted value; those left are unchanged, and the others are estimated with these "
+        f"fixed. Reached: {amended.name}, loaded from its folder, trimmed and linearised. Off: from the aim."
     )
     columns = (
         Column("derivative", "derivative", get="name"),
@@ -43,14 +42,14 @@ def _aims(amended: Amended) -> Table:
         Column("unit", "unit", get=lambda a: a.unit or None),
         Column("remark", "remark", get=lambda a: a.why or "as identified"),
     )
-    return Table.of("amended", f"{amended.name}: derivatives aimed at and reached", caption, columns, amended.aims)
+    return Table.of("amended", f"{amended.name}: derivatives, aimed and reached", caption, columns, amended.aims)
 
 
 def _coefficients(amended: Amended) -> Table:
     caption = (
-        "What the folder holds: changes of coefficients, so that they scale with dynamic pressure, and by rates with "
-        "p b/2V, q c̄/2V, r b/2V. Each vanishes at the trim, which stays. Before and after at the design condition "
-        "where the model does not have the coefficient as one number."
+        "The folder contains changes of coefficients, so that they scale with dynamic pressure, and by rates with p "
+        "b/2V, q c̄/2V, r b/2V. Each vanishes at the trim, which is unchanged. Before and after at the design "
+        "condition where the model does not have the coefficient as one number."
     )
     columns = (
         Column("coefficient", "coefficient", get="name"),
@@ -98,11 +97,11 @@ def misses_table(amended: Amended) -> Table:
     )
     caption = (
         f"Root mean square of measured minus flown in JSBSim, before by {amended.old.name}, after by {amended.name}: "
-        "the recorded inputs from trim, in still air, with the state that a record begins with and a constant of each "
-        "input and output fitted, of both alike. Size: of what was measured, about its mean. Theil's U is 0 for equal "
-        "and 1 for opposite. The amendment was made without the records that are not used."
+        "the recorded inputs from trim, in still air, with the initial state of a record and a constant of each input "
+        "and output fitted, for both aircraft alike. Size: of the measured signal, about its mean. Theil's U is 0 for "
+        "equal and 1 for opposite. The amendment was made without the records that are not used."
     )
-    return Table("amended_misses", f"{amended.name}: the flight against both", caption, columns, tuple(rows))
+    return Table("amended_misses", f"{amended.name}: both aircraft against the flight", caption, columns, tuple(rows))
 
 
 # --- figures ----------------------------------------------------------------------------------------------------------
@@ -115,13 +114,13 @@ def amended_plates(amended: Amended) -> list[Plate]:
         return []
     looks: list[dict[str, Any]] = [
         {"name": "measured", "colour": MEASURED, "width": 1.5},
-        {"name": f"{amended.old.name}, as it was", "colour": COLOURS[1], "width": 1.2, "dash": DASHED},
+        {"name": f"{amended.old.name}, before", "colour": COLOURS[1], "width": 1.2, "dash": DASHED},
         {"name": f"{amended.name}, amended", "colour": COLOURS[0]},
     ]
     caption = (
-        f"Grey: measured, prepared. Both aircraft are flown by JSBSim with the recorded inputs from trim in still air; "
-        "the state that a record begins with and constants of inputs and outputs are fitted, of both alike. Records "
-        f"that were not used took no part in making {amended.name}."
+        "Grey: measured, prepared. Both aircraft are flown by JSBSim with the recorded inputs from trim in still air; "
+        "the initial state of a record and constants of inputs and outputs are fitted, for both alike. Records that "
+        f"were not used had no influence on {amended.name}."
     )
     if len(drawn) < len(amended.replays):
         caption += f" Of {len(amended.replays)} records {len(drawn)} are drawn, those not used first."

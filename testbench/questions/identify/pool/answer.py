@@ -48,8 +48,8 @@ def _conflict(c: PooledCoefficient, pooled: Pooled) -> str:
     return (
         f"data and prior contradict each other in {c.name}: {number(c.value)} ± {number(c.std, 2)} from the logs, "
         f"{number(c.prior)} ± {number(c.prior_std, 2)} from {pooled.prior.source}, {abs(c.distance):.1f} standard "
-        f"deviations apart (more than {CRITERIA.conflict:g}); do not take the value between them: look at the model of "
-        f"the logs (servo, delay, bend), at mass and inertia, or take the prior of {c.name} away"
+        f"deviations apart (more than {CRITERIA.conflict:g}); do not use the value between them: check the model of "
+        f"the logs (servo, delay, nonlinearity), mass and inertia, or remove the prior of {c.name}"
     )
 
 
@@ -57,7 +57,7 @@ def _agreement(pooled: Pooled) -> list[Line]:
     if not pooled.dof:
         if len(pooled.logs) < 2:
             return []
-        return [Line("finding", sentence("no coefficient stands in two logs: whether they agree cannot be told"))]
+        return [Line("finding", sentence("no coefficient is common to two logs: their agreement cannot be tested"))]
     judged = f"χ² = {pooled.chi2:.3g} for {pooled.dof} degrees of freedom, chance {_chance(pooled.chance)}"
     if pooled.agree:
         return [Line("finding", sentence(f"the logs agree within their errors ({judged})"))]
@@ -66,19 +66,19 @@ def _agreement(pooled: Pooled) -> list[Line]:
     wide = [_between(name, std, abs(pooled.coefficient(name).value)) for name, std in apart.between.items()]
     text = f"doubt: the logs disagree by more than their errors ({judged})"
     if wide:
-        text += f"; errors hold a standard deviation from log to log of {some(wide, _MOST, ', ')}"
+        text += f"; the errors include a standard deviation from log to log of {some(wide, _MOST, ', ')}"
         least = min(pooled.coefficient(name).logs for name in apart.between)
         if least <= _FEW:
-            text += f", which {least} logs show to {100.0 / (2.0 * (least - 1)) ** 0.5:.0f} % only"
+            text += f", which {least} logs determine to {100.0 / (2.0 * (least - 1)) ** 0.5:.0f} % only"
     if pooled.factor > 1.0:
         text += f"; all errors are multiplied by {pooled.factor:.2f}"
-    lines = [Line("doubt", sentence(f"{text}; without that they would be those in the column of own errors"))]
+    lines = [Line("doubt", sentence(f"{text}; without this they would be those in the column of own errors"))]
     if apart.outlying:
         lines.append(
             Line(
                 "doubt",
                 sentence(
-                    f"doubt: {apart.outlying} lies apart, and the others agree without it; look at it, it was not "
+                    f"doubt: {apart.outlying} differs from the others, which agree without it; check it, it was not "
                     "left out"
                 ),
             )
@@ -98,8 +98,8 @@ def _shared(pooled: Pooled) -> list[Line]:
         Line(
             "finding",
             sentence(
-                f"the error of {what}, {100.0 * pooled.scale_uncertainty[what]:.2g} %, makes most of the variance of "
-                f"{some(said, _MOST, ', ')}: more flights do not lessen it, a better {_MEASURED[what]} does"
+                f"the error of {what}, {100.0 * pooled.scale_uncertainty[what]:.2g} %, causes most of the variance of "
+                f"{some(said, _MOST, ', ')}: more flights do not reduce it, a better {_MEASURED[what]} does"
             ),
         )
         for what, said in by.items()
@@ -114,18 +114,18 @@ _MEASURED = {"airspeed": "calibration of the airspeed", "mass": "weighing"} | di
 def _causes(pooled: Pooled, causes: tuple[Cause, ...]) -> str:
     own = (
         "errors of single logs that are too small (turbulence, a servo that is not described), other flaps or centre "
-        "of gravity, or a form that the model lacks"
+        "of gravity, or a missing term of the model"
     )
     few = ""
     if not pooled.trend.names and len(pooled.logs) < 3:
-        few = "; a trend with the condition cannot be told from scatter by two logs: fly a third condition"
+        few = "; two logs cannot distinguish a trend with the condition from scatter: fly a third condition"
     if not causes:
         return f"no error of airspeed, mass or inertia explains it; other candidates: {own}{few}"
     said = []
     for cause in causes:
         name, far = max(cause.deviations.items(), key=lambda item: abs(item[1]))
         said.append(f"{cause.what}, {100.0 * cause.size:g} % from log to log (most in {name}: {100.0 * far:+.1f} %)")
-    return f"what would explain it: errors of {'; or '.join(said)}; other candidates: {own}{few}"
+    return f"possible explanation: errors of {'; or '.join(said)}; other candidates: {own}{few}"
 
 
 def _trend(pooled: Pooled) -> list[Line]:
@@ -142,16 +142,25 @@ def _trend(pooled: Pooled) -> list[Line]:
             f"{name} by {number(c.posterior_slope / factor)} ± {number(c.posterior_slope_std / factor, 2)} per {unit}"
         )
     if min(pooled.coefficient(name).logs for name in pooled.trend.names) <= _FEWEST:
-        said[-1] += " (by three logs, which cannot tell a trend from errors that are too small: fly a fourth condition)"
+        said[-1] += (
+            " (from three logs, which cannot distinguish a trend from errors that are too small: fly a fourth "
+            "condition)"
+        )
     rest = " Others are constant." if len(pooled.trend.names) < len(pooled.coefficients) else ""
-    return [Line("finding", f"{sentence(f'with {word} change {listed(said)}; values are those at {reference}')}{rest}")]
+    return [
+        Line(
+            "finding", (f"{sentence(f'these vary with {word}: {listed(said)}; values are those at {reference}')}{rest}")
+        )
+    ]
 
 
 def _added(pooled: Pooled) -> str:
     assert pooled.prior is not None
     known = [c for c in pooled.coefficients if c.added is not None]
     if not known:
-        return f"the prior of {pooled.prior.source} holds none of these coefficients: the values are those of the data"
+        return (
+            f"the prior of {pooled.prior.source} contains none of these coefficients: the values are those of the data"
+        )
     ordered = sorted(known, key=lambda c: -(c.added or 0.0))
     said = [f"{c.name} {100.0 * (c.added or 0.0):.3g} %" for c in ordered]
     text = f"what the data added to the prior of {pooled.prior.source}, as share of what is known: {', '.join(said)}"

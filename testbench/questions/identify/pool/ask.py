@@ -172,8 +172,8 @@ def _one_aircraft(descriptions: Sequence[RecordDescription]) -> None:
     if len(set(named.values())) > 1:
         said = ", ".join(f"{aircraft} in {name}" for name, aircraft in named.items())
         raise RecordError(
-            f"logs that are pooled must be of one aircraft, got {said}; pool those of each aircraft by themselves, or "
-            "say with --aircraft that it is one"
+            f"logs that are pooled must be of one aircraft, got {said}; pool those of each aircraft separately, or "
+            "give --aircraft if it is one"
         )
 
 

@@ -150,11 +150,11 @@ def _refused(case: Case, method: str | None) -> str:
         return "has no derivatives"
     if not case.model.structure.meaning:
         return (
-            "its equations do not say what their parameters mean: give the packaged structure that has them, as in "
-            'means = "longitudinal"'
+            "its equations do not state the meaning of their parameters: give the packaged structure that has them, "
+            'as in means = "longitudinal"'
         )
     if case.model.status == "wrong":
-        return f"is not to be used: {next(a for a in ranked(case.model.advice) if a.severity == 'wrong')}"
+        return f"must not be used: {next(a for a in ranked(case.model.advice) if a.severity == 'wrong')}"
     return ""
 
 

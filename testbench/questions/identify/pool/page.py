@@ -48,7 +48,9 @@ def pool_page(flights: PooledFlights) -> Page:
     return Page(
         kicker=f"Pooled from recorded flights: {', '.join(flights.names)}",
         title=f"Coefficients{f' of {aircraft}' if aircraft else ''} from {counted(len(found), 'log')}",
-        question="What do the logs together say of the nondimensional derivatives, and what did they add?",
+        question=(
+            "What are the nondimensional derivatives of all logs together, and what did the logs add to the prior?"
+        ),
         answer=pool_answer(flights),
         tables=pool_tables(flights),
         plates=pool_plates(flights),
@@ -125,9 +127,9 @@ def pooled_table(flights: PooledFlights) -> Table:
 def _caption(flights: PooledFlights) -> str:
     pooled = flights.pooled
     out = [
-        "Nondimensional derivatives per rad, and per p b/2V, q c̄/2V, r b/2V; CX and CZ in stability axes: "
-        f"CZ_alpha = −CL_alpha − CD. {_counted(pooled)} Own errors: "
-        "by those of the logs alone; log to log: standard deviation that was added where logs disagree by more."
+        "Nondimensional derivatives per rad, and per p b/2V, q c̄/2V, r b/2V; CX and CZ in stability axes: CZ_alpha = "
+        f"−CL_alpha − CD. {_counted(pooled)} Own errors: from those of the logs alone; log to log: standard deviation "
+        "that was added because logs disagree by more."
     ]
     if pooled.trend.names:
         word, factor, unit = VARIABLES[pooled.trend.variable]
@@ -145,12 +147,12 @@ def _counted(pooled: Pooled) -> str:
     stated = pooled.scale_uncertainty
     if not stated:
         return (
-            "Errors of mass, inertia, geometry and airspeed are not counted: the aircraft states none under "
+            "Errors of mass, inertia, geometry and airspeed are not included: the aircraft states none under "
             "[uncertainty]."
         )
     return (
-        f"Errors hold what the aircraft states of {', '.join(f'{n} ({100.0 * s:.2g} %)' for n, s in stated.items())}, "
-        "which all logs share; those of geometry are not counted."
+        f"Errors include the stated uncertainty of {', '.join(f'{n} ({100.0 * s:.2g} %)' for n, s in stated.items())}, "
+        "which all logs share; those of geometry are not included."
     )
 
 
@@ -181,8 +183,8 @@ def log_table(flights: PooledFlights) -> Table:
             y = float(log.values[i])
             rows.append((log.log, derivative, own.value, own.std, name, y, std, there, (y - there) / std))
     caption = (
-        "Coefficients of every log by its own airspeed, dynamic pressure and mass. Pooled: what all logs say at the "
-        "condition of this one. Difference: in standard errors of the log alone."
+        "Coefficients of every log by its own airspeed, dynamic pressure and mass. Pooled: the result of all logs at "
+        "the condition of this one. Difference: in standard errors of the log alone."
     )
     return Table("logs", "Coefficients of every log", caption, columns, tuple(rows))
 

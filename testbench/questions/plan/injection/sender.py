@@ -107,7 +107,7 @@ class Card:
             self.say(f"NOT STARTED, {reason}")
             return True
         self.held = self._now_commanded(now)
-        reason = "the autopilot does not tell what it commands" if self.held is None else self._no_room()
+        reason = "the autopilot does not send its commands" if self.held is None else self._no_room()
         if reason:
             self.state = "wait for the switch to be low"
             self.say(f"NOT STARTED, {reason}")
