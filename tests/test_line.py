@@ -189,7 +189,7 @@ def test_a_run_says_where_the_residuals_of_its_models_come_from(results):
     named = [c["code"] for c in case.model.diagnostics["causes"]]
     assert named[0] == "bend"
     assert [a.code for a in case.model.advice][: len(named)] == named
-    assert "it is not linear in" in " ".join(results("eolo_alpha").findings)
+    assert "is nonlinear in" in " ".join(results("eolo_alpha").findings)
 
 
 def changed(name: str, **update: object) -> Scenario:

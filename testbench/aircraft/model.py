@@ -373,7 +373,7 @@ class _SimulationFile(Strict):
 
 
 class AircraftFile(Strict):
-    """An aircraft beside its JSBSim model: what the testbench must know and the model does not say."""
+    """Data of an aircraft that its JSBSim model does not contain."""
 
     title: str
     model: str

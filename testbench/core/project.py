@@ -26,7 +26,7 @@ _OWN = {"aircraft", "suite", "speeds_m_s"}  # keys by which a file of this name 
 
 
 class Found(Strict):
-    """What a command found: when, which command, its folder of results, and its first sentence."""
+    """The result of a command: time, command, folder of results, and first sentence."""
 
     at: Text
     command: Text
@@ -48,7 +48,7 @@ class Found(Strict):
 
 
 class Project(Strict):
-    """What the questions of a campaign share.
+    """Keys that the questions of a campaign share.
 
     ``aircraft``, ``suite`` and ``wings`` are those of scenarios; ``speeds_m_s`` and ``h_m`` where it is flown; ``by``
     who flies; ``air``, ``limits`` and ``simulation`` the tables of a scenario; ``accuracies`` the wanted standard

@@ -123,8 +123,8 @@ class Aside:
 def time_is_up(method: str, limit_s: float) -> EstimationError:
     """Return the error of an estimator that took too long."""
     return EstimationError(
-        f"{short(method)} must end within limit_s = {limit_s:g} s, got no model by then; raise "
-        "identification.limit_s, or give it less to do"
+        f"{short(method)} must end within limit_s = {limit_s:g} s, got no model by then; raise identification.limit_s, "
+        "or reduce its work"
     )
 
 

@@ -18,7 +18,7 @@ def approximate(method: str, of: str = "its") -> tuple[Advice, ...]:
     low, high, seeds = HELD[method]
     share = f"{low} % of the cases" if low == high else f"{low} to {high} % of the cases, by quantity and aircraft"
     said = (
-        f"{of} 95 % intervals are approximate: in {seeds} simulated flights of each of two small aircraft they held "
-        f"the truth in {share} (results/estimators)"
+        f"{of} 95 % intervals are approximate: in {seeds} simulated flights of each of two small aircraft they "
+        f"contained the truth in {share} (results/estimators)"
     )
     return (note("approximate_intervals", said),)

@@ -162,7 +162,10 @@ class _Reader:
 
     def strange(self, sign: str) -> str:
         if sign in "<>=!":
-            return f"'{sign}' compares, which jumps and has no derivative; write bends with max, min or abs"
+            return (
+                f"'{sign}' is a comparison, which is discontinuous and has no derivative; write bends with max, min or "
+                "abs"
+            )
         return f"'{sign}' is no sign of an expression (+ - * / ^, brackets, numbers, names)"
 
     def fault(self, reason: str, at: int) -> ExpressionError:
@@ -237,7 +240,9 @@ class _Reader:
 
     def call(self, function: str, at: int) -> tuple[Node, int]:
         if function in _JUMPS:
-            raise self.fault(f"'{function}' jumps and has no derivative; write bends with max, min, abs or tanh", at)
+            raise self.fault(
+                (f"'{function}' is discontinuous and has no derivative; write bends with max, min, abs or tanh"), at
+            )
         if function not in FUNCTIONS:
             raise self.fault(f"there is no function '{function}'{nearest(function, FUNCTIONS)}", at)
         arguments = [self.sum()]
@@ -285,7 +290,7 @@ _RESERVED = {"pi", *TRIM, *FUNCTIONS}
 
 
 class WrittenParameter(Strict):
-    """A parameter of equations as text: where its estimate starts, or its value if it is not free; SI units."""
+    """A parameter of equations as text: its start value, or its value if it is not free; SI units."""
 
     value: float
     free: bool = True

@@ -595,8 +595,8 @@ def _advice(model: StateSpaceModel, white: FloatArray, layout: Layout) -> tuple[
     if not found["converged"] and layout.disturbances and _radius(model.A - model.K @ model.C) > _MARGINAL:
         out.doubt(
             "predictor_at_limit",
-            "the search ended where the predictor A - K C becomes unstable: these data hold no disturbances that "
-            "could be told from the noise; set disturbances = false",
+            "the search ended where the predictor A - K C becomes unstable: these data contain no disturbances beyond "
+            "the noise; set disturbances = false",
         )
     elif not found["converged"]:
         out.wrong(
@@ -607,14 +607,14 @@ def _advice(model: StateSpaceModel, white: FloatArray, layout: Layout) -> tuple[
     if found["undecided"]:
         out.doubt(
             "not_told_apart",
-            f"these data do not decide {found['undecided']} of {found['parameters']} directions, and the standard "
+            f"these data do not determine {found['undecided']} of {found['parameters']} directions, and the standard "
             "errors leave them out: the order is too high, or an input moves too little",
         )
     coloured = [o for o, w in zip(model.outputs, white, strict=True) if w < WHITE]
     if coloured and layout.disturbances:
         out.doubt(
             "coloured_residuals",
-            f"innovations of {', '.join(coloured)} are not white: raise the order, or something is not linear",
+            f"innovations of {', '.join(coloured)} are not white: raise the order, or the system is nonlinear",
         )
     elif coloured:
         out.doubt(
@@ -623,7 +623,7 @@ def _advice(model: StateSpaceModel, white: FloatArray, layout: Layout) -> tuple[
             + (
                 "standard errors are corrected for it; estimate the disturbances to correct the weights as well"
                 if found["converged"]
-                else "the standard errors are not to be believed, because the search did not converge"
+                else "the standard errors are not reliable, because the search did not converge"
             ),
         )
     return (*out, *approximate("prediction_error"))

@@ -256,14 +256,14 @@ def _advice(name: str, diagnostics: Mapping[str, Any], no_delay: bool) -> list[A
         out.note(
             "no_delay",
             f"{name}: a refined delay ended at zero and was fixed there: there is no delay, or other terms of the "
-            "structure stand for it",
+            "structure represent it",
         )
     if diagnostics["residual_percent"] > 100.0 * _SILENT and diagnostics["white_probability"] < WHITE:
         errors_hold = (
             f"standard errors were corrected by a factor {diagnostics['error_factor']:.1f}; if the colour comes from a "
-            "term that the model lacks, the coefficients are biased by more than they say"
+            "missing term of the model, the bias of the coefficients exceeds them"
             if diagnostics["converged"]
-            else "the standard errors are not to be believed, because the iterations did not converge"
+            else "the standard errors are not reliable, because the iterations did not converge"
         )
         out.doubt(
             "coloured_residuals",
@@ -380,8 +380,8 @@ def solve(data: list[Series], n: int, nz: int, delays: FloatArray, setup: Setup)
     starts = sorted((s for s in starts if np.isfinite(s[0])), key=lambda s: s[0])
     if not starts:
         raise EstimationError(
-            f"{n} poles and {nz} zeros must describe the output within what its sampling can show, but least squares "
-            "puts them far beyond; use fewer poles or zeros"
+            f"{n} poles and {nz} zeros must describe the output within the band of its samples, but least squares puts "
+            "them far beyond; use fewer poles or zeros"
         )
     fits = []
     for _, point in starts[:3]:

@@ -14,7 +14,7 @@ from testbench.estimators.equations import Equations
 
 
 class AirframeConstants(Strict):
-    """What a nonlinear aerodynamic structure takes as known of aircraft and air."""
+    """Known data of aircraft and air for a nonlinear aerodynamic structure."""
 
     mass_kg: Positive
     S_m2_per_kg: Positive
@@ -58,7 +58,7 @@ def _known_structure(name: str, info: ValidationInfo) -> str:
 
 
 class Servo(Strict):
-    """What lies between a command and its surface: first-order lag or second order, delay and rate limit.
+    """The servo between a command and its surface: first-order lag or second order, delay and rate limit.
 
     ``lag_s`` and ``delay_s`` may be "estimate": they are parameters of the structure then. ``ignore`` takes the command
     for the surface, knowingly.

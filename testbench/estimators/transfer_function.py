@@ -88,9 +88,9 @@ def question_poles(
         if near.size:
             out.doubt(
                 "poles_at_input_peak",
-                f"{output}: poles at {_list(near)} rad/s lie within {100 * NEAR_PEAK:.0f} % "
-                f"of the peak of the spectrum of {given} ({peak:.2f} rad/s): the data, not the input, should "
-                "decide where they lie; check with an input of another spectrum",
+                f"{output}: poles at {_list(near)} rad/s lie within {100 * NEAR_PEAK:.0f} % of the peak of the "
+                f"spectrum of {given} ({peak:.2f} rad/s): their place should follow from the data, not from the input; "
+                "check with an input of another spectrum",
             )
     fast = omega_rad_s > PART_OF_NYQUIST * nyquist
     if fast.any():
@@ -106,8 +106,8 @@ def question_poles(
         out.doubt(
             "outside_band",
             f"{output}: poles at {_list(omega_rad_s[outside])} rad/s lie outside the band {low:.2f} to {high:.2f} "
-            "rad/s that holds 99 % of the input's energy: they follow from the structure and the noise more than "
-            "from the data; excite that band or use fewer poles",
+            "rad/s that holds 99 % of the input's energy: they depend on the structure and the noise more than on the "
+            "data; excite that band or use fewer poles",
         )
     return out
 

@@ -237,11 +237,11 @@ def _compare_responses(
 
 def _prediction_verdict(name: str, outputs: Sequence[str], scores: Scores, untested: Sequence[str] = ()) -> str:
     if not scores.predictions:
-        return f"{name}: no records, so nothing is known of how the model predicts them"
+        return f"{name}: no records, so the prediction of the model is unknown"
     errors = dict(zip(outputs, scores.mrse_percent.tolist(), strict=True))
     overflow = [o for o, e in errors.items() if not np.isfinite(e)]
     if overflow:
-        return f"{name}: the prediction of {', '.join(overflow)} grows beyond all bounds; the model does not predict"
+        return f"{name}: the prediction of {', '.join(overflow)} diverges; the model does not predict"
     listed = ", ".join(f"{o} {percent_in_words(e)}" for o, e in errors.items())
     judged = {o: e for o, e in errors.items() if o not in untested}
     good = [o for o, e in judged.items() if e <= GOOD_MRSE_PERCENT]
@@ -271,7 +271,7 @@ def _pole_verdict(match: PoleMatch) -> str:
         near = f"{match.true.real:.3g} 1/s" if _real(match.true) else f"{abs(match.true):.3g} rad/s"
         return f"{match.name}{where}: not found; no pole of the model lies near {near}"
     close = abs(match.wn_error_percent) <= CLOSE_WN_PERCENT and abs(match.zeta_error) <= CLOSE_ZETA
-    word = "found" if close else "found, but off"
+    word = "found" if close else "found, with an error"
     if _real(match.true) and _real(match.found):
         return f"{match.name}{where}: {word}; {match.found.real:.3g} 1/s ({match.wn_error_percent:+.2g} %)"
     return (

@@ -124,19 +124,19 @@ class Cause(NamedTuple):
 _SURFACE = "or take the position of the surface as the input instead of its command"
 _ACTS = ("set delays_s = {{{subject} = {time}}}, " + _SURFACE, "give the input {time} s later, " + _SURFACE)
 _BEND = "fly smaller inputs, use the part of the record where {subject} stays small, or take "
-_FIT = "estimate offsets where the method can, free the slow mode or raise the order, and see which fits"
-_HOLD = "set held = [{names}] if a computer made it; a delay of {time} s looks alike"
+_FIT = "estimate offsets where the method can, free the slow mode or raise the order, and compare the fits"
+_HOLD = "set held = [{names}] if a computer made it; a delay of {time} s has the same effect"
 _LOOP = (
     "take a method that is consistent in closed loop (filter_error with process noise; prediction_error with "
-    "disturbances, ssarx or pbsid_opt with closed_loop = true, of an order that holds the gusts as well), and "
-    "excite the loop by a signal of its own"
+    "disturbances, ssarx or pbsid_opt with closed_loop = true, of an order that includes the gusts), and excite the "
+    "loop by an independent signal"
 )
 _COLOUR = "compare a higher order and prediction_error with disturbances"
 CAUSES = {
-    "delay": Cause("{subject} acts some {time} s later than the model takes it to", *_ACTS),
-    "lag": Cause("{subject} acts through a lag of some {time} s, as of a servo, that the model lacks", *_ACTS),
+    "delay": Cause("{subject} acts some {time} s later than in the model", *_ACTS),
+    "lag": Cause("{subject} acts through a lag of some {time} s, as of a servo, which the model lacks", *_ACTS),
     "rate_limit": Cause(
-        "{subject} turns at some {rate} deg/s at most, as of a servo, which the model lacks",
+        "{subject} turns at some {rate} deg/s at most, a rate limit of a servo that the model lacks",
         "set rate_limit_deg_s = {rate} of its servo, " + _SURFACE,
         _SURFACE.removeprefix("or "),
     ),
@@ -146,23 +146,23 @@ CAUSES = {
         _HOLD,
     ),
     "bend": Cause(
-        "the response bends: it is not linear in {subject}",
-        f"{_BEND}a structure whose aerodynamics bend",
-        f"{_BEND}a model that bends",
+        "the response is nonlinear in {subject}",
+        f"{_BEND}a structure with nonlinear aerodynamics",
+        f"{_BEND}a nonlinear model",
     ),
     "drift": Cause(
-        "the outputs carry biases or drifts that the model does not estimate",
+        "the outputs have biases or drifts that the model does not estimate",
         "name the outputs in output_biases and output_trends, or remove the drift",
         "remove biases and drifts from the records first, or estimate them where the method can",
     ),
     SLOW: Cause(
         "the outputs move slowly in a way that the model does not follow: biases or drifts of the sensors, or a slow "
-        "mode that it lacks, such as the {slow}, which this record does not tell apart",
+        "mode that it lacks, such as the {slow}, which this record does not separate",
         _FIT,
         _FIT,
     ),
     "far_from_best": Cause(
-        "a model of the same kind follows the records better in free run: noise of the outputs has moved these "
+        "a model of the same kind predicts the records better in free run: noise of the outputs has biased these "
         "estimates",
         "refine them by output_error",
         "refine them by prediction_error",
@@ -205,7 +205,7 @@ def in_words(model: IdentifiedModel, c: Found) -> Advice:
         said += f", {100.0 * c.of_motion:.2g} % of the motion" if c.of_motion < 1.0 and not loop else ""
     if loop and model.method == "filter_error" and "coloured_residuals" not in {a.code for a in ranked(model.advice)}:
         # gusts are estimated, and nothing of them is left in what is new
-        return Advice(f"{said}; {model.method} as it is set here is not biased by it", "note", c.code)
+        return Advice(f"{said}; {model.method} with these settings is not biased by it", "note", c.code)
     return Advice(f"{said}{_shifted(c)}; {remedy.format(**words)}", _severity(c), c.code)
 
 
@@ -258,7 +258,7 @@ def with_causes(model: IdentifiedModel, records: Sequence[FlightRecord]) -> Iden
     total = unknowns + len(all_poles(model)) * len(records)
     values = sum(int(r.select(model.outputs).valid.sum()) for r in records)
     if values < _PER_UNKNOWN * total:
-        text = "are few: what is wrong with the model would not show, and errors are known only roughly; give more "
+        text = "are few: faults of the model would not be visible, and errors are known only roughly; give more "
         text = f"{values} output samples for {total} unknowns {text}records, or free fewer parameters"
         advice = [Advice(text, "doubt", "few_data")]
     else:
@@ -285,7 +285,7 @@ def _without_comfort(advice: Advice) -> Advice:
     """Return advice on coloured residuals without the word that errors are corrected: no correction holds a bias."""
     if advice.code != "coloured_residuals" or "corrected" not in advice:
         return advice
-    said = f"{advice.rpartition(': ')[0]}: standard errors do not hold what the cause above has done"
+    said = f"{advice.rpartition(': ')[0]}: standard errors do not include the influence of the cause above"
     return Advice(said, advice.severity, advice.code)
 
 

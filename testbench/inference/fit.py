@@ -758,16 +758,16 @@ class Fit:
     def _doubts(self, whiteness: float, errors: FloatArray) -> Iterable[str]:
         """Yield what speaks against the posterior."""
         if whiteness < WHITE:
-            yield f"what is left is coloured (noise would be so with a probability of {whiteness:.1g})"
+            yield f"the residual is coloured (noise would be so with a probability of {whiteness:.1g})"
         if self.effective < 0.1:
             yield f"only {100 * self.effective:.0f} % of the samples of its posterior count"
         if self.misfit[0] > _OVERSTATES:
             times = math.sqrt(self.misfit[0])
-            yield f"what is left is no white noise: errors are {times:.2g} times what they were if it were"
+            yield f"the residual is not white noise: errors are {times:.2g} times those for white noise"
         near = np.minimum(self.theta - self.hypothesis.low, self.hypothesis.high - self.theta) < 0.1 * errors
         if near.any():
             names = [p.name for p, ends in zip(self.hypothesis.parameters, near, strict=True) if ends]
-            yield f"{', '.join(names)} rests at the end of what is possible"
+            yield f"{', '.join(names)} is at the end of its range"
 
 
 def whole_and_part(density: FloatArray, kappas: Sequence[float] = KAPPAS) -> FloatArray:

@@ -161,8 +161,8 @@ def _explained(model: ParametricModel, chances: FloatArray | None) -> Parametric
         advice.append(
             note(
                 "form",
-                "its derivatives vary with angle of attack and dynamic pressure over what was flown: those at trim are "
-                "given, with errors that hold it",
+                "its derivatives vary with angle of attack and dynamic pressure during the flight: those at trim are "
+                "given, with errors that include this",
             )
         )
     return replace(model, advice=tuple(advice), diagnostics=found)

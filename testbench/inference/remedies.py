@@ -257,7 +257,7 @@ def mixed(model: ParametricModel, rivals: Sequence[Rival]) -> ParametricModel:
             values = ", ".join(f"{n} {rival.model.values[n]:.3g}, not {model.values[n]:.3g}" for n in worst)
             said.append(f"with {rival.name} (probability {rival.probability:.2g}) {values}")
     if said:
-        text = f"{'; '.join(said)}: these records do not tell them apart; log the position of the surface"
+        text = f"{'; '.join(said)}: these records do not separate them; log the position of the surface"
         model = replace(model, advice=(doubt("rival_model", text), *model.advice))
     return replace(model, covariance=covariance)
 

@@ -332,12 +332,12 @@ def servo_rules(log: Log, named: bool) -> Iterator[Rule]:
         if not named:
             stated = f"SERVO{_USUAL[name]}_FUNCTION" in settings
             if not stated and not any(name == mix.surface and outputs.keys() & mix.parts.keys() for mix in MIXES):
-                guess = f"output {_USUAL[name]} drives it and its ends are those, as is usual; no setting says so"
+                guess = f"output {_USUAL[name]} drives it and its ends are those, as usual; no setting states this"
                 yield from _servo_rule(log, Mix(name, {0: 1.0}, ""), {0: [_USUAL[name]]}, guess)
             continue
         fitting = [mix for mix in mixes if mix.surface == name and mix.parts.keys() <= outputs.keys()]
         beside = [mix.said for mix in fitting[1:] if not mix.parts.keys() & fitting[0].parts.keys()]
-        assumed = f"the aircraft also has, beside it: {', '.join(beside)}; these are not in it" if beside else ""
+        assumed = f"the aircraft also has: {', '.join(beside)}; these are not in it" if beside else ""
         for mix in fitting[:1]:
             yield from _servo_rule(log, mix, outputs, assumed)
 

@@ -29,14 +29,14 @@ Texts = Annotated[tuple[Text, ...], Field(strict=False)]
 
 
 class WriterTime(Strict):
-    """The column that counts time, and its unit."""
+    """The column of times, and its unit."""
 
     column: Text
     unit: Literal["s", "ms", "us", "ns", "min", "h", "d"] = "s"
 
 
 class WriterColumn(Strict):
-    """A column and the channel that it is: SI value = factor of unit * (scale * column + offset).
+    """A column and its channel: SI value = factor of unit * (scale * column + offset).
 
     A surface, or its command, may be in "norm" or "%": a part of full throw. ``assumed`` says what the file does not.
     """

@@ -106,7 +106,7 @@ def choose_instances(
         healthy = [topics[name] for name in names if not any(faults[name])]
         doubt = _disagree(healthy[0], healthy[1], list(columns)) if len(healthy) == 2 else ""
         choices.append(
-            replace(choice, doubt=doubt and f"{kind}: {doubt}; {choice.taken} is read: is it the right one?")
+            replace(choice, doubt=doubt and f"{kind}: {doubt}; {choice.taken} is used: is it the right one?")
         )
     return tuple(choices)
 
@@ -116,7 +116,7 @@ def _choice(
 ) -> Choice:
     said = {name: ", ".join(filter(None, faults[name])) for name in names}
     option = f" (--{kind} {{}} reads this one)" if kind in KINDS else ""
-    fine = "not asked for" if asked else "as good as the one read"
+    fine = "not requested" if asked else "as good as the one used"
     others = tuple(
         (name, f"{said[name] or fine}; {taken} is read instead{option.format(number_of(name))}")
         for name in names
@@ -156,7 +156,7 @@ def _still(columns: list[FloatArray]) -> str:
         return "no numbers"
     if not any(np.any(column) for column in full):
         return "zero throughout"
-    return "" if any(np.ptp(column) > 0.0 for column in full) else "the same numbers throughout"
+    return "" if any(np.ptp(column) > 0.0 for column in full) else "constant throughout"
 
 
 def _unhealthy(topic: Topic) -> str:
@@ -187,7 +187,7 @@ def _disagree(one: Topic, other: Topic, columns: list[str]) -> str:
         apart = float(np.std(rows[0] - rows[1])) / moves if moves > _ABOVE_NOISE * noise else 0.0
         if apart > worst:
             worst, where = apart, column
-    return f"{one.name} and {other.name} differ in {where} by {worst:.2g} times what they move" if where else ""
+    return f"{one.name} and {other.name} differ in {where} by {worst:.2g} times their motion" if where else ""
 
 
 def _apart(topics: Mapping[str, Topic], columns: list[str]) -> dict[str, str]:
@@ -212,7 +212,7 @@ def _apart(topics: Mapping[str, Topic], columns: list[str]) -> dict[str, str]:
             off = np.maximum(off, np.sqrt(np.mean((rows - typical) ** 2, axis=1)) / moves)
     limit = max(_MOVES, _APART * float(np.median(off)))
     return {
-        name: f"differs from the others by {value:.2g} times what they move"
+        name: f"differs from the others by {value:.2g} times their motion"
         for name, value in zip(topics, off, strict=True)
         if value > limit
     }

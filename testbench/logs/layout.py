@@ -70,7 +70,7 @@ Segment = Annotated[tuple[float, float], Field(strict=False)]
 
 
 class TimeColumn(Strict):
-    """When the samples were taken: a column of the file in ``unit``, or a constant rate from 0 on.
+    """The times of the samples: a column of the file in ``unit``, or a constant rate from 0 on.
 
     A column of dates or times of the day needs no unit and is counted from its first sample.
     ``zero_s`` is the time of the file, in s, that is called 0 in the record and in the segments.
@@ -89,7 +89,7 @@ class TimeColumn(Strict):
 
 
 class RecordCondition(Strict):
-    """What a record does not hold of the condition that it was flown at; what is given goes before what is recorded.
+    """The condition of a flight as far as the records lack it; given values have priority over recorded ones.
 
     Airspeed is true. The air is that of ``density_kg_m3``, else of the height in the standard atmosphere, at
     ``temperature_degC`` if that is given. Mass and inertia about the centre of gravity are the aircraft's where they
@@ -121,7 +121,7 @@ class RecordCondition(Strict):
 
 
 class RecordFile(Strict):
-    """One file, how it is read, and what it is used for.
+    """One file, how it is read, and its use.
 
     ``segments`` are [first, last] times in s, both included, that must not be joined: each becomes a record of its own.
     ``condition`` goes before the condition of the description.
@@ -167,7 +167,7 @@ class RecordFile(Strict):
 
 
 class ChannelColumn(Strict):
-    """A channel, and the column that holds it: SI value = factor of unit * (scale * (column - minus_column) + offset).
+    """A channel and its column: SI value = factor of unit * (scale * (column - minus_column) + offset).
 
     ``missing`` says what happens to a sample that is empty or NaN: "error", or "mask" (hold the last value and mark
         it).

@@ -143,15 +143,15 @@ def px4_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
     rates = [_rate(log, rules[0].topic) for rules in (held, torques) if rules]
     if held and len(rates) == 2 and rates[0] < _KEPT * rates[1]:
         notes.append(
-            f"commands of surfaces are torque set-points ({rates[1]:.3g} Hz): actuator_servos, which would hold limits "
-            f"and flaps, too, was logged at {rates[0]:.3g} Hz only"
+            f"commands of surfaces are torque set-points ({rates[1]:.3g} Hz): actuator_servos, which would also "
+            f"contain limits and flaps, was logged at {rates[0]:.3g} Hz only"
         )
         servos = []
     elif held and rates[-1] > 0.0:
         notes.append("commands of surfaces are servo outputs, mixed by the log's own CA_SV_CS settings")
     elif "actuator_servos" in log.topics:
         notes.append(
-            "actuator_servos is not read: no CA_SV_CSi_TYPE or _TRQ_R, _P, _Y says which surface each servo drives"
+            "actuator_servos is not read: no CA_SV_CSi_TYPE or _TRQ_R, _P, _Y states the surface of each servo"
             if log.parameters.get("CA_AIRFRAME") != _TAILSITTER
             else "actuator_servos is not read: a tailsitter's surfaces act about other axes in hover and in flight"
         )
@@ -241,7 +241,7 @@ def _rotary(log: Log) -> Iterator[str]:
     if kind is not None:
         yield (
             f"the log is of a {kind} (MAV_TYPE {log.parameters['MAV_TYPE']:g}): no fixed-wing control surface was "
-            "found; da_cmd, de_cmd and dr_cmd are what its rotors are asked for"
+            "found; da_cmd, de_cmd and dr_cmd are the commands of its rotors"
         )
 
 

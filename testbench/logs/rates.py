@@ -33,6 +33,6 @@ def too_slow(log: Log, rules: Iterable[Rule], better: str) -> list[str]:
     told = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in slow.items())
     reach = min(slow.values()) / SAMPLES
     return [
-        f"logged slowly: {told}. With {SAMPLES:g} samples in a period, motion above {reach:.2g} Hz is not seen well; a "
-        f"short period needs {SAMPLES * FASTEST_HZ:g} Hz. To log faster set {better}"
+        f"logged slowly: {told}. With {SAMPLES:g} samples in a period, motion above {reach:.2g} Hz is not well "
+        f"resolved; a short period needs {SAMPLES * FASTEST_HZ:g} Hz. To log faster set {better}"
     ]

@@ -157,7 +157,7 @@ def settled(channels: Sequence[Mapped], sure: Sequence[Reading]) -> tuple[tuple[
         else:
             channels = [reading.of(c) if c.name == reading.channel else c for c in channels]
             taken = f"{reading.channel} is taken {reading.taken}"
-        said.append(f"{taken}, which no heading says: {reading.got}")
+        said.append(f"{taken}, which no heading states: {reading.got}")
     return tuple(channels), said
 
 
@@ -539,13 +539,13 @@ class _Weighed:
             times = _ratio(size(sides[0]), size(sides[1]))
             times = times if name == spoke.needs[0] or spoke.level else 1.0 / times
             minus = "minus " if factor < 0.0 else ""
-            got = f"up to {shown(name, largest)}, {minus}{times:.2g} times what {says} says"
+            got = f"up to {shown(name, largest)}, {minus}{times:.2g} times the value from {says}"
             if name == "az":
                 got = f"{typical:.3g} m/s2 in the mean, where level flight has -9.81 m/s2"
             elif name == "ay":
-                got = f"{minus}{times:.2g} times what {says} make of it"
+                got = f"{minus}{times:.2g} times the value from {says}"
             elif name in ("V", "Vg"):
-                got = f"{typical:.3g} m/s, {times:.2g} times what {says} say{'s' if ' and ' not in says else ''}"
+                got = f"{typical:.3g} m/s, {times:.2g} times the value from {says}"
             elif name == "h":
                 got = f"it changes {times:.2g} times as fast as airspeed and the path angle say"
         left = "does it count to the left (scale = -1.0)"

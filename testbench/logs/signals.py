@@ -28,7 +28,7 @@ VEHICLES = ("fixed wing", "VTOL", "rotorcraft", "other")
 """What may have flown: a VTOL has a wing and hovers, a rotorcraft has no surfaces, others do not fly."""
 MIN_SAMPLES = 4
 ZERO = "zero throughout"
-AT_IMU = "the inertial unit sits at the centre of gravity"
+AT_IMU = "the inertial unit is at the centre of gravity"
 """What is assumed of accelerations where no setting of the autopilot says where they were measured."""
 ONE_TURN = 2.02 * np.pi  # rad; beyond it an angle was not cut at half or whole turns, or is no angle in rad
 FAR = 2.0  # times the span of all but 2 % of the times, from its middle: what lies beyond is no time of the flight
@@ -333,7 +333,7 @@ def _second(first: Mapped, rule: Rule, topic: Topic) -> str:
     columns = _raw(rule, topic)
     if rule.in_si and np.array_equal(first.t_s, topic.t_s):
         same = np.array_equal(rule.convert(*columns) + 0.0, first.values)
-        said += ", which holds the same numbers" if same else ", which holds other numbers"
+        said += ", which has the same values" if same else ", which has other values"
     return _unless_zero(columns, said)
 
 
@@ -365,7 +365,7 @@ def _mapped(log: Log, rule: Rule, topic: Topic, source: str, throws: Mapping[str
     elif rule.channel in _SURFACES and not rule.in_si:
         throw = throws.get(surface, DEFAULT_THROW_RAD)
         values = values * throw
-        known = "as given" if surface in throws else "assumed, the log does not hold it"
+        known = "as given" if surface in throws else "assumed, the log does not state it"
         assumed = "; ".join(filter(None, [assumed, f"{FULL_COMMAND} {throw / DEG_RAD:g} deg ({known})"]))
     finite = np.abs(values) <= LARGEST
     every = bool(ok.all() and finite.all())  # then its channels share the times of a topic

@@ -113,7 +113,7 @@ def unanswered(record: FlightRecord, control: str, m: Manoeuvre, noise: Mapping[
         return ""
     name = seen[0]
     size = shown(name, noise[name].size)
-    return f"the aircraft does not answer {control}: {name} moves no more than its noise ({size})"
+    return f"the aircraft does not respond to {control}: {name} moves no more than its noise ({size})"
 
 
 def _taken(record: FlightRecord, name: str) -> NDArray[np.bool_]:
@@ -182,7 +182,7 @@ class _Labels:
         """Say for each block whether it is carried by the air, and why not."""
         landed = self.flag("landed")
         if landed is not None:
-            self.why[landed] = "the autopilot says that it has landed"
+            self.why[landed] = "the autopilot reports a landing"
             return ~landed
         if self.log.vehicle == "rotorcraft":
             self.why[:] = f"it is less than {_LIFTED_M:g} m above its lowest"
@@ -209,7 +209,7 @@ class _Labels:
         for part in _parts(~fast):
             typical = float(np.median(speed[part]))
             why = f"the {name} is {typical:.2g} m/s, "
-            below = f"and no wing carries below {SLOWEST_M_S:g} m/s"
+            below = f"and the wing cannot carry below {SLOWEST_M_S:g} m/s"
             self.why[part] = why + (below if typical < SLOWEST_M_S else "below that of its flight")
         return fast
 

@@ -115,7 +115,7 @@ def _log(
     kind = "topics of PX4 as tables (ulog2csv)" if of_px4 else "messages of ArduPilot as tables"
     if not parameters:
         suffix = ".ulg" if of_px4 else ".bin"
-        notes = [*notes, f"the tables hold no settings: the log itself ({suffix}) says which output drives what"]
+        notes = [*notes, f"the tables hold no settings: the log itself ({suffix}) states what each output drives"]
     said = tuple(dropped_in_words(lost))
     log = Log(path, kind, topics, {}, parameters, said, unread or {}, notes=tuple(notes))
     return px4.px4_rules(log) if of_px4 else ardupilot.ardupilot_rules(log)

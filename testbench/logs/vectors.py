@@ -89,7 +89,7 @@ def vectors_of(table: Table, axes: str | None = None) -> Vectors:
         known.append(_Known([groups[attitude][part] for part in "012"], _EULER, factor, unit))
     other = next(name for name in AXES if name != taken)
     said = f"axes {AXES[taken]}"
-    assumed = "" if axes or seen else f"{said}, which nothing tells: --axes {other} if they are {AXES[other]}"
+    assumed = "" if axes or seen else f"{said}, which nothing determines: --axes {other} if they are {AXES[other]}"
     notes = (f"vectors are read with {said}: the specific force is {up:.3g} m/s2 along z",) if seen and not axes else ()
     rules = [rule for parts in turned.values() for rule in _attitude(parts, taken, said)]
     rules += [rule for vector in known for rule in _components(vector, taken, said)]

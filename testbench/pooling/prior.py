@@ -142,7 +142,7 @@ class _Believed(Strict):
 
 
 class PriorFile(Strict):
-    """A prior as a file says it: values of coefficients with standard deviations, and whose they are."""
+    """A prior in a file: values of coefficients with standard deviations, and their source."""
 
     source: Annotated[str, Field(min_length=1)]
     coefficient: Annotated[dict[str, _Believed], Field(min_length=1)]

@@ -66,7 +66,7 @@ _Noise = Annotated[
 
 
 class HiddenEffect(Strict):
-    """One effect that really acts, and a value for each of its parameters: ``lag_rad_s = 12.0``.
+    """One effect of the true aircraft, with a value for each of its parameters: ``lag_rad_s = 12.0``.
 
     ``effect`` is a name of the library, or ``FILE.py:NAME``; each further key is a parameter of it, in the unit and
     within the bounds of the library. ``manoeuvre`` is the one that meets a gust; the first if not given.
@@ -84,7 +84,7 @@ class HiddenEffect(Strict):
 
 
 class Hidden(Strict):
-    """What really flies; an empty table: what is believed.
+    """The true aircraft of simulated records; an empty table: the a-priori model.
 
     ``effects`` act together, each with its values. ``aircraft`` and ``wings`` fly in place of the believed ones.
     ``noise`` is the real noise of the sensors over that of the suite: one number, or one for each channel that has

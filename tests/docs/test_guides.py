@@ -100,7 +100,7 @@ def test_five_commands_lead_from_an_autopilot_s_log_to_derivatives_an_aircraft_a
     assert len(lines) == 5
     said = [said_by(line) for line in lines]
     assert "8 manoeuvres found" in said[0]
-    assert "full command is 25 deg (assumed, the log does not hold it)" in " ".join(said[0].split())
+    assert "full command is 25 deg (assumed, the log does not state it)" in " ".join(said[0].split())
     assert "'plane_flown'" in said[2]
     for name, factor in (("Cm_q", 0.6), ("Cm_alpha", 1.25)):
         old, new = (tb.load_aircraft(a).coefficient(name) for a in ("plane", "plane_flown"))

@@ -325,4 +325,4 @@ def test_a_channel_that_was_never_sampled_is_refused(record):
 def test_records_shorter_than_the_lags_are_named(record):
     found = estimate([record, record.between(0.0, 0.5)], CHANNELS, **FAST)
     assert found.status == "good"  # the errors know how much data counted
-    assert any("records shorter than the lags did not count: 1" in text for text in found.advice)
+    assert any("records shorter than the lags were not used: 1" in text for text in found.advice)

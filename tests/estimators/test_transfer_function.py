@@ -218,7 +218,7 @@ def test_poles_at_the_spectral_peak_and_above_half_nyquist_are_questioned():
     # spectrum of a doublet of period T: sin^4(w T / 4) / w^2, largest at w T / 4 = 1.166; here T = 2 s
     assert peak == pytest.approx(2.331, rel=0.2)
     sizes = np.abs(model.poles()["theta"])
-    assert any("the data, not the input, should decide" in s for s in model.advice) == bool(
+    assert any("should follow from the data, not from the input" in s for s in model.advice) == bool(
         np.any(np.abs(sizes - peak) <= 0.3 * peak)
     )
     fast = bool(np.any(sizes > 0.5 * np.pi / DT))
@@ -234,7 +234,7 @@ def test_a_pole_in_the_input_s_peak_is_named():
     model = estimate(
         [record(u, y)], ("de",), ("theta",), TransferFunctions(poles=2, zeros=(1,)), validation=[record(u, y)]
     )
-    assert any(s.startswith("theta: poles at 2.") and "the data, not the input" in s for s in model.advice)
+    assert any(s.startswith("theta: poles at 2.") and "from the data, not from the input" in s for s in model.advice)
 
 
 def test_more_poles_than_the_data_hold_are_reported():

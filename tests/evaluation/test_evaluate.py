@@ -117,7 +117,7 @@ def test_an_overflowing_prediction_is_infinite_and_says_so():
     result = evaluate(overflowing, [record(1)], [record(2)])
     assert np.array_equal(result.validation.mrse_percent, [np.inf, np.inf])
     assert np.array_equal(result.validation.fit_percent, [-np.inf, -np.inf])
-    assert any("prediction of alpha, q grows beyond all bounds" in v for v in result.verdicts)
+    assert any("prediction of alpha, q diverges" in v for v in result.verdicts)
 
 
 def test_invalid_samples_do_not_count():
@@ -132,7 +132,7 @@ def test_no_validation_is_said_not_hidden():
     result = evaluate(model(), [record(1)], [])
     assert result.validation.predictions == ()
     assert np.all(np.isnan(result.validation.mrse_percent))
-    assert "validation: no records, so nothing is known of how the model predicts them" in result.verdicts
+    assert "validation: no records, so the prediction of the model is unknown" in result.verdicts
     with pytest.raises(EstimationError, match="identified from, got none"):
         evaluate(model(), [], [record(1)])
 
@@ -159,7 +159,7 @@ def test_verdicts_follow_the_figures():
         (-2.0 + 0j, -2.08 + 0j, "slow (q): found; -2.08 1/s (+4 %)"),
         (-2.0 + 0j, -2.0 + 0.3j, "slow (q): found; wn 2.02 rad/s (+1.1 %), zeta off by -0.011"),
         (-2.0 + 0.3j, -2.0 + 0j, "slow (q): found; wn 2 rad/s (-1.1 %), zeta off by +0.011"),
-        (-2.0 + 0j, -3.0 + 0j, "slow (q): found, but off; -3 1/s (+50 %)"),
+        (-2.0 + 0j, -3.0 + 0j, "slow (q): found, with an error; -3 1/s (+50 %)"),
         (-2.0 + 0j, None, "slow (q): not found; no pole of the model lies near -2 1/s"),
         (0j, 0.001j, "slow (q): not found; no pole of the model lies near 0 rad/s"),
         (0j, 1e-6 + 0j, "slow (q): found at 1e-06 rad/s, true pole at the origin"),

@@ -42,7 +42,7 @@ def cut(topic: Topic) -> Topic:
     [
         ((unit(0), unit(1)), "IMU", ""),
         ((unit(0, **DEAD), unit(1)), "IMU#1", "IMU: zero throughout, GH is 0, not 1"),
-        ((unit(0, GyrX=0.1, GyrY=0.1, AccZ=-9.8), unit(1)), "IMU#1", "IMU: the same numbers throughout"),
+        ((unit(0, GyrX=0.1, GyrY=0.1, AccZ=-9.8), unit(1)), "IMU#1", "IMU: constant throughout"),
         ((unit(0, AH=0.0), unit(1)), "IMU#1", "IMU: AH is 0, not 1"),
         ((unit(0, GyrY=np.nan, GyrX=np.nan, AccZ=np.nan), unit(1)), "IMU#1", "IMU: no numbers"),
         ((cut(unit(0)), unit(1)), "IMU#1", "IMU: 5.99 s of 20 s logged"),

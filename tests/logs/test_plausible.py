@@ -83,7 +83,7 @@ def test_a_rate_in_degrees_is_seen_beside_its_angle_even_where_it_is_small():
     assert asked(gentle) == {}
     got, unit = asked({**gentle, "q": gentle["q"] / DEG_RAD})["q"]
     assert unit == "deg/s"
-    assert "times what theta says" in got
+    assert "times the value from theta" in got
     assert asked({**gentle, "theta": gentle["theta"] / DEG_RAD})["theta"][1] == "deg"
 
 

@@ -98,7 +98,7 @@ def test_two_checks_of_controls_on_the_ground_are_no_flight_and_are_not_identifi
     (why,) = found.unusable
     assert "the ground speed is 0.07" in why
     assert "the aircraft does not answer de_cmd" in why
-    with pytest.raises(RecordError, match="nothing in it flies"):
+    with pytest.raises(RecordError, match="it contains no flight"):
         descriptions_of(path, tmp_path)
 
 
@@ -177,7 +177,7 @@ def test_px4_says_itself_when_it_has_landed_and_in_which_mode_it_flies(tmp_path)
         ("flight", "AUTO_MISSION (automatic)"),
     ]
     (check,) = found.search.manoeuvres
-    assert "the autopilot says that it has landed" in check.reason
+    assert "the autopilot reports a landing" in check.reason
 
 
 def test_velocities_along_the_body_axes_give_airspeed_and_flow_angles(tmp_path):

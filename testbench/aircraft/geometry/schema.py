@@ -155,7 +155,7 @@ class Trapezoid(Strict):
 
 
 class Fin(Trapezoid):
-    """A fin; ``twin`` puts a second one at -y. ``downwards`` hangs it below its root."""
+    """A fin; ``twin`` adds a second one at -y, ``downwards`` places it below its root."""
 
     twin: bool = False
     downwards: bool = False
@@ -173,7 +173,7 @@ class Servo(Strict):
 
 
 class Surface(Servo):
-    """A control surface: which part of which surface moves, and how far."""
+    """A control surface: the part of the surface that moves, and its throw."""
 
     surface: Literal["wing", "tail", "fin"]
     span_from: Share = 0.0
@@ -188,7 +188,7 @@ class Surface(Servo):
 
 
 class Named(Servo):
-    """The same beside an AVL plane, whose CONTROL lines say what moves: their name, if it does not tell by itself."""
+    """The same with an AVL plane, whose CONTROL lines state what moves: their name, if it is not a usual one."""
 
     avl: str | None = None
 
@@ -249,13 +249,13 @@ class Fuselage(Strict):
 
 
 class Drag(Strict):
-    """What the drag of surfaces and fuselage leaves out (gear, gaps, antennas), as a drag coefficient."""
+    """Drag in addition to that of surfaces and fuselage (gear, gaps, antennas), as a drag coefficient."""
 
     CD0_added: NonNegative = 0.0
 
 
 class Reference(Strict):
-    """What coefficients refer to, if not what follows from the wing: area as seen from above, span, mean chord."""
+    """Reference quantities, if not those of the wing: area as seen from above, span, mean chord."""
 
     S_m2: Positive | None = None
     b_m: Positive | None = None
@@ -263,7 +263,7 @@ class Reference(Strict):
 
 
 class Limits(Strict):
-    """Limits of flights; what is not given is derived."""
+    """Limits of flights; those that are not given are derived."""
 
     V_m_s: Range | None = None
     alpha_deg: Range | None = None
@@ -303,7 +303,7 @@ class GeometryFile(Common):
 
 
 class BesideAvl(Common):
-    """What an AVL file lacks: mass, design condition, servos, motor, body.
+    """Data that an AVL file lacks: mass, design condition, servos, motor, body.
 
     ``spare_airfoil`` is for sections without coordinates; ``length_unit_m`` is one unit of the AVL file.
     """

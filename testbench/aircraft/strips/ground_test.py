@@ -68,7 +68,7 @@ class ModeEntry(Strict):
 
 
 class Aileron(Strict):
-    """Where the ailerons lie on each half of the wing, and d alpha / d da there, if it is known."""
+    """The ailerons on each half of the wing, and d alpha / d da there, if it is known."""
 
     inner_m: NonNegative
     outer_m: Positive
@@ -76,7 +76,7 @@ class Aileron(Strict):
 
 
 class StripSettings(Strict):
-    """What is known of the strips; all else is taken from the aircraft's own derivatives, or estimated.
+    """Known data of the strips; all others are taken from the aircraft's own derivatives, or estimated.
 
     Attributes:
         elastic_axis: behind the leading edge, in chords.
@@ -109,7 +109,7 @@ class StripSettings(Strict):
 
 
 class MassEntry(Strict):
-    """Where the mass sits, from which generalised masses follow.
+    """The distribution of mass, from which generalised masses follow.
 
     Attributes:
         evidence: what these numbers are.

@@ -32,7 +32,7 @@ class GustSpec(Strict):
 
 
 class AirSpec(Strict):
-    """The air of a flight, still if nothing is given; the heading at trim is north.
+    """The air of a flight, still by default; the heading at trim is north.
 
     ``turbulence_rms_m_s`` is the rms of the vertical component. The rms of the others and the scale lengths follow from
     ``height_m`` above ground, which is the altitude of the condition if it is not given.

@@ -172,7 +172,7 @@ class FlownInAir(FlownAt):
 
 
 class Manoeuvre(Strict):
-    """Inputs flown from trim, and what the record is used for.
+    """Inputs flown from trim, and the use of the record.
 
     The clock of the inputs starts after ``settle_s`` of undisturbed flight, which bias removal needs.
     """
@@ -185,7 +185,7 @@ class Manoeuvre(Strict):
 
 
 class Preparation(Strict):
-    """What is done to a measured record before estimation.
+    """Preparation of a measured record before estimation.
 
     ``bias`` "trim" subtracts the mean over the settling time, "mean" the mean of the record, "trend" a straight line.
     ``lowpass_hz`` is a zero-phase 4th-order Butterworth filter over inputs and outputs alike.

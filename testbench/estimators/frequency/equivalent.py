@@ -510,13 +510,13 @@ def _advice(name: str, note: Mapping[str, float], a: FloatArray, part: Frequency
         out.doubt(
             "structure_lacks",
             f"{name}: the misfit is {note['misfit_ratio']:.1f} times what the random error explains, and standard "
-            "errors were raised for it: the structure lacks something that the data show",
+            "errors were raised accordingly: the structure lacks a property of the data",
         )
     if note["condition"] > 1e7:
         out.doubt(
             "not_told_apart",
-            f"{name}: the unknowns cannot be told apart (condition {note['condition']:.1e}): use fewer poles, "
-            "zeros or delays",
+            f"{name}: the unknowns cannot be separated (condition {note['condition']:.1e}): use fewer poles, zeros or "
+            "delays",
         )
     sizes = np.abs(np.roots(a))
     outside = sizes[(sizes < low) | (sizes > high)]

@@ -461,14 +461,14 @@ def _advice(
         out.doubt(
             "correlated_inputs",
             f"inputs {', '.join(inputs)} are correlated (coherence above {_CORRELATED:g} at "
-            f"{100 * np.mean(among > _CORRELATED):.0f} % of the frequencies): their responses are hard to tell "
-            "apart; excite them one after the other",
+            f"{100 * np.mean(among > _CORRELATED):.0f} % of the frequencies): their responses are hard to separate; "
+            "excite them one after the other",
         )
     few = min(part.averages for part in parts)
     if few < 2.0 * m + 3.0:
         out.doubt(
             "few_data",
-            f"the spectra rest on only {few:.1f} independent averages: coherence is too high by up to about "
+            f"the spectra are means of only {few:.1f} independent averages: coherence is too high by up to about "
             f"{min(1.0, m / few):.2f} and the random error too small; shorten the window or give more data",
         )
     return (*out, *approximate("frequency response, windowed"))

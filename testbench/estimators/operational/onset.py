@@ -110,7 +110,7 @@ def onset(V_m_s: Sequence[float], found: Sequence[OperationalModes | None], seed
     if not pairs:
         raise EstimationError(
             f"flutter takes two modes, each found at two speeds; got {len(tracks)}: give longer records, a wider band, "
-            "or sensors that feel both bending and torsion"
+            "or sensors that measure both bending and torsion"
         )
     rng = np.random.default_rng(seed)
     draws = np.full(_DRAWS, np.inf)

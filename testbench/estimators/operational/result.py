@@ -214,8 +214,8 @@ def _same(one: Chain, other: Chain, criteria: Criteria) -> bool:
 
 
 ASSUMPTION = (
-    "the method assumes that the air is white noise and excites every mode alike. Turbulence is coloured: poles of its "
-    "spectrum and of the rigid motion can come out as modes, and the outputs alone cannot tell them apart"
+    "the method assumes that the turbulence is white noise and excites every mode alike. Turbulence is coloured: "
+    "poles of its spectrum and of the rigid motion can appear as modes, and the outputs alone do not distinguish them"
 )
 """The assumptions of every result; reports state them."""
 _HEAVY = 0.2  # damping ratio from which on a pole is rarely a structural mode alone
@@ -230,9 +230,9 @@ def remarks(mode: OperationalMode) -> tuple[Advice, ...]:
     """Return what is doubtful about one mode."""
     out = AdviceList()
     if mode.damping > _HEAVY:
-        out.doubt("heavily_damped", "heavily damped: rigid motion or the shaping of the excitation may be in it")
+        out.doubt("heavily_damped", "heavily damped: it may include rigid motion or the colour of the excitation")
     if mode.damping < _LINE:
-        out.doubt("hardly_damped", "hardly any damping: a rotating part gives such a line")
+        out.doubt("hardly_damped", "almost no damping: a rotating part gives such a line")
     if _complexity(mode) > 0.5:
         out.doubt("complex_shape", "shape far from real: two modes close to each other, or strong damping by the air")
     return tuple(out)
@@ -253,23 +253,23 @@ def advise(modes: Sequence[OperationalMode], blocks: int, short: int, wander: fl
         if close and mac(one.scaled_shape, other.scaled_shape) > _SAME_SHAPE:
             out.doubt(
                 "same_shape",
-                f"modes at {one.frequency_hz:.4g} and {other.frequency_hz:.4g} Hz have the same shape: they are "
-                "one mode split in two (it may have changed during the flight), or two that these sensors cannot "
-                "tell apart; add sensors",
+                f"modes at {one.frequency_hz:.4g} and {other.frequency_hz:.4g} Hz have the same shape: they are one "
+                "mode split in two (it may have changed during the flight), or two that these sensors do not "
+                "distinguish; add sensors",
             )
     if blocks < _FEW_BLOCKS:
         out.doubt("few_data", f"the errors come from only {blocks} blocks of data and are rough; give more data")
     if wander > _WANDER:
         out.doubt(
             "airspeed_wandered",
-            f"airspeed wandered by {100.0 * wander:.1f} % (one standard deviation): modes that change with "
-            "airspeed are means over it, and their intervals count chance alone; fly in calmer air or give records "
-            "of one speed",
+            f"airspeed varied by {100.0 * wander:.1f} % (one standard deviation): modes that vary with airspeed are "
+            "means over it, and their intervals include random errors only; fly in calmer air or give records of one "
+            "speed",
         )
     if short:
         out.note(
             "records_left_out",
-            f"records shorter than the lags did not count: {short}; raise the lowest frequency of the band",
+            f"records shorter than the lags were not used: {short}; raise the lowest frequency of the band",
         )
     return tuple(out)
 

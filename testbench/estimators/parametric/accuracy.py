@@ -174,20 +174,20 @@ def advice_in_words(model: Any) -> Any:
     if not found["converged"]:
         out.wrong(
             "not_converged",
-            "the search did not converge: do not believe the estimates; take other start values, fewer free "
+            "the search did not converge: the estimates are not reliable; use other start values, fewer free "
             "parameters or more iterations",
         )
     if found["at_bound"]:
         out.wrong(
             "on_bound",
-            f"{', '.join(found['at_bound'])} ended on a bound: the bound sets the value, not the data, and it has "
-            "no standard error; widen the bound, or find out why the data lead beyond it",
+            f"{', '.join(found['at_bound'])} ended on a bound: the value is that of the bound, not of the data, and it "
+            "has no standard error; widen the bound, or find out why the data lead beyond it",
         )
     if found.get("none_shows"):
         out.note(
             "none_shows",
-            f"{', '.join(found['none_shows'])} ended at the least that is sought: these data show no such time of "
-            "a servo; leave it out, or give it as a number",
+            f"{', '.join(found['none_shows'])} ended at its smallest value: these data show no such time of a servo; "
+            "leave it out, or give it as a number",
         )
     # Rounding of noise-free records says nothing of a true zero.
     constants = model.structure.trim_constants
@@ -203,7 +203,10 @@ def advice_in_words(model: Any) -> Any:
         out.append(
             rank(
                 "weakly_identifiable",
-                f"these data say little about {', '.join(vague)}: fix them at a believed value, or excite them more",
+                (
+                    f"these data give little information on {', '.join(vague)}: fix them at prior values, or excite "
+                    "them more"
+                ),
             )
         )
     fast = [abs(s) for s in own_poles(model) if abs(s) > np.pi / model.dt_s]
@@ -219,8 +222,8 @@ def advice_in_words(model: Any) -> Any:
     if pairs:
         out.doubt(
             "correlated_estimates",
-            f"these data cannot tell these estimates apart (correlation): {', '.join(pairs)}; fix one of each "
-            "pair, or excite them separately",
+            f"these data do not separate these estimates (correlation): {', '.join(pairs)}; fix one of each pair, or "
+            "excite them separately",
         )
     coloured = [o for o, p in zip(model.outputs, found["whiteness_p"], strict=True) if p < WHITE]
     if coloured:
@@ -231,13 +234,13 @@ def advice_in_words(model: Any) -> Any:
         # a correction of errors that are not to be believed would lend them weight
         why = [_WHY[a.code].format(", ".join(found["at_bound"])) for a in out if a.code in _WHY]
         if why:
-            errors_hold = f"the standard errors are not to be believed, because {' and '.join(why)}"
+            errors_hold = f"the standard errors are not reliable, because {' and '.join(why)}"
         elif np.max(slopes) > _BIASED and model.method not in _FILTERED:
             worst, most = names[int(np.argmax(slopes))], float(np.max(slopes))
             errors_hold = (
-                f"so much so (a factor {most:.2g} in the error of {worst}) as if the model missed something, which "
-                "biases the estimates beyond any standard error: do not believe the errors unless the sensors' noise "
-                "itself is that slow"
+                f"so much so (a factor {most:.2g} in the error of {worst}) as if a term of the model were missing, "
+                "which biases the estimates beyond any standard error: the errors are not reliable unless the "
+                "sensors' noise itself is that slow"
             )
         else:
             errors_hold = f"standard errors are corrected for it, by up to a factor {factor:.2g}"
@@ -245,8 +248,8 @@ def advice_in_words(model: Any) -> Any:
         out.append(
             (note if own else doubt)(
                 "coloured_residuals",
-                f"the residuals of {', '.join(coloured)} are not white (turbulence, filtered noise or something "
-                f"missing in the model): {errors_hold}",
+                f"the residuals of {', '.join(coloured)} are not white (turbulence, filtered noise or missing terms of "
+                f"the model): {errors_hold}",
             )
         )
     return replace(model, advice=tuple(out))
@@ -306,7 +309,7 @@ def accuracy(
     lost = null_directions(J, size, [name for name, m in zip(names, moving, strict=True) if m])
     if lost:
         raise EstimationError(
-            f"these data do not tell {lost} apart, or do not show them: not identifiable; fix or leave out some of "
+            f"these data do not separate {lost}, or do not contain them: not identifiable; fix or leave out some of "
             "them, or fly an input that moves them"
         )
     scaled = np.linalg.qr(J / size, mode="r")
@@ -413,8 +416,8 @@ def chosen(
         gone[weakest] = held[weakest]
         structure = structure.with_parameters({**{n: model.values[n] for n in names}, **gone}, fixed=gone)
         model = fit(structure)
-    said = "the records ask for every parameter of the structure"
+    said = "the records support every parameter of the structure"
     if gone:
         those = ", ".join(f"{n} = {v:g}" for n, v in gone.items())
-        said = f"the records do not ask for {those}, held so; the other errors do not hold the choice"
+        said = f"the records do not support {those}, fixed there; the other errors do not include the choice"
     return replace(model, advice=ranked((*model.advice, note("structure_chosen", said))))

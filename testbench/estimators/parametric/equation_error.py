@@ -350,19 +350,19 @@ def _bias_in_words(model: ParametricModel, bias: Bias, free: NDArray[np.intp]) -
         which = ", ".join(name for name, there in zip(names, bias.untold, strict=True) if there)
         out.doubt(
             "noisy_terms",
-            f"noise of the measured states is half or more of what decides {which}: how it biases them cannot be "
-            "told; their standard errors hold what it may do, and the other estimates are corrected; excite that "
-            "motion, fix them at a believed value, or refine the estimates by output error",
+            f"noise of the measured states is half or more of the information on {which}: its bias cannot be "
+            "determined; their standard errors include the possible bias, and the other estimates are corrected; "
+            "excite that motion, fix them at prior values, or refine the estimates by output error",
         )
     if not bias.smoothing_known and not bias.untold.all():
         why = "the response of these estimates diverges or is far from the record"
-        out.note("noisy_terms", f"what smoothing took from the motion is not corrected for, because {why}")
+        out.note("noisy_terms", f"the attenuation by smoothing is not corrected, because {why}")
     worth = [int(i) for i in np.flatnonzero(error > 0.0) if abs(total[i]) > _LITTLE * error[i]]
     worth.sort(key=lambda i: -abs(total[i]) / error[i])
     much = [i for i in worth if abs(total[i]) > _MUCH * error[i]]
     cause = "noise of the measured states and smoothing biased"
     if much:
-        left = "they are corrected, but what that leaves may be an error: refine the estimates by output error"
+        left = "they are corrected, but the remainder may be an error: refine the estimates by output error"
         out.doubt("noisy_terms", f"{cause} {', '.join(said(i) for i in much)}; {left}")
     elif worth:
         out.note("noisy_terms", f"{cause} these estimates, most {said(worth[0])}; they are corrected for it")

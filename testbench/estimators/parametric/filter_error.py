@@ -196,8 +196,8 @@ def _refuse_far(model: ParametricModel, found: FloatArray, start: FloatArray) ->
         name = model.outputs[int(np.argmax(np.where(far, found / np.maximum(start, 1e-12), 0.0)))]
         i = model.outputs.index(name)
         raise EstimationError(
-            f"filter error must end in a model that flies the records without its filter at least about as well as the "
-            f"start does, but '{name}' is then off by {found[i]:.3g} times its own size (the start: {start[i]:.2g}): "
+            "without its filter, the model of filter error must predict the records about as well as the start "
+            f"values, but '{name}' is then off by {found[i]:.3g} times its own size (the start: {start[i]:.2g}): "
             f"process noise on {noisy} takes the place of the model; {fix}"
         )
 
@@ -214,21 +214,21 @@ def _with_filter_advice(model: ParametricModel) -> ParametricModel:
     if worse:
         out.doubt(
             "free_run",
-            "without its filter the model follows the records less well than the start values do: "
-            f"{', '.join(worse)}; the process noise may explain what the model should explain; compare with output "
-            "error, or give process noise to other states",
+            "without its filter the model predicts the records less well than the start values do: "
+            f"{', '.join(worse)}; the process noise may absorb errors of the model; compare with output error, or give "
+            "process noise to other states",
         )
     if found["kc_eigenvalue"] > _BELIEVED:
         out.doubt(
             "filter_follows_sensor",
-            "the filter follows some channel nearly without reserve (largest eigenvalue of K C "
+            "the filter reproduces some channel almost exactly (largest eigenvalue of K C "
             f"{found['kc_eigenvalue']:.4f}): that channel may be smoothed, or computed from others; try without it",
         )
     if found["process_noise_ratio"] is not None and found["process_noise_ratio"][1] > FALSE_ALARM:
         ratio, probability = found["process_noise_ratio"]
         out.note(
             "no_process_noise",
-            f"no process noise can be told from none: 2 ln L is {ratio:.2g} against it, and at least as much in "
+            f"process noise is not significant: 2 ln L is {ratio:.2g} against it, and at least as much in "
             f"{100 * probability:.2g} % of flights in plain air; output error gives the same with fewer unknowns",
         )
     out.extend(approximate("filter_error"))

@@ -228,8 +228,8 @@ def _model(
     coloured = [o for o, value in zip(structure.outputs, p, strict=True) if value < WHITE]
     said = doubt(
         "coloured_residuals",
-        f"the residuals of {', '.join(coloured)} are not white even when weighed (turbulence, a flight that is not "
-        "linear, or something missing in the model): the standard errors do not hold",
+        f"the residuals of {', '.join(coloured)} are not white even when weighted (turbulence, a nonlinear flight, or "
+        "missing terms of the model): the standard errors are not valid",
     )
     diagnostics = {**model.diagnostics, "whiteness_p": p}
     advice = (*model.advice, said) if coloured else model.advice

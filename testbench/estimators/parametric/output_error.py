@@ -223,8 +223,8 @@ def _diagnose(likelihood: Likelihood, found: _Found) -> tuple[dict[str, Any], Fl
     residuals = likelihood.residuals(point, found.params)
     if np.any(np.diag(found.R) > likelihood.size**2) and not found.minimum.converged:
         raise EstimationError(
-            "the search ended where the model fits worse than a constant; start from other values, e.g. those of "
-            "equation error, or give bounds and several starts"
+            "the search ended with a fit worse than a constant; start from other values, e.g. those of equation "
+            "error, or give bounds and several starts"
         )
     quick = none_shows(likelihood.structure, likelihood.names(), found.minimum.at_bound, found.params)
     at_bound = found.minimum.at_bound & ~quick

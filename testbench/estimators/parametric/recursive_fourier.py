@@ -119,7 +119,7 @@ def estimate(
             J = np.vstack([j.reshape(-1, free.size) for j in equations(*fit)[1]])
             lost = null_directions(J, np.linalg.norm(J, axis=0), names) or ", ".join(names)
             raise EstimationError(
-                f"these data never decide {lost} within the band and the memory: not identifiable; widen band_hz, "
+                f"these data never determine {lost} within the band and the memory: not identifiable; widen band_hz, "
                 "raise forgetting, excite more, or fix some of them"
             )
         last = history[-1][2]

@@ -75,11 +75,11 @@ def of_servos(entry: Any) -> Any:
         able = ("output_error",) if limited else ("output_error", "filter_error")
         if "estimate" in (servo.lag_s, servo.delay_s) and entry.method not in able:
             raise EstimationError(
-                f"{entry.method} takes the servo of '{name}'{' with its rate limit' if limited else ''} as known; give "
+                f"{entry.method} needs a known servo of '{name}'{' with its rate limit' if limited else ''}; give "
                 f"lag_s and delay_s as numbers, or let {' or '.join(able)} estimate them"
             )
         if servo.delay_s and name in entry.delays_s:
-            raise EstimationError(f"the delay of '{name}' stands in delays_s and in its servo; give it once")
+            raise EstimationError(f"the delay of '{name}' is given in delays_s and in its servo; give it once")
     known = {n: float(s.delay_s) for n, s in servos.items() if s.delay_s != "estimate" and s.delay_s > 0.0}
     changes: dict[str, Any] = {"delays_s": {**entry.delays_s, **known}} if known else {}
     if hasattr(entry, "substeps") and any(s.rate_limit_deg_s is not None for s in servos.values()):

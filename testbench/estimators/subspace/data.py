@@ -36,7 +36,7 @@ def choose_order(values: FloatArray, noisy: bool, most: int) -> tuple[int, str]:
     above = min(int(np.sum(values > floor)), most)
     if above == 0:
         raise EstimationError(
-            f"no state stands out of the noise: the largest singular value is {values[0]:.2g} times the noise floor, "
+            f"no state exceeds the noise: the largest singular value is {values[0]:.2g} times the noise floor, "
             f"{floor:g} is needed; excite more strongly, or lengthen the future horizon"
         )
     following = np.append(values[1:], 0.0)[:most]
@@ -46,8 +46,8 @@ def choose_order(values: FloatArray, noisy: bool, most: int) -> tuple[int, str]:
     kind = "last clear" if clear.size else "widest, not clear"
     return (
         n,
-        f"{above} singular values stand above the noise floor; the {kind} gap, "
-        f"a factor {ratios[n - 1]:.3g}, follows number {n}",
+        f"{above} singular values are above the noise floor; the {kind} gap, a factor {ratios[n - 1]:.3g}, follows "
+        f"number {n}",
     )
 
 

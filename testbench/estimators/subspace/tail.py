@@ -59,27 +59,27 @@ def doubts(found: Mapping[str, Any], outputs: Sequence[str], J: int, L: int) -> 
     if noisy and values[n - 1] < _WEAK:
         out.doubt(
             "weak_state",
-            f"state {n} stands only {values[n - 1]:.2g} times above the noise floor: poles are unreliable; "
-            "lengthen future_horizon, decimate, add a sensor or lower the order",
+            f"state {n} is only {values[n - 1]:.2g} times above the noise floor: poles are unreliable; lengthen "
+            "future_horizon, decimate, add a sensor or lower the order",
         )
     if noisy and n < values.size and values[n] > max(_WEAK, 0.1 * values[n - 1]):
         out.doubt(
             "order_too_low",
-            f"order {n} discards a state that stands {values[n]:.2g} times above the noise floor "
-            "(turbulence, sensor dynamics, nonlinearity or a structural mode): try a higher order",
+            f"order {n} discards a state that is {values[n]:.2g} times above the noise floor (turbulence, sensor "
+            "dynamics, nonlinearity or a structural mode): try a higher order",
         )
     if found["pole_shift_past"] is not None and found["pole_shift_past"] > _MOVED:
         out.doubt(
             "past_horizon",
-            f"with past_horizon = {J // 2} a pole moves by {share_in_words(found['pole_shift_past'])}: "
-            f"past_horizon = {J} is too short, or the data do not hold that pole; lengthen it or give more data",
+            f"with past_horizon = {J // 2} a pole moves by {share_in_words(found['pole_shift_past'])}: past_horizon = "
+            f"{J} is too short, or the data do not contain that pole; lengthen it or give more data",
         )
     if found["pole_shift_future"] is not None and found["pole_shift_future"] > _MOVED:
         out.doubt(
             "future_horizon",
             f"with future_horizon = {other} a pole moves by {share_in_words(found['pole_shift_future'])}: "
-            f"future_horizon = {L} is too short to tell the states apart, or the data do not hold that pole; "
-            "lengthen it or decimate",
+            f"future_horizon = {L} is too short to separate the states, or the data do not contain that pole; lengthen "
+            "it or decimate",
         )
     if found["poles_without_continuous_counterpart"].size:
         z = ", ".join(f"{z.real:.3g}" for z in found["poles_without_continuous_counterpart"])
@@ -96,9 +96,9 @@ def doubts(found: Mapping[str, Any], outputs: Sequence[str], J: int, L: int) -> 
     if restless:
         out.doubt(
             "free_run",
-            f"the free run errs more than the innovations, by factors of {', '.join(restless)}: turbulence, drift, "
-            "nonlinearity, noise coloured by a low-pass filter, or a missing state; "
-            "compare a higher order and a longer future_horizon",
+            f"the errors of the free run exceed the innovations by factors of {', '.join(restless)}: turbulence, "
+            "drift, nonlinearity, noise coloured by a low-pass filter, or a missing state; compare a higher order and "
+            "a longer future_horizon",
         )
     poor = [
         f"{name} {percent_in_words(error)}"
@@ -115,7 +115,7 @@ def doubts(found: Mapping[str, Any], outputs: Sequence[str], J: int, L: int) -> 
         z = ", ".join(f"{abs(z):.4g}" for z in found["moved_poles"])
         out.doubt(
             "poles_moved",
-            f"poles of modulus {z} were moved inside the unit circle (stable = true): do not trust their damping",
+            f"poles of modulus {z} were moved inside the unit circle (stable = true): their damping is not reliable",
         )
     return tuple(out)
 
@@ -186,7 +186,7 @@ def reflect(A: FloatArray) -> tuple[FloatArray, ComplexArray]:
     if not outside.any():
         return A, np.zeros(0, np.complex128)
     if np.linalg.cond(V) > _DEFECTIVE:
-        raise EstimationError("stable = true needs poles that can be told apart, got repeated ones; lower the order")
+        raise EstimationError("stable = true needs distinct poles, got repeated ones; lower the order")
     moved = np.where(outside, 1.0 / np.conj(np.where(outside, z, 1.0)), z)
     return np.real(V @ np.diag(moved) @ np.linalg.inv(V)), np.asarray(z[outside], np.complex128)
 

@@ -1,7 +1,7 @@
-"""May I work in a browser: drop a log, look into it, ask, watch, compare?
+"""May I work in a browser: drop a log, inspect it, run questions, watch their progress, compare results?
 
-A page on this machine alone shows flights, runs the commands that a terminal would, says how far they are, and shows
-the pages of their results.
+A page on this machine alone shows flights, runs the commands of the terminal, and shows their progress and the pages of
+their results.
 """
 
 from testbench.core.lazily import lazily

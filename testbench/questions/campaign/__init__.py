@@ -1,7 +1,7 @@
-"""What scatters when the same flight is repeated many times, over distributions of anything in it?
+"""How do results scatter when the same flight is repeated many times, with distributions of any of its values?
 
-Worker processes fly the runs into one store, which a killed process leaves whole. The answer gives bias, scatter and
-the coverage of stated errors, and what failed how often.
+Worker processes fly the runs into one store, which survives a killed process. The answer gives bias, scatter and the
+coverage of stated errors, and the rate of failures with their causes.
 """
 
 from testbench.core.lazily import lazily

@@ -43,7 +43,7 @@ class Uniform(Strict):
 
 
 class LogNormal(Strict):
-    """exp of a Gaussian: half of the values lie below ``median``; ``sigma`` belongs to the logarithm."""
+    """exp of a Gaussian: half of the values are below ``median``; ``sigma`` is the deviation of the logarithm."""
 
     kind: Literal["lognormal"]
     median: Positive
@@ -75,7 +75,7 @@ class Values(Strict):
 
 
 class Uncertainty(Strict):
-    """Of a coefficient, or of all ("coefficient.*"): normal about the believed value, by what aircraft.toml states.
+    """Of a coefficient, or of all ("coefficient.*"): normal, with the deviation that aircraft.toml states.
 
     The relative standard deviation is that of ``[uncertainty]``. "coefficient.*" draws every coefficient that stands
     there, each on its own; a key that names one of them goes before it.
@@ -90,7 +90,7 @@ EVERY = "coefficient.*"
 
 
 class Stop(Strict):
-    """End before the last run: as soon as the mean of ``quantity`` is known to ``half_width``.
+    """Stop before the last run, as soon as the mean of ``quantity`` is known to ``half_width``.
 
     The rule is asked after every ``block`` runs in the order of their numbers, from ``minimum`` runs on. So the last
     run does not depend on which worker flew which run when. ``half_width`` is half the width of the confidence interval

@@ -1,7 +1,7 @@
-"""What does each sensor buy, over the same flights and noise?
+"""What is the gain of each sensor, over the same flights and noise?
 
-Suites are compared in pairs with the same noise, by simulation and by information. The answer says which gains are more
-than chance, and where sensors along the wing tell most.
+Suites are compared in pairs with the same noise, by simulation and by information. The answer gives the significant
+gains, and the best positions of sensors along the wing.
 """
 
 from testbench.core.lazily import lazily

@@ -82,7 +82,7 @@ class Placement(Strict):
 
 
 class CompareScenario(Experiment):
-    """One comparison. The first suite is what all others are compared with.
+    """One comparison. All other suites are compared with the first one.
 
     Manoeuvres of use "identification" are alternatives, and each is compared by itself. Those of use "validation" judge
     them all. ``seeds`` counts the repetitions, each with noise of its own, the same for all suites.

@@ -1,7 +1,7 @@
-"""Do the instruments of a record agree with each other, and which err by how much?
+"""Do the instruments of a record agree with each other, and how large are their errors?
 
-Rates and accelerations are integrated and held against airspeed, flow angles, attitude and height. The answer names
-bias, scale, lag or delay where the data tell them; the records without them are written.
+Rates and accelerations are integrated and compared with airspeed, flow angles, attitude and height. The answer gives
+bias, scale, lag or delay if the data determine them; the corrected records are written.
 """
 
 from testbench.core.lazily import lazily

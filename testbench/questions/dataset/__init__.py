@@ -1,5 +1,5 @@
-"""Which method identifies or names best, on flights whose truth is known? Synthetic flights as a product.
+"""Which method identifies or names best, on flights with known truth? Synthetic flights as a product.
 
-``scenario`` says what is drawn and ``kinds`` what is hidden, ``draws`` draws it, ``flying`` flies it, ``layout`` and
-``store`` write it, ``datasheet`` describes it, ``open`` reads it, and ``score`` judges what others answer.
+``scenario`` states what is drawn and ``kinds`` what is hidden, ``draws`` draws it, ``flying`` flies it, ``layout`` and
+``store`` write it, ``datasheet`` describes it, ``open`` reads it, and ``score`` judges answers.
 """

@@ -16,7 +16,7 @@ SPLITS = ("train", "validation", "test")
 
 
 class Flown(Strict):
-    """One manoeuvre that every draw flies; ``settle_s`` of trimmed flight stands before its inputs."""
+    """One manoeuvre that every draw flies; ``settle_s`` of trimmed flight precede its inputs."""
 
     name: Annotated[str, Field(min_length=1)]
     duration_s: Positive
@@ -25,7 +25,7 @@ class Flown(Strict):
 
 
 class Split(Strict):
-    """Shares of the draws; which split a draw belongs to follows from a hash of what was drawn."""
+    """Shares of the draws; the split of a draw follows from a hash of the drawn values."""
 
     train: NonNegative = 0.7
     validation: NonNegative = 0.15
@@ -78,7 +78,7 @@ class Level(Strict):
 
 
 class DatasetScenario(Asked):
-    """A data set of flights whose truth is known.
+    """A data set of flights with known truth.
 
     Each draw belongs to a ``level`` and flies every ``manoeuvre``, measured by the ``suite``. ``task`` "naming" asks
     for the hidden effect: levels and turbulence are then labels, too, which the test split withholds. ``flights`` are

@@ -1,7 +1,7 @@
-"""Which input, how large and how long, tells the wanted parameters or modes inside the limits?
+"""Which input, how large and how long, determines the wanted parameters or modes within the limits?
 
-Every family of signals is screened by spectral energy and information, the best are refined, flown in the simulator,
-scaled to the limits and ranked. Scenarios that `testbench run` flies come out.
+Every family of signals is screened by spectral energy and information; the best are refined, flown in the simulator,
+scaled to the limits and ranked. The designs are written as scenarios for `testbench run`.
 """
 
 from testbench.core.lazily import lazily

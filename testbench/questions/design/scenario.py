@@ -40,7 +40,7 @@ class DesignTargets(Strict):
 
 
 class DesignLimits(ManoeuvreLimits):
-    """The limits of the manoeuvre; the aircraft's own limits hold for those left out. Changes count from trim."""
+    """The limits of the manoeuvre; omitted ones are those of the aircraft. Changes are relative to trim."""
 
     onset_margin_m_s: NonNegative = 1.0
 

@@ -1,9 +1,9 @@
 """What does the simulation lack that the aircraft has?
 
-Measured records are compared with the believed aircraft. Where they disagree, effects of a library are fitted and
-compared by likelihood. What is probable is named, added to the model, and judged on flights that were not used.
-workflow.py asks, name.py weighs, explain.py decides and has the words; evidence/ says what the residuals show, search/
-flies hypotheses.
+Measured records are compared with the a-priori model. If they disagree, effects of a library are fitted and compared by
+likelihood. A probable effect is named, added to the model, and validated on flights that were not used. workflow.py is
+the sequence, name.py compares, explain.py decides and has the sentences; evidence/ analyses residuals, search/ flies
+hypotheses.
 """
 
 from testbench.core.lazily import lazily

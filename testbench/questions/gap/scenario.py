@@ -65,13 +65,13 @@ class MeasuredFile(Loaded):
 
 
 class GapManoeuvre(Manoeuvre, Loaded):
-    """A manoeuvre that makes a record; ``condition`` is what it starts from where that is not the scenario's."""
+    """A manoeuvre that makes a record; ``condition`` is its initial condition if that is not the scenario's."""
 
     condition: Condition | None = None
 
 
 class GapScenario(FlownAt):
-    """A gap case. Either ``measured`` lists records, or ``manoeuvre`` and ``hidden`` make them.
+    """A gap case. Either ``measured`` lists records, or ``manoeuvre`` and ``hidden`` define simulated ones.
 
     ``hidden`` says what really flies; the search is not told.
 

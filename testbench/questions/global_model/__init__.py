@@ -1,7 +1,7 @@
-"""What are an aircraft's aerodynamic coefficients as functions of its state, over all that its flights have covered?
+"""What are an aircraft's aerodynamic coefficients as functions of its state, over the envelope of its flights?
 
-Flights -> coefficients felt (believed mass and engines) -> functions (terms by evidence) -> held-out flights, domain,
-and, if asked, an aircraft that has these functions where it was flown.
+Flights -> measured coefficients (with known mass and engines) -> functions (terms by evidence) -> held-out flights,
+domain, and, if wanted, an aircraft that has these functions inside that domain.
 """
 
 from testbench.core.lazily import lazily

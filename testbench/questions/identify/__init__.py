@@ -1,7 +1,7 @@
-"""What do the same estimators say about recorded flights?
+"""Which models do the same estimators find in recorded flights?
 
-A description says where the files lie, which column is which channel in which unit, and what each record is used for.
-The answer and the page are those of a run, without a truth beside them.
+A description states where the files are, the channel and unit of each column, and the use of each record. The answer
+and the page are those of a run, without a truth.
 """
 
 from testbench.core.lazily import lazily

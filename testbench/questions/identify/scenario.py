@@ -23,7 +23,7 @@ from testbench.pooling import TrendVariable
 
 
 class Reference(Strict):
-    """Printed results that a report shows beside those found, and where they are printed.
+    """Printed results that a report compares with its own, and their source.
 
     ``values`` are in SI units and radians; "wn_rad_s" and "zeta" are a mode's natural frequency and damping ratio.
     """
@@ -41,7 +41,7 @@ class ReferenceLengths(Strict):
 
 
 class SimulatedErrors(Strict):
-    """Standard errors that flights simulated like the recorded ones show, biases included.
+    """Standard errors of simulated flights like the recorded ones, biases included.
 
     ``errors`` are those of all records together, by derivative, in SI units. ``source`` says which flights they are.
     `testbench plan close` writes them. They take the place of those that an estimator states where they are larger.
@@ -55,7 +55,7 @@ class SimulatedErrors(Strict):
 
 
 class Pooling(Strict):
-    """How several records, or several descriptions, become one set of coefficients.
+    """How several records, or several descriptions, are pooled to one set of coefficients.
 
     ``each`` identifies every record (with use "identification" or "split") by itself and pools them. ``prior`` is
     "aircraft", "handbook" or a file. ``trend`` is the variable that coefficients may be linear in. ``method`` is the

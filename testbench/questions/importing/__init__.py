@@ -1,7 +1,7 @@
 """What is in a flight log, and where are its manoeuvres?
 
-PX4, ArduPilot and SIDPAC logs and tables are read. The answer lists channels with rates and gaps and what was assumed;
-the manoeuvres become records with a description that `testbench identify` takes.
+PX4, ArduPilot and SIDPAC logs and tables are read. The answer lists channels with rates, gaps and assumptions; the
+manoeuvres become records with a description for `testbench identify`.
 """
 
 from testbench.core.lazily import lazily

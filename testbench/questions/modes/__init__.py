@@ -1,7 +1,7 @@
-"""Which modes do outputs show whose input nobody knows, such as a wing in turbulence?
+"""Which modes do outputs show whose input is unknown, such as those of a wing in turbulence?
 
-Takes records, a description of recorded flights, or a scenario of flight in turbulence that it flies itself. The answer
-gives frequencies, damping ratios and shapes with their errors.
+The question takes records, a description of recorded flights, or a scenario of flight in turbulence that it flies
+itself. The answer gives frequencies, damping ratios and shapes with their errors.
 """
 
 from testbench.core.lazily import lazily

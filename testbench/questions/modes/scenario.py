@@ -13,7 +13,7 @@ from testbench.core.schema import Band, Names, NonNegative, Positive, Strict
 
 
 class TurbulentFlight(Strict):
-    """One flight; controls stay at trim where no input is given.
+    """One flight; controls without an input stay at trim.
 
     The record starts ``settle_s`` after the trim: by then the turbulence has risen to its strength. Flights differ in
     their turbulence, and in speed where they give one.
@@ -27,7 +27,7 @@ class TurbulentFlight(Strict):
 
 
 class ModeSearch(Strict):
-    """Which modes are sought, and in which channels.
+    """The wanted modes, and their channels.
 
     If ``channels`` is empty, every wing accelerometer and strain gauge of the suite is used. All channels are
     correlated with the ``references``, which are all channels if none is given. ``band_hz`` is the lowest and highest
@@ -43,7 +43,7 @@ class ModeSearch(Strict):
 
 
 class ModesScenario(FlownInAir):
-    """Flights in turbulence, whose modes are found from the outputs alone and set beside those of the aircraft."""
+    """Flights in turbulence, whose modes are found from the outputs alone and compared with those of the aircraft."""
 
     unnamed: ClassVar[str] = "modes"
     checked_by: ClassVar[str] = "testbench.questions.modes.check:check"

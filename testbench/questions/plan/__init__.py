@@ -1,6 +1,6 @@
-"""How does a flight campaign go: which points in which order, with which cards, repeats, times and energy?
+"""How is a flight campaign flown: which points in which order, with which cards, repeats, times and energy?
 
-Every card is flown in the simulator first. Cards to print, signals and scripts for the autopilot come out.
+Every card is flown in the simulator first. The results are cards to print, signals and scripts for the autopilot.
 """
 
 from testbench.core.lazily import lazily

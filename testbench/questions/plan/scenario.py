@@ -20,7 +20,7 @@ Share = Annotated[float, Field(gt=0.0, le=100.0)]
 
 
 class PlannedManoeuvre(Strict):
-    """What is flown at every point, or at those of ``speeds_m_s`` and ``heights_m``.
+    """A manoeuvre at every point, or at those of ``speeds_m_s`` and ``heights_m``.
 
     Give either ``repeats`` or ``accuracy_percent``: the wanted standard errors of named parameters, in percent of their
     values, from which the repeats follow. ``estimated`` are the parameters that are estimated with them; if it is
@@ -69,7 +69,7 @@ Surface = Literal["de", "da", "dr"]
 
 
 class PlanLimits(ManoeuvreLimits):
-    """The envelope of every manoeuvre; changes count from trim. What is left out comes from the aircraft.
+    """The limits of every manoeuvre; changes are relative to trim. Omitted ones come from the aircraft.
 
     Deflections, trim included, are limited by the aircraft's own stops; alpha and sideslip by its limits; speed by 1.2
     stall speeds and its limit; bank and pitch by half its limit, but 30 to 45 deg; the load factor by 0 and 2 where
@@ -90,7 +90,7 @@ class PlanLimits(ManoeuvreLimits):
 
 
 class Timing(Strict):
-    """The time beside the manoeuvres: ``turn_s`` per run, to fly back and trim again; ``overhead_s`` per flight.
+    """Time beyond the manoeuvres: ``turn_s`` per run, to fly back and trim again; ``overhead_s`` per flight.
 
     ``overhead_s`` is take-off, climb, descent and landing; ``field_m`` the height of the field above sea level.
     """
@@ -101,7 +101,7 @@ class Timing(Strict):
 
 
 class Airspace(Strict):
-    """Where the campaign stays: a box along whose length the runs are flown, heights above sea level, and the wind.
+    """The airspace: a box along whose length the runs are flown, heights above sea level, and the wind.
 
     ``wind_m_s`` is the strongest mean wind and ``gust_m_s`` the strongest gust in which anybody flies; runs are
     reckoned with that wind from behind. ``bank_deg`` is the bank of the turns back.
@@ -162,7 +162,7 @@ class Fuel(Strict):
 
 
 class Tow(Strict):
-    """A glider: what it has is height, from ``release_m`` down to ``lowest_m`` above sea level, for every flight."""
+    """A glider: its energy is height, from ``release_m`` down to ``lowest_m`` above sea level, for every flight."""
 
     kind: Literal["tow"]
     release_m: float
@@ -176,7 +176,7 @@ class Tow(Strict):
 
 
 class OnTheCard(Strict):
-    """What cards say that no simulation knows, and in which units they say it.
+    """Data of cards that do not follow from the simulation, and their units.
 
     ``units`` are "metric" (m/s, m) or "aviation" (knots, feet); aircraft above 150 kg have the latter where nothing is
     given. ``configuration`` is that of flaps, gear and payload. ``emergency`` are lines on what is done when something
@@ -193,7 +193,7 @@ _FASTEST_MS = {"ardupilot": 20, "px4": 20, "own": 1}  # scripting reaches 30 to 
 
 
 class Autopilot(Strict):
-    """How an autopilot flies a sequence: which one, start switch, required mode, rate, and what it holds meanwhile.
+    """How an autopilot flies a sequence: its kind, start switch, required mode, rate, and monitored quantities.
 
     ``system`` is "ardupilot" (a Lua script per card), "px4" (a MAVLink sender per card for a companion computer) or
     "own" (the signals as CSV alone). The simulated input is sampled and held every ``period_ms``, as the flown one.

@@ -1,4 +1,4 @@
-"""Where does a campaign stand, from the drawing to the amended aircraft, and what comes next?
+"""What is the state of a campaign, from the drawing to the amended aircraft, and what comes next?
 
 command (testbench new) -> new (the folder) -> standing (testbench alone in the folder)
 """

@@ -1,6 +1,6 @@
-"""What of the two papers comes out here?
+"""Which results of the two papers are reproduced here?
 
-Every printed number stands beside ours, with the reason where they part.
+Every printed number is compared with ours, with the reason for a difference.
 """
 
 from testbench.core.lazily import lazily

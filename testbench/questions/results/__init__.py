@@ -1,7 +1,7 @@
-"""What did I find so far, and what differs between two runs?
+"""Which results do I have, and what differs between two runs?
 
-The results of a folder with titles, answers and dates; two results side by side, table by table; whether one
-still is what was written, and what it was made from.
+The results of a folder with titles, answers and dates; two results side by side, table by table; the provenance of one,
+and whether it is unchanged.
 """
 
 from testbench.core.lazily import lazily

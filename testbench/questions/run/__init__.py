@@ -1,8 +1,8 @@
-"""What do this input and these sensors tell?
+"""What can be identified with this input and these sensors?
 
-A scenario says what flies, through which air, with which inputs and sensors, and which estimators look at the
-records. The answer says how well each model predicts flights that it has not seen, which modes the input excites, and
-what a sensor that one suite has and another lacks has bought.
+A scenario states aircraft, air, inputs, sensors and the estimators of the records. The answer gives the prediction
+error of each model on held-out flights, the modes that the input excites, and the gain of a sensor that one suite has
+and another lacks.
 """
 
 from testbench.core.lazily import lazily

@@ -1,6 +1,6 @@
-"""What does an input do and tell, while I drag it in a browser?
+"""What are the response and the expected errors of an input, while I drag it in a browser?
 
-One interactive page computes spectrum, response and the errors to expect by itself, before anything is flown.
+One interactive page computes spectrum, response and expected errors in the browser, before any flight.
 """
 
 from testbench.core.lazily import lazily

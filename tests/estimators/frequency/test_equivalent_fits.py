@@ -159,7 +159,7 @@ def test_an_order_too_low_is_said():
     H = transfer(Q, a=np.polymul(A, [1.0, 0.6, 9.0]))
     model = fit_equivalent(measured(H, 0.01), LowOrder(poles=2, zeros=1, weighting="loes"))
     assert model.status != "good"
-    assert any("no equivalent of this order" in s or "structure lacks something" in s for s in model.advice)
+    assert any("no equivalent of this order" in s or "structure lacks a property" in s for s in model.advice)
     high = fit_equivalent(
         measured(transfer(Q), 0.01), LowOrder(poles=2, zeros=1, band_hz=(4.0 / TURN, 12.0 / TURN), weighting="loes")
     )

@@ -372,7 +372,7 @@ def test_an_unstable_aircraft_is_estimated():
 
 def test_doubts_are_said_in_words():
     quiet = output_error.estimate([short_flight(noise=1e-4)], SHORT)
-    assert all("cannot tell these estimates apart" not in s for s in quiet.advice)
+    assert all("do not separate these estimates" not in s for s in quiet.advice)
     r = short_flight(noise=1e-3)
     drift = np.convolve(np.random.default_rng(3).standard_normal(len(r) + 19), np.ones(20) / 20.0, "valid")
     coloured = output_error.estimate([r.with_columns({"alpha": r["alpha"] + 5e-3 * drift})], SHORT)
@@ -399,5 +399,5 @@ def test_errors_that_colour_widens_much_are_said_not_to_be_believed():
     assert np.max(model.diagnostics["error_inflation"]) > 5.0
     said = [a for a in model.advice if a.code == "coloured_residuals"]
     assert len(said) == 1
-    assert "do not believe" in said[0] or "not to be believed" in said[0]
+    assert "not reliable" in said[0] or "not to be believed" in said[0]
     assert "corrected" not in said[0]

@@ -166,7 +166,7 @@ def test_linear_and_general_structures_behind_servos_agree():
 @pytest.mark.parametrize(
     ("method", "servo", "message"),
     [
-        ("equation_error", {"lag_s": "estimate"}, "takes the servo of 'de_cmd' as known"),
+        ("equation_error", {"lag_s": "estimate"}, "needs a known servo of 'de_cmd'"),
         ("ekf", {"lag_s": "estimate"}, "let output_error or filter_error"),
         ("filter_error", {"lag_s": "estimate", "rate_limit_deg_s": 60.0}, "with its rate limit as known"),
         ("output_error", {"rate_limit_deg_s": 60.0}, "goes with lag_s"),

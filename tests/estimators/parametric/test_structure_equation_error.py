@@ -248,7 +248,7 @@ def test_where_noise_decides_it_is_said_and_the_estimate_is_kept():
     (r,) = records([steps(300, 3)], held=True, structure=unstable)  # grown so far that one direction is all there is
     model = equation_error.estimate([r], short_period(), EquationError(held=("de",)))
     assert np.all(np.abs(model.diagnostics["noise_bias"]) <= 1e-4 * np.maximum(np.abs(model.params), 1.0))
-    assert [a.severity for a in model.advice if "half or more of what decides" in a] == ["doubt"]
+    assert [a.severity for a in model.advice if "half or more of the information on" in a] == ["doubt"]
 
 
 def test_a_response_that_diverges_is_said():
@@ -261,7 +261,7 @@ def test_a_response_that_diverges_is_said():
         [record], short_period().with_parameters({"M_q": 40.0}, fixed=["M_q"]), EquationError(held=("de",))
     )
     assert np.all(model.diagnostics["smoothing_bias"] == 0.0)
-    assert any("smoothing took from the motion is not corrected" in a for a in model.advice)
+    assert any("attenuation by smoothing is not corrected" in a for a in model.advice)
 
 
 def test_held_inputs_do_not_bias_control_derivatives():

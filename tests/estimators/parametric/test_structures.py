@@ -254,7 +254,7 @@ def test_polynomial_terms_multiply_their_variables():
         (lambda: lateral_directional(Trim(-3.0)), "V > 0"),
         (lambda: roll_yaw_rates(("beta",)), "output of structure"),
         (lambda: flexible(Trim(16.0), wn_rad_s=()), "frequency > 0"),
-        (lambda: flexible(Trim(16.0), wn_rad_s=(20.0,), outputs=("alpha",)), "no output feels elastic mode 1"),
+        (lambda: flexible(Trim(16.0), wn_rad_s=(20.0,), outputs=("alpha",)), "no output depends on elastic mode 1"),
         (lambda: aerodynamic_longitudinal(HFB, terms={"CD": ("0",)}), "CD, CL and Cm"),
         (lambda: aerodynamic_longitudinal(HFB, terms={"CD": ("0",), "CL": ("beta",), "Cm": ("0",)}), "a term of CL"),
         (lambda: Trim(np.nan), "finite"),

@@ -205,7 +205,7 @@ def test_near_interpolation_and_pure_noise_are_warned_or_refused():
     rng = np.random.default_rng(6)
     noise = record(0.1, rng.standard_normal((2000, 1)), rng.standard_normal((2000, 2)), ("de",), ("alpha", "q"))
     # the largest singular value of noise alone, over 300 seeds: 0.84 +- 0.10 floors, 1.24 at most; 2 are needed
-    with pytest.raises(EstimationError, match="no state stands out of the noise"):
+    with pytest.raises(EstimationError, match="no state exceeds the noise"):
         estimate([noise], ("de",), ("alpha", "q"), DsrE(past_horizon=10, future_horizon=5))
     forced = estimate([noise], ("de",), ("alpha", "q"), DsrE(past_horizon=10, future_horizon=5, order=2))
     assert forced.status != "good"

@@ -261,5 +261,5 @@ def test_noise_alone_has_its_largest_singular_value_at_the_floor(method):
     r = FlightRecord(np.arange(6000) * DT, ("de", "alpha", "q"), data, "measured")
     model = identify(method, [r], ("de",), ("alpha", "q"), order=1)
     assert 0.7 < model.diagnostics["singular_values"][0] < 1.05
-    with pytest.raises(EstimationError, match="no state stands out of the noise"):
+    with pytest.raises(EstimationError, match="no state exceeds the noise"):
         identify(method, [r], ("de",), ("alpha", "q"))

@@ -112,7 +112,7 @@ def test_what_the_geometry_leaves_open_is_drawn_by_campaign_and_design(plan, tmp
     assert len(stated) > 20
     assert head.startswith("run,state," + ",".join(f"coefficient.{name}" for name in stated))
     assert len({row.split(",")[2] for row in rows}) == 3
-    assert "by the uncertainty that the aircraft states" in (results / "campaign_open/report.html").read_text("utf-8")
+    assert "by the stated uncertainty of the aircraft" in (results / "campaign_open/report.html").read_text("utf-8")
     assert (results / "design_short" / "tables" / "draws.csv").read_text(encoding="utf-8").count("\n") == 4
     assert "drawn with the stated uncertainty of trainer" in (results / "design_short/report.html").read_text("utf-8")
 

@@ -102,7 +102,7 @@ def test_nothing_is_lost_or_counted_twice_when_it_is_interrupted_and_then_killed
     running.send_signal(signal.SIGINT)
     _, err = running.communicate(timeout=WAIT_S)
     assert running.returncode == 130
-    assert "go on with: testbench campaign resume" in err
+    assert "continue with: testbench campaign resume" in err
     assert "Traceback" not in err
     with Store.read(store) as read:
         interrupted = read.counts()

@@ -121,7 +121,7 @@ def test_it_flies_and_says_what_was_drawn(mine, tmp_path):
     assert [row.reason for row in rows] == [None] * 3
     assert [json.loads(row.inputs) for row in rows] == [run_inputs(campaign.spec, i) for i in range(3)]
     (own,) = [value for key, value in page.asked if key == "coefficients"]
-    assert "by the uncertainty that the aircraft states" in own
+    assert "by the stated uncertainty of the aircraft" in own
     assert "CL_alpha 5.00 %, Cm_q 15.0 %" in own
     assert "coefficient.Cm_q" in page.files["tables/runs.csv"].splitlines()[0]
     toml = tmp_path / "aircraft" / "mine" / "aircraft.toml"

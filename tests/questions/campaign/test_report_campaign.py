@@ -170,7 +170,7 @@ def test_the_lead_tells_bias_scatter_and_coverage_of_one_estimate(flown):
     assert not any(": bias" in text for _, text in off[1:])
     covered = replace(result.summary.accuracies[0], coverage=0.5, coverage_high=0.7)
     many = replace(result, summary=replace(result.summary, accuracies=(covered, *result.summary.accuracies[1:])))
-    assert "(of the 1 estimates that have one) holds the truth in 50 % of the runs" in answer(many)[1][1]
+    assert "(of the 1 estimates that have one) contains the truth in 50 % of the runs" in answer(many)[1][1]
 
 
 def test_what_is_exact_by_definition_is_no_estimate_without_bias(flown):

@@ -86,7 +86,7 @@ def test_model_files_are_read_with_their_meaning(tmp_path):
     assert known.names == ("Z_alpha", "M_q")
     np.testing.assert_allclose(known.values, [-60.0, -2.0])  # per mass, not per momentum
     np.testing.assert_allclose(np.sqrt(np.diag(known.covariance)), [2.4, 0.1])
-    assert any("does not say at which speed" in n for n in known.notes)
+    assert any("does not state its airspeed" in n for n in known.notes)
     folder = tmp_path / "close_x"
     (folder / "models").mkdir(parents=True)
     more = {"condition": {"V_m_s": 12.1, "h_m": 0.0}, "flown_errors": {"M_q": 0.3}, "status": "wrong"}

@@ -29,7 +29,7 @@ def test_a_coefficient_far_off_its_prior_is_named_with_its_size_and_the_aircraft
     best = finding.naming.best
     assert best.coefficients == ("Cm_alpha",)
     assert abs(best.nuisances["Cm_alpha"] - 1.6) < 4.0 * best.spread["Cm_alpha"]  # false alarm 6e-5
-    assert "times the believed value" in finding.sentences[0]
+    assert "times the a-priori value" in finding.sentences[0]
     assert finding.shrink[0].removed > 0.95
     assert finding.amended.aircraft.coefficient("Cm_alpha") == pytest.approx(
         truth.aircraft.coefficient("Cm_alpha"), rel=4.0 * best.spread["Cm_alpha"]

@@ -49,7 +49,7 @@ def test_what_is_held_out_may_be_among_the_records(files):
 def test_one_record_alone_names_and_says_that_nothing_judges(files):
     flights = load_flights("eolo", files[:1])
     assert not flights.held_out
-    assert any("nothing is held out" in note for note in flights.notes)
+    assert any("no record is held out" in note for note in flights.notes)
 
 
 def test_records_of_a_description_are_used_as_it_says(files, tmp_path):
@@ -90,7 +90,7 @@ def test_a_record_that_does_not_do_is_refused_in_one_sentence(flown, tmp_path, c
 
 def test_the_rate_must_be_that_of_the_sensors(flown, tmp_path):
     flown[0].decimate(2).save(tmp_path / "x.nc")
-    with pytest.raises(RecordError, match="rate of the sensors believed, 100 Hz"):
+    with pytest.raises(RecordError, match="rate of the assumed sensors, 100 Hz"):
         load_flights("eolo", [tmp_path / "x.nc"])
 
 

@@ -226,7 +226,7 @@ def test_measured_records_of_a_case_must_hold_what_its_suite_says(case, tmp_path
         tables += f'[[measured]]\nname = "{name}"\nfile = "{name}.nc"\nuse = "{use}"\n'
     file = tmp_path / "recorded.toml"
     file.write_text(head + tables, encoding="utf-8")
-    with pytest.raises(RecordError, match=r"rate of the sensors believed, 100 Hz .*, got 50 Hz") as caught:
+    with pytest.raises(RecordError, match=r"rate of the assumed sensors, 100 Hz .*, got 50 Hz") as caught:
         run_gap(file)
     assert "record 'half'" in str(caught.value)
     file.write_text(head + tables + "[hidden]\n", encoding="utf-8")

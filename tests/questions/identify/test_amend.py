@@ -88,7 +88,7 @@ def test_the_flight_that_was_not_used_is_followed_down_to_its_noise(made):
 def test_the_answer_the_tables_and_the_folder_say_what_was_done(made, found):
     lead = amended_answer(made)[0]
     assert lead.text.startswith("'mine': M_q −")
-    assert "pitch rate misses by" in lead.text
+    assert "pitch rate rms residual" in lead.text
     assert "on the record that it did not use" in lead.text
     page = identify_page(found, made)
     assert {"amended", "amended_coefficients", "amended_misses"} <= {t.name for t in page.more_tables}

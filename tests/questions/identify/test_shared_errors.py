@@ -79,7 +79,7 @@ def test_more_logs_do_not_lessen_it_and_the_answer_says_what_it_is():
     assert c.mostly == "Ixx"
     flights = SimpleNamespace(pooled=told, doubts=(), notes=())
     said = " ".join(line.text for line in pool_answer(flights)).replace("\xa0", " ")
-    assert "he error of Ixx, 5 %, makes most of the variance of" in said
+    assert "he error of Ixx, 5 %, causes most of the variance of" in said
     assert "measurement of the inertia" in said
 
 

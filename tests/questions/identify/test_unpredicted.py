@@ -134,7 +134,7 @@ def test_a_record_in_which_nothing_moves_tests_nothing(tmp_path):
     verdict = case.evaluation.verdicts[1]
     assert "alpha, q err there no more than in the fit, and move too little to test it" in verdict
     assert "no better than" not in verdict
-    assert any("no control moves in the records kept back" in note for note in found.notes)
+    assert any("no control moves in the held-out records" in note for note in found.notes)
 
 
 def test_a_model_of_which_nothing_is_decided_says_that_first(tmp_path):

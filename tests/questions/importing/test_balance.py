@@ -139,9 +139,7 @@ def test_a_channel_of_which_most_is_lost_says_so(tmp_path):
     assert "% of its samples are in the record" in lost.reason
 
 
-@pytest.mark.parametrize(
-    ("copy", "said"), [(True, "which holds the same numbers"), (False, "which holds other numbers")]
-)
+@pytest.mark.parametrize(("copy", "said"), [(True, "which has the same values"), (False, "which has other values")])
 def test_a_second_column_of_a_name_or_of_a_channel_does_not_vanish(tmp_path, copy, said):
     path = tmp_path / "f.csv"
     q, theta, _ = short_period(T)
@@ -215,7 +213,7 @@ def test_the_command_prints_the_balance_questions_and_refuses_when_strict(tmp_pa
     assert "1 signal that could be a channel is left out" in out
     assert "Q (column 6)" in out
     said = " ".join(out.split())
-    assert "de is taken in deg, which no heading says: -229 deg in 275 of 1750 samples" in said
+    assert "de is taken in deg, which no heading states: -229 deg in 275 of 1750 samples" in said
     path.write_text(path.read_text(encoding="utf-8").replace("elevator", "elevator [rad]"), encoding="utf-8")
     done = command("import", path, "--strict", "--out", tmp_path / "out")
     assert done.returncode == 2
@@ -240,7 +238,7 @@ def test_two_inertial_units_that_disagree_are_questioned_and_refused_when_strict
     path = tmp_path / "two.bin"
     path.write_bytes(dataflash_of(DATAFLASH, messages))
     found = import_log(path)
-    said = "imu: IMU and IMU#1 differ in GyrY by 2 times what they move; IMU is read: is it the right one?"
+    said = "imu: IMU and IMU#1 differ in GyrY by 2 times their motion; IMU is used: is it the right one?"
     assert found.asked == (() if sign > 0.0 else (said,))
     if sign < 0.0:
         with pytest.raises(RecordError, match="IMU and IMU#1 differ"):

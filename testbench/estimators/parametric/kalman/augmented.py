@@ -59,7 +59,10 @@ def advise_filter(model: Any) -> Any:
     if vague:
         out.doubt(
             "weakly_identifiable",
-            f"these data say little about {', '.join(vague)}: fix them at a believed value, or excite them more",
+            (
+                f"these data give little information on {', '.join(vague)}: fix them at prior values, or excite them "
+                "more"
+            ),
         )
     outside = [
         p.name
@@ -85,8 +88,8 @@ def advise_filter(model: Any) -> Any:
     if coloured:
         out.doubt(
             "coloured_residuals",
-            f"the innovations of {', '.join(coloured)} are not white: process noise, filtered measurements or "
-            "something missing in the model; standard errors are too small",
+            f"the innovations of {', '.join(coloured)} are not white: process noise, filtered measurements or missing "
+            "terms of the model; standard errors are too small",
         )
     if off or coloured or not isinstance(model.structure, LinearStructure):
         out.extend(approximate(model.method))
@@ -433,8 +436,8 @@ def _initial_std(
             sensitivity = float(np.max(np.sqrt(np.mean(effect**2, axis=0)) / size))
             if not 0.0 < sensitivity < np.inf:
                 raise EstimationError(
-                    f"no initial deviation can be told for '{name}': from its start value the model diverges or no "
-                    "output feels it; name it in initial_std"
+                    f"no initial deviation can be determined for '{name}': from its start value the model diverges or "
+                    "no output depends on it; name it in initial_std"
                 )
             value = abs(plant.values[chosen[i - plant.states]]) if i >= plant.states else 0.0
             out[i] = max(value, 1.0 / sensitivity)

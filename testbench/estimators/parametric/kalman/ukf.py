@@ -57,8 +57,8 @@ class UnscentedKalmanFilter:
             values, vectors = np.linalg.eigh(correlation)
             if not values[0] > -_ROUNDING:
                 raise EstimationError(
-                    "the covariance of the unscented filter is no longer positive: the equations bend too much over "
-                    "its spread; smaller initial deviations, a larger alpha or the extended filter help"
+                    "the covariance of the unscented filter is no longer positive: the equations are too nonlinear "
+                    "over its spread; smaller initial deviations, a larger alpha or the extended filter help"
                 ) from error
             root = vectors * np.sqrt(np.maximum(values, 0.0))  # data without noise leave nothing but rounding
         steps = np.sqrt(spread) * (size[:, None] * root).T

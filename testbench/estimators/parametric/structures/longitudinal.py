@@ -191,7 +191,7 @@ def flexible(
     for i in modes:
         measured = f"eta_{i}" in outputs or f"etadot_{i}" in outputs
         if not measured and not {"q", "az"} & set(outputs):
-            raise EstimationError(f"no output feels elastic mode {i}; add eta_{i}, az or q to the outputs")
+            raise EstimationError(f"no output depends on elastic mode {i}; add eta_{i}, az or q to the outputs")
         forced = [s for s in states if s != "theta"]
         parameters += [
             Parameter(f"wn_{i}", float(wn_rad_s[i - 1]), low=0.0),

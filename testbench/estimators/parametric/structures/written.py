@@ -476,9 +476,9 @@ def speed_doubts(records: Sequence[FlightRecord], V_m_s: float | None) -> list[A
         doubt(
             "speed_left_out",
             f"the structure leaves out the airspeed, which varied by {100 * float(np.median(moved)):.1f} % (rms) and "
-            f"by lift alone bent the path {float(np.median(shares)):.1f} times as much as all that was measured: "
-            "Z_alpha, Z_q and what depends on them are biased beyond their errors; estimate V and theta too (leave out "
-            "short), or identify from a few seconds after a fast input",
+            f"through lift alone curved the path {float(np.median(shares)):.1f} times as much as the whole measured "
+            "motion: Z_alpha, Z_q and the quantities that depend on them are biased beyond their errors; estimate V "
+            "and theta as well (leave out short), or identify from a few seconds after a fast input",
         )
     ]
 
@@ -540,9 +540,9 @@ class Written(ModelStructure):
             if (multiplied or name in begun or name in bent) and any(removed):
                 out.doubt(
                     "trim_removed",
-                    f"the equations take {name} as a whole, but {max(removed, key=abs):.4g} was removed from it "
-                    f"as trim, so that they see deviations; if {name} itself is meant, take preparation.bias = "
-                    f'"none", or write the sum of {name} and a constant',
+                    f"the equations take {name} as a whole, but {max(removed, key=abs):.4g} was removed from it as "
+                    f'trim, so that they get deviations; if {name} itself is meant, take preparation.bias = "none", or '
+                    f"write the sum of {name} and a constant",
                 )
         return tuple(out)
 
