@@ -193,7 +193,7 @@ _FASTEST_MS = {"ardupilot": 20, "px4": 20, "own": 1}  # scripting reaches 30 to 
 
 
 class Autopilot(Strict):
-    """How an autopilot flies a sequence: its kind, start switch, required mode, rate, and monitored quantities.
+    """How an autopilot flies a sequence: its kind, start switch, required mode, rate, and the surfaces that it holds.
 
     ``system`` is "ardupilot" (a Lua script per card), "px4" (a MAVLink sender per card for a companion computer) or
     "own" (the signals as CSV alone). The simulated input is sampled and held every ``period_ms``, as the flown one.

@@ -68,18 +68,16 @@ def answer(case: Case) -> Mapping[str, Answer]:
         "std_said_1_s2": Answer(
             said,
             (
-                Mistake(
-                    real, "this is the true scatter; asked for is what the formula for white noise says of one flight"
-                ),
-                Mistake(said / math.sqrt(_FLIGHTS), "this is for all flights together; asked for is one flight"),
+                Mistake(real, "this is the true scatter; the answer is the formula for white noise, for one flight"),
+                Mistake(said / math.sqrt(_FLIGHTS), "this is for all flights together; the answer is for one flight"),
             ),
             "the root of the diagonal of M^-1 with the variance of the residuals, as if they were white",
         ),
         "inflation": Answer(
             factor,
             (
-                Mistake(1.0, "this takes the formula for white residuals at its word: these are not white"),
-                Mistake(factor**2, "this is the ratio of variances; asked for is that of standard errors"),
+                Mistake(1.0, "this is the formula for white residuals: these are not white"),
+                Mistake(factor**2, "this is the ratio of variances; the answer is that of standard errors"),
                 Mistake(1.0 / factor, "the other way round: the true error is the larger one"),
                 Mistake(
                     factor / math.sqrt(_FLIGHTS), "the mean over the flights scatters less, a single flight does not"
@@ -91,10 +89,14 @@ def answer(case: Case) -> Mapping[str, Answer]:
             "repeat",
             (
                 Mistake(
-                    "faster", "more samples of the same slow disturbance: the formula promises more, the truth stays"
+                    "faster",
+                    (
+                        "more samples of the same slow disturbance: the formula gives a smaller error, the true one "
+                        "is unchanged"
+                    ),
                 ),
-                Mistake("smooth", "smoothing colours the residuals further: the formula then lies the more"),
-                Mistake("order", "the motion is modelled rightly; what is left is turbulence, not dynamics"),
+                Mistake("smooth", "smoothing colours the residuals further: the formula is then more wrong"),
+                Mistake("order", "the model of the motion is right; the residual is turbulence, not dynamics"),
             ),
         ),
     }
@@ -122,7 +124,7 @@ def solve(folder: Path) -> dict[str, float | str]:
     }
 
 
-TITLE, LEVEL, MINUTES = "Errors that lie: coloured residuals", 2, 75
+TITLE, LEVEL, MINUTES = "Wrong standard errors: coloured residuals", 2, 75
 QUESTIONS = (
     Number("autocorrelation", "1", "Autocorrelation of the residuals from one sample to the next", 0.0, 0.05),
     Number(
@@ -134,7 +136,7 @@ QUESTIONS = (
     Number("inflation", "1", "Factor by which the true standard error of one flight is larger", 0.3),
     Choice(
         "cure",
-        "What makes the true error smaller?",
+        "What reduces the true error?",
         {
             "repeat": "flying the manoeuvre again",
             "faster": "sampling faster",

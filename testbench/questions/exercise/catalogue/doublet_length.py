@@ -54,13 +54,13 @@ def answer(case: Case) -> Mapping[str, Answer]:
             (
                 Mistake(np.pi / wn, rule),
                 Mistake(
-                    2.0 * step, "this is the length of the whole doublet; asked for is that of one of its two steps"
+                    2.0 * step, "this is the length of the whole doublet; the answer is that of one of its two steps"
                 ),
                 Mistake(
                     2.0 * np.pi / wn,
                     "this is the period of the mode; a step that long has no energy at the mode at all",
                 ),
-                Mistake(PEAK / (wn / (2 * np.pi)), "the frequency went in in Hz; w T = 2.33 holds for rad/s"),
+                Mistake(PEAK / (wn / (2 * np.pi)), "the frequency was in Hz; w T = 2.33 holds for rad/s"),
                 Mistake(0.5 * PEAK / wn, "wn T / 2 = 1.17 at the peak: the half was lost"),
             ),
             "the peak lies where tan(w T / 2) = w T",

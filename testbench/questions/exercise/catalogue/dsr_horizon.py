@@ -69,7 +69,7 @@ def answer(case: Case) -> Mapping[str, Answer]:
     """Return the short period, what four samples span of it, and the horizon that spans a quarter of a period."""
     wn, zeta, rate = case["omega"], case["zeta"], case["rate_hz"]
     failed = estimate(_records(case)["3211"], _SHORT, round(_PAST_S * rate))
-    of_short = "this is what the future of four samples gives"
+    of_short = "this is the result of a future of four samples"
     frequency = [Mistake(wn * math.sqrt(1.0 - zeta**2), "this is the damped frequency, the imaginary part of the pole")]
     damping = [Mistake(zeta * wn, "this is zeta wn, minus the real part of the pole; divide it by wn")]
     if failed is not None:
@@ -78,8 +78,8 @@ def answer(case: Case) -> Mapping[str, Answer]:
     turn = math.degrees(wn * _SHORT / rate)
     quarter = 0.5 * math.pi / wn * rate
     return {
-        "omega_n_rad_s": Answer(wn, tuple(frequency), "lengthen the future until the poles stop moving"),
-        "zeta": Answer(zeta, tuple(damping), "lengthen the future until the poles stop moving"),
+        "omega_n_rad_s": Answer(wn, tuple(frequency), "lengthen the future until the poles no longer change"),
+        "zeta": Answer(zeta, tuple(damping), "lengthen the future until the poles no longer change"),
         "turn_deg": Answer(
             turn,
             (
@@ -103,7 +103,7 @@ def answer(case: Case) -> Mapping[str, Answer]:
             "horizon",
             (
                 Mistake("order", "the motion has two states, and the longer horizon finds both with the same order"),
-                Mistake("noise", "the longer horizon meets the same noise and copes; noise alone is not it"),
+                Mistake("noise", "the longer horizon has the same noise and succeeds; noise alone is not the cause"),
                 Mistake("input", "the longer horizon finds the mode in the same record, so the input excites it"),
             ),
         ),
@@ -129,7 +129,7 @@ def solve(folder: Path) -> dict[str, float | str]:
 
 TITLE, LEVEL, MINUTES = "Why does DSR_e fail with L = 4?", 3, 75
 QUESTIONS = (
-    Number("omega_n_rad_s", "rad/s", "Natural frequency of the short period, with a horizon that you trust", 0.1),
+    Number("omega_n_rad_s", "rad/s", "Natural frequency of the short period, with a sufficient horizon", 0.1),
     Number("zeta", "1", "Its damping ratio", 0.1, 0.06),
     Number("turn_deg", "deg", "Angle wn L dt by which the mode turns during a future of 4 samples", 0.12),
     Number("quarter_period_samples", "samples", "Future horizon that spans a quarter of the mode's period", 0.12),
@@ -137,7 +137,7 @@ QUESTIONS = (
         "cause",
         "Why does DSR_e fail with L = 4?",
         {
-            "horizon": "the future spans so little of the motion that its rows hardly differ but for the noise",
+            "horizon": "the future spans so little of the motion that its rows differ almost only by noise",
             "order": "the order is too low",
             "noise": "the sensor is too noisy for any subspace method",
             "input": "the input does not excite the mode",

@@ -138,7 +138,7 @@ def answer(case: Case) -> Mapping[str, Answer]:
         "why": Answer(
             "late",
             (
-                Mistake("noise", "damping is estimated well enough here; it says little about what is still to come"),
+                Mistake("noise", "damping is estimated well enough here; it gives little information on higher speeds"),
                 Mistake("constant", "it does change with speed, often upwards at first"),
                 Mistake("frequency", "frequencies come together smoothly, too late for a warning of their own"),
             ),
@@ -170,7 +170,7 @@ def solve(folder: Path) -> dict[str, float | str]:
     }
 
 
-TITLE, LEVEL, MINUTES = "Find the flutter onset without meeting it", 3, 90
+TITLE, LEVEL, MINUTES = "Find the flutter onset from flights below it", 3, 90
 QUESTIONS = (
     Number("least_damping", "1", "Smaller of the two damping ratios at the fastest speed flown", 0.15),
     Number("margin_ratio", "1", "Flutter margin at the fastest speed over that at the slowest", 0.1, 0.03),
@@ -182,7 +182,7 @@ QUESTIONS = (
             "late": "it may stay or even grow with speed, and then fall steeply close to the onset",
             "noise": "damping cannot be identified from such records",
             "constant": "it does not depend on speed",
-            "frequency": "the frequencies alone tell the onset better",
+            "frequency": "the frequencies alone determine the onset better",
         },
     ),
 )

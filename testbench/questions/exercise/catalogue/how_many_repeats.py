@@ -60,7 +60,10 @@ def answer(case: Case) -> Mapping[str, Answer]:
             percent,
             (
                 Mistake(absolute, "this is the standard error in 1/s²; divide it by the size of M_alpha"),
-                Mistake(alone, "this takes the other parameters for known: invert the whole matrix, not its diagonal"),
+                Mistake(
+                    alone,
+                    ("this assumes that the other parameters are known: invert the whole matrix, not its diagonal"),
+                ),
                 Mistake(percent**2 / 100.0, "this is a variance; the standard error is its root"),
             ),
             "the root of the diagonal of the inverse of the information matrix, over M_alpha",

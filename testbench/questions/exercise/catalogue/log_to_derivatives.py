@@ -60,12 +60,12 @@ def answer(case: Case) -> Mapping[str, Answer]:
         "rate_hz": Answer(case["rate_hz"], (), "the times are in microseconds: a million over their step"),
         "servo_ms": Answer(
             1000.0 * tau,
-            (Mistake(tau, "this is in seconds; it is asked for in milliseconds"),),
-            "let the surface follow the command by a first-order lag, and estimate its time constant, too",
+            (Mistake(tau, "this is in seconds; the answer is in milliseconds"),),
+            "let the surface follow the command by a first-order lag, and estimate its time constant as well",
         ),
         "M_alpha_1_s2": Answer(case["M_alpha"], (), "fit alpha and q, with the servo between command and surface"),
-        "M_q_1_s": Answer(M_q, (), "a servo that is left out is taken for less damping"),
-        "M_de_1_s2": Answer(M_de, (), "a servo that is left out is taken for a weak elevator"),
+        "M_q_1_s": Answer(M_q, (), "a servo that is left out looks like less damping"),
+        "M_de_1_s2": Answer(M_de, (), "a servo that is left out looks like a weak elevator"),
     }
 
 

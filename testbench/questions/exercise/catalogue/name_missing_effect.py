@@ -30,7 +30,7 @@ _SIZES = {
 _TIMES = ("servo_lag", "delay")
 _OPTIONS = {
     "servo_lag": "the elevator servo lags (first order; size: time constant in s)",
-    "delay": "the elevator answers late (pure delay; size: s)",
+    "delay": "the elevator responds late (pure delay; size: s)",
     "elevator_gain": "the elevator is stronger or weaker (size: factor on M_de)",
     "vane_gain": "the alpha vane reads too much or too little (size: factor on alpha as read)",
     "stability": "the centre of gravity lies elsewhere (size: factor on M_alpha)",
@@ -94,23 +94,23 @@ def answer(case: Case) -> Mapping[str, Answer]:
             "delay",
         ): "a lag shows the change at once and slowly, a delay late and whole: use the short steps",
         ("delay", "servo_lag"): "a delay shows nothing at first and then everything: use the short steps",
-        ("stability", "damping"): "the frequency is off, not the decay",
-        ("damping", "stability"): "the decay is off, not the frequency",
-        ("vane_gain", "elevator_gain"): "q agrees with the believed model; alpha alone does not",
-        ("elevator_gain", "vane_gain"): "q disagrees as much as alpha does; a vane touches alpha alone",
+        ("stability", "damping"): "the frequency is wrong, not the decay",
+        ("damping", "stability"): "the decay is wrong, not the frequency",
+        ("vane_gain", "elevator_gain"): "q agrees with the a-priori model; alpha alone does not",
+        ("elevator_gain", "vane_gain"): "q disagrees as much as alpha does; a vane affects alpha alone",
     }
     other = "it removes less of the residual than another one of the list does: fit the size of each, and compare"
     wrong = tuple(Mistake(o, twins.get((effect, o), other)) for o in _OPTIONS if o != effect)
     if effect in _TIMES:
         sizes = [
-            Mistake(_MS * size, "this is in ms; it is asked for in s"),
-            Mistake(1.0 / size, "this is the corner frequency in rad/s; asked for is the time constant in s"),
-            Mistake(size / _DT, "this is in samples; it is asked for in s"),
+            Mistake(_MS * size, "this is in ms; the answer is in s"),
+            Mistake(1.0 / size, "this is the corner frequency in rad/s; the answer is the time constant in s"),
+            Mistake(size / _DT, "this is in samples; the answer is in s"),
         ]
     else:
         sizes = [
-            Mistake(size - 1.0, "this is by how much the factor differs from 1; asked for is the factor"),
-            Mistake(1.0 / size, "this is one over it: truth over belief, not belief over truth"),
+            Mistake(size - 1.0, "this is the difference of the factor from 1; the answer is the factor"),
+            Mistake(1.0 / size, "this is one over it: truth over model, not model over truth"),
         ]
     return {
         "effect": Answer(effect, wrong, other),
@@ -118,12 +118,12 @@ def answer(case: Case) -> Mapping[str, Answer]:
         "before": Answer(
             before,
             (
-                Mistake(before - 1.0, "the noise itself counts too: it adds 1"),
-                Mistake(float(np.sqrt(before)), "this is the root; the mean of the squares is asked for"),
+                Mistake(before - 1.0, "the noise itself is included: it adds 1"),
+                Mistake(float(np.sqrt(before)), "this is the root; the answer is the mean of the squares"),
             ),
             "mean of (measured - believed)² / noise² over samples, alpha and q, of the record held out",
         ),
-        "after": Answer(1.0, (), "if more than the noise is left, the effect or its size is not the right one"),
+        "after": Answer(1.0, (), "if the residual exceeds the noise, the effect or its size is wrong"),
     }
 
 
@@ -159,8 +159,8 @@ def solve(folder: Path) -> dict[str, float | str]:
 
 TITLE, LEVEL, MINUTES = "Name the missing effect", 3, 90
 QUESTIONS = (
-    Choice("effect", "What does the believed model lack?", _OPTIONS),
+    Choice("effect", "What does the a-priori model lack?", _OPTIONS),
     Number("size", "s or 1", "Its size: a time in s, or a factor", 0.08, 0.01),
-    Number("before", "1", "Mean square of the residual over the noise, record held out, believed model", 0.1),
+    Number("before", "1", "Mean square of the residual over the noise, held-out record, a-priori model", 0.1),
     Number("after", "1", "The same with the effect added", 0.1),
 )

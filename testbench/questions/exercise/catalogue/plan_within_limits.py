@@ -107,7 +107,7 @@ def answer(case: Case) -> Mapping[str, Answer]:
         "largest_deg": Answer(
             largest,
             (
-                Mistake(largest / room, "that goes as far as the limit: the margin is missing"),
+                Mistake(largest / room, "that reaches the limit: the margin is missing"),
                 Mistake(
                     plan["amplitude_deg"] * room,
                     "the planned one less the margin still breaks the limit: scale by the share that it takes first",

@@ -83,7 +83,7 @@ def answer(case: Case) -> Mapping[str, Answer]:
                 ),
                 *folds,
             ),
-            "list k 8 Hz +- what you see at 8 Hz and j 9 Hz +- what you see at 9 Hz: one number stands in both lists",
+            "list k 8 Hz +- what you see at 8 Hz and j 9 Hz +- what you see at 9 Hz: one number is in both lists",
         ),
         "lowest_rate_hz": Answer(
             2.0 * f,
@@ -117,11 +117,17 @@ def solve(folder: Path) -> dict[str, float | str]:
     return {"apparent_hz": f8, "true_hz": f, "lowest_rate_hz": 2.0 * f, "cure": "filter_before"}
 
 
-TITLE, LEVEL, MINUTES = "Sampling at 8 Hz: a mode that is not where it seems to be", 1, 30
+TITLE, LEVEL, MINUTES = "Sampling at 8 Hz: a mode at the wrong frequency", 1, 30
 QUESTIONS = (
     Number("apparent_hz", "Hz", "Frequency at which the mode appears in the log at 8 Hz", 0.0, 0.15),
-    Number("true_hz", "Hz", "Its true frequency; a ground vibration test says that it lies below 20 Hz", 0.0, 0.25),
-    Number("lowest_rate_hz", "Hz", "Sample rate that must be exceeded for the mode to appear where it is", 0.0, 0.5),
+    Number("true_hz", "Hz", "Its true frequency; below 20 Hz according to a ground vibration test", 0.0, 0.25),
+    Number(
+        "lowest_rate_hz",
+        "Hz",
+        ("Sample rate that must be exceeded for the mode to appear at its true frequency"),
+        0.0,
+        0.5,
+    ),
     Choice(
         "cure",
         "The log must stay at 8 Hz. What keeps the mode out of the motion below 4 Hz?",

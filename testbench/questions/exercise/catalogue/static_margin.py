@@ -73,7 +73,7 @@ def answer(case: Case) -> Mapping[str, Answer]:
     return {
         "slope": Answer(
             slope,
-            (Mistake(1.0 / slope, "this is dalpha/dde; asked for is dde/dalpha"),),
+            (Mistake(1.0 / slope, "this is dalpha/dde; the answer is dde/dalpha"),),
             "a straight line through de over alpha",
         ),
         "static_margin_percent": Answer(
@@ -90,7 +90,7 @@ def answer(case: Case) -> Mapping[str, Answer]:
         "de_faster_deg": Answer(
             faster,
             (
-                Mistake(linear, "a straight line over V: alpha, and with it de, goes with 1 / V²"),
+                Mistake(linear, "a straight line over V: alpha, and with it de, is linear in 1 / V²"),
                 Mistake(last, "this is the trim at the fastest speed of the table"),
             ),
             "draw de over 1 / V²: it is nearly a straight line",

@@ -68,7 +68,7 @@ def answer(case: Case) -> Mapping[str, Answer]:
             without,
             (
                 Mistake(with_vane, "this is the one with the vane: leave alpha out of the outputs"),
-                Mistake(without * percent, "this is in percent of Z_alpha; it is asked for in 1/s"),
+                Mistake(without * percent, "this is in percent of Z_alpha; the answer is in 1/s"),
             ),
             "outputs: q alone, all four derivatives free",
         ),
@@ -76,7 +76,7 @@ def answer(case: Case) -> Mapping[str, Answer]:
             with_vane,
             (
                 Mistake(without, "this is the one without the vane: both alpha and q are outputs"),
-                Mistake(with_vane * percent, "this is in percent of Z_alpha; it is asked for in 1/s"),
+                Mistake(with_vane * percent, "this is in percent of Z_alpha; the answer is in 1/s"),
             ),
             "outputs: alpha and q, all four derivatives free",
         ),
@@ -91,14 +91,14 @@ def answer(case: Case) -> Mapping[str, Answer]:
         "why": Answer(
             "zero",
             (
-                Mistake(
-                    "noise", "the gyro is the better of the two instruments; it still cannot see what it does not see"
-                ),
+                Mistake("noise", "the gyro is the better of the two instruments; the information is still missing"),
                 Mistake(
                     "poles",
                     "the poles give Z_alpha + M_q and Z_alpha M_q - M_alpha, and q alone shows both of them well",
                 ),
-                Mistake("gain", "the gain from de to q tells M_de from the first moment on, with or without a vane"),
+                Mistake(
+                    "gain", ("the gain from de to q determines M_de from the first moment on, with or without a vane")
+                ),
             ),
         ),
     }
@@ -116,16 +116,16 @@ def solve(folder: Path) -> dict[str, float | str]:
     }
 
 
-TITLE, LEVEL, MINUTES = "What alpha buys: a derivative with and without a vane", 2, 60
+TITLE, LEVEL, MINUTES = "The gain from alpha: a derivative with and without a vane", 2, 60
 QUESTIONS = (
     Number("std_without_1_s", "1/s", "Standard error of Z_alpha from q alone", 0.2),
     Number("std_with_1_s", "1/s", "Standard error of Z_alpha from alpha and q", 0.2),
     Number("flights_saved_for", "flights", "Flights without a vane that are worth one flight with it", 0.35),
     Choice(
         "why",
-        "Why does q alone tell Z_alpha so badly?",
+        "Why does q alone determine Z_alpha so poorly?",
         {
-            "zero": "only the zero of the transfer function from de to q, -Z_alpha, tells it from M_q",
+            "zero": "only the zero of the transfer function from de to q, -Z_alpha, distinguishes it from M_q",
             "poles": "q alone does not show the poles of the short period",
             "gain": "q alone does not show the gain M_de",
             "noise": "the gyro is noisier than the vane",

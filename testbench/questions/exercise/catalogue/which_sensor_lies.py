@@ -86,12 +86,12 @@ def answer(case: Case) -> Mapping[str, Answer]:
     mistakes = [Mistake(-size, "of the wrong sign: positive means that the instrument reads too much")]
     if kind == "scale":
         mistakes += [
-            Mistake(1.0 + size, "this is the scale factor itself; asked for is by how much it differs from 1"),
-            Mistake(100.0 * size, "this is in percent; it is asked for as a fraction of one"),
+            Mistake(1.0 + size, "this is the scale factor itself; the answer is its difference from 1"),
+            Mistake(100.0 * size, "this is in percent; the answer is a fraction of one"),
         ]
     else:
-        mistakes += [Mistake(size / DEG_RAD, "this is in degrees; it is asked for in rad or rad/s")]
-    hint = "integrate the rates and compare: what does not fit, and does it grow with time or with the value?"
+        mistakes += [Mistake(size / DEG_RAD, "this is in degrees; the answer is in rad or rad/s")]
+    hint = "integrate the rates and compare: which difference grows with time, which with the value?"
     confused = {
         "q": "a wrong gyro makes the integrated pitch angle drift away; here it does not",
         "theta": "a wrong pitch angle would disagree with the integrated q; it does not",
@@ -125,7 +125,7 @@ def solve(folder: Path) -> dict[str, float | str]:
     return {"instrument": channel, "kind": kind, "size": size}
 
 
-TITLE, LEVEL, MINUTES = "Data compatibility: which sensor lies?", 2, 75
+TITLE, LEVEL, MINUTES = "Data compatibility: which sensor is wrong?", 2, 75
 QUESTIONS = (
     Choice("instrument", "Which instrument is wrong?", _WORDS),
     Choice("kind", "How is it wrong?", {"bias": "by a constant", "scale": "by a share of its value"}),

@@ -115,15 +115,15 @@ def answer(case: Case) -> Mapping[str, Answer]:
     moves = "the roll and yaw rates" if lateral else "the pitch rate"
     hint = f"fly the commands of the record through the model: {moves} of the two part at once"
     wrong = tuple(
-        Mistake(name, "its sign is right: a stable aircraft of this form has it so")
+        Mistake(name, "its sign is right: a stable aircraft of this form has this sign")
         for name in _OPTIONS
         if name != case["wrong"]
     )
     damped = "natural frequency, not the damped one: the size of the pole"
     return {
         "wrong": Answer(case["wrong"], wrong, hint),
-        "short_period_rad_s": Answer(short, (), f"of the mended model at {_V:g} m/s and {_H:g} m; {damped}"),
-        "dutch_roll_rad_s": Answer(dutch, (), f"of the mended model at {_V:g} m/s and {_H:g} m; {damped}"),
+        "short_period_rad_s": Answer(short, (), f"of the corrected model at {_V:g} m/s and {_H:g} m; {damped}"),
+        "dutch_roll_rad_s": Answer(dutch, (), f"of the corrected model at {_V:g} m/s and {_H:g} m; {damped}"),
     }
 
 
@@ -147,7 +147,7 @@ def solve(folder: Path) -> dict[str, float | str]:
 
 TITLE, LEVEL, MINUTES = "Adopt an aircraft and find its wrong sign", 2, 60
 QUESTIONS = (
-    Choice("wrong", "Which coefficient stands in the file with the wrong sign?", _OPTIONS),
-    Number("short_period_rad_s", "rad/s", "Natural frequency of the short period of the mended model", 0.02),
-    Number("dutch_roll_rad_s", "rad/s", "Natural frequency of the Dutch roll of the mended model", 0.02),
+    Choice("wrong", "Which coefficient has the wrong sign in the file?", _OPTIONS),
+    Number("short_period_rad_s", "rad/s", "Natural frequency of the short period of the corrected model", 0.02),
+    Number("dutch_roll_rad_s", "rad/s", "Natural frequency of the Dutch roll of the corrected model", 0.02),
 )
