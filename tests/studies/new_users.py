@@ -78,11 +78,11 @@ def aircraft_to_card(user: User, folder: Path) -> None:
     """An aircraft lies in the folder, aircraft/mine; its name is in the list."""
     page = user.page
     shutil.copytree(AIRCRAFT_MODELS / "taurus", folder / "aircraft" / "mine")
-    draw, judge, plan = (button(page, n) for n in ("Draw an input", "Judge it in full", "Plan it, with cards"))
+    draw, judge, plan = (button(page, n) for n in ("Draw an input", "Run the full design", "Plan it, with cards"))
     user.step("Design", page.get_by_role("link", name="Design").click, draw)
     user.step("choose the aircraft", lambda: page.get_by_label("of", exact=True).select_option("mine"), draw)
     user.step("Draw an input", draw.click, page.locator("#verdict-input:not(:empty)"))
-    user.step("Judge it in full", judge.click, page.locator("#design-answer .answer li"))
+    user.step("Run the full design", judge.click, page.locator("#design-answer .answer li"))
     user.step("Plan it, with cards", plan.click, page.get_by_role("link", name="Cards to print"))
 
 

@@ -235,7 +235,7 @@ class _Page:
 
     def limits(self, left: float, right: float, y: float, text: CardText) -> float:
         """Write limits and what to do when one is met; return where they end."""
-        self.head(left, right, y, "Limits, and what to do when one is met")
+        self.head(left, right, y, "Limits, and the action when one is met")
         y += 0.06
         for name, span, what, who in text.limits:
             lines = _wrapped(what, 2.85, 6.4), _wrapped(who, right - left - 4.65, 6.0)

@@ -181,7 +181,7 @@ def test_flights_are_chosen_overlaid_and_cut_by_keyboard_on_a_narrow_screen(benc
     page.goto(bench.at)
     page.get_by_label("whole log").press("Space")
     page.get_by_role("button", name="cruise, 10 to 39.98 s").press("Enter")
-    page.get_by_label("Structure of what is identified").select_option("let the records choose")
+    page.get_by_label("Structure of the model").select_option("let the records choose")
     page.get_by_role("button", name="Identify longitudinal").press("Enter")
     page.get_by_text("first_longitudinal.toml --choose --out results").first.wait_for()
     edge = page.get_by_role("slider", name="end of cut 1")
@@ -222,7 +222,7 @@ def test_a_dropped_log_is_cut_anew_and_identified_by_keyboard(bench, browser, tm
     before = float(edge.get_attribute("aria-valuenow"))
     edge.press("Shift+ArrowLeft")
     assert float(edge.get_attribute("aria-valuenow")) == pytest.approx(before - 1.0)
-    page.get_by_role("button", name="Cut so").press("Enter")
+    page.get_by_role("button", name="Apply these cuts").press("Enter")
     page.get_by_role("button", name="As found").wait_for(state="detached", timeout=60_000)
     assert float(edge.get_attribute("aria-valuenow")) == pytest.approx(before - 1.0, abs=0.01)
     assert bench.jobs[-1].words[-2] == "--cut"
@@ -233,7 +233,7 @@ def test_a_dropped_log_is_cut_anew_and_identified_by_keyboard(bench, browser, tm
     page.locator("#plot .plot").first.press("ArrowRight")
     page.get_by_text("0.0 s: roll").wait_for(state="detached")  # it goes with the cursor
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
-    assert page.get_by_label("Structure of what is identified").count() == 0  # without airspeed there is none to fit
+    assert page.get_by_label("Structure of the model").count() == 0  # without airspeed there is none to fit
     page.get_by_role("button", name="Identify longitudinal").press("Enter")
     page.get_by_text("all outputs predicted well").first.wait_for(timeout=120_000)
     page.locator("#verdict figure").first.scroll_into_view_if_needed()  # it is drawn when it comes near
@@ -396,7 +396,7 @@ def test_from_a_drawn_input_to_its_cards(bench, browser):
     page.mouse.move(box["x"] + 140, box["y"] + 5, steps=12)
     page.mouse.up()
     assert float(edge.get_attribute("aria-valuenow")) > before + 0.05
-    page.get_by_role("button", name="Judge it in full").press("Enter")
+    page.get_by_role("button", name="Run the full design").press("Enter")
     page.get_by_text("testbench design taurus_de_input.toml --out results").first.wait_for()
     page.get_by_role("button", name="Plan it, with cards").press("Enter", timeout=300_000)
     page.get_by_role("link", name="Cards to print").wait_for(timeout=300_000)

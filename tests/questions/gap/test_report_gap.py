@@ -86,7 +86,7 @@ def test_page_figures_tables_and_amended_aircraft(result, tmp_path):
     ):
         assert part in names
     page = paths[-1].read_text(encoding="utf-8")
-    assert page.index("The amended model on a held-out flight") < page.index("What was believed, and what was measured")
+    assert page.index("The amended model on a held-out flight") < page.index("The a-priori model and the records")
     assert "A note." in page
     assert page.count('id="figure-answer"') == 1
     assert page.index('id="answer"') < page.index('id="figure-answer"') < page.index('id="figure-residual_maps"')

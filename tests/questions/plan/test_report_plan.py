@@ -72,7 +72,7 @@ def test_every_card_is_one_page_a4_and_a_page_of_its_own(written, taurus_plan):
         np.testing.assert_allclose(box, [0.0, 0.0, 595.3, 841.9], atol=0.5)  # A4 in points
         html = (folder / "cards" / f"{stem}.html").read_text(encoding="utf-8")
         assert card.title[1:] in html
-        for part in ("Set-up", "Limits, and what to do when one is met", "Control sequence", "Go or no-go", "Log"):
+        for part in ("Set-up", "Limits, and the action when one is met", "Control sequence", "Go or no-go", "Log"):
             assert part in html
         assert "http://" not in html.replace("http://www.w3.org", "")
         assert (folder / "signals" / f"{stem}.csv").stat().st_size > 100

@@ -335,7 +335,7 @@ def test_a_sensor_less_makes_errors_larger_and_none_is_said(page):
     for channel in ("V", "q", "theta"):
         page.uncheck(f"#sensors input[value='{channel}']")
     settle(page)
-    assert "nothing can be known" in page.locator("#answer").text_content()
+    assert "there is no information" in page.locator("#answer").text_content()
 
 
 def test_a_mode_to_find_as_well_costs_accuracy(page):

@@ -95,8 +95,8 @@ const busy = () => { const n = [...jobs.values()].filter(j => j.at).length; at("
 function follow(job) {
   const box = make("article"), lines = make("pre", { className: "printed", tabIndex: 0 }), found = make("div", { className: "found" });
   const state = make("p", {}, "at work …"), row = make("div", { className: "row" }), bar = make("progress", { hidden: true, max: 1 });
-  state.setAttribute("role", "status"); bar.setAttribute("aria-label", `How far ${job.command} is`);
-  lines.setAttribute("aria-label", `What ${job.command} prints, ${job.number + 1}`); lines.setAttribute("role", "region");
+  state.setAttribute("role", "status"); bar.setAttribute("aria-label", `Progress of ${job.command}`);
+  lines.setAttribute("aria-label", `Output of ${job.command}, ${job.number + 1}`); lines.setAttribute("role", "region");
   const stop = press("Stop", () => send(`stop/${job.number}`, "").catch(failed));
   row.append(stop, bar);
   box.append(make("h2", {}, make("code", {}, job.command)), state, row, found, lines);

@@ -11,7 +11,7 @@ views.set("campaigns", async values => {
   clearTimeout(campaign.timer);
   if (coming) campaign.timer = setTimeout(() => { if (place()[0] === "campaigns") listed("campaigns").then(found => found.includes(coming) ? go("campaigns", { of: coming }) : turn()).catch(failed); }, 700);
   if (!name) {
-    at("runs").replaceChildren(make("p", {}, coming ? "The workers start …" : "No campaign yet: under Work ask campaign run FILE, such as campaign/taurus_scatter."));
+    at("runs").replaceChildren(make("p", {}, coming ? "The workers start …" : "No campaign yet: under Work run campaign run FILE, such as campaign/taurus_scatter."));
     return;
   }
   if (campaign.name !== name) Object.assign(campaign, { name, rows: new Map(), axes: null, limits: new Map(), chosen: null, next: 0 });
@@ -64,7 +64,7 @@ function coordinates() {
     const canvas = make("canvas", { id: "lines", tabIndex: 0 });
     canvas.setAttribute("role", "img"); canvas.setAttribute("aria-label", "Runs as lines over parallel axes; limits can be set in numbers below");
     box.replaceChildren(
-      make("p", { className: "hint" }, "Drag along an axis to choose among runs, click beside a limit to take it away; click a line for its run."),
+      make("p", { className: "hint" }, "Drag along an axis to choose among runs, click beside a limit to remove it; click a line for its run."),
       make("div", { className: "coordinates" }, canvas),
       make("div", { className: "row", id: "axes" }),
       make("div", { className: "sides" }, make("div", { id: "detail" }), make("div", {}, make("div", { className: "row", id: "cross" }), make("div", { id: "scatter" }), make("div", { className: "scroll", id: "table", tabIndex: 0, role: "region", ariaLabel: "Runs" }))),
@@ -207,7 +207,7 @@ function choose(run) {
   campaign.chosen = row ? run : null;
   box.replaceChildren();
   if (row) {
-    const list = make("dl", { tabIndex: 0, ariaLabel: `What run ${run} found` }), add = (what, value) => list.append(make("dt", {}, what), make("dd", {}, value));
+    const list = make("dl", { tabIndex: 0, ariaLabel: `Results of run ${run}` }), add = (what, value) => list.append(make("dt", {}, what), make("dd", {}, value));
     add("seed", String(row.seed));
     if (row.reason) add("why", row.reason);
     for (const [name, v] of Object.entries(row.inputs)) add(name, told(v));

@@ -55,7 +55,7 @@ views.set("design", async values => {
   if (given.control) at("control").value = given.control;
   if (given.V_m_s) at("speed").value = given.V_m_s;
   at("new-design").hidden = !fresh;
-  if (fresh && !given.aircraft) { at("drawn").replaceChildren(make("p", { className: "hint" }, "Choose a design, or an aircraft and what moves it.")); design.key = ""; return; }
+  if (fresh && !given.aircraft) { at("drawn").replaceChildren(make("p", { className: "hint" }, "Choose a design, or an aircraft and its control.")); design.key = ""; return; }
   const key = JSON.stringify(given);
   if (key === design.key) { ours(values); return; }
   say("trim and linearise …");
@@ -90,7 +90,7 @@ function board() {
     make("p", { className: "hint" }, `${met.aircraft}, ${told(met.V_m_s)} m/s at ${told(met.h_m)} m, seen by ${met.suite}. The first ${told(met.start_s)} s of ${told(met.duration_s)} s are undisturbed.`),
     make("div", { className: "row values", id: "values" }), surface,
     make("p", { id: "verdict-input" }),
-    make("div", { className: "row" }, press("Judge it in full", () => whole(true).catch(failed), "main"), press("Search for the best", () => whole(false).catch(failed)), several, make("code", { className: "hint", id: "design-command" })),
+    make("div", { className: "row" }, press("Run the full design", () => whole(true).catch(failed), "main"), press("Search for the best", () => whole(false).catch(failed)), several, make("code", { className: "hint", id: "design-command" })),
     make("div", { id: "design-answer" }),
     make("div", { className: "pair" }, make("div", { id: "errors-drawn" }), make("div", { id: "limits-drawn" })),
     make("div", { className: "pair" }, make("div", { id: "response-drawn" }), make("div", { id: "spectrum-drawn" })));
@@ -228,7 +228,7 @@ function picture(found) {
     head("wanted", "value", "wanted", "error", "", ...over ? ["median", "worst drawn"] : []),
     make("tbody", {}, ...found.errors.map((row, k) => make("tr", {}, make("th", { scope: "row" }, row.name), cell(told(row.value)), cell(percent(row, row.wanted)), cell(percent(row, row.error)),
       meter(log(row.error == null ? null : row.error / row.wanted), row.error == null || row.error > row.wanted), ...over ? [cell(percent(row, over.median[k])), cell(percent(row, over.worst[k]))] : []))))),
-    make("p", { className: "hint" }, "Standard errors by information in the air that is expected; a bar of half the width is as wanted. A flight adds what bends and what the estimator adds: judge it in full."));
+    make("p", { className: "hint" }, "Standard errors by information in the expected air; a bar of half the width is as wanted. A flight adds the nonlinearity of the aircraft and the error of the estimator: run the full design."));
   at("limits-drawn").replaceChildren(make("h2", {}, "Limits"), scrolled("Limits", make("table", {}, head("limit on", "used", ""),
     make("tbody", {}, ...found.limits.map(l => make("tr", {}, make("th", { scope: "row" }, l.name), cell(`${Math.round(100 * l.used)} %`), meter(100 * l.used, l.used > 1)))))));
   for (const name of ["response", "spectrum"]) {

@@ -6,7 +6,7 @@ views.set("exercises", async values => {
   at("exercise").replaceChildren(...catalogue.map(e => new Option(`${e.title} (level ${e.level}, ${e.minutes} min)`, e.name, false, e.name === chosen)));
   const open = begun.find(e => e.folder === of);
   const links = begun.map(e => { const a = make("a", { href: `#exercises?of=${encodeURIComponent(e.folder)}` }, `${e.title}: ${e.student}`); if (e === open) a.setAttribute("aria-current", "page"); return make("li", {}, a); });
-  at("begun").replaceChildren(...links.length ? [make("ul", {}, ...links)] : [make("p", { className: "hint" }, "None lies in this folder yet.")], ...open ? [exercise(open)] : []);
+  at("begun").replaceChildren(...links.length ? [make("ul", {}, ...links)] : [make("p", { className: "hint" }, "There is none in this folder yet.")], ...open ? [exercise(open)] : []);
 });
 at("begin").addEventListener("click", async () => {
   const student = at("student").value.trim(), name = at("exercise").value;
@@ -27,7 +27,7 @@ function exercise(e) {
     return make("p", {}, label, make("br"), field);
   });
   const said = make("pre", { tabIndex: 0, hidden: true }), text = make("iframe", { title: `Text of ${e.title}`, src: `exercises/${link(e.page)}` });
-  said.setAttribute("role", "status"); said.setAttribute("aria-label", "What the checker says");
+  said.setAttribute("role", "status"); said.setAttribute("aria-label", "Result of the checker");
   form.append(make("h2", {}, "Your answers"), ...rows, make("div", { className: "row" }, make("button", { type: "submit", className: "main" }, "Save and check")), said);
   form.addEventListener("submit", async event => {
     event.preventDefault();
@@ -37,6 +37,6 @@ function exercise(e) {
       said.textContent = (await ask(["exercise", "check", e.folder])).printed.trim();
     } catch (error) { failed(error); }
   });
-  const records = e.records.length ? [make("div", { className: "row" }, press(`Look into its ${e.records.length === 1 ? "record" : `${e.records.length} records`}`, () => go("flights", { r: e.records.slice(0, 12) })))] : [];
+  const records = e.records.length ? [make("div", { className: "row" }, press(`Inspect its ${e.records.length === 1 ? "record" : `${e.records.length} records`}`, () => go("flights", { r: e.records.slice(0, 12) })))] : [];
   return make("article", {}, make("h2", {}, `${e.title}: the version of ${e.student}`), ...records, make("div", { className: "pair" }, text, form));
 }

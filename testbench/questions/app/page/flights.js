@@ -108,11 +108,11 @@ function head(met) {
     if (met.filter(m => m.settings).length > 1) row.append(press("Settings that differ", () => settings(met).catch(failed)));
   }
   const control = make("select", {}, ...met[0].controls.map(n => new Option(channels.get(n).split(",")[0], n)));
-  row.append(press("Spectra of what is in sight", () => spectra(control.value).catch(failed)));
+  row.append(press("Spectra of the visible part", () => spectra(control.value).catch(failed)));
   if (control.options.length) row.append(make("label", {}, "coherence with ", control));
   row.append(press("Replay in 3D", () => replay(main).catch(failed)));
   const report = main.folder && main.log.format ? `${main.folder}/report.html` : "";
-  if (report) row.append(press("What the log holds", () => open(report)));
+  if (report) row.append(press("Contents of the log", () => open(report)));
   box.append(chips, make("div", { id: "plot" }), row, make("div", { id: "spectra" }), make("div", { id: "replay" }), make("div", { id: "settings" }), make("div", { id: "verdict" }));
 }
 const picked = () => {
@@ -230,11 +230,11 @@ function cuts(m, line, row, off, changed) {
   });
   if (focus) line.querySelector(`[data-edge="${focus}"]`)?.focus();
   const base = without(m.command, "--cut"), words = [...base, ...flight.cuts.flatMap(c => ["--cut", `${+c[0].toFixed(3)}:${+c[1].toFixed(3)}`])];
-  row.replaceChildren(press("Cut what is in sight", () => { if (flight.range) { flight.cuts.push([...flight.range].map((v, i) => i ? Math.min(v, m.end_s) : Math.max(v, m.begin_s))); flight.cuts.sort((a, b) => a[0] - b[0]); again(); } }));
-  if (changed && base[0] === "import" && flight.cuts.length) row.append(press("Cut so", () => redo(words), "main"), make("code", { className: "hint" }, `testbench ${shell(words)}`));
+  row.replaceChildren(press("Cut the visible part", () => { if (flight.range) { flight.cuts.push([...flight.range].map((v, i) => i ? Math.min(v, m.end_s) : Math.max(v, m.begin_s))); flight.cuts.sort((a, b) => a[0] - b[0]); again(); } }));
+  if (changed && base[0] === "import" && flight.cuts.length) row.append(press("Apply these cuts", () => redo(words), "main"), make("code", { className: "hint" }, `testbench ${shell(words)}`));
   if (changed) row.append(press("As found", () => { flight.cuts = m.log.manoeuvres.filter(c => c.cut_s).map(c => [...c.cut_s]); cuts(m, line, row, off, false); }));
   const structure = make("select", {}, new Option("structure as described", ""), new Option("let the records choose", "--choose"));
-  structure.setAttribute("aria-label", "Structure of what is identified");
+  structure.setAttribute("aria-label", "Structure of the model");
   if (!changed && m.descriptions.some(d => d.chooses)) row.append(structure);
   if (!changed) for (const { name: d, chooses } of m.descriptions) row.append(press(`Edit ${d.replace(/\.toml$/, "").split("_").pop()}`, () => edit(`${m.folder}/${d}`).catch(failed)), press(`Identify ${d.replace(/\.toml$/, "").split("_").pop()}`, async () => {
     const end = await ask(["identify", `${m.folder}/${d}`, ...chooses && structure.value ? [structure.value] : [], "--out", "results"]).catch(failed);

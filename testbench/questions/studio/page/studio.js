@@ -473,7 +473,7 @@
     const own = rows.filter((r) => axis().parameters.includes(r.name)), worst = own.reduce((a, b) => (b.relative > a.relative ? b : a));
     const well = own.filter((r) => r.relative <= WELL).length;
     let text; // what is found comes first
-    if (!Number.isFinite(worst.relative)) text = sensors().length ? "These sensors and this input cannot tell all parameters apart." : "Without a sensor nothing can be known.";
+    if (!Number.isFinite(worst.relative)) text = sensors().length ? "These sensors and this input do not separate all parameters." : "Without a sensor there is no information.";
     else if (well === own.length) text = `All ${own.length} parameters are known to 5 % or better, the worst, ${worst.name}, to ${percent(worst.relative)}.`;
     else text = `${well} of ${own.length} parameters ${well === 1 ? "is" : "are"} known to 5 % or better; the worst is ${worst.name} with a standard error of ${percent(worst.relative)}.`;
     text += ` One ${words()} at ${state.V} m/s on the ${CONTROLS[state.control]}, seen by ${sensors().map(label).join(", ") || "no sensor"}. ${energy}`;
