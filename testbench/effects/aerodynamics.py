@@ -154,7 +154,7 @@ EFFECTS = (
     Effect(
         name="wake_lag", title="wake that reaches the tail late", place="pitching moment",
         physics="The downwash at the tail follows alpha with a lag, that of the wake's way to the tail or of its "
-        "build-up. Slow motion feels the damping of an alpha-dot term, fast motion does not.",
+                "build-up. Slow motion has the damping of an alpha-dot term, fast motion does not.",
         parameters=(Parameter("time_s", "s", 0.005, 2.0, (0.3,)),
                     Parameter("Cm_wake", "1/rad", -4.0, 4.0, (0.3, -0.3), none=0.0)),
         amend=partial(added, wake_lag),

@@ -104,15 +104,15 @@ EFFECTS = (
     Effect(
         name="gust", title="gust met in one manoeuvre", place="air",
         physics="In one manoeuvre the air moves as a 1-cosine for a second or so, along one axis. Every channel "
-        "answers as to a change of airspeed or angle of flow that no command asked for; the other manoeuvres do not "
-        "show it.",
+                "responds as to a change of airspeed or flow angle without a command; the other manoeuvres do not "
+                "show it.",
         parameters=(Parameter("amplitude_m_s", "m/s", -LARGEST_M_S, LARGEST_M_S, (1.0,), none=0.0),
                     Parameter("start_s", "s", 0.0, 3600.0, (1.0,)),
                     Parameter("duration_s", "s", SHORTEST_S, LONGEST_S, (1.0,))),
         amend=unchanged,  # a gust is of one record's air (``met``)
-        mistaken_for="a missing answer to a command at the same time (a servo that sticks once, a stall in the one "
-        "manoeuvre that reaches it); a shear of the wind; turbulence",
-        separated_by="the same manoeuvre once more: a gust does not come twice, an effect of the aircraft does",
+        mistaken_for="a missing response to a command at the same time (a servo that sticks once, a stall in the one "
+                     "manoeuvre that reaches it); a shear of the wind; turbulence",
+        separated_by="the same manoeuvre once more: a gust does not occur twice, an effect of the aircraft does",
         met=partial(_met, "", "", "down"), looks=0, form_error=CURVED),
     Effect(
         name="steady_wind", title="steady wind", place="air",
@@ -133,9 +133,10 @@ EFFECTS = (
         separated_by="the same manoeuvre at two heights, one of them below half a span",
         form_error=CURVED),
     Effect(
-        name="air_density", title="air thinner or denser than believed", place="air",
-        physics="The day is hotter or colder than the standard one, or the flight was higher or lower than believed. "
-        "All forces and moments of the air at the same true airspeed change by one factor, thrust by about as much.",
+        name="air_density", title="air thinner or denser than assumed", place="air",
+        physics="The day is hotter or colder than the standard one, or the flight was higher or lower than assumed. "
+                "All forces and moments of the air at the same true airspeed change by one factor, thrust by about as "
+                "much.",
         parameters=(Parameter("over_believed", "1", 0.6, 1.4, (0.95, 1.05), none=1.0),), amend=unchanged,
         elsewhere=in_other_air,
         mistaken_for="mass and moments of inertia that are off by one factor together; an airspeed that is read wrong, "
@@ -151,8 +152,8 @@ EFFECTS = (
         "forces and moments belong to the airspeed flown.",
         parameters=(Parameter("over_read", "1", 0.6, 1.6, (0.95, 1.05), none=1.0),), amend=misread,
         elsewhere=at_other_speed,
-        mistaken_for="a scale error of the airspeed sensor alone, where the condition was told by another instrument; "
-        "air thinner or denser than believed",
+        mistaken_for="a scale error of the airspeed sensor alone, where the condition is from another instrument; air "
+                     "thinner or denser than assumed",
         separated_by="runs along one line both ways, timed by GPS, in calm air",
         ground_check="look whether the log holds indicated or true airspeed, and where the static ports sit; press a "
         "known height of water on the pitot tube",

@@ -112,7 +112,7 @@ def _row(
         contains=contains,
         upstream=upstream,
         part="" if joined else "autopilot",
-        ground_check="move the aileron and look at the rudder: what is joined moves with it" if joined else "",
+        ground_check="move the aileron and look at the rudder: a connected rudder moves with it" if joined else "",
     )
 
 
@@ -200,7 +200,7 @@ EFFECTS = (
     _row(
         Feedback("interconnect", *_AILERON), "aileron-rudder interconnect",
         "A spring, or a mixer of the transmitter, turns the rudder with the ailerons to take their adverse yaw out. "
-        "Yaw answers the aileron command as if the rudder had moved, and through the rudder's servo.",
+        "Yaw responds to the aileron command as if the rudder had moved, through the rudder's servo.",
         (_RATIO,),
         "an error of Cn_da (with Cl_da and a side force), where the rudder's servo is fast",
         "a measured rudder deflection; moving the ailerons by hand on the ground and looking at the rudder"),
@@ -209,8 +209,8 @@ EFFECTS = (
         "A spring, or a mixer behind the ailerons' own servo, turns the rudder with the ailerons, but later than they "
         "are commanded. Yaw follows the ailerons as if the rudder had moved after them.",
         (_RATIO, _lag(0.5, 0.1)),
-        "an interconnect that is not late, where the rudder's servo is slow; a roll rate that the yaw gyro feels, "
-        "beside an error of Cn_da",
+        "an interconnect that is not late, where the rudder's servo is slow; a roll rate in the yaw gyro, with an "
+        "error of Cn_da",
         "a measured rudder deflection; moving the ailerons by hand and looking at the rudder",
         contains=("interconnect",)),
     _row(
@@ -231,8 +231,8 @@ EFFECTS = (
         contains=("bank_hold",)),
     _row(
         Feedback("heading_hold", *_TURNED), "heading hold",
-        "An autopilot turns the ailerons against the change of heading since the beginning. Aircraft that were "
-        "disturbed bank back to their heading and may overshoot it, over many seconds.",
+        "An autopilot turns the ailerons against the change of heading since the beginning. After a disturbance the "
+        "aircraft banks back to its heading and may overshoot it, over many seconds.",
         (_HOLD,),
         "a bank hold in records shorter than the return to the heading",
         "ten seconds without input after a turn; a measured aileron deflection, or a flight with the autopilot off"),

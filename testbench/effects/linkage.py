@@ -209,8 +209,8 @@ _KINDS = (
     Kind(
         "gain", "surface_scale", SURFACES, partial(on_path, scaled),
         title="scale of the {word}'s deflection or effectiveness",
-        physics="The linkage turns the {word} by a multiple of the command, or it works better or worse than believed. "
-        "Force and moment due to the command change by the same factor at every frequency.",
+        physics="The linkage turns the {word} by a multiple of the command, or it is more or less effective than in "
+                "the model. Force and moment due to the command change by the same factor at every frequency.",
         parameters=(Parameter("scale", "1", 0.2, 3.0, (0.8, 1.3), none=1.0),),
         mistaken_for="an error of {coefficients} together, exactly, so that only what exceeds their prior can be named",
         separated_by="a measured deflection: a linkage error shows in it, a wrong effectiveness does not",
@@ -227,9 +227,9 @@ _KINDS = (
         upstream=GEARING, form_error=0.01),
     Kind(
         "one-sided linkage", "one_sided_linkage", CONTROLS, partial(on_path, one_sided),
-        title="{word} linkage that works less one way",
-        physics="A cable that slackens, a horn off its angle or a lost aileron on one side turns the {word} by another "
-        "angle one way than the other. Positive commands give a multiple of what negative ones give.",
+        title="{word} linkage that is less effective in one direction",
+        physics="A cable that slackens, a horn off its angle or a lost aileron on one side turns the {word} by a "
+                "different angle in each direction. Positive commands give a multiple of what negative ones give.",
         parameters=(Parameter("scale", "1", 0.0, 3.0, (0.8, 1.2), none=1.0),),
         mistaken_for="a scale of the deflection where all inputs are of one sign; a curved moment",
         separated_by="inputs of both signs; turning the control to both stops on the ground",
@@ -237,8 +237,9 @@ _KINDS = (
     Kind(
         "curved linkage", "curved_linkage", SURFACES, partial(on_path, curved),
         title="{word} linkage, or effectiveness, that changes with the deflection",
-        physics="A rod on a horn pulls less the farther the horn has turned, and air that separates at the hinge makes "
-        "large deflections of the {word} worth less. A deflection x from trim is worth scale x / sqrt(1 + 2 loss x^2).",
+        physics="A rod on a horn pulls less the farther the horn has turned, and air that separates at the hinge "
+                "makes large deflections of the {word} less effective. A deflection x from trim has the effect of "
+                "scale x / sqrt(1 + 2 loss x^2).",
         parameters=(_GAIN, Parameter("loss_per_rad2", "1/rad^2", -4.0, 40.0, (3.0,), none=0.0)),
         mistaken_for="a scale of the deflection where all inputs are of one size; a rate limit where they differ",
         separated_by="inputs of two sizes; measuring the deflection for several commands on the ground",
@@ -246,8 +247,9 @@ _KINDS = (
     Kind(
         "curved linkage", "curved_linkage", ("thr",), partial(on_path, curved),
         title="{word} linkage, or effectiveness, that changes with the deflection",
-        physics="Thrust over throttle is no straight line: a carburettor or a speed controller gives most of it over a "
-        "part of the way. A deviation x from the trimmed throttle is worth scale x / sqrt(1 + 2 loss x^2).",
+        physics="Thrust over throttle is no straight line: a carburettor or a speed controller gives most of it over "
+                "a part of the range. A deviation x from the trimmed throttle has the effect of scale x / sqrt(1 + 2 "
+                "loss x^2).",
         parameters=(_GAIN, Parameter("loss", "1", -4.0, 40.0, (1.0,), none=0.0)),
         mistaken_for="a scale of the deflection where all inputs are of one size; a rate limit where they differ",
         separated_by="inputs of two sizes; measuring the deflection for several commands on the ground",

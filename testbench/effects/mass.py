@@ -91,29 +91,30 @@ _BURNT_PER_MIN = Parameter("per_min", "1/min", -0.005, 0.05, (0.004,), none=0.0)
 EFFECTS = (
     Effect(
         name="cg_shift", title="shift of the centre of gravity", place="pitching moment", part="mass",
-        physics="The centre of gravity lies further aft or forward than believed, so that lift acts with another arm. "
-        "Static stability changes by the shift times the lift slope, and accelerometers sit elsewhere beside it.",
+        physics="The centre of gravity lies further aft or forward than in the model, so that lift acts with another "
+                "arm. Static stability changes by the shift times the lift slope, and accelerometers have another "
+                "distance from it.",
         parameters=(Parameter("aft_chords", "chords", -0.3, 0.3, (0.02, -0.02), none=0.0),),
         amend=partial(centre, "cg_shift"),
         mistaken_for="errors of Cm_alpha and Cm0 together; only what exceeds their priors can be named",
         separated_by="weighing, or a ballast moved by a known distance between two flights",
         form_error=_EXACT),
     Effect(
-        name="mass_error", title="mass other than believed", place="mass",
-        physics="The aircraft carries more or less than believed near its centre of gravity. Lift and thrust "
-        "accelerate it less or more, and trim at the same speed needs another angle of attack.",
+        name="mass_error", title="mass other than in the model", place="mass",
+        physics="The aircraft carries more or less than in the model near its centre of gravity. Lift and thrust "
+                "accelerate it less or more, and trim at the same speed needs another angle of attack.",
         parameters=(Parameter("factor", "1", 0.5, 2.0, (1.1, 0.9), none=1.0),),
-        amend=partial(scaled, "mass_error", "mass_kg", "mass {:.4g} times the believed one"),
+        amend=partial(scaled, "mass_error", "mass_kg", "mass {:.4g} times the a-priori value"),
         mistaken_for="an error of CL_alpha, of thrust or of the accelerometer's scale",
         separated_by="weighing; or throttle steps beside elevator inputs, which thrust over mass and lift over mass "
         "share",
         form_error=_EXACT),
     Effect(
-        name="inertia_error", title="moment of inertia other than believed", place="pitching moment", part="mass",
-        physics="Masses lie further out or further in than believed. All moments turn the aircraft slower or faster by "
-        "the same factor, and no force changes.",
+        name="inertia_error", title="moment of inertia other than in the model", place="pitching moment", part="mass",
+        physics="Masses lie further out or further in than in the model. All moments turn the aircraft slower or "
+                "faster by the same factor, and no force changes.",
         parameters=(Parameter("factor", "1", 0.4, 2.5, (1.15, 0.85), none=1.0),),
-        amend=partial(scaled, "inertia_error", "Iyy", "Iyy {:.4g} times the believed one"),
+        amend=partial(scaled, "inertia_error", "Iyy", "Iyy {:.4g} times the a-priori value"),
         mistaken_for="errors of Cm_alpha, Cm_q and Cm_de by one common factor, exactly; only their priors speak "
         "against it",
         separated_by="swinging the aircraft on the ground",
@@ -136,12 +137,12 @@ EFFECTS = (
         parameters=(Parameter("right_spans", "spans", -0.2, 0.2, (0.01, -0.01), none=0.0),),
         amend=partial(centre, "lateral_cg"),
         mistaken_for="a twisted wing or an aileron offset at one speed without pull-ups; asymmetric lift",
-        separated_by="weighing on both main wheels; pull-ups, which a twist does not feel",
+        separated_by="weighing on both main wheels; pull-ups, to which a twist does not respond",
         lateral=True, form_error=_EXACT),
     Effect(
         name="side_payload", title="load under one wing", place="mass",
-        physics="A load far out on one side adds mass and roll inertia and moves the centre of gravity towards it. The "
-        "aircraft rolls in proportion to its lift, and answers the ailerons slower.",
+        physics="A load far out on one side adds mass and roll inertia and moves the centre of gravity towards it. "
+                "The aircraft rolls in proportion to its lift, and responds to the ailerons more slowly.",
         parameters=(Parameter("ratio", "1", 0.0, 0.5, (0.06,), none=0.0),
                     Parameter("right_spans", "spans", -0.5, 0.5, (0.25, -0.25))),
         amend=partial(payload, "side_payload"),
@@ -150,10 +151,10 @@ EFFECTS = (
         lateral=True, contains=("lateral_cg", "mass_error"), form_error=_EXACT),
     Effect(
         name="fuel_burn", title="mass that falls during the flight", place="mass",
-        physics="Fuel burns that the believed mass does not know of. Forces accelerate the aircraft more in later "
-        "records than in earlier ones, by a share that grows with the time after take-off.",
+        physics="The a-priori mass does not include the fuel that burns. Forces accelerate the aircraft more in later "
+                "records than in earlier ones, by a share that grows with the time after take-off.",
         parameters=(_BURNT_PER_MIN,), amend=partial(ten_minutes_after, burnt), over_time=burnt,
-        mistaken_for="a mass other than believed, where all records were flown at about one time",
+        mistaken_for="a mass other than in the model, where all records were flown at about one time",
         separated_by="the same manoeuvre at the beginning and at the end of the flight; weighing after landing"),
     Effect(
         name="tank_burn", title="fuel that burns from a tank away from the centre of gravity", place="mass",

@@ -25,12 +25,12 @@ _KINDS = {
     "drift": (
         "steady drift",
         Parameter("drift_per_s", "SI", -5.0, 5.0, (0.002, -0.002), none=0.0),
-        "Electronics that warm up, or a port that ices or fills with water, let the reading run away in proportion to "
-        "time. It agrees with the model but for a straight line, which counts from the first sample of each record.",
-        "a motion far slower than the record, such as an error of drag or thrust in an airspeed or a lean to one side "
-        "in a gyro; a bias that walks at random",
-        "minutes on the ground, where the true reading stands still; a record of twice the length, and other channels, "
-        "which no drift of this one moves",
+        "Electronics that warm up, or a port that ices or fills with water, cause a drift in proportion to time. The "
+        "reading agrees with the model except for a straight line, which begins at the first sample of each record.",
+        "a motion far slower than the record, such as an error of drag or thrust for an airspeed or a steady roll for "
+        "a gyro; a bias with a random walk",
+        "minutes on the ground, where the true reading stands still; a record of twice the length, and other "
+        "channels, which a drift of this one does not change",
     ),
     "scale": (
         "scale error",
@@ -41,7 +41,7 @@ _KINDS = {
         "a wider range of the quantity, and another sensor that is tied to it by kinematics",
     ),
     "lag": (
-        "lag beyond the believed one",
+        "lag beyond that of the suite",
         Parameter("lag_s", "s", 0.0, 1.0, (0.03, 0.15), none=0.0),
         "Inertia, tubing or a filter makes the sensor follow its quantity as a first-order lag. "
         "Only its channel disagrees, by phase and then by amplitude as the frequency rises.",
@@ -49,7 +49,7 @@ _KINDS = {
         "inputs with frequencies beyond 1/lag, where the lag takes amplitude and the delay does not",
     ),
     "delay": (
-        "delay beyond the believed one",
+        "delay beyond that of the suite",
         Parameter("delay_s", "s", 0.0, 1.0, (0.02, 0.1), none=0.0),
         "Filters, buses or time stamps make the sensor's samples late. "
         "Only its channel disagrees, by a phase in proportion to frequency and no amplitude.",
@@ -57,19 +57,19 @@ _KINDS = {
         "inputs of high frequency, and a second sensor of another recorder",
     ),
     "position": (
-        "place further forward than believed",
+        "place further forward than in the suite",
         Parameter("ahead_m", "m", -2.0, 2.0, (0.1, -0.1), none=0.0, of_span=0.5),
-        "The sensor sits ahead of or behind the place that its readings are taken for. "
-        "It feels the rotation beside what it measures: an accelerometer qdot or rdot, a vane the motion of its boom.",
+        "The sensor is ahead of or behind its assumed place. It also measures the rotation: an accelerometer qdot or "
+        "rdot, a vane the motion of its boom.",
         "a lag or a lead of the same sensor at one frequency; a shift of the centre of gravity, for accelerometers",
         "a tape measure; inputs over a band of frequencies",
     ),
     "cross": (
         "cross sensitivity",
         Parameter("share", "1", -0.5, 0.5, (0.05, -0.05), none=0.0),
-        "The sensor is not quite aligned, or its port feels more than it should: a share of another quantity leaks in "
-        "(that along another axis into an accelerometer or gyro, alpha into an airspeed). "
-        "Its channel disagrees whenever that other one moves.",
+        "The sensor is not exactly aligned, or its port also responds to another quantity, of which it reads a share "
+        "(that along another axis into an accelerometer or gyro, alpha into an airspeed). Its channel disagrees "
+        "whenever that other one moves.",
         "an error of drag or thrust for an accelerometer, a cross derivative for a gyro; a scale error where both "
         "quantities move together",
         "a tilt table; thrust steps, or aileron and rudder in turn, which move one quantity and not the other",
@@ -90,10 +90,10 @@ _OF_PITOT = {
         "steady sideslips to both sides at one speed by GPS; a trailing cone or another static port",
     ),
     "position": (
-        "place further to the right than believed",
+        "place further to the right than in the suite",
         Parameter("right_m", "m", -20.0, 20.0, (0.3, -0.3), none=0.0),
-        "The tube sits beside the centre of gravity, on a wing or at its tip. "
-        "In a turn it moves slower on the inner wing and faster on the outer one, by the yaw rate times its distance.",
+        "The tube is beside the centre of gravity, on a wing or at its tip. In a turn it moves slower on the inner "
+        "wing and faster on the outer one, by the yaw rate times its distance.",
         "a share of the yaw rate, or of the sideslip that goes with it, in the airspeed; asymmetric thrust or drag",
         "a tape measure; turns to both sides, whose errors are opposite",
     ),
@@ -210,8 +210,8 @@ EFFECTS = (
         name="clock_offset",
         title="clock of the sensors apart from that of the commands",
         place="elevator",
-        physics="Sensors and commands are logged by two recorders whose clocks differ by a constant. All sensors seem "
-        "late or early by the same time against the commands, whatever moves the aircraft.",
+        physics="Sensors and commands are logged by two recorders whose clocks differ by a constant. All sensors "
+        "appear late or early by the same time relative to the commands, for every motion.",
         parameters=(Parameter("offset_s", "s", -0.3, 0.3, (0.02, -0.02), none=0.0),),
         amend=clock_offset,
         mistaken_for="a delay of the elevator command, exactly, where the elevator alone moves and the clock is ahead",

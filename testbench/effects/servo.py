@@ -335,7 +335,7 @@ def _lag_of(control: str, lost: str, mistaken_for: str, separated_by: str) -> Ki
         (control,),
         lag,
         title="lag of the {word} servo",
-        physics="The {word} follows its command through a first-order lag that is slower than the model believes. "
+        physics="The {word} follows its command through a first-order lag that is slower than in the model. "
         + lost,
         parameters=(Parameter("lag_rad_s", "rad/s", 2.0, 200.0, (30.0, 8.0)),),
         mistaken_for=mistaken_for,
@@ -348,7 +348,7 @@ def _lag_of(control: str, lost: str, mistaken_for: str, separated_by: str) -> Ki
 _KINDS = (
     _lag_of(
         "de",
-        "Fast inputs arrive late and reduced, slow ones hardly changed.",
+        "Fast inputs arrive late and reduced, slow ones almost unchanged.",
         "a transport delay or a rate limit at low frequency",
         "a sweep beyond 6 Hz, which shows the loss of amplitude, at two amplitudes"),
     _lag_of(
@@ -374,8 +374,8 @@ _KINDS = (
     Kind(
         "rate limit", "rate_limit", SURFACES, partial(on_path, rate_limit),
         title="rate limit of the {word} servo",
-        physics="The servo turns no faster than a limit that lies below what the model believes. Small or slow "
-        "commands arrive unchanged, large fast ones are flattened into ramps and arrive late.",
+        physics="The servo turns no faster than a limit below that of the model. Small or slow commands arrive "
+                "unchanged, large fast ones are flattened into ramps and arrive late.",
         parameters=(Parameter("limit_rad_s", "rad/s", 0.02, 10.0, (1.5, 0.5, 0.15)),),
         mistaken_for="a slower servo or a delay if all inputs are of one size; it does not show without fast commands",
         separated_by="two amplitudes of the same input: a lag and a delay scale with it, a rate limit does not",
@@ -390,8 +390,8 @@ _KINDS = (
         separated_by="throttle steps of two sizes: a lag and a delay scale with them, a rate limit does not",
         searched=(), upstream=SERVO, ground_check=_RATE_CHECK),
     Kind(
-        "rate limit, another one each way", "asymmetric_rate_limit", SURFACES, partial(on_path, rate_limit),
-        title="rate limit of the {word} servo, another one each way",
+        "rate limit, different in each direction", "asymmetric_rate_limit", SURFACES, partial(on_path, rate_limit),
+        title="rate limit of the {word} servo, different in each direction",
         physics="The air load helps the servo one way and holds it back the other, so that it turns slower against the "
         "load. Large fast inputs arrive as ramps of two slopes and leave a mean deflection behind.",
         parameters=(Parameter("down_rad_s", "rad/s", 0.02, 10.0, (1.5, 0.15)),
@@ -400,10 +400,10 @@ _KINDS = (
         separated_by="inputs of both signs at two amplitudes, the larger one beyond both limits",
         contains=("rate_limit",)),
     Kind(
-        "rate limit, another one each way", "asymmetric_rate_limit", ("thr",), partial(on_path, throttle_rate),
-        title="rate limit of the throttle, another one each way",
-        physics="An engine is accelerated with care, lest it stalls or surges, and a propeller slows down by itself. "
-        "Large throttle steps arrive as ramps of two slopes and leave a mean thrust behind.",
+        "rate limit, different in each direction", "asymmetric_rate_limit", ("thr",), partial(on_path, throttle_rate),
+        title="rate limit of the throttle, different in each direction",
+        physics="An engine is accelerated slowly to avoid stall or surge, and a propeller slows down by itself. Large "
+                "throttle steps arrive as ramps of two slopes and leave a mean thrust behind.",
         parameters=(Parameter("rise_1_s", "1/s", 0.01, 20.0, (0.5, 0.05)),
                     Parameter("fall_1_s", "1/s", 0.01, 20.0, (0.5, 0.05))),
         mistaken_for="a symmetric rate limit, where only one of the two is ever met",
@@ -416,14 +416,14 @@ _KINDS = (
         physics="The {word} command waits in computers, buses or radio links before the {follower} sees it. Every "
         "frequency arrives with its full amplitude and a phase loss in proportion to frequency.",
         parameters=(Parameter("delay_s", "s", 0.0, 0.5, (0.03, 0.1), none=0.0),),
-        mistaken_for="a slower servo at low frequency; a delay common to all sensors, which a clock offset gives too",
+        mistaken_for="a slower servo at low frequency; a delay common to all sensors, as from a clock offset",
         separated_by="a sweep beyond the servo's corner, where a lag takes amplitude and a delay does not",
         searched=SURFACES, upstream=LINK, form_error=0.02),
     Kind(
         "delay and second order", "delayed_servo", SURFACES, delayed_servo,
         title="{word} servo of second order behind a delay",
         physics="The command waits in links and sampled loops, or passes further stages, before motor and surface "
-        "follow it as a mass on a spring. A delay stands for all that loses phase beyond what two orders do.",
+                "follow it as a mass on a spring. The delay represents all loss of phase beyond that of two orders.",
         parameters=(Parameter("delay_s", "s", 0.0, 0.5, (0.02,)),
                     Parameter("omega_rad_s", "rad/s", 4.0, 300.0, (30.0,)),
                     Parameter("zeta", "1", 0.1, 2.0, (0.8,))),

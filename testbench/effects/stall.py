@@ -113,7 +113,7 @@ ON_REQUEST = (
         "or rises if the tips stall first, by a moment in proportion to what has separated.",
         parameters=(*_BREAK, Parameter("Cm", "1", -1.0, 1.0, (-0.05, 0.05))),
         amend=partial(added, partial(with_moment, "stall_moment", "Cm")),
-        mistaken_for="a stall beside a pitching moment curved over alpha, as long as alpha stays below the break",
+        mistaken_for="a stall with a pitching moment curved over alpha, as long as alpha stays below the break",
         separated_by="pull-ups beyond the break, with the elevator held",
         form_error=CURVED),
 )

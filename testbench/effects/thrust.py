@@ -43,7 +43,7 @@ def thrust_line(aircraft: Aircraft, values: Values) -> Amendment:
     z, above = values["z_m"], "the centre of gravity"
     edit: Change = SetText("propulsion/engine/thruster/location/z", z)
     if aircraft.adapter is not None:
-        edit, above = ThrustLine(z), "the believed one"
+        edit, above = ThrustLine(z), "the a-priori line"
     return Amendment("thrust_line", f"thrust line {1000 * z:+.1f} mm above {above}", (edit,))
 
 
@@ -93,7 +93,9 @@ def thrust_lapse(aircraft: Aircraft, values: Values) -> Amendment:
     edit: Change = Insert("flight_control", f'<channel name="gap/thrust-lapse"> {lapse} </channel>')
     if aircraft.adapter is not None:
         edit = Thrust(f"<difference> {factor} {value(1.0)} </difference>")
-    text = f"thrust {scale:.4g} times the believed one at design speed, less {k:.3g} times the relative rise of speed"
+    text = (
+        f"thrust {scale:.4g} times the a-priori thrust at design speed, less {k:.3g} times the relative rise of speed"
+    )
     return Amendment("thrust_lapse", text, (edit,))
 
 
@@ -188,31 +190,33 @@ EFFECTS = (
     Effect(
         name="thrust_scale", title="scale of the thrust", place="thrust",
         physics="Motor, battery and propeller give more or less thrust than on the bench. The same throttle step "
-        "changes speed and climb by a multiple of what is believed, and trim needs another throttle for the same "
-        "thrust.",
+                "changes speed and climb by a multiple of the predicted one, and trim needs another throttle for the "
+                "same thrust.",
         parameters=(Parameter("scale", "1", 0.3, 3.0, (0.8, 1.3), none=1.0),),
         amend=partial(added, partial(scaled, "thrust_scale", "")),
         mistaken_for="a mass error in throttle steps alone; a scale error of the airspeed sensor",
-        separated_by="elevator manoeuvres beside the throttle steps, which feel the mass and not the thrust",
+        separated_by=(
+            "elevator manoeuvres in addition to the throttle steps, which depend on the mass and not on the thrust"
+        ),
         form_error=0.01),
     Effect(
         name="throttle_scale",  # a scale of the thrust only where thrust is proportional to the throttle
         title="scale of the throttle's linkage", place="thrust",
-        physics="The linkage moves the engine's lever by a multiple of the command. Every throttle step does more or "
-        "less than believed, and the throttle at trim is where the linkage was rigged, so the engine works where it "
-        "did.",
+        physics="The linkage moves the engine's lever by a multiple of the command. Every throttle step has more or "
+                "less effect than predicted; the linkage is rigged at the throttle of trim, so the working point of "
+                "the engine is unchanged.",
         parameters=(Parameter("scale", "1", 0.2, 3.0, (0.8, 1.3), none=1.0),),
         amend=partial(on_path, linkage.scaled, "thr"),
-        mistaken_for="a scale of the thrust, which changes the throttle that trim needs, too, and so where on its "
-        "curve the engine works",
+        mistaken_for="a scale of the thrust, which also changes the throttle of trim, and so the working point of the "
+                     "engine",
         separated_by="the throttle at trim, read at the engine; throttle steps from two airspeeds",
         upstream=GEARING, ground_check=PLAY_CHECK,
         own_form="thrust_scale", form_error=0.01),
     Effect(
         name="thrust_lapse", title="thrust that changes with speed", place="thrust",
         physics="A propeller of another pitch or diameter unloads at another speed, so its thrust falls with airspeed "
-        "by more or less than believed. Speed settles faster or slower after a disturbance, the more so the higher the "
-        "throttle.",
+                "by more or less than predicted. Speed settles faster or slower after a disturbance, the more so the "
+                "higher the throttle.",
         parameters=(Parameter("scale", "1", 0.3, 3.0, (1.0,)), Parameter("k", "1", -2.0, 3.0, (0.5, -0.3), none=0.0)),
         amend=partial(added, thrust_lapse),
         mistaken_for="drag that changes with speed, at one throttle; a mass error in throttle steps alone",
@@ -269,11 +273,12 @@ EFFECTS = (
         lateral=True, form_error=_PROPELLER),
     Effect(
         name="gyroscopic", title="gyroscopic moments of the propeller", place="thrust",
-        physics="A propeller that is turned with the aircraft answers by a moment across: pitching yaws, and yawing "
-        "pitches. The moments are the rotor's angular momentum times the rate, whatever the speed.",
+        physics="A propeller that is turned with the aircraft causes a moment about the perpendicular axis: pitching "
+                "yaws, and yawing pitches. The moments are the rotor's angular momentum times the rate, whatever the "
+                "speed.",
         parameters=(Parameter("h_over_Izz_rad_s", "rad/s", -10.0, 10.0, (0.2, -0.2), none=0.0),),
         amend=partial(added, gyroscopic),
-        mistaken_for="P-factor, in pull-ups; a gyro that leans, which turns no aircraft",
+        mistaken_for="P-factor, in pull-ups; a misaligned gyro, which turns no aircraft",
         separated_by="yaw by rudder with the pitch rate recorded, at two throttle settings",
         lateral=True, form_error=_PROPELLER),
 )

@@ -103,9 +103,12 @@ def by_stick(adopted: Adopted) -> Adopted:
         return adopted
     away = departs(aircraft, adopted.trimmed.condition)
     if away and not departs(adopted.aircraft, adopted.trimmed.condition):
-        said = f"control law: it does not hold the trim ({away[0]}): the surfaces are commanded, and it is left out"
+        said = f"control law: it does not hold the trim ({away[0]}): the surfaces are commanded, without it"
         return replace(adopted, found=(*adopted.found, said))
-    said = "control law: the model's own flies, and the commands are the stick; adapter.commanded_at can leave it out"
+    said = (
+        "control law: that of the model is included, and the commands are the stick; adapter.commanded_at can exclude "
+        "it"
+    )
     return replace(adopted, aircraft=aircraft, found=(*adopted.found, said))
 
 
@@ -238,10 +241,10 @@ def _check_drives(aircraft: Aircraft, condition: FlightCondition, file: Path) ->
                 got = float(np.interp(deflection, d, v))
                 if abs(got - value) > _FAR * float(np.ptp(v)):
                     raise ModelError(
-                        f"{key} must be what the model does: at {link.control} = {deflection / DEG_RAD:.4g} deg, "
+                        f"{key} must agree with the model: at {link.control} = {deflection / DEG_RAD:.4g} deg, "
                         f"{drive.name} is {got:.4g}, but {value:.4g} is said ({file})"
                     )
-    return [n for n in found.found if "one side is still" in n]
+    return [n for n in found.found if "one side does not move" in n]
 
 
 def departs(aircraft: Aircraft, condition: FlightCondition) -> list[str]:
@@ -257,7 +260,7 @@ def departs(aircraft: Aircraft, condition: FlightCondition) -> list[str]:
         flown = fly(aircraft, trimmed, Manoeuvre("nothing", signal, 0.0), trimmed.rate_hz, names)
     except FlightAborted as error:
         return [
-            f"{aircraft.name} diverges within {_SECONDS:g} s although nothing moves: {error.reason} after "
+            f"{aircraft.name} diverges within {_SECONDS:g} s with fixed controls: {error.reason} after "
             f"{error.time_s:.2f} s"
         ]
     away = {c: float(np.abs(flown[c] - flown[c][0]).max()) for c in names}
@@ -265,7 +268,7 @@ def departs(aircraft: Aircraft, condition: FlightCondition) -> list[str]:
         if away[channel] > most:
             scale, unit = (1.0, "m/s") if channel == "V" else (1.0 / DEG_RAD, "deg")
             return [
-                f"{aircraft.name} leaves its trim within {_SECONDS:g} s although nothing moves: {channel} by "
+                f"{aircraft.name} leaves its trim within {_SECONDS:g} s with fixed controls: {channel} by "
                 f"{away[channel] * scale:.3g} {unit}"
             ]
     return []
@@ -300,9 +303,9 @@ def _check_throw(fdm: Executive, control: Control, condition: FlightCondition, f
             words = f"{abs(got) / DEG_RAD:.4g}" if got else "0 (the command moves nothing)"
             _placed(fdm, condition, {name: 0.0})
             raise ModelError(
-                f"{key} of {name} must be what the model does: {control.command} = "
-                f"{said / control.scale:g} moves {fdm.aircraft.source_of(name)[0]} by {words} deg, but "
-                f"{abs(said) / DEG_RAD:.4g} is said ({file}, controls.{name}.{key})"
+                f"{key} of {name} must agree with the model: {control.command} = {said / control.scale:g} moves "
+                f"{fdm.aircraft.source_of(name)[0]} by {words} deg, but {abs(said) / DEG_RAD:.4g} is said ({file}, "
+                f"controls.{name}.{key})"
             )
     _placed(fdm, condition, {name: 0.0})
 
@@ -324,7 +327,7 @@ def _check_sign(fdm: Executive, control: Control, condition: FlightCondition, fi
         )
     if wanted * change < 0.0:
         raise ModelError(
-            f"a positive {control.name} ({meaning}) must turn {fdm.aircraft.name} {way}, but it turns it the other "
-            "way: change the sign in the model, or adopt it (testbench aircraft adopt) "
-            f"({file}, controls.{control.name})"
+            f"a positive {control.name} ({meaning}) must turn {fdm.aircraft.name} {way}, but turns it in the opposite "
+            f"direction: change the sign in the model, or adopt it (testbench aircraft adopt) ({file}, "
+            f"controls.{control.name})"
         )

@@ -120,8 +120,8 @@ def probe(aircraft: Aircraft, condition: FlightCondition, alpha: float) -> Probe
             )
             augmented.append(control)
             assumed.append(
-                f"{SURFACES[control]}: the aerodynamics reads {direct}, which {command} does not move by itself: it is "
-                f"commanded directly, and its throw is taken to be {_FULL_ASSUMED / DEG_RAD:g} deg to both sides"
+                f"{SURFACES[control]}: the aerodynamics reads {direct}, which {command} does not move: it is commanded "
+                f"directly, and its throw is assumed to be {_FULL_ASSUMED / DEG_RAD:g} deg to both sides"
             )
             continue
         if not moved:
@@ -166,8 +166,8 @@ def probe(aircraft: Aircraft, condition: FlightCondition, alpha: float) -> Probe
         if feedback:
             augmented.append(control)
             found.append(
-                f"{SURFACES[control]}: it moves with {', '.join(feedback)} while its command stands still: a control "
-                "law of the model's own"
+                f"{SURFACES[control]}: it moves with {', '.join(feedback)} while its command is constant: a control "
+                "law of the model"
             )
     links = _uncrossed(links)
     if not augmented:  # nothing feels the motion: what lies between is a gearing and a servo
@@ -422,7 +422,7 @@ def _reference(control: str, moved: Sequence[Moved], bench: _Bench, command: Com
                 return Moved(name, best.commands, values), factor, ""
     most = float(np.max(np.abs(best.values)))
     return best, _FULL_ASSUMED / most, (
-        f"{word}: the model tells no angle of it, only {best.name}; its full deflection is taken to be "
+        f"{word}: the model states no angle of it, only {best.name}; its full deflection is assumed to be "
         f"{_FULL_ASSUMED / DEG_RAD:g} deg, and derivatives by {control} count in it"
     )  # fmt: skip
 

@@ -374,7 +374,7 @@ class _Problem:
         if k == 0 and residual[0] < 0.0 and at.get("thr", 0.0) > 0.999:
             lacks = -residual[0] * aircraft.mass.mass_kg
             return f"trim of {where} needs {lacks:.3g} N more than full throttle gives: {fdm.engine_state()}"
-        ends = f"with {', '.join(stops)} " if stops else "whatever the controls do, "
+        ends = f"with {', '.join(stops)} " if stops else "at any position of the controls "
         return f"trim of {where} needs a balance, but {ends}{left}{said}"
 
     def newton(self, x: FloatArray, jacobian: FloatArray | None = None) -> tuple[FloatArray, bool]:

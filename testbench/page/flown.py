@@ -27,8 +27,8 @@ def flown_words(tally: Tally, one: str = "flight") -> str:
         if tally.both:
             both += f", here {tally.both}, which differ by at most {number(tally.worst, 2)} of the range of a channel"
         parts.append(
-            f"{counted(tally.batch, one)} flown in batches, by a translation of the model that JSBSim has judged "
-            f"equal ({both})"
+            f"{counted(tally.batch, one)} flown in batches, by a translation of the model that agrees with JSBSim "
+            f"({both})"
         )
     for reason, n in sorted(tally.reasons.items()):
         parts.append(f"{counted(n, one)} flown by JSBSim one by one" + (f", as {reason}" if reason else ""))
@@ -40,7 +40,7 @@ def flown_table(tally: Tally, one: str = "flight") -> Table:
     from testbench.flight.batch.jobs import BOTH
 
     columns = (Column("by", "flown by"), Column("count", f"{one}s"), Column("why", "why"))
-    rows = [("batch", tally.batch, "JSBSim has judged the translated model equal")] if tally.batch else []
+    rows = [("batch", tally.batch, "the translated model agrees with JSBSim")] if tally.batch else []
     rows += [("JSBSim", n, reason) for reason, n in sorted(tally.reasons.items())]
     caption = f"One flight of a batch in {BOTH} is flown by both."
     if tally.both:

@@ -104,7 +104,7 @@ def test_an_aircraft_that_does_not_stay_at_its_trim_is_noted(tmp_path):
     i, j = tail.index("<value>") + len("<value>"), tail.index("</value>")
     unstable = f'{head}name="aero/coefficient/Cm_q"{tail[:i]}60.0{tail[j:]}'
     (folder / "taurus.xml").write_text(unstable, encoding="utf-8")
-    with pytest.warns(AircraftNote, match="within 1 s although nothing moves"):
+    with pytest.warns(AircraftNote, match="within 1 s with fixed controls"):
         load_aircraft(folder)
 
 
@@ -140,7 +140,7 @@ def test_an_adopted_throw_that_is_edited_wrongly_is_refused(tmp_path):
     toml = folder / "aircraft.toml"
     kept = toml.read_text(encoding="utf-8")
     replaced(toml, '"fcs/rudder-pos-rad" = [[-29.79', '"fcs/rudder-pos-rad" = [[-20.0')
-    with pytest.raises(ModelError, match=r"controls.dr.drives must be what the model does: at dr = -20"):
+    with pytest.raises(ModelError, match=r"controls.dr.drives must agree with the model: at dr = -20"):
         load_aircraft(folder)
     toml.write_text(kept.replace("fcs/rudder-pos-rad", "fcs/rudder-pos-radd"), encoding="utf-8")
     with pytest.raises(ModelError, match=r"controls.dr.drives must name what dr moves in the model \(fcs/rudder"):
@@ -186,7 +186,7 @@ def test_a_killed_adoption_leaves_no_half_aircraft(tmp_path):
 
 def test_the_file_says_what_was_found_and_what_was_assumed():
     text = described(adopted_at(STOCK / "T38"), "T38.xml")
-    for words in ("Found:", "Assumed:", "tells no angle of it", "gives no ixz: zero", "Engines: turbine J85-GE-5",
+    for words in ("Found:", "Assumed:", "states no angle of it", "gives no ixz: zero", "Engines: turbine J85-GE-5",
                   "a control law of the model's own"):  # fmt: skip
         assert words in " ".join(text.replace("\n#", "\n").split()), words
 

@@ -20,7 +20,7 @@ def test_records_say_what_flew_them_and_why():
     tally = Tally.of([record(BATCH), record(BATCH), record(f"{JSBSIM}{reason}"), record(f"{JSBSIM}it is wanted")])
     assert (tally.batch, tally.jsbsim, tally.reasons) == (2, 2, {reason: 1, "it is wanted": 1})
     assert flown_words(tally) == (
-        "2 flights flown in batches, by a translation of the model that JSBSim has judged equal (one flight in 200 is "
+        "2 flights flown in batches, by a translation of the model that agrees with JSBSim (one flight in 200 is "
         "flown by both); 1 flight flown by JSBSim one by one, as it has the function <random>; 1 flight flown by "
         "JSBSim one by one, as it is wanted"
     )

@@ -217,22 +217,21 @@ def aircraft_toml(
         out += ["[controls.thr]", 'command = "fcs/throttle-cmd-norm"']
     out += ["", "# A flight that leaves these is aborted.", "[limits]"]
     out += [f"{key} = [{real(low)}, {real(high)}]" for key, ((low, high), _) in limits.items()]
-    out += ["", "# Where those come from that nobody gave.", "[limit_sources]"]
+    out += ["", "# Sources of the limits that were not given.", "[limit_sources]"]
     out += [f"{k.split('_')[0]} = {quoted(one_line(words))}" for k, (_, words) in limits.items() if words != "given"]
     out += [
         "",
-        "# Relative standard deviation of every coefficient, by which the believed model may be off: how far computed "
-        "ones lie from",
-        "# published ones (coefficients.py). Questions that ask for a prior take it from here.",
+        "# Relative standard deviation of every coefficient: scatter of published values about computed ones "
+        "(coefficients.py).",
+        "# It is the prior of every question that needs one.",
         "[uncertainty]",
     ]
     for c in values.values():
         out.append(f"{c.name} = {c.deviation:.3g}")
     out += [
         "",
-        "# What the aircraft looks like, for the drawing of its report only; nothing here enters a flight. "
-        "Places count from the",
-        "# centre of gravity, x forward and z up.",
+        "# Data of the drawing in its report; not used in flights. Places are relative to the centre of gravity, "
+        "x forward, z up.",
         *outline(centred).toml(),
     ]
     return "\n".join([*out, ""])
@@ -244,7 +243,7 @@ def sources_md(made: Made, limits: FlownLimits) -> str:
     plane, b, polar = plan.plane, plan.balance, made.polar
     files = ", ".join(f"`{markdown_cell(n)}`" for n in plan.sources)
     out = [
-        f"# {markdown_cell(made.name)}: where every number comes from",
+        f"# {markdown_cell(made.name)}: sources of every number",
         "",
         f"Made by `testbench aircraft new` from {files}. **given** = stands there; **computed**, **estimated** "
         "and **judged** as they",

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from testbench.aircraft.geometry.aerodynamics import Aerodynamics
 
-_SEEN = "lattice: it sees how the surfaces act on each other"
-_SPREAD = "lattice: it finds how the load spreads along the span"
-_FLAP = "lattice: it spreads the load of a flap along the span"
+_SEEN = "lattice: it includes the interference of the surfaces"
+_SPREAD = "lattice: it computes the distribution of load along the span"
+_FLAP = "lattice: it distributes the load of a flap along the span"
 _ZERO = "lattice: the build-up does not reduce the lift of camber for a finite span"
 _DRAG = "build-up: the lattice has no friction"
 

@@ -111,7 +111,7 @@ def _from_avl(path: Path, beside: Path) -> Plan:
         )
     r = said.reference
     if said.body and avl.body:
-        notes.append("the BODY of the AVL file is left out: the fuselage beside it is taken")
+        notes.append("the BODY of the AVL file is left out: [fuselage] of the other file is used")
     body = said.body or avl.body
     plane = Plane(avl.surfaces, body, r.S_m2 or avl.S_m2, r.b_m or avl.b_m, r.cbar_m or avl.cbar_m, tuple(notes))
     files = {s.airfoil.name: s.airfoil.file for x in plane.surfaces for s in x.stations if s.airfoil.file is not None}

@@ -158,7 +158,7 @@ def test_a_gust_is_named_in_its_manoeuvre_with_its_size(finding):
     for name, true in (("amplitude_m_s", -2.2), ("start_s", 6.0), ("duration_s", 1.1)):
         assert abs(best.values[name] - true) < 4.0 * best.errors[name]  # false alarm 6e-5 each
     assert "gust in manoeuvre '3211', vertical" in finding.sentences[0]
-    assert any("a gust does not come twice" in s for s in finding.sentences)
+    assert any("a gust does not occur twice" in s for s in finding.sentences)
     assert not finding.immaterial
 
 
