@@ -79,8 +79,8 @@ class AllKnown(EstimationError):
         self.problem, self.known = problem, known
         names = listed(list(problem.targets.names))
         super().__init__(
-            f"a design needs a target that is not known as well as wanted, but {known.prior.source} tells {names}; no "
-            "flight is needed for them; or want smaller errors"
+            "a design needs a target that is not known as well as wanted, but the wanted accuracy is reached by "
+            f"{known.prior.source} for {names}; no flight is needed for them, or want smaller errors"
         )
 
 
@@ -158,8 +158,8 @@ def _files(path: Path) -> list[Path]:
     files = sorted(folder.glob("*.json"))
     if not files:
         raise RecordError(
-            f"what was flown before must be a model or a folder with models/*.json, as testbench plan close, identify "
-            f"and run write them, got '{path}' without one"
+            "previous flights must be a model or a folder with models/*.json, as testbench plan close, identify and "
+            f"run write them, got '{path}' without one"
         )
     return files
 
@@ -184,13 +184,13 @@ def _read(file: Path, V_m_s: float) -> Prior:
         promise = Path(str(content["promise"])) if "promise" in content else None
     if structure != STRUCTURE and structure not in _PACKAGED:
         raise EstimationError(
-            f"what was flown before must be identified by the estimator of a design, or by one of the structures "
+            "previous flights must be identified by the estimator of a design, or by one of the structures "
             f"{', '.join(_PACKAGED)}, so that its parameters are derivatives, got '{file}' with {structure}"
         )
     if flown is not None and abs(flown / V_m_s - 1.0) > _SAME_SPEED:
         raise EstimationError(
-            f"what was flown before must be flown at the speed of the design, {V_m_s:g} m/s, got {flown:.4g} m/s in "
-            f"'{file}': derivatives change with it; leave it out"
+            f"previous flights must be at the speed of the design, {V_m_s:g} m/s, got {flown:.4g} m/s in '{file}': "
+            "derivatives change with it; leave it out"
         )
     keep = [i for i, (p, s) in enumerate(zip(free, np.diag(P), strict=True)) if p and s > 0.0]
     names = [name for i, name in enumerate(parameters) if i in keep]
@@ -252,8 +252,8 @@ def of_problem(prior: Prior, problem: Problem) -> tuple[Prior, FloatArray]:
     shared = [n for n in own if n in prior.names]
     if not shared:
         raise EstimationError(
-            f"what was flown before must tell parameters of this design ({', '.join(own)}), but {prior.source} tells "
-            f"{', '.join(prior.names)}"
+            f"previous flights must determine parameters of this design ({', '.join(own)}), but {prior.source} "
+            f"determine {', '.join(prior.names)}"
         )
     part, M = prior.of(shared), np.zeros((len(own), len(own)))
     at = [own.index(n) for n in shared]
@@ -262,7 +262,7 @@ def of_problem(prior: Prior, problem: Problem) -> tuple[Prior, FloatArray]:
     lost = [n for n in own if n not in shared]
     notes = [*part.notes]
     if left:
-        notes.append(f"of what was flown before {listed(left)} {'is' if len(left) == 1 else 'are'} not used")
+        notes.append(f"of the previous flights {listed(left)} {'is' if len(left) == 1 else 'are'} not used")
     if lost:
         notes.append(f"the previous flights give no information on {listed(lost)}")
     return replace(part, notes=tuple(notes)), 0.5 * (M + M.T)

@@ -170,7 +170,7 @@ def ranking_table(result: DesignResult) -> Table:
         errors = [float(100.0 * e / abs(v)) if is_ratio(n) else float(e) for n, v, e in each]
         limit = limit_symbol(f.tightest.name), 100.0 * f.tightest.share, f.breach or "all limits kept"
         rows.append((*head, *costs, *errors, *limit))
-    counted = "" if result.known is None else ", with what was flown before; the errors are those of the flight alone"
+    counted = "" if result.known is None else ", with the previous flights; the errors are those of the flight alone"
     caption = (
         "Each design has its largest admissible amplitude in the nonlinear simulator. Criterion "
         f"{result.scenario.criterion}, in units of the wanted errors{counted}: at 1 or less they are reached. Standard "

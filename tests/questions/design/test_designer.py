@@ -274,7 +274,7 @@ def test_what_the_sensors_cannot_tell_is_refused_by_name(tmp_path):
     )
     unknown = ("[targets]", f"[targets]\nalso_unknown = {json.dumps(UNKNOWN)}")
     file = written(tmp_path, "taurus_short_period", ('"taurus_8hz"', f'"{suite}"'), unknown)
-    with pytest.raises(EstimationError, match="no signal of any family on de tells"):
+    with pytest.raises(EstimationError, match="no signal of any family on de determines"):
         run_design(DesignScenario.load(file).changed(realise=0))
 
 

@@ -138,7 +138,7 @@ def test_folders_and_structures_without_meaning_are_refused(tmp_path):
     file = model_file(tmp_path / "own.json", ("M_q",), (-2.0,), [[0.01]], "my_own")
     with pytest.raises(EstimationError, match="my_own"):
         known_after([file], 12.0)
-    with pytest.raises(EstimationError, match="tell parameters of this design"):
+    with pytest.raises(EstimationError, match="determine parameters of this design"):
         of_problem(tb.Prior(("N_r",), np.array([-1.0]), np.array([[0.1]]), "another"), posed(short()).problem)
 
 
@@ -209,7 +209,7 @@ def test_where_everything_is_known_nothing_is_designed(first, tmp_path, monkeypa
     s = first.problem.experiment.structure
     P = np.diag((0.01 * np.abs(s.true)) ** 2)
     prior = tb.Prior(s.parameter_names, s.true, P, "earlier flights")
-    with pytest.raises(AllKnown, match="nothing has to be flown") as caught:
+    with pytest.raises(AllKnown, match="no flight is needed") as caught:
         run_design(short(5.0), after=prior)
     assert np.all(caught.value.known.errors <= caught.value.problem.targets.wanted)
     text = FILE.read_text("utf-8").split("[targets]")[0].replace("duration_s = 30.0", "duration_s = 10.0")

@@ -212,7 +212,7 @@ def test_pooling_itself_says_of_one_agreeing_set_in_a_hundred_that_it_does_not()
 def test_the_answer_names_the_shared_error_and_a_third_condition():
     c = coefficient(shared={"mass": 0.1, "airspeed": 0.29})
     (said,) = answer._shared(SimpleNamespace(coefficients=(c,), scale_uncertainty={"airspeed": 0.02}))
-    assert "of airspeed, 2 %, makes most of the variance of Cm_q (53 %)" in said.text.replace("\u00a0", " ")
+    assert "of airspeed, 2 %, causes most of the variance of Cm_q (53 %)" in said.text.replace("\u00a0", " ")
     for logs, told in ((2, True), (3, False)):
         pooled = SimpleNamespace(trend=Trend(), logs=range(logs))
         assert ("fly a third condition" in answer._causes(pooled, ())) is told

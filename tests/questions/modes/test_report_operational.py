@@ -61,7 +61,7 @@ def test_the_answer_says_what_it_rests_on(flown):
     answer = [line.text for line in modes_answer(flown[0])]
     assert answer[0].startswith("3 modes found in 120 s of 10 outputs")
     assert any(line.startswith("inside the band but not found: tail-boom torsion") for line in answer)
-    assert any("Turbulence is coloured" in line and "bend at 0.0052 Hz" in line for line in answer)
+    assert any("Turbulence is coloured" in line and "turbulence are 0.0052 Hz" in line for line in answer)
     assert any("heavily damped" in line for line in answer)
     assert any("airspeed varied by" in line for line in answer)
 

@@ -125,7 +125,7 @@ def test_a_run_that_is_not_as_its_card_says_must_be_repeated(plan):
 
 
 @pytest.mark.parametrize(
-    ("factor", "words"), [(-1.0, "q answers with the other sign"), (57.3, "check its unit (deg for rad)")]
+    ("factor", "words"), [(-1.0, "q responds with the opposite sign"), (57.3, "check its unit (deg for rad)")]
 )
 def test_what_no_aircraft_explains_means_no_go(plan, factor, words):
     log = log_of([(plan.cards[0], 1.0)])

@@ -126,7 +126,7 @@ def test_a_broken_promise_says_why_and_how_many_more_runs(flown):
     alone = "(card 1) the estimator alone states"
     (told,) = [text for _, text in close_answer(campaign) if alone in text]
     assert "estimates in simulated flights of the design" in told
-    assert "off by" in told
+    assert "have a mean error of" in told
     assert plan.cards[0] is card.card
 
 
@@ -356,7 +356,7 @@ def test_a_rehearsed_run_that_meets_a_limit_of_the_aircraft_is_broken_off_there(
     narrow = replace(plan.aircraft, limits={**plan.aircraft.limits, "p": (-0.95 * p, 0.95 * p)})
     said = []
     (short,) = rehearse(plan, narrow, seed=5, say=said.append).values()
-    told = [text for text in said if "is broken off" in text]
+    told = [text for text in said if "is aborted" in text]
     assert len(told) == 1
     assert "p <=" in told[0]
     assert 0 < len(log) - len(short) < round((max(r.card.length_s for r in plan.runs) + AFTER_S) / log.dt_s)
