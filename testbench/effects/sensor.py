@@ -37,7 +37,7 @@ _KINDS = {
         Parameter("scale", "1", 0.5, 2.0, (1.02,), none=1.0),
         "A wrong calibration, or for a vane the upwash, makes the sensor read a multiple of the truth. "
         "Only its channel disagrees, in proportion to the value at every frequency.",
-        "a bias if the quantity hardly moves; an error of coefficients that no other channel shows",
+        "a bias if the quantity changes little; an error of coefficients that no other channel shows",
         "a wider range of the quantity, and another sensor that is tied to it by kinematics",
     ),
     "lag": (

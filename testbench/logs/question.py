@@ -63,7 +63,7 @@ def damaged(out: NDArray[np.bool_], stated: bool) -> tuple[bool, bool]:
 
 @dataclass(frozen=True)
 class Question:
-    """A value that is hardly meant: of which channel ("t" for the times), what was got, what it means, what to set.
+    """An implausible value: of which channel ("t" for the times), what was got, what it means, what to set.
 
     ``unit`` is the unit in which the values would make sense, "" if none does; ``probability`` is that of the meaning,
     where it was weighed.

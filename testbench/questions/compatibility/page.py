@@ -28,7 +28,7 @@ def compatibility_page(
 ) -> Page:
     """Return the page of a check of the instruments, with records/NAME_corrected.nc.
 
-    ``questions`` are values of the records that are hardly meant, in words.
+    ``questions`` are implausible values of the records, in words.
     """
     tables = [fault_table(found.agreed), *([] if found.every is None else error_tables(found.every))]
     return Page(

@@ -47,7 +47,7 @@ class NewCase:
         text: of the case.
         sensors: text of the suite that lies beside it; None if the case names another.
         held_out: how different that record is from the others.
-        questions: values of the records that are hardly meant, in words.
+        questions: implausible values of the records, in words.
     """
 
     text: str

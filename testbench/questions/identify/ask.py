@@ -47,7 +47,7 @@ def identify(
         data_folder: where the files lie, instead of the folder that the description names.
         keep: called with a name and each record as soon as it has been read.
         progress: called with a few words as each stage begins.
-        strict: refuse records with values that are hardly meant (``questions`` of the result).
+        strict: refuse records with implausible values (``questions`` of the result).
         again: how many flights of each model by output error are identified again, to see whether its errors hold;
             None: as many as a second allows.
 

@@ -88,7 +88,7 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
 
     ``channels`` are those of ``record``, in its order, ``noise`` is theirs, ``delays`` those that are told;
     ``stretches`` say what kind of flight each part of it is; ``balance`` says what became of every other signal;
-    ``questions`` are values that are hardly meant. ``lead_s`` and ``tail_s`` are quiet flight before and response after
+    ``questions`` are implausible values. ``lead_s`` and ``tail_s`` are quiet flight before and response after
     each manoeuvre; ``cuts`` were chosen by hand, in place of those that were found.
     """
 
@@ -397,14 +397,14 @@ def import_log(
         part: which record of a description, if it has several.
         sensors: kind of sensor ("imu", "airspeed", "gps", "baro", "ekf") -> the instance to read, counted from 0; the
             best if not given.
-        strict: refuse values that are hardly meant (``questions``).
+        strict: refuse implausible values (``questions``).
         units: channel -> unit of its column, for a table that states none, or a wrong one.
         axes: "frd" or "flu", those of the vectors in a table.
         cuts: first and last time of each manoeuvre, s of the record, in place of those that would be found.
 
     Raises:
         RecordError: the log cannot be read, holds no channel of the table or not the sensor asked for, a number given
-            is out of its range, or ``strict`` and a value is hardly meant.
+            is out of its range, or ``strict`` and a value is implausible.
 
     Example:
         >>> import testbench as tb

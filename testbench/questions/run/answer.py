@@ -17,8 +17,8 @@ def run_answer(result: RunResult, most_doubts: int = 4) -> list[Line]:
     """Return found against printed values, then the findings of the run; verdicts if there are none.
 
     What must not be used stands right after the first of them, in one sentence if there are several reasons, which then
-    come after the last; then doubts, and then notes. Values that
-    are hardly meant come first among the doubts, and all of them. After ``most_doubts`` of what is wrong or doubtful
+    come after the last; then doubts, and then notes. Implausible
+    values come first among the doubts, and all of them. After ``most_doubts`` of what is wrong or doubtful
     with the models, only the number of the others is given.
     """
     told = result.findings[len(result.questions) :]

@@ -39,7 +39,7 @@ _SURPRISE = 0.05
 class RunResult(Shown, page="testbench.questions.run.page:run_page"):
     """Everything a run found. ``table`` and ``findings`` are made from it; nothing is stored twice.
 
-    ``questions`` are values of recorded flights that are hardly meant, in words. ``failed`` are the suites and
+    ``questions`` are implausible values of recorded flights, in words. ``failed`` are the suites and
     estimators that gave no model. ``repeats`` has the errors over all seeds, if there are several.
     """
 

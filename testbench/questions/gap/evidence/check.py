@@ -57,7 +57,7 @@ def check_signs(believed: Believed, records: Mapping[str, FlightRecord]) -> None
         records: by name; those that do not begin with quiet flight say so.
 
     Raises:
-        RecordError: one turns it the other way, or values that are hardly meant say so.
+        RecordError: one turns it the other way, or implausible values say so.
     """
     try:
         found = turned(believed, list(records.values()))

@@ -68,7 +68,7 @@ def identify_and_pool(
         settings: instead of the tables [pool] of the descriptions, which must agree.
         keep: called with the name of a log; returns what is called with its records.
         progress: called with a few words as each stage begins.
-        strict: refuse records with values that are hardly meant.
+        strict: refuse records with implausible values.
 
     Raises:
         TestbenchError: with the file and key of the description that it comes from; logs of several aircraft; one
