@@ -73,7 +73,7 @@ def payload(name: str, aircraft: Aircraft, suite: SensorSuite, values: Values) -
 
 def burnt(aircraft: Aircraft, suite: SensorSuite, values: Values, at_s: float) -> tuple[Aircraft, SensorSuite]:
     """Multiply the mass by what is left of it; the moments of inertia stay, as for a tank at the centre of gravity."""
-    text = f"mass {{:.4g}} times the believed one {at_s:.4g} s after take-off"
+    text = f"mass {{:.4g}} times the a-priori value {at_s:.4g} s after take-off"
     return scaled("fuel_burn", "mass_kg", text, aircraft, suite, {"factor": left(values, at_s)})
 
 

@@ -100,7 +100,7 @@ class Layout:
             Variable("draw", ("flight",), "<i4", "number of the draw: its flights share all but input, noise and air"),
             Variable("split", ("flight",), "<i1", "split of the draw", codes=SPLITS),
             Variable("level", ("flight",), "<i1", "level of difficulty", label=naming, codes=self.levels),
-            Variable("aircraft", ("flight",), "<i1", "aircraft that is believed to fly", codes=self.aircraft),
+            Variable("aircraft", ("flight",), "<i1", "aircraft of the a-priori model", codes=self.aircraft),
             Variable("manoeuvre", ("flight",), "<i1", "manoeuvre that was commanded", codes=self.manoeuvres),
             Variable("samples", ("flight",), "<i4", "number of samples of the record"),
             Variable("V_m_s", ("flight",), "<f4", "airspeed at trim", "m/s"),

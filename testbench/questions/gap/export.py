@@ -48,14 +48,14 @@ def amended_files(result: GapResult) -> dict[str, str]:
     suites = [suite_toml(b.suite) for b in (old, new)]
     if suites[0] != suites[1]:
         out[f"{file_stem(new.suite.name)}.toml"] = suites[1]
-        out["suite.diff"] = _diff(suites[0], suites[1], "believed suite", "amended suite")
+        out["suite.diff"] = _diff(suites[0], suites[1], "assumed suite", "amended suite")
     if new.condition != old.condition:
         at, height = new.condition, "" if new.condition.h_m == old.condition.h_m else "  # where the air is as dense"
         out["condition.toml"] = f"[condition]\nV_m_s = {real(at.V_m_s, 5)}\nh_m = {real(at.h_m, 5)}{height}\n"
     air = {f"air_{file_stem(g.manoeuvre)}.toml": air_text(g) for g in new.gusts if g not in old.gusts}
     if air:
         out |= air
-        out["air.diff"] = _diff("", "\n".join(air.values()), "believed air (still)", "amended air")
+        out["air.diff"] = _diff("", "\n".join(air.values()), "assumed air (still)", "amended air")
     best = result.finding.naming.best
     if best is not None and best.effect.met is not None:
         return out
@@ -66,7 +66,7 @@ def amended_files(result: GapResult) -> dict[str, str]:
         return out
     out |= {f"{name}/{path}": text for path, text in models[1].items()}
     before, after = (m[f"{name}.xml"] for m in models)
-    out["model.diff"] = _diff(before, after, "believed model", "amended model", context=2)
+    out["model.diff"] = _diff(before, after, "a-priori model", "amended model", context=2)
     return out
 
 

@@ -132,7 +132,7 @@ def cut(believed: Believed, records: Mapping[str, FlightRecord], windows: Window
             if windows == "auto" and share < 1.0:
                 length_s, why = (
                     max(share * length_s, SHORTEST_S),
-                    "in longer ones the believed aircraft leaves its limits",
+                    "in longer ones the a-priori model leaves its limits",
                 )
             whole[name] = freed(record, record_key(record), level(record))
             parts = _parts(whole[name], length_s)

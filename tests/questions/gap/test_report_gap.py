@@ -108,7 +108,7 @@ def test_models_are_told_apart_without_colour_and_the_legend_says_so(result):
         figure = plate.make(True)
         (shown,) = figure.legends
         legend = {h.get_label(): (h.get_color(), h.get_linestyle()) for h in shown.legend_handles}
-        believed, amended = legend["believed model"], legend["amended model"]
+        believed, amended = legend["a-priori model"], legend["amended model"]
         assert believed[1] != amended[1]
         curves = {(line.get_color(), line.get_linestyle()) for axes in figure.axes for line in axes.lines}
         assert {believed, amended} <= curves
@@ -178,5 +178,5 @@ def test_every_diff_is_on_the_page(result, tmp_path):
     amended = result.finding.amended.with_effect(EFFECTS["alpha_scale"], {"scale": 1.1})
     both = replace(result, finding=replace(result.finding, amended=amended))
     page = gap_page(both).write(tmp_path)[-1].read_text(encoding="utf-8")
-    for head in ("--- believed suite", "--- believed model"):
+    for head in ("--- assumed suite", "--- a-priori model"):
         assert head in page
