@@ -181,8 +181,8 @@ def test_servo_settings_of_the_log_are_used_and_absent_ones_are_said(tmp_path, s
     found = import_log(put(tmp_path, "f.bin", short["flight.bin"]))
     by_name = {c.name: c for c in found.channels}
     assert by_name["de_cmd"].said == "elevator: servo 2, 1100 to 1900 us, centre 1500 us, reversed, times -1"
-    assert "no setting says so" not in by_name["de_cmd"].assumed
-    assert "no setting says so" in by_name["da_cmd"].assumed
+    assert "no setting states this" not in by_name["de_cmd"].assumed
+    assert "no setting states this" in by_name["da_cmd"].assumed
     assert found.record["thr_cmd"][10] == pytest.approx(0.3, abs=1e-6)
     assert found.log.unread == {"POWR": 100}
     assert found.record["p"].max() < 0.2  # the second inertial unit, which reads 9, is not mixed in

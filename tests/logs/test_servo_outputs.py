@@ -93,7 +93,7 @@ def test_surfaces_of_ardupilot_follow_the_settings(tmp_path, name):
     assert close(by_name["de_cmd"], -full * EL)  # nose up is trailing edge up
     assert close(by_name["da_cmd"], full * AIL)
     assert close(by_name["dr_cmd"], -full * RUD, 2.0 * WHOLE)
-    assert not any("no setting says so" in by_name[f"{s}_cmd"].assumed for s in ("de", "da", "dr"))
+    assert not any("no setting states this" in by_name[f"{s}_cmd"].assumed for s in ("de", "da", "dr"))
 
 
 def test_elevons_of_the_case_of_record(tmp_path):

@@ -97,5 +97,5 @@ def test_what_cannot_be_done_is_refused():
         estimate([record], STRUCTURE, RecursiveFourier(band_hz=(1.0, 0.5)))
     with pytest.raises(EstimationError, match="update_s >= the sample time"):
         estimate([record], STRUCTURE, RecursiveFourier(band_hz=BAND, update_s=0.01))
-    with pytest.raises(EstimationError, match="never decide"):
+    with pytest.raises(EstimationError, match="never determine"):
         estimate([record], STRUCTURE, RecursiveFourier(band_hz=BAND, held=("de",), forgetting=0.5))

@@ -168,7 +168,7 @@ def test_linear_and_general_structures_behind_servos_agree():
     [
         ("equation_error", {"lag_s": "estimate"}, "needs a known servo of 'de_cmd'"),
         ("ekf", {"lag_s": "estimate"}, "let output_error or filter_error"),
-        ("filter_error", {"lag_s": "estimate", "rate_limit_deg_s": 60.0}, "with its rate limit as known"),
+        ("filter_error", {"lag_s": "estimate", "rate_limit_deg_s": 60.0}, "with its rate limit; give"),
         ("output_error", {"rate_limit_deg_s": 60.0}, "goes with lag_s"),
         ("output_error", {"lag_s": 0.1, "wn_rad_s": 20.0, "zeta": 0.7}, "got both"),
         ("output_error", {"wn_rad_s": 20.0}, "go together"),

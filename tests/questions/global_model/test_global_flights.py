@@ -103,7 +103,7 @@ def test_a_record_of_commands_gets_its_surfaces_from_the_believed_servo(flown):
         names = tuple(f"{c}_cmd" if c in ("de", "da", "dr") else c for c in r.channels)
         commanded.append((n, use, replace(r, channels=names)))
     some = global_model(commanded, aircraft_of("T38"), hold_out=["log3"])
-    assert any("believed servo" in note for note in some.notes)
+    assert any("a-priori servo" in note for note in some.notes)
     assert some.model.functions["Cm"].params[0] == pytest.approx(0.0, abs=0.05)
 
 

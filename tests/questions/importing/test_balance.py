@@ -315,7 +315,7 @@ def test_a_crash_at_the_end_is_no_question_of_a_unit_that_the_heading_states(tmp
     ]
     assert found.stretches[-1].kind == "crash"
     (said,) = found.unusable
-    assert "'fcs/elevator-control' is called after one" in said
+    assert "'fcs/elevator-control' is named after one" in said
     assert "Terrain" not in said
 
 

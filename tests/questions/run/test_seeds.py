@@ -48,7 +48,7 @@ def test_percent_of_a_truth_near_zero_do_not_lead():
         repeats.errors[key]["N_p"] = size * (1.0 + 0.1 * rng.normal(size=40))
     lead, detail, _ = seeds_findings(repeats, SENSED)
     assert "fast root of the short period" in lead
-    assert "N_p: off by more than 100 % of the true value, without alpha and with it" in detail
+    assert "N_p: errors of more than 100 % of the true value, without alpha and with it" in detail
     assert "e+06" not in detail
     alone = Repeats(40, {key: {"N_p": series["N_p"]} for key, series in repeats.errors.items()})
     assert seeds_findings(alone, SENSED)[0] == (
