@@ -165,7 +165,7 @@ def test_an_output_without_pulses_is_no_deflection(tmp_path):
 def test_a_surface_beside_the_mixed_ones_is_said(tmp_path):
     _, by_name = read(tmp_path, log_of({1: (77, EL, PLAIN), 2: (78, EL, PLAIN), 5: (19, EL, PLAIN)}))
     assert by_name["de_cmd"].said.startswith("elevator: servo 5")
-    assert "beside it: half the sum of the elevons" in by_name["de_cmd"].assumed
+    assert "also has: half the sum of the elevons" in by_name["de_cmd"].assumed
 
 
 def test_a_servo_setting_changed_in_flight_is_said(tmp_path):

@@ -79,7 +79,7 @@ def test_without_any_speed_an_aircraft_that_does_not_answer_and_rests_is_on_the_
     assert not more
     assert start <= 8.0 < 10.0 <= end
     assert [m.cut_s is None for m in found.search.manoeuvres] == [True, False]
-    assert "the aircraft does not answer de: q moves no more than its noise" in found.search.manoeuvres[0].reason
+    assert "the aircraft does not respond to de: q moves no more than its noise" in found.search.manoeuvres[0].reason
 
 
 def test_two_checks_of_controls_on_the_ground_are_no_flight_and_are_not_identified(tmp_path):
@@ -97,7 +97,7 @@ def test_two_checks_of_controls_on_the_ground_are_no_flight_and_are_not_identifi
     assert found.members == {}
     (why,) = found.unusable
     assert "the ground speed is 0.07" in why
-    assert "the aircraft does not answer de_cmd" in why
+    assert "the aircraft does not respond to de_cmd" in why
     with pytest.raises(RecordError, match="it contains no flight"):
         descriptions_of(path, tmp_path)
 

@@ -403,7 +403,7 @@ def test_real_records_that_were_wrong_or_refused_are_cut_and_fly(tmp_path):
     assert sum(np.sum(began.residuals(r) ** 2) for r in found.records.values()) < 0.1 * from_trim
     finding = find_gap(hfb, {"later": later}, {}, GapSearch(effects={"alpha_lag": EFFECTS["alpha_lag"]}))
     assert finding.naming.outcome in ("unexplained", "partial"), finding.naming.sentence
-    assert not any("the believed C" in s for s in finding.sentences)  # turbulence that is not known pulled at them
+    assert not any("the a-priori C" in s for s in finding.sentences)  # turbulence that is not known pulled at them
 
     whole = attas_record(data, "fAttasElv1")
     aircraft = attas(tmp_path / "attas")
