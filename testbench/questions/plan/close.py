@@ -312,7 +312,7 @@ def _odd(
             yield f"{name} responds with the opposite sign: check the axis of its sensor"
         slope = float(np.linalg.norm(flown) / max(float(np.linalg.norm(expected)), 1e-300))
         if like > _SHAPE and (unit := next((u for u, k in _UNITS.items() if abs(slope / k - 1.0) < _UNIT_OFF), "")):
-            yield f"{name} responds {slope:.3g} times as large as expected: check its unit ({unit})"
+            yield f"the response of {name} is {slope:.3g} times the expected one: check its unit ({unit})"
 
 
 def why_none(plan: Plan, records: Sequence[tuple[str, FlightRecord]]) -> str:
