@@ -13,12 +13,12 @@ import numpy.typing as npt
 from testbench.core.record import FloatArray
 from testbench.design.problem import Problem
 from testbench.envs.lifted import Lifted
-from testbench.envs.sensed import Sensed
 from testbench.envs.tasks import Task
 from testbench.flight.batch.step import SteppedBatch
 from testbench.flight.step import SteppedFlight
 from testbench.sensors import Sensor
 from testbench.sensors.sensor import lag_weights
+from testbench.sensors.stream import Sensed
 
 Mask = npt.NDArray[np.bool_]
 

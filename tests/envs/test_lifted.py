@@ -10,12 +10,12 @@ from testbench.core.errors import EstimationError, ScenarioError
 from testbench.core.record import FlightRecord
 from testbench.envs.gain import Gain
 from testbench.envs.lifted import lift
-from testbench.envs.sensed import Sensed
 from testbench.envs.tasks import prepare, task_scenario
 from testbench.information.fisher import cost
 from testbench.sensors.kinds.flow_vane import FlowVane
 from testbench.sensors.kinds.rate_gyro import RateGyro
 from testbench.sensors.sensor import Sensor
+from testbench.sensors.stream import Sensed
 
 CASES = [("eolo", "rigid"), ("eolo", "flexible"), ("taurus", "rigid"), ("b1", "rigid")]
 
