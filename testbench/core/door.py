@@ -102,6 +102,7 @@ KINDS = {
     "log": Kind("log"),
     "record": Kind("record file"),
     "recording": Kind("recording of a flight that was followed"),
+    "parameters": Kind("parameter file of an autopilot", 5 * _MB),
     "definitions": Kind("file of message definitions (XML)", 50 * _MB),
     "table": Kind("table of results"),
     "text": Kind("text", 50 * _MB),

@@ -137,7 +137,7 @@ def px4_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
     """
     notes: list[str] = []
     log = _flown(log)
-    servos = list(_servo_rules(log))
+    servos = list(servo_rules(log))
     held = [rule for rule in servos if rule.topic in log.topics]
     torques = list(_torque_rules(log))
     rates = [_rate(log, rules[0].topic) for rules in (held, torques) if rules]
@@ -245,7 +245,7 @@ def _rotary(log: Log) -> Iterator[str]:
         )
 
 
-def _servo_rules(log: Log) -> Iterator[Rule]:
+def servo_rules(log: Log) -> Iterator[Rule]:
     """Return the rules for servo outputs: for each axis the mean of the servos, weighted by their torque settings."""
     settings = log.parameters
     if settings.get("CA_AIRFRAME") == _TAILSITTER:

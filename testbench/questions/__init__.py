@@ -165,6 +165,12 @@ QUESTIONS = (
         "ask:fly_along",
     ),
     Question(
+        "sitl",
+        "taurus",
+        "physics for an autopilot",
+        "links:serve",
+    ),
+    Question(
         "campaign",
         "run taurus_scatter",
         "a scenario many times",
