@@ -120,7 +120,9 @@ def read_recording(path: Path, told: Told = NOTHING) -> tuple[Log, tuple[Rule, .
     """
     bag = read_bag(path)
     log, rules = _of_tables(path, bag.tables, bag.unread, told)
-    return replace(log, kind=f"a recording of ROS ({len(bag.tables)} topics read)"), rules
+    cut = () if bag.whole else ("the recording has no end, as one that is being written: what is whole was read",)
+    kind = f"a recording of ROS ({len(bag.tables)} topics read)"
+    return replace(log, kind=kind, warnings=(*log.warnings, *cut)), rules
 
 
 def _of_tables(

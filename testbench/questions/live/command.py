@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 def command(
     source: Annotated[
         str,
-        typer.Argument(help="A log, udp:PORT with MAVLink, or a folder that this command wrote.", show_default=False),
+        typer.Argument(
+            help="A log, udp:PORT or serial:DEVICE:BAUD with MAVLink, or a folder that this command wrote.",
+            show_default=False,
+        ),
     ],
     aircraft: Annotated[str | None, typer.Option(help="What is believed to fly.", show_default=False)] = None,
     plan: Annotated[
@@ -39,15 +42,20 @@ def command(
         list[str] | None, typer.Option(help="Servo output of a control of a MAVLink vehicle, e.g. de=2.")
     ] = None,
     idle: Annotated[float, typer.Option(min=0.0, help="A source that is silent for so long has ended, s.")] = 30.0,
+    onboard: Annotated[
+        Path | None, typer.Option(help="Telemetry log (.tlog) to write of all that MAVLink brings.", show_default=False)
+    ] = None,
     out: OutOption = Path("results"),
 ) -> None:  # fmt: skip
     """Follow a flight while it flies: derivatives with errors, and what is not as believed.
 
     Calls "you have it, next card 4", "stop: q is 0.6 of what was expected", limits and instruments that fail. Listens
-    only: nothing is ever sent to the aircraft. All samples are recorded, and the folder can be followed again.
+    only: nothing is ever sent to the aircraft. All samples are recorded, and the folder can be followed again; on a
+    companion computer `--onboard flight.tlog` keeps every message at its full rate, for `testbench import`.
     Examples: `testbench live flight.csv --aircraft taurus`, `testbench live udp:14550 --plan mine.toml --servo de=2`.
     """
     import json
+    from contextlib import ExitStack
 
     from testbench.core.named import obtain
     from testbench.core.store import ResultFolder, folder_in
@@ -64,9 +72,19 @@ def command(
     made = None if plan is None else make_plan(obtain(PlanScenario, plan))
     flown = made.aircraft if made is not None else load_aircraft(aircraft or "")
     full = {c: control.full for c, control in flown.controls.items() if c != "thr"}
-    opened = open_source(source, {**full, **parse_throws(throw or [])}, _servos(servo or []), speed, replay, idle)
-    session = Session(opened.name.replace(":", "_"), flown, made)
-    with ResultFolder(folder_in(out, f"live_{session.source}")) as place:
+    if onboard is not None and (onboard.suffix != ".tlog" or not source.startswith(("udp:", "serial:"))):
+        raise UsageError("--onboard names a telemetry log, FILE.tlog, and goes with udp:PORT or serial:DEVICE:BAUD")
+    if onboard is not None and onboard.exists():
+        raise UsageError(f"--onboard writes over no flight, and '{onboard}' is there: name another file")
+    with ExitStack() as files:
+        kept = None
+        if onboard is not None:
+            beside = files.enter_context(ResultFolder(onboard.parent, adds=True))
+            kept = files.enter_context(beside.live(onboard.name).open("wb"))
+        throws = {**full, **parse_throws(throw or [])}
+        opened = open_source(source, throws, _servos(servo or []), speed, replay, idle, kept)
+        session = Session(opened.name.replace(":", "_"), flown, made)
+        place = files.enter_context(ResultFolder(folder_in(out, f"live_{session.source}")))
         view = _View(session, opened.radio)
         with place.live(RECORDING).open("w", encoding="utf-8") as file:
 
@@ -76,6 +94,8 @@ def command(
             try:
                 for update in fly_along(opened, flown, made, wanted / 100.0, keep, session):
                     file.flush()
+                    if kept is not None:
+                        kept.flush()
                     view.show(update)
             except KeyboardInterrupt:
                 session.notes.append("ended by hand")

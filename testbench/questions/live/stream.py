@@ -1,4 +1,4 @@
-"""Where samples come from while an aircraft flies: a log played back, a log that grows, a MAVLink port, a recording.
+"""Where samples come from while an aircraft flies: a log played back or as it grows, a MAVLink link, a recording.
 
 Every source is an iterator of :class:`Sample`, in the order of arrival. A source only listens.
 """
@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -20,9 +20,13 @@ from testbench.logs.mavlink import NEEDS_PYMAVLINK, values_of
 from testbench.logs.signals import Mapped, find_channels
 from testbench.questions.importing.ask import read_log
 
+GROW = (".ulg", ".bin", ".log", ".tlog", ".mcap")
+"""Suffixes of logs that are written as an aircraft flies."""
 RECORDING = "stream.jsonl"
 """Name of the samples of a session in its folder: a line each, in the order of arrival."""
-_POLL_S = 0.2  # how often a file is looked at
+_POLL_S = 0.2  # how often a file is looked at, and a port that is gone
+_BACK_S = 2.0  # a clock since boot that falls by more has begun anew: messages overtake one another by less
+_NEEDS_PYSERIAL = "serial ports need pyserial, which is not installed; pip install 'flight-testbench[logs]'"
 _SHARE = 5.0  # times as long as reading a file took, it is left alone: a file that grows is read whole
 _PWM_MID_US, _PWM_HALF_US = 1500.0, 500.0
 
@@ -50,31 +54,39 @@ def open_source(
     speed: float | None,
     replay: bool,
     idle_s: float,
+    onboard: BinaryIO | None = None,
 ) -> Source:
     """Return the source that a place names.
 
     Args:
-        place: "udp:14550"; a folder that `testbench live` wrote; a log.
+        place: "udp:14550", "serial:/dev/ttyUSB0:57600"; a folder that `testbench live` wrote; a log.
         throw_rad: control -> deflection at full command, rad; negative where full command moves it the other way.
         servos: control -> number of its servo output, of a MAVLink stream.
         speed: of a replay, over that of the flight; None: as fast as it can be read.
-        replay: play a log that is whole; one of an autopilot is else followed as it grows.
-        idle_s: a file that has not grown for so long has ended; so has a port that has been silent for so long.
+        replay: play a log that is whole; one of an autopilot, or in MCAP, is else followed as it grows.
+        idle_s: a file that has not grown for so long has ended; so has a link that has been silent for so long.
+        onboard: takes all messages of a MAVLink link as they arrive, as a telemetry log (.tlog) holds them.
 
     Raises:
-        RecordError: there is no such log, or it cannot be read.
-        MissingPackage: a port is to be read and pymavlink is not installed.
+        RecordError: there is no such log or link, or it cannot be read.
+        MissingPackage: a link is to be read and pymavlink, or pyserial, is not installed.
     """
     kind, _, rest = place.partition(":")
     if kind == "udp":
         if not rest.isdecimal() or not 0 < int(rest) < 65536:
             raise RecordError(f"a port must be udp:NUMBER with a number from 1 to 65535, got '{place}'")
-        return Source(place, mavlink(f"udpin:0.0.0.0:{rest}", throw_rad, servos, idle_s), radio=True)
+        return Source(place, mavlink(f"udpin:0.0.0.0:{rest}", throw_rad, servos, idle_s, onboard=onboard), radio=True)
+    if kind == "serial":
+        device, _, baud = rest.rpartition(":")
+        if not device or not baud.isdecimal() or not 0 < int(baud) < 1e7:
+            raise RecordError(f"a serial port must be serial:DEVICE:BAUD, as serial:/dev/ttyUSB0:57600, got '{place}'")
+        name = f"serial:{Path(device).name}"
+        return Source(name, mavlink(device, throw_rad, servos, idle_s, int(baud), onboard), radio=True)
     path = Path(place)
     if (path / RECORDING).is_file() and (path / OWN).is_dir():
         name = f"{path.resolve().name.removeprefix('live_')}_again"  # a folder of its own: this one is being read
         return Source(name, _paced(recorded(path / RECORDING), speed))
-    if replay or path.suffix.lower() not in (".ulg", ".bin", ".log"):
+    if replay or path.suffix.lower() not in GROW:
         return Source(path.stem, _paced(_merged(_channels(path, throw_rad)), speed))
     return Source(path.stem, followed(path, throw_rad, idle_s))
 
@@ -171,50 +183,91 @@ REQUESTS = {"ATTITUDE": 30, "SCALED_IMU": 26, "SERVO_OUTPUT_RAW": 36, "VFR_HUD":
 """Message that identification lives on -> its number, for MAV_CMD_SET_MESSAGE_INTERVAL."""
 
 
-def mavlink(address: str, throw_rad: Mapping[str, float], servos: Mapping[str, int], idle_s: float) -> Iterator[Sample]:
-    """Return the samples that arrive on a MAVLink port; the first vehicle that is heard is the one.
+def mavlink(
+    address: str,
+    throw_rad: Mapping[str, float],
+    servos: Mapping[str, int],
+    idle_s: float,
+    baud: int = 57600,
+    onboard: BinaryIO | None = None,
+) -> Iterator[Sample]:
+    """Return the samples that arrive on a MAVLink link; the first vehicle that is heard is the one.
 
-    The time is that since boot which a message holds; of one without, arrival less the shortest delay so far.
+    The time is that since boot which a message holds; of one without, arrival less the shortest delay so far. A vehicle
+    that starts again goes on where its arrival puts it. A serial port that goes is opened again when it is there.
 
     Raises:
-        MissingPackage: pymavlink is not installed.
-        RecordError: the port cannot be opened.
+        MissingPackage: pymavlink is not installed, or pyserial, and a serial port is to be read.
+        RecordError: the link cannot be opened.
     """
     try:
         from pymavlink import mavutil
     except ImportError as error:
         raise MissingPackage(NEEDS_PYMAVLINK) from error
+
+    def opened() -> Any:
+        return mavutil.mavlink_connection(address, baud=baud, dialect="ardupilotmega")
+
     try:
-        link = mavutil.mavlink_connection(address, dialect="ardupilotmega")
-    except OSError as error:
-        raise RecordError(f"port '{address}' cannot be opened: {error.strerror or error}; close what has it") from error
-    return _heard(link, throw_rad, servos, idle_s)
+        link = opened()
+    except ImportError as error:
+        raise MissingPackage(_NEEDS_PYSERIAL) from error
+    except (OSError, ValueError) as error:  # pyserial's of a baud rate is the latter
+        said = getattr(error, "strerror", None) or error
+        raise RecordError(f"port '{address}' cannot be opened: {said}; close what has it, or give another") from error
+    return _heard(_messages(link, opened, idle_s, onboard), throw_rad, servos)
 
 
-def _heard(link: Any, throw_rad: Mapping[str, float], servos: Mapping[str, int], idle_s: float) -> Iterator[Sample]:
-    system, delay = None, np.inf
-    source: dict[str, str] = {}
+def _messages(link: Any, opened: Callable[[], Any], idle_s: float, onboard: BinaryIO | None) -> Iterator[Any]:
+    """Yield messages of a link until it has been silent for ``idle_s``; it is opened again where it breaks."""
+    heard = time.monotonic()
     try:
-        while (m := link.recv_match(blocking=True, timeout=idle_s)) is not None:
-            kind, arrived = m.get_type(), time.time()
-            system = m.get_srcSystem() if system is None and kind in _MESSAGES else system
-            if m.get_srcSystem() != system:
+        while (left := heard + idle_s - time.monotonic()) > 0.0:
+            try:
+                link = link or opened()
+                message = link.recv_match(blocking=True, timeout=min(left, _POLL_S))
+            except (OSError, ValueError, TypeError):  # unplugged; pyserial has a few words for it
+                if link is not None:
+                    link.close()
+                link = None
+                time.sleep(min(left, _POLL_S))
                 continue
-            values = {n: x for n, x in values_of(m).items() if n in _HEARD} if kind in _MESSAGES else {}
-            if kind == "SERVO_OUTPUT_RAW":
-                values = _deflections(m, throw_rad, servos)
-            values = {n: float(x) for n, x in values.items() if source.setdefault(n, kind) == kind and np.isfinite(x)}
-            if not values:
+            if message is None:
                 continue
-            boot = getattr(m, "time_boot_ms", None)
-            taken = boot * 1e-3 if boot is not None else None
-            if taken is not None:
-                delay = min(delay, arrived - taken)
-            elif not np.isfinite(delay):
-                continue
-            yield Sample(taken if taken is not None else arrived - delay, values, arrived)
+            heard = time.monotonic()
+            if onboard is not None and message.get_type() != "BAD_DATA":
+                onboard.write(round(1e6 * time.time()).to_bytes(8, "big") + bytes(message.get_msgbuf()))
+            yield message
     finally:
-        link.close()
+        if link is not None:
+            link.close()
+
+
+def _heard(messages: Iterator[Any], throw_rad: Mapping[str, float], servos: Mapping[str, int]) -> Iterator[Sample]:
+    system, delay, begun, last = None, np.inf, 0.0, -np.inf
+    source: dict[str, str] = {}
+    for m in messages:
+        kind, arrived = m.get_type(), time.time()
+        system = m.get_srcSystem() if system is None and kind in _MESSAGES else system
+        if m.get_srcSystem() != system:
+            continue
+        values = {n: x for n, x in values_of(m).items() if n in _HEARD} if kind in _MESSAGES else {}
+        if kind == "SERVO_OUTPUT_RAW":
+            values = _deflections(m, throw_rad, servos)
+        values = {n: float(x) for n, x in values.items() if source.setdefault(n, kind) == kind and np.isfinite(x)}
+        if not values:
+            continue
+        boot = getattr(m, "time_boot_ms", None)
+        if boot is not None:
+            if boot * 1e-3 + begun < last - _BACK_S:  # it has started again
+                begun = arrived - delay - boot * 1e-3
+            taken = last = boot * 1e-3 + begun
+            delay = min(delay, arrived - taken)
+        elif np.isfinite(delay):
+            taken = arrived - delay
+        else:
+            continue
+        yield Sample(taken, values, arrived)
 
 
 def _deflections(m: Any, throw_rad: Mapping[str, float], servos: Mapping[str, int]) -> dict[str, float]:

@@ -45,9 +45,7 @@ def command(
     throw: Annotated[
         list[str] | None, _without(help="Deflection at full command, deg, e.g. de=20; de=-20 turns it round.")
     ] = None,
-    rate: Annotated[
-        float | None, _without(min=20.0, max=4000.0, help="Steps a second. Default: its own.")
-    ] = None,
+    rate: Annotated[float | None, _without(min=20.0, max=4000.0, help="Steps a second. Default: its own.")] = None,
     port: Annotated[int | None, _without(min=1, max=65535, help="Default: 9002, ArduPilot; 4560, PX4.")] = None,
     address: Annotated[str, typer.Option(help="Where to listen; 0.0.0.0 for other machines.")] = "127.0.0.1",
     pace: Annotated[

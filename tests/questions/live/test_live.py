@@ -1,9 +1,12 @@
 """A flight that is followed: what is told of it is right, what is wrong is called, and nothing is sent."""
 
+import io
 import json
+import os
 import socket
 import threading
 import time
+import tty
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -19,6 +22,7 @@ from testbench.core.record import FlightRecord
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.flight import linearise
 from testbench.inputs import InputSignal
+from testbench.questions.importing.ask import import_log
 from testbench.questions.live.answer import called, link_lines
 from testbench.questions.live.ask import Session, fly_along
 from testbench.questions.live.clock import Clock, Rate
@@ -238,7 +242,132 @@ def test_mavlink_is_heard_and_not_answered():
     vehicle.close()
 
 
-@pytest.mark.parametrize("place", ["udp:x", "udp:0", "nowhere.csv"])
+def telemetry(mavlink, k, boot_ms, system=7):
+    """The bytes of one attitude, q counting up by 0.01, as vehicle ``system`` sends it."""
+    link = mavlink.MAVLink(None, srcSystem=system, srcComponent=1)
+    return mavlink.MAVLink_attitude_message(boot_ms, 0.1, 0.2, 0.3, 0.0, 0.01 * k, 0.0).pack(link)
+
+
+def test_a_serial_port_that_is_unplugged_and_a_vehicle_that_starts_again_are_followed(tmp_path):
+    mavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
+    pytest.importorskip("serial")
+    device, kept = tmp_path / "ttyUSB0", io.BytesIO()
+
+    def plug():
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        device.unlink(missing_ok=True)
+        device.symlink_to(os.ttyname(slave))
+        return master, slave
+
+    def fly(master, first, boot_ms):
+        for k in range(20):
+            os.write(master, telemetry(mavlink, first + k, boot_ms + 20 * k))
+            time.sleep(0.01)
+
+    master, slave = plug()
+    source = open_source(f"serial:{device}:57600", {}, {}, None, False, 4.0, kept)
+    assert source.radio
+
+    def flight():
+        nonlocal master, slave
+        time.sleep(0.2)
+        fly(master, 0, 90_000)
+        time.sleep(0.3)
+        os.close(slave)
+        os.close(master)
+        device.unlink()
+        time.sleep(0.5)
+        master, slave = plug()
+        time.sleep(0.5)
+        fly(master, 20, 1_000)  # the vehicle has lost its power, too: its clock begins anew
+
+    thread = threading.Thread(target=flight)
+    thread.start()
+    got = list(source.samples)
+    thread.join()
+    os.close(slave)
+    os.close(master)
+    assert [s.values["q"] for s in got] == pytest.approx(0.01 * np.arange(40))
+    assert np.diff([s.t_s for s in got]).min() > 0.0
+    assert got[20].t_s - got[19].t_s == pytest.approx(got[20].arrived_s - got[19].arrived_s, abs=0.15)
+    assert got[0].t_s == pytest.approx(90.0)
+    assert kept.getvalue().count(telemetry(mavlink, 0, 90_000)[10:20]) == 1
+
+
+def test_what_is_kept_on_board_is_a_telemetry_log_that_import_reads(tmp_path, monkeypatch, capsys):
+    mavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
+    monkeypatch.chdir(tmp_path)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+
+    def fly():
+        link = mavlink.MAVLink(None, srcSystem=7, srcComponent=1)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+            time.sleep(1.0)
+            for k in range(400):
+                if k % 50 == 0:
+                    vehicle.sendto(mavlink.MAVLink_heartbeat_message(1, 3, 81, 5, 4, 3).pack(link), ("127.0.0.1", port))
+                speed = mavlink.MAVLink_vfr_hud_message(13.0, 13.0, 0, 50, 100.0, 0.0)
+                vehicle.sendto(telemetry(mavlink, k, 1000 + 20 * k), ("127.0.0.1", port))
+                vehicle.sendto(speed.pack(link), ("127.0.0.1", port))
+                time.sleep(0.002)
+
+    thread = threading.Thread(target=fly)
+    thread.start()
+    words = ["live", f"udp:{port}", "--aircraft", "taurus", "--idle", "4", "--onboard", "logs/flight.tlog", "-o", "out"]
+    status, said = ends(monkeypatch, capsys, *words)
+    thread.join()
+    assert (status, said) == (0, [])
+    found = {c.name: c for c in import_log("logs/flight.tlog").channels}
+    assert found["q"].values == pytest.approx(0.01 * np.arange(400), abs=1e-6)
+    assert np.diff(found["q"].t_s) == pytest.approx(0.02, abs=1e-6)
+    again = open_source("logs/flight.tlog", {}, {}, None, True, 0.0)
+    assert sum("q" in s.values for s in again.samples) == 400
+    status, said = ends(monkeypatch, capsys, *words)
+    assert status == 2
+    assert "name another file" in " ".join(said)
+
+
+def test_a_recording_in_mcap_is_followed_as_its_own_library_writes_it(tmp_path):
+    writer_of = pytest.importorskip("mcap.writer")
+    file = tmp_path / "growing.mcap"
+    unit = {
+        "type": "object",
+        "properties": {n: {"type": "number", "unit": u} for n, u in (("q", "rad/s"), ("V", "m/s"))},
+    }
+    with file.open("wb") as out:
+        writer = writer_of.Writer(out, chunk_size=1000)
+        writer.start()
+        schema = writer.register_schema(
+            "imu", "jsonschema", json.dumps({"type": "object", "properties": units}).encode()
+        )
+        topic = writer.register_channel("/imu", "json", schema)
+
+        def write(first, last):
+            for k in range(first, last):
+                said = json.dumps({"q": float(np.sin(k)), "V": 13.0 + 0.01 * k}).encode()
+                writer.add_message(topic, log_time=int(2e7 * k), publish_time=0, data=said)
+            out.flush()
+
+        write(0, 100)
+        source, got = open_source(str(file), {}, {}, None, False, 1.0), []
+        for sample in source.samples:
+            got.append(sample)
+            if len(got) == 20:
+                write(100, 200)
+                writer.finish()
+                out.flush()
+    assert [s.values["q"] for s in got] == pytest.approx(np.sin(np.arange(200)))
+    assert [s.t_s for s in got] == pytest.approx(0.02 * np.arange(200))
+    whole = open_source(str(file), {}, {}, None, True, 0.0)
+    assert [s.values for s in whole.samples] == [s.values for s in got]
+
+
+@pytest.mark.parametrize(
+    "place", ["udp:x", "udp:0", "serial:x", "serial:/dev/null/x:9600", "nowhere.csv", "nowhere.mcap"]
+)
 def test_a_source_that_is_none_is_refused_in_one_line(monkeypatch, capsys, place):
     status, said = ends(monkeypatch, capsys, "live", place, "--aircraft", "taurus")
     assert status == 2

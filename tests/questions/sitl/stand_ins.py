@@ -20,7 +20,7 @@ class ArduPilot:
     ``keep`` decides of (frame, try) whether a packet arrives, ``keep_answer`` whether its answer does.
     """
 
-    def __init__(self, port, outputs=16, keep=lambda n, k: True, keep_answer=lambda n, k: True, patience_s=0.05):
+    def __init__(self, port, outputs=16, keep=lambda n, k: True, keep_answer=lambda n, k: True, patience_s=1.0):
         self.link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.link.settimeout(patience_s)
         self.where, self.frame, self.outputs = ("127.0.0.1", port), 0, outputs
