@@ -49,6 +49,7 @@ ASKS = {
     "plan": {"design", "identify", "importing", "run"},
     "gap": {"compatibility", "identify", "run"},
     "live": {"identify", "importing", "plan"},  # servos as identify has them, logs as import reads them, a plan's cards
+    "sitl": {"importing"},  # throws as import reads them
     "studio": {"design", "plan"},
     "reproduce": {"run", "plan"},
     "exercise": set(),

@@ -8,6 +8,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import threading
 import types
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -406,3 +407,32 @@ def test_the_guide_s_flight_is_followed_and_plays_again(tmp_path, monkeypatch):
     said_by(again[1])
     one, other = (Path("results") / name / "updates.jsonl" for name in ("live_flight", "live_flight_again"))
     assert one.read_bytes() == other.read_bytes()
+
+
+@pytest.mark.slow
+def test_the_guide_s_aircraft_is_flown_by_a_stand_in(tmp_path, monkeypatch):
+    """The first command of the guide, its two files those of a user; ArduPilot is a stand-in."""
+    from questions.sitl.stand_ins import ArduPilot, free_port
+
+    from testbench.core.paths import SUITES
+
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(SUITES / "taurus_8hz.toml", "my_autopilot.toml")
+    Path("mine.parm").write_text("SERVO1_FUNCTION 4\nSERVO2_FUNCTION 19\nSERVO3_FUNCTION 70\nSERVO4_FUNCTION 21\n")
+    first, second = blocks_of("sitl", "sh")[0].splitlines()
+    assert "--model JSON:127.0.0.1" in second
+    port = free_port()
+
+    def fly() -> None:
+        autopilot = ArduPilot(port)
+        for k in range(480):
+            assert autopilot.step([1500, 1837 if k < 240 else 1840, 1327, 1500])["imu"]
+
+    flight = threading.Thread(target=fly)
+    flight.start()
+    said = said_by(f"{first.partition('#')[0]} --port {port} --idle 3 --release 0")
+    flight.join()
+    assert "480 steps" in said
+    again = re.search(r"`testbench live (results/sitl_taurus/records/flight_1_)SUITE.nc", text_of("sitl"))
+    assert again is not None
+    assert Path(f"{again[1]}my_autopilot.nc").is_file()

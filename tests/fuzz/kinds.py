@@ -39,6 +39,7 @@ from testbench.questions.files import load
 from testbench.questions.importing.ask import import_log
 from testbench.questions.live.clock import Clock
 from testbench.questions.live.stream import recorded
+from testbench.questions.sitl.outputs import read_settings
 from testbench.sensors import load_suite
 
 PLANS = Path(__file__).resolve().parents[1] / "aircraft" / "geometry" / "plans"
@@ -190,6 +191,7 @@ def examples(place: Path) -> dict[str, Example]:
         "recording": Example(
             "stream.jsonl", _text(*(json.dumps([0.05 * k] * 2 + [{"q": 0.1, "V": 12.0}]) for k in range(60))), _followed
         ),
+        "parameters": Example("mine.parm", _text("SERVO1_FUNCTION 4", "SERVO2_FUNCTION,19"), read_settings),
         "definitions": Example(
             "f.log", definitions.encode(), lambda p: import_log(p.with_suffix(".data")), (place / "f.data",)
         ),

@@ -48,7 +48,7 @@ from testbench.questions.results.page import files_of
 
 LOGS, RESULTS = "logs", "results"
 """Folders in that of a workbench: of the logs that were dropped, and of results."""
-SERVERS = ("app", "studio", "live")
+SERVERS = ("app", "studio", "live", "sitl")
 """Questions that do not end by themselves: a terminal asks them."""
 ASKED = {q.command: q for q in QUESTIONS if q.command not in SERVERS}
 """What a page may ask: command -> question of the table; and ``check``, of a file that it has written."""

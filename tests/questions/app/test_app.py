@@ -105,7 +105,7 @@ def test_without_the_token_or_from_another_page_nothing_is_said_or_taken(bench):
     assert not list(bench.folder.iterdir())
     for body in (b"", b"{}", b"[]", b"[1]", b"\xff", b'["run", ""]', b'["run\\u0000"]'):
         assert asked(bench, f"{home}ask", body)[0] == 400, body
-    for words in (["rm"], ["app"], ["live"], ["--help"], ["-v", "run"]):
+    for words in (["rm"], ["app"], ["live"], ["sitl"], ["--help"], ["-v", "run"]):
         status, said = asked(bench, f"{home}ask", json.dumps(words).encode())
         assert status == 400
         assert "a command must be one of" in json.loads(said)["error"]

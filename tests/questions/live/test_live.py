@@ -333,16 +333,12 @@ def test_what_is_kept_on_board_is_a_telemetry_log_that_import_reads(tmp_path, mo
 def test_a_recording_in_mcap_is_followed_as_its_own_library_writes_it(tmp_path):
     writer_of = pytest.importorskip("mcap.writer")
     file = tmp_path / "growing.mcap"
-    unit = {
-        "type": "object",
-        "properties": {n: {"type": "number", "unit": u} for n, u in (("q", "rad/s"), ("V", "m/s"))},
-    }
+    units = {name: {"type": "number", "unit": unit} for name, unit in (("q", "rad/s"), ("V", "m/s"))}
+    told = json.dumps({"type": "object", "properties": units}).encode()
     with file.open("wb") as out:
         writer = writer_of.Writer(out, chunk_size=1000)
         writer.start()
-        schema = writer.register_schema(
-            "imu", "jsonschema", json.dumps({"type": "object", "properties": units}).encode()
-        )
+        schema = writer.register_schema("imu", "jsonschema", told)
         topic = writer.register_channel("/imu", "json", schema)
 
         def write(first, last):

@@ -5,6 +5,7 @@ files are written and in which order is left as it is.
 """
 
 import importlib
+import threading
 from typing import Any
 
 
@@ -33,6 +34,22 @@ def few_designs() -> None:
 def one_height() -> None:
     """Look for turbulence of the height of the flight alone."""
     _set("questions.gap.evidence.air", _HEIGHTS_M=())
+
+
+def an_autopilot() -> None:
+    """Let a stand-in of ArduPilot fly what is served for a second, at a port of its own."""
+    from questions.sitl.stand_ins import ArduPilot, free_port
+
+    from testbench.questions.sitl import links
+
+    links.PORTS["ardupilot"] = port = free_port()
+
+    def fly() -> None:
+        autopilot = ArduPilot(port)
+        for _ in range(240):
+            autopilot.step([1500, 1837, 1327, 1500])
+
+    threading.Thread(target=fly, daemon=True).start()
 
 
 def _set(module: str, **values: Any) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from studies.reliability.process import Running
-from studies.reliability.shorter import few_designs, few_sections, few_speeds, one_height
+from studies.reliability.shorter import an_autopilot, few_designs, few_sections, few_speeds, one_height
 
 from testbench.core.paths import SCENARIOS
 
@@ -217,6 +217,7 @@ CASES = {
     "plan close": Case("plan close {at}plan.toml {at}logs/plan_flight_1.csv -o {at}out", ("plan.toml", "logs"),
                        most=True),
     "live": Case("live {at}g0.csv --aircraft taurus -o {at}out", ("g0.csv",), ends=True),
+    "sitl": Case("sitl taurus --release 0 --idle 3 -o {at}out", prepare=an_autopilot, ends=True),
     "campaign run": Case(
         _CAMPAIGN.format("run"), ("short.toml",), (_CAMPAIGN.format("resume"), _CAMPAIGN.format("run")), most=True,
         workers=True,
