@@ -23,6 +23,7 @@ import numpy as np
 from testbench.core.atmosphere import air_density, air_pressure
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import RecordError
+from testbench.flight.executive import body_from_earth
 from testbench.logs.mavlink import dialect
 from testbench.questions.sitl.ask import Served
 from testbench.questions.sitl.outputs import Outputs
@@ -347,7 +348,5 @@ def quaternion(phi: float, theta: float, psi: float) -> list[float]:
 
 def rotation(phi: float, theta: float, psi: float) -> np.ndarray:
     """Return the matrix (3, 3) that takes north, east, down to body axes at an attitude, rad."""
-    from testbench.flight.executive import body_from_earth
-
     c, s = math.cos(psi), math.sin(psi)
     return np.asarray(body_from_earth(theta, phi)) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -16,6 +16,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from changed_flights import changed_aircraft
 from commands import ends
 from questions.sitl.stand_ins import ArduPilot, Px4, free_port
 
@@ -81,15 +82,33 @@ def pulses_of(commands):
     return out
 
 
-def flown_alone(rows, names=("de", "da", "dr", "thr")):
+def flown_alone(rows, aircraft=None, at=None):
     """The product's own flight with the same commands (n, controls), absolute; truth at every frame."""
-    at = trimmed()
-    names = [n for n in names if n in at.controls]
+    aircraft, at = aircraft or taurus(), at or trimmed()
+    names = tuple(at.controls)
     u = np.array([[row.get(n, at.controls[n]) - at.controls[n] for n in names] for row in rows])
-    late = np.vstack([np.zeros(len(names)), u[:-1]])  # a step begins with the frame after it, see SteppedFlight
-    t = np.arange(len(rows)) / at.rate_hz
-    signal_ = InputSignal(t, late, tuple(names))
-    return tb.fly(taurus(), at, tb.Manoeuvre("same", signal_, settle_s=0.0), at.rate_hz)
+    late = np.vstack([np.zeros(len(names)), u])  # a step begins with the frame after it, see SteppedFlight
+    moved = InputSignal(np.arange(len(late)) / at.rate_hz, late, names)
+    flown = tb.fly(aircraft, at, tb.Manoeuvre("same", moved, settle_s=0.0), at.rate_hz)
+    return flown.between(0.0, (len(rows) + 0.5) / at.rate_hz)
+
+
+@pytest.mark.parametrize("name", ["taurus, amended", "jsbsim:c172p"])
+def test_any_aircraft_is_flown_as_everywhere_else(name):
+    amended = name.endswith("amended")
+    aircraft = changed_aircraft("taurus", {"Cm_q": 0.6, "Cm_alpha": 1.25}) if amended else tb.load_aircraft(name)
+    served = Served(aircraft, at := trim_for(aircraft))
+    rows = [{"de": at.controls["de"] + 0.01 * np.sin(0.05 * k)} for k in range(200)]
+    flown = []
+    for row in rows:
+        served.step(row)
+        flown.append([served.now[n] for n in ("q", "alpha", "V", "az")])
+    alone = flown_alone(rows, aircraft, at)
+    for k, channel in enumerate(("q", "alpha", "V", "az")):
+        np.testing.assert_allclose(np.array(flown)[:, k], alone[channel][1:], rtol=0.0, atol=1e-9)
+    served.end()
+    assert served.tally.flights[0].truth.provenance["amendments"] == [a.name for a in aircraft.amendments]
+    assert bool(aircraft.amendments) == amended
 
 
 @pytest.mark.parametrize("steps", [1000, pytest.param(10_000, marks=pytest.mark.slow)])
@@ -222,8 +241,7 @@ def test_what_the_sensors_tell_is_sent_and_is_what_the_suite_makes_of_the_truth(
     told = np.array([line["imu"]["gyro"][1] for line in lines])
     held = np.repeat(flight.measured["q"], 4)[1:481]
     np.testing.assert_array_equal(told, held)
-    moved = InputSignal(np.arange(480) / at.rate_hz, np.r_[0.0, np.full(479, -0.01)][:, None], ("de",))
-    whole = tb.fly(taurus(), at, tb.Manoeuvre("same", moved, 0.0), at.rate_hz)
+    whole = flown_alone([{"de": at.controls["de"] - 0.01}] * 480, at=at)
     again = SUITE.measure(whole, 5)
     np.testing.assert_allclose(flight.measured.data, again.data[: len(flight.measured)], atol=1e-9)
     assert np.std(told - whole["q"][1:481]) > 0.01
