@@ -48,18 +48,14 @@ def answer(served: Served) -> list[str | tuple[str, str]]:
         if flight.reason:
             out.append(("doubt", f"flight {k} left the limits at {flight.duration_s:.2f} s: {flight.reason}"))
     lost = [
-        (tally.missed, "packet of the autopilot was lost", "packets of the autopilot were lost"),
-        (tally.unanswered, "frame was not answered in time", "frames were not answered in time"),
-        (tally.late, "packet came late and was left out", "packets came late and were left out"),
-        (
-            tally.repeated,
-            "packet was a repeat, and got the same answer",
-            "packets were repeats, and got the same answer",
-        ),
-        (tally.foreign, "packet was of no known form", "packets were of no known form"),
+        (tally.missed, "packets of the autopilot were lost"),
+        (tally.unanswered, "frames were not answered in time"),
+        (tally.late, "packets came late and were left out"),
+        (tally.repeated, "packets were sent again"),
+        (tally.foreign, "packets were of no known form"),
     ]
-    out += [("finding", f"{n} {one if n == 1 else many}") for n, one, many in lost if n]
-    return [*out, ("note", STAND_INS)]
+    said = ", ".join(f"{n} {what}" for n, what in lost if n)
+    return [*out, ("finding", said or "no step was lost"), ("finding", STAND_INS)]
 
 
 def _flights(served: Served) -> Table:
