@@ -3,6 +3,7 @@
 import json
 import socket
 import struct
+import time
 
 FORMS = {16: (18458, "<HHI16H"), 32: (29569, "<HHI32H")}
 STATE = {"timestamp", "imu", "position", "attitude", "velocity"}
@@ -30,8 +31,10 @@ class ArduPilot:
         magic, form = FORMS[self.outputs]
         return struct.pack(form, magic, 400, frame, *pulses, *[0] * (self.outputs - len(pulses)))
 
-    def step(self, pulses, tries=400):
-        for k in range(tries):
+    def step(self, pulses):
+        end, k = time.monotonic() + 60.0, -1
+        while time.monotonic() < end:
+            k += 1
             packet = self.packet(pulses, self.frame)
             if self.keep(self.frame, k):
                 self.link.sendto(packet, self.where)
