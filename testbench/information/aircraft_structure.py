@@ -71,6 +71,12 @@ class AircraftStructure(LinearStructure):
         """The servos, which commands alone drive; they come last."""
         return tuple(s for s in self.states if s.startswith("servo_"))
 
+    def at(self, params: FloatArray) -> AircraftStructure:
+        """Return the same aircraft with other true parameters (k,)."""
+        s = self.matrices(params)
+        named = tuple(replace(p, value=x) for p, x in zip(self.parameters, params.tolist(), strict=True))
+        return replace(self, A0=s.A, B0=s.B, C0=s.C, D0=s.D, true=params, parameters=named)
+
     def matrices(self, params: AnyArray) -> Matrices:
         """Return the matrices of parameters (..., k)."""
         n = len(self.states)

@@ -307,6 +307,9 @@ class InFlight:
         settings: band, distance of the lines, forgetting.
         dt_s: of the samples.
 
+    Attributes:
+        place: where the present record is flown, in numbers; remembered for :meth:`fit_along`.
+
     Raises:
         EstimationError: the band holds no line below the Nyquist frequency.
     """
@@ -317,6 +320,8 @@ class InFlight:
         named = [p.free and not p.name.endswith("_0") for p in structure.parameters]
         self.free = np.flatnonzero(named)
         self._kept: list[tuple[ComplexArray, float]] = []
+        self._places: list[tuple[float, ...]] = []
+        self.place: tuple[float, ...] = ()
         self._before_s = 0.0
         self._grown = Grown(self.lines, dt_s, settings.forgetting)
         self._last: FlightRecord | None = None
@@ -332,10 +337,16 @@ class InFlight:
         """Time of all records so far, s."""
         return self._before_s + self._grown.span_s
 
+    @property
+    def places(self) -> list[tuple[float, ...]]:
+        """``place`` of each of the r records so far."""
+        return [*self._places, *([self.place] if self._grown.span_s > 0.0 else [])]
+
     def begin(self) -> None:
         """Begin another record of the same condition: what was flown before counts on."""
         if self._grown.span_s > 0.0:
             self._kept.append(self._grown.level(len(self.structure.states), self.settings.step_hz))
+            self._places.append(self.place)
             self._before_s += self._grown.span_s
         self._grown = Grown(self.lines, self.dt_s, self.settings.forgetting)
         self._last = None
@@ -373,11 +384,28 @@ class InFlight:
 
     def fit(self) -> Fit | None:
         """Return least squares now, its step counted from zero; None if nothing is decided yet."""
+        none = np.zeros(self.free.size)
+        return _fit(self._parts(), len(self.structure.states), none, none) if self.spans_s > 0.0 else None
+
+    def fit_along(self, along: FloatArray, mean: FloatArray, prior: FloatArray) -> Fit | None:
+        """Return least squares of parameters that change from record to record; None if nothing is decided yet.
+
+        Args:
+            along: (r, d) functions of the place of each record; a parameter is their sum with d coefficients.
+            mean: (d f,) of the prior of the coefficients, those of the first function first.
+            prior: (d f,) their inverse standard deviations about it.
+        """
         if not self.spans_s > 0.0:
             return None
-        n, none = len(self.structure.states), np.zeros(self.free.size)
-        now = [self._grown.level(n, self.settings.step_hz)] if self._grown.span_s > 0.0 else []
-        return _fit([*self._kept, *now], n, none, none)
+        n, f, parts = len(self.structure.states), self.free.size, []
+        for (level, weight), row in zip(self._parts(), along, strict=True):
+            slopes = level[:, None, n:].reshape(len(level), n, 1, f) * row[:, None]
+            parts.append((np.hstack([level[:, :n], slopes.reshape(len(level), -1)]), weight))
+        return _fit(parts, n, prior, -mean)
+
+    def _parts(self) -> list[tuple[ComplexArray, float]]:
+        n = len(self.structure.states)
+        return [*self._kept, *([self._grown.level(n, self.settings.step_hz)] if self._grown.span_s > 0.0 else [])]
 
 
 def _fit(parts: Sequence[tuple[ComplexArray, float]], n: int, prior: FloatArray, centre: FloatArray) -> Fit | None:

@@ -56,6 +56,11 @@ def called(call: Call) -> str:
     if call.kind == "enough":
         after = f": next card {call.words}" if call.words else ": go on to the next card"
         return f"you have it: the {call.channel} derivatives are as accurate as wanted{after}"
+    if call.kind == "next":
+        if not call.channel:
+            return f"nothing is left to fly: {call.words or 'all that is wanted is known'}"
+        what = f": {call.words}" if call.words else ""
+        return f"next card {call.channel}{what}; {call.value:.0f} s of flight left, {call.other:.0f} s as printed"
     after = f"; next card {call.other:.0f}" if call.other else "; no card is left"
     flown = "was flown as it says" if not call.words else f"must be flown again: {call.words}"
     return f"card {call.channel} {flown}{after}"

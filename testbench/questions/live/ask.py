@@ -19,6 +19,7 @@ from testbench.page.shown import Shown
 from testbench.questions.identify.derivatives import servos_of
 from testbench.questions.live.belief import CONTROLS, DRAWS, Believed
 from testbench.questions.live.clock import FASTEST_HZ, Clock, Rate
+from testbench.questions.live.course import Course, Outlook
 from testbench.questions.live.stream import Sample, Source
 from testbench.questions.live.track import QUIET_S, Estimate, Plane
 from testbench.questions.plan.close import FlownRun, close_plan
@@ -46,7 +47,7 @@ class Call:
 
     Attributes:
         t_s: when, on the clock of the source.
-        kind: "limit", "stop", "instrument", "enough", "run" or "link".
+        kind: "limit", "stop", "instrument", "enough", "run" or "next".
         channel: that it is of; "" if of none.
         value, other: what was found, and what it is set against.
         words: what else the sentence needs.
@@ -69,6 +70,7 @@ class Update:
     estimates: Mapping[str, tuple[Estimate, ...]]
     weighed: Mapping[str, tuple[Weighed, ...]]
     calls: tuple[Call, ...]
+    outlook: Outlook | None = None
 
     def line(self) -> str:
         """Return it as a line of JSON; the same samples give the same line."""
@@ -87,6 +89,8 @@ class Session(Shown, page="testbench.questions.live.page:live_page"):
         told: plane -> why its derivatives cannot be told, "" if they can.
         updates: every half second, without those that hold nothing.
         calls: all that was called out.
+        course: what is known for each card; None without a plan.
+        outlook: what to fly from now on; None before the first run.
         flown: card -> its good runs.
         notes: in sentences.
         V_m_s, h_m: condition that the derivatives are given at, however the speed has changed.
@@ -99,6 +103,8 @@ class Session(Shown, page="testbench.questions.live.page:live_page"):
     told: dict[str, str] = field(default_factory=dict)
     updates: list[Update] = field(default_factory=list)
     calls: list[Call] = field(default_factory=list)
+    course: Course | None = None
+    outlook: Outlook | None = None
     flown: dict[int, int] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     V_m_s: float = np.nan
@@ -106,8 +112,10 @@ class Session(Shown, page="testbench.questions.live.page:live_page"):
 
     @property
     def next_card(self) -> Card | None:
-        """The card to fly next; None without a plan, or if all are flown."""
+        """The card to fly next; None without a plan, or if nothing is left to fly."""
         cards = () if self.plan is None else self.plan.cards
+        if self.outlook is not None:
+            return next((c for c in cards if c.number == self.outlook.card), None)
         return next((c for c in cards if c.repeats > self.flown.get(c.number, 0)), None)
 
     def latest(self, plane: str) -> tuple[Estimate, ...]:
@@ -144,7 +152,8 @@ def fly_along(
         ...     print(update.t_s, update.calls)
     """
     session = Session(source.name, aircraft, plan) if session is None else session
-    clock, follower, due = Clock(), None, np.inf
+    behind = {} if plan is None else {s.channel: s.lag_s + s.delay_s for s in plan.suite.sensors}
+    clock, follower, due = Clock(behind), None, np.inf
     for sample in source.samples:
         if keep is not None:
             keep(sample)
@@ -204,6 +213,8 @@ class _Follower:
         self.frozen: dict[str, int] = {}
         self.changes: dict[str, int] = {}
         self.counted: set[tuple[int, float]] = set()
+        session.course = self.course = None if self.plan is None else Course(self.plan, wanted)
+        self.ahead, self.named = False, ("", "")
 
     def update(self) -> Update | None:
         block = self.clock.block(self.names)
@@ -222,6 +233,8 @@ class _Follower:
         estimates, weighed, active = {}, {}, []
         for name, plane in self.planes.items():
             ended = plane.take(block)
+            if ended:
+                self._learn(plane)
             if plane.active or ended:
                 active.append(name)
                 estimates[name] = plane.estimates()
@@ -231,9 +244,30 @@ class _Follower:
                     calls.append(Call(t_s, "stop", plane.name_of(found), found.value, found.probability, found.kind))
             calls += self._enough(name, estimates.get(name, ()), t_s)
         self.updates += 1
+        expected = self.course is not None and self.course.expect()
+        outlook = None
         if self.updates % _CARDS_EVERY == 0:
             calls += self._cards(t_s)
-        return Update(t_s, tuple(active), estimates, weighed, tuple(calls))
+            if expected and self.ahead and not active:
+                outlook = self._look_ahead()
+                what = str(outlook.card or ""), outlook.words
+                if what != self.named:
+                    calls.append(Call(t_s, "next", what[0], outlook.left_s, outlook.printed_s, what[1]))
+                self.named = what
+        return Update(t_s, tuple(active), estimates, weighed, tuple(calls), outlook)
+
+    def _learn(self, plane: Plane) -> None:
+        """Let the course of the plan know what a plane tells now."""
+        if self.course is not None:
+            self.course.learn(plane)
+            self.ahead = True
+
+    def _look_ahead(self) -> Outlook:
+        """Return what to fly from now on."""
+        assert self.course is not None
+        self.ahead = False
+        self.session.outlook = outlook = self.course.outlook(self.session.flown)
+        return outlook
 
     def last(self) -> Update | None:
         """Return the runs of cards that the end of the flight holds; None if there are none."""
@@ -264,6 +298,7 @@ class _Follower:
             wanted = {"": self.wanted, **self._of_cards(name)}
             how = (1.0 / self.rate_hz, self.angles[name], "V" in block, self._noise)
             self.planes[name] = Plane(name, sources, lags, believed, wanted, *how)
+            self._learn(self.planes[name])
         self.enough.clear()
         self.believed, self.drawn = believed, 0
 

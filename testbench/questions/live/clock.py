@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -44,9 +44,14 @@ class Rate:
 
 
 class Clock:
-    """Takes samples as they come, and gives blocks of them on an even clock."""
+    """Takes samples as they come, and gives blocks of them on an even clock.
 
-    def __init__(self) -> None:
+    Args:
+        behind_s: channel -> time by which its instrument is known to be behind, s: delays, and lags for slow motion.
+    """
+
+    def __init__(self, behind_s: Mapping[str, float] | None = None) -> None:
+        self.behind_s = behind_s or {}
         self._channels: dict[str, _Channel] = {}
         self.newest_s = -np.inf
         self.first_s = np.inf
@@ -62,10 +67,11 @@ class Clock:
         for name, value in sample.values.items():
             if not abs(value) <= OF_CHANNELS[channel(name).unit]:
                 continue
-            c = self._channels.setdefault(name, _Channel(first_s=sample.t_s))
-            if c.t and sample.t_s <= c.t[-1]:
+            taken_s = sample.t_s - self.behind_s.get(name, 0.0)
+            c = self._channels.setdefault(name, _Channel(first_s=taken_s))
+            if c.t and taken_s <= c.t[-1]:
                 continue
-            c.t.append(sample.t_s)
+            c.t.append(taken_s)
             c.x.append(value)
             c.late.append(sample.arrived_s - sample.t_s)
             c.count += 1

@@ -22,11 +22,13 @@ from testbench.core.channels import channel
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.parametric.recursive_fourier import InFlight
 from testbench.estimators.settings import RecursiveFourier
+from testbench.evaluation.derivatives import dimensional_derivatives, true_parameters
 from testbench.inference.form import ALPHA_RAD, FORM_STD
 from testbench.inference.multiple_models import Watched, Weighed
 from testbench.information.targets import needed_parameters
 from testbench.logs.manoeuvres import FACTOR, NOISE_QUANTILE, SMALLEST, WINDOW_S
 from testbench.questions.live.belief import LEAST_FORM, Believed, Expected, structure_of
+from testbench.questions.plan.result import Point
 
 QUIET_S, LEAD_S, TAIL_S, LONGEST_S = 5.0, 1.0, 3.0, 40.0
 """Undisturbed flight that trim and noise are taken from; what counts before and after a movement; the longest run."""
@@ -238,6 +240,8 @@ class Plane:
         block = FlightRecord(t, names, np.hstack([states, inputs]), "measured", np.hstack([ok, sound]))
         self.regression.add(block, self._scales(ratio), known)
         self._y = np.vstack([self._y, states])
+        away = self._y[:, 0] if self.name == "longitudinal" else np.zeros(1)
+        self.regression.place = V0, float(away.mean()), float(np.mean(away**2))
         if self._watched is not None:
             later = slice(self._lead_taken if not self._done else 0, None)
             read = list(self._watched.bank.read)
@@ -266,6 +270,18 @@ class Plane:
         turn = np.where(np.array(self.structure.states) == self.structure.states[0], 1.0, 0.0)[:, None]
         out: FloatArray = ratio[:, None, None] ** (powers - turn)
         return out
+
+    def believed_at(self, point: Point) -> tuple[FloatArray, FloatArray]:
+        """Return the derivatives (f,) that are estimated as they are believed at a point of a plan.
+
+        Beside them what theirs at the trim are times, if they go with dynamic pressure alone.
+        """
+        told = dimensional_derivatives(point.model, point.trimmed)
+        values = true_parameters(self.structure.meaning, told, point.V_m_s)
+        names = self.regression.names
+        scales = self._scales(np.array([point.V_m_s / self.believed.at.V]))[0]
+        turns = [0 if n[0] in "YZ" else 1 for n in names]  # the equation of the flow angle, or one of a moment
+        return np.array([values.get(n, 0.0) for n in names]), scales[turns, np.arange(len(names))]
 
     def _with_angle(self, z: FloatArray, valid: NDArray[np.bool_]) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return states with the flow angle integrated from rates and forces, z being deviations from trim."""

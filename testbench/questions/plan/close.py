@@ -240,15 +240,19 @@ def _recognised(u: FloatArray) -> int:
 
 def _cut_short(record: FlightRecord, card: Card, x: FloatArray, u: FloatArray, k: int) -> _Match | None:
     """Return the run at sample ``k`` whose command (n, m) stops early; None if it is none, or goes on otherwise."""
-    same = length = None
-    for n in range(_recognised(u), min(len(u), len(x) - k) + 1):
-        more = _compare(x[k : k + n], u[:n])
-        here = float(2.0 * more.products[0].sum() - more.energy[0]) / more.wanted
-        if here < _FAITHFUL:
-            break
-        same, length = here, n
-    if same is None or length is None or length == len(u) or not _given_back(record, card, x, k, length):
+    first, most = _recognised(u), min(len(u), len(x) - k)
+    y, t, n = x[k : k + most], u[:most], np.arange(1, most + 1)[:, None]
+
+    def shared(a: FloatArray, b: FloatArray) -> FloatArray:
+        """Return the sum of products up to each sample, means up to it removed."""
+        return np.asarray(np.sum(np.cumsum(a * b, axis=0) - np.cumsum(a, axis=0) * np.cumsum(b, axis=0) / n, axis=1))
+
+    likeness = (2.0 * shared(y, t) - shared(y, y))[first - 1 :] / shared(t, t)[first - 1 :]
+    as_flown = int(np.argmin(np.append(likeness >= _FAITHFUL, False)))
+    length = first - 1 + as_flown
+    if not as_flown or length == len(u) or not _given_back(record, card, x, k, length):
         return None
+    same = float(likeness[as_flown - 1])
     return _Match(same - _off_speed(record, card, k), card, k, length, same, 1.0)
 
 

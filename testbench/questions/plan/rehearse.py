@@ -54,7 +54,8 @@ def rehearse(
     flown: dict[int, list[FlightRecord]] = {}
     for run in plan.runs:
         say(f"fly run {run.number} of {len(plan.runs)}")
-        flown.setdefault(run.flight, []).append(_measured(plan, run, aircraft, seed + 1000 * run.number, say))
+        record = fly_run(plan, run, aircraft, seed + 1000 * run.number, say)
+        flown.setdefault(run.flight, []).append(record)
     return {flight: _joined(parts) for flight, parts in flown.items()}
 
 
@@ -86,8 +87,21 @@ def as_drawn(plan: Plan, aircraft: Aircraft, seed: int, say: Callable[[str], Non
             say(f"draw again, as this aircraft cannot be flown: {error}")
 
 
-def _measured(plan: Plan, run: Run, other: Aircraft | None, seed: int, say: Callable[[str], None]) -> FlightRecord:
-    """Return what is logged of one run: the sensors, and the commands that they do not read."""
+def fly_run(
+    plan: Plan, run: Run, other: Aircraft | None, seed: int, say: Callable[[str], None] = lambda text: None
+) -> FlightRecord:
+    """Return what is logged of one run: the sensors, and the commands that they do not read.
+
+    Args:
+        plan: of the run.
+        run: that is flown, by the aircraft of the plan or by another one.
+        other: what flies instead.
+        seed: of turbulence and noise.
+        say: called with why a run was broken off.
+
+    Raises:
+        TestbenchError: an aircraft that does not trim there, or that leaves its limits before the run begins.
+    """
     card = run.card
     point, suite, scenario = card.point, plan.suite, plan.scenario
     rate = suite.rate_hz * math.ceil(point.trimmed.rate_hz / suite.rate_hz - 1e-9)  # the sensors' rate divides it

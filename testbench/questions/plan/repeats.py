@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,7 +43,43 @@ def reach(
         EstimationError: no sensor of the suite shows this motion, or the linearised aircraft diverges.
     """
     wanted = {name: percent / 100.0 for name, percent in spec.accuracy_percent.items()}
-    plane = spec.plane
+    one = told_by_a_run(aircraft, point, spec, inputs, suite, period_ms)
+    std = accuracy(one.information).std
+    return repeats_for(one.names, std / np.maximum(np.abs(one.values), 1e-300), wanted, spec.most_repeats, spec.repeats)
+
+
+class Told(NamedTuple):
+    """What one run tells: parameters (k,) by name, their values, and their Fisher information (k, k)."""
+
+    names: tuple[str, ...]
+    values: FloatArray
+    information: FloatArray
+
+
+def told_by_a_run(
+    aircraft: Aircraft,
+    point: Point,
+    spec: PlannedManoeuvre,
+    inputs: Sequence[Input],
+    suite: SensorSuite,
+    period_ms: int | None = None,
+    share: Mapping[str, float] | None = None,
+) -> Told:
+    """Return what one run of a manoeuvre at a point tells of the parameters that :func:`reach` estimates.
+
+    Args:
+        aircraft: as believed.
+        point: of the plan.
+        spec: the manoeuvre, with what is wanted of it.
+        inputs: at the amplitude that is flown.
+        suite: the sensors.
+        period_ms: for which a script holds each command.
+        share: name -> what the parameter is of the believed one, where that is known better; 1 if it is not named.
+
+    Raises:
+        EstimationError: no sensor of the suite shows this motion, or the linearised aircraft diverges.
+    """
+    wanted, plane = spec.accuracy_percent, spec.plane
     elastic = sorted({int(n.rsplit("_", 1)[0][1:]) for n in wanted if n[0] == "Q"} | _numbers(wanted))
     along = spec.estimated or needed_parameters(plane, spec.controls, plane == "longitudinal", elastic)
     free = tuple(dict.fromkeys((*along, *wanted)))
@@ -59,30 +96,35 @@ def reach(
             "accuracy_percent, or another suite"
         )
     structure = structure_of(sensors)
+    if share is not None:
+        structure = structure.at(structure.true * np.array([share.get(name, 1.0) for name in free]))
     stride = max(1, math.ceil(_FINE_HZ / suite.rate_hz))
     rate = suite.rate_hz * stride
     samples = int((spec.settle_s + spec.duration_s) * suite.rate_hz)
     u = _sampled(spec, inputs, rate, samples * stride, period_ms)
-    std = accuracy(Experiment(structure, sensors, 1.0 / rate, samples, stride).information(u)).std
-    return repeats_for(free, std / np.maximum(np.abs(structure.true), 1e-300), wanted, spec.most_repeats)
+    return Told(free, structure.true, Experiment(structure, sensors, 1.0 / rate, samples, stride).information(u))
 
 
 def repeats_for(
-    names: Sequence[str], relative: FloatArray, wanted: dict[str, float], most: int
+    names: Sequence[str], relative: FloatArray, wanted: dict[str, float], most: int, given: int | None = None
 ) -> tuple[int, tuple[Reached, ...]]:
-    """Return the repeats, at most ``most``, and their accuracy, from relative standard errors (k,) of one run."""
+    """Return the repeats, at most ``most``, and their accuracy, from relative standard errors (k,) of one run.
+
+    They are those ``given``, if any are.
+    """
     one = {name: float(relative[list(names).index(name)]) for name in wanted}
     needed = {
         name: math.ceil((one[name] / wanted[name]) ** 2 - 1e-9) if math.isfinite(one[name]) else None for name in wanted
     }
     repeats = min(most, max(1, *(n for n in needed.values() if n is not None))) if any(needed.values()) else 1
+    repeats = given or repeats
     found = tuple(
         Reached(name, wanted[name], one[name], one[name] / math.sqrt(repeats), needed[name]) for name in wanted
     )
     return repeats, found
 
 
-def _numbers(names: dict[str, float]) -> set[int]:
+def _numbers(names: Mapping[str, float]) -> set[int]:
     """Return the modes that frequencies, damping ratios and couplings of these names belong to."""
     out = set()
     for name in names:

@@ -22,8 +22,9 @@ Share = Annotated[float, Field(gt=0.0, le=100.0)]
 class PlannedManoeuvre(Strict):
     """A manoeuvre at every point, or at those of ``speeds_m_s`` and ``heights_m``.
 
-    Give either ``repeats`` or ``accuracy_percent``: the wanted standard errors of named parameters, in percent of their
-    values, from which the repeats follow. ``estimated`` are the parameters that are estimated with them; if it is
+    Give ``repeats``, or ``accuracy_percent``: the wanted standard errors of named parameters, in percent of their
+    values, from which the repeats follow. With both, so many runs are planned, and `testbench live` says when fewer are
+    enough. ``estimated`` are the parameters that are estimated with them; if it is
     empty, those of the rigid motion that the moved controls enter. ``design`` is the file of the design that it was
     taken from (`testbench plan --from`): after the flight it is identified as that file says. ``use`` "validation" is
     a manoeuvre that nothing is identified from: it judges what the others of its design gave.
@@ -44,8 +45,8 @@ class PlannedManoeuvre(Strict):
 
     @model_validator(mode="after")
     def _one_rule_for_the_repeats(self) -> PlannedManoeuvre:
-        if (self.repeats is None) == (not self.accuracy_percent):
-            raise ValueError("a manoeuvre takes either repeats or accuracy_percent (and not both)")
+        if self.repeats is None and not self.accuracy_percent:
+            raise ValueError("a manoeuvre takes repeats, accuracy_percent or both")
         controls = {i.control for i in self.input}
         if controls & {"de", "thr"} and controls & {"da", "dr"}:
             raise ValueError(
