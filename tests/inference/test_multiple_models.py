@@ -4,12 +4,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
+from scipy.linalg import expm, solve_discrete_are
 from scipy.signal import cont2discrete
 from scipy.stats import multivariate_normal
 
 from testbench.estimators.parametric.kalman.innovations import sampled_noise
-from testbench.inference.multiple_models import Bank, Watched, in_quiet_flight
+from testbench.inference.multiple_models import Bank, Watched, _steady, in_quiet_flight
 
 DT, NOISE, QUIET = 0.02, 0.003, 250
 BELIEVED = np.array([-2.0, -15.0, -3.0, -20.0])
@@ -131,6 +131,18 @@ def test_steps_hold_the_noise_of_their_length():
     assert pytest.approx(summed, rel=1e-6) == Q
     assert pytest.approx(expm(F * DT), rel=1e-12) == A
     assert pytest.approx(np.linalg.solve(F, (expm(F * DT) - np.eye(2)) @ [[-0.1], [-20.0]])) == B
+
+
+def test_steady_filters_are_those_of_the_riccati_equation():
+    rng = np.random.default_rng(4)
+    A, C = steps(BELIEVED)[0], np.array([[0.0, 1.0]])
+    Q = np.array([10.0**e * np.cov(rng.standard_normal((2, 5))) for e in (-12, -8, -4)])
+    R = np.array([[[10.0**e]] for e in (-5, -7, -4)])
+    found = _steady(A, C, Q, R)
+    for P, q, r in zip(found, Q, R, strict=True):
+        assert pytest.approx(solve_discrete_are(A.T, C.T, q, r), rel=1e-8) == P
+        K = P @ C.T / (C @ P @ C.T + r)
+        assert np.abs(A @ (P - K @ C @ P) @ A.T + q - P).max() < 1e-13 * np.abs(P).max()
 
 
 def test_the_air_is_told_by_quiet_flight():

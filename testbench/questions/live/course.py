@@ -8,11 +8,12 @@ of attack of the trim, so that a card at another speed is told by those beside i
 
 b and c scatter by FORM_STD of the derivative about those of the believed aircraft. A run tells the mean of theta over
 the angles of attack that it met.
+
 A run of a card adds its Fisher information, by sensitivities at the current estimate. Regression in flight, in gusts,
-reaches less than that: expected information counts by the share that the runs so far have brought of theirs.
-The next card is the one that brings the most, per second in the air, towards the errors that are still too large;
-those after it are chosen in the same way, until nothing is wanted or the plan as printed would end. No card is faster than the next speed of the
-build-up. What cannot be told in flight is flown as printed.
+reaches less than that: expected information counts by the share that the runs so far have brought of theirs. The next
+card is the one that brings the most, per second in the air, towards the errors that are still too large; those after it
+are chosen in the same way, until nothing is wanted or the plan as printed would end. No card is faster than the next
+speed of the build-up. What cannot be told in flight is flown as printed.
 """
 
 from __future__ import annotations

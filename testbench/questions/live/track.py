@@ -125,6 +125,7 @@ class Plane:
         rows = np.hstack([part.data[:, :-m], self._reached(part.data[:, -m:])])
         known = kinematics(self.name, self.believed, block)
         ended = False
+        least = self._least()
         for k, row in enumerate(rows):
             self._lost_s = 0.0 if part.valid[k].all() else self._lost_s + self.dt_s
             if self._lost_s > LOST_S:  # what comes then is another flight
@@ -133,7 +134,7 @@ class Plane:
                 ended |= self._end()
                 continue
             self._recent.append(row)
-            moving = self._moves()
+            moving = self._moves(least)
             self._still_s = 0.0 if moving else self._still_s + self.dt_s
             if moving and not self.active and len(self._quiet) >= (self._recent.maxlen or 0):
                 self._begin()
@@ -189,16 +190,18 @@ class Plane:
         self._surface = x
         return out
 
-    def _moves(self) -> bool:
-        window = np.array(self._recent)[:, -len(self.sources) :]
-        moves = False
-        for i, c in enumerate(self.sources):
-            spread, seen = float(np.ptp(window[:, i])), self._spreads[c]
-            noise = float(np.quantile(seen[-2000:], NOISE_QUANTILE)) if len(seen) > 10 else 0.0
-            moves |= spread > max(FACTOR * noise, SMALLEST[channel(c).unit])
-            if len(self._recent) == self._recent.maxlen and len(seen) < 4000:
-                seen.append(spread)
-        return bool(moves)
+    def _least(self) -> FloatArray:
+        """Return the spread (m,) over a short time beyond which each control moves."""
+        noise = [float(np.quantile(x[-2000:], NOISE_QUANTILE)) if len(x) > 10 else 0.0 for x in self._spreads.values()]
+        return np.maximum(FACTOR * np.array(noise), [SMALLEST[channel(c).unit] for c in self._spreads])
+
+    def _moves(self, least: FloatArray) -> bool:
+        spread = np.ptp(np.array(self._recent)[:, -len(self.sources) :], axis=0)
+        if len(self._recent) == self._recent.maxlen:
+            for seen, x in zip(self._spreads.values(), spread.tolist(), strict=True):
+                if len(seen) < 4000:
+                    seen.append(x)
+        return bool(np.any(spread > least))
 
     def _begin(self) -> None:
         quiet = np.array(self._quiet)
