@@ -1,9 +1,10 @@
-"""Serve pages to this machine alone: the one server of the house.
+"""Serve pages to this machine alone, or at one of its addresses that is named: the one server of the house.
 
-It listens on 127.0.0.1. That alone keeps nobody out: any page in the browser of this machine may send requests here,
-and a name that its owner lets point to 127.0.0.1 makes it one origin with us (DNS rebinding). Therefore the Host must
-be ours, and the Origin, where there is one; whoever sends a body must state it. Connections, the size of a request and
-its time are limited. One connection carries one request: GET or HEAD, or POST where a server takes something.
+It listens on 127.0.0.1 unless told otherwise. That alone keeps nobody out: any page in the browser of this machine may
+send requests here, and a name that its owner lets point to 127.0.0.1 makes it one origin with us (DNS rebinding).
+Therefore the Host must be ours, and the Origin, where there is one; whoever sends a body must state it. Connections,
+the size of a request and its time are limited. One connection carries one request: GET or HEAD, or POST where a server
+takes something.
 """
 
 from __future__ import annotations
@@ -59,28 +60,31 @@ class Server(ThreadingHTTPServer):
         port: on 127.0.0.1; 0 lets the system choose (``server_port``).
         answer: gives what is sent for a path, such as "/" or "/runs.csv", unquoted and without its query; None: 404.
         take: the same of POST, of a path and a body of at most :data:`MOST` bytes; nothing is taken if not given.
+        host: the address of this machine that it listens on; whoever reaches it may ask, so that paths need a token.
 
     Raises:
-        LimitError: the port is taken or not allowed.
+        LimitError: the port is taken or not allowed, or the address is not one of this machine.
     """
 
     daemon_threads = True
     request_queue_size = CONNECTIONS
 
-    def __init__(self, port: int, answer: Callable[[str], Answer | None], take: Take | None = None) -> None:
-        self.answer, self.take = answer, take
+    def __init__(
+        self, port: int, answer: Callable[[str], Answer | None], take: Take | None = None, host: str = HOST
+    ) -> None:
+        self.answer, self.take, self.host = answer, take, host
         self._room = BoundedSemaphore(CONNECTIONS)
         self._open: set[Any] = set()
         try:
-            super().__init__((HOST, port), _Handler)
+            super().__init__((host, port), _Handler)
         except (OSError, OverflowError) as error:
             reason = error.strerror if isinstance(error, OSError) else "not a port"
-            raise LimitError(f"port {port} of {HOST} cannot be served: {reason}; choose another with --port") from None
+            raise LimitError(f"port {port} of {host} cannot be served: {reason}; choose another with --port") from None
 
     @property
     def hosts(self) -> tuple[str, ...]:
         """Names that requests may call us by."""
-        names = (HOST, "localhost", "[::1]")
+        names = (HOST, "localhost", "[::1]") if self.host == HOST else (self.host,)
         return tuple(f"{n}:{self.server_port}" for n in names) + (names if self.server_port == 80 else ())
 
     def until_ended(self, path: str = "/") -> None:
@@ -129,13 +133,15 @@ class Server(ThreadingHTTPServer):
 
 
 @contextmanager
-def serving(answer: Callable[[str], Answer | None], port: int, take: Take | None = None) -> Iterator[Server]:
+def serving(
+    answer: Callable[[str], Answer | None], port: int, take: Take | None = None, host: str = HOST
+) -> Iterator[Server]:
     """Hold a :class:`Server`; ``serve_forever`` serves, and the block's end closes it.
 
     Raises:
         LimitError: the port is taken or not allowed.
     """
-    server = Server(port, answer, take)
+    server = Server(port, answer, take, host)
     try:
         yield server
     finally:

@@ -11,6 +11,10 @@ from testbench.page.terminal import console, manner
 from testbench.questions.options import OutOption, UsageError, with_figures
 
 if TYPE_CHECKING:
+    from contextlib import ExitStack
+
+    from rich.live import Live
+
     from testbench.questions.live.ask import Session, Update
     from testbench.questions.live.stream import Sample
 
@@ -45,13 +49,19 @@ def command(
     onboard: Annotated[
         Path | None, typer.Option(help="Telemetry log (.tlog) to write of all that MAVLink brings.", show_default=False)
     ] = None,
+    view: Annotated[
+        str | None,
+        typer.Option(help="Serve a page at an address of this machine, as 192.168.1.10:8701.", show_default=False),
+    ] = None,
+    bell: Annotated[bool, typer.Option("--bell", help="Ring the bell of the terminal at every stop.")] = False,
     out: OutOption = Path("results"),
 ) -> None:  # fmt: skip
     """Follow a flight while it flies: derivatives with errors, and what is not as believed.
 
     Calls "you have it, next card 4", "stop: q is 0.6 of what was expected", limits and instruments that fail. Listens
     only: nothing is ever sent to the aircraft. All samples are recorded, and the folder can be followed again; on a
-    companion computer `--onboard flight.tlog` keeps every message at its full rate, for `testbench import`.
+    companion computer `--onboard flight.tlog` keeps every message at its full rate, for `testbench import`. With --view
+    a phone in the network of the ground station shows it large, at the address that is printed.
     Examples: `testbench live flight.csv --aircraft taurus`, `testbench live udp:14550 --plan mine.toml --servo de=2`.
     """
     import json
@@ -69,6 +79,7 @@ def command(
 
     if (aircraft is None) == (plan is None):
         raise UsageError("give either --aircraft or --plan, which names one")
+    address = None if view is None else _address(view)
     made = None if plan is None else make_plan(obtain(PlanScenario, plan))
     flown = made.aircraft if made is not None else load_aircraft(aircraft or "")
     full = {c: control.full for c, control in flown.controls.items() if c != "thr"}
@@ -76,7 +87,7 @@ def command(
         raise UsageError("--onboard names a telemetry log, FILE.tlog, and goes with udp:PORT or serial:DEVICE:BAUD")
     if onboard is not None and onboard.exists():
         raise UsageError(f"--onboard writes over no flight, and '{onboard}' is there: name another file")
-    with ExitStack() as files:
+    with ExitStack() as files, ExitStack() as shown:
         kept = None
         if onboard is not None:
             beside = files.enter_context(ResultFolder(onboard.parent, adds=True))
@@ -85,7 +96,7 @@ def command(
         opened = open_source(source, throws, _servos(servo or []), speed, replay, idle, kept)
         session = Session(opened.name.replace(":", "_"), flown, made)
         place = files.enter_context(ResultFolder(folder_in(out, f"live_{session.source}")))
-        view = _View(session, opened.radio)
+        screen = _View(session, opened.radio, bell, shown, address)
         with place.live(RECORDING).open("w", encoding="utf-8") as file:
 
             def keep(sample: Sample) -> None:
@@ -96,13 +107,14 @@ def command(
                     file.flush()
                     if kept is not None:
                         kept.flush()
-                    view.show(update)
+                    screen.show(update)
             except KeyboardInterrupt:
                 session.notes.append("ended by hand")
+        shown.close()
         page = live_page(session)
         page.write(place)
-    if view.unheard is not None:
-        raise view.unheard
+    if screen.unheard is not None:
+        raise screen.unheard
     page.show(console(), place.path)
 
 
@@ -119,19 +131,61 @@ def _servos(given: list[str]) -> dict[str, int]:
     return out
 
 
-class _View:
-    """The terminal while it flies: calls as they come, and the derivatives twice a second, or where a run ends."""
+def _address(given: str) -> tuple[str, int]:
+    """Return address and port from a text such as "192.168.1.10:8701"."""
+    from ipaddress import IPv4Address
 
-    def __init__(self, session: Session, radio: bool) -> None:
-        self.session, self.radio, self.begun = session, radio, False
+    host, _, port = given.rpartition(":")
+    try:
+        address = IPv4Address(host)
+        if address.is_unspecified or address.is_multicast or not port.isdecimal() or int(port) > 65535:
+            raise ValueError
+    except ValueError:
+        raise UsageError(
+            f"--view must be one address of this machine and a port, as 192.168.1.10:8701, got '{given}'; the address "
+            "is that by which the phone reaches this machine"
+        ) from None
+    return host, int(port)
+
+
+class _View:
+    """What is seen while it flies: calls as they come, and what is known, in a terminal and on a page.
+
+    A terminal shows it all the time; where output goes to a file, derivatives are printed where a run ends.
+    """
+
+    def __init__(
+        self, session: Session, radio: bool, bell: bool, shown: ExitStack, address: tuple[str, int] | None
+    ) -> None:
+        from testbench.questions.live.glance import Glance, served
+
+        self.session, self.radio, self.bell, self.begun = session, radio, bell, False
         self.quiet = manner().how in ("quiet", "json")
         self.active: tuple[str, ...] = ()
         self.unheard: BaseException | None = None  # what kept a call from being shown: the flight is still recorded
         self.screen = console()
+        self.page: Glance | None = None
+        self.live: Live | None = None
+        if address is not None:
+            self.page, home = shown.enter_context(served(session.source, *address))
+            self._say(f"Open {home} in a browser; who has this address sees the flight.")
+        if self.screen.is_terminal and not self.quiet:
+            from rich.live import Live
+
+            self.live = shown.enter_context(Live(console=self.screen, auto_refresh=False))
 
     def show(self, update: Update) -> None:
         from testbench.questions.live.answer import called, estimate_line, link_lines
+        from testbench.questions.live.glance import glance, glance_table
 
+        if self.page is not None or self.live is not None:
+            now = glance(self.session, update)
+            if self.page is not None:
+                self.page.show(now)
+            if self.live is not None:
+                self.live.update(glance_table(now), refresh=True)
+        if self.bell and any(c.kind in ("stop", "instrument") for c in update.calls):
+            self.screen.bell()
         if self.quiet:
             return
         if not self.begun:
@@ -140,10 +194,11 @@ class _View:
                 self._say(line)
         for call in update.calls:
             self._say(
-                f"{update.t_s:8.1f} s  {called(call)}", "bold red" if call.kind not in ("enough", "run") else "bold"
+                f"{update.t_s:8.1f} s  {called(call)}",
+                "bold red" if call.kind not in ("enough", "run", "next") else "bold",
             )
-        for plane in self.active if not self.screen.is_terminal else update.active:
-            if self.screen.is_terminal or plane not in update.active:
+        for plane in self.active if self.live is None else ():
+            if plane not in update.active:
                 for e in self.session.latest(plane):
                     if e.wanted:
                         self._say(f"{update.t_s:8.1f} s  {estimate_line(e)}")

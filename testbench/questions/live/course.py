@@ -108,7 +108,7 @@ class _Known:
         alpha: angle of attack that s is zero at.
         at: point of the plan -> (f,) what is believed there, over ``size`` and dynamic pressure, and (f,) itself.
         now: derivative -> estimate over what is believed, of those that are known.
-        share: of expected information that the runs have brought.
+        share: (f,) of expected information on each that the runs have brought.
         targets: (t, 3 f) what is wanted, by a, b and c, over the wanted error of each.
         wanted: (t,) these errors.
         of: card and name of each.
@@ -120,18 +120,21 @@ class _Known:
     alpha: float
     at: Mapping[int, tuple[FloatArray, FloatArray]]
     now: Mapping[str, float]
-    share: float = 1.0
+    share: FloatArray = field(default_factory=lambda: np.ones(0))
     targets: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     wanted: FloatArray = field(default_factory=lambda: np.zeros(0))
     of: tuple[tuple[int, str], ...] = ()
 
-    def errors(self, information: FloatArray) -> FloatArray:
-        """Return the errors (..., t) of the targets over the wanted ones, of information (..., 3 f, 3 f)."""
+    def scatter(self, information: FloatArray) -> FloatArray:
+        """Return the variances (..., t) of the targets over the wanted ones, of information (..., 3 f, 3 f)."""
         size = np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
         both = size[..., :, None] * size[..., None, :]
         C = np.linalg.inv(information / both + 1e-12 * np.eye(size.shape[-1])) / both
-        scatter = np.maximum(np.einsum("tk,...kl,tl->...t", self.targets, C, self.targets), 0.0)
-        return np.sqrt(scatter + (LEAST_FORM / self.wanted) ** 2)
+        return np.maximum(np.einsum("tk,...kl,tl->...t", self.targets, C, self.targets), 0.0)
+
+    def errors(self, information: FloatArray) -> FloatArray:
+        """Return the same as errors, with what a linear aircraft is off by."""
+        return np.sqrt(self.scatter(information) + (LEAST_FORM / self.wanted) ** 2)
 
     def of_cards(self, information: FloatArray) -> list[tuple[int, float]]:
         """Return card and error over the wanted one of every target."""
@@ -177,7 +180,7 @@ class Course:
         form, none = np.full(2 * f, 1.0 / FORM_STD["alpha"]), np.full(f, _LOOSE)
         start = np.diag(np.concatenate([none, form]) ** 2)
         mean = self._along(alpha, at)
-        known = _Known(names, mean, start, alpha, at, {})
+        known = _Known(names, mean, start, alpha, at, {}, np.ones(f))
         fit = None
         if alphas.size:
             s = (alphas - alpha) / ALPHA_RAD
@@ -222,12 +225,18 @@ class Course:
         known.of = tuple((number, name) for (_, name), (_, number) in least.items())
         known.targets = np.array(rows).reshape(len(rows), 3 * len(known.names)) / known.wanted[:, None]
 
-    def _row(self, known: _Known, number: int, name: str) -> FloatArray:
-        """Return a derivative over its believed value at the point of a card, (3 f,), by a, b and c of all of them."""
+    def _row(self, known: _Known, number: int, name: str, flown: bool = False) -> FloatArray:
+        """Return a derivative over its believed value at the point of a card, (3 f,), by a, b and c of all of them.
+
+        Or what a run of the card tells of it: its mean over the angles of attack that are expected of it.
+        """
         point, at = self.cards[number].point, known.names.index(name)
-        s = (point.trimmed.alpha - known.alpha) / ALPHA_RAD
+        s = np.array([point.trimmed.alpha - known.alpha]) / ALPHA_RAD
+        record = self.cards[number].expected
+        if flown and "alpha" in record and self.cards[number].spec.plane == "longitudinal":
+            s = (record["alpha"] - known.alpha) / ALPHA_RAD
         here = known.at[point.number][0][at] or np.inf
-        return np.kron([1.0, s, s**2], np.arange(len(known.names)) == at) / here
+        return np.kron([1.0, s.mean(), np.mean(s**2)], np.arange(len(known.names)) == at) / here
 
     def expect(self) -> bool:
         """Expect one more card at the current estimate; return whether all are. All at once would take too long."""
@@ -257,21 +266,25 @@ class Course:
         rest = [i for i, n in enumerate(names) if n not in known.names]
         cross = M[np.ix_(own, rest)]
         M = M[np.ix_(own, own)] - cross @ np.linalg.pinv(M[np.ix_(rest, rest)], hermitian=True) @ cross.T
-        J = np.array([self._row(known, number, names[i]) for i in own]).reshape(len(own), 3 * len(known.names))
+        rows = [self._row(known, number, names[i], flown=True) for i in own]
+        J = np.array(rows).reshape(len(own), 3 * len(known.names))
+        J *= np.sqrt([known.share[known.names.index(names[i])] for i in own])[:, None]
         out: FloatArray = J.T @ M @ J
         return out
 
-    def _brought(self, known: _Known, flown: Mapping[int, int]) -> float:
-        """Return the share of the information that was expected of the runs so far that they have brought."""
-        own = {n: k for n, k in flown.items() if k and n in self.cards and self.cards[n].number in dict(known.of)}
-        if not own:
-            return 1.0
-        f = len(known.names)
+    def _compare(self, known: _Known, flown: Mapping[int, int]) -> None:
+        """Find the share of the information that was expected of the runs so far that they have brought."""
+        f, shown = len(known.names), {number for number, _ in known.of}
+        known.share = np.ones(f)
+        own = {n: k for n, k in flown.items() if k and n in shown}
         prior = np.diag(np.concatenate([np.full(f, _LOOSE), np.full(2 * f, 1.0 / FORM_STD["alpha"])]) ** 2)
         expected = prior + sum(k * self._added(known, n) for n, k in own.items())
-        at = [i for i, (number, _) in enumerate(known.of) if number in own]
-        ratio = (known.errors(expected)[at] / known.errors(known.information)[at]) ** 2
-        return float(np.clip(np.median(ratio), _LEAST_SHARE, 1.0))
+        ratio = known.scatter(expected) / np.maximum(known.scatter(known.information), 1e-300)
+        of = {n: [r for (number, name), r in zip(known.of, ratio.tolist(), strict=True) if name == n and number in own]
+              for n in known.names}  # fmt: skip
+        told = [r for each in of.values() for r in each]
+        usual = float(np.median(told)) if told else 1.0
+        known.share = np.clip([float(np.median(of[n])) if of[n] else usual for n in known.names], _LEAST_SHARE, 1.0)
 
     def claimed(self, point: Point) -> dict[str, tuple[float, float]]:
         """Return derivative -> its estimate at a point of the plan, and the error that is wanted there, SI."""
@@ -296,10 +309,10 @@ class Course:
         adds: dict[int, FloatArray] = {}
         for name in ahead:
             known = self._known[name]
-            known.share = self._brought(known, flown)
+            self._compare(known, flown)
             for n in judged:
                 if self.cards[n].spec.plane == name:
-                    adds[n] = known.share * self._added(known, n)
+                    adds[n] = self._added(known, n)
         order: list[int] = []
         count, budget_s = dict(flown), sum(seconds[n] * (c.repeats - flown.get(n, 0)) for n, c in self.cards.items())
         gains: tuple[Gain, ...] = ()

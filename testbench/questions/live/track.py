@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,8 @@ _FEWEST = 8  # drawn aircraft that the uncertainty is known by
 _QUIETEST = 2e-4  # rad, rad/s: noise of an instrument that seems to have none
 SPEED_LAG_S = 0.1
 _FRAME = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta")
+_CAUGHT_UP = 150
+"""Samples that the bank takes in an update: those of the quiet flight before a run come as it begins."""
 _LEAK_S = 20.0  # of a flow angle that is integrated
 
 
@@ -108,6 +111,7 @@ class Plane:
         self._angle = 0.0
         self._still_s, self._said = 0.0, ""
         self._watched: Watched | None = None
+        self._waiting: list[Any] = []
         self.active, self._lost_s, self._learnt = False, 0.0, False
 
     @property
@@ -158,7 +162,7 @@ class Plane:
         """End the run, if there is one; return whether there was."""
         if not self.active:
             return False
-        self._feed()
+        self._feed(every=True)
         self.active = False
         self._quiet.clear()
         self._lead.clear()
@@ -217,8 +221,8 @@ class Plane:
         self.regression.begin()
         self.active, self._still_s = True, 0.0
 
-    def _feed(self) -> None:
-        """Give what is new in the run to the regression."""
+    def _feed(self, every: bool = False) -> None:
+        """Give what is new in the run to the regression and, ``every`` sample or so many, to the bank."""
         new = np.array(self._run[self._done :])
         if not len(new):
             return
@@ -250,7 +254,11 @@ class Plane:
             read = list(self._watched.bank.read)
             turned = known - self._known[0] + self.expected.by_speed(states, inputs, ratio)
             both = np.hstack([inputs, turned])
-            self._watched.take(both[later], states[later][:, read], ok[later][:, read])
+            more = both[later], states[later][:, read], ok[later][:, read]
+            self._waiting = [np.vstack(part) for part in zip(self._waiting, more, strict=True)]
+            at_once = len(self._waiting[0]) if every else _CAUGHT_UP
+            self._watched.take(*(x[:at_once] for x in self._waiting))
+            self._waiting = [x[at_once:] for x in self._waiting]
         self._done += len(new)
 
     def _smooth_speed(self, V: FloatArray) -> FloatArray:
@@ -337,7 +345,7 @@ class Plane:
             inputs = np.column_stack([inputs, self._smooth_speed(quiet[:, -m - 1])])
         acting = np.array([self.noise(source) for source in self.sources.values()])
         watched = Watched(self.expected.bank(self.believed, read, noise, acting, states, inputs))
-        watched.take(np.hstack([inputs, np.zeros((len(inputs), n))]), states, np.ones(states.shape, bool))
+        self._waiting = [np.hstack([inputs, np.zeros((len(inputs), n))]), states, np.ones(states.shape, bool)]
         self._slow_V, self._lead_taken = 0.0, len(self._run)
         return watched
 

@@ -9,8 +9,10 @@ import time
 import tty
 from dataclasses import replace
 from functools import cache
+from http.client import HTTPConnection
 from types import SimpleNamespace
 from unittest.mock import Mock
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -24,10 +26,11 @@ from testbench.flight import linearise
 from testbench.inputs import InputSignal
 from testbench.questions.importing.ask import import_log
 from testbench.questions.live.answer import called, link_lines
-from testbench.questions.live.ask import Session, fly_along
+from testbench.questions.live.ask import Call, Session, Update, fly_along
 from testbench.questions.live.clock import Clock, Rate
+from testbench.questions.live.glance import glance, served
 from testbench.questions.live.stream import Sample, Source, followed, mavlink, open_source
-from testbench.questions.live.track import Plane
+from testbench.questions.live.track import Estimate, Plane
 
 KNOWN = {"CL_alpha": 0.1, "Cm_alpha": 0.1, "Cm_q": 0.1, "Cm_de": 0.1}
 CHANNELS = ("V", "h", "alpha", "q", "theta", "az", "ax", "de", "p", "r", "phi")
@@ -382,3 +385,40 @@ def test_runs_of_cards_are_recognised_and_the_next_one_is_named(tmp_path, monkey
     updates = [json.loads(line) for line in (tmp_path / "out" / f"live_{log.stem}" / "updates.jsonl").open()]
     runs = [c for u in updates for c in u["calls"] if c["kind"] == "run"]
     assert [(c["channel"], c["other"], c["words"]) for c in runs] == [("1", 1, ""), ("1", 0, "")]
+
+
+def _asked(home, path=None, host=None):
+    split = urlsplit(home)
+    link = HTTPConnection(split.hostname, split.port, timeout=10)
+    link.request("GET", split.path if path is None else path, headers={"Host": host} if host else {})
+    answer = link.getresponse()
+    return answer.status, answer.read()
+
+
+def test_the_page_is_shown_to_who_has_its_token_at_the_address_that_was_chosen():
+    session = Session("flight", tb.load_aircraft("taurus", "rigid"))
+    session.told = {"longitudinal": ""}
+    session.calls = [Call(10.0, "stop", "de", 0.5, 0.97, "gain")]
+    estimate = Estimate("M_q", -1.4, 0.14, 0.3, -1.3, 0.13, False)
+    session.updates = [Update(12.0, (), {"longitudinal": (estimate,)}, {}, ())]
+    with served("flight", "127.0.0.2", 0) as (page, home):
+        assert home.startswith("http://127.0.0.2:")
+        page.show(glance(session, session.updates[-1]))
+        assert _asked(home)[0] == 200
+        now = json.loads(_asked(home, f"{page.home}now")[1])
+        assert (now["word"], now["kind"], now["stops"]) == ("STOP", "stop", 1)
+        assert now["line"] == "de has 0.5 of the effect that is expected (97 % likely)"
+        assert now["derivatives"] == [{"name": "M_q", "error": 10.77, "wanted": 10.0, "reached": False}]
+        for path in ("/", "/now", f"{page.home[:-2]}/now", "/x/now"):
+            assert _asked(home, path)[0] == 404
+        assert _asked(home, host="evil.example")[0] == 421  # a name that its owner lets point here
+        assert _asked(home, host="127.0.0.1")[0] == 421
+    later = replace(session.updates[-1], t_s=40.0)
+    assert glance(session, later)["word"] == "READY"
+
+
+@pytest.mark.parametrize("given", ["0.0.0.0:8701", "8701", "here:1", "127.0.0.1:x", "224.0.0.1:80", "127.0.0.1:99999"])
+def test_a_page_must_have_one_address(monkeypatch, capsys, given):
+    status, said = ends(monkeypatch, capsys, "live", "nowhere.csv", "--aircraft", "taurus", "--view", given)
+    assert status == 2
+    assert "--view must be one address of this machine and a port" in " ".join(said)
