@@ -18,7 +18,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
 # work alone, written to FOLDER. ARGS: what the script is told besides, such as make mutants ARGS="--count 60".
 ARGS ?=
 STUDIES = advice-study anybody-test autopilot-log-study believed-study benchmarks blind-test campaign-cost clearance-study coloured-errors-study corpus-study \
-  dataset-study design-study env-study estimator-study filter-error-study gap-in-batches global-study live-study log-input-study loop-study mutants new-users \
+  course-study dataset-study design-study env-study estimator-study filter-error-study gap-in-batches global-study live-study log-input-study loop-study mutants new-users \
   pages-held promise-study reliability same-bytes sequential-study static-margin-study stock surroundings third-party
 
 .PHONY: demo quick lint test test-slow fuzz docs clean reproduction $(STUDIES)
@@ -105,6 +105,10 @@ global-study: $(VENV)/installed-dev
 # Writes results/live/flights.csv; ten minutes of processor time. Interrupted: it goes on where it stopped.
 live-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/live_study.py $(ARGS)
+
+# Writes results/live/courses.csv; an hour of processor time for a hundred campaigns. Interrupted: it goes on where it stopped.
+course-study: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/course_study.py $(ARGS)
 
 # Writes results/design/promise.csv and robust.csv; about half an hour of processor time. Interrupted: it goes on where it stopped.
 promise-study: $(VENV)/installed-dev

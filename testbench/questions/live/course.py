@@ -304,7 +304,13 @@ class Course:
         """
         seconds = {n: c.length_s + self.plan.scenario.timing.turn_s for n, c in self.cards.items()}
         printed = {n: max(c.repeats - flown.get(n, 0), 0) for n, c in self.cards.items()}
-        judged = {n for known in self._known.values() for n, _ in known.of if np.any(self._told[n][1])}
+        judged = {
+            n
+            for n, c in self.cards.items()
+            if np.any(self._told[n][1])
+            and c.spec.plane in self._known
+            and set(self.wanted[n]) & set(self._known[c.spec.plane].names)
+        }
         ahead = {name: known.information for name, known in self._known.items() if known.of}
         adds: dict[int, FloatArray] = {}
         for name in ahead:
@@ -320,7 +326,7 @@ class Course:
             spent_s = sum(seconds[n] for n in order)
             may = [n for n in self._allowed(count) if n in adds and spent_s + seconds[n] <= budget_s]
             lacks = {name: float(self._known[name].lacks(M)) for name, M in ahead.items()}
-            gain = {}
+            gain: dict[int, float] = {}
             for name, M in ahead.items():
                 of = [n for n in may if self.cards[n].spec.plane == name]
                 if of and lacks[name] > 0.0:
@@ -341,8 +347,8 @@ class Course:
             {n for name, M in by.items() for n, e in self._known[name].of_cards(M) if e > 1.0}
             for by in (ahead, {name: self._known[name].information for name in ahead})
         )
-        spare = tuple(n for n in sorted(adds) if printed[n] and n not in order and n not in lacking)
-        order += [n for n in self.cards if n not in adds for _ in range(printed[n])]
+        spare = tuple(n for n in sorted(judged) if printed[n] and n not in order and n not in lacking)
+        order += [n for n in self.cards if n not in judged for _ in range(printed[n])]
         left = sum(seconds[n] for n in order), sum(seconds[n] * k for n, k in printed.items())
         return Outlook(order[0] if order else 0, gains, spare, tuple(order), *left, tuple(sorted(lost)))
 

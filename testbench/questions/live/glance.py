@@ -38,7 +38,7 @@ def glance(session: Session, update: Update) -> dict[str, Any]:
     t_s = update.t_s
     recent = [c for c in session.calls if t_s - c.t_s <= (_STOP_S if _WORDS.get(c.kind) == "STOP" else _SAID_S)]
     stops = [c for c in recent if _WORDS.get(c.kind) == "STOP"]
-    call = (stops or [c for c in recent if c.kind in _WORDS] or [None])[-1]
+    call = next(reversed(stops or [c for c in recent if c.kind in _WORDS]), None)
     card = session.next_card
     if call is not None:
         kind, word, line = call.kind, _WORDS[call.kind], called(call)

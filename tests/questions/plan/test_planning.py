@@ -403,8 +403,7 @@ def test_all_faults_of_a_file_at_once(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"manoeuvre": [manoeuvre(accuracy_percent={"M_q": 5.0})]}, "either repeats or accuracy_percent"),
-        ({"manoeuvre": [manoeuvre(repeats=None)]}, "either repeats or accuracy_percent"),
+        ({"manoeuvre": [manoeuvre(repeats=None)]}, "takes repeats, accuracy_percent or both"),
         ({"manoeuvre": [manoeuvre(), manoeuvre()]}, "names must differ"),
         ({"manoeuvre": [manoeuvre(speeds_m_s=[13.0])]}, "must be among those of the plan"),
         ({"speeds_m_s": [12.0, 12.0]}, "every value must stand there once"),
