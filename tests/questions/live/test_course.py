@@ -90,8 +90,11 @@ def test_a_plan_ends_when_what_it_wants_is_known_and_that_is_right():
             zero += float(record.t_s[-1]) + 10.0
             card = session.next_card
 
-    for _ in fly_along(Source("flight", arriving()), plan().aircraft, plan(), session=session, draws=0):
+    samples, how = [], {"aircraft": plan().aircraft, "plan": plan(), "draws": 0}
+    for _ in fly_along(Source("flight", arriving()), **how, session=session, keep=samples.append):
         pass
+    again = [u.line() for u in fly_along(Source("again", iter(samples)), **how)]
+    assert again == [u.line() for u in session.updates]
     assert flown[0] == 1
     assert 2 in flown
     assert len(flown) < 6
