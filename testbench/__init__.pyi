@@ -9,6 +9,7 @@ from testbench.estimators import estimate as estimate
 from testbench.estimators.model import IdentifiedModel as IdentifiedModel
 from testbench.estimators.parametric.structures.written import structure_from_equations as structure_from_equations
 from testbench.evaluation import Evaluation as Evaluation
+from testbench.evaluation import TrueSystem as TrueSystem
 from testbench.evaluation import evaluate as evaluate
 from testbench.flight import (
     FlightCondition as FlightCondition,

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -74,6 +75,19 @@ class Case:
         """Suite and estimator, in words; of recorded flights, which have no suite to tell apart, the estimator."""
         name = estimator_name(self.estimator)
         return name if self.suite == RECORDED else f"{self.suite}, {name}"
+
+
+class AsksToIdentify(Protocol):
+    """A scenario whose records are prepared and identified; messages name its file."""
+
+    @property
+    def file(self) -> Path | None: ...  # noqa: D102
+
+    @property
+    def preparation(self) -> Preparation: ...  # noqa: D102
+
+    @property
+    def identification(self) -> Identification: ...  # noqa: D102
 
 
 def condition_of(condition: Condition) -> FlightCondition:
@@ -202,10 +216,7 @@ def _with_instability(error: FlightAborted, aircraft: Aircraft, trimmed: Trimmed
 
 def identify_and_judge(
     flights: Sequence[Flight],
-    suites: Sequence[str],
-    preparation: Preparation,
-    identification: Identification,
-    where: Path | None = None,
+    asked: AsksToIdentify,
     progress: Report | None = None,
     truth: Truth | None = None,
     noise: Mapping[str, Mapping[str, float]] | None = None,
@@ -215,11 +226,8 @@ def identify_and_judge(
     """Prepare the records of every suite, run every estimator on them, and judge the models.
 
     Args:
-        flights: simulated or recorded.
-        suites: keys of ``Flight.measured``.
-        preparation: what is done to the records first.
-        identification: inputs, outputs and estimators.
-        where: file that messages name.
+        flights: simulated or recorded, all measured by the same suites.
+        asked: what is done to the records first, and inputs, outputs and estimators.
         progress: called with a few words as each stage begins.
         truth: what estimates are compared with; None for recorded flights.
         noise: suite -> channel -> standard deviation, from which the error by noise alone follows.
@@ -230,13 +238,13 @@ def identify_and_judge(
         TestbenchError: with file and key; with ``failed`` only if no estimator gives a model.
     """
     say, noise = progress or (lambda text: None), noise or {}
-    limit_s = identification.limit_s
+    where, identification, limit_s = asked.file, asked.identification, asked.identification.limit_s
     cases: list[Case] = []
     first: Refusal | None = None
-    for suite in suites:
+    for suite in flights[0].measured:
         with located(where, "preparation"):
-            parts = [(f.use, prepared(f.measured[suite], f.trim_s, preparation)) for f in flights]
-        fit, judge = _divide(parts, preparation.identification_fraction)
+            parts = [(f.use, prepared(f.measured[suite], f.trim_s, asked.preparation)) for f in flights]
+        fit, judge = _divide(parts, asked.preparation.identification_fraction)
         sensed = fit[0].channels
         outputs = tuple(n for n in (identification.outputs or sensed) if n in sensed and n not in identification.inputs)
         for k, spec in enumerate(identification.estimators):
@@ -253,7 +261,8 @@ def identify_and_judge(
                         from testbench.inference.causes import with_causes
 
                         model = with_causes(model, fit)
-                    scores = evaluate(model, fit, judge, noise_std=noise.get(suite), **told_of(truth, model, fit))
+                    known = None if truth is None else told_of(truth, model, fit)
+                    scores = evaluate(model, fit, judge, known, noise.get(suite))
                     if np.isnan(scores.identification.mrse_percent).all():
                         raise EstimationError(f"{model.method} must predict numbers, got NaN for every output")
             except Refusal as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from testbench.evaluation.derivatives import ParameterEstimate
     from testbench.evaluation.modes import PoleMatch
 
-__all__ = ["BodeError", "Evaluation", "Scores", "bode_error", "evaluate", "fit_percent", "mrse_percent"]
+__all__ = ["BodeError", "Evaluation", "Scores", "TrueSystem", "bode_error", "evaluate", "fit_percent", "mrse_percent"]
 
 ComplexArray = NDArray[np.complex128]
 
@@ -59,6 +59,31 @@ class Scores:
     def mrse_mean(self) -> float:
         """Mean of the outputs' relative squared errors, percent."""
         return float(np.mean(self.mrse_percent))
+
+
+@dataclass(frozen=True, eq=False)
+class TrueSystem:
+    """What is known of the system that a model is to be.
+
+    Attributes:
+        poles: mode name -> continuous pole, rad/s.
+        response: of the system from the model's inputs to its outputs, (k, p, m) at ``omega`` or a function that
+            returns it, SI units; None if it is not compared. The model is a discrete one: see
+            :func:`bode.zero_order_hold`.
+        omega: (k,) frequencies, rad/s, where the responses are compared; those above the model's Nyquist frequency
+            are left out.
+        parameters: parameter name -> true value, for models with named parameters; None if none is known.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.TrueSystem({"short period": -2.0 + 4.2j}).poles["short period"].imag
+        4.2
+    """
+
+    poles: Mapping[str, complex] = field(default_factory=dict)
+    response: Callable[[FloatArray], ComplexArray] | ComplexArray | None = None
+    omega: FloatArray | None = None
+    parameters: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,12 +150,8 @@ def evaluate(
     model: IdentifiedModel,
     identification_records: Sequence[FlightRecord],
     validation_records: Sequence[FlightRecord],
-    *,
-    true_poles: Mapping[str, complex] | None = None,
-    true_response: Callable[[FloatArray], ComplexArray] | ComplexArray | None = None,
-    omega: FloatArray | None = None,
+    truth: TrueSystem | None = None,
     noise_std: Mapping[str, float] | None = None,
-    true_parameters: Mapping[str, float] | None = None,
 ) -> Evaluation:
     """Judge a model on the records that it was identified from and on others, and against the truth where it is known.
 
@@ -138,16 +159,11 @@ def evaluate(
         model: what an estimator returned.
         identification_records: prepared records that it was identified from.
         validation_records: prepared records that it has not seen; may be empty.
-        true_poles: mode name -> continuous pole, rad/s.
-        true_response: response of the true system from the model's inputs to its outputs, (k, p, m) at ``omega`` or a
-            function that returns it, SI units. The model is a discrete one: see :func:`bode.zero_order_hold`.
-        omega: (k,) frequencies, rad/s, where the responses are compared; those above the model's Nyquist frequency
-            are left out.
+        truth: what is known of the system.
         noise_std: output -> standard deviation of one sample, SI, where it is known.
-        true_parameters: parameter name -> true value, for models with named parameters.
 
     Raises:
-        EstimationError: no identification record, or ``true_response`` without ``omega`` or of a wrong shape.
+        EstimationError: no identification record, or a true response without ``omega`` or of a wrong shape.
         ChannelError: a record lacks a channel of the model.
         RecordError: a record's sample time is not the model's.
 
@@ -158,16 +174,17 @@ def evaluate(
     """
     if not identification_records:
         raise EstimationError("an evaluation needs the records that the model was identified from, got none")
+    truth = truth or TrueSystem()
     sets = model.poles()
     matches: list[PoleMatch] = []
-    if true_poles:
+    if truth.poles:
         from testbench.evaluation.modes import match_poles
 
         for names, poles in sets.items():
-            matches += match_poles(poles, true_poles, names)
+            matches += match_poles(poles, truth.poles, names)
     bode, compared = None, None
-    if true_response is not None:
-        bode, compared = _compare_responses(model, true_response, omega)
+    if truth.response is not None:
+        bode, compared = _compare_responses(model, truth.response, truth.omega)
     unstable = {complex(s) for poles in sets.values() for s in poles if s.real > 0.0 and s.imag >= 0.0}
     return Evaluation(
         outputs=model.outputs,
@@ -177,7 +194,7 @@ def evaluate(
         bode=bode,
         omega_rad_s=compared,
         unstable=tuple(sorted(unstable, key=abs)),
-        parameters=_parameters(model, true_parameters),
+        parameters=_parameters(model, truth.parameters),
     )
 
 

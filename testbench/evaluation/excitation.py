@@ -63,8 +63,7 @@ def excitation(
     inputs: Sequence[str],
     u: FloatArray,
     dt_s: float,
-    noise_std: Mapping[str, float],
-    sensor_dt_s: float,
+    noise: Mapping[str, tuple[float, float]],
     duration_s: float,
 ) -> list[ModeExcitation]:
     """Return the excitation of every mode.
@@ -78,12 +77,12 @@ def excitation(
         inputs: (m,) channels of ``u``.
         u: (n, m) held deviations from trim.
         dt_s: sample time of ``u``.
-        noise_std: sensor channel -> standard deviation of a sample, SI.
-        sensor_dt_s: sample time of the sensors.
+        noise: sensor channel -> standard deviation of a sample, SI, and sample time, s.
         duration_s: length of the record over which the noise is summed.
     """
-    outputs = list(noise_std)
+    outputs = list(noise)
     modal = ModalForm(model, outputs, inputs)
+    std, sensor_dt_s = np.array([*noise.values()]).reshape(-1, 2).T
     out = []
     for name, pole in modes.items():
         low, high = half_power_band(pole, duration_s)
@@ -91,9 +90,9 @@ def excitation(
         U = held_spectrum(u, dt_s, omega)  # the phase matters when several inputs act on one mode
         Y = np.einsum("kpm,km->kp", modal.response(pole, omega, duration_s), U)
         signal = np.trapezoid(np.abs(Y) ** 2, omega, axis=0) / np.pi
-        noise = np.array([noise_std[o] for o in outputs]) ** 2 * duration_s * sensor_dt_s * (high - low) / np.pi
+        floor = std**2 * duration_s * sensor_dt_s * (high - low) / np.pi
         with np.errstate(divide="ignore"):
-            snr = 10.0 * np.log10(np.maximum(signal, 1e-300) / np.maximum(noise, 1e-300))
+            snr = 10.0 * np.log10(np.maximum(signal, 1e-300) / np.maximum(floor, 1e-300))
         energy = np.trapezoid(energy_spectrum(u, dt_s, omega), omega, axis=0) / np.pi
         share = float(energy.sum() / total_energy(u, dt_s).sum())
         out.append(ModeExcitation(name, pole, (low, high), share, dict(zip(outputs, snr.tolist(), strict=True))))

@@ -13,6 +13,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.structured import STRUCTURE_NAMES
+from testbench.evaluation import TrueSystem
 from testbench.evaluation.derivatives import dimensional_derivatives, true_parameters
 from testbench.evaluation.excitation import ModeExcitation, excitation
 from testbench.evaluation.metrics import zero_order_hold
@@ -94,7 +95,8 @@ def excited(known: Truth, flight: FlightRecord, inputs: Sequence[str], suites: S
     controls = [n.removesuffix("_cmd") for n in inputs]
     u = flight.columns(controls)
     sensors = {s.channel: s.noise_std for suite in suites for s in suite.sensors if s.channel not in inputs}
-    used = {n: s for n, s in sensors.items() if s > 0.0 and n in known.linear.outputs}
+    dt_s = 1.0 / suites[0].rate_hz
+    used = {n: (s, dt_s) for n, s in sensors.items() if s > 0.0 and n in known.linear.outputs}
     motions = []
     if _longitudinal(inputs):
         motions.append((known.linear.longitudinal(tuple(_symmetric(known.aircraft))), False))
@@ -110,7 +112,6 @@ def excited(known: Truth, flight: FlightRecord, inputs: Sequence[str], suites: S
             u - u[0],
             flight.dt_s,
             used,
-            1.0 / suites[0].rate_hz,
             flight.duration_s,
         )
     return replace(known, excitation=tuple(found))
@@ -132,18 +133,16 @@ def _antisymmetric(aircraft: Aircraft) -> dict[int, str]:
     return {i: m.name for i, m in enumerate(elastic.modes if elastic else (), 1) if m.symmetry != "symmetric"}
 
 
-def told_of(truth: Truth | None, model: IdentifiedModel, records: Sequence[FlightRecord]) -> dict[str, Any]:
+def told_of(truth: Truth, model: IdentifiedModel, records: Sequence[FlightRecord]) -> TrueSystem:
     """Return what evaluation may use of the truth: poles, and the response over the band that the input excites."""
-    if truth is None:
-        return {}
     omega = excited_band(records, model.inputs)
     response = truth.response(omega, model.outputs, model.inputs, model.dt_s, model.continuous)
     structure = getattr(model, "structure", None)
-    known = {"true_poles": _possible(truth, structure), "true_response": response, "omega": omega}
+    known = None
     if structure is not None:
         derivatives = dimensional_derivatives(truth.linear, truth.trimmed)
-        known["true_parameters"] = true_parameters(structure.meaning, derivatives, truth.trimmed.condition.V_m_s)
-    return known
+        known = true_parameters(structure.meaning, derivatives, truth.trimmed.condition.V_m_s)
+    return TrueSystem(_possible(truth, structure), response, omega, known)
 
 
 def _possible(truth: Truth, structure: Any) -> dict[str, complex]:

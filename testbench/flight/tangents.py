@@ -30,9 +30,7 @@ from testbench.core.blas import on_one_thread
 from testbench.core.channels import channel
 from testbench.core.differences import Ends, ends, slope
 from testbench.core.errors import LimitError, ModelError, Refusal, nearest
-from testbench.core.named import Named, obtain
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.flight.air import Air
 from testbench.flight.batch.check import least_range
 from testbench.flight.batch.fly import fly_jobs
 from testbench.flight.batch.jobs import Job, Simulator, Tally
@@ -137,40 +135,33 @@ class Tangents:
 
 @on_one_thread
 def tangents(
-    aircraft: Named[Aircraft],
-    start: FlightCondition | TrimmedFlight,
-    manoeuvres: Sequence[Manoeuvre],
+    jobs: Sequence[Job],
     parameters: Sequence[str | FlightParameter],
-    log_rate_hz: float,
-    channels: Sequence[str] | None = None,
-    air: Air | None = None,
+    held: bool = False,
     checked: int | None = None,
     simulator: Simulator = "auto",
 ) -> list[Tangents]:
     """Return the derivatives of flights by all parameters, with an estimate of their error.
 
     ``coefficient.NAME`` is a factor on a coefficient, taken at 1; ``aircraft.mass_percent``, ``.Iyy_percent``,
-    ``.cg_x_m`` and their like are changes, taken at 0. ``condition.V_m_s``, ``.h_m`` and ``.gamma_rad`` need a start
-    that is trimmed anew for every point, ``start.alpha``, ``.beta``, ``.theta`` and ``.phi`` (rad) one that is held.
+    ``.cg_x_m`` and their like are changes, taken at 0. ``condition.V_m_s``, ``.h_m`` and ``.gamma_rad`` need a trim of
+    its own at every point, ``start.alpha``, ``.beta``, ``.theta`` and ``.phi`` (rad) one that is held.
     ``property.NAME`` and what no key names are given as a :class:`FlightParameter`.
 
     A checked flight takes 8 p + 1 flights of p parameters, any other p + 1. The error of a parameter whose flights have
     a kink at its value, where no step helps, is as large as the two sides are apart, and a note says so.
 
     Args:
-        aircraft: what flies.
-        start: a condition, of which every point has its own trim; or a trim, from which all points start.
-        manoeuvres: flights that are differentiated.
+        jobs: flights that are differentiated; they differ in their manoeuvres alone.
         parameters: keys, or parameters of your own.
-        log_rate_hz: of the records.
-        channels: of the records; all if not given.
-        air: flown through.
+        held: all points start from the trim of the jobs; else each is trimmed at its condition.
         checked: so many flights, the first ones, choose their steps and check them; the others take forward differences
             by the steps found there. All are checked if not given.
         simulator: see :func:`testbench.fly_many`. Where JSBSim flies, it flies all points of a flight.
 
     Raises:
-        LimitError, ModelError, TrimError: the flight cannot begin, or a parameter cannot be moved either way.
+        LimitError, ModelError, TrimError: the flight cannot begin, or a parameter cannot be moved either way; or jobs
+            differ in more than their manoeuvres.
         FlightAborted: it leaves its limits.
 
     Example:
@@ -179,17 +170,28 @@ def tangents(
         >>> taurus = tb.load_aircraft("taurus")
         >>> t = np.arange(round(5.0 * taurus.rate_hz)) / taurus.rate_hz
         >>> pulse = tb.Manoeuvre("pulse", tb.InputSignal(t, np.deg2rad(1.0) * (t < 1.0)[:, None], ("de",)))
-        >>> found = tb.tangents(taurus, tb.FlightCondition(12.0, 100.0), [pulse], ["coefficient.Cm_q"], 60.0, ["q"])
+        >>> trimmed = tb.trim(taurus, tb.FlightCondition(12.0, 100.0))
+        >>> found = tb.tangents([tb.Job(taurus, trimmed, pulse, 60.0, ("q",))], ["coefficient.Cm_q"])
         >>> found[0].derivatives.shape, bool(found[0].relative_errors.max() < 1e-4)
         ((421, 1, 1), True)
     """
-    aircraft = obtain(Aircraft, aircraft)
-    wanted = tuple(_parameter(x, aircraft, start) for x in parameters)
+    if not jobs:
+        return []
+    first = jobs[0]
+    for job in jobs:
+        if any(getattr(job, name) is not getattr(first, name) for name in ("aircraft", "trimmed", "air", "start")) or (
+            (job.log_rate_hz, job.channels) != (first.log_rate_hz, first.channels)
+        ):
+            raise LimitError(
+                "flights that are differentiated together must have one aircraft, trim, air and log, and differ in "
+                f"their manoeuvres alone; '{job.manoeuvre.name}' differs: give it to tangents by itself"
+            )
+    wanted = tuple(_parameter(x, first, held) for x in parameters)
     if not wanted or len({x.name for x in wanted}) < len(wanted):
         names = ", ".join(x.name for x in wanted)
         raise LimitError(f"parameters must be one or more that differ, got {names or 'none'}")
-    logged = None if channels is None else tuple(channels)
-    points = _Points(aircraft, start, wanted, log_rate_hz, logged, air, simulator)
+    points = _Points(first, wanted, held, simulator)
+    manoeuvres = [job.manoeuvre for job in jobs]
     if checked is not None and checked < 1:
         raise LimitError(f"checked >= 1 must hold, as steps are chosen on a flight that is checked, got {checked}")
     count = len(manoeuvres) if checked is None else min(checked, len(manoeuvres))
@@ -204,12 +206,9 @@ def tangents(
 class _Points:
     """Everything that flights at points of the parameters have in common."""
 
-    aircraft: Aircraft
-    start: FlightCondition | TrimmedFlight
+    job: Job
     parameters: tuple[FlightParameter, ...]
-    log_rate_hz: float
-    channels: tuple[str, ...] | None
-    air: Air | None
+    held: bool
     simulator: Simulator
     trims: dict[tuple[bytes, Simulator], tuple[Aircraft, TrimmedFlight | Refusal]] = field(default_factory=dict)
 
@@ -226,6 +225,7 @@ class _Points:
     ) -> list[tuple[Aircraft, TrimmedFlight | Refusal]]:
         """Return aircraft and trim of each point (p,); the trims that are new are found together."""
         new: dict[tuple[bytes, Simulator], tuple[Aircraft, FlightCondition]] = {}
+        trimmed = self.job.trimmed
         for x in points:
             key = x.tobytes(), simulator
             if key in self.trims or key in new:
@@ -234,25 +234,25 @@ class _Points:
             try:
                 aircraft = self._changed(values)
             except ModelError as error:
-                self.trims[key] = self.aircraft, error
+                self.trims[key] = self.job.aircraft, error
                 continue
-            if isinstance(self.start, TrimmedFlight):
+            if self.held:
                 moved = {n.partition(".")[2]: v for n, v in values.items() if n.startswith("start.")}
-                self.trims[key] = aircraft, replace(self.start, **moved)  # type: ignore[arg-type]
+                self.trims[key] = aircraft, replace(trimmed, **moved)  # type: ignore[arg-type]
             else:
                 moved = {n.partition(".")[2]: v for n, v in values.items() if n.startswith("condition.")}
-                new[key] = aircraft, replace(self.start, **moved)
+                new[key] = aircraft, replace(trimmed.condition, **moved)
         fly = [a for a, _ in new.values()]
-        blowing = [self.air] * len(fly)
+        blowing = [self.job.air] * len(fly)
         for (key, (aircraft, _)), found in zip(
-            new.items(), trim_many(fly, [c for _, c in new.values()], None, blowing, simulator), strict=True
+            new.items(), trim_many(fly, [c for _, c in new.values()], trimmed.rate_hz, blowing, simulator), strict=True
         ):
             self.trims[key] = aircraft, found
         return [self.trims[x.tobytes(), simulator] for x in points]
 
     def _changed(self, values: Mapping[str, float]) -> Aircraft:
         keys = {p.name: values[p.name] for p in self.parameters if p.change is None}
-        aircraft = varied(self.aircraft, keys, "tangents", "parameters that a flight is differentiated by")
+        aircraft = varied(self.job.aircraft, keys, "tangents", "parameters that a flight is differentiated by")
         for p in self.parameters:
             if p.change is not None:
                 aircraft = p.change(aircraft, values[p.name])
@@ -283,7 +283,7 @@ class _Points:
             if isinstance(trimmed, Refusal):
                 out[i] = trimmed
             else:
-                jobs.append(Job(aircraft, trimmed, manoeuvre, self.log_rate_hz, self.channels, self.air))
+                jobs.append(replace(self.job, aircraft=aircraft, trimmed=trimmed, manoeuvre=manoeuvre))
                 places.append(i)
         for i, record in zip(places, fly_jobs(jobs, simulator, told, fewest=1), strict=True):
             out[i] = record
@@ -298,13 +298,11 @@ class _Points:
         if isinstance(flown, Refusal):
             raise flown
         if flown.outcome == "aborted":
-            raise aborted(flown, self.aircraft.name, manoeuvre.name, self.log_rate_hz)
+            raise aborted(flown, self.job.aircraft.name, manoeuvre.name, self.job.log_rate_hz)
         return flown
 
 
-def _parameter(
-    given: str | FlightParameter, aircraft: Aircraft, start: FlightCondition | TrimmedFlight
-) -> FlightParameter:
+def _parameter(given: str | FlightParameter, job: Job, held: bool) -> FlightParameter:
     """Return what is differentiated by.
 
     Raises:
@@ -313,7 +311,7 @@ def _parameter(
     """
     if isinstance(given, FlightParameter) and given.change is not None:
         return given
-    name = given if isinstance(given, str) else given.name
+    name, aircraft = given if isinstance(given, str) else given.name, job.aircraft
     head, _, rest = name.partition(".")
     found: FlightParameter | None = None
     if head == "coefficient" and rest:
@@ -322,14 +320,14 @@ def _parameter(
         length = rest.startswith("cg_")
         found = FlightParameter(name, 0.0, _LARGE_CG_CHORDS * aircraft.geometry.cbar_m if length else _LARGE_PERCENT)
     elif head == "condition" and rest in _CONDITION:
-        if isinstance(start, TrimmedFlight):
-            raise LimitError(f"{name} needs a start that is trimmed for every point: give a FlightCondition")
-        value = getattr(start, rest)
+        if held:
+            raise LimitError(f"{name} needs a trim of its own at every point: held = False must hold")
+        value = getattr(job.trimmed.condition, rest)
         found = FlightParameter(name, value, {"V_m_s": value, "h_m": _LARGE_H_M, "gamma_rad": 1.0}[rest])
     elif head == "start" and rest in _START:
-        if not isinstance(start, TrimmedFlight):
-            raise LimitError(f"{name} needs a start that is held: give a trim, tb.trim(aircraft, condition)")
-        found = FlightParameter(name, getattr(start, rest), 1.0)
+        if not held:
+            raise LimitError(f"{name} needs a start that is held: held = True must hold")
+        found = FlightParameter(name, getattr(job.trimmed, rest), 1.0)
     elif head == "property" and rest:
         if isinstance(given, str):
             raise LimitError(

@@ -61,13 +61,14 @@ def measured(name: str, V_m_s: float, h_m: float) -> dict[str, float]:
     trimmed = tb.trim(aircraft, condition)
     inputs, channels = doublets(aircraft, trimmed), ("V", "alpha", "q", "theta", "az", "de", "h")
     log = trimmed.rate_hz / max(1, round(trimmed.rate_hz / 50.0))
+    jobs = [tb.Job(aircraft, trimmed, one, log, channels) for one in inputs]
     varied = [change_aircraft(aircraft, {"aircraft.mass_percent": 0.01 * k}) for k in range(sized(64, 4))]
 
     def together() -> object:
-        return tb.fly_many(aircraft, trimmed, inputs, log, channels, simulator="batch")
+        return tb.fly_many(jobs, "batch")
 
     def alone() -> object:
-        return tb.fly_many(aircraft, trimmed, inputs[:ALONE], log, channels, simulator="jsbsim")
+        return tb.fly_many(jobs[:ALONE], "jsbsim")
 
     started = time.perf_counter()
     model = batch_model(aircraft, trimmed.rate_hz, condition)

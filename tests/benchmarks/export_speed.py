@@ -109,7 +109,8 @@ def measured(name: str, V_m_s: float, h_m: float) -> dict[str, float]:
         rows.append({
             "jsbsim_us": microseconds(lambda: [fdm.fdm.run() for _ in range(FRAMES)], FRAMES),
             "batch_us": microseconds(
-                lambda: tb.fly_many(aircraft, trimmed, many, log, ("q",), simulator="batch"), FRAMES * len(many)
+                lambda: tb.fly_many([tb.Job(aircraft, trimmed, m, log, ("q",)) for m in many], "batch"),
+                FRAMES * len(many),
             ),
             "c_us": flown(),
             "fmu_us": microseconds(lambda: steps(1, FRAMES), FRAMES),

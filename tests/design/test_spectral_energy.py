@@ -81,9 +81,8 @@ def test_spectra_of_step_sweep_doublet_and_3211_as_in_the_taurus_paper():
 
 def test_the_fast_form_agrees_with_the_reference_form(eolo_linear, eolo_modes):
     u = flown_3211().u
-    noise = {n: s for n, (s, _) in NOISE.items()}
     model = eolo_linear.longitudinal((1, 5, 7))
-    old = excitation(model, eolo_modes, ("de",), u, DT, noise, DT, len(u) * DT)
+    old = excitation(model, eolo_modes, ("de",), u, DT, NOISE, len(u) * DT)
     new = ModeBands(model, eolo_modes, ("de",), NOISE, DT, len(u)).analyse(u)
     for k, mode in enumerate(old):
         assert new.share[k] == pytest.approx(mode.input_share, rel=0.02, abs=1e-6)

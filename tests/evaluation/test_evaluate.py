@@ -9,7 +9,7 @@ from scipy.signal import cont2discrete
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators.state_space import StateSpaceModel
-from testbench.evaluation import Evaluation, _pole_verdict, evaluate
+from testbench.evaluation import Evaluation, TrueSystem, _pole_verdict, evaluate
 from testbench.evaluation.modes import match_poles
 
 DT = 0.05
@@ -49,9 +49,7 @@ def test_the_true_model_scores_perfectly():
         model(),
         [record(1), record(2)],
         [record(3)],
-        true_poles={"short period": POLE},
-        true_response=lambda w: model().frequency_response(np.minimum(w, np.pi / DT)),
-        omega=omega,
+        TrueSystem({"short period": POLE}, lambda w: model().frequency_response(np.minimum(w, np.pi / DT)), omega),
     )
     assert np.all(result.identification.mrse_percent < 1e-8)
     assert np.all(result.validation.fit_percent > 100.0 - 1e-8)
@@ -87,9 +85,11 @@ def test_a_wrong_model_is_told_so():
         model(scale=-1.0),
         [record(1)],
         [record(2)],
-        true_poles={"short period": POLE, "phugoid": 0.2j},
-        true_response=model().frequency_response(np.array([1.0, 2.0])),
-        omega=np.array([1.0, 2.0]),
+        TrueSystem(
+            {"short period": POLE, "phugoid": 0.2j},
+            model().frequency_response(np.array([1.0, 2.0])),
+            np.array([1.0, 2.0]),
+        ),
     )
     assert np.all(result.validation.mrse_percent > 100.0)
     text = " | ".join(result.verdicts)
@@ -139,11 +139,11 @@ def test_no_validation_is_said_not_hidden():
 
 def test_wrong_questions_are_refused():
     with pytest.raises(EstimationError, match="needs the frequencies omega"):
-        evaluate(model(), [record(1)], [], true_response=np.ones((1, 2, 1)))
+        evaluate(model(), [record(1)], [], TrueSystem(response=np.ones((1, 2, 1))))
     with pytest.raises(EstimationError, match=r"shape \(frequencies, outputs, inputs\) = \(1, 2, 1\)"):
-        evaluate(model(), [record(1)], [], true_response=np.ones((1, 1, 1)), omega=np.array([1.0]))
+        evaluate(model(), [record(1)], [], TrueSystem({}, np.ones((1, 1, 1)), np.array([1.0])))
     with pytest.raises(EstimationError, match="0 such frequencies"):
-        evaluate(model(), [record(1)], [], true_response=np.ones((1, 2, 1)), omega=np.array([1e3]))
+        evaluate(model(), [record(1)], [], TrueSystem({}, np.ones((1, 2, 1)), np.array([1e3])))
 
 
 def test_verdicts_follow_the_figures():

@@ -167,7 +167,7 @@ def test_the_band_of_a_real_root_is_that_of_a_lag():
     u[0] = 1.0 / dt
     one = np.ones((1, 1))
     model = LinearModel(s * one, one, one, 0.0 * one, ("x",), ("de",), ("q",))
-    (found,) = excitation(model, {"lag": complex(s)}, ["de"], u, dt, {"q": 0.1}, dt, T)
+    (found,) = excitation(model, {"lag": complex(s)}, ["de"], u, dt, {"q": (0.1, dt)}, T)
     low, high = found.band_rad_s
     assert (low, high) == pytest.approx((0.05 * 2.0, 2.0))
     energy = (np.arctan(high / 2.0) - np.arctan(low / 2.0)) / 2.0 / np.pi

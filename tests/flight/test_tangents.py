@@ -1,6 +1,7 @@
 """Derivatives of flights by their parameters: against JSBSim, against what is known exactly, and at a kink."""
 
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -51,13 +52,23 @@ def by_hand(aircraft: Aircraft, condition: tb.FlightCondition, key: str, step: f
     return (sides[0] - sides[1]) / (2.0 * step)
 
 
+def jobs(
+    aircraft: Aircraft,
+    condition: tb.FlightCondition,
+    manoeuvres: Sequence[tb.Manoeuvre],
+    rate_hz: float = 60.0,
+    channels: tuple[str, ...] | None = CHANNELS,
+) -> list[tb.Job]:
+    trimmed = tb.trim(aircraft, condition)
+    return [tb.Job(aircraft, trimmed, m, rate_hz, channels) for m in manoeuvres]
+
+
 @pytest.mark.parametrize("name", CONDITIONS)
 def test_derivatives_are_those_of_jsbsims_flights(name: str) -> None:
     """The step by hand is one on the middle of the ladder, whose own error is below 1e-4 of the largest derivative."""
     aircraft, condition, keys = tb.load_aircraft(name), CONDITIONS[name], KEYS[name]
-    (found,) = tb.tangents(
-        aircraft, condition, [doublet(aircraft.rate_hz)], keys, log_rate(aircraft), CHANNELS, simulator="batch"
-    )
+    flights = jobs(aircraft, condition, [doublet(aircraft.rate_hz)], log_rate(aircraft))
+    (found,) = tb.tangents(flights, keys, simulator="batch")
     assert found.flown_by == "batch"
     assert found.flights == 1 + 8 * len(keys)
     assert found.central == (True, True)
@@ -77,9 +88,8 @@ def taurus() -> tuple[Aircraft, tb.FlightCondition]:
 def test_what_is_linear_is_exact(taurus: tuple[Aircraft, tb.FlightCondition]) -> None:
     """Before anything has moved, qdot follows Cm0 as qbar S cbar Cm0 / Iyy, and a state follows itself."""
     aircraft, condition = taurus
-    trimmed = tb.trim(aircraft, condition)
     keys = ["coefficient.Cm0", "start.theta"]
-    (found,) = tb.tangents(aircraft, trimmed, [doublet(aircraft.rate_hz)], keys, 60.0)
+    (found,) = tb.tangents(jobs(*taurus, [doublet(aircraft.rate_hz)], channels=None), keys, held=True)
     product = ET.fromstring(aircraft.xml).find(".//function[@name='aero/coefficient/Cm0']/product")
     assert product is not None
     Cm0 = float(product.findtext("value") or "nan")
@@ -89,7 +99,7 @@ def test_what_is_linear_is_exact(taurus: tuple[Aircraft, tb.FlightCondition]) ->
     assert found.of("qdot", "coefficient.Cm0")[0] == pytest.approx(moment / Iyy, rel=1e-6)
     assert found.of("theta", "start.theta")[0] == pytest.approx(1.0, abs=1e-9)
     assert found.of("alpha", "start.theta")[0] == pytest.approx(0.0, abs=1e-9)
-    (moved,) = tb.tangents(aircraft, condition, [doublet(aircraft.rate_hz)], ["condition.V_m_s"], 60.0)
+    (moved,) = tb.tangents(jobs(*taurus, [doublet(aircraft.rate_hz)]), ["condition.V_m_s"])
     assert moved.of("V", "condition.V_m_s")[0] == pytest.approx(1.0, abs=1e-9)
     assert not moved.notes
 
@@ -100,8 +110,8 @@ def test_neither_the_order_of_parameters_nor_that_of_flights_changes_a_bit(
     aircraft, condition = taurus
     keys, rate = ["coefficient.Cm_q", "coefficient.CL_alpha", "aircraft.mass_percent"], aircraft.rate_hz
     flights = [doublet(rate), doublet(rate, amplitude_deg=0.5)]
-    first, second = tb.tangents(aircraft, condition, flights, keys, 60.0, CHANNELS)
-    other, one = tb.tangents(aircraft, condition, flights[::-1], keys[::-1], 60.0, CHANNELS)
+    first, second = tb.tangents(jobs(aircraft, condition, flights), keys)
+    other, one = tb.tangents(jobs(aircraft, condition, flights[::-1]), keys[::-1])
     for a, b in ((first, one), (second, other)):
         assert np.array_equal(a.derivatives, b.derivatives[:, :, ::-1])
         assert np.array_equal(a.errors, b.errors[:, ::-1])
@@ -118,8 +128,8 @@ def test_a_model_that_is_not_translated_has_the_same_derivatives_and_a_sentence(
         Insert("aerodynamics/axis[@name='PITCH']", term),
     )
     odd = aircraft.amended(Amendment("odd", "", edits))
-    asked = ([doublet(aircraft.rate_hz, 2.0)], ["coefficient.Cm_q"], 60.0, CHANNELS)
-    (a,), (b,) = tb.tangents(aircraft, condition, *asked), tb.tangents(odd, condition, *asked)
+    flight, keys = [doublet(aircraft.rate_hz, 2.0)], ["coefficient.Cm_q"]
+    (a,), (b,) = (tb.tangents(jobs(flies, condition, flight), keys) for flies in (aircraft, odd))
     assert (a.flown_by, b.flown_by) == ("batch", "jsbsim")
     assert not a.notes
     assert b.notes == ("JSBSim flew doublet of 1 deg and the flights beside it, as it has the function <random>",)
@@ -131,7 +141,8 @@ def test_flights_that_batch_and_jsbsim_share_are_all_flown_by_jsbsim() -> None:
     aircraft = tb.load_aircraft("taurus")
     aircraft = replace(aircraft, limits={})
     condition = tb.FlightCondition(13.0, 22.5, gamma_rad=-0.05)
-    (found,) = tb.tangents(aircraft, condition, [doublet(aircraft.rate_hz, 20.0, 0.1)], ["condition.h_m"], 60.0)
+    flight = [doublet(aircraft.rate_hz, 20.0, 0.1)]
+    (found,) = tb.tangents(jobs(aircraft, condition, flight, channels=None), ["condition.h_m"])
     assert found.flown_by == "jsbsim"
     assert found.truth.provenance["simulator"] == "JSBSim, as it is wanted"
     assert "ground" in found.notes[0]
@@ -144,8 +155,8 @@ def test_flights_that_are_not_checked_take_the_steps_that_were_found(
     aircraft, condition = taurus
     keys, rate = ["coefficient.Cm_q", "aircraft.mass_percent"], aircraft.rate_hz
     flights = [doublet(rate, amplitude_deg=a) for a in (1.0, 0.7, 1.3)]
-    exact = tb.tangents(aircraft, condition, flights, keys, 60.0, CHANNELS)
-    quick = tb.tangents(aircraft, condition, flights, keys, 60.0, CHANNELS, checked=1)
+    exact = tb.tangents(jobs(aircraft, condition, flights), keys)
+    quick = tb.tangents(jobs(aircraft, condition, flights), keys, checked=1)
     assert [x.checked for x in quick] == [True, False, False]
     assert [x.flights for x in quick] == [17, 3, 3]
     assert np.array_equal(quick[0].derivatives, exact[0].derivatives)
@@ -162,17 +173,13 @@ def with_pure_kink(aircraft: Aircraft, x: float) -> Aircraft:
 
 def test_a_kink_is_told_and_its_error_holds_both_sides(taurus: tuple[Aircraft, tb.FlightCondition]) -> None:
     aircraft, condition = taurus
-    flight = [doublet(aircraft.rate_hz)]
-    (found,) = tb.tangents(
-        aircraft, condition, flight, [tb.FlightParameter("size", 0.0, 1.0, with_pure_kink)], 60.0, CHANNELS
-    )
-    (smooth,) = tb.tangents(aircraft, condition, flight, ["coefficient.Cm_q"], 60.0, CHANNELS)
+    flight = jobs(aircraft, condition, [doublet(aircraft.rate_hz)])
+    (found,) = tb.tangents(flight, [tb.FlightParameter("size", 0.0, 1.0, with_pure_kink)])
+    (smooth,) = tb.tangents(flight, ["coefficient.Cm_q"])
     assert any("kink at size at 0" in n for n in found.notes)
     one_side = 0.5 * np.max(np.abs(smooth.of("q", "coefficient.Cm_q")))
     assert found.errors[found.truth.channels.index("q"), 0] == pytest.approx(one_side, rel=1e-3)
-    (beside,) = tb.tangents(
-        aircraft, condition, flight, [tb.FlightParameter("size", 0.3, 1.0, with_pure_kink)], 60.0, CHANNELS
-    )
+    (beside,) = tb.tangents(flight, [tb.FlightParameter("size", 0.3, 1.0, with_pure_kink)])
     assert not beside.notes
 
 
@@ -202,7 +209,7 @@ def test_the_rate_limit_at_which_a_servo_leaves_it_a_frame_earlier_is_a_kink(
 
     def at(limit: float) -> tb.FlightRecord:
         parameter = tb.FlightParameter("limit", limit, 0.5, rate_limited)
-        return tb.tangents(aircraft, trimmed, [manoeuvre], [parameter], rate, ("de",))[0]
+        return tb.tangents([tb.Job(aircraft, trimmed, manoeuvre, rate, ("de",))], [parameter], held=True)[0]
 
     assert any("kink at limit" in n for n in at(high).notes)
     assert not any("kink" in n for n in at(high * 1.004).notes)
@@ -215,9 +222,9 @@ def test_a_parameter_with_one_side_has_one_sided_differences(taurus: tuple[Aircr
         return aircraft.amended(Amendment("up", "", (ScaleCoefficient("Cm_q", 1.0 + x),)))
 
     aircraft, condition = taurus
-    flight = [doublet(aircraft.rate_hz)]
-    (up,) = tb.tangents(aircraft, condition, flight, [tb.FlightParameter("x", 0.0, 1.0, only_up)], 60.0, CHANNELS)
-    (both,) = tb.tangents(aircraft, condition, flight, ["coefficient.Cm_q"], 60.0, CHANNELS)
+    flight = jobs(aircraft, condition, [doublet(aircraft.rate_hz)])
+    (up,) = tb.tangents(flight, [tb.FlightParameter("x", 0.0, 1.0, only_up)])
+    (both,) = tb.tangents(flight, ["coefficient.Cm_q"])
     assert up.central == (False,)
     assert any("one side only" in n for n in up.notes)
     assert np.all(np.abs(up.derivatives - both.derivatives) <= up.errors + both.errors)
@@ -246,7 +253,7 @@ def test_what_cannot_be_differentiated_by_is_refused(
 ) -> None:
     aircraft, condition = taurus
     with pytest.raises((LimitError, ModelError), match=words):
-        tb.tangents(aircraft, condition, [doublet(aircraft.rate_hz)], parameters, 60.0, CHANNELS)
+        tb.tangents(jobs(aircraft, condition, [doublet(aircraft.rate_hz)]), parameters)
 
 
 def test_a_flight_that_leaves_its_limits_has_no_tangents(taurus: tuple[Aircraft, tb.FlightCondition]) -> None:
@@ -254,4 +261,13 @@ def test_a_flight_that_leaves_its_limits_has_no_tangents(taurus: tuple[Aircraft,
     t = np.arange(round(6.0 * aircraft.rate_hz)) / aircraft.rate_hz
     held = tb.Manoeuvre("held", tb.InputSignal(t, np.deg2rad(15.0) * (t > 0.5)[:, None], ("da",)), settle_s=0.5)
     with pytest.raises(FlightAborted, match="manoeuvre 'held'"):
-        tb.tangents(aircraft, condition, [held], ["coefficient.Cm_q"], 60.0, CHANNELS)
+        tb.tangents(jobs(aircraft, condition, [held]), ["coefficient.Cm_q"])
+
+
+def test_flights_that_differ_in_more_than_their_manoeuvre_are_refused(
+    taurus: tuple[Aircraft, tb.FlightCondition],
+) -> None:
+    (first,) = jobs(*taurus, [doublet(taurus[0].rate_hz)])
+    with pytest.raises(LimitError, match="differ in their manoeuvres alone; 'doublet of 1 deg' differs"):
+        tb.tangents([first, replace(first, log_rate_hz=30.0)], ["coefficient.Cm_q"])
+    assert tb.tangents([], ["coefficient.Cm_q"]) == []

@@ -10,7 +10,7 @@ import pytest
 
 from testbench.core.record import FlightRecord
 from testbench.estimators.model import IdentifiedModel
-from testbench.evaluation import evaluate
+from testbench.evaluation import TrueSystem, evaluate
 from testbench.evaluation.excitation import ModeExcitation
 from testbench.evaluation.truth import Truth
 from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, load_aircraft
@@ -135,7 +135,7 @@ def case(suite: str, outputs: tuple[str, ...], flights: tuple[Flight, ...], erro
     fit, judge = ([f.measured[suite] for f in flights if f.use == use] for use in ("identification", "validation"))
     omega = np.array([0.5, 1.0, 2.0])
     true = np.tile(np.array([[GAINS[o]] for o in outputs], complex), (3, 1, 1))
-    scores = evaluate(model, fit, judge, true_poles=MODES, true_response=true, omega=omega)
+    scores = evaluate(model, fit, judge, TrueSystem(MODES, true, omega))
     return Case(suite, scenario_estimator(), tuple(fit), tuple(judge), model, scores)
 
 

@@ -9,27 +9,22 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
-from pathlib import Path
 from typing import TypeVar, get_args
 
 import numpy as np
 
-from testbench.aircraft import Aircraft
 from testbench.core.constants import FT_M
 from testbench.core.errors import LimitError, Refusal, nearest
-from testbench.core.named import Named, obtain, obtain_all
 from testbench.core.processes import spread
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
-from testbench.flight.air import Air
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import Judged, difference, distrust, judged
 from testbench.flight.batch.jobs import BATCH, BOTH, JSBSIM, Job, Simulator, Tally
 from testbench.flight.batch.model import TOP_FT, BatchModel, filled, put, read, registers, states_at
 from testbench.flight.batch.vector import LANES
-from testbench.flight.condition import Start, TrimmedFlight
 from testbench.flight.executive import body_from_earth
 from testbench.flight.recorder import limit_broken
-from testbench.flight.simulate import Manoeuvre, checked, logged_of, provenance_of, truth_of
+from testbench.flight.simulate import checked, logged_of, provenance_of, truth_of
 from testbench.flight.start import Beginning
 from testbench.flight.trim import steady_wind
 
@@ -43,34 +38,19 @@ _GUSTS = [r.GUST, r.GUST + 1, r.GUST + 2]
 T = TypeVar("T")
 
 
-def fly_many(
-    aircraft: Named[Aircraft] | Sequence[Named[Aircraft]],
-    trimmed: TrimmedFlight | Sequence[TrimmedFlight],
-    manoeuvre: Manoeuvre | Sequence[Manoeuvre],
-    log_rate_hz: float,
-    channels: Sequence[str] | None = None,
-    air: Air | Sequence[Air | None] | None = None,
-    start: Start | Sequence[Start | None] | None = None,
-    simulator: Simulator = "auto",
-) -> list[FlightRecord]:
+def fly_many(jobs: Sequence[Job], simulator: Simulator = "auto") -> list[FlightRecord]:
     """Fly many flights and return their truths, each as :func:`testbench.flight.fly` would.
 
-    What is given once holds for all flights. A flight that leaves its limits, or what its model has numbers for, ends
-    alone: its record is short and has the outcome "aborted" with the reason.
+    A flight that leaves its limits, or what its model has numbers for, ends alone: its record is short and has the
+    outcome "aborted" with the reason.
 
     Args:
-        aircraft: of each flight.
-        trimmed: where each starts.
-        manoeuvre: the inputs of each.
-        log_rate_hz: of all.
-        channels: what is logged; all if not given.
-        air: of each.
-        start: of each, how far from its trim it begins.
+        jobs: flights, of any aircraft.
         simulator: "jsbsim" flies one by one; "batch" refuses what is not translated; "auto" takes the batch where the
             model has been found equal to JSBSim.
 
     Raises:
-        LimitError: a rate, a command or the air breaks its law, or lengths differ.
+        LimitError: a rate, a command or the air breaks its law.
 
     Example:
         >>> import numpy as np
@@ -82,32 +62,16 @@ def fly_many(
         ...     tb.Manoeuvre(f"pulse {a}", tb.InputSignal(t, np.deg2rad(a) * (t < 1.0)[:, None], ("de",)))
         ...     for a in (1.0, 2.0)
         ... ]
-        >>> [record.outcome for record in tb.fly_many(taurus, trimmed, pulses, log_rate_hz=60.0)]
+        >>> jobs = [tb.Job(taurus, trimmed, pulse, log_rate_hz=60.0) for pulse in pulses]
+        >>> [record.outcome for record in tb.fly_many(jobs)]
         ['completed', 'completed']
     """
-    plane: Aircraft | list[Aircraft]
-    if isinstance(aircraft, (Aircraft, Path, str)):
-        plane = obtain(Aircraft, aircraft)
-    else:
-        plane = obtain_all(Aircraft, aircraft)
-    many = [x for x in (plane, trimmed, manoeuvre, air, start) if isinstance(x, Sequence)]
-    counts = {len(x) for x in many}
-    if len(counts) > 1:
-        raise LimitError(f"what is given for each flight must have one length, got {sorted(counts)}")
-    n = counts.pop() if counts else 1
-    wanted = None if channels is None else tuple(channels)
-    of = zip(_each(plane, n), _each(trimmed, n), _each(manoeuvre, n), _each(air, n), _each(start, n), strict=True)
-    jobs = [Job(a, t, m, log_rate_hz, wanted, blowing, begun) for a, t, m, blowing, begun in of]
     out = []
     for record in fly_jobs(jobs, simulator):
         if isinstance(record, Refusal):
             raise record
         out.append(record)
     return out
-
-
-def _each(x: T | Sequence[T], n: int) -> Sequence[T]:
-    return x if isinstance(x, Sequence) else [x] * n
 
 
 def fly_jobs(

@@ -101,16 +101,8 @@ def _identified(
     met = limits_met(servos, description.believes(servos), [record for _, record in records])
     questions = questions_of(records, description.file, strict)
     failed: list[FailedCell] = []
-    cases = identify_and_judge(
-        flights,
-        [RECORDED],
-        description.preparation,
-        description.asked_of(servos),
-        description.file,
-        say,
-        causes=True,
-        failed=failed,
-    )
+    asked = description.changed(identification=description.asked_of(servos))
+    cases = identify_and_judge(flights, asked, say, causes=True, failed=failed)
     say("try remedies of the fit")
     cases, replaced, cured, rivals = mended_cases(cases, instruments.gusts_felt)
     flown = flown_condition(description, cases[0].identification, aircraft, getattr(cases[0].estimator, "V_m_s", None))

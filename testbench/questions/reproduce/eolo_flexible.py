@@ -273,14 +273,14 @@ def _zeta(stand: Bench, mode: str) -> float:
 
 def _ratios(stand: Bench, truth: FlightRecord) -> dict[str, float]:
     """Return elastic mode -> response over noise, dB, of the sensor of all suites that shows it best."""
-    noise: dict[str, float] = {}
+    noise: dict[str, tuple[float, float]] = {}
     known = stand.truth
     for name in SUITES:
-        noise |= {c: s for c, s in load_suite(name).noise_std.items() if c != "de" and c in known.linear.outputs}
+        senses = load_suite(name).noise_std.items()
+        noise |= {c: (s, 0.01) for c, s in senses if c != "de" and c in known.linear.outputs}
     u = truth.columns(["de"]) - truth["de"][0]
-    found = excitation(
-        known.linear.longitudinal(SYMMETRIC), known.modes, ["de"], u, truth.dt_s, noise, 0.01, truth.duration_s
-    )
+    model = known.linear.longitudinal(SYMMETRIC)
+    found = excitation(model, known.modes, ["de"], u, truth.dt_s, noise, truth.duration_s)
     return {e.mode: float(e.snr_db[e.best_sensor]) for e in found if "wing" in e.mode}
 
 

@@ -84,20 +84,8 @@ def run(
         say("linearise")
         known = _truth(ready, flights, scenario.identification)
     noise = {s.name: s.noise_std for s in ready.suites} if scenario.preparation.lowpass_hz is None else {}
-    names = [s.name for s in ready.suites]
     failed: list[FailedCell] = []
-    cases = identify_and_judge(
-        flights,
-        names,
-        scenario.preparation,
-        scenario.identification,
-        scenario.file,
-        say,
-        known,
-        noise,
-        causes,
-        failed,
-    )
+    cases = identify_and_judge(flights, scenario, say, known, noise, causes, failed)
     repeats = None
     if prepared is None and scenario.seeds > 1:
         flown = [f.truth for f in flights if f.truth is not None]

@@ -171,11 +171,9 @@ def _one(scenario: Scenario, ready: Prepared, seed: int, outputs: Sequence[str])
 
     quiet: Report = lambda text: None  # noqa: E731
     flights = fly_all(scenario, ready, seed, None, quiet)
-    names, failed = [s.name for s in ready.suites], list[FailedCell]()
+    failed = list[FailedCell]()
     try:
-        cases = identify_and_judge(
-            flights, names, scenario.preparation, scenario.identification, truth=ready.truth, failed=failed
-        )
+        cases = identify_and_judge(flights, scenario, truth=ready.truth, failed=failed)
     except Refusal:
         return {}
     return _errors(cases, outputs)

@@ -42,7 +42,8 @@ def test_flights_side_by_side_are_those_of_a_batch(name):
     aircraft = tb.load_aircraft(name)
     trimmed = tb.trim(aircraft, tb.FlightCondition(*CASES[name]))
     manoeuvres = [every_control(aircraft, trimmed, share) for share in (0.02, 0.01)]
-    truths = tb.fly_many(aircraft, trimmed, manoeuvres, trimmed.rate_hz, simulator="batch")
+    jobs = [tb.Job(aircraft, trimmed, m, trimmed.rate_hz) for m in manoeuvres]
+    truths = tb.fly_many(jobs, "batch")
     plane = tb.as_jax(aircraft, trimmed)
     inputs = np.tile(np.asarray(plane.inputs), (2, len(truths[0]) - 1, 1))
     for u, manoeuvre in zip(inputs, manoeuvres, strict=True):
@@ -91,7 +92,7 @@ def test_gradients_of_a_flight_are_tangents_by_differences():
 
     exact = np.asarray(jax.jit(jax.jacfwd(flight))(plane.parameters))
     pulse = tb.Manoeuvre("pulse", tb.InputSignal(np.arange(frames + 1) / trimmed.rate_hz, u, ("de",)), 0.0)
-    (found,) = tb.tangents(aircraft, trimmed, [pulse], list(NAMES), trimmed.rate_hz, names)
+    (found,) = tb.tangents([tb.Job(aircraft, trimmed, pulse, trimmed.rate_hz, names)], list(NAMES), held=True)
     apart = np.abs(found.derivatives[1 : frames + 1] - exact).max(axis=0) / np.abs(exact).max(axis=0)
     assert apart.max() < 3e-6  # what differences leave is some 1e-6
     weights = np.random.default_rng(1).standard_normal(exact.shape[:2])

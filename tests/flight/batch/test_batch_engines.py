@@ -90,7 +90,7 @@ def trimmed(aircraft: tb.Aircraft) -> TrimmedFlight:
 def beside_jsbsim(aircraft: tb.Aircraft, at: TrimmedFlight, manoeuvre: tb.Manoeuvre) -> tuple[float, tb.FlightRecord]:
     """Return by how much a flight of the batch differs from JSBSim's, and that one."""
     truth = tb.fly(aircraft, at, manoeuvre, log_rate_hz=50.0)
-    (record,) = fly_many(aircraft, at, [manoeuvre], log_rate_hz=50.0, simulator="batch")
+    (record,) = fly_many([tb.Job(aircraft, at, manoeuvre, 50.0)], "batch")
     return difference(record, truth)[0], truth
 
 
@@ -182,7 +182,7 @@ def test_flights_of_a_block_begin_with_their_own_engines():
     trims = [tb.trim(aircraft, tb.FlightCondition(V, 1000.0)) for V in (28.0, 34.0)]
     t = np.arange(round(4.0 * trims[0].rate_hz)) / trims[0].rate_hz
     manoeuvre = tb.Manoeuvre("step", tb.InputSignal(t, 0.05 * (t > 1.0)[:, None], ("thr",)), settle_s=0.0)
-    flown = fly_many(aircraft, trims, [manoeuvre] * 2, log_rate_hz=50.0, simulator="batch")
+    flown = fly_many([tb.Job(aircraft, at, manoeuvre, 50.0) for at in trims], "batch")
     for record, at in zip(flown, trims, strict=True):
         assert difference(record, tb.fly(aircraft, at, manoeuvre, log_rate_hz=50.0))[0] <= TOLERANCE
         assert record["motor_speed"][0] == pytest.approx(at.state["motor_speed"], rel=1e-6)

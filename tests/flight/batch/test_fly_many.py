@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
@@ -50,10 +51,8 @@ def doublet(rate_hz: float, amplitude_deg: float, control: str = "de", duration_
     return tb.Manoeuvre(f"{control} {amplitude_deg:g}", tb.InputSignal(t, u[:, None], (control,)), settle_s=0.5)
 
 
-def flown(
-    aircraft: Aircraft | Sequence[Aircraft], trimmed: TrimmedFlight | Sequence[TrimmedFlight], *more: object
-) -> list[tb.FlightRecord]:
-    return tb.fly_many(aircraft, trimmed, *more, simulator="batch")  # type: ignore[arg-type]
+def flown(aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvres: Sequence[tb.Manoeuvre], *more: Any) -> list[Any]:
+    return tb.fly_many([Job(aircraft, trimmed, m, *more) for m in manoeuvres], "batch")
 
 
 @pytest.mark.parametrize("name", CONDITIONS)
@@ -88,7 +87,7 @@ def test_moving_air_is_the_same_in_a_batch(trimmed_taurus: tuple[Aircraft, Trimm
     ]
     trimmed = tb.trim(aircraft, CONDITIONS["taurus"], air=airs[0])
     manoeuvre = doublet(trimmed.rate_hz, 1.0)
-    records = flown(aircraft, trimmed, manoeuvre, trimmed.rate_hz, None, airs)
+    records = tb.fly_many([Job(aircraft, trimmed, manoeuvre, trimmed.rate_hz, air=air) for air in airs], "batch")
     for record, air in zip(records, airs, strict=True):
         truth = tb.fly(aircraft, trimmed, manoeuvre, trimmed.rate_hz, air=air)
         worst, channel = difference(record, truth)
@@ -138,13 +137,10 @@ def test_aircraft_that_differ_in_numbers_share_a_program(trimmed_taurus: tuple[A
     assert models[1] is not None
     assert models[0].program is models[1].program
     manoeuvre = doublet(trims[0].rate_hz, 1.0)
-    for record, a, t in zip(flown(varied, trims, manoeuvre, t_rate(trims)), varied, trims, strict=True):
+    jobs = [Job(a, t, manoeuvre, trims[0].rate_hz) for a, t in zip(varied, trims, strict=True)]
+    for record, a, t in zip(tb.fly_many(jobs, "batch"), varied, trims, strict=True):
         worst, channel = difference(record, tb.fly(a, t, manoeuvre, t.rate_hz))
         assert worst < TOLERANCE, channel
-
-
-def t_rate(trims: Sequence[TrimmedFlight]) -> float:
-    return trims[0].rate_hz
 
 
 def test_a_wrong_translation_is_caught_and_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -183,12 +179,12 @@ def test_a_model_that_is_not_translated_is_flown_by_jsbsim(trimmed_taurus: tuple
     assert isinstance(records[0], tb.FlightRecord)
     assert records[0].provenance["simulator"] == f"JSBSim, as {verdict.reason}"
     with pytest.raises(LimitError, match="<random>"):
-        flown(odd, trimmed, manoeuvre, 60.0)
+        flown(odd, trimmed, [manoeuvre], 60.0)
 
 
 def test_one_flight_alone_is_flown_by_jsbsim(trimmed_taurus: tuple[Aircraft, TrimmedFlight]) -> None:
     aircraft, trimmed = trimmed_taurus
-    (record,) = tb.fly_many(aircraft, trimmed, [doublet(trimmed.rate_hz, 1.0)], 60.0)
+    (record,) = tb.fly_many([Job(aircraft, trimmed, doublet(trimmed.rate_hz, 1.0), 60.0)])
     assert record.provenance["simulator"] == "JSBSim, as fewer than 8 flights at once are not worth a batch"
 
 
@@ -233,21 +229,18 @@ def test_one_flight_in_so_many_is_flown_by_both(
         ({"log_rate_hz": 100.0}, LimitError, "log rate"),
         ({"channels": ("nonsense",)}, ChannelError, "nonsense"),
         ({"simulator": "bach"}, LimitError, "batch"),
-        ({"manoeuvre": [doublet(240.0, 15.0)]}, LimitError, "reduce the amplitude"),
-        ({"manoeuvre": [doublet(200.0, 1.0)]}, LimitError, "sampled"),
-        ({"air": [None, None]}, LimitError, "one length"),
+        ({"manoeuvre": doublet(240.0, 15.0)}, LimitError, "reduce the amplitude"),
+        ({"manoeuvre": doublet(200.0, 1.0)}, LimitError, "sampled"),
     ],
 )
 def test_what_breaks_a_law_is_refused(
     trimmed_taurus: tuple[Aircraft, TrimmedFlight], change: dict[str, object], error: type[Exception], words: str
 ) -> None:
     aircraft, trimmed = trimmed_taurus
-    asked: dict[str, object] = {
-        "aircraft": aircraft, "trimmed": trimmed, "manoeuvre": [doublet(240.0, 1.0)], "log_rate_hz": 60.0,
-        "simulator": "batch",
-    }  # fmt: skip
+    job = {"manoeuvre": doublet(240.0, 1.0), "log_rate_hz": 60.0} | change
+    simulator: Any = job.pop("simulator", "batch")
     with pytest.raises(error, match=words):
-        tb.fly_many(**(asked | change))  # type: ignore[arg-type]
+        tb.fly_many([Job(aircraft, trimmed, **job)], simulator)  # type: ignore[arg-type]
 
 
 def test_what_jsbsim_flies_is_dealt_to_processes(trimmed_taurus: tuple[Aircraft, TrimmedFlight]) -> None:
@@ -367,7 +360,7 @@ def test_records_are_those_of_one_call_in_their_order(taurus: Aircraft, trimmed:
     jobs = list(islice(pulses(taurus, trimmed), 70))
     told = Tally()
     stream = list(tb.fly_stream(jobs, flown=told, at_once=32))
-    together = tb.fly_many(taurus, trimmed, [job.manoeuvre for job in jobs], 60.0, ("q", "alpha"), simulator="batch")
+    together = tb.fly_many(jobs, "batch")
     assert (told.batch, told.jsbsim) == (70, 0)  # the last block holds six flights only
     for a, b in zip(stream, together, strict=True):
         assert isinstance(a, tb.FlightRecord)
@@ -447,7 +440,7 @@ def test_both_simulators_agree_from_a_start(name: str) -> None:
     aircraft, trimmed, manoeuvre = trimmed_and_moved(name)
     rate = trimmed.rate_hz / round(trimmed.rate_hz / 50.0)
     truth = tb.fly(aircraft, trimmed, manoeuvre, rate, start=START)
-    flown = tb.fly_many(aircraft, trimmed, manoeuvre, rate, start=[START, None], simulator="batch")
+    flown = tb.fly_many([Job(aircraft, trimmed, manoeuvre, rate, start=s) for s in (START, None)], "batch")
     assert difference(flown[0], truth)[0] <= TOLERANCE
     assert difference(flown[1], tb.fly(aircraft, trimmed, manoeuvre, rate))[0] <= TOLERANCE
     assert flown[0].provenance["start"]["phi"] == 0.3
@@ -463,7 +456,7 @@ def test_moments_about_stability_axes_are_jsbsim_s_in_a_sideslip() -> None:
     turned = replace(aircraft, xml=xml)
     rate = trimmed.rate_hz / round(trimmed.rate_hz / 50.0)
     truth = tb.fly(turned, trimmed, manoeuvre, rate, start=START)
-    (flown,) = tb.fly_many(turned, trimmed, [manoeuvre], rate, start=START, simulator="batch")
+    (flown,) = tb.fly_many([Job(turned, trimmed, manoeuvre, rate, start=START)], "batch")
     assert difference(flown, truth)[0] <= TOLERANCE
     assert difference(tb.fly(aircraft, trimmed, manoeuvre, rate, start=START), truth)[0] > 1e-3
 
@@ -503,4 +496,4 @@ def test_a_start_without_airspeed_is_refused_by_both() -> None:
     with pytest.raises(LimitError, match="airspeed above 0 m/s, got -4 m/s"):
         tb.fly(aircraft, trimmed, manoeuvre, trimmed.rate_hz, start=start)
     with pytest.raises(LimitError, match="airspeed above 0 m/s, got -4 m/s"):
-        tb.fly_many(aircraft, trimmed, manoeuvre, trimmed.rate_hz, start=start, simulator="batch")
+        tb.fly_many([Job(aircraft, trimmed, manoeuvre, trimmed.rate_hz, start=start)], "batch")
