@@ -83,6 +83,7 @@ class Term:
         factors: "x", "alpha", "beta", "|dr|", ...; several in one are multiplied first.
         text: what it does, with a place for x.
         label: of the function in a model of the testbench's own form, if not gap/NAME.
+        form_error: see :class:`Effect`.
     """
 
     name: str
@@ -90,6 +91,7 @@ class Term:
     factors: tuple[str, ...]
     text: str
     label: str = ""
+    form_error: float = Effect.form_error
 
     def __call__(self, aircraft: Aircraft, values: Values) -> Amendment:
         """Return the amendment; ModelError if the aircraft lacks a control of it."""
@@ -121,12 +123,12 @@ def wake_lag(aircraft: Aircraft, values: Values) -> Amendment:
 
 
 def _row(
-    title: str, place: str, term: Term, size: Parameter, physics: str, mistaken_for: str, separated_by: str,
-    lateral: bool = False, form_error: float = Effect.form_error,
-) -> Effect:  # fmt: skip
+    title: str, place: str, term: Term, size: Parameter, physics: str, mistaken_for: str, separated_by: str
+) -> Effect:
+    sideways = term.coefficient in ("CY", "Cl", "Cn") or any(n in f for f in term.factors for n in ("beta", "da", "dr"))
     return Effect(
         term.name, title, place, physics, (size,), partial(added, term), mistaken_for, separated_by,
-        lateral=lateral, form_error=form_error,
+        lateral=sideways, form_error=term.form_error,
     )  # fmt: skip
 
 
@@ -163,22 +165,21 @@ EFFECTS = (
         contains=("alpha_dot",)),
     _row(
         "curved lift line", "lift",
-        Term("nonlinear_lift", "CL", ("x", "alpha", "alpha"), "lift with {:+.3g} alpha^2 more"),
+        Term("nonlinear_lift", "CL", ("x", "alpha", "alpha"), "lift with {:+.3g} alpha^2 more", form_error=CURVED),
         Parameter("CL_alpha2", "1", -40.0, 40.0, (-5.0, 5.0), none=0.0),
         "The lift line is not straight: camber, low Reynolds numbers or the fuselage bend it well below the stall. To "
         "first order lift gets a term in the square of alpha.",
         "another CL_alpha in a narrow band of alpha; the beginning of a stall",
-        "a wide range of alpha on both sides of trim",
-        form_error=CURVED),
+        "a wide range of alpha on both sides of trim"),
     _row(
         "pitching moment curved over alpha", "pitching moment",
-        Term("curved_moment", "Cm", ("x", "alpha", "alpha"), "pitching moment with {:+.3g} alpha^2 more"),
+        Term("curved_moment", "Cm", ("x", "alpha", "alpha"),
+             "pitching moment with {:+.3g} alpha^2 more", form_error=CURVED),
         Parameter("Cm_alpha2", "1", -10.0, 10.0, (-1.0, 1.0), none=0.0),
         "The tail leaves the wing's downwash, or fuselage and wing lose their linear moment, as alpha grows. To first "
         "order the moment gets a term in the square of alpha: stability changes with alpha.",
         "another Cm_alpha in a narrow band of alpha; a stall of the tail",
-        "a wide range of alpha on both sides of trim",
-        form_error=CURVED),
+        "a wide range of alpha on both sides of trim"),
     Effect(
         name="speed_effectiveness", title="elevator effectiveness that depends on speed", place="pitching moment",
         physics="Compressibility, Reynolds number or a tail that twists under load changes the elevator's "
@@ -197,8 +198,7 @@ EFFECTS = (
         "One wing lifts more per angle of attack than the other: another section, dirt, damage. The aircraft rolls in "
         "proportion to alpha.",
         "a centre of gravity off the middle; a twisted wing at one alpha",
-        "weighing on both main wheels; pull-ups at two speeds",
-        lateral=True),
+        "weighing on both main wheels; pull-ups at two speeds"),
     _row(
         "twisted wing", "wing",
         Term("wing_twist", "Cl", ("x",), "Cl {:+.3g} more, since the wings differ"),
@@ -206,8 +206,7 @@ EFFECTS = (
         "One wing is rigged or warped to a larger angle than the other. A rolling moment that grows with dynamic "
         "pressure alone is trimmed out by the aileron.",
         "an offset of the aileron, exactly; it does not show where commands are deviations from trim",
-        "a straight edge and a level on the ground; the absolute aileron at trim",
-        lateral=True),
+        "a straight edge and a level on the ground; the absolute aileron at trim"),
     _row(
         "one wing with more drag", "wing",
         Term("asymmetric_drag", "Cn", ("x",), "Cn {:+.3g} more, since the wings differ"),
@@ -215,27 +214,25 @@ EFFECTS = (
         "Something hangs on one wing, or a part of it is open. A yawing moment that grows with dynamic pressure alone "
         "is trimmed out by the rudder.",
         "an offset of the rudder, exactly; it does not show where commands are deviations from trim",
-        "looking at the wings; the absolute rudder at trim",
-        lateral=True),
+        "looking at the wings; the absolute rudder at trim"),
     _row(
         "weathercock stability that changes with sideslip", "fin",
         Term("cubic_weathercock", "Cn", ("x", "beta beta beta"),
-             "{:+.3g} beta^3 in the yawing moment more"),
+             "{:+.3g} beta^3 in the yawing moment more", form_error=CURVED),
         Parameter("Cn_beta3", "1", -30.0, 30.0, (1.0, -1.0), none=0.0),
         "The fin stalls, or comes out of the fuselage's wake, as sideslip grows. To first order of what is odd in "
         "sideslip, the yawing moment gets a term in its cube.",
         "another Cn_beta where all sideslips are of one size",
-        "rudder inputs of two sizes, the larger one beyond 10 degrees of sideslip",
-        lateral=True, form_error=CURVED),
+        "rudder inputs of two sizes, the larger one beyond 10 degrees of sideslip"),
     _row(
         "dihedral effect that changes with sideslip", "wing",
-        Term("cubic_dihedral", "Cl", ("x", "beta beta beta"), "{:+.3g} beta^3 in the rolling moment more"),
+        Term("cubic_dihedral", "Cl", ("x", "beta beta beta"),
+             "{:+.3g} beta^3 in the rolling moment more", form_error=CURVED),
         Parameter("Cl_beta3", "1", -30.0, 30.0, (1.0, -1.0), none=0.0),
         "The windward wing stalls, or the fuselage shades the leeward one, as sideslip grows. To first order of what "
         "is odd in sideslip, the rolling moment gets a term in its cube.",
         "another Cl_beta where all sideslips are of one size",
-        "rudder inputs of two sizes, the larger one beyond 10 degrees of sideslip",
-        lateral=True, form_error=CURVED),
+        "rudder inputs of two sizes, the larger one beyond 10 degrees of sideslip"),
     _row(
         "dihedral effect that changes with alpha", "wing",
         Term("dihedral_over_alpha", "Cl", ("x", "alpha beta"),
@@ -244,8 +241,7 @@ EFFECTS = (
         "A swept wing rolls away from sideslip in proportion to its lift, so that its dihedral effect grows with "
         "alpha. The rolling moment gets a term in alpha times sideslip.",
         "another Cl_beta at one speed",
-        "the same rudder input at two speeds, or in a pull-up",
-        lateral=True),
+        "the same rudder input at two speeds, or in a pull-up"),
     _row(
         "weathercock stability that changes with alpha", "fin",
         Term("weathercock_over_alpha", "Cn", ("x", "alpha beta"),
@@ -254,8 +250,7 @@ EFFECTS = (
         "The wake of wing and fuselage reaches the fin as alpha grows. The yawing moment gets a term in alpha times "
         "sideslip.",
         "another Cn_beta at one speed",
-        "the same rudder input at two speeds, or in a pull-up",
-        lateral=True),
+        "the same rudder input at two speeds, or in a pull-up"),
     _row(
         "adverse yaw that changes with alpha", "aileron",
         Term("adverse_yaw_over_alpha", "Cn", ("x", "alpha da"),
@@ -264,42 +259,39 @@ EFFECTS = (
         "The aileron that goes down adds induced drag in proportion to the lift that the wing carries. The yawing "
         "moment gets a term in alpha times aileron.",
         "another Cn_da at one speed; an aileron-rudder interconnect",
-        "the same aileron input at two speeds; a measured rudder deflection",
-        lateral=True),
+        "the same aileron input at two speeds; a measured rudder deflection"),
     _row(
         "pitching moment of the rudder", "rudder",
-        Term("rudder_pitch", "Cm", ("x", "|dr|"), "{:+.3g} |rudder| in the pitching moment more"),
+        Term("rudder_pitch", "Cm", ("x", "|dr|"), "{:+.3g} |rudder| in the pitching moment more", form_error=CURVED),
         Parameter("Cm_dr", "1", -3.0, 3.0, (0.1, -0.1), none=0.0),
         "A rudder above or below the tail's plane changes the load on it, and one of a V tail pitches by itself, "
         "whichever way it turns. The pitching moment gets a term in the size of its deflection.",
         "a pitching moment due to sideslip; the square of the deflection where all inputs are of one size",
-        "rudder inputs of two sizes and of both signs, with the pitch rate recorded",
-        lateral=True, form_error=CURVED),
+        "rudder inputs of two sizes and of both signs, with the pitch rate recorded"),
     _row(
         "pitching moment of the rudder's square", "rudder",
-        Term("rudder_pitch_square", "Cm", ("x", "dr dr"), "{:+.3g} rudder^2 in the pitching moment more"),
+        Term("rudder_pitch_square", "Cm", ("x", "dr dr"),
+             "{:+.3g} rudder^2 in the pitching moment more", form_error=CURVED),
         Parameter("Cm_dr2", "1", -60.0, 60.0, (2.0, -2.0), none=0.0),
         "The deflected rudder slows the air at the tail, and its drag acts above the centre of gravity. Both grow with "
         "the square of its deflection.",
         "a pitching moment in the size of the deflection where all inputs are of one size",
-        "rudder inputs of two sizes and of both signs, with the pitch rate recorded",
-        lateral=True, form_error=CURVED),
+        "rudder inputs of two sizes and of both signs, with the pitch rate recorded"),
     _row(
         "pitching moment of the ailerons", "aileron",
-        Term("aileron_pitch", "Cm", ("x", "|da|"), "{:+.3g} |aileron| in the pitching moment more"),
+        Term("aileron_pitch", "Cm", ("x", "|da|"), "{:+.3g} |aileron| in the pitching moment more", form_error=CURVED),
         Parameter("Cm_da", "1", -3.0, 3.0, (0.1, -0.1), none=0.0),
         "One aileron goes up further than the other goes down, or acts in another flow, so that their pitching moments "
         "do not cancel. The pitching moment gets a term in the size of the deflection.",
         "the square of the deflection where all inputs are of one size; spoilers that help in roll",
-        "aileron inputs of two sizes and of both signs, with the pitch rate recorded",
-        lateral=True, form_error=CURVED),
+        "aileron inputs of two sizes and of both signs, with the pitch rate recorded"),
     _row(
         "pitching moment of the ailerons' square", "aileron",
-        Term("aileron_pitch_square", "Cm", ("x", "da da"), "{:+.3g} aileron^2 in the pitching moment more"),
+        Term("aileron_pitch_square", "Cm", ("x", "da da"),
+             "{:+.3g} aileron^2 in the pitching moment more", form_error=CURVED),
         Parameter("Cm_da2", "1", -60.0, 60.0, (2.0, -2.0), none=0.0),
         "Deflected ailerons cost lift and add drag on both sides, which pitches the aircraft. Both grow with the "
         "square of the deflection.",
         "a pitching moment in the size of the deflection where all inputs are of one size",
-        "aileron inputs of two sizes and of both signs, with the pitch rate recorded",
-        lateral=True, form_error=CURVED),
+        "aileron inputs of two sizes and of both signs, with the pitch rate recorded"),
 )

@@ -43,6 +43,7 @@ class Feedback:
         sign: of K for a positive gain; that which damps or holds.
         text: what it does, with a place for K.
         filter: what people call the lag.
+        upstream: see :class:`Effect`.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Feedback:
     sign: float
     text: str
     filter: str = "filter"
+    upstream: int = AUTOPILOT
 
     def __call__(self, aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
         """Return the amendment; ModelError if the aircraft lacks the aileron that it listens to."""
@@ -96,7 +98,6 @@ def _row(
     mistaken_for: str,
     separated_by: str,
     contains: tuple[str, ...] = (),
-    upstream: int = AUTOPILOT,
 ) -> Effect:
     joined = law.quantity == "da"  # by a spring or a mixer; all others are made by an autopilot
     return Effect(
@@ -110,7 +111,7 @@ def _row(
         separated_by=separated_by,
         lateral=law.control != "de",
         contains=contains,
-        upstream=upstream,
+        upstream=law.upstream,
         part="" if joined else "autopilot",
         ground_check="move the aileron and look at the rudder: a connected rudder moves with it" if joined else "",
     )
@@ -163,15 +164,14 @@ EFFECTS = (
         "a measured deflection, a sweep through the short period, or a flight with the autopilot off",
         contains=("pitch_damper",)),
     _row(
-        Feedback("yaw_damper", *_YAW_RATE), "yaw damper",
+        Feedback("yaw_damper", *_YAW_RATE, upstream=FORCES), "yaw damper",
         "An autopilot turns the rudder in proportion to yaw rate, behind the recorded command and through the servo; a "
         "washout lets a steady turn pass. The Dutch roll is damped more, or less with the other sign, than by the "
         "aircraft itself, and the yaw that the rudder commands is reduced.",
         _YAW,
         "an error of Cn_r, within its prior, where the servo is much faster than the Dutch roll; the washout is not "
         "known where no record holds a turn as long as it lasts",
-        "a measured rudder deflection, a flight with the autopilot off, or a turn held for some seconds",
-        upstream=FORCES),
+        "a measured rudder deflection, a flight with the autopilot off, or a turn held for some seconds"),
     _row(
         Feedback("filtered_yaw_damper", *_YAW_RATE), "yaw damper with filter",
         "An autopilot turns the rudder in proportion to yaw rate, but behind a filter that keeps out the gyro's noise "

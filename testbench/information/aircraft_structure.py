@@ -111,27 +111,23 @@ def parameter_names(controls: Sequence[str], plane: Plane, modes: Collection[int
 
 def aircraft_structure(
     model: LinearModel,
-    V_m_s: float,
-    alpha: float,
+    trimmed: TrimmedFlight,
     plane: Plane,
     modes: Collection[int],
     inputs: Sequence[str],
-    outputs: Sequence[str],
+    outputs: Sequence[str] | Mapping[str, Mapping[str, float]],
     free: Sequence[str],
-    mixed: Mapping[str, Mapping[str, float]] | None = None,
 ) -> AircraftStructure:
     """Return the linearised aircraft with the parameters ``free``, at their true values.
 
     Args:
         model: of :func:`testbench.flight.linearise`, servos included.
-        V_m_s: airspeed at trim.
-        alpha: angle of attack at trim, rad.
+        trimmed: where it was linearised.
         plane: which motion; the other one is left out.
         modes: numbers (from 1) of the elastic modes that belong to the plane.
         inputs: commands (``de_cmd``: the servo is part of the model) or deflections.
-        outputs: channels of the linear model.
+        outputs: channels of the linear model; or each with the channels that it is a mixture of, and their weights.
         free: names of the parameters.
-        mixed: of outputs that are mixtures of channels: channel -> weight.
 
     Raises:
         EstimationError: a parameter is not one of :func:`parameter_names`.
@@ -156,7 +152,7 @@ def aircraft_structure(
     columns = [model.inputs.index(i) for i in inputs]
     rows = [model.outputs.index(o) for o in outputs]
     A0, B0 = model.A[np.ix_(at, at)], model.B[np.ix_(at, columns)]
-    basis = _Basis(states, list(inputs), V_m_s, alpha)
+    basis = _Basis(states, list(inputs), trimmed.condition.V_m_s, trimmed.alpha)
     directions, true = np.zeros((len(free), len(states), len(states) + len(inputs))), np.zeros(len(free))
     for k, name in enumerate(free):
         axis, variable = name.rsplit("_", 1)
@@ -176,8 +172,9 @@ def aircraft_structure(
             where = (list(free).index(f"omega_{i}"), list(free).index(f"zeta_{i}"))
             pairs.append((*where, states.index(f"etadot_{i}"), states.index(f"eta_{i}")))
     P = np.zeros((len(outputs), len(states)))
-    for j, output in enumerate(outputs):
-        for name, weight in (mixed or {}).get(output, {output: 1.0}).items():
+    mixtures = outputs if isinstance(outputs, Mapping) else {output: {output: 1.0} for output in outputs}
+    for j, mixture in enumerate(mixtures.values()):
+        for name, weight in mixture.items():
             if (state := _rate_of(name)) in states:
                 P[j, states.index(state)] += weight
     return AircraftStructure(
@@ -215,14 +212,12 @@ def seen_by(
     stations = dict(zip(*station_rows(aircraft.flown_stations(), aircraft.flown_modes()), strict=True))
     return aircraft_structure(
         felt_by(sensors, linear, trimmed.state),
-        trimmed.condition.V_m_s,
-        trimmed.alpha,
+        trimmed,
         plane,
         elastic_modes(aircraft, plane),
         inputs,
-        [s.channel for s in sensors],
-        free,
         {s.channel: stations.get(s.channel) or s.weights(at) for s in sensors},
+        free,
     )
 
 

@@ -66,8 +66,7 @@ def problem(
     free = free or needed_parameters("longitudinal", ("de",), False, ())
     structure = aircraft_structure(
         linear,
-        V,
-        trimmed.alpha,
+        trimmed,
         "longitudinal",
         elastic_modes(aircraft, "longitudinal"),
         ("de_cmd",),

@@ -87,7 +87,7 @@ def taurus() -> tuple[Aircraft, tb.FlightCondition]:
 
 def test_what_is_linear_is_exact(taurus: tuple[Aircraft, tb.FlightCondition]) -> None:
     """Before anything has moved, qdot follows Cm0 as qbar S cbar Cm0 / Iyy, and a state follows itself."""
-    aircraft, condition = taurus
+    aircraft, _ = taurus
     keys = ["coefficient.Cm0", "start.theta"]
     (found,) = tb.tangents(jobs(*taurus, [doublet(aircraft.rate_hz)], channels=None), keys, held=True)
     product = ET.fromstring(aircraft.xml).find(".//function[@name='aero/coefficient/Cm0']/product")

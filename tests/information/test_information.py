@@ -41,8 +41,7 @@ def linear(taurus, taurus_trim):
 
 
 def structure(linear, trimmed, free=FREE, inputs=("de_cmd",), outputs=OUTPUTS, modes=(), plane="longitudinal"):
-    V = trimmed.condition.V_m_s
-    return aircraft_structure(linear, V, trimmed.alpha, plane, modes, inputs, outputs, free)
+    return aircraft_structure(linear, trimmed, plane, modes, inputs, outputs, free)
 
 
 def sensors(**other):

@@ -236,7 +236,7 @@ def expected_band(
     plane, shown, modes = spec.plane, SHOWN[spec.plane], elastic_modes(aircraft, spec.plane)
     names = parameter_names(spec.controls, plane, ())
     commands = point.model.commands(spec.controls)
-    structure = aircraft_structure(point.model, point.V_m_s, point.trimmed.alpha, plane, modes, commands, shown, names)
+    structure = aircraft_structure(point.model, point.trimmed, plane, modes, commands, shown, names)
     record = flown.record
     u = flown.signal.at(record.t_s - spec.settle_s, spec.controls)
     held = np.ones(len(commands), bool)

@@ -186,8 +186,7 @@ def _axis(
     elastic = elastic_modes(aircraft, plane)
     views = aircraft_structure(
         linear,
-        trimmed.condition.V_m_s,
-        trimmed.alpha,
+        trimmed,
         plane,
         elastic,
         structure.inputs,

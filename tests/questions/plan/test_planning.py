@@ -279,7 +279,7 @@ def test_band_is_the_scatter_of_responses_with_uncertain_derivatives(small, taur
     flown = fly_once(taurus, point, card.spec, limits_of(small.scenario.limits, taurus, None), 1.0)
     band = expected_band(narrow, taurus, quiet, point, card.spec, flown, {})
     names = parameter_names(("de",), "longitudinal", ())
-    s = aircraft_structure(point.model, point.V_m_s, point.trimmed.alpha, "longitudinal", (), ("de_cmd",), shown, names)
+    s = aircraft_structure(point.model, point.trimmed, "longitudinal", (), ("de_cmd",), shown, names)
     rate = 1.0 / flown.record.dt_s
     u = np.zeros((len(flown.record.t_s), 1))
     stride = round(1.0 / (flown.signal.dt_s * rate))
