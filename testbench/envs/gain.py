@@ -30,6 +30,24 @@ class Known(NamedTuple):
     relative: FloatArray
 
 
+class Sums(NamedTuple):
+    """What flights have told so far.
+
+    Attributes:
+        M: (copies, k, k) lower half of the information, offsets included.
+        b: (copies, p, k) weighted sums of the sensitivities.
+        c: (copies, p) weights of the samples.
+        covariance: (copies, t, t) of the targets, prior included.
+        volume: (copies,) logarithm of the root of its determinant.
+    """
+
+    M: FloatArray
+    b: FloatArray
+    c: FloatArray
+    covariance: FloatArray
+    volume: FloatArray
+
+
 Mask = npt.NDArray[np.bool_]
 
 
@@ -68,8 +86,7 @@ class Gain:
             )
         self._taken, p = _taken(problem), len(problem.experiment.sensors)
         self._made = problem, criterion, prior
-        self._M, self._b, self._c = np.zeros((copies, k, k)), np.zeros((copies, p, k)), np.zeros((copies, p))
-        self._volume, self._covariance = np.zeros(copies), np.zeros((copies, t, t))
+        self._sums = Sums(*(np.zeros((copies, *of)) for of in ((k, k), (p, k), (p,), (t, t), ())))
         self.reset(np.ones(copies, bool), 0)
 
     def of(self, copies: int) -> Gain:
@@ -81,9 +98,9 @@ class Gain:
 
         They tell the offsets alone.
         """
-        self._M[which], self._b[which] = 0.0, 0.0
-        self._c[which] = np.sum(self._taken[:quiet] ** 2, axis=0)
-        none = np.zeros((len(which), 1, 1, self._M.shape[1]))
+        self._sums.M[which], self._sums.b[which] = 0.0, 0.0
+        self._sums.c[which] = np.sum(self._taken[:quiet] ** 2, axis=0)
+        none = np.zeros((len(which), 1, 1, self._sums.M.shape[1]))
         self.add(none, np.zeros(len(which), np.int64), which, samples=0)
 
     def add(self, S: FloatArray, at: npt.NDArray[np.int64], which: Mask, samples: int) -> None:
@@ -98,32 +115,30 @@ class Gain:
         Raises:
             EstimationError: the information of one is not positive, which says that it ceased to be finite.
         """
-        failed = _learn(
-            np.ascontiguousarray(S), at, which, samples, self._taken, self._gradient, self._M, self._b, self._c,
-            self._covariance, self._volume,
-        )  # fmt: skip
+        failed = _learn(np.ascontiguousarray(S), at, which, samples, self._taken, self._gradient, self._sums)
         if failed >= 0:
             whose = f" of copy {failed}" if len(which) > 1 else ""
             raise EstimationError(
                 f"information must stay finite; the linear aircraft{whose} has diverged, shorten the flight"
             )
-        variance, criterion = np.diagonal(self._covariance, axis1=1, axis2=2), self._made[1]
+        variance, criterion = np.diagonal(self._sums.covariance, axis1=1, axis2=2), self._made[1]
         relative = np.sqrt(variance)
         if criterion == "D":
-            cost = self._volume / relative.shape[1]
+            cost = self._sums.volume / relative.shape[1]
         elif criterion == "worst":
             cost = 0.5 * np.log(variance.max(axis=1))
         elif criterion == "A":
             cost = 0.5 * np.log(variance.mean(axis=1))
         else:
-            cost = 0.5 * np.log(np.linalg.eigvalsh(self._covariance)[:, -1])
+            cost = 0.5 * np.log(np.linalg.eigvalsh(self._sums.covariance)[:, -1])
         self.known = Known(cost, relative)
 
     @property
     def information(self) -> FloatArray:
         """Fisher information (copies, k, k) so far, without the prior."""
-        offsets = np.einsum("npa,npb->nab", self._b, self._b / np.maximum(self._c, 1e-300)[:, :, None])
-        M = np.tril(self._M) + np.swapaxes(np.tril(self._M, -1), 1, 2)
+        M, b, c, *_ = self._sums
+        offsets = np.einsum("npa,npb->nab", b, b / np.maximum(c, 1e-300)[:, :, None])
+        M = np.tril(M) + np.swapaxes(np.tril(M, -1), 1, 2)
         return np.asarray((M - offsets) / np.outer(self.prior, self.prior))
 
 
@@ -140,7 +155,7 @@ def _taken(problem: Problem) -> FloatArray:
 @compiled
 def _learn(
     S: FloatArray, at: npt.NDArray[np.int64], which: Mask, samples: int, taken: FloatArray, gradient: FloatArray,
-    M: FloatArray, b: FloatArray, c: FloatArray, covariance: FloatArray, volume: FloatArray,
+    sums: Sums,
 ) -> int:  # fmt: skip  # pragma: no cover
     """Add samples and take the covariance of the targets, prior included; return a flight that failed, or -1.
 
@@ -151,12 +166,9 @@ def _learn(
         samples: of S that are added.
         taken: (N, p) root of the share of samples that arrive.
         gradient: (k, t).
-        M: (copies, k, k) lower half, changed.
-        b: (copies, p, k) changed.
-        c: (copies, p) changed.
-        covariance: (copies, t, t) filled.
-        volume: (copies,) logarithm of the root of its determinant, filled.
+        sums: changed.
     """
+    M, b, c, covariance, volume = sums
     k, t = gradient.shape
     L, half = np.empty((k, k)), np.empty((k, t))
     s = np.empty(k)

@@ -15,6 +15,7 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.logs.layout import ChannelColumn, Recorded, RecordFile, TimeColumn, find_data_folder
 from testbench.logs.names import LARGEST, MISSING, clock_called, stated_unit, time_unit
 from testbench.logs.tables import Table, read_table
+from testbench.logs.text import TextForm
 from testbench.logs.times import holds_stamps, read_times
 
 _SLACK_S = 1e-6  # times printed with few digits still meet the end of a segment
@@ -56,9 +57,8 @@ def read_records(description: Recorded, data_folder: Path | str | None = None) -
 
 
 def _read_file(description: Recorded, spec: RecordFile, path: Path) -> list[tuple[str, str, FlightRecord]]:
-    table = read_table(
-        path, spec.kind_of_file, spec.variable, spec.header, spec.skip_rows, spec.delimiter, spec.decimal
-    )
+    form = TextForm(spec.header, spec.skip_rows, spec.delimiter, spec.decimal)
+    table = read_table(path, spec.kind_of_file, spec.variable, form)
     if table.stated.get("kind") == "truth":
         raise RecordError(
             f"a recorded flight must be measured, but '{path}' says of itself that it is a simulated truth"

@@ -25,6 +25,7 @@ from testbench.logs.names import INDICATED, TIME_UNITS, Meaning, meaning
 from testbench.logs.ros import read_bag
 from testbench.logs.signals import MIN_SAMPLES, UNSTATED, Log, Rule, Topic, dropped_in_words, make_topic, scaled
 from testbench.logs.tables import Table, read_table
+from testbench.logs.text import TextForm
 from testbench.logs.times import clock_unit, find_clock, holds_stamps, read_times
 from testbench.logs.topics import is_px4_file, log_of_matrices, log_of_table, log_of_tables
 from testbench.logs.vectors import vectors_of
@@ -205,7 +206,7 @@ def _sidpac(path: Path) -> Log | None:
 def _salvage(path: Path, kind: str, error: RecordError) -> Table:
     """Read a text table again without its damaged lines; raise ``error`` if there are none, or nothing else."""
     try:
-        table = read_table(path, kind, lenient=True)
+        table = read_table(path, kind, form=TextForm(lenient=True))
     except RecordError:
         raise error from None
     if table.damaged and len(table) > 1 and len(table.names) > 1:

@@ -25,7 +25,7 @@ from testbench.logs.foreign import HEAD, refuse_foreign
 from testbench.logs.mat import StructArray, read_mat
 from testbench.logs.names import TIME_UNITS, clock_called, time_unit
 from testbench.logs.structures import follow, series
-from testbench.logs.text import Cells, numbers, read_text
+from testbench.logs.text import Cells, TextForm, numbers, read_text
 
 _ZONE = re.compile(r"\s*(Z|UTC|GMT|[+-]00:?00)$")  # of dates that times count from
 _TEXT = 100  # bytes of a cell that is text, in a list
@@ -109,15 +109,14 @@ class Table:
         return f"'{self.file}', " + (f"line {self.lines[row]}" if len(self.lines) else f"row {row + 1}")
 
 
+_ANY_FORM = TextForm()
+
+
 def read_table(
     path: Path | str,
     kind: str,
     variable: str | None = None,
-    header: str = "auto",
-    skip_rows: int = 0,
-    delimiter: str | None = None,
-    decimal: str | None = None,
-    lenient: bool = False,
+    form: TextForm = _ANY_FORM,
 ) -> Table:
     """Read a file of format ``kind``: "csv", "text", "mat", "parquet" or "netcdf".
 
@@ -126,12 +125,7 @@ def read_table(
         kind: its format.
         variable: MAT only: the matrix or structure to read, or the path of one inside a structure
             (``data.flight``, ``data(2)``); needed if the file holds several.
-        header: CSV and text: "auto" takes names (and units, if a second row of them follows) from the last rows before
-            the numbers that have as many entries as these; "none" takes every row as numbers.
-        skip_rows: CSV and text: lines to leave out at the beginning.
-        delimiter: CSV and text: the character between cells; recognised if not given.
-        decimal: CSV and text: the decimal sign, "." or ","; recognised if not given.
-        lenient: CSV and text: leave damaged lines out, and count them in ``damaged``.
+        form: CSV and text: what is known of how they are written.
 
     Raises:
         RecordError: the file is missing, empty, cut short, of another format, or holds no samples.
@@ -143,8 +137,8 @@ def read_table(
     if path.stat().st_size == 0:
         raise RecordError(f"a record file must hold samples, got an empty file at '{path}'")
     readers: dict[str, Callable[[], Table]] = {
-        "csv": lambda: _of_text(path, read_text(path, False, header, skip_rows, delimiter, decimal, lenient)),
-        "text": lambda: _of_text(path, read_text(path, True, header, skip_rows, delimiter, decimal, lenient)),
+        "csv": lambda: _of_text(path, read_text(path, False, form)),
+        "text": lambda: _of_text(path, read_text(path, True, form)),
         "mat": lambda: _read_mat(path, variable),
         "parquet": lambda: _read_parquet(path),
         "netcdf": lambda: _read_netcdf(path),

@@ -57,6 +57,25 @@ class Cells(NamedTuple):
     above: tuple[str, ...] = ()
 
 
+class TextForm(NamedTuple):
+    """How a table is written as text, as far as it is not recognised.
+
+    Attributes:
+        header: "auto" takes names (and units, if a second row of them follows) from the last rows before the numbers
+            that have as many entries as these; "none" takes every row as numbers.
+        skip_rows: lines to leave out at the beginning.
+        delimiter: character between cells, recognised if not given.
+        decimal: "." or ",", recognised if not given.
+        lenient: leave damaged lines out and count them.
+    """
+
+    header: str = "auto"
+    skip_rows: int = 0
+    delimiter: str | None = None
+    decimal: str | None = None
+    lenient: bool = False
+
+
 class _Lines(NamedTuple):
     """Remarks before the first other line, and all other lines with their numbers from 1."""
 
@@ -65,30 +84,19 @@ class _Lines(NamedTuple):
     numbers: list[int]
 
 
-def read_text(
-    path: Path,
-    blanks: bool,
-    header: str = "auto",
-    skip_rows: int = 0,
-    delimiter: str | None = None,
-    decimal: str | None = None,
-    lenient: bool = False,
-) -> Cells:
+def read_text(path: Path, blanks: bool, form: TextForm) -> Cells:
     """Read a table written as text.
 
     Args:
         path: the file.
         blanks: True if blanks between cells are the usual thing for this format, False if commas are.
-        header: "auto" or "none": no header, every row holds numbers.
-        skip_rows: lines to leave out at the beginning.
-        delimiter: character between cells, recognised if not given.
-        decimal: "." or ",", recognised if not given.
-        lenient: leave damaged lines out and count them.
+        form: what is known of it.
 
     Raises:
         RecordError: the file is binary, holds no rows of numbers, or a row has another number of cells than the first.
         SizeError: it takes more memory than the limit of :mod:`testbench.core.door`.
     """
+    header, skip_rows, delimiter, decimal, lenient = form
     require_room(f"the table '{path}'", _IN_MEMORY * path.stat().st_size, "cut it into parts")
     text, encoding = _decode(path, lenient)
     lines = _lines(text, skip_rows)

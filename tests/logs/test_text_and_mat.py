@@ -11,12 +11,13 @@ from testbench.core.door import VARIABLE
 from testbench.core.errors import RecordError, SizeError
 from testbench.logs.mat import Opaque, _matrix, mat_variables
 from testbench.logs.tables import read_table
+from testbench.logs.text import TextForm
 
 
 def table(tmp_path, text, kind="csv", **options):
     path = tmp_path / "f.csv"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return read_table(path, kind, **options)
+    return read_table(path, kind, form=TextForm(**options))
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from testbench.core.record import FloatArray
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import judged
 from testbench.flight.batch.fly import placed
-from testbench.flight.batch.machine import aligned
+from testbench.flight.batch.machine import Driven, Logged, Watched, aligned
 from testbench.flight.batch.model import BatchModel, filled
 from testbench.flight.batch.program import Op, Program
 from testbench.flight.batch.vector import LANES
@@ -151,9 +151,12 @@ def _block(lanes: Sequence[Lane], models: Sequence[BatchModel], channels: Sequen
     rows, none = np.empty((len(inputs), len(logged), LANES)), np.empty((0, LANES))
     program.machine.before(R)
     program.machine.run(
-        R, inputs, np.array(targets, np.int64), 1, np.array(logged, np.int64), filled(scale), rows,
-        np.empty(0, np.int64), none, none, np.zeros(LANES, bool),
-    )  # fmt: skip
+        R,
+        Driven(inputs, np.array(targets, np.int64)),
+        Logged(1, np.array(logged, np.int64), filled(scale), rows),
+        Watched(np.empty(0, np.int64), none, none),
+        np.zeros(LANES, bool),
+    )
     data = np.ascontiguousarray(np.moveaxis(rows, 2, 0)[: len(lanes)])
     at = data[:, step::step, :3]  # the first frame of the second sample time is that of the first sample
     return [_forces(x, there, channels) for x, there in zip(_sampled(data, step), at, strict=True)]

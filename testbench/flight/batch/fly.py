@@ -20,6 +20,7 @@ from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import Judged, difference, distrust, judged
 from testbench.flight.batch.jobs import BATCH, BOTH, JSBSIM, Job, Simulator, Tally
+from testbench.flight.batch.machine import Driven, Logged, Watched
 from testbench.flight.batch.model import TOP_FT, BatchModel, filled, put, read, registers, states_at
 from testbench.flight.batch.vector import LANES
 from testbench.flight.executive import body_from_earth
@@ -270,12 +271,14 @@ def _fly_block(lanes: Sequence[_Ready], flown: Tally) -> list[FlightRecord | Ref
     data[0] = read(model, R)[columns] * scale
     R[r.DT] = 1.0 / model.rate_hz
     model.program.machine.before(R)
+    targets = np.array([model.commands[n] for n in controls] + _GUSTS[: 3 * blowing], np.int64)
     left, broken, value = model.program.machine.run(
-        R, _inputs(lanes, controls, blowing, rows * step),
-        np.array([model.commands[n] for n in controls] + _GUSTS[: 3 * blowing], np.int64), step, logged, scale,
-        data[1:], np.array([x.register for x in limits], np.int64), np.stack([x.low for x in limits]),
-        np.stack([x.high for x in limits]), np.arange(LANES) >= len(lanes),
-    )  # fmt: skip
+        R,
+        Driven(_inputs(lanes, controls, blowing, rows * step), targets),
+        Logged(step, logged, scale, data[1:]),
+        watched(limits),
+        np.arange(LANES) >= len(lanes),
+    )
     out: list[FlightRecord | Refusal | None] = [None] * len(lanes)
     beyond: dict[int, tuple[Job, str]] = {}
     for lane, ready in enumerate(lanes):
@@ -361,6 +364,12 @@ def limits_of(models: Sequence[BatchModel]) -> list[Limit]:
     out.append(Limit(r.H_SL, -np.inf * one, TOP_FT * one))
     out.append(Limit(r.H_AGL, model.floor_ft * one, np.inf * one))
     return out
+
+
+def watched(limits: Sequence[Limit]) -> Watched:
+    """Return the registers of limits, and these, as a program watches them."""
+    low, high = (np.stack([getattr(x, side) for x in limits]) for side in ("low", "high"))
+    return Watched(np.array([x.register for x in limits], np.int64), low, high)
 
 
 _ARRAYS: dict[tuple[str, int], FloatArray] = {}

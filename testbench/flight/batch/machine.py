@@ -8,7 +8,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import llvmlite
 import llvmlite.binding as llvm
@@ -64,6 +64,37 @@ def aligned(count: int) -> FloatArray:
     return raw[first : first + count * LANES].reshape(count, LANES)
 
 
+class Driven(NamedTuple):
+    """What is written before each frame: values (frames, inputs, LANES), and the register of each input."""
+
+    values: FloatArray
+    registers: npt.NDArray[np.int64]
+
+
+class Logged(NamedTuple):
+    """What a flight leaves: a row every ``stride`` frames.
+
+    Attributes:
+        stride: frames per row.
+        registers: that make a row.
+        scale: (logged, LANES) factor of each.
+        rows: (rows, logged, LANES) that are filled.
+    """
+
+    stride: int
+    registers: npt.NDArray[np.int64]
+    scale: FloatArray
+    rows: FloatArray
+
+
+class Watched(NamedTuple):
+    """Registers that have limits, and these (watched, LANES)."""
+
+    registers: npt.NDArray[np.int64]
+    low: FloatArray
+    high: FloatArray
+
+
 class Flying(Machine):
     """A program as it runs: ``before``, ``frame`` (which begins at ``frame_at``) and ``log`` change registers R."""
 
@@ -73,42 +104,27 @@ class Flying(Machine):
         self.frame_at, self._run = self.address("frame"), self.function("run", *RUN)
 
     def run(
-        self,
-        R: FloatArray,
-        inputs: FloatArray,
-        targets: npt.NDArray[np.int64],
-        stride: int,
-        logged: npt.NDArray[np.int64],
-        scale: FloatArray,
-        rows: FloatArray,
-        watched: npt.NDArray[np.int64],
-        low: FloatArray,
-        high: FloatArray,
-        ended: npt.NDArray[np.bool_],
+        self, R: FloatArray, driven: Driven, logged: Logged, watched: Watched, ended: npt.NDArray[np.bool_]
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], FloatArray]:
-        """Fly: inputs, frame, and every ``stride`` frames a row, until every flight has left its limits.
+        """Fly: inputs, frame, and at times a row, until every flight has left its limits.
 
         Args:
             R: (registers, LANES).
-            inputs: (frames, inputs, LANES) what is written before each frame.
-            targets: register of each input.
-            stride: frames per row.
-            logged: registers that make a row.
-            scale: (logged, LANES) factor of each.
-            rows: (rows, logged, LANES) filled.
-            watched: registers that have limits.
-            low: (watched, LANES) the lower ones.
-            high: (watched, LANES) the upper ones.
+            driven: by these inputs.
+            logged: in these rows.
+            watched: against these limits.
             ended: (LANES,) flights that are not looked at: they have ended, or only fill the block.
 
         Returns:
             For each flight (LANES,) the row at which it left its limits, or -1, which limit it broke, and with what.
         """
         left, broken, value = np.where(ended, 0.0, -1.0), np.zeros(LANES), np.zeros(LANES)
-        assert len(inputs) >= len(rows) * stride or not targets.size
+        rows, targets = logged.rows, driven.registers
+        assert len(driven.values) >= len(rows) * logged.stride or not targets.size
         self._run(
-            R, inputs, targets, targets.size, stride, logged, logged.size, scale, rows, len(rows), watched,
-            watched.size, low, high, left, broken, value,
+            R, driven.values, targets, targets.size, logged.stride, logged.registers, logged.registers.size,
+            logged.scale, rows, len(rows), watched.registers, watched.registers.size, watched.low, watched.high,
+            left, broken, value,
         )  # fmt: skip
         return left.astype(np.int64), broken.astype(np.int64), value
 

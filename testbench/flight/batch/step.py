@@ -12,8 +12,8 @@ from testbench.core.errors import ChannelError, LimitError, nearest
 from testbench.core.record import FloatArray
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import judged
-from testbench.flight.batch.fly import limits_of, placed
-from testbench.flight.batch.machine import aligned
+from testbench.flight.batch.fly import limits_of, placed, watched
+from testbench.flight.batch.machine import Driven, Logged, aligned
 from testbench.flight.batch.model import BatchModel
 from testbench.flight.batch.vector import LANES
 from testbench.flight.condition import TrimmedFlight
@@ -213,10 +213,9 @@ class _Block:
         self.R[:] = R
         self._logged, self._factors = logged, np.tile(factors[:, None], LANES)
         self._limits = limits_of([model] * size)
-        self._watched = np.array([x.register for x in self._limits], np.int64)
-        self._low, self._high = np.stack([x.low for x in self._limits]), np.stack([x.high for x in self._limits])
+        self._watched = watched(self._limits)
         # commands are held: they are written into the registers before, and no input changes from frame to frame
-        self._inputs, self._targets = np.empty((0, 0, LANES)), np.empty(0, np.int64)
+        self._driven = Driven(np.empty((0, 0, LANES)), np.empty(0, np.int64))
         self._unread = np.ones(LANES, bool)  # those that only fill the block, always
 
     def fly(self, data: FloatArray, ended: Mask) -> npt.NDArray[np.int64]:
@@ -224,9 +223,12 @@ class _Block:
         rows = np.empty((*data.shape[1:], LANES))
         self._unread[: self.size] = ended
         left, self._broken, self._value = self._model.program.machine.run(
-            self.R, self._inputs, self._targets, self._step, self._logged, self._factors, rows, self._watched,
-            self._low, self._high, self._unread,
-        )  # fmt: skip
+            self.R,
+            self._driven,
+            Logged(self._step, self._logged, self._factors, rows),
+            self._watched,
+            self._unread,
+        )
         data[:] = rows.transpose(2, 0, 1)[: self.size]
         return left[: self.size]
 

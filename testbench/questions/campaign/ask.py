@@ -85,8 +85,7 @@ def fly_campaign(
     folder: Path | str,
     *,
     resume: bool = False,
-    workers: int | None = None,
-    scheduler: str | None = None,
+    workers: int | str | None = None,
     progress: Callable[[Progress], None] | None = None,
     task: Task = fly_batch,
     simulator: Simulator = "auto",
@@ -97,8 +96,8 @@ def fly_campaign(
         campaign: what to fly.
         folder: holds the store, and the time histories if they are kept.
         resume: continue with the store in ``folder`` instead of making one.
-        workers: processes on this machine; one per processor if not given.
-        scheduler: address of a dask scheduler to use instead, with the workers it has.
+        workers: processes on this machine, one per processor if not given; or the address of a dask scheduler, to use
+            the workers that it has.
         progress: called about twice a second.
         task: what a worker does with a batch.
         simulator: "jsbsim" flies every flight by JSBSim; else runs of a model that has been found equal to it are flown
@@ -125,8 +124,8 @@ def fly_campaign(
     with ExitStack() as stack:
         # Without workers no store is left behind; and processes that are forked later would hold its lock.
         found: LocalWorkers | Workers = (
-            stack.enter_context(remote_workers(scheduler, task, job))
-            if scheduler
+            stack.enter_context(remote_workers(workers, task, job))
+            if isinstance(workers, str)
             else stack.enter_context(closing(LocalWorkers(workers or cores(), task, job)))
         )
         opened = Store.resume(folder, campaign) if resume else Store.create(folder, campaign)

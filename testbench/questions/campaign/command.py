@@ -96,15 +96,8 @@ def _fly_campaign(
     folder = out / f"campaign_{loaded.spec.name}"
     try:
         with show_progress(Console(stderr=True)) as progress:
-            fly_campaign(
-                loaded,
-                folder,
-                resume=resume,
-                workers=workers,
-                scheduler=scheduler,
-                progress=progress,
-                simulator=simulator.value,
-            )
+            where = workers if scheduler is None else scheduler
+            fly_campaign(loaded, folder, resume=resume, workers=where, progress=progress, simulator=simulator.value)
     except KeyboardInterrupt:
         print(
             f"finished runs are kept; continue with: testbench campaign resume {campaign} --out {out}",

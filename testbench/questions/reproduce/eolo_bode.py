@@ -17,7 +17,16 @@ from testbench.page.labels import ratio_unit, symbol
 from testbench.page.tables import Column, Table, Value
 from testbench.page.words import listed
 from testbench.questions.reproduce.bench import BAND_RAD_S, HEIGHT_M, RATE_HZ, SPEEDS_M_S, VIBRATION_M_S, A, B, C, D
-from testbench.questions.reproduce.section import Comparison, Say, Section, Why, claim_row, line, plate
+from testbench.questions.reproduce.section import (
+    Comparison,
+    Say,
+    Section,
+    Why,
+    claim_row,
+    judge_claim,
+    line,
+    plate,
+)
 from testbench.questions.run.ask import run
 from testbench.questions.run.result import RunResult
 from testbench.questions.run.scenario import Scenario
@@ -118,22 +127,20 @@ def comparisons(
         claim_row(
             "the printed model responds like our linearised aircraft", "figure 8, A, B, C, D", "similar behaviour",
             f"{_three(printed[best])} rms at {best:g} m/s, the nearest of five speeds" + rule,
-            bool(np.all(printed[best] <= NEAR_DB)),
+            judge_claim(bool(np.all(printed[best] <= NEAR_DB)), rigid <= FAR_DB),
             Why("All three outputs.", "q and θ come out. " + speed, "Not even q and θ come out."),
-            rigid <= FAR_DB,
         ),
         claim_row(
             "our identified model responds like our linearised aircraft", "figure 8", "similar behaviour",
             f"{_three(ours)} rms at {_FLOWN_M_S:g} m/s" + rule,
-            bool(np.all(ours <= NEAR_DB)),
+            judge_claim(bool(np.all(ours <= NEAR_DB)), own <= FAR_DB),
             Why("All three outputs.", "q and θ come out. " + speed, "Not even q and θ come out."),
-            own <= FAR_DB,
         ),
         claim_row(
             "vibration from about 20 m/s on", "section 3.2", f"at velocities of about {VIBRATION_M_S:g} m/s",
             f"an unstable mode from {shaking[0]:g} m/s on, none at {max(safe):g} m/s" if between else
             f"unstable at {listed([f'{V:g}' for V in shaking])} m/s",
-            between,
+            judge_claim(between),
             Why("The elastic model was derived to begin to vibrate there: an assumption, no prediction.", "",
                 "The simulated wings flutter elsewhere."),
         ),

@@ -17,7 +17,17 @@ from testbench.page.figure import Panel, Plate
 from testbench.page.labels import symbol
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.reproduce.bench import Bench, attempt, bench, subspace
-from testbench.questions.reproduce.section import Comparison, Say, Section, Why, claim_row, line, not_printed, plate
+from testbench.questions.reproduce.section import (
+    Comparison,
+    Say,
+    Section,
+    Why,
+    claim_row,
+    judge_claim,
+    line,
+    not_printed,
+    plate,
+)
 from testbench.sensors import load_suite
 
 SUITES = {
@@ -230,13 +240,12 @@ def comparisons(
             f"{max(ratios[STEPS].values()):+.0f} dB over its noise; multisine {sine} and "
             f"{max(ratios[SINE].values()):+.0f} dB; “agrees” if none from the 3-2-1-1, in kind if fewer "
             "than from the multisine",
-            step == 0,
+            judge_claim(step == 0, step < sine),
             Why(
                 "More energy between 4 and 22 Hz shows them.",
                 "What the 3-2-1-1 shows is the mode with least damping; more energy between 4 and 22 Hz shows more.",
                 "More energy in their band does not show more modes here.",
             ),
-            step < sine,
         ),
         claim_row(
             "it was the input that hid the flexible modes",
@@ -245,13 +254,15 @@ def comparisons(
             "modes found with one thing changed: "
             + ", ".join(f"{k} {v}" for k, v in single.items())
             + "; “agrees” if the input alone shows most",
-            name.startswith("the input") and sum(v == single[name] for v in single.values()) == 1,
+            judge_claim(
+                name.startswith("the input") and sum(v == single[name] for v in single.values()) == 1,
+                single["the input (a multisine)"] == single[name],
+            ),
             Why(
                 "Less noise or other sensors alone do not show more.",
                 "The input shows as many as another change.",
                 "Another change shows more.",
             ),
-            single["the input (a multisine)"] == single[name],
         ),
         not_printed(
             "modal coordinates from strain and acceleration",

@@ -36,7 +36,9 @@ from testbench.questions.reproduce.section import (
     Say,
     Section,
     Why,
+    Written,
     claim_row,
+    judge_claim,
     line,
     number_row,
     plate,
@@ -156,7 +158,7 @@ def comparisons(table: Own, z: ComplexArray, values: FloatArray) -> list[Compari
             str(PRINTED_ORDER),
             f"{order} stand above {SEPARATE:g} times the noise floor, the fourth at {values[3]:.2f} of it; “agrees” if "
             f"{PRINTED_ORDER}",
-            order == PRINTED_ORDER,
+            judge_claim(order == PRINTED_ORDER),
             Why(
                 "Four states stand out.",
                 "",
@@ -175,9 +177,8 @@ def comparisons(table: Own, z: ComplexArray, values: FloatArray) -> list[Compari
                         f"Table 3, n = {n}",
                         TABLE_3[n][key][k],
                         own[2 + k],
-                        "%",
+                        Written("%", note=f" from rest; initial state fitted: {own[k]:.1f} %"),
                         _ERRORS[k],
-                        note=f" from rest; initial state fitted: {own[k]:.1f} %",
                         headline=key == "mean" and n == PRINTED_ORDER,
                     )
                 )
@@ -201,9 +202,8 @@ def _pole_rows(z: ComplexArray) -> list[Comparison]:
             "section 3.2, A",
             abs(100.0 * np.log(theirs)),
             float("nan") if pair is None else abs(100.0 * np.log(pair)),
-            "rad/s",
+            Written("rad/s", 3, 3),
             Why(other, other, "Another aircraft, trim and record."),
-            (3, 3),
             headline=True,
         ),
         number_row(
@@ -211,21 +211,20 @@ def _pole_rows(z: ComplexArray) -> list[Comparison]:
             "section 3.2, A",
             100.0 * np.log(their_real[-1]),
             slow,
-            "1/s",
+            Written("1/s", 2, 2),
             Why(
                 "The same size of root.",
                 "Another aircraft, trim and record.",
                 "Ours is the slow root of the short period of the simulated aircraft; of which motion the paper's is, "
                 "cannot be told.",
             ),
-            (2, 2),
         ),
         claim_row(
             "z3: a real pole z < 0",
             "section 3.2",
             f"{_z(complex(STATED_Z3))} in the text, {_z(complex(their_real[0]))} of the printed A",
             (", ".join(_z(complex(v)) for v in real if v <= 0.0) or "none") + "; “agrees” if there is one",
-            any(v <= 0.0 for v in real),
+            judge_claim(any(v <= 0.0 for v in real)),
             Why(
                 "Its place is chance: from noise to noise it lies anywhere (next section).",
                 "",
@@ -239,13 +238,12 @@ def _pole_rows(z: ComplexArray) -> list[Comparison]:
             f"unstable behaviour; |z| of the printed pair {abs(theirs):.5f}",
             ("no pair" if pair is None else f"|z| of the pair {abs(pair):.5f}")
             + "; “agrees” above 1, in kind if it grows or decays by less than a half within the window",
-            growth > 0.0 and pair is not None,
+            judge_claim(growth > 0.0 and pair is not None, abs(growth) < np.log(2.0)),
             Why(
                 "A pair that near to neutral falls on either side by chance.",
                 "Neutral within what such a window can tell, and so is the printed pair.",
                 "Ours is clearly damped.",
             ),
-            abs(growth) < np.log(2.0),
             headline=False,
         ),
     ]

@@ -46,7 +46,9 @@ from testbench.questions.reproduce.section import (
     Say,
     Section,
     Why,
+    Written,
     claim_row,
+    judge_claim,
     judge_number,
     number_row,
     taken_over,
@@ -106,7 +108,7 @@ def _data(what: str, where: str, printed: float, ours: float, unit: str, note: s
     if abs(ours - printed) <= 0.005 * abs(printed):
         return taken_over(what, where, f"{shown(printed)} {unit}", f"{ours:.4g} {unit}", "A property of the aircraft.")
     why = Why(note, note, note)
-    return number_row(what, where, printed, ours, unit, why, (2, 3))
+    return number_row(what, where, printed, ours, Written(unit, 2, 3), why)
 
 
 def _taurus_data(aircraft: Aircraft) -> list[Comparison]:
@@ -141,23 +143,23 @@ def _taurus_checks() -> list[Comparison]:
         claim_row(
             "the elevator is a part of the tail", "Table I", f"elevator chord {tail['elevator chord']:g} in",
             f"tail chord {tail['chord']:g} in; “agrees” if the elevator's is the smaller one",
-            tail["elevator chord"] < tail["chord"], _SELF, headline=False,
+            judge_claim(tail["elevator chord"] < tail["chord"]), _SELF, headline=False,
         ),
         _check("wing area as span times chord", "Table I", S, b * c, "in²", 0, 0.05 * S),
         claim_row(
             "q is the derivative of θ", "equations 6 and 7", "no steady pitch rate from a steady elevator",
             f"steady q {q_0:.2f} 1/s per elevator, steady θ {above[-1] / under[-1]:.2f}; “agrees” if that q is 0",
-            abs(q_0) < 1e-9, _SELF, headline=False,
+            judge_claim(abs(q_0) < 1e-9), _SELF, headline=False,
         ),
         claim_row(
             "one aircraft, one denominator", "equations 6 to 9", "four denominators",
             f"they differ by up to {shares:.1f} in a coefficient; “agrees” if they do not",
-            shares < 0.05, _SELF, headline=False,
+            judge_claim(shares < 0.05), _SELF, headline=False,
         ),
         claim_row(
             "a doublet's sample", "sections IV and V", f"doublets of {DOUBLET_S:g} s, {LOG_HZ:g} Hz",
             f"{DOUBLET_S * LOG_HZ:.0f} samples per doublet; “agrees” from 10",
-            DOUBLET_S * LOG_HZ >= 10.0, _SELF, headline=False,
+            judge_claim(DOUBLET_S * LOG_HZ >= 10.0), _SELF, headline=False,
         ),
     ]  # fmt: skip
 
@@ -189,7 +191,7 @@ def _check(what: str, where: str, printed: float, again: float, unit: str, decim
     left, right = (f"{v:.{decimals}f} {unit}".strip().replace("-", "−") for v in (printed, again))
     return claim_row(
         what, f"{where}", left, f"{right} from the other numbers; “agrees” within {slack:g}",
-        abs(printed - again) <= slack, _SELF, headline=False,
+        judge_claim(abs(printed - again) <= slack), _SELF, headline=False,
     )  # fmt: skip
 
 
@@ -213,17 +215,18 @@ def _eolo_checks() -> list[Comparison]:
         claim_row(
             "D of the printed model", "section 2.1 and 3.2", "null matrix D",
             "printed D: " + ", ".join(shown(v) for v in D.ravel()) + "; “agrees” if zero",
-            not D.any(), _SELF, headline=False,
+            judge_claim(not D.any()), _SELF, headline=False,
         ),
         claim_row(
             "inputs of the printed model", "section 3.2", f"{STATED_INPUTS} inputs stated",
             f"B and D have {B.shape[1]} column{'s' if B.shape[1] > 1 else ''}; “agrees” if as many",
-            B.shape[1] == D.shape[1] == STATED_INPUTS, _SELF, headline=False,
+            judge_claim(B.shape[1] == D.shape[1] == STATED_INPUTS), _SELF, headline=False,
         ),
         _worst(),
         claim_row(
             "K of the printed model", "section 3.2", f"K23 = {shown(K[1, 2])}, K33 = {shown(K[2, 2])}",
-            "the same entry twice; “agrees” if they differ", bool(K[1, 2] != K[2, 2]), _SELF, headline=False,
+            "the same entry twice; “agrees” if they differ", judge_claim(bool(K[1, 2] != K[2, 2])), _SELF,
+            headline=False,
         ),
         _check(
             f"samples of the window from {WINDOW_S[0]:g} to {WINDOW_S[1]:g} s", "section 3.2",
@@ -253,7 +256,7 @@ def _worst() -> Comparison:
         "the worst predictions are related to the short period", "section 4 and Table 4", "they are",
         f"the largest MRSE of Table 4: {said}; V belongs to the phugoid; “agrees” if q or α in "
         "both columns, in kind in one",
-        all(of_mode), _SELF, any(of_mode), headline=False,
+        judge_claim(all(of_mode), any(of_mode)), _SELF, headline=False,
     )  # fmt: skip
 
 

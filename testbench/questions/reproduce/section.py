@@ -206,36 +206,32 @@ def judge_claim(holds: bool, partly: bool = False) -> Verdict:
     return "agrees" if holds else "agrees in kind" if partly else "differs"
 
 
+class Written(NamedTuple):
+    """How a number and ours are written: unit, decimals of both, and what follows ours."""
+
+    unit: str
+    printed: int = 2
+    ours: int = 1
+    note: str = ""
+
+    def text(self, value: float, decimals: int) -> str:
+        """Return a number with its unit, or "none"."""
+        return f"{value:.{decimals}f} {self.unit}".strip().replace("-", "−") if math.isfinite(value) else "none"
+
+
 def number_row(
-    what: str,
-    where: str,
-    printed: float,
-    ours: float,
-    unit: str,
-    why: Why,
-    decimals: tuple[int, int] = (2, 1),
-    note: str = "",
-    headline: bool = False,
+    what: str, where: str, printed: float, ours: float, written: Written, why: Why, headline: bool = False
 ) -> Comparison:
-    """Return a printed number beside ours, judged; ``decimals`` of both, ``note`` follows ours."""
+    """Return a printed number beside ours, judged."""
     verdict = judge_number(printed, ours)
-    left = f"{printed:.{decimals[0]}f} {unit}".strip().replace("-", "−")
-    right = f"{ours:.{decimals[1]}f} {unit}".strip().replace("-", "−") if math.isfinite(ours) else "none"
-    return Comparison(what, where, left, right + note, verdict, why.of(verdict), headline)
+    left, right = written.text(printed, written.printed), written.text(ours, written.ours) + written.note
+    return Comparison(what, where, left, right, verdict, why.of(verdict), headline)
 
 
 def claim_row(
-    what: str,
-    where: str,
-    printed: str,
-    ours: str,
-    holds: bool,
-    why: Why,
-    partly: bool = False,
-    headline: bool = True,
+    what: str, where: str, printed: str, ours: str, verdict: Verdict, why: Why, headline: bool = True
 ) -> Comparison:
-    """Return a printed statement beside what was found, judged by ``holds`` and ``partly``."""
-    verdict = judge_claim(holds, partly)
+    """Return a printed statement beside what was found."""
     return Comparison(what, where, printed, ours, verdict, why.of(verdict), headline)
 
 

@@ -14,7 +14,16 @@ from testbench.estimators.settings import TransferFunctions
 from testbench.page.figure import Panel, Plate
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.reproduce.bench import DOUBLET_S, LOG_HZ, Bench, attempt, bench
-from testbench.questions.reproduce.section import Comparison, Say, Section, Why, claim_row, line, plate
+from testbench.questions.reproduce.section import (
+    Comparison,
+    Say,
+    Section,
+    Why,
+    claim_row,
+    judge_claim,
+    line,
+    plate,
+)
 from testbench.questions.reproduce.taurus_model import fast_pair
 from testbench.sensors import load_suite
 
@@ -125,14 +134,13 @@ def loop_row(loops: Mapping[float, tuple[float, bool]]) -> Comparison:
         f"more than {DOUBLET_S:g} s pulled the aircraft into a loop",
         f"largest pitch angle at ±{LOOP_AMPLITUDE_DEG:g} deg: {ours}; “agrees” from {LOOP_DEG:g} deg, in kind if a "
         "longer one leaves the limits or pitches a quarter more",
-        looped,
+        judge_claim(looped, worse),
         Why(
             "A pitch angle of a loop is reached.",
             "No loop, but the longer doublet pitches further and ends at the stall: the paper's amplitude is not "
             "printed, and the elevator left beside trim allows no more here.",
             "Longer doublets do not pitch this aircraft further.",
         ),
-        worse,
         headline=False,
     )
 

@@ -18,7 +18,9 @@ from testbench.questions.reproduce.section import (
     Say,
     Section,
     Why,
+    Written,
     claim_row,
+    judge_claim,
     line,
     not_printed,
     number_row,
@@ -132,8 +134,8 @@ def comparisons(poles: Mapping[str, ComplexArray], fit: Mapping[str, float]) -> 
         out.append(
             number_row(
                 f"{symbol(name)} / δe: ωn of the fastest oscillatory pole", where, abs(theirs),
-                float("nan") if ours is None else abs(ours), "rad/s", why, (2, 2),
-                "" if ours is None else f" (ζ {-ours.real / abs(ours):.2f}; printed {-theirs.real / abs(theirs):.2f})",
+                float("nan") if ours is None else abs(ours), Written("rad/s", 2, 2, "" if ours is None else
+                f" (ζ {-ours.real / abs(ours):.2f}; printed {-theirs.real / abs(theirs):.2f})"), why,
             )
         )  # fmt: skip
     apart, printed = _apart(poles), _apart(printed_poles())
@@ -143,7 +145,7 @@ def comparisons(poles: Mapping[str, ComplexArray], fit: Mapping[str, float]) -> 
             "equations 6 to 9",
             f"largest over smallest fast pole {printed:.2f}",
             f"{apart:.2f}; “agrees” from {APART:g}",
-            apart >= APART,
+            judge_claim(apart >= APART),
             Why(
                 "One linear aircraft has one denominator; separate fits in noise do not find it.", "", "Ours coincide."
             ),
@@ -157,13 +159,12 @@ def comparisons(poles: Mapping[str, ComplexArray], fit: Mapping[str, float]) -> 
             "high",
             f"{span(list(fit.values()), '%', 0)}; “agrees” from {GOOD_FIT_PERCENT:g} % for all, in kind from "
             f"{FAIR_FIT_PERCENT:g} %",
-            least >= GOOD_FIT_PERCENT,
+            judge_claim(least >= GOOD_FIT_PERCENT, least >= FAIR_FIT_PERCENT),
             Why(
                 "After a filter at 0.4 Hz only slow motion is left, which four poles can follow.",
                 "Not all outputs reach it here.",
                 "At least one output is not predicted here.",
             ),
-            least >= FAIR_FIT_PERCENT,
         )
     )
     out += [

@@ -278,7 +278,7 @@ def test_a_cluster_of_separate_processes_gives_the_same_table_whatever_is_killed
 
     def fly() -> None:
         try:
-            fly_campaign(loaded, tmp_path / "s", scheduler=address)
+            fly_campaign(loaded, tmp_path / "s", workers=address)
         except CampaignError as error:
             failure.append(error)
 
@@ -297,7 +297,7 @@ def test_a_cluster_of_separate_processes_gives_the_same_table_whatever_is_killed
     runs = behind(tmp_path / "s")
     _, address = cluster.scheduler(2)
     cluster.worker(address)
-    ending = fly_campaign(short(f"runs = {runs}"), tmp_path / "s", resume=True, scheduler=address)
+    ending = fly_campaign(short(f"runs = {runs}"), tmp_path / "s", resume=True, workers=address)
     assert ending.counts.finished == runs
     assert rows(tmp_path / "s")[:24] == rows(reference_store)[:runs]
 
@@ -308,14 +308,14 @@ def test_a_scheduler_that_does_not_answer_is_named(short, tmp_path, monkeypatch)
     monkeypatch.setattr(workers, "_CONNECT_S", 0.5)
     for address in ("tcp://127.0.0.1:9", "nonsense"):
         with pytest.raises(CampaignError, match=f"must answer at '{address}'"):
-            fly_campaign(short(), tmp_path / "s", scheduler=address)
+            fly_campaign(short(), tmp_path / "s", workers=address)
     assert not (tmp_path / "s").exists()
 
 
 def test_only_a_scheduler_needs_dask(short, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(CampaignError, match=re.escape("pip install 'flight-testbench[campaign]'")):
-        fly_campaign(short(), tmp_path / "s", scheduler="tcp://127.0.0.1:9")
+        fly_campaign(short(), tmp_path / "s", workers="tcp://127.0.0.1:9")
     assert not (tmp_path / "s").exists()
     assert fly_campaign(short("runs = 2"), tmp_path / "s", workers=1).counts.done == 2
 

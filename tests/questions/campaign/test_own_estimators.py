@@ -91,7 +91,7 @@ def test_a_worker_in_another_folder_runs_the_file_of_the_campaign(tmp_path, clus
     (elsewhere / "methods.py").write_text(METHODS.replace("order=4", "order=2"), encoding="utf-8")
     _, address = cluster.scheduler(1)
     cluster.worker(address, elsewhere)
-    fly_campaign(loaded, tmp_path / "far", scheduler=address)
+    fly_campaign(loaded, tmp_path / "far", workers=address)
     fly_campaign(loaded, tmp_path / "near", workers=1)
     assert rows(tmp_path / "far") == rows(tmp_path / "near")
 

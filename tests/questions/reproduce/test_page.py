@@ -21,7 +21,18 @@ from testbench.questions.reproduce import bench, paper_checks
 from testbench.questions.reproduce.ask import CHAPTERS, reproduce
 from testbench.questions.reproduce.bench import polynomial
 from testbench.questions.reproduce.page import PAGE, groups, summary, write_reproduction
-from testbench.questions.reproduce.section import VERDICTS, Chapter, Section, Why, claim_row, line, number_row, plate
+from testbench.questions.reproduce.section import (
+    VERDICTS,
+    Chapter,
+    Section,
+    Why,
+    Written,
+    claim_row,
+    judge_claim,
+    line,
+    number_row,
+    plate,
+)
 
 pytestmark = pytest.mark.drawn
 
@@ -70,8 +81,8 @@ def chapter(ours: float) -> Chapter:
     """Return a chapter of the papers' own numbers and one result."""
     why = Why("they agree", "they are near", "they part")
     rows = (
-        number_row("the number", "Table 9", 10.0, ours, "%", why, headline=True),
-        claim_row("the statement", "section 9", "it is so", f"{ours:g}", ours > 5.0, why),
+        number_row("the number", "Table 9", 10.0, ours, Written("%"), why, headline=True),
+        claim_row("the statement", "section 9", "it is so", f"{ours:g}", judge_claim(ours > 5.0), why),
     )
     draws = [line(np.linspace(0.0, 1.0, 50), np.linspace(0.0, ours, 50), "ours", 0), Rule(at=0.95, text="end")]
     drawn = plate("nine_figure", "A figure", "What to see.", [Panel(title="one", x="t, s", y="y", draws=draws)])

@@ -13,7 +13,15 @@ from testbench.questions.reproduce import (
     taurus_model,
 )
 from testbench.questions.reproduce.bench import TABLE_3, TABLE_4, A
-from testbench.questions.reproduce.section import Why, claim_row, judge_number, number_row, tally
+from testbench.questions.reproduce.section import (
+    Why,
+    Written,
+    claim_row,
+    judge_claim,
+    judge_number,
+    number_row,
+    tally,
+)
 
 WHY = Why("same", "similar", "other")
 
@@ -38,13 +46,15 @@ def test_a_number_is_judged_by_its_ratio(printed, ours, verdict):
 
 
 def test_a_row_changes_verdict_and_reason_with_what_was_computed():
-    rows = [number_row("x", "Table 1", 10.0, v, "%", WHY) for v in (10.0, 15.0, 50.0)]
+    rows = [number_row("x", "Table 1", 10.0, v, Written("%"), WHY) for v in (10.0, 15.0, 50.0)]
     assert [(r.verdict, r.why) for r in rows] == [
         ("agrees", "same"),
         ("agrees in kind", "similar"),
         ("differs", "other"),
     ]
-    claims = [claim_row("x", "here", "yes", "?", *case) for case in ((True, WHY), (False, WHY, True), (False, WHY))]
+    claims = [
+        claim_row("x", "here", "yes", "?", judge_claim(*case), WHY) for case in ((True,), (False, True), (False,))
+    ]
     assert [c.verdict for c in claims] == ["agrees", "agrees in kind", "differs"]
     assert tally((*rows, *claims[:1])) == "2 agree, 1 agrees in kind, 1 differs"
 

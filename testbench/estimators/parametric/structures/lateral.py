@@ -8,7 +8,7 @@ import numpy as np
 
 from testbench.estimators.parametric.structure import Parameter
 from testbench.estimators.parametric.structures.settings import Trim, check_outputs, derivatives, total
-from testbench.estimators.parametric.structures.written import Packaged
+from testbench.estimators.parametric.structures.written import Law, Packaged
 
 _STATES = ("beta", "p", "r", "phi")
 _GUESS = {"L_p": -2.0, "L_r": 0.5, "L_beta": -4.0, "L_da": 5.0, "N_r": -0.5, "N_beta": 3.0, "N_dr": -2.0}
@@ -61,7 +61,8 @@ def lateral_directional(
         **dict(zip(("x_a", "z_a"), accelerometer, strict=True)),
     }
     shown = {"pdot": "L", "rdot": "N", "ay": "Y + x_a*N - z_a*L"}
-    return Packaged.of("lateral_directional", _STATES, controls, outputs, parameters, steps, shown, constants, trim)
+    law = Law.of(_STATES, controls, outputs, parameters, steps, shown, constants)
+    return Packaged.of("lateral_directional", law, parameters, trim)
 
 
 def lateral_per_speed(outputs: Sequence[str] = _STATES, controls: Sequence[str] = ("da", "dr")) -> Packaged:
@@ -98,7 +99,8 @@ def lateral_per_speed(outputs: Sequence[str] = _STATES, controls: Sequence[str] 
         "phi_dot": "p + theta_trim*r",
     }
     shown = {"pdot": "p_dot", "rdot": "r_dot"}
-    return Packaged.of("lateral_per_speed", _STATES, controls, outputs, (*found, *angles), steps, shown)
+    parameters = (*found, *angles)
+    return Packaged.of("lateral_per_speed", Law.of(_STATES, controls, outputs, parameters, steps, shown), parameters)
 
 
 def roll_yaw_rates(
@@ -127,4 +129,4 @@ def roll_yaw_rates(
     parameters = [p for symbol in symbols for p in derivatives(symbol, variables, _GUESS, ())]
     steps = {"p_dot": total("L", variables, parameters), "r_dot": total("N", variables, parameters)}
     shown = {"pdot": "p_dot", "rdot": "r_dot", "ay": total("Y", variables, parameters)}
-    return Packaged.of("roll_yaw_rates", ("p", "r"), inputs, outputs, parameters, steps, shown)
+    return Packaged.of("roll_yaw_rates", Law.of(("p", "r"), inputs, outputs, parameters, steps, shown), parameters)

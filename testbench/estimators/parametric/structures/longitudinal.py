@@ -12,7 +12,7 @@ import numpy as np
 from testbench.core.errors import EstimationError
 from testbench.estimators.parametric.structure import Parameter
 from testbench.estimators.parametric.structures.settings import Trim, check_outputs, derivatives, total
-from testbench.estimators.parametric.structures.written import Packaged
+from testbench.estimators.parametric.structures.written import Law, Packaged
 
 # --- the short period -------------------------------------------------------------------------------------------------
 
@@ -39,7 +39,8 @@ def short_period(outputs: tuple[str, ...] = ("alpha", "q"), control: str = "de")
     parameters = [Parameter(name, guess.get(name, 0.0)) for name in names]
     Z, M = (total(symbol, ("alpha", "q", control), parameters) for symbol in "ZM")
     steps = {"alpha_dot": f"q + ({Z})", "q_dot": M}
-    return Packaged.of("short_period", ("alpha", "q"), (control,), outputs, parameters, steps, {"qdot": "q_dot"})
+    law = Law.of(("alpha", "q"), (control,), outputs, parameters, steps, {"qdot": "q_dot"})
+    return Packaged.of("short_period", law, parameters)
 
 
 # --- longitudinal motion about a trimmed flight in dimensional derivatives, rigid or with elastic modes ---------------
@@ -86,7 +87,7 @@ def _about(
         "sin_a": np.sin(trim.alpha),
         **dict(zip(("x_a", "z_a"), accelerometer, strict=True)),
     }
-    return Packaged.of(name, states, controls, outputs, parameters, steps, shown, constants, trim)
+    return Packaged.of(name, Law.of(states, controls, outputs, parameters, steps, shown, constants), parameters, trim)
 
 
 def _rigid_parameters(

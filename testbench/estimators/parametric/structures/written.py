@@ -166,6 +166,39 @@ class Law:
     shown: tuple[Node, ...]
     initial: tuple[tuple[str, Node], ...] = ()
 
+    @classmethod
+    def of(
+        cls,
+        states: Sequence[str],
+        inputs: Sequence[str],
+        outputs: Sequence[str],
+        parameters: Sequence[Parameter],
+        steps: Mapping[str, str],
+        shown: Mapping[str, str],
+        constants: Mapping[str, float] | None = None,
+    ) -> Law:
+        """Return the law of these texts.
+
+        Args:
+            states: (n,) names.
+            inputs: (m,) channels.
+            outputs: (p,) channels.
+            parameters: all of them.
+            steps: name -> text in the order of computing, STATE_dot for every state among them.
+            shown: output -> text, of those that are no state.
+            constants: name -> value in the texts.
+        """
+        known = constants or {}
+        return cls(
+            states=tuple(states),
+            inputs=tuple(inputs),
+            outputs=tuple(outputs),
+            parameters=tuple(p.name for p in parameters),
+            steps=tuple((step, _put(tree(text), known)) for step, text in steps.items()),
+            rates=tuple(Name(f"{state}_dot") for state in states),
+            shown=tuple(_put(tree(shown.get(output, output)), known) for output in outputs),
+        )
+
     def __getstate__(self) -> dict[str, Any]:
         """Compiled functions cannot be pickled; they are compiled again where they are used."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
@@ -576,41 +609,15 @@ class Packaged(LinearWrittenStructure):
     trim: Trim | None = None
 
     @classmethod
-    def of(
-        cls,
-        name: str,
-        states: Sequence[str],
-        inputs: Sequence[str],
-        outputs: Sequence[str],
-        parameters: Sequence[Parameter],
-        steps: Mapping[str, str],
-        shown: Mapping[str, str],
-        constants: Mapping[str, float] | None = None,
-        trim: Trim | None = None,
-    ) -> Packaged:
-        """Return the structure of these texts.
+    def of(cls, name: str, law: Law, parameters: Sequence[Parameter], trim: Trim | None = None) -> Packaged:
+        """Return the structure of a law.
 
         Args:
             name: in the table of structures.
-            states: (n,) names.
-            inputs: (m,) channels.
-            outputs: (p,) channels.
+            law: its equations.
             parameters: all of them.
-            steps: name -> text in the order of computing, STATE_dot for every state among them.
-            shown: output -> text, of those that are no state.
-            constants: name -> value in the texts.
             trim: steady flight that states and inputs are deviations from.
         """
-        known = constants or {}
-        law = Law(
-            states=tuple(states),
-            inputs=tuple(inputs),
-            outputs=tuple(outputs),
-            parameters=tuple(p.name for p in parameters),
-            steps=tuple((step, _put(tree(text), known)) for step, text in steps.items()),
-            rates=tuple(Name(f"{state}_dot") for state in states),
-            shown=tuple(_put(tree(shown.get(output, output)), known) for output in outputs),
-        )
         return cls(
             name=name,
             states=law.states,
