@@ -47,6 +47,7 @@ from testbench.inference.calibrate import Reliability as Reliability
 from testbench.inference.calibrate import calibrate as calibrate
 from testbench.inference.causes import with_causes as with_causes
 from testbench.inference.evidence import Comparison as Comparison
+from testbench.inference.evidence import Fitting as Fitting
 from testbench.inference.evidence import compare_hypotheses as compare_hypotheses
 from testbench.inference.fit import Hypothesis as Hypothesis
 from testbench.inference.fit import Posterior as Posterior
@@ -58,7 +59,9 @@ from testbench.inference.unknown import pulses as pulses
 from testbench.inputs import InputSignal as InputSignal
 from testbench.line import Flight as Flight
 from testbench.line import fly_and_measure as fly_and_measure
+from testbench.logs.manoeuvres import Cutting as Cutting
 from testbench.logs.read import read_records as read_records
+from testbench.logs.sidpac import Told as Told
 from testbench.page.shown import write_results as write_results
 from testbench.pooling.least_squares import LogCoefficients as LogCoefficients
 from testbench.pooling.pool import Pooled as Pooled

@@ -119,16 +119,37 @@ class Comparison:
         return "\n".join(lines)
 
 
+@dataclass(frozen=True)
+class Fitting:
+    """How posteriors are found.
+
+    Attributes:
+        samples: of importance sampling, where a posterior is not Gaussian; with 0 nothing is sampled.
+        ahead: called with all that is predicted next, of all hypotheses together.
+        keeper: of fits at rest, where nothing is sampled; those that it knows are not made again.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.Fitting(samples=0).keeper is None
+        True
+    """
+
+    samples: int = 128
+    ahead: Callable[[Points], None] | None = None
+    keeper: Keeper | None = None
+
+
+_SAMPLED = Fitting()
+
+
 def compare_hypotheses(
     records: Sequence[FlightRecord],
     hypotheses: Sequence[Hypothesis],
     noise: Noise,
     unknown: Unknown | None = None,
     held_out: Sequence[FlightRecord] = (),
-    samples: int = 128,
-    ahead: Callable[[Points], None] | None = None,
     before: Comparison | None = None,
-    keeper: Keeper | None = None,
+    fitting: Fitting = _SAMPLED,
 ) -> Comparison:
     """Compare hypotheses about measured records by their evidence, noise and unknown motion being uncertain.
 
@@ -139,11 +160,9 @@ def compare_hypotheses(
         unknown: what an unknown motion does, see :func:`testbench.inference.unknown.pulses`; without it every
             hypothesis must be the whole story.
         held_out: measured records that judge, and that nothing is fitted to.
-        samples: of importance sampling, where a posterior is not Gaussian; with 0 nothing is sampled.
-        ahead: called with all that is predicted next, of all hypotheses together.
         before: an earlier comparison of the same records: hypotheses that it holds are not fitted again, and of one of
             the same name that begins elsewhere the better fit is kept.
-        keeper: of fits at rest, where nothing is sampled; those that it knows are not made again.
+        fitting: how posteriors are found.
 
     Raises:
         RecordError: a record is not measured, or lacks a channel that has noise.
@@ -164,8 +183,8 @@ def compare_hypotheses(
             raise RecordError(f"every record must have the channels of the noise, got one without {missing[0]}")
     known = {} if before is None else before.fits
     data = next(iter(known.values()))[1].data if known else Data(records, noise, unknown)
-    fly = ahead or (lambda points: None)
-    found = _fitted(hypotheses, data, known, fly, None if samples else keeper)
+    fly, samples = fitting.ahead or (lambda points: None), fitting.samples
+    found = _fitted(hypotheses, data, known, fly, None if samples else fitting.keeper)
     odds = np.log([h.odds for h in hypotheses])
     top = max(np.array([f.log_evidence for f in found]) + odds)
     near = [i for i in range(len(found)) if samples and found[i].log_evidence + odds[i] > top - _FAR]

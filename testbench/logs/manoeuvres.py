@@ -52,6 +52,26 @@ class Search:
     said: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class Cutting:
+    """Where manoeuvres are cut out of a record.
+
+    Attributes:
+        lead_s: quiet flight before each, s.
+        tail_s: response after it, s.
+        at: first and last time of each, s of the record, in place of those that would be found.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.Cutting(at=((10.0, 25.0),)).lead_s
+        2.0
+    """
+
+    lead_s: float = 2.0
+    tail_s: float = 5.0
+    at: tuple[tuple[float, float], ...] = ()
+
+
 def find_manoeuvres(record: FlightRecord, controls: Sequence[str], lead_s: float = 2.0, tail_s: float = 5.0) -> Search:
     """Find the manoeuvres of a uniformly sampled record.
 

@@ -32,10 +32,22 @@ from testbench.logs.vectors import vectors_of
 
 
 class Told(NamedTuple):
-    """What the user says of a table: the axes of its vectors (see vectors.py), channel -> the unit of its column."""
+    """What the user says of a table.
+
+    Attributes:
+        axes: "frd" or "flu", those of its vectors (see vectors.py).
+        units: channel -> unit of its column, for a table that states none, or a wrong one.
+        part: which record of a description, if it has several.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.Told(axes="flu", units={"alpha": "deg"}).axes
+        'flu'
+    """
 
     axes: str | None = None
     units: Mapping[str, str] = {}
+    part: str | None = None
 
 
 NOTHING = Told()

@@ -62,9 +62,7 @@ def test_a_method_that_fails_is_a_row_and_absent_flights_are_said(tmp_path, monk
     monkeypatch.setitem(SETS, "attas", replace(SETS["attas"], records=str(tmp_path / "attas.toml")))
     own = tmp_path / "bad.py"
     own.write_text("def estimate(records, inputs, outputs):\n    raise ValueError('not today')\n", encoding="utf-8")
-    found = tb.benchmark(
-        tmp_path, seeds=1, sets=("8_hz", "attas"), methods=("moesp",), own=(f"{own}:estimate",), workers=1
-    )
+    found = tb.benchmark(tmp_path, seeds=1, sets=("8_hz", "attas"), methods=("moesp", f"{own}:estimate"), workers=1)
     assert [d.name for d in found.absent] == ["attas"]
     score = found.score("8_hz", "bad.py:estimate")
     assert score.failed == 1

@@ -16,7 +16,7 @@ from testbench.core.errors import EstimationError, RecordError
 from testbench.core.record import FlightRecord
 from testbench.flight.linear_model import LinearModel
 from testbench.inference.calibrate import Reliability, Trial, calibrate
-from testbench.inference.evidence import compare_hypotheses
+from testbench.inference.evidence import Fitting, compare_hypotheses
 from testbench.inference.fit import Data, Fit, Hypothesis
 from testbench.inference.parameters import Noise, Parameter
 from testbench.inference.unknown import pulses
@@ -144,7 +144,8 @@ def test_tangents_that_are_known_and_flights_together_change_nothing():
 
     quick = replace(LAG, slopes=slopes, begin={"lag_s": 0.07})
     plain, other = (
-        compare_hypotheses(records, [h], NOISE, unknown, ahead=ahead.append).best.posterior for h in (LAG, quick)
+        compare_hypotheses(records, [h], NOISE, unknown, fitting=Fitting(ahead=ahead.append)).best.posterior
+        for h in (LAG, quick)
     )
     assert np.allclose(plain.values, other.values, atol=0.1 * plain.errors)
     assert plain.log_evidence == pytest.approx(other.log_evidence, abs=0.1)
@@ -299,7 +300,7 @@ def test_fits_that_are_kept_are_those_that_were_made():
     noise = Noise({"q": 0.01})
 
     def rows(keeper):
-        found = compare_hypotheses([record], some, noise, samples=0, keeper=keeper).rows
+        found = compare_hypotheses([record], some, noise, fitting=Fitting(0, keeper=keeper)).rows
         return [(r.name, r.probability, r.log_evidence, r.difference_error, r.posterior.values.tolist(),
                  r.posterior.covariance.tolist(), r.posterior.noise, r.posterior.doubts) for r in found]  # fmt: skip
 

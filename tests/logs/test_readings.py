@@ -5,6 +5,7 @@ import pytest
 
 from testbench.core.constants import DEG_RAD
 from testbench.logs.readings import CERTAIN, readings
+from testbench.logs.sidpac import Told
 from testbench.questions.importing.ask import import_log
 
 T = np.arange(0.0, 60.0, 0.02)
@@ -94,7 +95,7 @@ def test_axes_forward_left_up_are_told_by_gravity_and_asked(tmp_path):
     rows = np.column_stack([T, *turned.values()])
     path = tmp_path / "flu.csv"
     np.savetxt(path, rows, "%.8f", ",", header=",".join(["time", *turned]), comments="")
-    told = import_log(path, axes="flu")
+    told = import_log(path, told=Told("flu"))
     np.testing.assert_allclose(told.record["q"], channels["q"], atol=1e-7)
     np.testing.assert_allclose(told.record["az"], channels["az"], atol=1e-7)
     assert told.asked == ()

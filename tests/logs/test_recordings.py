@@ -9,6 +9,7 @@ from writers import quaternion
 
 from testbench.core.constants import G0_M_S2
 from testbench.core.errors import MissingPackage, RecordError
+from testbench.logs.sidpac import Told
 from testbench.questions.importing.ask import import_log, read_log
 
 MOTION = ("p", "q", "r", "phi", "theta", "psi", "ax", "ay", "az")
@@ -103,7 +104,7 @@ def test_a_recording_of_ros_is_read_by_its_topics(tmp_path, name):
     assert "/rosout_text" in {s.source for s in found.balance.unknown}
     if name != "flight.bag":  # ROS 2 records into a folder
         assert import_log(path.parent).record.channels == found.record.channels
-    turned = next(c for c in import_log(path, axes="frd").channels if c.name == "q")
+    turned = next(c for c in import_log(path, told=Told("frd")).channels if c.name == "q")
     assert np.array_equal(turned.values, -by_name["q"].values)
 
 

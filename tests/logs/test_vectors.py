@@ -6,6 +6,7 @@ from test_tables_of_topics import PITCH, Q, T, table
 
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import ChannelError, RecordError
+from testbench.logs.sidpac import Told
 from testbench.questions.importing.ask import import_log, parse_units
 
 BANK, HEADING = 0.1 * np.sin(T), 2.0 + 0.05 * T
@@ -63,7 +64,7 @@ def test_a_quaternion_is_attitude_and_its_axes_are_asked(names, tmp_path):
     assert set(found.record.channels) == {"phi", "theta", "psi"}
     np.testing.assert_allclose(found.record["theta"], PITCH, atol=1e-6)
     assert "--axes flu" in " ".join(found.log.assumed)
-    other = import_log(path, axes="flu")
+    other = import_log(path, told=Told("flu"))
     np.testing.assert_allclose(other.record["theta"], -PITCH, atol=1e-6)
     assert not other.log.assumed
 
@@ -75,13 +76,13 @@ def test_four_columns_that_are_no_quaternion_keep_their_meaning(tmp_path):
 
 def test_what_is_told_must_fit_the_table(tmp_path):
     path = table(tmp_path / "plain.csv", {"time": T, "q": Q, "theta": PITCH})
-    assert import_log(path, units={"q": "deg/s"}).record["q"].max() == pytest.approx(np.deg2rad(Q.max()))
-    turned = import_log(path, axes="flu").record  # of vectors or not
+    assert import_log(path, told=Told(units={"q": "deg/s"})).record["q"].max() == pytest.approx(np.deg2rad(Q.max()))
+    turned = import_log(path, told=Told("flu")).record  # of vectors or not
     np.testing.assert_allclose(turned["q"], -import_log(path).record["q"])
     with pytest.raises(RecordError, match="axes must be one of frd, flu, got 'up'"):
-        import_log(path, axes="up")
+        import_log(path, told=Told("up"))
     with pytest.raises(RecordError, match=r"--unit is for channels that .* got alpha"):
-        import_log(path, units={"alpha": "deg"})
+        import_log(path, told=Told(units={"alpha": "deg"}))
     with pytest.raises(ChannelError, match="measured in rad or deg, got unit 'm'"):
         parse_units(["alpha=m"])
 

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +39,7 @@ from writers import quaternion
 
 from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, KT_M_S
 from testbench.core.errors import Refusal
+from testbench.logs.sidpac import Told
 from testbench.questions.importing.ask import Imported, import_log
 
 TABLE = results("logs", "inputs.csv")
@@ -271,21 +273,22 @@ def compared(found: Imported, f: Flight, wanted: Sequence[str], kept: float = 0.
     return out
 
 
-def answered(asked: Sequence[str]) -> dict[str, object]:
-    """Return what a user gives who does what the questions say first: ``throw_rad``, ``units`` and ``axes``."""
-    out: dict[str, object] = {}
+def answered(asked: Sequence[str]) -> dict[str, Any]:
+    """Return what a user gives who does what the questions say first: ``throw_rad``, ``told``."""
+    throw_rad, units, axes = dict[str, float](), dict[str, str](), None
     for text in asked:
         option = re.search(r"--(throw|unit|axes) (?:(\w+)=)?([-\w./]+)", text)
         if option is None:
             continue
         verb, name, value = option.groups()
         if verb == "axes":
-            out["axes"] = value.rstrip(")")
+            axes = value.rstrip(")")
         elif verb == "unit":
-            out.setdefault("units", {})[name] = value  # type: ignore[attr-defined]
+            units[name] = value
         else:
-            out.setdefault("throw_rad", {})[name] = np.copysign(THROWS[name], float(value))  # type: ignore[attr-defined]
-    return out
+            throw_rad[name] = float(np.copysign(THROWS[name], float(value)))
+    out: dict[str, Any] = {"throw_rad": throw_rad} if throw_rad else {}
+    return out | ({"told": Told(axes, units)} if axes or units else {})
 
 
 def judged(wanted: str, look: Callable[[], Imported]) -> tuple[str, list[str]]:

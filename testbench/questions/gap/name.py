@@ -20,7 +20,7 @@ from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.effects import Effect, left_out, library
 from testbench.effects import Parameter as EffectParameter
 from testbench.effects.base import SIZE, together
-from testbench.inference.evidence import Comparison, Row, compare_hypotheses
+from testbench.inference.evidence import Comparison, Fitting, Row, compare_hypotheses
 from testbench.inference.first_order import Columns, FirstOrder, Left, Sums, sum_of
 from testbench.inference.fit import Hypothesis, Keeper, Points, Predict
 from testbench.inference.linear import Motion, fewer
@@ -150,9 +150,8 @@ def name_effect(
             moving[0] = now
             asker.ahead(points)
 
-        found = compare_hypotheses(
-            asker.records, some, asker.noise, asker.unknown, what.held_out, 0, ahead, known, what.keeper
-        )
+        fitting = Fitting(0, ahead, what.keeper)
+        found = compare_hypotheses(asker.records, some, asker.noise, asker.unknown, what.held_out, known, fitting)
         named = tuple(t.name for t in terms if t.name in shown)
         out = Weighed.of(found, dict(shown), seen, len(base.priors), tried, named)
         titles = {n: e.title for n, e in shown.items()} | {"unknown": "something unknown"}

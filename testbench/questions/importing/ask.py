@@ -30,7 +30,7 @@ from testbench.logs.delays import Delay, delays_of
 from testbench.logs.foreign import TELEMETRY, looks_like_text, refuse_foreign
 from testbench.logs.instances import number_of
 from testbench.logs.layout import SUFFIXES, ChannelColumn, find_data_folder
-from testbench.logs.manoeuvres import QUIET_S, SMALLEST, Manoeuvre, Search, cut_at, find_manoeuvres
+from testbench.logs.manoeuvres import QUIET_S, SMALLEST, Cutting, Manoeuvre, Search, cut_at, find_manoeuvres
 from testbench.logs.mavlink import read_tlog
 from testbench.logs.noise import Noise, jump_of, noise_of, true_rate
 from testbench.logs.paparazzi import is_paparazzi, read_paparazzi
@@ -62,7 +62,7 @@ from testbench.questions.importing.recipe import (
     why_not,
 )
 
-LEAD_S, TAIL_S = 2.0, 5.0
+_ANYWHERE = Cutting()
 """Quiet flight before each manoeuvre and response after it that are cut out with it."""
 _HALF_S = 0.5  # over which a control that is used to fly moves by more than a dead band, more often than not
 _REPEATS = 0.8  # of the rate at which it was logged: below it samples repeat those before
@@ -88,8 +88,7 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
 
     ``channels`` are those of ``record``, in its order, ``noise`` is theirs, ``delays`` those that are told;
     ``stretches`` say what kind of flight each part of it is; ``balance`` says what became of every other signal;
-    ``questions`` are implausible values. ``lead_s`` and ``tail_s`` are quiet flight before and response after
-    each manoeuvre; ``cuts`` were chosen by hand, in place of those that were found.
+    ``questions`` are implausible values; ``cutting`` says where manoeuvres were cut out.
     """
 
     log: Log
@@ -103,9 +102,7 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
     balance: Balance
     questions: tuple[Question, ...]
     description: Path | None = None
-    lead_s: float = LEAD_S
-    tail_s: float = TAIL_S
-    cuts: tuple[tuple[float, float], ...] = ()
+    cutting: Cutting = _ANYWHERE
 
     @cached_property
     def members(self) -> dict[str, dict[str, tuple[Manoeuvre | None, FlightRecord]]]:
@@ -167,7 +164,7 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
     def _at(self, rate_hz: float) -> Imported:
         """Return what the same log gives at another rate."""
         record = resample(self.channels, rate_hz, self.record.provenance, CONTROLS, _COMMANDS)
-        noise, search, stretches = _flown(record, self.log, self.lead_s, self.tail_s, self.cuts)
+        noise, search, stretches = _flown(record, self.log, self.cutting)
         return replace(self, record=record, rate_hz=rate_hz, search=search, stretches=stretches, noise=noise)
 
     @property
@@ -292,10 +289,10 @@ NOT_FLOWN = "not_flown"
 """Key of the provenance of records: how much of the log does not fly, in words."""
 
 
-def read_log(path: Path | str, part: str | None = None, told: Told = NOTHING) -> tuple[Log, tuple[Rule, ...]]:
+def read_log(path: Path | str, told: Told = NOTHING) -> tuple[Log, tuple[Rule, ...]]:
     """Read a log of any known format, told by its first bytes, else by its suffix; return it and its rules.
 
-    ``part`` names one of several records of a description, ``told`` says of a table what it does not say itself.
+    ``told`` says of a table what it does not say itself.
 
     Raises:
         RecordError: the file is missing, empty, of no known format, or damaged beyond use.
@@ -311,14 +308,14 @@ def read_log(path: Path | str, part: str | None = None, told: Told = NOTHING) ->
             head = file.read(8000)
     if is_bag(path, head):
         return read_recording(path, told)
-    if told != NOTHING and path.suffix.lower() not in SUFFIXES:
+    if (told.axes or told.units) and path.suffix.lower() not in SUFFIXES:
         raise RecordError(f"--unit and --axes are for tables ({', '.join(SUFFIXES)}), which '{path}' is not")
     suffix = path.suffix.lower()
     if not head:
         raise RecordError(f"a log must hold samples, but '{path}' is empty")
     if suffix == ".toml":
-        return read_described(path, part)
-    if part is not None:
+        return read_described(path, told.part)
+    if told.part is not None:
         raise RecordError(f"--record chooses among those of a description (.toml), but '{path}' is none")
     if TELEMETRY.match(head):
         return read_tlog(path)
@@ -377,14 +374,10 @@ def import_log(
     path: Path | str,
     rate_hz: float | None = None,
     throw_rad: Mapping[str, float] | None = None,
-    lead_s: float = LEAD_S,
-    tail_s: float = TAIL_S,
-    part: str | None = None,
     sensors: Mapping[str, int] | None = None,
+    told: Told = NOTHING,
+    cutting: Cutting = _ANYWHERE,
     strict: bool = False,
-    units: Mapping[str, str] | None = None,
-    axes: str | None = None,
-    cuts: Sequence[tuple[float, float]] = (),
 ) -> Imported:
     """Read a log, map it to the channel table, put it on one clock and find its manoeuvres.
 
@@ -392,15 +385,11 @@ def import_log(
         path: the log.
         rate_hz: rate of the record; :func:`testbench.logs.resampling.common_rate` chooses it if none is given.
         throw_rad: surface ("de", "da", "dr") -> its deflection at full command, rad.
-        lead_s: quiet flight before each manoeuvre, s.
-        tail_s: response after it, s.
-        part: which record of a description, if it has several.
         sensors: kind of sensor ("imu", "airspeed", "gps", "baro", "ekf") -> the instance to read, counted from 0; the
             best if not given.
+        told: what you say of a table.
+        cutting: where manoeuvres are cut out.
         strict: refuse implausible values (``questions``).
-        units: channel -> unit of its column, for a table that states none, or a wrong one.
-        axes: "frd" or "flu", those of the vectors in a table.
-        cuts: first and last time of each manoeuvre, s of the record, in place of those that would be found.
 
     Raises:
         RecordError: the log cannot be read, holds no channel of the table or not the sensor asked for, a number given
@@ -411,7 +400,8 @@ def import_log(
         >>> found = tb.import_log("flight.bin", sensors={"imu": 1})  # doctest: +SKIP
         >>> print([s.channel for s in found.balance.kept], found.asked)  # doctest: +SKIP
     """
-    log, rules = read_log(path, part, Told(axes, units or {}))
+    axes = told.axes
+    log, rules = read_log(path, told)
     found = find_channels(log, rules, throw_rad, sensors)
     if not found.channels:
         raise RecordError(
@@ -430,8 +420,8 @@ def import_log(
     signals = {c.name: (c.t_s, c.values) for c in channels}
     likelier = readings(signals, unstated, doubtful, loose, stated)
     sure = [reading for reading in likelier if reading.certain and reading.channel in open_]
-    channels, told = settled(channels, sure)
-    found, log = replace(found, channels=channels), replace(log, notes=(*log.notes, *told))
+    channels, notes = settled(channels, sure)
+    found, log = replace(found, channels=channels), replace(log, notes=(*log.notes, *notes))
     rate = common_rate(channels) if rate_hz is None else rate_hz
     provenance: dict[str, Any] = {
         "file": log.file.name,
@@ -449,7 +439,7 @@ def import_log(
         "sensors": list(balance.sensors),
     }
     record = replace(record, provenance={**record.provenance, **said})
-    noise, search, stretches = _flown(record, log, lead_s, tail_s, cuts)
+    noise, search, stretches = _flown(record, log, cutting)
     noise |= {c.name: replace(noise[c.name], rate_hz=true_rate(c.values, c.rate_hz)) for c in channels}
     questions = implausible(
         {c.name: (c.t_s, c.values) for c in channels},
@@ -461,7 +451,7 @@ def import_log(
     record = replace(record, provenance={**record.provenance, **({NOT_FLOWN: rest} if rest else {})})
     imported = Imported(
         log, channels, record, rate, search, stretches, noise,
-        delays_of(record, channels, flown_parts(stretches)), balance, questions, described, lead_s, tail_s, tuple(cuts),
+        delays_of(record, channels, flown_parts(stretches)), balance, questions, described, cutting,
     )  # fmt: skip
     if strict and imported.asked:
         raise RecordError(refusal(path, imported.asked))
@@ -477,22 +467,20 @@ def _digest(file: Path) -> str:
     return hashlib.sha256(parts.encode()).hexdigest()
 
 
-def _flown(
-    record: FlightRecord, log: Log, lead_s: float, tail_s: float, cuts: Sequence[tuple[float, float]]
-) -> tuple[dict[str, Noise], Search, tuple[Stretch, ...]]:
+def _flown(record: FlightRecord, log: Log, cutting: Cutting) -> tuple[dict[str, Noise], Search, tuple[Stretch, ...]]:
     """Return the noise of each channel of a record, where its controls move, and what kind of flight each stretch is.
 
-    What moves where nothing flies is not cut out; ``cuts`` that somebody chose take the place of all that was found.
+    What moves where nothing flies is not cut out; cuts that somebody chose take the place of all that was found.
     """
     taken = {name: record.valid[:, i] for i, name in enumerate(record.channels)}
     noise = {name: noise_of(record.t_s[ok], record[name][ok]) for name, ok in taken.items()}
     seen = {name: np.count_nonzero(ok) / max(record.duration_s, record.dt_s) for name, ok in taken.items()}
     every = () if log.vehicle in _WITHOUT_SURFACES else controls_of(record)
     controls = tuple(name for name in every if seen[name] * _HALF_S >= 1.0)  # a slower one shows no manoeuvre
-    search = find_manoeuvres(record, controls, lead_s, tail_s) if controls else Search((), ())
+    search = find_manoeuvres(record, controls, cutting.lead_s, cutting.tail_s) if controls else Search((), ())
     stretches = stretches_of(record, log, search.manoeuvres, noise)
-    if cuts:
-        return noise, cut_at(record, controls, cuts), stretches
+    if cutting.at:
+        return noise, cut_at(record, controls, cutting.at), stretches
     found = beyond_ground(search.manoeuvres, stretches, record, noise)
     busy = set(busy_controls(record, stretches, controls))
     found = tuple(replace(m, cut_s=None, reason=_STEERED) if m.cut_s and busy & set(m.controls) else m for m in found)
@@ -528,7 +516,7 @@ def parse_units(given: Sequence[str]) -> dict[str, str]:
     return out
 
 
-def parse_cuts(given: Sequence[str]) -> list[tuple[float, float]]:
+def parse_cuts(given: Sequence[str]) -> tuple[tuple[float, float], ...]:
     """Return first and last time, s, from texts such as "12.5:20".
 
     Raises:
@@ -541,7 +529,7 @@ def parse_cuts(given: Sequence[str]) -> list[tuple[float, float]]:
             out.append((float(low), float(high)))
         except ValueError:
             raise RecordError(f"a cut must be START:END in s of the record, as 12.5:20, got '{text}'") from None
-    return out
+    return tuple(out)
 
 
 def parse_throws(given: Sequence[str]) -> dict[str, float]:

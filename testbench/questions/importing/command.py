@@ -90,6 +90,8 @@ def command(
     from contextlib import nullcontext
 
     from testbench.core.store import PAGE, ResultFolder
+    from testbench.logs.manoeuvres import Cutting
+    from testbench.logs.sidpac import Told
     from testbench.questions.importing.ask import import_log, parse_cuts, parse_throws, parse_units, write_import
     from testbench.questions.importing.page import print_import
 
@@ -97,9 +99,7 @@ def command(
         say("read the log")
         given = {"imu": imu, "airspeed": airspeed, "gps": gps, "baro": baro, "ekf": ekf}
         sensors = {kind: number for kind, number in given.items() if number is not None}
-        found = import_log(
-            log, rate, parse_throws(throw or []), lead, tail, record, sensors, strict, parse_units(unit or []), axes,
-            parse_cuts(cut or []),
-        )  # fmt: skip
+        told, cutting = Told(axes, parse_units(unit or []), record), Cutting(lead, tail, parse_cuts(cut or []))
+        found = import_log(log, rate, parse_throws(throw or []), sensors, told, cutting, strict)
         paths = [] if place is None else [*write_import(found, place), place.path / PAGE]
     print_import(found, console(), paths)

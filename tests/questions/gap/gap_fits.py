@@ -9,7 +9,7 @@ import numpy as np
 
 from testbench.core.record import FlightRecord
 from testbench.effects import Effect
-from testbench.inference.evidence import compare_hypotheses
+from testbench.inference.evidence import Fitting, compare_hypotheses
 from testbench.questions.gap.ask import GapResult
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.explain import Explanation, Naming
@@ -34,7 +34,9 @@ def fits(believed: Believed, records: Sequence[FlightRecord], *effects: Effect) 
     asked = {n: h for n, one in near.items() if (h := asker.effect(one)) is not None}
     if not asked:
         return [None] * len(effects)
-    found = compare_hypotheses(records, list(asked.values()), asker.noise, asker.unknown, samples=0, ahead=asker.ahead)
+    found = compare_hypotheses(
+        records, list(asked.values()), asker.noise, asker.unknown, fitting=Fitting(0, asker.ahead)
+    )
     out = []
     for effect in effects:
         if effect.name not in asked:

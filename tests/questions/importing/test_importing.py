@@ -12,6 +12,8 @@ from writers import G0, M_ALPHA, M_Q, THROW, Z_ALPHA, dataflash_bin, elevator, s
 from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, load_record
+from testbench.logs.manoeuvres import Cutting
+from testbench.logs.sidpac import Told
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.ask import import_log, parse_cuts, parse_throws, write_import
@@ -90,7 +92,7 @@ def test_cuts_that_somebody_chose_are_cut_and_said_again_by_the_log_s_file(tmp_p
     log = table(tmp_path / "flight.csv")
     first = import_log(log).search.manoeuvres[0]
     low, high = round(first.start_s - 1.0, 2), round(first.end_s + 2.0, 2)
-    found = import_log(log, cuts=parse_cuts([f"{low}:{high}"]))
+    found = import_log(log, cutting=Cutting(at=parse_cuts([f"{low}:{high}"])))
     write_import(found, tmp_path / "flown")
     whole, part = (load_record(tmp_path / "flown" / f"{name}.nc") for name in ("whole", "01_de"))
     np.testing.assert_array_equal(part["q"], whole.between(low, high + 0.01)["q"])
@@ -109,7 +111,7 @@ def test_a_question_has_its_answers_as_options_and_each_is_taken(tmp_path):
     asked = json.loads(import_log(log).to_json())["questions"]
     answers = [tuple(words) for question in asked for words in question["answers"]]
     assert answers == [("--axes", "flu"), ("--throw", "de=25"), ("--unit", "de=deg")]
-    answered = import_log(log, axes="flu", throw_rad=parse_throws(["de=25"]))
+    answered = import_log(log, told=Told("flu"), throw_rad=parse_throws(["de=25"]))
     assert answered.record["de"].max() == pytest.approx(25.0 * DEG_RAD * import_log(log).record["de"].max(), rel=1e-6)
     assert not [text for text in answered.asked if "--throw de=25" in text or "--axes" in text]
 

@@ -10,6 +10,7 @@ from recorded import flight_data
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError, ScenarioError, WriteError
 from testbench.logs.catalogue import writers_in
+from testbench.logs.sidpac import Told
 from testbench.logs.tables import read_table
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.scenario import RecordDescription
@@ -76,8 +77,8 @@ def test_pieces_glued_together_become_segments_of_which_one_is_chosen(tmp_path):
     with pytest.raises(RecordError, match="--record: fAttasAilRud1_1, fAttasAilRud1_2; got none"):
         import_log(path)
     with pytest.raises(RecordError, match="got fAttasAilRud1_3"):
-        import_log(path, part="fAttasAilRud1_3")
-    found = import_log(path, part="fAttasAilRud1_2")
+        import_log(path, told=Told(part="fAttasAilRud1_3"))
+    found = import_log(path, told=Told(part="fAttasAilRud1_2"))
     raw = read_table(file, "mat")
     last = raw.numbers(1) >= 110.0
     aileron = 0.5 * DEG_RAD * (raw.numbers(29) - raw.numbers(28))
@@ -187,7 +188,7 @@ def test_bad_requests_are_one_line_each(tmp_path):
             write_template(source, out)
         assert not (tmp_path / "x.toml").exists()
     with pytest.raises(RecordError, match="--record chooses among those of a description"):
-        import_log(file, part="x")
+        import_log(file, told=Told(part="x"))
 
 
 @pytest.mark.parametrize(

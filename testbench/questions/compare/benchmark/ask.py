@@ -39,7 +39,6 @@ def benchmark(
     seeds: int = SEEDS,
     sets: Sequence[str] = (),
     methods: Sequence[str] = (),
-    own: Sequence[str] = (),
     limit_s: float = 120.0,
     workers: int | None = None,
     progress: Report | None = None,
@@ -51,8 +50,7 @@ def benchmark(
             what is missing.
         seeds: flights of each simulated data set.
         sets: names of :data:`~.sets.SETS`; all of them if empty. Recorded flights that are absent are left out.
-        methods: names of METHODS; all of them if empty.
-        own: estimators of one's own, FILE.py:NAME, beside these.
+        methods: names of METHODS, all of them if none is named; and beside them estimators of your own, FILE.py:NAME.
         limit_s: that a method may take for one flight, s.
         workers: processes; one per processor if not given.
         progress: called with a few words as each data set and seed begins.
@@ -68,7 +66,7 @@ def benchmark(
         >>> tb.benchmark("my_benchmark", seeds=2, sets=["clean"], methods=["output_error"]).sha256  # doctest: +SKIP
     """
     if not isinstance(folder, ResultFolder):
-        given: dict[str, Any] = {"seeds": seeds, "sets": sets, "methods": methods, "own": own, "limit_s": limit_s}
+        given: dict[str, Any] = {"seeds": seeds, "sets": sets, "methods": methods, "limit_s": limit_s}
         with ResultFolder(folder, adds=True) as place:
             return benchmark(place, workers=workers, progress=progress, **given)
     say = progress or (lambda text: None)
@@ -76,7 +74,7 @@ def benchmark(
     if wrong:
         raise ScenarioError([f"a data set must be one of the benchmark, got '{n}'{nearest(n, SETS)}" for n in wrong])
     asked = [SETS[name] for name in dict.fromkeys(sets or SETS)]
-    run = entries(methods, own)
+    run = entries(methods)
     defined = {data.name: definition(data) for data in asked}
     there = tuple(data for data in asked if defined[data.name] is not None)
     if not there:

@@ -44,8 +44,7 @@ def benchmark(
                 a.place,
                 seeds=seeds,
                 sets=data or (),
-                methods=only or (),
-                own=method or (),
+                methods=(*(only or ()), *(method or ())),
                 workers=workers,
                 progress=a.say,
             )

@@ -43,21 +43,22 @@ class Entry(NamedTuple):
     told: dict[str, Any]
 
 
-def entries(methods: Sequence[str] = (), own: Sequence[str] = ()) -> tuple[Entry, ...]:
+def entries(methods: Sequence[str] = ()) -> tuple[Entry, ...]:
     """Return the methods of a benchmark.
 
     Args:
-        methods: names of METHODS; all of them if empty.
-        own: estimators of one's own, FILE.py:NAME, on top.
+        methods: names of METHODS, all of them if none is named; and estimators of one's own, FILE.py:NAME, on top.
 
     Raises:
         EstimationError: a name is not in the table.
         ScenarioError: a file is not there, or does not define the function.
     """
-    for name in methods:
+    own = [name for name in methods if ":" in name or name.endswith(".py")]
+    named = [name for name in methods if name not in own]
+    for name in named:
         if name not in METHODS:
             raise EstimationError(f"the method must be one of the table, got '{name}'{nearest(name, METHODS)}")
-    out = [_packaged(name) for name in (methods or METHODS)]
+    out = [_packaged(name) for name in (named or METHODS)]
     return (*out, *(_own(name) for name in own))
 
 
