@@ -81,13 +81,16 @@ class AsksToIdentify(Protocol):
     """A scenario whose records are prepared and identified; messages name its file."""
 
     @property
-    def file(self) -> Path | None: ...  # noqa: D102
+    def file(self) -> Path | None:
+        """The file."""
 
     @property
-    def preparation(self) -> Preparation: ...  # noqa: D102
+    def preparation(self) -> Preparation:
+        """What is done to records first."""
 
     @property
-    def identification(self) -> Identification: ...  # noqa: D102
+    def identification(self) -> Identification:
+        """Inputs, outputs and estimators."""
 
 
 def condition_of(condition: Condition) -> FlightCondition:

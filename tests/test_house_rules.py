@@ -192,6 +192,24 @@ def test_everything_public_is_documented():
     assert [fault for path in SOURCES for fault in undocumented(path)] == []
 
 
+MOST_PARAMETERS = 7
+# Keywords of gym.make, which Gymnasium keeps as JSON; and the state of a followed flight.
+MORE = {"envs/excitation.py: __init__", "questions/live/track.py: __init__"}
+
+
+def without_an_object(path: Path) -> Iterator[str]:
+    """Functions with more parameters than MOST_PARAMETERS, self apart; a command's are its options on the line."""
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.FunctionDef) and path.name != "command.py":
+            names = [a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+            if len(names) - (names[:1] in (["self"], ["cls"])) > MOST_PARAMETERS:
+                yield f"{path.relative_to(PACKAGE).as_posix()}: {node.name}"
+
+
+def test_a_function_with_many_parameters_takes_an_object():
+    assert {fault for path in SOURCES for fault in without_an_object(path)} == MORE
+
+
 def unable_to_fail(path: Path) -> Iterator[str]:
     tree, place = tree_of(path), path.relative_to(ROOT)
     helpers = {
@@ -415,6 +433,11 @@ def test_the_rules_find_what_breaks_them(tmp_path, monkeypatch):
     assert [fault.split(": ", 1)[1] for fault in undocumented(path)] == [
         "a module says what it holds", "seen has no docstring", "test_nothing has no docstring"]  # fmt: skip
     assert [fault.split(":")[1] for fault in unable_to_fail(path)] == ["4", "5", "6"]
+    path = path.with_name("many.py")
+    path.write_text(
+        "def f(self, a, b, c, d, *, e, g, h): pass\ndef k(a, b, c, d, e, g, h, i): pass\n", encoding="utf-8"
+    )
+    assert list(without_an_object(path)) == ["sensors/many.py: k"]
     path = path.with_name("writer.py")
     lines = (
         'write_file(folder / f"{name}.lua", x)', 'files = {"a/b.py": x}', 'files[f"{n}.toml"] = x',
