@@ -337,14 +337,14 @@ class Plate:
         title: what it shows.
         caption: what to look at.
         chart: the figure, or what makes its wide (True) or narrow form.
-        explore: returns what a reader of the page explores; None leaves the figure a drawing.
+        views: what a reader of the page explores; none leaves the figure a drawing.
     """
 
     name: str
     title: str
     caption: str
     chart: Chart | Callable[[bool], Chart]
-    explore: Callable[[], Sequence[View]] | None = None
+    views: Sequence[View] = ()
 
     def chart_of(self, wide: bool) -> Chart:
         """Return the figure as data: side by side, or one panel below the other for narrow screens."""

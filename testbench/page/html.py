@@ -51,7 +51,7 @@ def picture(plate: Plate, wide_svg: str | None = None) -> Picture:
     from testbench.page.explore import to_json
 
     wide = wide_svg if wide_svg is not None else plate.draw(png=False).svg
-    numbers = to_json(plate.explore()) if plate.explore is not None else ""
+    numbers = to_json(plate.views) if plate.views else ""
     # What is explored fits any screen as it is; its drawing is for print, and for readers without a script.
     narrow = "" if numbers else svg_uri(plate.draw(wide=False, png=False).svg)
     return Picture(plate.name, plate.title, plate.caption, svg_uri(wide), narrow, numbers, _is_tall(wide))

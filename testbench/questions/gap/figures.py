@@ -359,12 +359,9 @@ def _history_plate(result: GapResult, shrink: Shrink, nth: int) -> Plate:
         "biases are unknown."
     )
 
-    def explore() -> list[View]:
-        """Return all outputs; residuals are differences to the measurement."""
-        return [View(name=shrink.manoeuvre, panels=panels, reference="measured")]
-
+    views = [View(name=shrink.manoeuvre, panels=panels, reference="measured")]
     title = f"Before and after on a held-out manoeuvre: {shrink.manoeuvre}"
-    return Plate(f"held_out_{nth}", title, caption, grid(panels, 1, share_x=True), explore)
+    return Plate(f"held_out_{nth}", title, caption, grid(panels, 1, share_x=True), views)
 
 
 def _spectrum_plate(result: GapResult, shrink: Shrink, nth: int) -> Plate:

@@ -292,12 +292,8 @@ def _plate(imported: Imported) -> Plate:
         x="t, s", x_range=ends, **rows(kinds, 0.25),
     )  # fmt: skip
 
-    def explore() -> list[View]:
-        """Return every channel, manoeuvres numbered; those that are not drawn are switched off at first."""
-        marks = [Rule(at=s.low, text=str(k)) for k, s in enumerate(spans, 1)]
-        shown = [replace(p, draws=[*p.draws, *marks], hidden=k >= _DRAWN) for k, p in enumerate(panels)]
-        return [View(name="record", panels=shown)]
-
+    marks = [Rule(at=s.low, text=str(k)) for k, s in enumerate(spans, 1)]
+    shown = [replace(p, draws=[*p.draws, *marks], hidden=k >= _DRAWN) for k, p in enumerate(panels)]
     caption = (
         f"The record on one clock of {number(imported.rate_hz)} Hz. At the top the kind of flight: blue in flight, "
         "yellow not. Shaded, and numbered where they start when explored: the manoeuvres that were found."
@@ -305,4 +301,4 @@ def _plate(imported: Imported) -> Plate:
     if len(order) > _DRAWN:
         caption += f" {len(order) - _DRAWN} channels more can be switched on."
     chart = Chart([*([[strip]] if kinds else []), *([p] for p in panels[:_DRAWN])], share_x=True, keys=())
-    return Plate("record", "Channels over time", caption, chart, explore)
+    return Plate("record", "Channels over time", caption, chart, [View(name="record", panels=shown)])

@@ -182,18 +182,14 @@ def _input_plate(result: RunResult, name: str) -> fig.Plate:
         caption += f" Of {len(moved)} records the first {len(drawn)} are drawn above; the spectra are those of all."
     spectrum = _spectrum(result, moved, name)
     rows = [_inputs(row, name) for row in fig.rows_of(drawn, 3)]
-
-    def explore() -> list[View]:
-        """Return the spectrum, and every time history."""
-        times = [
-            View(name=p.title, panels=[p], link=clock_of(flight))
-            for p, (flight, *_) in zip((p for row in rows for p in row), drawn, strict=True)
-        ]
-        return [View(name="energy spectrum", panels=[spectrum]), *times]
-
+    times = [
+        View(name=p.title, panels=[p], link=clock_of(flight))
+        for p, (flight, *_) in zip((p for row in rows for p in row), drawn, strict=True)
+    ]
+    views = [View(name="energy spectrum", panels=[spectrum]), *times]
     keys = None if len({f.use for f, *_ in moved}) > 1 else ()
     chart = fig.Chart([*rows, [spectrum]], keys=keys)
-    return fig.Plate(f"input_{name}", f"The input {symbol(name)} and its energy spectrum", caption, chart, explore)
+    return fig.Plate(f"input_{name}", f"The input {symbol(name)} and its energy spectrum", caption, chart, views)
 
 
 def _use_colour(use: str) -> str:
@@ -289,21 +285,17 @@ def _history_plate(result: RunResult, parts: Sequence[tuple[str, int]], part: in
         ]
         for name in channels
     ]
-
-    def explore() -> list[View]:
-        """Return a view per record; residuals are differences to what was measured."""
-        return [
-            View(name=title, panels=[row[c] for row in panels], reference="measured",
-                 link=clock_of(flight_of(result, *parts[c])))
-            for c, title in enumerate(titles)
-        ]  # fmt: skip
-
+    views = [
+        View(name=title, panels=[row[c] for row in panels], reference="measured",
+             link=clock_of(flight_of(result, *parts[c])))
+        for c, title in enumerate(titles)
+    ]  # fmt: skip
     return fig.Plate(
         f"time_histories_{part}" if part else "time_histories",
         "Measured and predicted outputs" + (f", part {part}" if part else ""),
         caption,
         fig.Chart(panels, share_x=True, share_y=True),
-        explore,
+        views,
     )
 
 
@@ -454,13 +446,9 @@ def _bode_plate(result: RunResult, given: str) -> fig.Plate:
         for o in outputs
     }
     panels = [fig.bode(name, *pair, draws=behind, x_range=(low, high)) for name, pair in pairs.items()]
-
-    def explore() -> list[View]:
-        """Return a view per output."""
-        return [View(name=name, panels=panels[k]) for k, name in enumerate(pairs)]
-
+    views = [View(name=name, panels=panels[k]) for k, name in enumerate(pairs)]
     return fig.Plate(
-        f"bode_{given}", f"Frequency responses to {symbol(given)}", caption, fig.Chart(panels, share_x=True), explore
+        f"bode_{given}", f"Frequency responses to {symbol(given)}", caption, fig.Chart(panels, share_x=True), views
     )
 
 
@@ -512,13 +500,9 @@ def pole_plates(result: RunResult) -> list[fig.Plate]:
         f"{f' Found poles beyond the map: {strays}, see the table.' if strays else ''}"
     )
     panels = [_pole_map("near the origin" if k else "", w, found, true, word) for k, w in enumerate(windows)]
-
-    def explore() -> list[View]:
-        """Return the plane, a view per map."""
-        return [View(name=p.title or "all", panels=[p], plane=True) for p in panels]
-
+    views = [View(name=p.title or "all", panels=[p], plane=True) for p in panels]
     chart = fig.Chart([panels], share=0.5 * len(windows))
-    return [fig.Plate("poles", f"Poles found and {word}" if true else "Poles found", caption, chart, explore)]
+    return [fig.Plate("poles", f"Poles found and {word}" if true else "Poles found", caption, chart, views)]
 
 
 def _windows(result: RunResult, found: _Found, true: Mapping[str, complex]) -> list[float]:
