@@ -138,7 +138,7 @@ class ResultFolder:
         self.new = self.path / OWN / NEW
         self._resume, self._adds, self._sealed = resume, adds, sealed
         self._lock: FileLock | None = None
-        self._before = {} if _command() else dict(READ)  # a program may have read much for other results
+        self._before = {} if running_command() else dict(READ)  # a program may have read much for other results
         folder_in(self.path.parent, Path(os.path.abspath(self.path)).name or "root")
         self._made = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
         try:
@@ -250,7 +250,7 @@ class ResultFolder:
 
         if self._sealed:
             return Manifest((), __version__, {}, files)
-        given, inputs = _command(), self._inputs(files)
+        given, inputs = running_command(), self._inputs(files)
         if self._adds and self._old.files:  # what the folder is, its first command says
             given, inputs = self._old.command, {**self._old.inputs, **inputs}
         return Manifest(given, __version__, inputs, files, packages())
@@ -502,7 +502,7 @@ def _holder(lock: Path) -> str:
     return "another process"
 
 
-def _command() -> tuple[str, ...]:
+def running_command() -> tuple[str, ...]:
     """Return the command that runs, if it is the testbench's command line."""
     program = Path(sys.argv[0])
     ours = program.name == "testbench" or program.parts[-2:] == ("testbench", "__main__.py")

@@ -149,7 +149,7 @@ class Workbench:
         lists = {
             "jobs": lambda: [job.told(k) for k, job in enumerate(self.jobs)],
             "records": lambda: list_records(self.folder),
-            "campaigns": lambda: list_campaigns(self._results),
+            "campaigns": lambda: list_campaigns(self.folder, self._results),
             "designs": lambda: list_designs(self.folder),
             "exercises": lambda: list_exercises(self.folder),
             "board": self._board,
@@ -194,7 +194,7 @@ class Workbench:
         if what in figures:
             return Answer(figures[what](self.folder, given).encode(), _JSON)
         if what == "campaign":
-            return _as_json(campaign_told(self._results, given))
+            return _as_json(campaign_told(self.folder, self._results, given))
         if what == "save design":
             name, text = design_text(self.folder, given)
             write_file(self.folder / name, text)
@@ -264,7 +264,8 @@ class Workbench:
             with contextlib.suppress(TestbenchError):
                 command = kinds_of(file)[0].command
                 if file.name != FILE and command in ASKED:
-                    found.append([command, *(["run"] if command == "campaign" else []), file.name])
+                    out = ["--out", f"{RESULTS}/{file.stem}"] if command == "dataset" else []
+                    found.append([command, *(["run"] if command == "campaign" else []), file.name, *out])
         return found
 
     def _kept(self, name: str, body: Iterator[bytes]) -> str:

@@ -1,7 +1,7 @@
 """What the pages of the workbench show of records: a log's timeline, channels over time, spectra, the motion to replay.
 
 A record is a NetCDF file below the folder of results; ``log.json`` beside it, which import writes, says what was flown.
-Pages name them by their paths in the folder of the workbench.
+Pages name them by their paths in the folder of the workbench; a flight of a data set by its store, "#" and a number.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from testbench.estimators.frequency.response import estimate_frequency_response
 from testbench.page.explore import View, to_json
 from testbench.page.figure import COLOURS, QUIET, Curve, Panel, Span, line_look
 from testbench.page.labels import axis_label, shown_unit
+from testbench.questions.dataset.open import flight_so_far
+from testbench.questions.dataset.store import STORE
 
 LOG = "log.json"
 _MOST, _MOST_SHOWN = 2000, 12  # records that are listed, and that are laid over each other
@@ -42,6 +44,7 @@ class Shown:
     """One record with its name on pages, and what ``log.json`` says of it; {} without one."""
 
     path: str
+    place: Path
     name: str
     record: FlightRecord
     log: Mapping[str, Any]
@@ -68,13 +71,18 @@ def shown(folder: Path, path: object) -> Shown:
     Raises:
         RecordError: there is none.
     """
+    of, _, number = str(path).rpartition(f"/{STORE}#")
+    place = (folder / of.replace("\0", "")).resolve()
+    if of and number.isdecimal() and place.is_relative_to(folder.resolve()):
+        return Shown(str(path), place, f"{place.name}: flight {number}", flight_so_far(place, int(number)), {})
     file = inside(folder, path)
     record = _read(file, file.stat().st_mtime_ns)
     beside = file.with_name(LOG)
     whole = file.stem == "whole" and beside.is_file()
     log: Mapping[str, Any] = read_json(beside, "model") if whole else {}
     name = Path(str(log["log"])).stem if log else f"{file.parent.name}: {file.stem}"
-    return Shown(file.relative_to(folder.resolve()).as_posix(), name.removeprefix("records: "), record, log)
+    path = file.relative_to(folder.resolve()).as_posix()
+    return Shown(path, file.parent, name.removeprefix("records: "), record, log)
 
 
 @lru_cache(maxsize=_MOST_SHOWN)
@@ -99,7 +107,7 @@ def list_records(folder: Path) -> list[dict[str, Any]]:
 def record_told(folder: Path, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a page says of a ``record``: channels, rate, and of a log its timeline, questions and next steps."""
     one = shown(folder, given.get("record"))
-    place = inside(folder, one.path).parent
+    place = one.place
     made = manifest_of(place)
     order = [n for n in _FIRST if n in one.record] + [n for n in one.record.channels if n not in _FIRST]
     return {

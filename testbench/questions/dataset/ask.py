@@ -170,7 +170,7 @@ class _Session:
                 part = ahead.take(number, partial(self._part, parts[number]))
                 first = parts[number][0] * self.layout.per_draw
                 self.store.write(number, first, part)
-                done[number] = {"draws": part.draws, "again": part.again}
+                done[number] = {"draws": part.draws, "failed": part.failed}
                 flown += len(part.rows["split"])
                 self._tell(done, parts, flown, time.perf_counter() - began)
         again = _again(done)
@@ -213,7 +213,7 @@ def _again(done: Mapping[int, Any]) -> dict[str, int]:
     """Return why draws were drawn again -> how often, over all parts."""
     total: Counter[str] = Counter()
     for number in sorted(done):
-        total.update(done[number]["again"])
+        total.update(row["why"] for row in done[number]["failed"])
     return dict(sorted(total.items()))
 
 

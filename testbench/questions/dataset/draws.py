@@ -15,6 +15,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -180,6 +181,19 @@ class Draw:
     kinds: tuple[str, ...]
     sizes: tuple[Mapping[str, float], ...]
     seed: int
+
+    def told(self) -> dict[str, Any]:
+        """Return what was drawn for an attempt, as JSON takes it: number, names, and values by their keys."""
+        condition = {k: getattr(self, k) for k in ("V_m_s", "h_m", "turbulence_rms_m_s", "scale")}
+        sizes = {f"{k}: {n}": x for k, of in zip(self.kinds, self.sizes, strict=True) for n, x in of.items()}
+        return {
+            "draw": self.number,
+            "attempt": self.attempt,
+            "level": self.level.name,
+            "aircraft": Path(self.aircraft).name,
+            "effect": " + ".join(self.kinds),
+            "values": {**condition, **self.values, **sizes},
+        }
 
     @property
     def share(self) -> float:

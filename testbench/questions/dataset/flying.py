@@ -33,11 +33,11 @@ MOST_ATTEMPTS = 20
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Consecutive flights: arrays by variable, and why draws were drawn again."""
+    """Consecutive flights: arrays by variable, and the attempts that could not fly, each with its ``why``."""
 
     rows: dict[str, Any]
     draws: int
-    again: dict[str, int]
+    failed: list[dict[str, Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ def fly_part(scenario: DatasetScenario, layout: Layout, first: int, last: int, s
         DatasetError: a draw could not fly in MOST_ATTEMPTS attempts.
     """
     done: dict[int, dict[str, Any]] = {}
-    again: dict[str, int] = {}
+    failed: list[dict[str, Any]] = []
     pending, why = dict.fromkeys(range(first, last), 0), dict.fromkeys(range(first, last), "")
     while pending:
         attempted = [draw(scenario, number, attempt) for number, attempt in pending.items()]
@@ -68,7 +68,7 @@ def fly_part(scenario: DatasetScenario, layout: Layout, first: int, last: int, s
                 del pending[drawn.number]
                 continue
             why[drawn.number] = found
-            again[found] = again.get(found, 0) + 1
+            failed.append(drawn.told() | {"why": found})
             pending[drawn.number] += 1
             if pending[drawn.number] >= MOST_ATTEMPTS:
                 raise DatasetError(
@@ -77,7 +77,7 @@ def fly_part(scenario: DatasetScenario, layout: Layout, first: int, last: int, s
                 )
     count = min(last * layout.per_draw, layout.flights) - first * layout.per_draw
     rows = {name: np.concatenate([done[n][name] for n in range(first, last)])[:count] for name in done[first]}
-    return Part(rows, last - first, again)
+    return Part(rows, last - first, failed)
 
 
 def _fly(
@@ -193,6 +193,9 @@ def _rows(
     out["level"][:], out["aircraft"][:] = layout.levels.index(d.level.name), layout.aircraft.index(label(d.aircraft))
     out["manoeuvre"][:] = np.arange(len(records))
     out["V_m_s"][:], out["h_m"][:], out["turbulence_rms_m_s"][:] = d.V_m_s, d.h_m, d.turbulence_rms_m_s
+    out["scale"][:] = d.scale
+    for key, value in d.values.items():
+        out["drawn"][:, layout.keys.index(key)] = value
     for j, (kind, sizes) in enumerate(zip(d.kinds, d.sizes, strict=True)):
         out["effect"][:, j] = layout.effects.index(kind)
         for name, value in sizes.items():

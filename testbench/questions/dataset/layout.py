@@ -50,6 +50,7 @@ class Layout:
         validity: whether samples can be missing or held.
         levels: of difficulty.
         aircraft, manoeuvres: names.
+        keys: that levels vary, as a campaign does.
         figures, figure_units: of the truth.
         effects: that may be hidden, by their names in the library.
         parts: for each of them, the part of the aircraft that it acts in.
@@ -68,6 +69,7 @@ class Layout:
     levels: tuple[str, ...]
     aircraft: tuple[str, ...]
     manoeuvres: tuple[str, ...]
+    keys: tuple[str, ...]
     figures: tuple[str, ...]
     figure_units: tuple[str, ...]
     effects: tuple[str, ...]
@@ -84,6 +86,7 @@ class Layout:
             "channel": len(self.channels),
             "figure": len(self.figures),
         }
+        out |= {"key": len(self.keys)} if self.keys else {}
         return {**out, "hidden": MOST_HIDDEN, "size": len(self.sizes)} if self.effects else out
 
     @property
@@ -106,8 +109,12 @@ class Layout:
             Variable("V_m_s", ("flight",), "<f4", "airspeed at trim", "m/s"),
             Variable("h_m", ("flight",), "<f4", "height at trim", "m"),
             Variable("turbulence_rms_m_s", ("flight",), "<f4", "rms of the turbulence, each axis", "m/s", naming),
+            Variable("scale", ("flight",), "<f4", "factor on the inputs"),
             Variable("truth", ("flight", "figure"), "<f8", "true figures of the aircraft that flew", label=True),
         ]
+        if self.keys:
+            words = "what was drawn for each key, NaN if the level does not vary it"
+            out.append(Variable("drawn", ("flight", "key"), "<f8", words, label=True))
         if self.effects:
             words = f"hidden effects, {NONE} for none"
             out += [
@@ -175,6 +182,7 @@ def layout_of(scenario: DatasetScenario, flights: int) -> Layout:
         levels=tuple(x.name for x in scenario.level),
         aircraft=tuple(dict.fromkeys(label(n) for level in scenario.level for n in level.aircraft)),
         manoeuvres=tuple(m.name for m in scenario.manoeuvre),
+        keys=tuple(dict.fromkeys(key for level in scenario.level for key in level.vary)),
         figures=tuple(figures),
         figure_units=tuple(figures.values()),
         effects=tuple(hidden),

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,12 +13,17 @@ import numpy as np
 from testbench.core.door import checked
 from testbench.core.errors import DatasetError, RecordError, ScenarioError, nearest
 from testbench.core.files import parsed
+from testbench.core.record import FlightRecord
 from testbench.core.store import NEW, OWN, settle
+from testbench.questions.dataset.layout import NONE, WITHHELD
 from testbench.questions.dataset.scenario import SPLITS
-from testbench.questions.dataset.store import STORE, SUMS, TRUTH
+from testbench.questions.dataset.store import STORE, SUMS, TRUTH, journal_in, made_in
 
 if TYPE_CHECKING:
     import xarray as xr
+
+_ALONG = {"truth": "figure", "drawn": "key", "effect_size": "size"}
+"""Variable -> what stands along its second dimension."""
 
 
 def open_dataset(folder: Path | str, split: str | None = None, truth: Path | str | None = None) -> xr.Dataset:
@@ -47,7 +55,7 @@ def open_dataset(folder: Path | str, split: str | None = None, truth: Path | str
     path = checked(store_of(folder), "record")
     with parsed(path, "the store of a data set"):
         out = xr.open_dataset(path, engine="h5netcdf", decode_cf=False)
-        names = [n for n in ("channel", "figure", "size", "channel_unit", "figure_unit") if n in out]
+        names = [n for n in ("channel", "figure", "key", "size", "channel_unit", "figure_unit") if n in out]
         out = out.set_coords(names)
         out = out.assign_coords(flight=np.arange(out.sizes["flight"]))
     for variable in out.data_vars.values():
@@ -91,7 +99,7 @@ class FlightSamples:
     Args:
         folder: of the data set.
         split: "train", "validation" or "test".
-        labels: variable that is the label: "truth", "effect", "effect_size" or "level".
+        labels: variable that is the label: "truth", "drawn", "effect", "effect_size" or "level".
 
     Raises:
         RecordError: there is no data set.
@@ -127,6 +135,130 @@ class FlightSamples:
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_readings": None}
+
+
+# --- what is there so far ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class DrawsSoFar:
+    """Draws of a data set that is complete or still drawn.
+
+    Attributes:
+        flights, per_draw: of the whole set, and of one draw.
+        finished: draws that are there.
+        failed: attempts that could not fly; None for a complete set, whose datasheet counts them.
+        first_missing: the lowest draw that is not there; None if all are.
+        rows: of each draw and failed attempt that was asked for: its ``draw`` and ``attempt``, ``names`` and ``values``
+            of what was drawn, ``truth`` by figure, ``why`` it failed or "".
+    """
+
+    flights: int
+    per_draw: int
+    finished: int
+    failed: int | None
+    first_missing: int | None
+    rows: list[dict[str, Any]]
+
+
+def draws_so_far(folder: Path | str, first: int = 0, most: int = 2000) -> DrawsSoFar:
+    """Return what is there of a data set; labels of the test split are withheld, as in its store.
+
+    Args:
+        folder: of the data set.
+        first: draw that the rows begin with.
+        most: numbers of draws from there on.
+
+    Raises:
+        RecordError: there is no data set, or it is damaged.
+    """
+    with _store_so_far(folder) as (place, file):
+        per_draw, flights = len(np.atleast_1d(file["manoeuvre"].attrs["names"])), file["split"].shape[0]
+        draws = -(-flights // per_draw)
+        journal = {} if (place / SUMS).exists() else journal_in(place)
+        spans = sorted((row["first"], row["first"] + row["draws"]) for row in journal.values())
+        failed = None if (place / SUMS).exists() else [row for part in journal.values() for row in part["failed"]]
+        spans = [(0, draws)] if failed is None else spans
+        missing = 0
+        for begin, end in spans:
+            missing = end if begin <= missing else missing
+        rows = [{"names": {k: row[k] for k in ("level", "aircraft", "effect") if row[k]}, "truth": {}, **row}
+                for row in failed or () if first <= row["draw"] < first + most]  # fmt: skip
+        for begin, end in spans:
+            rows += _draws(file, max(begin, first), min(end, first + most), per_draw)
+    return DrawsSoFar(
+        flights=flights,
+        per_draw=per_draw,
+        finished=min(sum(end - begin for begin, end in spans), draws),
+        failed=None if failed is None else len(failed),
+        first_missing=missing if missing < draws else None,
+        rows=rows,
+    )
+
+
+def flight_so_far(folder: Path | str, number: int) -> FlightRecord:
+    """Return a flight of a data set as it was measured, complete or not.
+
+    Raises:
+        RecordError: it is not there.
+    """
+    with _store_so_far(folder) as (place, file):
+        per_draw, flights = len(np.atleast_1d(file["manoeuvre"].attrs["names"])), file["split"].shape[0]
+        there = (place / SUMS).exists() or any(
+            row["first"] <= number // per_draw < row["first"] + row["draws"] for row in journal_in(place).values()
+        )
+        if not (there and 0 <= number < flights):
+            raise RecordError(f"a flight of '{folder}' must be one of {flights} that is there, got {number}")
+        n, channels = int(file["samples"][number]), tuple(file["channel"].asstr()[:])
+        valid = file["valid"][number, :n].astype(bool) if "valid" in file else None
+        data = file["readings"][number, :n].astype(float)
+        return FlightRecord(file["time"][:n], channels, data, "measured", valid)  # type: ignore[arg-type]
+
+
+@contextmanager
+def _store_so_far(folder: Path | str) -> Iterator[tuple[Path, Any]]:
+    """Open the store of a data set where it lies."""
+    import h5py
+
+    settle(Path(folder))
+    place = made_in(Path(folder))
+    if place is None:
+        raise RecordError(f"a data set must lie in its folder, but '{folder}' has no {STORE}")
+    path = checked(place / STORE, "record")
+    with parsed(path, "the store of a data set"), h5py.File(path, "r") as file:
+        yield place, file
+
+
+def _draws(file: Any, first: int, last: int, per_draw: int) -> Iterator[dict[str, Any]]:
+    """Yield the rows of the draws ``first`` to ``last``, the latter not included."""
+    if first >= last:
+        return
+    at, flights = slice(first * per_draw, last * per_draw), file["split"].shape
+    own = [n for n in file if file[n].shape[:1] == flights and n not in ("readings", "valid")]
+    held = {n: file[n][at][::per_draw] for n in own}
+    codes = {n: [str(x) for x in np.atleast_1d(file[n].attrs["names"])] for n in own if "names" in file[n].attrs}
+    along = {n: file[key].asstr()[:] for n, key in _ALONG.items() if n in own}
+
+    def known(names: Any, numbers: Any) -> dict[str, float]:
+        return {str(n): float(x) for n, x in zip(names, numbers, strict=True) if np.isfinite(x)}
+
+    def name(of: str, code: int) -> str:
+        return "withheld" if code == WITHHELD else codes[of][code]
+
+    for k in range(len(held["split"])):
+        names = {n: name(n, int(held[n][k])) for n in ("level", "split", "aircraft")}
+        if "effect" in held:
+            acting = [name("effect", int(code)) for code in held["effect"][k] if code != NONE]
+            names["effect"] = " + ".join(dict.fromkeys(acting)) or "none"
+        condition = ("V_m_s", "h_m", "turbulence_rms_m_s", "scale")
+        values = known(condition, [held[n][k] for n in condition])
+        for of in ("drawn", "effect_size"):
+            values |= known(along[of], held[of][k]) if of in along else {}
+        truth = known(along["truth"], held["truth"][k])
+        yield {"draw": first + k, "attempt": -1, "names": names, "values": values, "truth": truth, "why": ""}
+
+
+# --- places -----------------------------------------------------------------------------------------------------------
 
 
 def code_of(split: str) -> int:

@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from testbench.core.door import read_bytes, read_text, sha256
+from testbench.core.door import read_json, read_text, sha256
 from testbench.core.errors import DatasetError, RecordError
 from testbench.core.files import netcdf_bytes, not_written, write_file
-from testbench.core.store import OWN, ResultFolder, settle
+from testbench.core.store import NEW, OWN, ResultFolder, manifest_of, running_command, settle
 from testbench.questions.dataset.flying import Part
 from testbench.questions.dataset.layout import WITHHELD, Layout, Variable
 from testbench.questions.dataset.scenario import SPLITS
@@ -36,6 +36,7 @@ _HEAD = 1 << 20  # bytes that names and structure take at most
 _FIX = "free space, or give another folder with --out; what is finished is kept"
 _TEST = SPLITS.index("test")
 _WORK = ".drawing"
+_COMMAND, _JOURNAL = "command.json", "parts.jsonl"
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +98,7 @@ class Store:
                 size = _HEAD + self.layout.row_bytes * self.layout.flights
                 _claim_disk(file.fileno(), size + _HEAD)
                 _write_empty(file, self.layout)
+            (work / _COMMAND).write_text(json.dumps(running_command()), encoding="utf-8")
             os.replace(work / STORE, self.folder / STORE)
         except BaseException as error:
             shutil.rmtree(work, ignore_errors=True)
@@ -114,15 +116,7 @@ class Store:
 
     def journal(self) -> dict[int, dict[str, Any]]:
         """Return part -> what was noted of it; a line that a killed process left half-written does not count."""
-        path = self.folder / _WORK / "parts.jsonl"
-        out: dict[int, dict[str, Any]] = {}
-        text = read_text(path, "journal") if path.exists() else ""
-        for line in text.splitlines(keepends=True):
-            if line.endswith("\n"):
-                with contextlib.suppress(ValueError):
-                    row = json.loads(line)
-                    out[row["part"]] = row
-        return out
+        return journal_in(self.folder)
 
     def write(self, number: int, first_flight: int, part: Part) -> None:
         """Write a part at its place, then its line into the journal.
@@ -147,16 +141,18 @@ class Store:
                     file.seek(place + first_flight * self.layout.bytes_of(of))
                     file.write(np.ascontiguousarray(values, of.dtype).tobytes())
                 os.fsync(file.fileno())
-            line = json.dumps({"part": number, "draws": part.draws, "again": part.again}) + "\n"
-            self._note(line)
+            first = first_flight // self.layout.per_draw
+            noted = {"part": number, "first": first, "draws": part.draws, "failed": part.failed}
+            self._note(json.dumps(noted) + "\n")
         except OSError as error:
             raise not_written(self.folder / STORE, error, fix=_FIX) from error
 
     def _note(self, line: str) -> None:
-        path = self.folder / _WORK / "parts.jsonl"
-        with path.open("ab") as journal:
-            if journal.tell() and not read_bytes(path, "journal").endswith(b"\n"):
-                journal.write(b"\n")  # behind half a line that a killed process left
+        with (self.folder / _WORK / _JOURNAL).open("a+b") as journal:
+            if journal.tell():
+                journal.seek(-1, os.SEEK_END)
+                if journal.read(1) != b"\n":
+                    journal.write(b"\n")  # behind half a line that a killed process left
             journal.write(line.encode())
             journal.flush()
             os.fsync(journal.fileno())
@@ -182,6 +178,33 @@ class Store:
         sums = "".join(f"{sha256(self.folder / n, 'record')}  {n}\n" for n in (STORE, TRUTH, ABOUT, SHEET, SHEET_PAGE))
         write_file(self.folder / SUMS, sums, fix=_FIX)
         shutil.rmtree(self.folder / _WORK, ignore_errors=True)
+
+
+def journal_in(folder: Path) -> dict[int, dict[str, Any]]:
+    """Return part -> what was noted of it where a data set is made; half a line of a killed process does not count."""
+    path = folder / _WORK / _JOURNAL
+    out: dict[int, dict[str, Any]] = {}
+    text = read_text(path, "journal") if path.exists() else ""
+    for line in text.splitlines(keepends=True):
+        if line.endswith("\n"):
+            with contextlib.suppress(ValueError):
+                row = json.loads(line)
+                out[row["part"]] = row
+    return out
+
+
+def made_in(folder: Path) -> Path | None:
+    """Return where the store of a data set lies, complete or while it is drawn; None if there is none."""
+    return next((p for p in (folder / OWN / NEW, folder) if (p / STORE).is_file()), None)
+
+
+def command_of(folder: Path) -> list[str]:
+    """Return the words that began a data set, without the program; none if a program did."""
+    begun = folder / OWN / NEW / _WORK / _COMMAND
+    if begun.is_file():
+        return [str(word) for word in read_json(begun, "journal")][1:]
+    made = manifest_of(folder)
+    return [] if made is None else list(made.command[1:])
 
 
 def places(path: Path, layout: Layout) -> dict[str, int]:
@@ -269,6 +292,7 @@ def _write_names(out: Any, layout: Layout) -> None:
         "channel_unit": layout.units,
         "figure": layout.figures,
         "figure_unit": layout.figure_units,
+        "key": layout.keys,
         "size": layout.sizes,
     }
     for name, of in names.items():
@@ -306,7 +330,7 @@ def _write_truth(out: Any, layout: Layout, withheld: Any, known: Mapping[str, An
 
     dims = {**layout.dims, "flight": len(withheld)}
     out.dimensions = dims
-    for name, of in (("figure", layout.figures), ("size", layout.sizes)):
+    for name, of in (("figure", layout.figures), ("key", layout.keys), ("size", layout.sizes)):
         if of:
             out.create_variable(name, (name,), h5py.string_dtype(), data=np.array(of, object))
     out.create_variable("flight", ("flight",), "<i4", data=withheld.astype("<i4"))

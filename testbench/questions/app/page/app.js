@@ -126,8 +126,8 @@ function follow(job) {
       for (const page of ended.pages) row.append(press(`Show ${page}`, () => digest(here, page).catch(failed), "main"));
       lines.after(here);
       if (job.asked && ended.pages.length === 1 && place()[0] === "work") digest(here, ended.pages[0]).catch(failed);
-      // What keeps its work goes on where it stood: a campaign from its store, a search for a gap from its fits.
-      if (ended.status) row.append(press(["campaign", "gap"].includes(job.words[0]) ? "Resume" : "Again", () => ask(resumed(job.words)).catch(failed)));
+      // What keeps its work goes on where it stood: a campaign or a data set from its store, a search for a gap from its fits.
+      if (ended.status) row.append(press(["campaign", "dataset", "gap"].includes(job.words[0]) ? "Resume" : "Again", () => ask(resumed(job.words)).catch(failed)));
       if (!row.children.length || row.children.length === 1) row.append(press("Ask again", () => { at("words").value = shell(job.words); at("words").focus(); }));
       done({ ...ended, printed: lines.textContent });
     });
@@ -204,7 +204,7 @@ at("command").addEventListener("submit", event => {
   const words = apart(at("words").value.trim().replace(/^testbench\s+/, ""));
   if (!words.length) return say("a question must be asked: run, identify, gap, design, campaign run ...", true);
   ask(words).catch(failed);
-  if (words[0] === "campaign") setTimeout(() => go("campaigns", { of: campaignOf(words) }), 300);
+  if (outOf(words)) setTimeout(() => go("campaigns", { of: outOf(words) }), 300);
 });
 views.set("work", () => {});
 

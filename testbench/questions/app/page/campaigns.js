@@ -1,48 +1,57 @@
-// A campaign while it flies: runs as lines over parallel axes, limits that choose among them, and each run by a click.
-const campaign = { name: "", rows: new Map(), axes: null, limits: new Map(), chosen: null, next: 0, timer: 0 };
-const MOST_ROWS = 200; // of the table
+// A campaign or a data set while it is flown: runs as lines over parallel axes, limits and names that choose among them,
+// and each run by a click. What a run is called, how many flights it has and where these lie, the server says.
+const campaign = { name: "" };
+const anew = name => Object.assign(campaign, { name, rows: new Map(), axes: null, limits: new Map(), named: new Map(), chosen: null, next: 0, records: {} });
+const MOST_ROWS = 200, MOST_NAMES = 12; // of the table, and of what runs are counted by
 
 views.set("campaigns", async values => {
   const names = await listed("campaigns"), of = values.get("of");
-  const coming = atWork().map(j => campaignOf(j.words)).find(n => !names.includes(n)); // its store is not there yet
+  const coming = atWork().map(j => outOf(j.words)).find(n => !names.includes(n)); // its store is not there yet
   const name = names.includes(of) ? of : of === coming && coming ? "" : names[0] ?? "";
-  at("campaign").replaceChildren(...names.map(n => new Option(n.replace(/^campaign_/, ""), n, false, n === name)));
+  at("campaign").replaceChildren(...names.map(n => new Option(n.replace(/^results\//, "").replace(/^campaign_/, ""), n, false, n === name)));
   at("campaign").onchange = () => go("campaigns", { of: at("campaign").value });
   clearTimeout(campaign.timer);
   if (coming) campaign.timer = setTimeout(() => { if (place()[0] === "campaigns") listed("campaigns").then(found => found.includes(coming) ? go("campaigns", { of: coming }) : turn()).catch(failed); }, 700);
   if (!name) {
-    at("runs").replaceChildren(make("p", {}, coming ? "The workers start …" : "No campaign yet: under Work run campaign run FILE, such as campaign/taurus_scatter."));
+    at("runs").replaceChildren(make("p", {}, coming ? "The workers start …" : "None yet: under Work run campaign run FILE, such as campaign/taurus_scatter, or dataset FILE --out FOLDER."));
     return;
   }
-  if (campaign.name !== name) Object.assign(campaign, { name, rows: new Map(), axes: null, limits: new Map(), chosen: null, next: 0 });
+  if (campaign.name !== name) anew(name);
   await look();
 });
-const campaignOf = words => `campaign_${(words[2] ?? "").split("/").pop().replace(/\.toml$/, "")}`;
-const atWork = () => [...jobs.entries()].map(([number, j]) => ({ number, ...j })).filter(j => j.at && j.words[0] === "campaign" && ["run", "resume"].includes(j.words[1]));
+const outOf = words => { // the folder that a command flies runs into; "" if it flies none
+  const given = words.map((w, k) => ["--out", "-o"].includes(w) ? words[k + 1] : w.match(/^--out=(.*)/)?.[1]).find(w => w)?.replace(/^\.\//, "").replace(/\/+$/, "");
+  if (words[0] === "campaign" && ["run", "resume"].includes(words[1])) return `${given ?? "results"}/campaign_${(words[2] ?? "").split("/").pop().replace(/\.toml$/, "")}`;
+  return words[0] === "dataset" && !["score", "check"].includes(words[1]) ? given ?? "" : "";
+};
+const atWork = () => [...jobs.entries()].map(([number, j]) => ({ number, ...j })).filter(j => j.at && outOf(j.words));
 async function look() {
   const found = await show("campaign", { campaign: campaign.name, first: campaign.next ?? 0 });
   const fresh = found.rows.filter(r => !campaign.rows.has(r.run));
   for (const r of fresh) campaign.rows.set(r.run, r);
   campaign.next = found.next ?? campaign.next;
-  const c = found.counts, total = c.pending + c.running + c.done + c.failed, finished = c.done + c.failed;
-  const mine = atWork().find(j => campaignOf(j.words) === campaign.name);
-  at("counts").textContent = `${finished} of ${total} runs${c.failed ? `, ${c.failed} failed` : ""}${mine ? pace(finished, total) : finished < total ? found.stopped ? ", stopped by its rule" : ", not at work" : ""}`;
+  const { total, finished, unit } = found, mine = atWork().find(j => outOf(j.words) === campaign.name);
+  const failed_ = found.failed ? `, ${found.failed} ${unit === "run" ? "failed" : "attempts failed"}` : "";
+  at("counts").textContent = `${finished} of ${total} ${unit}s${failed_}${mine ? pace(finished, total, unit) : finished < total ? found.stopped ? ", stopped by its rule" : ", not at work" : ""}`;
   at("done").max = total || 1; at("done").value = finished;
-  at("stop").hidden = !mine; at("resume").hidden = Boolean(mine) || finished === total;
+  at("stop").hidden = !mine; at("resume").hidden = Boolean(mine) || finished === total || !found.command.length;
+  at("sheet").hidden = !found.sheet.startsWith("results/"); at("sheet").onclick = () => open(found.sheet);
   at("stop").onclick = () => send(`stop/${mine.number}`, "").catch(failed);
   at("resume").onclick = () => { ask(resumed(found.command)).catch(failed); setTimeout(turn, 800); };
-  campaign.records = found.records;
+  Object.assign(campaign.records, found.records);
   if (fresh.length || !at("axes")) coordinates();
   if (place()[0] === "campaigns" && (mine || !found.whole)) campaign.timer = setTimeout(() => look().catch(failed), found.whole ? 1000 : 0);
 }
-function pace(finished, total) {
+function pace(finished, total, unit) {
   const now = Date.now(), from = campaign.from?.name === campaign.name ? campaign.from : campaign.from = { name: campaign.name, time: now, finished };
   const rate = (finished - from.finished) / ((now - from.time) / 1000);
-  return rate > 0 && finished < total ? `, ${seconds((total - finished) / rate)} left` : "";
+  return rate > 0 && finished < total ? `, ${told(+rate.toPrecision(2))} ${unit}s/s, ${seconds((total - finished) / rate)} left` : "";
 }
 
 const values = (row, name) => { const v = name in row.inputs ? row.inputs[name] : row.figures[name]; return typeof v === "number" && Number.isFinite(v) ? v : null; };
-const inside = row => [...campaign.limits].every(([name, [a, b]]) => { const v = values(row, name); return v != null && v >= a && v <= b; });
+const because = row => row.reason.split(/, got |: got /)[0].slice(0, 120); // without the numbers of one run
+const namesOf = row => row.reason ? { ...row.names, "failed because": because(row) } : row.names;
+const inside = row => [...campaign.named].every(([of, name]) => namesOf(row)[of] === name) && [...campaign.limits].every(([name, [a, b]]) => { const v = values(row, name); return v != null && v >= a && v <= b; });
 const brief = name => name.replace(/^[^:]*: /, "");
 
 function names() {
@@ -64,6 +73,7 @@ function coordinates() {
     const canvas = make("canvas", { id: "lines", tabIndex: 0 });
     canvas.setAttribute("role", "img"); canvas.setAttribute("aria-label", "Runs as lines over parallel axes; limits can be set in numbers below");
     box.replaceChildren(
+      make("div", { id: "named" }),
       make("p", { className: "hint" }, "Drag along an axis to choose among runs, click beside a limit to remove it; click a line for its run."),
       make("div", { className: "coordinates" }, canvas),
       make("div", { className: "row", id: "axes" }),
@@ -73,6 +83,20 @@ function coordinates() {
     new ResizeObserver(() => lines()).observe(canvas);
   }
   axes(extents); cross(extents); refresh();
+}
+function named() { // how many runs there are of each level, split or reason: a click chooses them, and counts those alone
+  const groups = new Map(), box = at("named"), held = document.activeElement?.dataset?.named;
+  for (const row of campaign.rows.values()) for (const [of, name] of Object.entries(namesOf(row))) {
+    const counts = groups.get(of) ?? groups.set(of, new Map()).get(of), others = [...campaign.named].every(([key, n]) => key === of || namesOf(row)[key] === n);
+    counts.set(name, (counts.get(name) ?? 0) + (others ? 1 : 0));
+  }
+  box.replaceChildren(...[...groups].filter(([of, counts]) => counts.size > 1 || of === "failed because").map(([of, counts]) => make("div", { className: "chips", role: "group", ariaLabel: of }, make("span", { className: "hint" }, of),
+    ...[...counts].sort((a, b) => b[1] - a[1]).slice(0, MOST_NAMES).map(([name, n]) => {
+      const button = press(`${name}: ${n}`, () => { if (campaign.named.get(of) === name) campaign.named.delete(of); else campaign.named.set(of, name); refresh(); });
+      button.setAttribute("aria-pressed", String(campaign.named.get(of) === name)); button.dataset.named = `${of} ${name}`;
+      return button;
+    }))));
+  if (held) [...box.querySelectorAll("button")].find(b => b.dataset.named === held)?.focus();
 }
 function axes(extents) {
   const row = at("axes");
@@ -94,9 +118,9 @@ function axes(extents) {
     row.append(field);
   }
   row.append(add);
-  if (campaign.limits.size) row.append(press("All runs", b => { campaign.limits.clear(); b.blur(); coordinates(); }, "main"));
+  if (campaign.limits.size) row.append(press("All runs", b => { campaign.limits.clear(); campaign.named.clear(); b.blur(); coordinates(); }, "main"));
 }
-function refresh() { lines(); table(); points(); }
+function refresh() { named(); lines(); table(); points(); }
 
 // --- parallel coordinates ---------------------------------------------------------------------------------------------
 
@@ -118,11 +142,11 @@ function lines() {
     campaign.axes.forEach((name, k) => { const v = values(row, name); if (v == null) { drawn = false; return; } g[drawn ? "lineTo" : "moveTo"](l.x(k), l.y(name, v)); drawn = true; });
     g.stroke();
   };
-  const all = [...campaign.rows.values()], chosen = all.filter(inside);
+  const all = [...campaign.rows.values()], chosen = all.filter(inside), [accent, wrong] = [ink("--accent"), ink("--wrong")];
   g.lineWidth = 1; g.strokeStyle = ink("--line");
   for (const row of all) if (!inside(row)) path(row);
-  g.strokeStyle = ink("--accent"); g.globalAlpha = Math.max(0.12, Math.min(0.8, 40 / chosen.length));
-  chosen.forEach(path);
+  g.globalAlpha = Math.max(0.12, Math.min(0.8, 40 / chosen.length));
+  for (const row of chosen) { g.strokeStyle = row.failed ? wrong : accent; path(row); }
   g.globalAlpha = 1;
   if (campaign.rows.has(campaign.chosen)) { g.strokeStyle = ink("--warn"); g.lineWidth = 3; path(campaign.rows.get(campaign.chosen)); }
   g.font = "12px system-ui, sans-serif"; g.fillStyle = ink("--ink");
@@ -184,8 +208,9 @@ function cross(extents) {
 function points() {
   const [across, up] = at("cross").picks.map(p => p.value), all = [...campaign.rows.values()].filter(r => values(r, across) != null && values(r, up) != null);
   const packed = v => btoa(String.fromCharCode(...new Uint8Array(Float32Array.from(v).buffer)));
+  const chosen = campaign.limits.size || campaign.named.size;
   const of = (rows, name, colour, marker) => ({ rows: rows.sort((a, b) => values(a, across) - values(b, across)), name, colour, marker, width: 1.3 });
-  const groups = [of(all.filter(r => !inside(r)), "others", "quiet", "+"), of(all.filter(inside), campaign.limits.size ? "chosen" : "runs", "#0072B2", "o"), of(all.filter(r => r.run === campaign.chosen), "this run", "#D55E00", "D")].filter(g => g.rows.length);
+  const groups = [of(all.filter(r => !inside(r)), "others", "quiet", "+"), of(all.filter(r => inside(r) && !r.failed), chosen ? "chosen" : "runs", "#0072B2", "o"), of(all.filter(r => inside(r) && r.failed), "failed", "#CC79A7", "v"), of(all.filter(r => r.run === campaign.chosen), "this run", "#D55E00", "D")].filter(g => g.rows.length);
   const holder = at("scatter"), key = JSON.stringify([across, up, groups.map(g => g.rows.map(r => r.run))]);
   if (holder.dataset.key === key || !groups.length) return;
   holder.dataset.key = key;
@@ -197,7 +222,7 @@ function points() {
 function table() {
   const chosen = [...campaign.rows.values()].filter(inside);
   const rows = chosen.slice(-MOST_ROWS).reverse().map(row => make("tr", { className: row.run === campaign.chosen ? "chosen" : "" },
-    make("th", { scope: "row" }, press(`run ${row.run}`, () => choose(row.run))), make("td", {}, row.failed ? "failed" : "done"),
+    make("th", { scope: "row" }, press(row.name, () => choose(row.run))), make("td", {}, row.failed ? "failed" : "done"),
     ...campaign.axes.map(n => make("td", { className: "number" }, told(values(row, n))))));
   const heads = ["run", "state", ...campaign.axes.map(brief)].map(t => make("th", { scope: "col" }, t));
   at("table").replaceChildren(make("p", { className: "hint" }, `${chosen.length} of ${campaign.rows.size} runs${chosen.length > MOST_ROWS ? `, the last ${MOST_ROWS} shown` : ""}.`), make("table", {}, make("thead", {}, make("tr", {}, ...heads)), make("tbody", {}, ...rows)));
@@ -207,17 +232,18 @@ function choose(run) {
   campaign.chosen = row ? run : null;
   box.replaceChildren();
   if (row) {
-    const list = make("dl", { tabIndex: 0, ariaLabel: `Results of run ${run}` }), add = (what, value) => list.append(make("dt", {}, what), make("dd", {}, value));
-    add("seed", String(row.seed));
+    const list = make("dl", { tabIndex: 0, ariaLabel: `Results of ${row.name}` }), add = (what, value) => list.append(make("dt", {}, what), make("dd", {}, value));
+    if (row.seed != null) add("seed", String(row.seed));
     if (row.reason) add("why", row.reason);
+    for (const [of, name] of Object.entries(row.names)) if (of !== "state") add(of, name);
     for (const [name, v] of Object.entries(row.inputs)) add(name, told(v));
     for (const [name, v] of Object.entries(row.figures)) {
       if (/, (true|std)$/.test(name)) continue;
       const [truth, std] = ["true", "std"].map(k => row.figures[`${name}, ${k}`]);
       add(name, `${told(v)}${std == null ? "" : ` ± ${told(std)}`}${truth == null ? "" : `, true ${told(truth)}`}`);
     }
-    const own = campaign.records.filter(n => n.startsWith(`run_${String(run).padStart(6, "0")}_`)).map(n => `results/${campaign.name}/records/${n}`);
-    box.append(make("h2", {}, `Run ${run}${row.failed ? ", failed" : ""}`), list);
+    const own = campaign.records[run] ?? [];
+    box.append(make("h2", {}, `${row.name[0].toUpperCase()}${row.name.slice(1)}${row.failed ? ", failed" : ""}`), list);
     if (own.length) box.append(press("Its time histories", () => go("flights", { r: own })));
   }
   refresh();
