@@ -116,12 +116,14 @@ class Ahead:
         try:
             done, result = running.pipe.recv()
         except (EOFError, OSError):  # it was ended from outside, for want of memory, or its answer cannot be sent
-            running.process.join()
+            running.end()
             if -(running.process.exitcode or 0) in _CRASHES:  # here it would end all
                 raise EstimationError(f"'{key}' must end with a result, but {ended(running.process)}") from None
             return task()
-        finally:
-            running.end()
+        except BaseException:
+            running.kill()  # it may wait to answer: a process forked later holds the other end, too
+            raise
+        running.end()
         if not done:
             raise result
         return result

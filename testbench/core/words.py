@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 _MOST_DECIMALS = 8
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
 def with_error(value: float, error: float) -> str:
@@ -19,6 +21,11 @@ def with_error(value: float, error: float) -> str:
     if decimals > _MOST_DECIMALS:
         return f"{value:.4g} ± {error:.2g}"
     return f"{value:z.{decimals}f} ± {error:.{decimals}f}"
+
+
+def without_numbers(text: str) -> str:
+    """Return a text with # for each number, so that reasons which differ in numbers alone can be counted together."""
+    return _NUMBER.sub("#", text)
 
 
 def array_found(array: NDArray[Any]) -> str:

@@ -14,6 +14,7 @@ from typing import Any
 
 from testbench.core.errors import CampaignError
 from testbench.core.store import manifest_of
+from testbench.core.words import without_numbers
 from testbench.questions.campaign.store import FILE, RECORDS, Row, Store
 from testbench.questions.dataset.open import draws_so_far
 from testbench.questions.dataset.store import SHEET_PAGE, STORE, command_of, made_in
@@ -87,6 +88,7 @@ def _run(row: Row) -> dict[str, Any]:
         "name": f"run {row.run}",
         "seed": row.seed,
         "reason": reason,
+        "because": without_numbers(reason),
         "failed": row.state != "done",
         "names": {"state": row.state},
         "inputs": json.loads(row.inputs),
@@ -105,6 +107,7 @@ def _dataset(place: Path, name: str, first: int) -> dict[str, Any]:
             "run": f"{row['draw']}, attempt {row['attempt']}" if row["why"] else row["draw"],
             "name": f"draw {row['draw']}" + (f", attempt {row['attempt'] + 1}" if row["why"] else ""),
             "reason": row["why"],
+            "because": without_numbers(row["why"]),
             "failed": bool(row["why"]),
             "names": {**row["names"], "state": "failed" if row["why"] else "done"},
             "inputs": row["values"],

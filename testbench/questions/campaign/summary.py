@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from testbench.core.proportion import proportion_interval
 from testbench.core.record import FloatArray
+from testbench.core.words import without_numbers
 from testbench.flight.batch.jobs import Tally
 from testbench.questions.campaign.scenario import Entry
 from testbench.questions.campaign.store import Row
@@ -24,7 +25,6 @@ TRUE = "true"
 TOGETHER, ALONE = "batch", "jsbsim"
 """What a finished run says has flown it; behind the second stands why, if a batch was wanted."""
 OUTPUTS = re.compile(r" \([^()]*\)(?= (?:wn|zeta))")  # whose poles: the truth is that of the aircraft
-_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ class _Reasons:
 
     def add(self, case: str, run: int, reason: str) -> None:
         """Count the reason of one run."""
-        key = case, _NUMBER.sub("#", reason)
+        key = case, without_numbers(reason)
         before = self._found.get(key) or Cause(key[1], 0, run, reason)
         self._found[key] = replace(before, count=before.count + 1)
 

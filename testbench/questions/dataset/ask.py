@@ -23,6 +23,7 @@ from testbench.core.named import Named, obtain
 from testbench.core.paths import SCENARIOS
 from testbench.core.processes import Ahead, cores, processes
 from testbench.core.store import ResultFolder
+from testbench.core.words import without_numbers
 from testbench.flight.batch.jobs import Simulator
 from testbench.page.html import text_page
 from testbench.questions.campaign.ask import Progress
@@ -188,7 +189,8 @@ class _Session:
         again = _again(done)
         failed, drawn = sum(again.values()), sum(row["draws"] for row in done.values())
         if failed + drawn >= _MANY and failed > drawn:
-            most = max(again, key=lambda reason: again[reason])
+            often = max(again, key=lambda reason: again[reason])
+            most = next(r["why"] for row in done.values() for r in row["failed"] if without_numbers(r["why"]) == often)
             raise DatasetError(
                 f"most draws must fly, but {failed} of {failed + drawn} did not; mostly because {most}. Narrow "
                 "speed_ratio, scale or vary of the levels"
@@ -210,10 +212,10 @@ class _Session:
 
 
 def _again(done: Mapping[int, Any]) -> dict[str, int]:
-    """Return why draws were drawn again -> how often, over all parts."""
+    """Return why draws were drawn again -> how often, over all parts; numbers in a reason do not make it another."""
     total: Counter[str] = Counter()
     for number in sorted(done):
-        total.update(row["why"] for row in done[number]["failed"])
+        total.update(without_numbers(row["why"]) for row in done[number]["failed"])
     return dict(sorted(total.items()))
 
 

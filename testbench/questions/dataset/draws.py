@@ -185,7 +185,7 @@ class Draw:
     def told(self) -> dict[str, Any]:
         """Return what was drawn for an attempt, as JSON takes it: number, names, and values by their keys."""
         condition = {k: getattr(self, k) for k in ("V_m_s", "h_m", "turbulence_rms_m_s", "scale")}
-        sizes = {f"{k}: {n}": x for k, of in zip(self.kinds, self.sizes, strict=True) for n, x in of.items()}
+        sizes = {f"{k} {n}": x for k, of in zip(self.kinds, self.sizes, strict=True) for n, x in of.items()}
         return {
             "draw": self.number,
             "attempt": self.attempt,

@@ -204,5 +204,4 @@ def _rows(
 
 
 def _reason(error: Refusal) -> str:
-    """Return why a draw cannot fly, without the numbers of the draw, so that reasons can be counted."""
-    return f"{type(error).__name__}: {error.message.split(', got')[0]}"
+    return f"{type(error).__name__}: {error.message}"

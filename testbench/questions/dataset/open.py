@@ -237,7 +237,7 @@ def _draws(file: Any, first: int, last: int, per_draw: int) -> Iterator[dict[str
     own = [n for n in file if file[n].shape[:1] == flights and n not in ("readings", "valid")]
     held = {n: file[n][at][::per_draw] for n in own}
     codes = {n: [str(x) for x in np.atleast_1d(file[n].attrs["names"])] for n in own if "names" in file[n].attrs}
-    along = {n: file[key].asstr()[:] for n, key in _ALONG.items() if n in own}
+    along = {n: [x.replace(": ", " ") for x in file[key].asstr()[:]] for n, key in _ALONG.items() if n in own}
 
     def known(names: Any, numbers: Any) -> dict[str, float]:
         return {str(n): float(x) for n, x in zip(names, numbers, strict=True) if np.isfinite(x)}

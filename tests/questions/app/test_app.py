@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawn_sets import SMALL
 from two_flights import RECORD, write_results_of
 from writers import G0, THROW, elevator, short_period
 
@@ -280,6 +281,45 @@ def test_a_campaign_is_watched_stopped_and_resumed(bench, browser):
     page.get_by_text(f"{chosen} of 300 runs.").wait_for()
     page.get_by_role("button", name="run 299").or_(page.locator("#table tbody button").first).first.press("Enter")
     assert "seed" in page.locator("#detail").inner_text()
+
+
+@pytest.mark.slow  # some hundred flights are drawn
+def test_a_data_set_is_watched_stopped_and_resumed_by_keyboard(bench, browser):
+    """Draws and failed attempts arrive; those of a level, and the failed, are chosen; a flight is looked at."""
+    hard = SMALL.replace("speed_ratio = [1.0, 1.2]", "speed_ratio = [0.6, 1.2]").replace(
+        "flights = 60", "flights = 1000"
+    )
+    (bench.folder / "hard.toml").write_text(hard, encoding="utf-8")
+    context = browser.new_context(viewport={"width": 400, "height": 800})
+    page = context.new_page()
+    wrong: list[str] = []
+    page.on("pageerror", lambda e: wrong.append(str(e)))
+    page.goto(f"{bench.at}#board")
+    page.get_by_role("button", name="dataset hard.toml --out results/hard").press("Enter")
+    page.get_by_label("testbench").press("Enter")
+    page.locator("#table tbody tr").nth(3).wait_for(timeout=60_000)
+    page.get_by_role("button", name="Stop").press("Enter")
+    counts = page.locator("#counts")
+    counts.filter(has_text="not at work").wait_for(timeout=60_000)
+    kept = page.locator("#done").evaluate("e => e.value")
+    assert 0 < kept < 600
+    failed = page.evaluate("[...campaign.rows.values()].filter(r => r.failed).length")
+    page.get_by_role("button", name=f"failed: {failed}").press("Enter")
+    page.get_by_text(f"{failed} of {int(kept) // 2 + failed} runs.").wait_for()
+    page.locator("#table tbody button").first.press("Enter")
+    assert "TrimError" in page.locator("#detail").inner_text()
+    page.get_by_role("button", name=f"failed: {failed}").press("Enter")
+    page.get_by_role("button", name="Resume").press("Enter")
+    counts.filter(has_text="600 of 600 flights").wait_for(timeout=300_000)
+    page.get_by_role("button", name="hidden: ").press("Enter")
+    page.locator("#table tbody button").first.press("Enter")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    page.get_by_role("button", name="Its time histories").press("Enter")
+    page.locator("#plot .u-over").first.wait_for()
+    assert "flight" in page.locator("#flight h2").first.inner_text()
+    assert [job.words[0] for job in bench.jobs] == ["dataset", "dataset"]
+    assert wrong == []
+    context.close()
 
 
 @pytest.mark.slow  # a search takes half a minute

@@ -1,6 +1,7 @@
 """Campaigns and data sets in the app: what is told of a set while it is drawn and afterwards, and its watching."""
 
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,7 @@ def test_a_set_is_told_while_it_is_drawn_as_when_it_is_there(looks):
     assert {(t["total"], t["unit"], t["per_run"]) for t in told} == {(60, "flight", 2)}
     assert [t["next"] for t in told] == [8, 16, 24, None, None]
     drawn = [{row["run"]: row for row in t["rows"] if not row["failed"]} for t in told]
-    for before, after in zip(drawn, drawn[1:], strict=False):
+    for before, after in pairwise(drawn):
         assert before == {run: row for run, row in after.items() if run in before}
     flights = tb.open_dataset(folder / "results" / "set")
     assert len(drawn[-1]) == 30
@@ -73,6 +74,9 @@ def test_what_failed_is_told_with_what_was_drawn_for_it(looks):
     flown = [row["inputs"]["V_m_s"] for row in told[4]["rows"] if row["names"]["aircraft"] == "taurus"]
     assert np.mean(slow) < np.min(flown) + 1.0
     assert all(row["reason"] and row["names"]["state"] == "failed" for row in failed)
+    kinds = {row["because"] for row in failed}
+    assert len(kinds) < len(failed)
+    assert all(why in sheet for why in kinds)
 
 
 def test_what_was_drawn_stands_in_the_store(looks):
@@ -104,7 +108,12 @@ def test_flights_of_a_set_are_looked_at_as_records_are(looks):
     record = shown(folder, path).record
     np.testing.assert_array_equal(record.data, one.readings.values[: int(one.samples)])
     assert record_told(folder, {"record": path})["end_s"] == pytest.approx((int(one.samples) - 1) / 50.0)
-    for wrong in ("results/set/flights.h5#60", "../set/flights.h5#1", "results/flights.h5#1", "results/set/flights.h5#x"):
+    for wrong in (
+        "results/set/flights.h5#60",
+        "../set/flights.h5#1",
+        "results/flights.h5#1",
+        "results/set/flights.h5#x",
+    ):
         with pytest.raises(RecordError):
             shown(folder, wrong)
 

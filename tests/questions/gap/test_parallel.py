@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import tempfile
 from functools import partial
@@ -75,6 +76,26 @@ def test_tasks_that_are_no_longer_wanted_are_ended_and_leave_no_folder(tmp_path,
         for name in "ab":
             ahead.begin(name, writes_and_waits)
     assert list(tmp_path.rglob("*")) == before
+
+
+def test_an_interrupt_while_processes_answer_ends_them_all():
+    """Each answers with more than a pipe holds, and the second has the first one's pipe: none must wait for another."""
+    code = (
+        "import sys, time\n"
+        "from testbench.core.processes import Ahead, processes\n"
+        "def late():\n    time.sleep(1.0)\n    return bytes(10**6)\n"
+        "with processes(2), Ahead() as ahead:\n"
+        "    ahead.begin(1, late)\n    ahead.begin(2, late)\n"
+        "    print('begun', flush=True)\n    ahead.take(1, late)\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"begun\n"
+    process.send_signal(signal.SIGINT)
+    try:
+        assert process.wait(20.0) == -signal.SIGINT
+    finally:
+        process.kill()
 
 
 def test_a_process_leaves_the_models_of_the_one_that_it_came_from(tmp_path, monkeypatch):

@@ -81,13 +81,13 @@ at("page-close").addEventListener("click", () => {
 
 // --- commands ---------------------------------------------------------------------------------------------------------
 
-const jobs = new Map(); // number -> its box
+const jobs = new Map(), STOPPED = 143; // number -> its box; the exit status of what was stopped
 async function ask(words) { // start a command; what it is once it has ended
   const job = await send("ask", JSON.stringify(words));
   say(`$ ${job.command}`);
   const ended = await follow({ ...job, asked: true });
   say(`done: ${job.command}`);
-  if (ended.status) say(ended.printed.trim().split("\n").pop() || `${job.command} ended with ${ended.status}`, true);
+  if (ended.status) say(ended.printed.trim().split("\n").pop() || `${job.command} ended with ${ended.status}`, ended.status !== STOPPED);
   return ended;
 }
 const busy = () => { const n = [...jobs.values()].filter(j => j.at).length; at("busy").textContent = n ? `(${n} at work)` : ""; };

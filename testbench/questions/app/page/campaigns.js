@@ -38,7 +38,7 @@ async function look() {
   at("sheet").hidden = !found.sheet.startsWith("results/"); at("sheet").onclick = () => open(found.sheet);
   at("stop").onclick = () => send(`stop/${mine.number}`, "").catch(failed);
   at("resume").onclick = () => { ask(resumed(found.command)).catch(failed); setTimeout(turn, 800); };
-  Object.assign(campaign.records, found.records);
+  Object.assign(campaign.records, found.records); campaign.per_run = found.per_run;
   if (fresh.length || !at("axes")) coordinates();
   if (place()[0] === "campaigns" && (mine || !found.whole)) campaign.timer = setTimeout(() => look().catch(failed), found.whole ? 1000 : 0);
 }
@@ -49,8 +49,7 @@ function pace(finished, total, unit) {
 }
 
 const values = (row, name) => { const v = name in row.inputs ? row.inputs[name] : row.figures[name]; return typeof v === "number" && Number.isFinite(v) ? v : null; };
-const because = row => row.reason.split(/, got |: got /)[0].slice(0, 120); // without the numbers of one run
-const namesOf = row => row.reason ? { ...row.names, "failed because": because(row) } : row.names;
+const namesOf = row => row.because ? { ...row.names, "failed because": row.because } : row.names;
 const inside = row => [...campaign.named].every(([of, name]) => namesOf(row)[of] === name) && [...campaign.limits].every(([name, [a, b]]) => { const v = values(row, name); return v != null && v >= a && v <= b; });
 const brief = name => name.replace(/^[^:]*: /, "");
 
@@ -74,10 +73,10 @@ function coordinates() {
     canvas.setAttribute("role", "img"); canvas.setAttribute("aria-label", "Runs as lines over parallel axes; limits can be set in numbers below");
     box.replaceChildren(
       make("div", { id: "named" }),
-      make("p", { className: "hint" }, "Drag along an axis to choose among runs, click beside a limit to remove it; click a line for its run."),
+      make("p", { className: "hint" }, `${campaign.per_run > 1 ? `Counted and drawn are draws, each of ${campaign.per_run} flights. ` : ""}Drag along an axis to choose among them, click beside a limit to remove it; click a line for its results.`),
       make("div", { className: "coordinates" }, canvas),
       make("div", { className: "row", id: "axes" }),
-      make("div", { className: "sides" }, make("div", { id: "detail" }), make("div", {}, make("div", { className: "row", id: "cross" }), make("div", { id: "scatter" }), make("div", { className: "scroll", id: "table", tabIndex: 0, role: "region", ariaLabel: "Runs" }))),
+      make("div", { className: "sides" }, make("div", { id: "detail" }, make("p", { className: "hint" }, "A line, or a button in the table, shows one here.")), make("div", {}, make("div", { className: "row", id: "cross" }), make("div", { id: "scatter" }), make("div", { className: "scroll", id: "table", tabIndex: 0, role: "region", ariaLabel: "Runs" }))),
     );
     pointer(canvas);
     new ResizeObserver(() => lines()).observe(canvas);
