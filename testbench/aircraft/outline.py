@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from functools import partial
+from itertools import pairwise
 from typing import Annotated
 
 from pydantic import Field
@@ -125,6 +126,44 @@ class Outline(Strict):
         return max(xs), min(xs)
 
 
+# --- in three dimensions ----------------------------------------------------------------------------------------------
+
+_ROUND, _PANELS = 8, 3  # corners of a section of the fuselage, and pieces of half a wing
+Face = list[tuple[float, float, float]]
+
+
+def faces(outline: Outline) -> list[Face]:
+    """Return an aircraft as flat faces, each its corners in body axes: x forward, y right, z down, m.
+
+    The fuselage has eight sides between its sections; wing, tail and fin are plates, wings in pieces so that they can
+    be sorted by their distance.
+    """
+    out: list[Face] = []
+
+    def plate(surface: Surface, half: float, side: float, pieces: int) -> None:
+        for k in range(pieces):
+            ends = (half * k / pieces, half * (k + 1) / pieces)
+            corners = ((ends[0], 0.0), (ends[1], 0.0), (ends[1], 1.0), (ends[0], 1.0))
+            places = [(s, *surface.point(s, half, f)) for s, f in corners]
+            out.append([(x, side * s, -(surface.z_m + up)) for s, x, up in places])
+
+    for surface, pieces in ((outline.wing, _PANELS), (outline.tail, 1)):
+        for side in (-1.0, 1.0) if surface is not None else ():
+            plate(surface, 0.5 * surface.span_m, side, pieces)
+    if (fin := outline.fin) is not None:
+        corners = ((0.0, 0.0), (fin.span_m, 0.0), (fin.span_m, 1.0), (0.0, 1.0))
+        for y in sorted({fin.y_m, -fin.y_m}):
+            out.append([(fin.point(s, fin.span_m, f)[0], y, -(fin.z_m + s)) for s, f in corners])
+    angles = [2.0 * math.pi * k / _ROUND for k in range(_ROUND)]
+    rings = [
+        [(x, w * math.sin(a), -(0.5 * (low + high) + 0.5 * (high - low) * math.cos(a))) for a in angles]
+        for x, w, low, high in outline.body_m
+    ]
+    for ahead, behind in pairwise(rings):
+        out += [[ahead[k], ahead[k - 1], behind[k - 1], behind[k]] for k in range(_ROUND)]
+    return out
+
+
 # --- drawn from a model that states none ------------------------------------------------------------------------------
 
 
@@ -139,10 +178,14 @@ def sketch(tree: ET.Element) -> Outline | None:
     fin_area, fin_arm = _metric(tree, "vtailarea"), _metric(tree, "vtailarm")
     if not (S and b and area and arm and arm > _PLAUSIBLE_ARM * b):
         return None
+    return usual(S, b, area, arm, fin_area or 0.6 * area, fin_arm if fin_arm > _PLAUSIBLE_ARM * b else arm)
+
+
+def usual(S: float, b: float, area: float, arm: float, fin_area: float, fin_arm: float) -> Outline:
+    """Return a drawing of usual proportions from areas, m2, span and arms, m, of wing, tail and fin."""
     root = 2.0 * S / b / (1.0 + _TAPER)
     span = math.sqrt(_ASPECT_TAIL * area)
     tail_root = 2.0 * area / span / (1.0 + _TAPER)
-    fin_area = fin_area or 0.6 * area
     height = math.sqrt(_ASPECT_FIN * fin_area)
     fin_root = 2.0 * fin_area / height / (1.0 + _TAPER)
     nose, end = _NOSE_SHARE * arm, -arm - 0.5 * tail_root
@@ -165,7 +208,7 @@ def sketch(tree: ET.Element) -> Outline | None:
             span_m=height,
             root_chord_m=fin_root,
             tip_chord_m=_TAPER * fin_root,
-            x_m=-(fin_arm if fin_arm and fin_arm > _PLAUSIBLE_ARM * b else arm) + 0.1 * fin_root,
+            x_m=-fin_arm + 0.1 * fin_root,
             z_m=0.5 * radius,
             sweep_deg=20.0,
         ),

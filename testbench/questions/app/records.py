@@ -16,12 +16,16 @@ from typing import Any
 
 import numpy as np
 
+from testbench.aircraft.outline import faces, usual
 from testbench.core.channels import CONTROLS
 from testbench.core.door import read_json, read_toml
-from testbench.core.errors import RecordError, ScenarioError
+from testbench.core.errors import RecordError, ScenarioError, TestbenchError
+from testbench.core.paths import AIRCRAFT, resolve
+from testbench.core.project import FILE
 from testbench.core.record import FlightRecord, FloatArray, load_record
 from testbench.core.store import OWN, manifest_of
 from testbench.estimators.frequency.response import estimate_frequency_response
+from testbench.flight import load_aircraft
 from testbench.page.explore import View, to_json
 from testbench.page.figure import COLOURS, QUIET, Curve, Panel, Span, line_look
 from testbench.page.labels import axis_label, shown_unit
@@ -35,6 +39,8 @@ _FRAMES = 20_000  # of a replay
 _SILENT_S, _MISSED = 1.0, 5.0  # without samples for so long, and for so many of a channel's steps, its line is broken
 _SEGMENTS = 8  # of a stretch whose spectra are taken
 _CHANCE = 0.05  # probability that what has nothing in common shows a coherence above the line
+_USUAL = 0.5, 2.0, 0.1, 1.0, 0.06, 1.0
+"""Wing area, span, tail area and arm, fin area and arm of an aircraft that nobody has described, in half spans."""
 _FIRST = ("de", "de_cmd", "da", "dr", "V", "alpha", "q", "az", "theta", "p", "r", "h")
 _SHOWN = 6  # channels at first
 
@@ -262,13 +268,36 @@ def settings_told(folder: Path, given: Mapping[str, Any]) -> dict[str, Any]:
     return {"names": [found[0].name, found[-1].name], "equal": len({*first, *second}) - len(rows), "rows": rows}
 
 
+def _craft(folder: Path, one: Shown) -> dict[str, Any]:
+    """Return name, span and faces of the aircraft that a record is of, or of a usual one without a name.
+
+    The record says whose it is; else a description beside it, or the project of the folder.
+    """
+    made = one.record.provenance
+    names = [made["truth"].get("aircraft") if isinstance(made.get("truth"), Mapping) else made.get("aircraft")]
+    for file in (*sorted(one.place.glob("*.toml")), folder / FILE):
+        with suppress(TestbenchError):
+            names.append(read_toml(file).get("aircraft") if file.is_file() else None)
+    for name in names:
+        with suppress(TestbenchError):
+            aircraft = load_aircraft(resolve(name, AIRCRAFT, folder)) if isinstance(name, str) else None
+            if aircraft is not None and aircraft.outline is not None:
+                return {
+                    "name": aircraft.name,
+                    "span_m": aircraft.outline.wing.span_m,
+                    "faces": faces(aircraft.outline),
+                }
+    return {"name": "", "span_m": 2.0, "faces": faces(usual(*_USUAL))}
+
+
 def motion_told(folder: Path, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return attitude and path of a ``record`` to replay, as float32 in base64, and what of it was not recorded.
 
     Angles in rad, north, east and up in m. An angle that was not recorded is the integral of its rate; without a
-    position the path follows from speed, pitch and heading.
+    position the path follows from speed, pitch and heading. ``craft`` is what flies, as faces in body axes, m.
     """
-    record = shown(folder, given.get("record")).record
+    one = shown(folder, given.get("record"))
+    record = one.record
     rows = np.arange(0, len(record), max(1, -(-len(record) // _FRAMES)))
     t, said = record.t_s, list[str]()
 
@@ -295,4 +324,9 @@ def motion_told(folder: Path, given: Mapping[str, Any]) -> dict[str, Any]:
         north, east = total(level * np.cos(angles["psi"])), total(level * np.sin(angles["psi"]))
     up = record["h"] if "h" in record else total(speed * np.sin(angles["theta"]))
     held = {"t": t, **angles, "north": north, "east": east, "up": up}
-    return {"said": said, **{k: base64.b64encode(v[rows].astype("<f4").tobytes()).decode() for k, v in held.items()}}
+    craft = _craft(folder, one)
+    return {
+        "said": said,
+        "craft": craft,
+        **{k: base64.b64encode(v[rows].astype("<f4").tobytes()).decode() for k, v in held.items()},
+    }

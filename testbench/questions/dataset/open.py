@@ -212,7 +212,9 @@ def flight_so_far(folder: Path | str, number: int) -> FlightRecord:
         n, channels = int(file["samples"][number]), tuple(file["channel"].asstr()[:])
         valid = file["valid"][number, :n].astype(bool) if "valid" in file else None
         data = file["readings"][number, :n].astype(float)
-        return FlightRecord(file["time"][:n], channels, data, "measured", valid)  # type: ignore[arg-type]
+        flown = str(np.atleast_1d(file["aircraft"].attrs["names"])[int(file["aircraft"][number])])
+        provenance = {"aircraft": flown, "flight": number}
+        return FlightRecord(file["time"][:n], channels, data, "measured", valid, provenance)  # type: ignore[arg-type]
 
 
 @contextmanager

@@ -302,7 +302,7 @@ def test_a_data_set_is_watched_stopped_and_resumed_by_keyboard(bench, browser):
     counts = page.locator("#counts")
     counts.filter(has_text="not at work").wait_for(timeout=60_000)
     kept = page.locator("#done").evaluate("e => e.value")
-    assert 0 < kept < 600
+    assert 0 < kept < 300
     failed = page.evaluate("[...campaign.rows.values()].filter(r => r.failed).length")
     page.get_by_role("button", name=f"failed: {failed}").press("Enter")
     page.get_by_text(f"{failed} of {int(kept) // 2 + failed} runs.").wait_for()
@@ -310,7 +310,7 @@ def test_a_data_set_is_watched_stopped_and_resumed_by_keyboard(bench, browser):
     assert "TrimError" in page.locator("#detail").inner_text()
     page.get_by_role("button", name=f"failed: {failed}").press("Enter")
     page.get_by_role("button", name="Resume").press("Enter")
-    counts.filter(has_text="600 of 600 flights").wait_for(timeout=300_000)
+    counts.filter(has_text="300 of 300 flights").wait_for(timeout=300_000)
     page.get_by_role("button", name="hidden: ").press("Enter")
     page.locator("#table tbody button").first.press("Enter")
     assert page.evaluate("document.documentElement.scrollWidth") <= 400

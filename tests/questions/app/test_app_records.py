@@ -12,6 +12,7 @@ from two_flights import OTHER, RATE_HZ, RECORD, TONE_HZ, write_results_of
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord
+from testbench.flight import load_aircraft
 from testbench.questions.app.records import (
     channels_figure,
     list_records,
@@ -116,3 +117,39 @@ def test_a_level_turn_is_a_circle(tmp_path):
     np.testing.assert_allclose(np.hypot(north, east - radius), radius, rtol=1e-3)
     assert "psi from r" in told["said"]
     assert "path from speed, pitch and heading" in told["said"]
+
+
+@pytest.mark.parametrize("name", ["taurus", "jsbsim:c172p"])
+def test_the_aircraft_that_flew_is_drawn_from_its_own_outline(tmp_path, name):
+    """Span, foremost and rearmost point of the faces are those of the three-view drawing; both sides are alike."""
+    t = np.arange(0.0, 1.0, 0.1)
+    made = {"suite": "x", "seed": 1, "truth": {"aircraft": name}}
+    FlightRecord(t, ("phi",), np.zeros((t.size, 1)), "measured", None, made).save(tmp_path / "a.nc")
+    craft = motion_told(tmp_path, {"record": "a.nc"})["craft"]
+    outline = load_aircraft(name).outline
+    points = np.array([p for face in craft["faces"] for p in face])
+    assert craft["name"] == name.removeprefix("jsbsim:")
+    assert np.ptp(points[:, 1]) == pytest.approx(craft["span_m"]) == pytest.approx(outline.wing.span_m)
+    assert (points[:, 0].max(), points[:, 0].min()) == pytest.approx(outline.ends_m)
+    assert -points[:, 2].min() == pytest.approx(outline.fin.z_m + outline.fin.span_m)
+    sides = [sorted(map(tuple, np.round(points * (1.0, side, 1.0), 9).tolist())) for side in (1.0, -1.0)]
+    assert {*sides[0]} == {*sides[1]}
+
+
+def test_whose_a_flight_is_stands_beside_it_or_in_the_project_else_a_usual_one_is_drawn(tmp_path):
+    t = np.arange(0.0, 1.0, 0.1)
+    (tmp_path / "log").mkdir()
+    FlightRecord(t, ("phi",), np.zeros((t.size, 1)), "measured").save(tmp_path / "log" / "whole.nc")
+
+    def drawn() -> str:
+        craft = motion_told(tmp_path, {"record": "log/whole.nc"})["craft"]
+        assert len(craft["faces"]) > 20
+        return craft["name"]
+
+    assert drawn() == ""
+    (tmp_path / "project.toml").write_text('aircraft = "eolo"\n', encoding="utf-8")
+    assert drawn() == "eolo"
+    (tmp_path / "log" / "mine.toml").write_text('aircraft = "taurus"\n', encoding="utf-8")
+    assert drawn() == "taurus"
+    (tmp_path / "log" / "mine.toml").write_text('aircraft = "nowhere"\n', encoding="utf-8")
+    assert drawn() == "eolo"

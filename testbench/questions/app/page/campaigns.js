@@ -32,7 +32,7 @@ async function look() {
   campaign.next = found.next ?? campaign.next;
   const { total, finished, unit } = found, mine = atWork().find(j => outOf(j.words) === campaign.name);
   const failed_ = found.failed ? `, ${found.failed} ${unit === "run" ? "failed" : "attempts failed"}` : "";
-  at("counts").textContent = `${finished} of ${total} ${unit}s${failed_}${mine ? pace(finished, total, unit) : finished < total ? found.stopped ? ", stopped by its rule" : ", not at work" : ""}`;
+  at("counts").textContent = `${finished} of ${total} ${unit}s${failed_}${mine ? pace(mine.number, finished, total, unit) : finished < total ? found.stopped ? ", stopped by its rule" : ", not at work" : ""}`;
   at("done").max = total || 1; at("done").value = finished;
   at("stop").hidden = !mine; at("resume").hidden = Boolean(mine) || finished === total || !found.command.length;
   at("sheet").hidden = !found.sheet.startsWith("results/"); at("sheet").onclick = () => open(found.sheet);
@@ -42,8 +42,8 @@ async function look() {
   if (fresh.length || !at("axes")) coordinates();
   if (place()[0] === "campaigns" && (mine || !found.whole)) campaign.timer = setTimeout(() => look().catch(failed), found.whole ? 1000 : 0);
 }
-function pace(finished, total, unit) {
-  const now = Date.now(), from = campaign.from?.name === campaign.name ? campaign.from : campaign.from = { name: campaign.name, time: now, finished };
+function pace(job, finished, total, unit) {
+  const now = Date.now(), from = campaign.from?.job === job ? campaign.from : campaign.from = { job, time: now, finished };
   const rate = (finished - from.finished) / ((now - from.time) / 1000);
   return rate > 0 && finished < total ? `, ${told(+rate.toPrecision(2))} ${unit}s/s, ${seconds((total - finished) / rate)} left` : "";
 }

@@ -1,18 +1,11 @@
 // A flight in three dimensions on a canvas: path, attitude and horizon, at the time of the cursor. Own arithmetic, no
-// library: a dozen triangles and a line need none. Frame: x north, y east, z down, m; Euler angles 3-2-1.
-const CRAFT = [ // faces of a simple aeroplane: x forward, y right, z down, in half spans
-  [[0.75, 0, 0], [0.3, 0.07, -0.06], [-0.85, 0.02, -0.02]], [[0.75, 0, 0], [0.3, -0.07, -0.06], [-0.85, -0.02, -0.02]],
-  [[0.75, 0, 0], [0.3, 0.07, 0.07], [-0.85, 0.02, 0.01]], [[0.75, 0, 0], [0.3, -0.07, 0.07], [-0.85, -0.02, 0.01]],
-  [[0.22, 0, -0.03], [0.12, 1, -0.08], [-0.05, 1, -0.08], [-0.14, 0, -0.03]], [[0.22, 0, -0.03], [0.12, -1, -0.08], [-0.05, -1, -0.08], [-0.14, 0, -0.03]],
-  [[-0.62, 0, -0.03], [-0.72, 0.36, -0.04], [-0.86, 0.36, -0.04], [-0.86, 0, -0.03]], [[-0.62, 0, -0.03], [-0.72, -0.36, -0.04], [-0.86, -0.36, -0.04], [-0.86, 0, -0.03]],
-  [[-0.6, 0, -0.04], [-0.78, 0, -0.36], [-0.88, 0, -0.36], [-0.86, 0, -0.03]],
-];
+// library: some dozens of flat faces and a line need none. What flies is drawn from its own outline. Frame: x north, y east, z down, m; Euler angles 3-2-1.
 const unpacked = text => new Float32Array(Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer);
 
 class Replay {
   constructor(motion, moved) {
     this.m = Object.fromEntries(["t", "phi", "theta", "psi", "north", "east", "up"].map(k => [k, unpacked(motion[k])]));
-    this.moved = moved; this.k = 0; this.azimuth = 2.5; this.height = 0.5; this.playing = false; this.rate = 1; this.near = true;
+    this.craft = motion.craft; this.moved = moved; this.k = 0; this.azimuth = 2.5; this.height = 0.5; this.playing = false; this.rate = 1; this.near = true;
     this.box = make("div", { className: "replay" });
     this.canvas = make("canvas", { tabIndex: 0 });
     this.canvas.setAttribute("role", "img");
@@ -23,7 +16,7 @@ class Replay {
     rate.setAttribute("aria-label", "Speed of the replay");
     rate.onchange = () => { this.rate = +rate.value; };
     const near = press("Whole path", b => { this.near = !this.near; b.textContent = this.near ? "Whole path" : "Near"; this.draw(); });
-    this.box.append(make("div", { className: "row" }, this.play, rate, near, this.says), this.canvas, make("p", { className: "hint" }, `Drag turns the view.${motion.said.length ? ` Not recorded: ${motion.said.join(", ")}.` : ""}`));
+    this.box.append(make("div", { className: "row" }, this.play, rate, near, this.says), this.canvas, make("p", { className: "hint" }, `Drag turns the view. ${motion.craft.name ? `Drawn as ${motion.craft.name} is, its span ${told(motion.craft.span_m)} m; in sight larger than to scale.` : "The aircraft is not known: a usual one is drawn."}${motion.said.length ? ` Not recorded: ${motion.said.join(", ")}.` : ""}`));
     this.canvas.addEventListener("pointerdown", e => { this.canvas.setPointerCapture(e.pointerId); this.last = [e.clientX, e.clientY]; });
     this.canvas.addEventListener("pointermove", e => {
       if (!this.canvas.hasPointerCapture(e.pointerId)) return;
@@ -86,15 +79,22 @@ class Replay {
     flown.push(point(...here)); rest.unshift(point(...here));
     line(rest, ink("--quiet"), 0.8); line(flown, ink("--accent"), 1.8);
     line([point(...here), point(here[0], here[1], this.ground)], ink("--quiet"), 0.8);
-    const craft = reach * (this.near ? 0.35 : 0.09), [cf, sf] = [Math.cos(m.phi[k]), Math.sin(m.phi[k])], [ct, st] = [Math.cos(m.theta[k]), Math.sin(m.theta[k])], [cp, sp] = [Math.cos(m.psi[k]), Math.sin(m.psi[k])];
+    const craft = reach * (this.near ? 0.5 : 0.1) / (0.5 * this.craft.span_m), [cf, sf] = [Math.cos(m.phi[k]), Math.sin(m.phi[k])], [ct, st] = [Math.cos(m.theta[k]), Math.sin(m.theta[k])], [cp, sp] = [Math.cos(m.psi[k]), Math.sin(m.psi[k])];
     const placed = ([x, y, z]) => { // body to earth, 3-2-1
       const y1 = y * cf - z * sf, z1 = y * sf + z * cf, x2 = x * ct + z1 * st, z2 = -x * st + z1 * ct;
       return [here[0] + craft * (x2 * cp - y1 * sp), here[1] + craft * (x2 * sp + y1 * cp), here[2] - craft * z2];
     };
-    const faces = CRAFT.map(face => face.map(placed)).map(face => ({ face, depth: face.reduce((s, [n, e, u]) => s + (ca * n + sa * e) * ch - u * sh, 0) / face.length })).sort((a, b) => b.depth - a.depth);
-    for (const { face } of faces) {
+    // seen from azimuth and height; what is farther away is drawn first, what faces up is lighter
+    const faces = this.craft.faces.map(face => face.map(placed)).map(face => {
+      const [a, b, c] = face, u = a.map((v, i) => b[i] - v), v = a.map((w, i) => c[i] - w);
+      const normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]], size = Math.hypot(...normal) || 1;
+      return { face, light: Math.abs(0.25 * normal[0] - 0.15 * normal[1] + 0.95 * normal[2]) / size, depth: face.reduce((s, [n, e, z]) => s + (ca * n + sa * e) * ch - z * sh, 0) / face.length };
+    }).sort((a, b) => b.depth - a.depth);
+    const [paper, quiet] = [ink("--paper"), ink("--quiet")];
+    g.strokeStyle = ink("--ink"); g.lineWidth = 0.4; g.lineJoin = "round";
+    for (const { face, light } of faces) {
       g.beginPath(); face.forEach((p, i) => g[i ? "lineTo" : "moveTo"](...point(...p))); g.closePath();
-      g.fillStyle = ink("--paper"); g.fill(); g.strokeStyle = ink("--ink"); g.lineWidth = 0.9; g.lineJoin = "round"; g.stroke();
+      g.fillStyle = `color-mix(in srgb, ${paper} ${Math.round(45 + 55 * Math.min(1, light))}%, ${quiet})`; g.fill(); g.stroke();
     }
     const deg = v => `${(v * 180 / Math.PI).toFixed(0)}°`.replace("-", "−");
     this.says.textContent = `${m.t[k].toFixed(1)} s: roll ${deg(m.phi[k])}, pitch ${deg(m.theta[k])}, heading ${deg(m.psi[k])}, ${m.up[k].toFixed(0)} m; a square is ${step >= 1 ? step : step.toFixed(1)} m`;
