@@ -147,9 +147,10 @@ def faces(outline: Outline) -> list[Face]:
             places = [(s, *surface.point(s, half, f)) for s, f in corners]
             out.append([(x, side * s, -(surface.z_m + up)) for s, x, up in places])
 
-    for surface, pieces in ((outline.wing, _PANELS), (outline.tail, 1)):
-        for side in (-1.0, 1.0) if surface is not None else ():
-            plate(surface, 0.5 * surface.span_m, side, pieces)
+    for side in (-1.0, 1.0):
+        plate(outline.wing, 0.5 * outline.wing.span_m, side, _PANELS)
+        if outline.tail is not None:
+            plate(outline.tail, 0.5 * outline.tail.span_m, side, 1)
     if (fin := outline.fin) is not None:
         corners = ((0.0, 0.0), (fin.span_m, 0.0), (fin.span_m, 1.0), (0.0, 1.0))
         for y in sorted({fin.y_m, -fin.y_m}):

@@ -30,7 +30,7 @@ from testbench.core.store import entry_of, is_plain
 from testbench.page.serve import Answer
 from testbench.questions import QUESTIONS
 from testbench.questions.app.campaigns import campaign_told, list_campaigns
-from testbench.questions.app.drawn import design_text, design_told, input_told, list_designs, plan_words
+from testbench.questions.app.drawn import amended_words, design_text, design_told, input_told, list_designs, plan_words
 from testbench.questions.app.exercises import answer_exercise, list_exercises, page_of
 from testbench.questions.app.page import app_page
 from testbench.questions.app.records import (
@@ -203,6 +203,8 @@ class Workbench:
             return _as_json(answer_exercise(self.folder, given))
         if what == "plan":
             return _as_json({"words": plan_words(self.folder, given)})
+        if what == "amended":
+            return _as_json({"words": amended_words(self.folder, given)})
         if what in ("text", "save"):
             file = inside(self.folder, given.get("file"), ".toml")
             if what == "save":

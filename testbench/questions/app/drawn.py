@@ -202,6 +202,22 @@ def plan_words(folder: Path, given: Mapping[str, Any]) -> list[str]:
     return ["plan", "--from", name, "--out", "results"]
 
 
+def amended_words(folder: Path, given: Mapping[str, Any]) -> list[str]:
+    """Return the words of the command that surveys the aircraft which a ``gap`` of the folder's results amended.
+
+    Raises:
+        RecordError: it amended none, or lies elsewhere.
+    """
+    place = (folder / str(given.get("gap")).replace("\0", "") / "amended").resolve()
+    inside_it = place.is_relative_to(folder.resolve()) and place.is_dir()
+    found = sorted(p for p in place.iterdir() if p.is_dir()) if inside_it else []
+    if not found:
+        raise RecordError(
+            "an aircraft must be amended before it is looked at, but this search changed none; its page says why"
+        )
+    return ["aircraft", found[0].relative_to(folder.resolve()).as_posix(), "--out", "results"]
+
+
 # --- the design -------------------------------------------------------------------------------------------------------
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from drawn_sets import SMALL
+from studies.reliability.small import GAP
 from two_flights import RECORD, write_results_of
 from writers import G0, THROW, elevator, short_period
 
@@ -63,6 +64,14 @@ def flight(folder: Path) -> Path:
     names = "time [s],q [deg/s],theta [deg],de [deg],az [g]"
     np.savetxt(file, columns, delimiter=",", header=names, comments="", fmt="%.9g")
     return file
+
+
+def fits(page: Any) -> None:
+    """Check that nothing of the page is wider than a screen, whatever that one's width."""
+    for width in (400, 800, 1280, 1600):
+        page.set_viewport_size({"width": width, "height": 800})
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.set_viewport_size({"width": 400, "height": 800})
 
 
 def test_what_cannot_be_a_log_or_started_is_said_and_nothing_hangs(bench):
@@ -241,7 +250,7 @@ def test_a_dropped_log_is_cut_anew_and_identified_by_keyboard(bench, browser, tm
     page.locator("#verdict .u-over").first.wait_for()
     page.get_by_role("button", name="Poles found").press("Enter")
     page.get_by_text("Im s, rad/s").wait_for()
-    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    fits(page)
     page.reload()
     second = context.new_page()
     second.goto(page.url)
@@ -286,9 +295,7 @@ def test_a_campaign_is_watched_stopped_and_resumed(bench, browser):
 @pytest.mark.slow  # some hundred flights are drawn
 def test_a_data_set_is_watched_stopped_and_resumed_by_keyboard(bench, browser):
     """Draws and failed attempts arrive; those of a level, and the failed, are chosen; a flight is looked at."""
-    hard = SMALL.replace("speed_ratio = [1.0, 1.2]", "speed_ratio = [0.6, 1.2]").replace(
-        "flights = 60", "flights = 1000"
-    )
+    hard = SMALL.replace("[1.0, 1.2]", "[0.6, 1.2]").replace("flights = 60", "flights = 300")
     (bench.folder / "hard.toml").write_text(hard, encoding="utf-8")
     context = browser.new_context(viewport={"width": 400, "height": 800})
     page = context.new_page()
@@ -297,7 +304,7 @@ def test_a_data_set_is_watched_stopped_and_resumed_by_keyboard(bench, browser):
     page.goto(f"{bench.at}#board")
     page.get_by_role("button", name="dataset hard.toml --out results/hard").press("Enter")
     page.get_by_label("testbench").press("Enter")
-    page.locator("#table tbody tr").nth(3).wait_for(timeout=60_000)
+    page.locator("#table tbody tr").nth(3).wait_for(timeout=180_000)
     page.get_by_role("button", name="Stop").press("Enter")
     counts = page.locator("#counts")
     counts.filter(has_text="not at work").wait_for(timeout=60_000)
@@ -343,6 +350,30 @@ def test_probabilities_fill_up_while_a_gap_is_sought(bench, browser):
     page.get_by_role("heading", name="EOLO: the wings bend").wait_for()
     page.get_by_role("button", name="The whole page").press("Enter")
     assert "the wings bend" in page.frame_locator("#frame").locator("h1").inner_text()
+
+
+@pytest.mark.slow  # a short search and a survey
+def test_from_a_gap_to_the_amended_aircraft_by_keyboard(bench, browser):
+    """The file is asked from the board, the answer names what was hidden, and the aircraft that has it is surveyed."""
+    (bench.folder / "mine.toml").write_text(GAP, encoding="utf-8")
+    context = browser.new_context(viewport={"width": 400, "height": 800})
+    page = context.new_page()
+    wrong: list[str] = []
+    page.on("pageerror", lambda e: wrong.append(str(e)))
+    page.goto(f"{bench.at}#board")
+    page.get_by_role("button", name="gap mine.toml").press("Enter")
+    page.get_by_label("testbench").press("Enter")
+    page.get_by_role("heading", name="Thrust above the centre of gravity").wait_for(timeout=300_000)
+    fits(page)
+    page.get_by_role("button", name="Look at the amended aircraft").press("Enter")
+    page.get_by_text("testbench aircraft results/gap_mine/amended/taurus --out results").first.wait_for()
+    page.get_by_role("heading", name="taurus").first.wait_for(timeout=300_000)
+    fits(page)
+    page.get_by_role("button", name="The whole page").first.press("Enter")
+    assert "taurus" in page.frame_locator("#frame").locator("h1").inner_text().lower()
+    assert [job.words[0] for job in bench.jobs] == ["gap", "aircraft"]
+    assert wrong == []
+    context.close()
 
 
 @pytest.mark.slow
@@ -419,6 +450,7 @@ def test_an_input_is_drawn_by_keyboard_and_stays_after_a_reload(bench, browser):
     assert page.evaluate("JSON.stringify(design.entries)") == kept
     page.get_by_role("button", name="Over 20 drawn aircraft").press("Enter")
     page.get_by_role("columnheader", name="worst drawn").wait_for(timeout=120_000)
+    fits(page)
     assert outside == []
     context.close()
 
@@ -443,6 +475,7 @@ def test_from_a_drawn_input_to_its_cards(bench, browser):
     for name in ("Cards to print", "Kneeboard"):
         assert page.request.get(page.get_by_role("link", name=name).evaluate("a => a.href")).body()[:4] == b"%PDF"
     assert [job.words[0] for job in bench.jobs] == ["design", "plan"]
+    fits(page)
     drawn = page.evaluate("design.entries[0].period_s")
     for name in ("taurus_de_input.toml", "results/plan_taurus_de_input/taurus_de_input.toml"):
         assert f"period_s = {drawn}" in (bench.folder / name).read_text("utf-8")

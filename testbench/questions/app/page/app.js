@@ -181,9 +181,10 @@ async function digest(box, page, close) {
     ...derivatives ? [part(derivatives)] : [], make("div", { className: "row" }, press("The whole page", () => open(page)), ...further(page), press("Close", () => { box.dataset.page = ""; box.replaceChildren(); close?.(); })));
   if (first) draw(first);
 }
-// What follows from a result: of a design its plan with cards, of a plan the cards to print.
+// What follows from a result: of a gap the aircraft that it amended, of a design its plan, of a plan the cards to print.
 function further(page) {
-  const folder = page.replace(/\/[^/]*$/, ""), kind = folder.match(/^results\/(design|plan)_[^/]*$/)?.[1];
+  const folder = page.replace(/\/[^/]*$/, ""), kind = folder.match(/^results\/(design|gap|plan)_[^/]*$/)?.[1];
+  if (kind === "gap") return [press("Look at the amended aircraft", () => show("amended", { gap: folder }).then(found => ask(found.words)).catch(failed), "main")];
   if (kind === "design") return [press("Plan it, with cards", async () => {
     const { words } = await show("plan", { design: folder }), end = await ask(words).catch(failed);
     if (end?.pages[0]) { const [view, values] = place(); values.set("v", end.pages[0]); go(view === "design" ? view : "work", Object.fromEntries(values)); if (view !== "design") go("work"); }
