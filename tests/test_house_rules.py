@@ -119,7 +119,7 @@ def misplaced_imports(path: Path) -> Iterator[str]:
         if top in ("dask", "distributed") and path.parent != PACKAGE / "questions" / "campaign":
             yield f"{place}: {top} belongs in campaign/"
         if path.name != {"numba": "compiled.py", "llvmlite": "machine.py"}.get(top, path.name):
-            yield f"{place}: only compiled.py and machine.py of flight/batch/ compile"
+            yield f"{place}: only compiled.py of envs/ and machine.py of flight/batch/ compile"
         if top != "testbench":
             continue
         there = [*module.split("."), "__init__"][1]

@@ -105,6 +105,13 @@ def test_the_environments_name_their_extra(absent, monkeypatch):
         import testbench.envs.excitation  # noqa: F401
 
 
+def test_what_compiles_for_environments_names_their_extra(absent, monkeypatch):
+    absent("numba")
+    monkeypatch.delitem(sys.modules, "testbench.envs.compiled", raising=False)
+    with pytest.raises(MissingPackage, match="need numba, which is not installed"):
+        import testbench.envs.compiled  # noqa: F401
+
+
 def test_exercises_need_no_extra_to_be_started_and_checked(absent, monkeypatch, capsys, tmp_path):
     absent("nbclient", "nbformat", "ipykernel", "IPython")
     folder = tmp_path / "mine"

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.design.problem import Problem
-from testbench.flight.batch.compiled import compiled
+from testbench.envs.compiled import compiled
 from testbench.information.fisher import Criterion
 
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from testbench.aircraft import Amendment, ScaleCoefficient
+from testbench.envs.compiled import compiled
 from testbench.flight import FlightCondition, Manoeuvre, load_aircraft, trim
 from testbench.flight.batch import check
 from testbench.flight.batch import fly as batch
-from testbench.flight.batch.compiled import compiled
 from testbench.flight.batch.model import batch_model, variant
 from testbench.inputs.signal import InputSignal
 

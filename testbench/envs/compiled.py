@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numba
+from testbench.core.errors import MissingPackage
+
+try:
+    import numba
+except ImportError as error:
+    needed = "environments need numba, which is not installed; pip install 'flight-testbench[envs]'"
+    raise MissingPackage(needed) from error
 
 
 def compiled(function: Callable[..., Any]) -> Any:
