@@ -161,7 +161,8 @@ function lines() {
     while (text.length > 4 && g.measureText(text).width > room) text = `${text.slice(0, -2)}…`.replace("……", "…");
     g.fillText(text, at, 13);
     g.textAlign = "center"; g.fillStyle = ink("--quiet");
-    g.fillText(told(b), Math.max(24, Math.min(l.w - 24, x)), l.top - 6); g.fillText(told(a), Math.max(24, Math.min(l.w - 24, x)), l.h - 6);
+    const short = v => told(l.w < 80 * campaign.axes.length ? +v.toPrecision(2) : v); // side by side on a narrow screen
+    g.fillText(short(b), Math.max(24, Math.min(l.w - 24, x)), l.top - 6); g.fillText(short(a), Math.max(24, Math.min(l.w - 24, x)), l.h - 6);
     g.fillStyle = ink("--ink");
   });
 }
