@@ -31,7 +31,11 @@ _OTHERS = (
     (b"\x93NUMPY", "an array of NumPy", "save it as CSV with a header, or with scipy.io.savemat"),
     (b"#ROSBAG", "a bag of ROS, which needs no description", "name it .bag and give it to `testbench import`"),
     (b"\x89MCAP", "a recording of ROS 2, which needs no description", "give it to `testbench import` as .mcap"),
-    (b"H Product:Blackbox", "a blackbox of Betaflight or iNav", "make a table of it: blackbox_decode FILE"),
+    (
+        b"H Product:Blackbox",
+        "a blackbox of Betaflight or iNav, which needs no description",
+        "give it to `testbench import`",
+    ),
     (b"\xb5b", "messages of a u-blox receiver (UBX)", _POSITIONS),
     (b"MDF     ", "an MDF measurement (.mf4)", "export its channels as CSV or MAT"),
     (b"ARROW1", "a Feather (Arrow) file", "save it as Parquet: pandas.read_feather(f).to_parquet(g)"),

@@ -18,6 +18,7 @@ from testbench.core.channels import CHANNELS, SURFACES, UNITS, channel, unit_fac
 from testbench.core.constants import DEG_RAD, LBF_N
 from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
+from testbench.logs.blackbox import read_blackbox
 from testbench.logs.catalogue import writer_of
 from testbench.logs.layout import SUFFIXES
 from testbench.logs.mat import read_mat
@@ -136,6 +137,22 @@ def read_recording(path: Path, told: Told = NOTHING) -> tuple[Log, tuple[Rule, .
     cut = () if bag.whole else ("the recording has no end, as one that is being written: what is whole was read",)
     kind = f"a recording of ROS ({len(bag.tables)} topics read)"
     return replace(log, kind=kind, warnings=(*log.warnings, *cut)), rules
+
+
+def read_recorder(path: Path, part: str | None = None, told: Told = NOTHING) -> tuple[Log, tuple[Rule, ...]]:
+    """Read a flight of a blackbox of Betaflight or iNav as the table that blackbox_decode makes of it; and its rules.
+
+    Raises:
+        RecordError: it is damaged beyond use, or has no flight of the number ``part``.
+        MissingPackage: orangebox is not installed.
+    """
+    flight = read_blackbox(path, part)
+    log, rules = _plain(path, flight.table, list(flight.warnings), told)
+    facts = {**log.facts, **flight.facts}
+    kind = f"a recording of {flight.facts.get('firmware', 'Betaflight or iNav')} (blackbox)"
+    unread = {**log.unread, **flight.unread}
+    notes = (*flight.notes, *log.notes)
+    return replace(log, kind=kind, facts=facts, parameters=flight.parameters, unread=unread, notes=notes), rules
 
 
 def _of_tables(

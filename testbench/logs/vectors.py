@@ -4,8 +4,8 @@ Four columns of one name, with w, x, y, z or 0 to 3 behind, are a quaternion if 
 every row: an attitude, whatever its parts are called. ROS (REP 103, sensor_msgs/Imu) counts forward, left, up in the
 body and east, north, up over ground; the specific force tells which axes a table has, because level flight has 1 g
 upwards. So do the logs of Betaflight and iNav that blackbox_decode writes: rates in deg/s, counts of the accelerometer,
-of which the usual size is 1 g, attitude in tenths of a degree, pitch positive nose down (their MAVLink telemetry turns
-it).
+of which the usual size is taken for 1 g, attitude in tenths of a degree, pitch positive nose down (their MAVLink
+telemetry turns it). A unit that the heading states goes before these.
 """
 
 from __future__ import annotations
@@ -36,11 +36,13 @@ _IN_WORDS = (
     (r"pos(?:ition)?ned", ("north", "east", "h")), (r"vel(?:ocity)?ned", ("v_north", "v_east", "hdot")),
 )  # fmt: skip
 """Words that a vector is called by, and its channels, where its name ends in their unit: ``accel_body_mps2[0]``."""
+_COUNTS = "counts"
+_OF_1_G = "1 g is the usual size of its counts, wrong where a vehicle turns much: blackbox_decode --unit-acceleration g"
 _FRAMES = ("body", "b", "frd", "imu")
 _VECTORS = {
     "angularvelocity": (_RATES, "xyz", 1.0, "rad/s"), "linearacceleration": (_FORCES, "xyz", 1.0, "m/s2"),
     "gyroadc": (_RATES, "012", DEG_RAD, "deg/s"),
-    "accsmooth": (_FORCES, "012", 0.0, "counts, of which the usual size is 1 g"),
+    "accsmooth": (_FORCES, "012", 0.0, _COUNTS),
 }  # fmt: skip
 """Names of vectors, without strokes -> channels, what stands behind the name, factor to SI (0: 1 g), unit."""
 _BLACKBOX = ("loopIteration", "attitude", 0.1 * DEG_RAD, "tenths of a degree")
@@ -79,6 +81,7 @@ def vectors_of(table: Table, axes: str | None = None) -> Vectors:
     known = [_Known([held[part] for part in of[1]], *of[::2], of[3]) for base, held in groups.items()
              for word, of in _VECTORS.items() if _plain(base).endswith(word) and set(of[1]) <= held.keys()]  # fmt: skip
     known += [vector for base, held in groups.items() if (vector := _stated(base, held)) is not None]
+    known = [_in_its_unit(table, vector) for vector in known]
     if not turned and not known:
         return Vectors((), frozenset(), "")
     up, known = _upright(table, known)
@@ -117,6 +120,13 @@ def _stated(base: str, held: Mapping[str, str]) -> _Known | None:
             if unit and re.fullmatch(pattern, plain):
                 return _Known([held[part] for part in index], channels, unit_factor(channels[0], unit), unit)
     return None
+
+
+def _in_its_unit(table: Table, vector: _Known) -> _Known:
+    """Return a vector in the unit that the table states of all its columns; as it is, where it states none."""
+    units = {stated_unit(vector.channels[0], table.units[table.names.index(column)]) for column in vector.columns}
+    unit = units.pop() if len(units) == 1 else ""
+    return vector._replace(factor=unit_factor(vector.channels[0], unit), unit=unit) if unit else vector
 
 
 def _upright(table: Table, known: list[_Known]) -> tuple[float, list[_Known]]:
@@ -186,4 +196,5 @@ def _components(vector: _Known, axes: str, said: str) -> Iterator[Rule]:
         minus = name in ("h", "hdot") or (axes == "flu" and name in ("q", "r", "ay", "az", "theta"))
         words = f"{'minus ' if minus else ''}{vector.unit}; {said}"
         factor = -vector.factor if minus else vector.factor
-        yield Rule(name, "", (column,), scaled(factor), words, AT_IMU if force else "", in_si=True)
+        assumed = "; ".join([AT_IMU] * force + [_OF_1_G] * (vector.unit == _COUNTS))
+        yield Rule(name, "", (column,), scaled(factor), words, assumed, in_si=True)

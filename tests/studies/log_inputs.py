@@ -373,8 +373,8 @@ CASES: Mapping[str, str] = {
 """Inputs that failed once, and what is right of them; by the READMEs beside them."""
 _BLACKBOX = b"H Product:Blackbox flight data recorder by Nicholas Sherlock\nH Data version:2\n"
 FOREIGN: Mapping[str, tuple[bytes, str]] = {
-    "flight.bbl": (_BLACKBOX, "blackbox_decode"),
-    "LOG00001.TXT": (_BLACKBOX, "blackbox_decode"),
+    "flight.bbl": (_BLACKBOX, "must hold 4 whole frames"),
+    "LOG00001.TXT": (_BLACKBOX, "must hold 4 whole frames"),
     "flight.mcap": (b"\x89MCAP0\r\n\x01" + bytes(40), "damaged"),
     "flight.bag": (b"#ROSBAG V2.0\n" + bytes(60), "damaged"),
     "flight.db3": (b"SQLite format 3\x00" + bytes(60), "damaged"),

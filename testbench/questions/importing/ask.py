@@ -25,6 +25,7 @@ from testbench.core.record import FlightRecord
 from testbench.core.scenario.base import Preparation
 from testbench.core.store import ResultFolder
 from testbench.logs.ardupilot import ardupilot_rules
+from testbench.logs.blackbox import MAGIC as BLACKBOX
 from testbench.logs.dataflash import HEAD, read_dataflash
 from testbench.logs.delays import Delay, delays_of
 from testbench.logs.foreign import TELEMETRY, looks_like_text, refuse_foreign
@@ -41,7 +42,7 @@ from testbench.logs.read import read_records
 from testbench.logs.readings import readings, settled, turned
 from testbench.logs.resampling import common_rate, resample
 from testbench.logs.ros import is_bag
-from testbench.logs.sidpac import NOTHING, Told, read_columns, read_folder, read_recording
+from testbench.logs.sidpac import NOTHING, Told, read_columns, read_folder, read_recorder, read_recording
 from testbench.logs.signals import FULL_COMMAND, UNSTATED, Log, Mapped, Rule, Topic, find_channels, scaled
 from testbench.logs.stretches import Stretch, beyond_ground, flown_parts, not_flown, stretches_of
 from testbench.logs.ulog import MAGIC, read_ulog
@@ -308,6 +309,8 @@ def read_log(path: Path | str, told: Told = NOTHING) -> tuple[Log, tuple[Rule, .
             head = file.read(8000)
     if is_bag(path, head):
         return read_recording(path, told)
+    if head.startswith(BLACKBOX):
+        return read_recorder(path, told.part, told)
     if (told.axes or told.units) and path.suffix.lower() not in SUFFIXES:
         raise RecordError(f"--unit and --axes are for tables ({', '.join(SUFFIXES)}), which '{path}' is not")
     suffix = path.suffix.lower()
@@ -316,7 +319,9 @@ def read_log(path: Path | str, told: Told = NOTHING) -> tuple[Log, tuple[Rule, .
     if suffix == ".toml":
         return read_described(path, told.part)
     if told.part is not None:
-        raise RecordError(f"--record chooses among those of a description (.toml), but '{path}' is none")
+        raise RecordError(
+            f"--record chooses among those of a description (.toml) or a blackbox (.bbl), but '{path}' is none"
+        )
     if TELEMETRY.match(head):
         return read_tlog(path)
     if not head.startswith((MAGIC, HEAD)):
@@ -331,7 +336,8 @@ def read_log(path: Path | str, told: Told = NOTHING) -> tuple[Log, tuple[Rule, .
         return read_columns(path, told)
     raise RecordError(
         "a log must be PX4's ULog (.ulg), ArduPilot's DataFlash (.bin, .log), telemetry of MAVLink (.tlog), a "
-        "recording of ROS (.bag, .mcap, .db3), Paparazzi's messages (.data), a table "
+        "recording of ROS (.bag, .mcap, .db3), a blackbox of Betaflight or iNav (.bbl), Paparazzi's messages (.data), "
+        "a table "
         f"({', '.join(SUFFIXES)}) or the description of one (.toml), got '{path}', which begins as none of them"
         + ("; if it is a table, name it .csv or .txt" if looks_like_text(head) else "")
     )

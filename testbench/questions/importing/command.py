@@ -63,7 +63,11 @@ def command(
         ),
     ] = None,
     record: Annotated[
-        str | None, typer.Option(help="Which record to read of a description that has several.", show_default=False)
+        str | None,
+        typer.Option(
+            help="Which record to read of a description, or which flight of a blackbox, that has several.",
+            show_default=False,
+        ),
     ] = None,
     imu: Annotated[int | None, _sensor("inertial unit")] = None,
     airspeed: Annotated[int | None, _sensor("pitot tube")] = None,
