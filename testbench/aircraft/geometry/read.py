@@ -1,4 +1,4 @@
-"""Read the plan of an aircraft: geometry.toml, or a file of AVL or xflr5 and what lies beside it; all faults."""
+"""Read the plan of an aircraft: geometry.toml, or a file of AVL, xflr5 or DATCOM and what is beside it; all faults."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from testbench.aircraft.geometry.avl import read_avl
+from testbench.aircraft.geometry.datcom import Derivatives, is_datcom, read_datcom
 from testbench.aircraft.geometry.masses import Balance, balance
 from testbench.aircraft.geometry.schema import BesideAvl, Common, Fin, GeometryFile, Servo, Trapezoid
 from testbench.aircraft.geometry.shape import Airfoil, Flap, LiftingSurface, Moved, Plane, Role, Station, airfoil
@@ -33,6 +34,7 @@ class Plan:
         balance: mass, centre of gravity, inertias.
         servos: control -> what moves it.
         sources: files to keep beside the model, by the path that the first of them names them by.
+        stated: derivatives that the file itself tables, those of DATCOM's output.
     """
 
     title: str
@@ -42,13 +44,15 @@ class Plan:
     balance: Balance
     servos: Mapping[Moved, Servo]
     sources: Mapping[str, Path] = field(default_factory=dict)
+    stated: Derivatives | None = None
 
 
 def read_plan(path: Path, mass: Path | None = None) -> Plan:
     """Read a plan.
 
     Args:
-        path: geometry.toml, a file of AVL (.avl), or a plane that xflr5 exported (.xml).
+        path: geometry.toml, a file of AVL (.avl), a plane that xflr5 exported (.xml), or the input or output of
+            Digital DATCOM (for005, for006, .dcm, .dat, .inp, .out).
         mass: beside one of the latter, a TOML file with what it lacks.
 
     Raises:
@@ -56,6 +60,7 @@ def read_plan(path: Path, mass: Path | None = None) -> Plan:
         ScenarioError: it breaks its schema, or does not make an aircraft; names every fault.
     """
     kind = {".avl": "an AVL file", ".xml": "a plane of xflr5"}.get(path.suffix.lower())
+    kind = "a file of DATCOM" if is_datcom(path) else kind
     if kind is not None and mass is None:
         raise ScenarioError(
             f"{path}: {kind} lacks mass, design speed, throws and motor: give them with --mass FILE.toml"
@@ -63,8 +68,21 @@ def read_plan(path: Path, mass: Path | None = None) -> Plan:
     if kind == "an AVL file":
         return _from_avl(path, Path(str(mass)))
     if kind is None and mass is not None:
-        raise ScenarioError(f"--mass goes with a file of AVL or xflr5, got '{path}': write [mass] into it")
-    given = read_toml(path, "geometry") if mass is None else read_xflr5(path) | read_toml(mass, "geometry")
+        raise ScenarioError(f"--mass goes with a file of AVL, xflr5 or DATCOM, got '{path}': write [mass] into it")
+    given = read_toml(path if mass is None else mass, "geometry")
+    stated, notes = None, tuple[str, ...]()
+    if kind == "a file of DATCOM":
+        drawn, stated, notes = read_datcom(path)
+        given = _over(drawn, given)
+        bare = [k for k in ("wing", "tail") if k in given and "airfoil" not in given[k]]
+        bare += ["[fin]" for fin in given.get("fin", ()) if "airfoil" not in fin]
+        if bare:
+            raise ScenarioError(
+                f"{path} must say the airfoils of {', '.join(bare)} by NACA cards of four or five digits, got none: "
+                f'give [{bare[0]}] airfoil = "naca2412", or a file of coordinates, in {mass}'
+            )
+    elif mass is not None:
+        given = read_xflr5(path) | given
     said, problems = parse(GeometryFile, given, path)
     faults = Faults(path)
     faults.extend(problems)
@@ -73,7 +91,21 @@ def read_plan(path: Path, mass: Path | None = None) -> Plan:
         raise ScenarioError(faults)
     sources = {s.airfoil.name: s.airfoil.file for x in plane.surfaces for s in x.stations if s.airfoil.file is not None}
     files = {p.name: p for p in (path, mass) if p is not None}
-    return _plan(said, plane, said.control, path, files | sources, said.title or path.stem)
+    made = _plan(said, replace(plane, notes=notes), said.control, path, files | sources, said.title or path.stem)
+    return replace(made, stated=stated)
+
+
+def _over(drawn: Mapping[str, Any], beside: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a file draws with what the TOML file beside it says of the same, which counts; fins one by one."""
+    out = dict(drawn)
+    for key, value in beside.items():
+        before = drawn.get(key)
+        if isinstance(before, Mapping) and isinstance(value, Mapping):
+            value = _over(before, value)
+        elif key == "fin" and isinstance(before, list) and isinstance(value, list) and len(before) == len(value):
+            value = [_over(a, b) for a, b in zip(before, value, strict=True)]
+        out[key] = value
+    return out
 
 
 def _plan(

@@ -24,7 +24,10 @@ _REPORT = "from_geometry"
 def new(
     plan: Annotated[
         Path,
-        typer.Argument(help="geometry.toml, a file of AVL (.avl), or a plane of xflr5 (.xml).", show_default=False),
+        typer.Argument(
+            help="geometry.toml, a file of AVL (.avl), a plane of xflr5 (.xml), or DATCOM's for005 or for006.",
+            show_default=False,
+        ),
     ],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder of the aircraft; aircraft/NAME if not given.")
@@ -32,7 +35,7 @@ def new(
     mass: Annotated[
         Path | None,
         typer.Option(
-            help="With an AVL file: a TOML file with the data that it lacks (mass, design speed, throws, motor)."
+            help="With a file of AVL, xflr5 or DATCOM: a TOML file with the data that it lacks (mass, speed, throws, motor)."
         ),
     ] = None,
 ) -> None:
@@ -120,11 +123,13 @@ def coefficient_table(made: Made) -> Table:
     """Return both methods' coefficients, the values used, and their deviations."""
     from testbench.aircraft.geometry.coefficients import ROWS
 
+    stated = made.plan.stated.at(made.found.CL) if made.plan.stated is not None else {}
     columns = (
         Column("coefficient", "coefficient", get="name"),
         Column("what", "what", get=lambda c: ROWS[c.name].words),
         Column("build_up", "build-up", digits=4, get="buildup"),
         Column("lattice", "lattice", digits=4),
+        *([Column("datcom", "DATCOM", digits=4, get=lambda c: stated.get(c.name))] if stated else []),
         Column("used", "used", digits=4),
         Column("deviation", "deviation", "%", decimals=0, get=lambda c: c.deviation / PERCENT),
         Column("why", "whose value, and why"),
@@ -133,6 +138,7 @@ def coefficient_table(made: Made) -> Table:
         "Per rad; rates as p b/2V, q c̄/2V, r b/2V, alphadot c̄/2V; moments about the centre of gravity. CD at the "
         "trimmed alpha. Deviation: relative, one standard deviation, from the difference of the two methods or a "
         "judged floor."
+        + (" DATCOM: what its output tables at this lift coefficient, about its own moment centre." if stated else "")
     )
     title, found = "Coefficients by both methods", made.coefficients.values()
     return Table.of("coefficients", title, caption, columns, found, wide=True)
