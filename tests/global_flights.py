@@ -68,10 +68,10 @@ def drawn(domain: FlownDomain, rng: np.random.Generator, count: int) -> dict[str
 
 @cache
 def aircraft_of(name: str) -> Aircraft:
-    """Return an aircraft of JSBSim's as it is believed."""
+    """Return an aircraft of JSBSim's as it is believed, without its control law: forces are read at given surfaces."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return tb.load_aircraft(f"jsbsim:{name}")
+        return tb.load_aircraft(f"jsbsim:{name}", commanded_at="surface")
 
 
 def suite() -> SensorSuite:

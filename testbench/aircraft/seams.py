@@ -60,7 +60,8 @@ def opened(aircraft: Aircraft, control: str) -> tuple[Aircraft, ControlPath]:
     """Return the aircraft with command and surface of a control apart, so that something can be put between, and the
     way of the control.
 
-    A foreign surface without a servo is where its command is; it then follows the command by a component of its own.
+    A foreign surface without a servo is where its command is, or where a control law demands it; it then follows that
+    by a component of its own.
 
     Raises:
         ModelError: the aircraft has no such control.
@@ -68,7 +69,7 @@ def opened(aircraft: Aircraft, control: str) -> tuple[Aircraft, ControlPath]:
     path = control_path(aircraft, control)
     adapter = aircraft.adapter
     link = None if adapter is None else adapter.link(control)
-    if adapter is not None and link is not None and link.surface == link.command:
+    if adapter is not None and link is not None and link.surface == link.demand:
         links = tuple(replace(x, apart=True) if x is link else x for x in adapter.links)
         aircraft = replace(aircraft, adapter=replace(adapter, links=links))
         path = control_path(aircraft, control)

@@ -57,8 +57,8 @@ def load_aircraft(
             name in the user's ``aircraft/``; or a model that comes with JSBSim, "jsbsim:f16", or "f16" alone.
         wings: "flexible", or "rigid" to hold the elastic modes at zero.
         folder: read this folder instead.
-        commanded_at: "stick", with the model's own control law, or "surface", without it; what aircraft.toml says, or
-            the surface, if not given.
+        commanded_at: "stick", with the model's own control law, or "surface", without it; if not given, what
+            aircraft.toml says, and for a model without one the stick where it has a law that holds the trim.
 
     Raises:
         ModelError: the model is damaged, JSBSim refuses it, or a control does not move as aircraft.toml says.
@@ -75,10 +75,10 @@ def load_aircraft(
     if folder is None:
         named = resolve(str(name), AIRCRAFT)
         if named.startswith(STOCK):
-            return _whole(_at(stock(named.removeprefix(STOCK)).aircraft, commanded_at))
+            return _whole(_model_at(stock(named.removeprefix(STOCK)), commanded_at))
         folder = AIRCRAFT_MODELS / named if named in aircraft_names() else Path(named)
     if not (folder / "aircraft.toml").is_file():
-        return _whole(_at(adopted_at(folder).aircraft, commanded_at))
+        return _whole(_model_at(adopted_at(folder), commanded_at))
     return _whole(checked(_at(read_aircraft(folder, wings), commanded_at), folder / "aircraft.toml"))
 
 
@@ -96,8 +96,19 @@ def _at(aircraft: Aircraft, point: CommandedAt | None) -> Aircraft:
     return aircraft if point is None else aircraft.commanded_at(point)
 
 
+def _model_at(adopted: Adopted, point: CommandedAt | None) -> Aircraft:
+    """Return a model without an aircraft.toml commanded there; as `aircraft adopt` writes it, if that is not given."""
+    return by_stick(adopted).aircraft if point is None else _at(adopted.aircraft, point)
+
+
 def by_stick(adopted: Adopted) -> Adopted:
     """Return an adopted model commanded at the stick, its own control law flying, if it has one that holds the trim."""
+    return _by_stick(Keyed(adopted, (id(adopted),)))  # which lives as long as the key
+
+
+@lru_cache(maxsize=64)
+def _by_stick(key: Keyed[Adopted]) -> Adopted:
+    adopted = key.it
     aircraft = adopted.aircraft.commanded_at("stick")
     if not aircraft.under_law:
         return adopted

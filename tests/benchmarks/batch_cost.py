@@ -101,7 +101,7 @@ def flying(case: Case, seconds: float, flights: int) -> Callable[[], object]:
 
 def case_of(name: str, V_m_s: float, h_m: float, modes: int | None = None) -> Case:
     """Return an aircraft and its trim, with the first so many of its modes."""
-    aircraft = tb.load_aircraft(name)
+    aircraft = tb.load_aircraft(name, commanded_at="surface")  # one cost of an airframe
     if modes is not None and aircraft.elastic is not None:
         kept = tuple(
             replace(

@@ -185,7 +185,7 @@ def in_batch(name: str) -> str:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            aircraft = load_aircraft(f"jsbsim:{name}")
+            aircraft = load_aircraft(f"jsbsim:{name}", commanded_at="surface")
         found = judged(aircraft, trim(aircraft, FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m)))
     except Refusal as error:
         return str(error)

@@ -215,7 +215,7 @@ def compare(name: str) -> dict[str, str]:
     """Return one row: differences per motion, or why there is none."""
     row = {"name": name, "longitudinal": "", "lateral-directional": "", "note": ""}
     try:
-        aircraft = tb.load_aircraft(f"jsbsim:{name}")
+        aircraft = tb.load_aircraft(f"jsbsim:{name}", commanded_at="surface")  # the airframe alone
         trimmed = tb.trim(aircraft, tb.FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m))
         ours = our_matrix(tb.linearise(aircraft, trimmed))
     except Refusal as error:

@@ -31,7 +31,7 @@ SEEN |= {"wing": "p", "fin": "r", "gyroscopic": "q"}
 # Else two of the three do not trim, or what two seconds move is lost in rounding.
 SIZES = {n: {"alpha_rad": 0.3} for n in ("stall", "stall_hysteresis", "stall_moment", "asymmetric_stall")}
 SIZES["asymmetric_stall"] |= {"Cl": 0.3}
-SIZES |= {"cubic_weathercock": {"Cn_beta3": 25.0}, "cubic_dihedral": {"Cl_beta3": 25.0}, "lost_wing": {"share": 0.03}}
+SIZES |= {"cubic_weathercock": {"Cn_beta3": 50.0}, "cubic_dihedral": {"Cl_beta3": 25.0}, "lost_wing": {"share": 0.03}}
 SLACK = 1e-9
 IN_COMMAND = {n for n in OF_AIRCRAFT if n.endswith("surface_offset")}  # what is trimmed out shows nowhere else
 

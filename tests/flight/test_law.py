@@ -6,6 +6,7 @@ from scipy.linalg import expm
 
 from testbench.aircraft.seams import with_servo
 from testbench.core.errors import ModelError
+from testbench.core.paths import stock_root
 from testbench.evaluation.modes import frequency_and_damping, modes_by_law, spectrum
 from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
 from testbench.flight.law import _realised
@@ -116,6 +117,13 @@ def test_an_adopted_aircraft_keeps_its_law_and_can_leave_it_out(tmp_path):
     assert load_aircraft(folder).under_law == ("de", "da", "dr")
     (folder / "aircraft.toml").write_text(text.replace('"stick"\n', '"surface"\n'))
     assert load_aircraft(folder).under_law == ()
+
+
+def test_a_model_that_is_named_directly_flies_as_it_would_be_adopted():
+    assert load_aircraft("jsbsim:A320").under_law == ("de", "da", "dr")
+    assert load_aircraft(stock_root() / "aircraft" / "A320").under_law == ("de", "da", "dr")
+    assert load_aircraft("jsbsim:A320", commanded_at="surface").under_law == ()
+    assert load_aircraft("jsbsim:SGS").under_law == ()
 
 
 def test_an_aircraft_without_a_law_has_no_stick_to_command():

@@ -195,7 +195,7 @@ def test_asymmetric_throws_are_kept_to_both_sides():
     c172p = load_aircraft("jsbsim:c172p")
     assert c172p.controls["de"].low == pytest.approx(-28.0 * DEG_RAD, rel=1e-3)
     assert c172p.controls["de"].full == pytest.approx(23.0 * DEG_RAD, rel=1e-3)
-    assert load_aircraft("jsbsim:f16").has_servo("de")
+    assert load_aircraft("jsbsim:f16", commanded_at="surface").has_servo("de")
     assert not c172p.has_servo("de")
 
 

@@ -81,7 +81,7 @@ LOG_HZ = 100.0
 def aircraft_of(name: str, draw: int) -> tb.Aircraft:
     """Return an aircraft; one from geometry is the guide's with another tail arm and mass."""
     if name != "geometry":
-        return tb.load_aircraft(name)
+        return tb.load_aircraft(name, commanded_at="surface")  # the records hold the surfaces
     rng, folder = np.random.default_rng([draw, 21]), Path(mkdtemp())
     text = geometry_of_the_guide().replace("x_m = 0.85", f"x_m = {rng.uniform(0.8, 1.1):.3f}")
     text = text.replace("mass_kg = 2.2", f"mass_kg = {rng.uniform(1.8, 3.0):.3f}")

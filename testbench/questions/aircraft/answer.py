@@ -63,7 +63,8 @@ def _law_words(survey: Survey) -> list[str]:
         if len(poles) != len(was) or any(abs(a - b) > _SAME * abs(a) for a, b in zip(was, poles, strict=True)):
             words = [" and ".join(_motion_words(s, *frequency_and_damping(s)) for s in found) for found in (was, poles)]
             said.append(f"{name}: {words[0]} without it, {words[1]} with it")
-    flies = "is included: commands are the stick" if survey.envelope.aircraft.under_law else (
+    by_stick = survey.envelope.aircraft.under_law
+    flies = "is included: commands are the stick (--commanded-at surface leaves it out)" if by_stick else (
         "is left out: commands are those of the surfaces (--commanded-at stick includes it)"
     )  # fmt: skip
     return [f"the model's own control law {flies}; {'; '.join(said) or 'it changes no pole'}"]

@@ -69,7 +69,9 @@ def test_re_tuning_finds_the_coefficients_of_an_aircraft_that_is_hardly_stable()
     u = build((steps,), 12.0, 50.0)
     command = FlightRecord(t_s=u.t_s, channels=("de_cmd",), data=u.u, kind="measured")
     suite = replace(load_suite("eolo_gap"), rate_hz=50.0)
-    believed = Believed(load_aircraft("jsbsim:f16"), suite, FlightCondition(150.0, 2500.0), 100.0)
+    believed = Believed(
+        load_aircraft("jsbsim:f16", commanded_at="surface"), suite, FlightCondition(150.0, 2500.0), 100.0
+    )
     true = {"Cm_alpha": 0.8, "Cm_q": 0.97, "Cm_de": 0.956}
     tuned = retune(Point.at(believed, believed, recorded(believed.with_nuisances(true), (command,))))
     price = sum(((f - 1.0) / PRIORS[n]) ** 2 for n, f in true.items())

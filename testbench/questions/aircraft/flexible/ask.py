@@ -18,7 +18,7 @@ from testbench.core.store import OWN, ResultFolder
 from testbench.flight import FlightCondition, load_aircraft, trim
 from testbench.flight.adopt import Adopted
 from testbench.flight.coefficients import coefficients
-from testbench.flight.load import adopted_at, stock
+from testbench.flight.load import adopted_at, by_stick, stock
 from testbench.questions.aircraft.adopt import write_adopted
 from testbench.questions.aircraft.ask import Survey, survey
 
@@ -91,9 +91,9 @@ def _source(name: str) -> tuple[Path, Adopted | None]:
     """Return the folder of an aircraft; of a JSBSim model without an aircraft.toml also what was found in it."""
     named = resolve(name, AIRCRAFT)
     if named.startswith(STOCK):
-        return Path(named), stock(named.removeprefix(STOCK))
+        return Path(named), by_stick(stock(named.removeprefix(STOCK)))
     folder = AIRCRAFT_MODELS / named if named in aircraft_names() else Path(named)
-    return folder, None if (folder / _FILE).is_file() else adopted_at(folder)
+    return folder, None if (folder / _FILE).is_file() else by_stick(adopted_at(folder))
 
 
 def _write(made: Flexible, test: GroundTest, folder: Path, found: Adopted | None, place: ResultFolder) -> None:

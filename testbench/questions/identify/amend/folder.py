@@ -14,7 +14,7 @@ from testbench.core.escape import quoted, real
 from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, resolve
 from testbench.core.store import ResultFolder
-from testbench.flight.load import adopted_at, stock
+from testbench.flight.load import adopted_at, by_stick, stock
 from testbench.questions.aircraft.adopt import described
 from testbench.questions.aircraft.new import check_name
 
@@ -61,9 +61,9 @@ def base_texts(named: str) -> tuple[str, str]:
     named = resolve(named, AIRCRAFT)
     home = AIRCRAFT_MODELS / named if named in aircraft_names() else Path(named)
     if named.startswith(STOCK):
-        return described(stock(named.removeprefix(STOCK)), ""), ""
+        return described(by_stick(stock(named.removeprefix(STOCK))), ""), ""
     if not (home / "aircraft.toml").is_file():
-        return described(adopted_at(home), ""), ""
+        return described(by_stick(adopted_at(home)), ""), ""
     sources = home / SOURCES
     return read_text(home / "aircraft.toml", "aircraft"), (read_text(sources, "text") if sources.is_file() else "")
 
