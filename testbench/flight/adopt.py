@@ -64,6 +64,7 @@ _FILTER_FRAMES = 60  # in which a filter between command and engine moves
 _NO_THRUST, _ABSURD = 0.01, 20.0  # of the weight
 _CLOSE, _CRUISE = 1.15, 1.3  # of the slowest speed: a design speed below the first becomes the second
 _PER_ENGINE = {"fcs/mixture-cmd-norm": 1.0, "fcs/advance-cmd-norm": 1.0, "fcs/feather-cmd-norm": 0.0}
+_BLADES, _INTEGRATES = re.compile(r"propulsion/engine\[\d+\]/blade-angle"), ("pid", "integrator")
 _ROTORS = 3  # of a multirotor, at least
 _NOT_FIXED_WING = (
     ("rotor", "a rotor: a helicopter or autogyro"),
@@ -111,13 +112,60 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
         ModelError: JSBSim refuses the model (its words are quoted), or it is no aircraft with wings and controls.
         TrimError: it trims nowhere.
     """
+    source, governed = _governed(source)
     try:
-        return _adopted(source, V_m_s, h_m, 0.0)
+        found = _adopted(source, V_m_s, h_m, 0.0)
+        return replace(found, found=(*found.found, *governed))
     except TrimError as first:
         try:
-            return _adopted(source, V_m_s, h_m, 1.0)
+            found = _adopted(source, V_m_s, h_m, 1.0)
+            return replace(found, found=(*found.found, *governed))
         except (TrimError, ModelError):
             raise first from None
+
+
+def _governed(source: Source) -> tuple[Source, list[str]]:
+    """Return the model with JSBSim's governor where a system of its own integrates the blade angle by the speed.
+
+    Such a system stands still while time does, with the blades at their fine stop: the model trims nowhere, or with a
+    thrust that it never flies with. At rest both keep the speed that the lever asks for, or the blades at a stop. A
+    switch that chooses between angles, or an angle that nothing governs, stays.
+    """
+    tree = ET.fromstring(source.xml)
+    own = [
+        (part, output)
+        for channel in tree.iter("channel")
+        if "propeller-rpm" in "".join(channel.itertext())
+        for part in channel
+        if part.tag in _INTEGRATES
+        for output in part.findall("output")
+        if _BLADES.fullmatch((output.text or "").strip())
+    ]
+    files = dict(source.engine_files)
+    for name, text in source.engine_files.items():
+        root = ET.fromstring(text)
+        stops = [_value(root, tag) for tag in ("minpitch", "maxpitch", "minrpm", "maxrpm")]
+        if own and root.tag == "propeller" and stops[0] < stops[1] and 0.0 < stops[2] < stops[3]:
+            switch = root.find("constspeed")
+            switch = ET.SubElement(root, "constspeed") if switch is None else switch
+            switch.text = "1"
+            files[name] = ET.tostring(root, encoding="unicode")
+    if files == source.engine_files:
+        return source, []
+    for part, output in own:
+        part.remove(output)
+    said = (
+        "propellers: a system of the model's own turns the blades by the speed, which it does not while time stands "
+        "still; JSBSim's governor, between the speeds and stops of the propeller's file, takes its place"
+    )
+    return replace(source, xml=ET.tostring(tree, encoding="unicode"), engine_files=files), [said]
+
+
+def _value(root: ET.Element, tag: str) -> float:
+    try:
+        return float(root.findtext(tag) or 0.0)
+    except ValueError:
+        return 0.0
 
 
 def _adopted(source: Source, V_m_s: float | None, h_m: float | None, declared: float) -> Adopted:

@@ -1,6 +1,7 @@
 """Models that come with JSBSim, adopted: they balance, and their propellers are where a governor wants them."""
 
 import re
+import xml.etree.ElementTree as ET
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -275,3 +276,26 @@ def test_full_rudder_holds_a_sideslip_and_no_more_than_the_tables_hold():
     assert held is not None
     assert 10.0 * DEG_RAD < held < found.aircraft.limits["beta"][1]
     assert steady_sideslip(replace(found.aircraft, controls={}), found.trimmed) is None
+
+
+def test_a_governor_in_a_system_of_the_models_own_is_jsbsims_at_rest():
+    """A c182 whose propeller is governed as FlightGear's SenecaII is flies as the c182 that JSBSim governs."""
+    source = read_source(find_model(ROOT / "aircraft" / "c182"))
+    ((name, text),) = ((n, t) for n, t in source.engine_files.items() if "<propeller" in t)
+    fixed = text.replace("</propeller>", "<constspeed>0</constspeed></propeller>")
+    tree = ET.fromstring(source.xml)
+    system = ET.fromstring(
+        """<system name="governor"> <channel name="one"> <fcs_function name="own/away"> <function> <difference>
+        <value>2400</value> <property>propulsion/engine[0]/propeller-rpm</property> </difference> </function>
+        </fcs_function> <pid name="own/target"> <input>-own/away</input> <ki>0.5</ki>
+        <output>propulsion/engine[0]/blade-angle</output> </pid> </channel> </system>"""
+    )
+    tree.insert([e.tag for e in tree].index("flight_control"), system)
+    other = replace(
+        source, xml=ET.tostring(tree, encoding="unicode"), engine_files={**source.engine_files, name: fixed}
+    )
+    found, wanted = adopt(other, SPEEDS["c182"]), adopted("c182")
+    assert any("JSBSim's governor" in text for text in found.found)
+    assert not any("JSBSim's governor" in text for text in wanted.found)
+    assert dict(found.trimmed.controls) == pytest.approx(dict(wanted.trimmed.controls), abs=1e-6)
+    assert found.trimmed.alpha == pytest.approx(wanted.trimmed.alpha, abs=1e-8)
