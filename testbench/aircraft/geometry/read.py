@@ -74,7 +74,7 @@ def read_plan(path: Path, mass: Path | None = None) -> Plan:
     if kind == "a file of DATCOM":
         drawn, stated, notes = read_datcom(path)
         given = _over(drawn, given)
-        bare = [k for k in ("wing", "tail") if k in given and "airfoil" not in given[k]]
+        bare: list[str] = [k for k in ("wing", "tail") if k in given and "airfoil" not in given[k]]
         bare += ["[fin]" for fin in given.get("fin", ()) if "airfoil" not in fin]
         if bare:
             raise ScenarioError(

@@ -108,11 +108,13 @@ def trim_many(
             return error, {}
         return found, read_states(turning[i], Beginning.at(found), fdm) if i in turning else {}
 
-    done = by_jsbsim([None if each is None else (each, {}) for each in out], alone)
-    for i, (found, states) in enumerate(done):
-        if states and isinstance(found, TrimmedFlight):  # flights from here need not load the model again
-            keep_states(turning[i], Beginning.at(found), states)
-    return [found for found, _ in done]
+    known: list[tuple[TrimmedFlight | Refusal, dict[str, float]] | None]
+    known = [None if each is None else (each, {}) for each in out]
+    trims = by_jsbsim(known, alone)
+    for i, (reached, states) in enumerate(trims):
+        if states and isinstance(reached, TrimmedFlight):  # flights from here need not load the model again
+            keep_states(turning[i], Beginning.at(reached), states)
+    return [reached for reached, _ in trims]
 
 
 def _trimmed(

@@ -35,7 +35,7 @@ def new(
     mass: Annotated[
         Path | None,
         typer.Option(
-            help="With a file of AVL, xflr5 or DATCOM: a TOML file with the data that it lacks (mass, speed, throws, motor)."
+            help="With a file of AVL, xflr5 or DATCOM: a TOML file with the data that it lacks (mass, speed, throws)."
         ),
     ] = None,
 ) -> None:

@@ -353,7 +353,7 @@ def compare_plates(result: CompareResult) -> list[Plate]:
                 "signs are the stations of the best set. Right: the criterion as the sensors of the best set are added "
                 "one by one.",
                 Chart([panels]),
-                lambda: [View(name=p.title, panels=[p]) for p in panels],
+                [View(name=p.title, panels=[p]) for p in panels],
             )
         )
     return out

@@ -389,7 +389,7 @@ def _spectrum_plate(result: GapResult, shrink: Shrink, nth: int) -> Plate:
         f"The residual by frequency: {shrink.manoeuvre}",
         caption,
         grid(panels, 3, share_x=True),
-        lambda: [View(name="spectra", panels=panels)],
+        [View(name="spectra", panels=panels)],
     )
 
 
